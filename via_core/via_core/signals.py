@@ -1,0 +1,130 @@
+"""Signals: one time base and named channels, what a bag, a simulation and an estimator all return."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from via_core.errors import SignalError
+
+Array = NDArray[np.float64]
+
+
+def locked(values: ArrayLike, name: str) -> Array:
+    """A read-only float64 copy of `values`: frozen dataclasses do not freeze numpy.
+
+    Raises SignalError when `values` is not numeric.
+    """
+    try:
+        array = np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise SignalError(f"channel '{name}' is not numeric: {error}") from None
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Named channels over one strictly increasing time base.
+
+    time      (N,) [s], finite, strictly increasing
+    channels  name -> (N,) or (N, k) float64; NaN marks 'not measured'
+    units     name -> unit as text, e.g. 'rad', 'N m'; every channel has one
+    held      names of channels that are commands: constant between samples (zero-order hold)
+
+    Arrays are copied and locked. Raises SignalError where shapes, times or names do not fit.
+    """
+
+    time: Array
+    channels: Mapping[str, Array]
+    units: Mapping[str, str]
+    held: frozenset[str] = field(default_factory=frozenset)
+
+    def __post_init__(self) -> None:
+        time = locked(self.time, "time")
+        if time.ndim != 1:
+            raise SignalError(f"time must be one-dimensional, got shape {time.shape}")
+        if not np.all(np.isfinite(time)):
+            first = int(np.flatnonzero(~np.isfinite(time))[0])
+            raise SignalError(f"time is not finite at sample {first}: {time[first]}")
+        steps = np.diff(time)
+        if np.any(steps <= 0.0):
+            first = int(np.flatnonzero(steps <= 0.0)[0]) + 1
+            raise SignalError(
+                f"time does not increase at sample {first}: {time[first]!r} s after {time[first - 1]!r} s"
+            )
+        channels = {name: locked(values, name) for name, values in self.channels.items()}
+        for name, values in channels.items():
+            if values.ndim not in (1, 2) or len(values) != len(time):
+                raise SignalError(
+                    f"channel '{name}' has shape {values.shape}, expected ({len(time)},) or ({len(time)}, k)"
+                )
+        missing = channels.keys() - self.units.keys()
+        if missing:
+            raise SignalError(f"channels without a unit: {', '.join(sorted(missing))}")
+        strangers = self.held - channels.keys()
+        if strangers:
+            raise SignalError(f"held names that are no channel: {', '.join(sorted(strangers))}")
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "channels", MappingProxyType(channels))
+        object.__setattr__(self, "units", MappingProxyType({name: self.units[name] for name in channels}))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
+
+    def __getitem__(self, name: str) -> Array:
+        try:
+            return self.channels[name]
+        except KeyError:
+            raise SignalError(f"no channel '{name}'; there are: {', '.join(sorted(self.channels))}") from None
+
+    def select(self, names: Iterable[str]) -> Signals:
+        """The same time base with only the channels `names`."""
+        chosen = {name: self[name] for name in names}
+        return Signals(self.time, chosen, self.units, self.held & chosen.keys())
+
+    def between(self, start: float, stop: float) -> Signals:
+        """The samples with start <= time < stop [s]."""
+        keep = (self.time >= start) & (self.time < stop)
+        return Signals(
+            self.time[keep], {name: values[keep] for name, values in self.channels.items()}, self.units, self.held
+        )
+
+    def resample(self, time: ArrayLike) -> Signals:
+        """These signals at other times [s]: commands by hold, measurements by linear interpolation.
+
+        Before the first sample the first value stands, after the last the last.
+        """
+        if len(self) == 0:
+            raise SignalError("cannot resample signals without samples")
+        at = np.asarray(time, dtype=np.float64)
+        holds = np.clip(np.searchsorted(self.time, at, side="right") - 1, 0, len(self) - 1)
+
+        def moved(name: str, values: Array) -> Array:
+            if name in self.held:
+                return values[holds]
+            if values.ndim == 1:
+                return np.interp(at, self.time, values)
+            return np.stack([np.interp(at, self.time, column) for column in values.T], axis=1)
+
+        return Signals(at, {name: moved(name, values) for name, values in self.channels.items()}, self.units, self.held)
+
+    def joined(self, other: Signals) -> Signals:
+        """These signals with those of `other` brought onto this time base; names must not collide."""
+        twice = self.channels.keys() & other.channels.keys()
+        if twice:
+            raise SignalError(f"channels in both: {', '.join(sorted(twice))}")
+        moved = other.resample(self.time)
+        return Signals(
+            self.time,
+            {**self.channels, **moved.channels},
+            {**self.units, **moved.units},
+            self.held | moved.held,
+        )
