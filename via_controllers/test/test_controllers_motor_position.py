@@ -1,0 +1,127 @@
+"""Motor position control: reaches its references, respects its limits, goes passive when blind."""
+
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from via_controllers.contract import JointSample
+from via_controllers.motor_position import MotorPositionControl
+from via_controllers.multisine import Multisine
+from via_core.errors import ParameterError
+from via_core.springs import cubic_spring
+
+STEP = 1e-3  # [s]
+MOTOR_FRICTION = 1.27  # [N m s/rad]
+
+
+def still(mean: float) -> Multisine:
+    return Multisine(mean, (), (), 0.1)
+
+
+@pytest.fixture
+def law() -> MotorPositionControl:
+    spring = cubic_spring(10.0, 3.0)
+    return MotorPositionControl(
+        springs=(spring, spring),
+        equilibrium=still(0.2),
+        preset=still(1.0),
+        proportional_gain=50.0,
+        derivative_gain=0.1,
+        velocity_bandwidth=300.0,
+        torque_limit=(100.0, 100.0),
+    )
+
+
+def settled(law: MotorPositionControl, duration: float, drop_static: bool = False) -> np.ndarray:
+    """Motor angles (2,) [rad] after `duration` [s]: link held at the equilibrium, motors D thd = tau + tau_e."""
+    q, theta, state = 0.2, np.array([0.2, 0.2]), law.init()
+    for n in range(round(duration / STEP)):
+        state, out = law.step(state, JointSample(n * STEP, q, theta))
+        torque = out.torque.copy()
+        if drop_static:
+            torque += [float(law.springs[i].torque(0.2 - d)) for i, d in enumerate(law.references(n * STEP))]
+        pull = np.array([float(spring.torque(q - t)) for spring, t in zip(law.springs, theta, strict=True)])
+        theta = theta + STEP / MOTOR_FRICTION * (torque + pull)
+    return theta
+
+
+def test_motors_reach_their_references_under_spring_load(law):
+    assert settled(law, 1.0) == pytest.approx([1.2, -0.8], abs=1e-6)
+
+
+def test_the_printed_law_stays_off_by_the_spring_torque(law):
+    """(120) as printed: the springs pull the motors off by about tau_e / (K_P + sigma)."""
+    offset = abs(settled(law, 1.0, drop_static=True) - [1.2, -0.8])
+    assert np.all(offset > 0.1)
+
+
+def test_derivative_gain_opposes_motion(law):
+    state = law.init()
+    reference = law.references(0.0)
+    state, at_rest = law.step(state, JointSample(0.0, 0.2, reference))
+    for n in range(1, 200):  # both motors pass their references at +1 rad/s
+        state, moving = law.step(state, JointSample(n * STEP, 0.2, reference + n * STEP))
+    expected = at_rest.torque - law.derivative_gain * 1.0 - law.proportional_gain * 199 * STEP
+    assert moving.torque == pytest.approx(expected, rel=1e-9)
+
+
+@given(q=st.floats(-10, 10), one=st.floats(-100, 100), two=st.floats(-100, 100))
+def test_limits_hold_everywhere(q, one, two):
+    spring = cubic_spring(10.0, 3.0)
+    law = MotorPositionControl((spring, spring), still(0.0), still(0.5), 500.0, 1.0, 300.0, (6.0, 2.0))
+    state, _ = law.step(law.init(), JointSample(0.0, 0.0, np.zeros(2)))
+    _, out = law.step(state, JointSample(STEP, q, np.array([one, two])))
+    assert np.all(np.abs(out.torque) <= [6.0, 2.0])
+
+
+@pytest.mark.parametrize("theta", [[np.nan, 0.0], [0.0, np.inf]])
+def test_blind_means_passive_and_keeps_the_state(law, theta):
+    state, _ = law.step(law.init(), JointSample(0.0, 0.2, np.zeros(2)))
+    after, out = law.step(state, JointSample(STEP, 0.2, np.array(theta)))
+    assert after is state
+    assert np.array_equal(out.torque, [0.0, 0.0])
+
+
+def test_a_step_leaves_the_old_state_alone(law):
+    before, _ = law.step(law.init(), JointSample(0.0, 0.2, np.array([0.1, 0.2])))
+    kept = before.theta.copy()
+    law.step(before, JointSample(STEP, 0.2, np.array([0.3, 0.4])))
+    assert np.array_equal(before.theta, kept)
+    with pytest.raises(FrozenInstanceError):
+        before.time = 1.0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"proportional_gain": 0.0},
+        {"derivative_gain": -1.0},
+        {"velocity_bandwidth": 0.0},
+        {"torque_limit": (1.0, 0.0)},
+        {"proportional_gain": float("nan")},
+    ],
+)
+def test_silly_parameters_are_refused(law, change):
+    with pytest.raises(ParameterError):
+        replace(law, **change)
+
+
+def test_multisine_starts_smoothly_and_becomes_the_tones():
+    wave = Multisine(0.3, (0.1, 0.2), (1.0, 2.5), 0.5)
+    assert wave.at(0.0) == 0.3
+    assert (wave.at(1e-6) - wave.at(0.0)) / 1e-6 == pytest.approx(0.0, abs=1e-4)
+    time = 1.7
+    tones = 0.1 * np.sin(2 * np.pi * time) + 0.2 * np.sin(2 * np.pi * 2.5 * time)
+    assert wave.at(time) == pytest.approx(0.3 + tones)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [(0.0, (0.1,), (), 1.0), (0.0, (0.1,), (0.0,), 1.0), (0.0, (), (), 0.0), (float("inf"), (), (), 1.0)],
+)
+def test_silly_multisines_are_refused(arguments):
+    with pytest.raises(ParameterError):
+        Multisine(*arguments)

@@ -1,0 +1,80 @@
+"""Motor position control of an antagonistic joint: eq. (120) with the static torque that the printed form lacks.
+
+    tau = -K_D thd - K_P (theta - theta_d) + tau_0,        tau_0,i = -tau_e,i(x - theta_d,i)
+
+theta_d = (x + s, x - s) for an equilibrium x and a preset s. Without tau_0 the springs pull the motors off their
+reference by K_P^-1 tau_e. x(t) and s(t) are multisines, so that the law excites deflection and stiffness on purpose.
+The motor velocity is not measured; it is the angle's derivative behind a first-order low pass of bandwidth w_f.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, isfinite
+
+import numpy as np
+
+from via_controllers.contract import Controller, JointSample, Torques, limited, require
+from via_controllers.multisine import Multisine
+from via_core.signals import Array, locked
+from via_core.springs import SpringLaw
+
+
+@dataclass(frozen=True)
+class MotorPositionState:
+    """Where the law stands; `start` is the stamp [s] from which the references count, None before the first sample."""
+
+    start: float | None
+    time: float  # [s] stamp of the last sample
+    theta: Array  # (2,) [rad]
+    velocity: Array  # (2,) [rad/s] low-passed
+
+
+@dataclass(frozen=True)
+class MotorPositionControl(Controller[MotorPositionState]):
+    """The law of this file. Raises ParameterError for gains or limits that are not positive."""
+
+    springs: tuple[SpringLaw, SpringLaw]  # nominal laws of the two transmissions
+    equilibrium: Multisine  # x(t) [rad]
+    preset: Multisine  # s(t) [rad]
+    proportional_gain: float  # K_P [N m/rad]
+    derivative_gain: float  # K_D [N m s/rad]
+    velocity_bandwidth: float  # w_f [rad/s]
+    torque_limit: tuple[float, float]  # [N m]
+
+    def __post_init__(self) -> None:
+        require(len(self.springs) == 2, f"an antagonistic joint has 2 springs, got {len(self.springs)}")
+        positive = {
+            "proportional_gain": self.proportional_gain,
+            "velocity_bandwidth": self.velocity_bandwidth,
+            "torque_limit": min(self.torque_limit),
+        }
+        for name, value in positive.items():
+            require(value > 0.0, f"{name} must be > 0, got {value}")
+        require(self.derivative_gain >= 0.0, f"derivative_gain must be >= 0, got {self.derivative_gain}")
+
+    def init(self) -> MotorPositionState:
+        nothing = locked(np.zeros(2), "theta")
+        return MotorPositionState(None, 0.0, nothing, nothing)
+
+    def references(self, time: float) -> Array:
+        """theta_d (2,) [rad] at `time` [s] since the start."""
+        x, s = self.equilibrium.at(time), self.preset.at(time)
+        return np.array([x + s, x - s])
+
+    def step(self, state: MotorPositionState, sample: JointSample) -> tuple[MotorPositionState, Torques]:
+        if not (isfinite(sample.time) and np.all(np.isfinite(sample.theta))):
+            return state, Torques(np.zeros(2), False)  # blind: passive
+        start = sample.time if state.start is None else state.start
+        step = sample.time - state.time
+        velocity = state.velocity
+        if state.start is not None and step > 0.0:
+            follow = 1.0 - exp(-self.velocity_bandwidth * step)
+            velocity = velocity + follow * ((sample.theta - state.theta) / step - velocity)
+
+        theta_d = self.references(sample.time - start)
+        x = 0.5 * (theta_d[0] + theta_d[1])
+        tau_0 = -np.array([float(law.torque(x - d)) for law, d in zip(self.springs, theta_d, strict=True)])
+        torque = tau_0 - self.derivative_gain * velocity - self.proportional_gain * (sample.theta - theta_d)
+        after = MotorPositionState(start, sample.time, locked(sample.theta, "theta"), locked(velocity, "velocity"))
+        return after, limited(torque, np.asarray(self.torque_limit))
