@@ -1,0 +1,1 @@
+"""The demo and the `via` command: what a user meets first."""

@@ -1,0 +1,1 @@
+"""Thin nodes: declare, convert, step, publish. Nobody imports them."""

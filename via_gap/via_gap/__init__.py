@@ -1,0 +1,1 @@
+"""The gap between a simulated and a real joint."""

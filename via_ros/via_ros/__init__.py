@@ -1,0 +1,1 @@
+"""The only shared ROS code: conversions, parameters, quality of service, spin."""

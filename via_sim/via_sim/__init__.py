@@ -1,0 +1,1 @@
+"""Simulation: plants, effects, integrators and sensors; the nodes live in via_sim.nodes."""
