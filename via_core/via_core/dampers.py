@@ -1,0 +1,89 @@
+"""Dampers: the damping d(u) [N m s/rad] a device adds at damping command u in 0..1 (clipped, as the hardware does).
+
+As with springs, a map is data on the compiled side: a `kind` and a row of coefficients.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from math import isfinite
+from typing import ClassVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from via_core.errors import ParameterError
+from via_core.signals import Array
+
+LINEAR, TWO_STAGE = range(2)
+N_DAMPER_COEFFICIENTS = 3
+
+
+@njit(cache=True, error_model="numpy")
+def damper_value(kind: int, c: Array, u: float) -> float:
+    """d(u) [N m s/rad] of map `kind` with coefficients c (3,) at command u [-]."""
+    if kind == LINEAR:
+        return c[0] + c[1] * min(max(u, 0.0), 1.0)
+    first = min(max(2.0 * u, 0.0), 1.0)
+    second = min(max(2.0 * u - 1.0, 0.0), 1.0)
+    return c[0] + c[1] * (first + c[2] * second)
+
+
+@njit(cache=True, error_model="numpy")
+def _value_each(kind: int, c: Array, u: Array, out: Array) -> None:
+    for n in range(u.size):
+        out[n] = damper_value(kind, c, u[n])
+
+
+@dataclass(frozen=True)
+class DamperMap(ABC):
+    """A map from the damping command to damping; `minimum` is what remains at command 0 [N m s/rad]."""
+
+    minimum: float
+    kind: ClassVar[int]
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (isfinite(value) and value >= 0.0):
+                raise ParameterError(f"{name} must be finite and >= 0, got {value}")
+        if not self.coefficients()[1] > 0.0:
+            raise ParameterError(f"the damping must grow with the command, got {self}")
+
+    @abstractmethod
+    def coefficients(self) -> Array:
+        """The row (3,) that the compiled kernel takes."""
+
+    def value(self, u: ArrayLike) -> Array:
+        """d(u) [N m s/rad], same shape as u [-]."""
+        at = np.asarray(u, dtype=np.float64)
+        out = np.empty(at.size)
+        _value_each(self.kind, self.coefficients(), np.ascontiguousarray(at).ravel(), out)
+        return out.reshape(at.shape)
+
+
+@dataclass(frozen=True)
+class LinearDamper(DamperMap):
+    """d(u) = minimum + (maximum - minimum) u."""
+
+    maximum: float  # [N m s/rad] at command 1
+    kind: ClassVar[int] = LINEAR
+
+    def coefficients(self) -> Array:
+        return np.array([self.minimum, self.maximum - self.minimum, 0.0])
+
+
+@dataclass(frozen=True)
+class TwoStageDamper(DamperMap):
+    """d(u) = minimum + stage (clip(u/.5, 0, 1) + second clip((u - .5)/.5, 0, 1)), the electric brake of the MACCEPA-VD.
+
+    The motor is first braked by a growing duty cycle into a resistor, then short-circuited (devices.md).
+    """
+
+    stage: float  # [N m s/rad] damping that the first stage adds, d_max of the source
+    second: float  # [-] share of `stage` that the second stage adds, .848 there
+    kind: ClassVar[int] = TWO_STAGE
+
+    def coefficients(self) -> Array:
+        return np.array([self.minimum, self.stage, self.second])
