@@ -1,0 +1,6 @@
+"""Bags: MCAP recordings written as rosbag2 writes them and read back as columns."""
+
+from via_core.bags.definitions import Definition, definition_of
+from via_core.bags.writer import BagWriter, OfferedQos
+
+__all__ = ["BagWriter", "Definition", "OfferedQos", "definition_of"]

@@ -1,0 +1,117 @@
+"""Message definitions: the text a bag carries for each type, its hash, and the type store that reads and writes it.
+
+Standard messages come from the Jazzy type store of `rosbags`; every other type from `<package>/msg/<Name>.msg` under
+the prefixes of AMENT_PREFIX_PATH, this Python's own prefix, or the source tree. Nothing here imports rclpy.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.base import TypesysError
+from rosbags.typesys.store import Typestore
+
+from via_core.errors import BagError
+
+_SEPARATOR = "=" * 80
+
+
+@dataclass(frozen=True)
+class Definition:
+    """One message type as a bag carries it.
+
+    type_name  e.g. 'sensor_msgs/msg/JointState'
+    text       the full definition, those of nested types concatenated (schema encoding 'ros2msg')
+    type_hash  'RIHS01_...' (REP 2011), what `topic_type_hash` and `type_description_hash` hold
+    """
+
+    type_name: str
+    text: str
+    type_hash: str
+
+
+def typestore_of(type_name: str) -> Typestore:
+    """A type store that knows `type_name` and all it nests. Raises BagError when no definition is found."""
+    return _load(type_name)[0]
+
+
+@cache
+def definition_of(type_name: str) -> Definition:
+    """The definition of `type_name` ('package/msg/Name'). Raises BagError when no definition is found."""
+    store, texts = _load(type_name)
+    nested = [f"{_SEPARATOR}\nMSG: {_short(name)}\n{texts[name]}" for name in texts if name != type_name]
+    return Definition(type_name, "\n".join([texts[type_name], *nested]), store.hash_rihs01(type_name))
+
+
+def typestore_from_text(type_name: str, text: str) -> Typestore:
+    """A type store holding only what the schema `text` of a bag defines. Raises BagError when it does not parse."""
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(get_types_from_msg(text, type_name))
+        store.get_msgdef(type_name)
+    except (TypesysError, KeyError, AssertionError) as error:
+        raise BagError(f"the definition of {type_name} cannot be understood: {_one_line(error)}") from None
+    return store
+
+
+@cache
+def _load(type_name: str) -> tuple[Typestore, dict[str, str]]:
+    """The store and the single texts by full type name, `type_name` first."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    texts: dict[str, str] = {}
+    _collect(type_name, store, texts)
+    return store, texts
+
+
+def _collect(type_name: str, store: Typestore, texts: dict[str, str]) -> None:
+    if type_name in texts:
+        return
+    if type_name not in store.fielddefs:
+        texts[type_name] = _definition_file(type_name).read_text(encoding="utf-8").rstrip() + "\n"
+        try:
+            store.register(get_types_from_msg(texts[type_name], type_name))
+        except TypesysError as error:
+            raise BagError(f"the definition of {type_name} cannot be understood: {_one_line(error)}") from None
+    else:
+        texts[type_name] = store.gendefhash(type_name, {}, 2)[0].rstrip() + "\n"
+    for nested in _nested(store, type_name):
+        _collect(nested, store, texts)
+
+
+def _nested(store: Typestore, type_name: str) -> Iterator[str]:
+    for _, description in store.fielddefs[type_name][1]:
+        kind, inner = description
+        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            kind, inner = inner[0]
+        if kind == Nodetype.NAME:
+            yield inner
+
+
+def _definition_file(type_name: str) -> Path:
+    package, _, name = type_name.partition("/msg/")
+    prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
+    shares = [Path(prefix) / "share" for prefix in prefixes]
+    source_tree = Path(__file__).resolve().parents[3]
+    for folder in [*shares, source_tree]:
+        candidate = folder / package / "msg" / f"{name}.msg"
+        if name and candidate.is_file():
+            return candidate
+    raise BagError(
+        f"no definition of message type '{type_name}': it is no standard message, and no {package}/msg/{name}.msg "
+        "is installed under AMENT_PREFIX_PATH"
+    )
+
+
+def _short(type_name: str) -> str:
+    return type_name.replace("/msg/", "/")
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())

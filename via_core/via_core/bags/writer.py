@@ -1,0 +1,241 @@
+"""Writing a bag as rosbag2 does: a directory `<name>/` with `<name>_0.mcap` and metadata.yaml.
+
+While it grows the file is called `<name>_0.mcap.active`; only a bag closed in order gets its final name, and
+metadata.yaml comes last. Whatever was cut off in between can be read in part and mended with `recover`.
+MCAP: profile 'ros2', zstd chunks of 64 KiB with message index; metadata.yaml: rosbag2 version 9 (Jazzy).
+Sources: https://mcap.dev/spec/registry (profile ros2), rosbag2_storage_mcap, rosbag2_storage TopicMetadata.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import yaml
+from mcap.writer import CompressionType, IndexType, Writer
+
+from via_core.bags.definitions import Definition, definition_of
+from via_core.errors import BagError
+
+CHUNK_SIZE = 64 * 1024  # [bytes] before compression: what a killed recorder loses at most
+UNFINISHED = ".active"
+STORAGE_METADATA = "rosbag2"  # name of the MCAP metadata record in which rosbag2 keeps a copy of metadata.yaml
+_FOREVER = {"sec": 9223372036, "nsec": 854775807}
+
+
+@dataclass(frozen=True)
+class OfferedQos:
+    """The quality of service a publisher offered, in rosbag2's words (player and `ros2 bag play` offer it again)."""
+
+    reliability: str = "reliable"  # reliable | best_effort
+    durability: str = "volatile"  # volatile | transient_local
+    history: str = "keep_last"  # keep_last | keep_all | unknown
+    depth: int = 10
+
+    def as_rosbag2(self) -> dict[str, Any]:
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": dict(_FOREVER),
+            "lifespan": dict(_FOREVER),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(_FOREVER),
+            "avoid_ros_namespace_conventions": False,
+        }
+
+
+@dataclass
+class _Topic:
+    name: str
+    type_name: str
+    type_hash: str
+    qos: list[dict[str, Any]]
+    channel: int
+    messages: int = 0
+
+
+class BagWriter:
+    """Writes serialised messages (CDR with its four-byte header) into a new bag directory.
+
+    path      directory to create; BagError when it exists
+    metadata  free texts kept as rosbag2 custom_data
+
+    As a context manager: closed in order on success; on an exception what was written stays under its unfinished name.
+    """
+
+    def __init__(self, path: str | Path, metadata: Mapping[str, str] | None = None) -> None:
+        self.path = Path(path)
+        self.metadata = dict(metadata or {})
+        self._topics: dict[str, _Topic] = {}
+        self._schemas: dict[str, int] = {}
+        self._first: int | None = None  # [ns]
+        self._last = 0  # [ns]
+        try:
+            self.path.mkdir(parents=True)
+        except FileExistsError:
+            raise BagError(f"{self.path} exists already; give the bag another name or remove it") from None
+        except OSError as error:
+            raise BagError(f"cannot create the bag {self.path}: {error.strerror}") from None
+        self._final = self.path / f"{self.path.name}_0.mcap"
+        self._active = self._final.with_name(self._final.name + UNFINISHED)
+        self._file = self._active.open("wb")
+        self._writer: Writer | None = Writer(
+            self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, index_types=IndexType.ALL
+        )
+        self._writer.start(profile="ros2", library="via_core")
+
+    def add_topic(
+        self,
+        topic: str,
+        type_name: str,
+        qos: OfferedQos | tuple[OfferedQos, ...] = OfferedQos(),
+        definition: Definition | None = None,
+    ) -> None:
+        """Declare `topic` before its first message; a second declaration of the same type changes nothing.
+
+        definition  given when re-recording a type that is not installed; found by `definition_of` otherwise.
+        Raises BagError for an unknown type or a topic that already has another type.
+        """
+        writer = self._open_writer()
+        known = self._topics.get(topic)
+        if known is not None:
+            if known.type_name != type_name:
+                raise BagError(f"topic {topic} is {known.type_name} in {self.path.name}, not {type_name}")
+            return
+        definition = definition or definition_of(type_name)
+        if type_name not in self._schemas:
+            self._schemas[type_name] = writer.register_schema(type_name, "ros2msg", definition.text.encode())
+        profiles = [each.as_rosbag2() for each in (qos if isinstance(qos, tuple) else (qos,))]
+        channel = writer.register_channel(
+            topic,
+            "cdr",
+            self._schemas[type_name],
+            {"offered_qos_profiles": _yaml(profiles), "topic_type_hash": definition.type_hash},
+        )
+        self._topics[topic] = _Topic(topic, type_name, definition.type_hash, profiles, channel)
+
+    def write(self, topic: str, data: bytes, log_time: int, publish_time: int | None = None, sequence: int = 0) -> None:
+        """Append one serialised message; times in ns since the epoch of the recording, not negative.
+
+        Raises BagError for an undeclared topic, no CDR header, a negative time or a closed bag.
+        """
+        writer = self._open_writer()
+        declared = self._topics.get(topic)
+        if declared is None:
+            raise BagError(f"topic {topic} was not declared in {self.path.name}")
+        if len(data) < 4:
+            raise BagError(f"{len(data)} bytes are no serialised message for {topic}")
+        if log_time < 0:
+            raise BagError(f"negative time {log_time} ns for {topic} in {self.path.name}")
+        writer.add_message(
+            declared.channel, log_time, data, log_time if publish_time is None else publish_time, sequence & 0xFFFFFFFF
+        )
+        declared.messages += 1
+        self._first = log_time if self._first is None else min(self._first, log_time)
+        self._last = max(self._last, log_time)
+
+    def messages(self) -> dict[str, int]:
+        """Messages written so far, by topic."""
+        return {topic.name: topic.messages for topic in self._topics.values()}
+
+    def close(self) -> None:
+        """Finish the file, give it its final name, write metadata.yaml. Closing twice does nothing the second time."""
+        if self._writer is None:
+            return
+        information = self._information()
+        self._writer.add_metadata(STORAGE_METADATA, {"serialized_metadata": _yaml(information)})
+        self._writer.finish()
+        self._writer = None
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
+        self._active.rename(self._final)
+        metadata = self.path / "metadata.yaml"
+        unfinished = metadata.with_name(metadata.name + UNFINISHED)
+        unfinished.write_text(_yaml({"rosbag2_bagfile_information": information}) + "\n", encoding="utf-8")
+        unfinished.rename(metadata)
+
+    def abandon(self) -> None:
+        """Stop without finishing: whole chunks and the one begun stay in the file under its unfinished name."""
+        if self._writer is not None:
+            self._writer.flush()
+            self._writer = None
+            self._file.close()
+
+    def discard(self) -> None:
+        """Stop and remove the whole bag directory."""
+        self._writer = None
+        self._file.close()
+        shutil.rmtree(self.path, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+    def _open_writer(self) -> Writer:
+        if self._writer is None:
+            raise BagError(f"the bag {self.path.name} is closed")
+        return self._writer
+
+    def _information(self) -> dict[str, Any]:
+        start = self._first or 0
+        duration = {"nanoseconds": self._last - start}
+        count = sum(topic.messages for topic in self._topics.values())
+        return {
+            "version": 9,
+            "storage_identifier": "mcap",
+            "duration": duration,
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "message_count": count,
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": {
+                        "name": topic.name,
+                        "type": topic.type_name,
+                        "serialization_format": "cdr",
+                        "offered_qos_profiles": topic.qos,
+                        "type_description_hash": topic.type_hash,
+                    },
+                    "message_count": topic.messages,
+                }
+                for topic in self._topics.values()
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [self._final.name],
+            "files": [
+                {
+                    "path": self._final.name,
+                    "starting_time": {"nanoseconds_since_epoch": start},
+                    "duration": dict(duration),
+                    "message_count": count,
+                }
+            ],
+            "custom_data": self.metadata or None,
+            "ros_distro": "jazzy",
+        }
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """YAML without anchors: rosbag2 reads them, people should not have to."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _yaml(value: Any) -> str:
+    return yaml.dump(value, Dumper=_PlainDumper, sort_keys=False, default_flow_style=False, allow_unicode=True).rstrip()
