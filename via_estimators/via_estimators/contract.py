@@ -1,0 +1,167 @@
+"""What every estimator is: frozen parameters, a state that is returned, one compiled kernel for live and replay.
+
+    estimator = ModulatedTorque(ModulatedTorqueParameters(...))
+    state = estimator.init()
+    state, estimate = estimator.step(state, sample)      # live: sample (1 + k,) is time [s], then the columns `inputs`
+    estimates = estimator.run(signals)                   # replay: the same kernel, the same bits
+
+Misuse raises ParameterError or SignalError; nature is answered with a Status: samples that are not finite or whose stamp
+does not increase are skipped, counted and marked BAD_SAMPLE, a gap restarts the window, and no estimate ever holds a NaN.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, fields
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from via_core.errors import ParameterError, SignalError
+from via_core.signals import Array, Signals
+from via_core.status import Status
+from via_estimators import window
+
+
+def parameter(default: float | int, description: str, unit: str, low: float, high: float) -> Any:
+    """A dataclass field with what a ROS parameter needs: description, unit and closed range."""
+    return field(default=default, metadata={"description": description, "unit": unit, "range": (low, high)})
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Base of every estimator's parameters: numbers inside the range their field declares, else ParameterError."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value, (low, high) = getattr(self, item.name), item.metadata["range"]
+            if isinstance(item.default, int) and not (isinstance(value, int) and not isinstance(value, bool)):
+                raise ParameterError(f"{type(self).__name__}.{item.name} must be a whole number, got {value!r}")
+            if not isinstance(value, int | float) or not isfinite(value) or not low <= value <= high:
+                raise ParameterError(
+                    f"{type(self).__name__}.{item.name} must lie in [{low:g}, {high:g}] {item.metadata['unit']}, "
+                    f"got {value!r}"
+                )
+
+
+class Estimate(NamedTuple):
+    """One estimate: stamp of its sample [s], status, values (k,) and standard deviations (k,), both finite."""
+
+    time: float
+    status: Status
+    value: Array
+    standard_deviation: Array
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """A run's estimates: time (N,) [s], status (N,) uint8, value and standard_deviation (N, k), outputs (k,)."""
+
+    time: Array
+    status: np.ndarray
+    value: Array
+    standard_deviation: Array
+    outputs: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def column(self, name: str) -> tuple[Array, Array]:
+        """Value (N,) and standard deviation (N,) of the output `name`; raises SignalError for a stranger."""
+        if name not in self.outputs:
+            raise SignalError(f"no output '{name}'; there are: {', '.join(self.outputs)}")
+        at = self.outputs.index(name)
+        return self.value[:, at], self.standard_deviation[:, at]
+
+
+class Health(NamedTuple):
+    """What diagnostics publish about a state."""
+
+    samples: int  # taken
+    bad: int  # skipped
+    gaps: int  # window restarts
+    motion: float  # [rad] smallest range of deflection inside the present window
+    condition: float  # [-] largest condition number of the scaled normal equations
+    status: Status
+
+
+class Estimator(ABC):
+    """An algorithm; `step` and `run` are final and share `_advance`."""
+
+    @property
+    @abstractmethod
+    def inputs(self) -> tuple[str, ...]:
+        """Columns of a sample after its time."""
+
+    @property
+    @abstractmethod
+    def outputs(self) -> tuple[str, ...]:
+        """Columns of an estimate."""
+
+    @abstractmethod
+    def init(self) -> Array:
+        """The state before the first sample, a locked flat array."""
+
+    @abstractmethod
+    def _advance(self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array) -> None:
+        """The compiled kernel: `state` is overwritten, rows (N, 1 + k) are taken in order, the rest is filled."""
+
+    @abstractmethod
+    def condition(self, state: Array) -> float:
+        """Largest condition number [-] of the scaled normal equations."""
+
+    def step(self, state: Array, sample: ArrayLike) -> tuple[Array, Estimate]:
+        """One sample (1 + k,), time first; the given state is left as it is."""
+        rows = np.asarray(sample, dtype=np.float64).reshape(1, -1)
+        new, done = self._fold(state, rows)
+        return new, Estimate(done.time[0], Status(int(done.status[0])), done.value[0], done.standard_deviation[0])
+
+    def run_rows(self, rows: ArrayLike, state: Array | None = None) -> tuple[Array, Estimates]:
+        """Fold `step` over rows (N, 1 + k) from `state`, or from the start; returns the last state too."""
+        return self._fold(self.init() if state is None else state, np.ascontiguousarray(rows, dtype=np.float64))
+
+    def run(self, signals: Signals) -> Estimates:
+        """Fold `step` over signals."""
+        return self.run_rows(rows_of(signals, self.inputs))[1]
+
+    def health(self, state: Array) -> Health:
+        """Counters and excitation of a state."""
+        return Health(
+            int(state[window.SAMPLES]),
+            int(state[window.BAD]),
+            int(state[window.GAPS]),
+            float(state[window.MOTION]),
+            self.condition(state),
+            Status(int(state[window.STATUS])),
+        )
+
+    def _fold(self, state: Array, rows: Array) -> tuple[Array, Estimates]:
+        if rows.ndim != 2 or rows.shape[1] != 1 + len(self.inputs):
+            raise SignalError(f"a sample has time and {', '.join(self.inputs)}; got an array of shape {rows.shape}")
+        count, k = len(rows), len(self.outputs)
+        new = state.copy()
+        time, status = np.empty(count), np.empty(count, dtype=np.uint8)
+        value, deviation = np.empty((count, k)), np.empty((count, k))
+        self._advance(new, rows, time, status, value, deviation)
+        for array in (new, time, status, value, deviation):
+            array.flags.writeable = False
+        return new, Estimates(time, status, value, deviation, self.outputs)
+
+
+def rows_of(signals: Signals, inputs: tuple[str, ...]) -> Array:
+    """Rows (N, 1 + k) for `inputs`; 'theta_2' is the second column of channel 'theta', a channel not there is NaN."""
+    rows = np.full((len(signals), 1 + len(inputs)), np.nan)
+    rows[:, 0] = signals.time
+    for at, name in enumerate(inputs, start=1):
+        if name in signals:
+            rows[:, at] = signals[name]
+            continue
+        channel, _, number = name.rpartition("_")
+        if channel in signals and number.isdigit():
+            values = signals[channel]
+            columns = values.reshape(len(values), -1)
+            if int(number) <= columns.shape[1]:
+                rows[:, at] = columns[:, int(number) - 1]
+    return rows

@@ -1,0 +1,71 @@
+"""Recursive least squares on the triangular factor: one row in by Givens rotations, nothing ever inverted or subtracted.
+
+Source: SAPHARI deliverable, eqs. (44)-(49) (QR-RLS). Departures: the forgetting factor there multiplies R and p, which
+forgets lambda^2 per sample; here the caller multiplies by sqrt(lambda), the usual meaning. R carries a small prior from
+the start, so no n rows are needed 'to set up a complete R'.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from numba import njit
+
+from via_core.signals import Array
+
+
+@njit(cache=True, error_model="numpy")
+def rotate_in(R: Array, p: Array, row: Array, y: float, first: int) -> float:
+    """Take the equation row' x = y into R x = p, both overwritten; returns the residual left over (the star of (48)).
+
+    R      (n, n) upper triangular
+    p      (n,)
+    row    (n,) zero before column `first`; overwritten with zeros
+    """
+    n = p.size
+    for j in range(first, n):
+        if row[j] == 0.0:
+            continue
+        length = sqrt(R[j, j] * R[j, j] + row[j] * row[j])
+        c, s = R[j, j] / length, row[j] / length
+        for i in range(j, n):
+            above = R[j, i]
+            R[j, i] = c * above + s * row[i]
+            row[i] = c * row[i] - s * above
+        above = p[j]
+        p[j] = c * above + s * y
+        y = c * y - s * above
+    return y
+
+
+@njit(cache=True, error_model="numpy")
+def solve_triangular(R: Array, p: Array, x: Array) -> None:
+    """x (n,) with R x = p, by back substitution."""
+    n = p.size
+    for j in range(n - 1, -1, -1):
+        total = p[j]
+        for i in range(j + 1, n):
+            total -= R[j, i] * x[i]
+        x[j] = total / R[j, j]
+
+
+@njit(cache=True, error_model="numpy")
+def inverse_normal(R: Array, inverse: Array, P: Array) -> None:
+    """P (n, n) = (R'R)^-1 and inverse (n, n) = R^-1 of the upper triangular R."""
+    n = R.shape[0]
+    for j in range(n):
+        for i in range(n):
+            inverse[i, j] = 0.0
+        inverse[j, j] = 1.0 / R[j, j]
+        for i in range(j - 1, -1, -1):
+            total = 0.0
+            for k in range(i + 1, j + 1):
+                total -= R[i, k] * inverse[k, j]
+            inverse[i, j] = total / R[i, i]
+    for i in range(n):
+        for j in range(i, n):
+            total = 0.0
+            for k in range(j, n):
+                total += inverse[i, k] * inverse[j, k]
+            P[i, j] = total
+            P[j, i] = total
