@@ -1,0 +1,75 @@
+"""The parameter row: everything one joint is, effects included, in one flat float64 row with named slots.
+
+One compiled kernel reads this row, so a thousand variants of a joint are a matrix (K, N_PARAMETERS) and one call. Every
+effect has its slots, and a neutral value in them (0 friction, gain 1, no gap) that leaves each bit of the result as if
+the effect did not exist.
+
+    row[P.gravity_torque] = 0.3
+    row[P.viscous_friction + LINK]          # slots of the three axes stand in a row: link, motor 1, motor 2
+    row[P.torque_gain + 1]                  # slots of the motors (and transmissions) likewise: first, second
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from dataclasses import dataclass
+
+import numpy as np
+
+from via_core.dampers import N_DAMPER_COEFFICIENTS
+from via_core.signals import Array
+from via_core.springs import N_COEFFICIENTS
+
+LINK, MOTOR_1, MOTOR_2 = range(3)  # axes
+ABSENT, DYNAMIC, SERVO = range(3)  # what moves an axis: nothing, its own dynamics, a position servo
+NO_DAMPER, AT_LINK, AT_TRANSMISSION = range(3)
+
+
+@dataclass(frozen=True)
+class Slot:
+    """`size` neighbouring entries of the row, all `neutral` until a device or an effect says otherwise."""
+
+    name: str
+    unit: str
+    text: str
+    size: int = 1
+    neutral: float = 0.0
+
+
+SLOTS = (
+    Slot("axis_kind", "-", "ABSENT, DYNAMIC or SERVO: link, motor 1, motor 2", 3),
+    Slot("inertia", "kg m^2", "M, B_1, B_2", 3, 1.0),
+    Slot("viscous_friction", "N m s/rad", "Dq, Dth_1, Dth_2", 3),
+    Slot("breakaway_friction", "N m", "dry friction at standstill: link, motor 1, motor 2", 3),
+    Slot("kinetic_friction", "N m", "dry friction at speed", 3),
+    Slot("stribeck_velocity", "rad/s", "speed at which 1/e of the excess of breakaway over kinetic is left", 3, 1.0),
+    Slot("bandwidth", "rad/s", "w of the position servos: motor 1, motor 2", 2),
+    Slot("torque_limit", "N m", "saturation of the motor torque", 2, np.inf),
+    Slot("torque_gain", "-", "torque at the motor per torque commanded", 2, 1.0),
+    Slot("gravity_torque", "N m", "g(q) = gravity_torque sin(q - gravity_angle)"),
+    Slot("gravity_angle", "rad", "where the link hangs at rest"),
+    Slot("transmissions", "-", "number of springs, 0 to 2"),
+    Slot("serial", "-", "1: motor 2 is the preset of spring 1; 0: each spring has its own motor"),
+    Slot("spring_kind", "-", "law of via_core.springs", 2),
+    Slot("spring", "", "coefficient rows of the two laws", 2 * N_COEFFICIENTS),
+    Slot("stop", "rad", "deflection from which the law continues along its tangent", 2, np.inf),
+    Slot("stop_torque", "N m", "torque at the stop", 2),
+    Slot("stop_slope", "N m/rad", "slope beyond the stop", 2),
+    Slot("backlash", "rad", "width of the torque-free gap in the transmission", 2),
+    Slot("damper_site", "-", "NO_DAMPER, AT_LINK or AT_TRANSMISSION"),
+    Slot("damper_kind", "-", "map of via_core.dampers"),
+    Slot("damper", "", "coefficient row of the map", N_DAMPER_COEFFICIENTS),
+    Slot("delay", "s", "dead time of the command"),
+    Slot("tick", "s", "period over which a command is held", 1, 1e-3),
+    Slot("substeps", "-", "integration steps per tick", 1, 1.0),
+)
+
+_starts = np.concatenate(([0], np.cumsum([slot.size for slot in SLOTS])))
+Slots = namedtuple("Slots", [slot.name for slot in SLOTS])  # a named tuple of ints: numba folds it into constants
+P = Slots(*(int(start) for start in _starts[:-1]))
+N_PARAMETERS = int(_starts[-1])
+
+
+def neutral_row() -> Array:
+    """A row (N_PARAMETERS,) with every slot at its neutral value."""
+    return np.repeat([slot.neutral for slot in SLOTS], [slot.size for slot in SLOTS]).astype(np.float64)

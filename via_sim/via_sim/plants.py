@@ -1,0 +1,161 @@
+"""JointPlant: one joint as a parameter row and a pure right-hand side; `from_device` is the nominal model, no effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from via_core.devices import Device, TorqueMotor
+from via_core.errors import ParameterError
+from via_core.signals import Array, locked
+from via_core.springs import MACCEPA, N_COEFFICIENTS
+from via_sim.effects import Effect, write_effects
+from via_sim.kernel import derivative, viscous_rate
+from via_sim.parameters import (
+    AT_LINK,
+    AT_TRANSMISSION,
+    DYNAMIC,
+    LINK,
+    MOTOR_1,
+    N_PARAMETERS,
+    SERVO,
+    P,
+    neutral_row,
+)
+
+MAX_SUBSTEPS = 4096  # per tick; beyond it a parameter row is refused
+_STEP = 0.25  # substep times fastest explicit rate: error of one period of that mode near 1e-5 of its amplitude
+
+
+@dataclass(frozen=True)
+class JointPlant:
+    """One joint.
+
+    device      what it was built from: arrangement, drive, names
+    parameters  (N_PARAMETERS,) the row of via_sim.parameters, effects included, locked
+    effects     the effects that the row holds beside the device
+    """
+
+    device: Device
+    parameters: Array
+    effects: tuple[Effect, ...] = ()
+
+    def __post_init__(self) -> None:
+        row = locked(self.parameters, "parameters")
+        if row.shape != (N_PARAMETERS,):
+            raise ParameterError(f"parameters must have shape ({N_PARAMETERS},), got {row.shape}")
+        object.__setattr__(self, "parameters", row)
+
+    @staticmethod
+    def from_device(device: Device) -> JointPlant:
+        """The nominal plant of a device file: everything the file says, no effects."""
+        return JointPlant(device, _row_of(device))
+
+    def with_effects(self, effects: Sequence[Effect]) -> JointPlant:
+        """The nominal plant of this device with exactly these effects; those it had before are gone.
+
+        Raises ParameterError where an effect does not fit this joint (no such motor, no transmission, a servo drive).
+        """
+        row = _row_of(self.device)
+        write_effects(row, self.device, effects)
+        return JointPlant(self.device, row, tuple(effects))
+
+    def at_rate(self, rate: float) -> Array:
+        """The row (N_PARAMETERS,) for commands held over 1/rate [s]: tick and substeps filled in. Raises ParameterError."""
+        if not (np.isfinite(rate) and rate > 0.0):
+            raise ParameterError(f"rate must be finite and > 0 Hz, got {rate}")
+        row = self.parameters.copy()
+        row[P.tick] = 1.0 / rate
+        row[P.substeps] = substeps_for(row, self.device)
+        return row
+
+    def derivative(self, state: ArrayLike, inputs: ArrayLike) -> Array:
+        """d/dt of (q, theta_1, theta_2, qd, thd_1, thd_2) (6,): pure in parameters, state and input.
+
+        inputs (4,): torque of motor 1 and 2 [N m], damping [N m s/rad], external torque at the link [N m]. Axes the joint
+        does not have stay at zero, servo axes report their velocity and no acceleration (they follow in closed form).
+        """
+        x, u = np.array(state, dtype=np.float64), np.array(inputs, dtype=np.float64)
+        if x.shape != (6,) or u.shape != (4,):
+            raise ParameterError(f"derivative needs state (6,) and inputs (4,), got {x.shape} and {u.shape}")
+        out = np.empty(6)
+        springs = self.parameters[P.spring : P.spring + 2 * N_COEFFICIENTS].reshape(2, N_COEFFICIENTS)
+        derivative(self.parameters, springs, x, u, out)
+        return out
+
+
+def _row_of(device: Device) -> Array:
+    row = neutral_row()
+    link = device.link
+    row[P.axis_kind + LINK] = DYNAMIC
+    row[P.inertia + LINK] = link.inertia
+    row[P.viscous_friction + LINK] = link.viscous_friction
+    row[P.breakaway_friction + LINK] = row[P.kinetic_friction + LINK] = link.coulomb_friction
+    row[P.gravity_torque], row[P.gravity_angle] = link.gravity_torque, link.gravity_angle
+    for i, motor in enumerate(device.motors):
+        axis = MOTOR_1 + i
+        if isinstance(motor, TorqueMotor):
+            row[P.axis_kind + axis] = DYNAMIC
+            row[P.inertia + axis] = motor.inertia
+            row[P.viscous_friction + axis] = motor.viscous_friction
+            row[P.breakaway_friction + axis] = row[P.kinetic_friction + axis] = motor.coulomb_friction
+            if motor.torque_limit is not None:
+                row[P.torque_limit + i] = motor.torque_limit
+        else:
+            row[P.axis_kind + axis] = SERVO
+            row[P.bandwidth + i] = motor.bandwidth
+    row[P.serial] = float(device.arrangement == "serial")
+    row[P.transmissions] = device.n_transmissions
+    for i, law in enumerate(device.spring_laws):
+        start = P.spring + i * N_COEFFICIENTS
+        row[P.spring_kind + i] = law.kind
+        row[start : start + N_COEFFICIENTS] = law.coefficients()
+        row[P.stop + i] = law.max_deflection
+        if law.kind < MACCEPA:
+            row[P.stop_torque + i] = law.torque(law.max_deflection)
+            row[P.stop_slope + i] = max(float(law.stiffness(law.max_deflection)), 0.0)
+    if device.damper is not None and device.damper_map is not None:
+        row[P.damper_site] = AT_LINK if device.damper.site == "link" else AT_TRANSMISSION
+        row[P.damper_kind] = device.damper_map.kind
+        row[P.damper : P.damper + 3] = device.damper_map.coefficients()
+    return row
+
+
+def substeps_for(row: Array, device: Device) -> float:
+    """Integration steps per tick that resolve whatever the exponential leaves explicit, at its stiffest.
+
+    A spring against an inertia has rate w = sqrt(sigma / M), or w^2 / a where viscous friction (rate a) overdamps it; a
+    damper in the transmission couples at d (1/M + 1/B); the falling Stribeck curve drives an axis away from rest at most
+    at .86 (breakaway - kinetic) / (speed inertia). Raises ParameterError beyond MAX_SUBSTEPS.
+    """
+    strongest = float(device.damping_of(1.0))
+    stiffness = np.zeros(3)
+    for i, law in enumerate(device.spring_laws):
+        phi = np.linspace(0.0, law.max_deflection, 65)
+        sigma = max(float(np.max(np.abs(law.stiffness(phi, preset)))) for preset in (0.0, 1.0, 2.0))
+        stiffness[0] += sigma
+        stiffness[1 + i] = sigma
+    stiffness[0] += abs(row[P.gravity_torque])
+    rate = 0.0
+    for axis in range(3):
+        if row[P.axis_kind + axis] != DYNAMIC:
+            continue
+        inertia = row[P.inertia + axis]
+        w = sqrt(stiffness[axis] / inertia)
+        a = viscous_rate(row, axis, 0.0)
+        rate += min(w, w * w / a) if a > 0.0 else w
+        excess = row[P.breakaway_friction + axis] - row[P.kinetic_friction + axis]
+        rate += 0.86 * excess / (row[P.stribeck_velocity + axis] * inertia)
+        if row[P.damper_site] == AT_TRANSMISSION and axis < 2:
+            rate += strongest / inertia
+    substeps = max(1, ceil(row[P.tick] * rate / _STEP))
+    if substeps > MAX_SUBSTEPS:
+        raise ParameterError(
+            f"'{device.name}' has a mode of {rate:.3g} 1/s: {substeps} steps per tick of {row[P.tick]:.3g} s, "
+            f"at most {MAX_SUBSTEPS} are allowed; raise the rate or soften the joint"
+        )
+    return float(substeps)
