@@ -1,0 +1,42 @@
+"""The estimator beside a robot that publishes /joint_states, or beside a bag that is played.
+
+    ros2 launch via_bringup estimate.launch.py device:=/path/to/my_joint.yaml
+    ros2 launch via_bringup estimate.launch.py device:=maccepavd bag:=/path/to/bag rate:=1.0
+"""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PythonExpression
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+
+def generate_launch_description() -> LaunchDescription:
+    playing = IfCondition(PythonExpression(["'", LaunchConfiguration("bag"), "' != ''"]))
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("device", description="device name or path to its YAML"),
+            DeclareLaunchArgument("method", default_value="auto", description="auto, modulated_torque or link_impedance"),
+            DeclareLaunchArgument("bag", default_value="", description="bag to play; empty: listen to the robot"),
+            DeclareLaunchArgument("rate", default_value="1.0", description="playing speed; 0: as fast as all keep up"),
+            Node(
+                package="via_estimators",
+                executable="estimator",
+                parameters=[{"device": LaunchConfiguration("device"), "method": LaunchConfiguration("method")}],
+                output="screen",
+            ),
+            Node(
+                package="via_ros",
+                executable="player",
+                parameters=[
+                    {
+                        "bag": LaunchConfiguration("bag"),
+                        "rate": ParameterValue(LaunchConfiguration("rate"), value_type=float),
+                    }
+                ],
+                condition=playing,
+                output="screen",
+            ),
+        ]
+    )

@@ -1,0 +1,40 @@
+"""`via run PACKAGE EXECUTABLE`: what `ros2 run` does, for machines that have no ros2 command."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from via_core.errors import ViaError
+
+PASS_ARGUMENTS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+
+
+def run(
+    context: typer.Context,
+    package: Annotated[str, typer.Argument(help="Package, e.g. via_sim.")],
+    executable: Annotated[str, typer.Argument(help="Executable of that package, e.g. simulator.")],
+) -> None:
+    """Run an installed node; everything behind the two names goes to it, e.g. --ros-args -p device:=maccepavd."""
+    path = find_executable(package, executable)
+    os.execv(path, [str(path), *context.args])
+
+
+def find_executable(package: str, executable: str) -> Path:
+    """The file `lib/<package>/<executable>` under the sourced prefixes, where `ros2 run` looks.
+
+    Raises ViaError naming what the package has instead.
+    """
+    prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+    folders = [prefix / "lib" / package for prefix in prefixes]
+    for folder in folders:
+        path = folder / executable
+        if path.is_file() and os.access(path, os.X_OK):
+            return path
+    there = sorted({path.name for folder in folders if folder.is_dir() for path in folder.iterdir() if path.is_file()})
+    if there:
+        raise ViaError(f"package '{package}' has no executable '{executable}'; it has: {', '.join(there)}")
+    raise ViaError(f"package '{package}' is not in the sourced workspace; source ros2_ws/env.sh after `make setup`")

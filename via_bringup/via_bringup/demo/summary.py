@@ -1,0 +1,98 @@
+"""What the demo measured: the one definition behind summary.json, the terminal's tables and the page."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Record(BaseModel):
+    """Frozen, and refusing fields it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Quantity(Record):
+    """An estimate beside what it is held against."""
+
+    value: float
+    standard_deviation: float
+    reference: float  # the commanded damping, or the stiffness of the device file's spring law
+
+    @property
+    def covered(self) -> bool:
+        """Whether the 95 % interval holds the reference."""
+        return abs(self.value - self.reference) <= 1.96 * self.standard_deviation
+
+
+class Traffic(Record):
+    """Messages of one replay or live run, counted by sequence and stamp."""
+
+    sent: int
+    estimated: int
+    recorded: int
+
+    @property
+    def lost(self) -> int:
+        return 2 * self.sent - self.estimated - self.recorded
+
+
+class RobotRun(Record):
+    """One run of the real robot."""
+
+    strategy: str
+    trajectory: int
+    repeat: int
+    status: str
+    damping: Quantity  # [N m s/rad]
+    stiffness: Quantity  # [N m/rad]
+    nrmse: float  # [-] simulated against real joint angle, of the angle's standard deviation
+    traffic: Traffic
+    bag: str
+
+
+class RefusedRecording(Record):
+    """A recording that was not used, and why."""
+
+    file: str
+    reasons: list[str]
+
+
+class RobotPart(Record):
+    """Parts 1 to 3: import, replay, gap."""
+
+    source: str
+    accepted: int
+    refused: list[RefusedRecording]
+    warnings: int
+    runs: list[RobotRun]
+    nrmse: float  # mean over runs
+    nrmse_by_strategy: dict[str, float]
+    damping_coverage: float  # share of runs whose 95 % interval holds the commanded damping
+    lost: int
+
+
+class LivePart(Record):
+    """Part 4: the simulated joint in closed loop."""
+
+    device: str
+    samples: int
+    rate: float  # [Hz]
+    duration: float  # [s] of stamps
+    late_ticks: int
+    traffic: Traffic
+    replay: Traffic
+    bit_identical: bool
+    stiffness_error: float  # median |estimate - truth| / truth after warm-up [-]
+    stiffness_coverage: float  # share of samples whose 95 % interval holds the truth
+    bag: str
+
+
+class Summary(Record):
+    """summary.json."""
+
+    version: str
+    commit: str
+    python: str
+    seconds: dict[str, float]
+    robot: RobotPart
+    live: LivePart
