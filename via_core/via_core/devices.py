@@ -25,11 +25,13 @@ from via_core.dampers import DamperMap, LinearDamper, TwoStageDamper
 from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array
 from via_core.springs import (
+    ExponentialSpring,
     FourBarSpring,
     MaccepaSpring,
     OddPolynomialSpring,
     SinhSpring,
     SpringLaw,
+    TwoLeverSpring,
     cubic_spring,
     linear_spring,
 )
@@ -138,6 +140,18 @@ class Sinh(_Spring):
         return SinhSpring(self.max_deflection, self.k, self.a)
 
 
+class Exponential(_Spring):
+    law: Literal["exponential"]
+    k: Positive  # [N m]
+    rise: Positive  # [-]
+    fall: Positive  # [-]
+    a: Positive  # [1/rad]
+
+    @property
+    def built(self) -> SpringLaw:
+        return ExponentialSpring(self.max_deflection, self.k, self.rise, self.fall, self.a)
+
+
 class FourBar(_Spring):
     law: Literal["four_bar"]
     k: Positive  # [N m/rad]
@@ -161,7 +175,33 @@ class Maccepa(_Spring):
         return MaccepaSpring(self.max_deflection, self.k, self.lever, self.base, self.free_length, self.drum_radius)
 
 
-Spring = Annotated[Linear | Cubic | OddPolynomial | Sinh | FourBar | Maccepa, Field(discriminator="law")]
+class TwoLever(_Spring):
+    law: Literal["two_lever"]
+    k: Positive  # kappa [N/m]
+    rest_length: Positive  # s0 [m]
+    motor_lever: Positive  # L [m]
+    link_lever: Positive  # a [m]
+    offset: Number  # h [m]
+    distance: Positive  # d [m]
+    side: Literal[-1, 1]
+
+    @property
+    def built(self) -> SpringLaw:
+        return TwoLeverSpring(
+            self.max_deflection,
+            self.k,
+            self.rest_length,
+            self.motor_lever,
+            self.link_lever,
+            self.offset,
+            self.distance,
+            float(self.side),
+        )
+
+
+Spring = Annotated[
+    Linear | Cubic | OddPolynomial | Sinh | Exponential | FourBar | Maccepa | TwoLever, Field(discriminator="law")
+]
 
 
 class _Damper(_Part):
@@ -375,7 +415,7 @@ def load_device(name_or_path: str | Path) -> Device:
 def parse_device(text: str, file: str) -> Device:
     """The device that YAML `text` describes; `file` is the name that errors show. Raises DeviceError."""
     try:
-        content = yaml.load(text, _Loader)  # a SafeLoader  # noqa: S506
+        content = yaml.load(text, _Loader)  # a SafeLoader
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f" line {mark.line + 1}" if mark is not None else ""
@@ -390,7 +430,11 @@ def parse_device(text: str, file: str) -> Device:
         raise DeviceError(f"{file}: {'; '.join(_told(problem) for problem in error.errors())}") from None
 
 
-_TAGS = {"torque", "servo", "linear", "cubic", "odd_polynomial", "sinh", "four_bar", "maccepa", "two_stage"}
+# Pydantic puts the tag of a union into the path; none of these is a key.
+_TAGS = {
+    *("torque", "servo", "linear", "two_stage"),
+    *("cubic", "odd_polynomial", "sinh", "exponential", "four_bar", "maccepa", "two_lever"),
+}
 
 
 def _told(problem: Any) -> str:

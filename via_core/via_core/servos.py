@@ -14,7 +14,7 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy", inline="always")
 def servo_step(x: float, v: float, u: float, w: float, dt: float) -> tuple[float, float]:
-    """Angle [rad] and velocity [rad/s] after dt [s] of a servo of bandwidth w [rad/s] under the held command u [rad]."""
+    """Angle [rad] and velocity [rad/s] after dt [s], for bandwidth w [rad/s] and the held command u [rad]."""
     decay = exp(-w * dt)
     e = x - u
     b = v + w * e

@@ -20,14 +20,17 @@ def locked(values: ArrayLike, name: str) -> Array:
     Raises SignalError when `values` is not numeric.
     """
     try:
-        array = np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise SignalError(f"channel '{name}' is not numeric: {error}") from None
+        given = np.asarray(values)
+    except ValueError as error:  # ragged
+        raise SignalError(f"'{name}' is not an array: {error}") from None
+    if given.dtype.kind not in "biuf":  # numpy would turn '1.5' and None into numbers and drop imaginary parts
+        raise SignalError(f"'{name}' is not real and numeric: it holds {given.dtype}")
+    array = np.array(given, dtype=np.float64, order="C")
     array.flags.writeable = False
     return array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # compared by identity: equality of arrays is no truth value
 class Signals:
     """Named channels over one strictly increasing time base.
 
@@ -66,12 +69,13 @@ class Signals:
         missing = channels.keys() - self.units.keys()
         if missing:
             raise SignalError(f"channels without a unit: {', '.join(sorted(missing))}")
-        strangers = self.held - channels.keys()
+        strangers = set(self.held) - channels.keys()
         if strangers:
             raise SignalError(f"held names that are no channel: {', '.join(sorted(strangers))}")
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "channels", MappingProxyType(channels))
         object.__setattr__(self, "units", MappingProxyType({name: self.units[name] for name in channels}))
+        object.__setattr__(self, "held", frozenset(self.held))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -91,7 +95,9 @@ class Signals:
         return Signals(self.time, chosen, self.units, self.held & chosen.keys())
 
     def between(self, start: float, stop: float) -> Signals:
-        """The samples with start <= time < stop [s]."""
+        """The samples with start <= time < stop [s]. Raises SignalError unless start <= stop."""
+        if not start <= stop:
+            raise SignalError(f"the interval must not end before it starts, got {start} to {stop} s")
         keep = (self.time >= start) & (self.time < stop)
         return Signals(
             self.time[keep], {name: values[keep] for name, values in self.channels.items()}, self.units, self.held
@@ -100,21 +106,27 @@ class Signals:
     def resample(self, time: ArrayLike) -> Signals:
         """These signals at other times [s]: commands by hold, measurements by linear interpolation.
 
-        Before the first sample the first value stands, after the last the last.
+        Before the first sample the first value stands, after the last the last. Next to a NaN a measurement is NaN.
+        Raises SignalError without samples, or where `time` (n,) is no time base.
         """
         if len(self) == 0:
             raise SignalError("cannot resample signals without samples")
-        at = np.asarray(time, dtype=np.float64)
+        at = Signals(locked(time, "time"), {}, {}).time  # the one place that knows what a time base is
         holds = np.clip(np.searchsorted(self.time, at, side="right") - 1, 0, len(self) - 1)
 
-        def moved(name: str, values: Array) -> Array:
+        def resampled(name: str, values: Array) -> Array:
             if name in self.held:
                 return values[holds]
             if values.ndim == 1:
                 return np.interp(at, self.time, values)
-            return np.stack([np.interp(at, self.time, column) for column in values.T], axis=1)
+            moved = np.empty((len(at), values.shape[1]))
+            for k, column in enumerate(values.T):
+                moved[:, k] = np.interp(at, self.time, column)
+            return moved
 
-        return Signals(at, {name: moved(name, values) for name, values in self.channels.items()}, self.units, self.held)
+        return Signals(
+            at, {name: resampled(name, values) for name, values in self.channels.items()}, self.units, self.held
+        )
 
     def joined(self, other: Signals) -> Signals:
         """These signals with those of `other` brought onto this time base; names must not collide."""

@@ -2,15 +2,19 @@
 
 Each law is a pair of compiled scalar functions of (coefficients, deflection, preset), written once and used by plants,
 estimators and pictures alike. A law is data on the compiled side: a `kind` and a row of coefficients, so that one
-compiled kernel serves every law. `preset` [rad] is the position of the stiffness motor of a serial arrangement; laws
-without one ignore it.
+compiled kernel serves every law.
+
+`preset` [rad] is the angle of a motor on which the law depends beside the deflection: in a serial arrangement that of
+the stiffness motor, in an antagonistic one that of the transmission's own motor, theta_i. Most laws ignore it; the
+stiffness is always the derivative at constant preset. Beyond `max_deflection` a law means nothing and may be NaN.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from math import asin, asinh, cos, cosh, isfinite, sin, sinh, sqrt
+from math import asin, cos, cosh, exp, sin, sinh, sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +25,7 @@ from scipy.optimize import brentq
 from via_core.errors import ParameterError
 from via_core.signals import Array
 
-ODD_POLYNOMIAL, SINH, FOUR_BAR, MACCEPA = range(4)
+ODD_POLYNOMIAL, SINH, FOUR_BAR, MACCEPA, EXPONENTIAL, TWO_LEVER = range(6)
 N_COEFFICIENTS = 8  # length of a coefficient row, the longest law fits
 
 
@@ -42,10 +46,20 @@ def spring_torque(kind: int, c: Array, phi: float, preset: float) -> float:
         beta = asin(s) - 0.5 * phi
         slope = 0.5 * c[1] * cos(0.5 * phi) / root - 0.5
         return 2.0 * c[0] * beta * slope
-    # MACCEPA: k B C sin(phi) (1 + (r preset - A0) / A), A the length of the free spring side
-    kbc, b2_c2, two_bc, r, a0 = c[0], c[1], c[2], c[3], c[4]
-    length = sqrt(b2_c2 - two_bc * cos(phi))
-    return kbc * sin(phi) * (1.0 + (r * preset - a0) / length)
+    if kind == MACCEPA:  # K B C sin(phi) (1 + (r preset - A0) / A), A the length from lever tip to base
+        kbc, b2_c2, two_bc, r, a0 = c[0], c[1], c[2], c[3], c[4]
+        length = sqrt(b2_c2 - two_bc * cos(phi))
+        return kbc * sin(phi) * (1.0 + (r * preset - a0) / length)
+    if kind == EXPONENTIAL:  # k (rise e^(a phi) - fall e^(-a phi))
+        return c[0] * exp(c[2] * phi) - c[1] * exp(-c[2] * phi)
+    # TWO_LEVER: moment K (1 - s0/s) (a x s) of a spring between the tips of a link lever and a motor lever
+    k, s0, motor_lever, a, h, d, side = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
+    x, u = side * (phi + preset), -side * preset
+    tip_x, tip_y = h + motor_lever * sin(u), motor_lever * cos(u) - d
+    across = sin(x) * tip_x - cos(x) * tip_y
+    along = cos(x) * tip_x + sin(x) * tip_y
+    length = sqrt(tip_x * tip_x + tip_y * tip_y + a * a - 2.0 * a * along)
+    return side * k * a * (1.0 - s0 / length) * across
 
 
 @njit(cache=True, error_model="numpy")
@@ -67,11 +81,21 @@ def spring_stiffness(kind: int, c: Array, phi: float, preset: float) -> float:
         slope = half_cos / root - 0.5
         bend = -0.25 * s / root + s * half_cos * half_cos / (root * root * root)
         return 2.0 * c[0] * (slope * slope + beta * bend)
-    kbc, b2_c2, two_bc, r, a0 = c[0], c[1], c[2], c[3], c[4]
-    length = sqrt(b2_c2 - two_bc * cos(phi))
-    pull = r * preset - a0
-    bent = 0.5 * two_bc * sin(phi) * sin(phi) / (length * length * length)
-    return kbc * (cos(phi) * (1.0 + pull / length) - pull * bent)
+    if kind == MACCEPA:
+        kbc, b2_c2, two_bc, r, a0 = c[0], c[1], c[2], c[3], c[4]
+        length = sqrt(b2_c2 - two_bc * cos(phi))
+        pull = r * preset - a0
+        bent = 0.5 * two_bc * sin(phi) * sin(phi) / (length * length * length)
+        return kbc * (cos(phi) * (1.0 + pull / length) - pull * bent)
+    if kind == EXPONENTIAL:
+        return c[2] * (c[0] * exp(c[2] * phi) + c[1] * exp(-c[2] * phi))
+    k, s0, motor_lever, a, h, d, side = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
+    x, u = side * (phi + preset), -side * preset
+    tip_x, tip_y = h + motor_lever * sin(u), motor_lever * cos(u) - d
+    across = sin(x) * tip_x - cos(x) * tip_y
+    along = cos(x) * tip_x + sin(x) * tip_y
+    length = sqrt(tip_x * tip_x + tip_y * tip_y + a * a - 2.0 * a * along)
+    return k * a * ((1.0 - s0 / length) * along + s0 * a * across * across / (length * length * length))
 
 
 @njit(cache=True, error_model="numpy")
@@ -86,30 +110,35 @@ def _stiffness_each(kind: int, c: Array, phi: Array, preset: Array, out: Array) 
         out[n] = spring_stiffness(kind, c, phi[n], preset[n])
 
 
+Kernel = Callable[[int, Array, Array, Array, Array], None]
+
+
 @dataclass(frozen=True)
 class SpringLaw(ABC):
-    """An odd, increasing torque-deflection law of a flexible transmission.
+    """A torque-deflection law of a flexible transmission.
 
     max_deflection  [rad] the mechanical stop; the law means nothing beyond it
+    odd             whether tau_e(-phi) = -tau_e(phi), so that an odd basis can represent it
     """
 
     max_deflection: float
     kind: ClassVar[int]
+    odd: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not np.all(np.isfinite(value)):
-                raise ParameterError(f"{type(self).__name__}.{name} must be finite, got {value}")
-        if not self.max_deflection > 0.0:
-            raise ParameterError(f"max_deflection must be > 0 rad, got {self.max_deflection}")
+                raise ParameterError(f"{name} must be finite, got {value}")
+        _positive(self, "max_deflection")
         self._check()
 
     @abstractmethod
     def coefficients(self) -> Array:
         """The row (8,) that the compiled kernels take."""
 
+    @abstractmethod
     def _check(self) -> None:
-        """Refuse parameters outside the law's own range; laws without one accept all."""
+        """Raise ParameterError for parameters outside the law's own range."""
 
     def torque(self, phi: ArrayLike, preset: ArrayLike = 0.0) -> Array:
         """tau_e [N m] at deflection phi [rad] and preset [rad], broadcast together."""
@@ -120,23 +149,32 @@ class SpringLaw(ABC):
         return self._each(_stiffness_each, phi, preset)
 
     def inverse(self, torque: float, preset: float = 0.0) -> float:
-        """The deflection [rad] within the stop at which the law gives `torque` [N m].
+        """A deflection [rad] within the stops at which the law gives `torque` [N m]; the only one if the law increases.
 
-        Raises ParameterError where the law reaches no such torque within its stop.
+        Raises ParameterError where `torque` is outside what the law gives at its two stops.
         """
         stop = self.max_deflection
-        reach = float(self.torque(stop, preset))
-        if not abs(torque) <= reach:
-            raise ParameterError(f"no deflection within {stop} rad gives {torque} N m; the law reaches {reach:.6g} N m")
-        if torque in (-reach, reach):
-            return stop if torque > 0.0 else -stop
+        low, high = float(self.torque(-stop, preset)), float(self.torque(stop, preset))
+        if not low <= torque <= high:
+            raise ParameterError(
+                f"no deflection within {stop} rad gives {torque} N m; the law reaches {low:.6g} to {high:.6g} N m"
+            )
+        if torque in (low, high):
+            return stop if torque == high else -stop
         return float(brentq(lambda phi: float(self.torque(phi, preset)) - torque, -stop, stop, xtol=1e-14, rtol=1e-14))
 
-    def _each(self, kernel, phi: ArrayLike, preset: ArrayLike) -> Array:
+    def _each(self, kernel: Kernel, phi: ArrayLike, preset: ArrayLike) -> Array:
         at, along = np.broadcast_arrays(np.asarray(phi, dtype=np.float64), np.asarray(preset, dtype=np.float64))
         out = np.empty(at.size)
-        kernel(self.kind, self.coefficients(), np.ascontiguousarray(at).ravel(), np.ascontiguousarray(along).ravel(), out)
+        # flatten() copies: the kernels then see one array type only and compile once
+        kernel(self.kind, self.coefficients(), at.flatten(), along.flatten(), out)
         return out.reshape(at.shape)
+
+
+def _positive(law: SpringLaw, *names: str) -> None:
+    for name in names:
+        if not getattr(law, name) > 0.0:
+            raise ParameterError(f"{name} must be > 0, got {getattr(law, name)}")
 
 
 def _row(*values: float) -> Array:
@@ -153,8 +191,22 @@ class OddPolynomialSpring(SpringLaw):
     kind: ClassVar[int] = ODD_POLYNOMIAL
 
     def _check(self) -> None:
-        if not 1 <= len(self.odd_coefficients) <= N_COEFFICIENTS:
-            raise ParameterError(f"odd_coefficients needs 1 to {N_COEFFICIENTS} values, got {len(self.odd_coefficients)}")
+        count = len(self.odd_coefficients)
+        if not 1 <= count <= N_COEFFICIENTS:
+            raise ParameterError(f"odd_coefficients needs 1 to {N_COEFFICIENTS} values, got {count}")
+        if not any(self.odd_coefficients):
+            raise ParameterError("odd_coefficients must not all be 0")
+        # sigma is a polynomial in s = phi^2: its least value is at 0, at the stop, or where its slope vanishes
+        sigma = np.polynomial.Polynomial([(2 * p + 1) * c for p, c in enumerate(self.odd_coefficients)])
+        stop = self.max_deflection**2
+        roots = np.asarray(sigma.deriv().roots(), dtype=np.complex128)
+        flat = [float(root.real) for root in roots if 0.0 < root.real < stop]
+        for s in (0.0, stop, *flat):
+            if sigma(s) < -1e-9 * abs(sigma(stop)):
+                raise ParameterError(
+                    f"odd_coefficients {self.odd_coefficients} give a negative stiffness of {sigma(s):.6g} N m/rad "
+                    f"at a deflection of {sqrt(s):.6g} rad"
+                )
 
     def coefficients(self) -> Array:
         return _row(*self.odd_coefficients)
@@ -172,24 +224,39 @@ def cubic_spring(coefficient: float, max_deflection: float) -> OddPolynomialSpri
 
 @dataclass(frozen=True)
 class SinhSpring(SpringLaw):
-    """tau_e = k sinh(a phi), the exponential spring of the qbmove family."""
+    """tau_e = k sinh(a phi), the spring of the qbmove family."""
 
     k: float  # [N m]
     a: float  # [1/rad]
     kind: ClassVar[int] = SINH
 
     def _check(self) -> None:
-        if not (self.k > 0.0 and self.a > 0.0):
-            raise ParameterError(f"k and a must be > 0, got k {self.k}, a {self.a}")
+        _positive(self, "k", "a")
 
     def coefficients(self) -> Array:
         return _row(self.k, self.a)
 
-    def inverse(self, torque: float, preset: float = 0.0) -> float:
-        phi = asinh(torque / self.k) / self.a
-        if not (isfinite(phi) and abs(phi) <= self.max_deflection):
-            raise ParameterError(f"no deflection within {self.max_deflection} rad gives {torque} N m")
-        return phi
+
+@dataclass(frozen=True)
+class ExponentialSpring(SpringLaw):
+    """tau_e = k (rise e^(a phi) - fall e^(-a phi)): one side of the DLR BAVS; the other has rise and fall exchanged.
+
+    With preset 0 the two sides are already pretensioned against each other: tau_e(0) = k (rise - fall) is not 0.
+    Source: bavs_plugin.cpp of NMMI/ROS-Gazebo-compliant-actuators-plugin, there written for theta - q = -phi.
+    """
+
+    k: float  # [N m]
+    rise: float  # [-]
+    fall: float  # [-]
+    a: float  # [1/rad]
+    kind: ClassVar[int] = EXPONENTIAL
+    odd: ClassVar[bool] = False
+
+    def _check(self) -> None:
+        _positive(self, "k", "rise", "fall", "a")
+
+    def coefficients(self) -> Array:
+        return _row(self.k * self.rise, self.k * self.fall, self.a)
 
 
 @dataclass(frozen=True)
@@ -201,12 +268,13 @@ class FourBarSpring(SpringLaw):
     kind: ClassVar[int] = FOUR_BAR
 
     def _check(self) -> None:
+        _positive(self, "k")
         if not self.ratio > 1.0:
             raise ParameterError(f"ratio must be > 1, got {self.ratio}")
-        if not self.ratio * sin(0.5 * min(self.max_deflection, 3.0)) < 1.0:
+        dead_point = 2.0 * asin(1.0 / self.ratio)
+        if not self.max_deflection < dead_point:
             raise ParameterError(
-                f"max_deflection {self.max_deflection} rad lies beyond the linkage's dead point "
-                f"{2.0 * asin(1.0 / self.ratio):.6g} rad"
+                f"max_deflection must be below the linkage's dead point {dead_point:.6g} rad, got {self.max_deflection}"
             )
 
     def coefficients(self) -> Array:
@@ -215,7 +283,7 @@ class FourBarSpring(SpringLaw):
 
 @dataclass(frozen=True)
 class MaccepaSpring(SpringLaw):
-    """tau_e = K B C sin(phi) (1 + (r preset - A0)/A), A = sqrt(B^2 + C^2 - 2 B C cos phi): a spring pulled over a lever.
+    """tau_e = K B C sin(phi) (1 + (r preset - A0)/A), A = sqrt(B^2 + C^2 - 2 B C cos phi): a spring over a lever.
 
     Pretension by the preset motor winds `drum_radius * preset` of cord. Source: equations of the MACCEPA-VD robot
     (devices.md), there written with the opposite sign for m1 - q = -phi.
@@ -224,17 +292,53 @@ class MaccepaSpring(SpringLaw):
     k: float  # K [N/m] spring rate
     lever: float  # B [m]
     base: float  # C [m]
-    free_length: float  # A0 [m] length at which the spring is slack for preset 0
+    free_length: float  # A0 [m] length A at which the spring is slack for preset 0, C - B in the robot
     drum_radius: float  # r [m]
     kind: ClassVar[int] = MACCEPA
 
     def _check(self) -> None:
-        for name in ("k", "lever", "base", "free_length"):
-            if not getattr(self, name) > 0.0:
-                raise ParameterError(f"{name} must be > 0, got {getattr(self, name)}")
+        _positive(self, "k", "lever", "base", "free_length", "drum_radius")
         if self.lever == self.base:
             raise ParameterError(f"lever and base must differ (A would vanish), both are {self.lever} m")
 
     def coefficients(self) -> Array:
         b, c = self.lever, self.base
         return _row(self.k * b * c, b * b + c * c, 2.0 * b * c, self.drum_radius, self.free_length)
+
+
+@dataclass(frozen=True)
+class TwoLeverSpring(SpringLaw):
+    """A linear spring between the tips of a lever on the link and a lever on a motor: one side of the Edinburgh VSA.
+
+    The moment depends on the link angle and on the motor's, not on their difference alone, and is neither odd nor
+    everywhere increasing. With A = a (cos x, sin x), T = (h + L sin u, L cos u - d), s = |T - A|:
+
+        tau_e = side K a (1 - s0/s) (T_x sin x - T_y cos x),   x = side q,   u = -side theta
+
+    Source: libedinburghvsa.c of the Edinburgh VSA model (after Mitrovic, Klanke and Vijayakumar, 2011), which counts
+    both servo angles outwards; here both are positive where they turn the link in the positive sense, so that motor
+    angles are equilibrium +- preset as in every antagonistic joint. Its spring 1 is side -1, its spring 2 side +1. As
+    there, a spring shorter than s0 pushes.
+    """
+
+    k: float  # kappa [N/m] spring rate
+    rest_length: float  # s0 [m]
+    motor_lever: float  # L [m]
+    link_lever: float  # a [m]
+    offset: float  # h [m] from the link's axis to the motor's, across
+    distance: float  # d [m] from the link's axis to the motor's, along
+    side: float  # -1 or +1
+    kind: ClassVar[int] = TWO_LEVER
+    odd: ClassVar[bool] = False
+
+    def _check(self) -> None:
+        _positive(self, "k", "rest_length", "motor_lever", "link_lever", "distance")
+        if self.side not in (-1.0, 1.0):
+            raise ParameterError(f"side must be -1 or 1, got {self.side}")
+        # closest approach of the two circles on which the tips run
+        gap = sqrt(self.offset**2 + self.distance**2) - self.motor_lever - self.link_lever
+        if not gap > 0.0:
+            raise ParameterError(f"the levers must not reach each other, but their circles overlap by {-gap:.6g} m")
+
+    def coefficients(self) -> Array:
+        return _row(self.k, self.rest_length, self.motor_lever, self.link_lever, self.offset, self.distance, self.side)

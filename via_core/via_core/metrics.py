@@ -1,0 +1,69 @@
+"""What an estimate or a simulation is worth against the truth or a measurement: one number per question.
+
+All take arrays (N,) of equal length and raise SignalError for empty, unequal or not finite ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from via_core.errors import SignalError
+from via_core.signals import Array
+
+
+def _same(**given: ArrayLike) -> list[Array]:
+    arrays = {name: np.asarray(values, dtype=np.float64) for name, values in given.items()}
+    shapes = {array.shape for array in arrays.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 1:
+        raise SignalError(
+            f"need arrays (N,) of equal length, got {', '.join(f'{n} {a.shape}' for n, a in arrays.items())}"
+        )
+    for name, array in arrays.items():
+        if array.size == 0:
+            raise SignalError(f"'{name}' is empty")
+        if not np.all(np.isfinite(array)):
+            raise SignalError(f"'{name}' is not finite at sample {int(np.flatnonzero(~np.isfinite(array))[0])}")
+    return list(arrays.values())
+
+
+def mse(truth: ArrayLike, estimate: ArrayLike) -> float:
+    """Mean square error, eq. (52) with N = l_fin - l_in + 1 terms (printed: one fewer). Unit of the signal squared."""
+    a, b = _same(truth=truth, estimate=estimate)
+    return float(np.mean((a - b) ** 2))
+
+
+def msrep(truth: ArrayLike, estimate: ArrayLike) -> float:
+    """Mean square relative error in percent, eq. (52) with N terms: 100 mean(((truth - estimate) / truth)^2) [%].
+
+    Raises SignalError where the truth is 0: no error is relative to nothing.
+    """
+    a, b = _same(truth=truth, estimate=estimate)
+    if np.any(a == 0.0):
+        raise SignalError(f"'truth' is 0 at sample {int(np.flatnonzero(a == 0.0)[0])}: no relative error")
+    return float(100.0 * np.mean(((a - b) / a) ** 2))
+
+
+def nrmse(measured: ArrayLike, simulated: ArrayLike) -> float:
+    """Root mean square error over the standard deviation of the measured signal [-]: 1 is as good as its mean.
+
+    Raises SignalError where the measured signal is constant.
+    """
+    a, b = _same(measured=measured, simulated=simulated)
+    spread = float(np.std(a))
+    if spread == 0.0:
+        raise SignalError("'measured' is constant: there is nothing to compare an error with")
+    return float(np.sqrt(np.mean((a - b) ** 2)) / spread)
+
+
+def coverage(truth: ArrayLike, estimate: ArrayLike, standard_deviation: ArrayLike, width: float = 2.0) -> float:
+    """Share [0..1] of samples whose truth lies within `width` standard deviations; .954 for 2 if Gaussian.
+
+    Raises SignalError for a negative standard deviation or a width that is not > 0.
+    """
+    a, b, sd = _same(truth=truth, estimate=estimate, standard_deviation=standard_deviation)
+    if np.any(sd < 0.0):
+        raise SignalError(f"'standard_deviation' is negative at sample {int(np.flatnonzero(sd < 0.0)[0])}")
+    if not width > 0.0:
+        raise SignalError(f"width must be > 0, got {width}")
+    return float(np.mean(np.abs(a - b) <= width * sd))

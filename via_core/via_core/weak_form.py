@@ -1,0 +1,142 @@
+"""Weak form: modulated signals <f, psi^(i)> over a sliding window, straight from samples and their stamps.
+
+Modulating functions, eq. (13): w_hh(u) = (1 - u)^h u^h. All derivatives below the h-th vanish at 0 and 1, so w_hh has
+order h (the document's Example 1 prints h + 1; but w_33''' is 6 and -6 at the ends). On a window of length T that ends
+at t, with u = (s - t + T) / T, we use
+
+    psi(s) = c_h / T w_hh(u),   c_h = (2h + 1)! / (h!)^2,   so that  integral psi ds = 1
+
+and d/ds = (1/T) d/du. Integrating by parts i times, the boundary terms hold psi, ..., psi^(i-1) and vanish for i <= h:
+
+    <f^(i), psi> = (-1)^i <f, psi^(i)>,   <f, psi^(i)> = c_h / T^(i+1)  integral f(s) w_hh^(i)(u) ds
+
+Derivatives thus move from the measured signal to a known function. The motor equation (5) becomes, with no derivative
+of anything measured,  B <theta, psi''> - D <theta, psi'> - <tau_e(phi), psi> = <tau, psi>.
+
+Discretisation: trapezoid weights on the actual stamps (eq. 24, whose t_m = m Ts belongs on [0, 1]: t_m = m/H). The last
+stamp is u = 1, the oldest u = 0 (the document's (26), (27) run the other way and thereby flip the sign of <f, psi'>).
+On a uniform window the error falls like H^-(m+1), m the first odd number >= h - i (Euler-Maclaurin). On jittered stamps
+plain trapezoids only reach H^-2, and <1, psi''> = 0 holds no longer, so that a mere offset of an encoder would move an
+estimate. Therefore the rows are corrected by the lower ones until row i is exact for polynomials of degree <= i on any
+stamps; the order on uniform stamps stays. Rows beyond what the caller needs cost nothing.
+"""
+
+from __future__ import annotations
+
+from math import comb, factorial
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from via_core.errors import ParameterError
+from via_core.signals import Array, locked
+
+ROWS = 3  # <f, psi>, <f, psi'>, <f, psi''>: all that second-order dynamics ask for
+
+
+def modulating(order: int, derivative: int, u: ArrayLike) -> Array:
+    """d^i w_hh / du^i at u (...) by Leibniz' rule, h = `order`, i = `derivative`; zero outside [0, 1].
+
+    The sum is that of eqs. (28)-(30): w_33''' = -6 w_03 + 54 w_12 - 54 w_21 + 6 w_30 (the document prints + 6 w_03).
+    Raises ParameterError for a negative order or derivative.
+    """
+    if order < 0 or derivative < 0:
+        raise ParameterError(f"order and derivative must be >= 0, got {order} and {derivative}")
+    at = np.asarray(u, dtype=np.float64)
+    total = np.zeros_like(at)
+    for j in range(max(0, derivative - order), min(derivative, order) + 1):  # j derivatives fall on u^h
+        k = derivative - j  # and k on (1 - u)^h
+        scale = (-1) ** k * comb(derivative, j) * factorial(order) ** 2 / (factorial(order - j) * factorial(order - k))
+        total += scale * at ** (order - j) * (1.0 - at) ** (order - k)
+    return np.where((at < 0.0) | (at > 1.0), 0.0, total)
+
+
+@njit(cache=True, error_model="numpy")
+def fill_weights(order: int, stamps: Array, first: int, weights: Array) -> None:
+    """Weights W such that <f, psi^(i)> = sum_n W[i, n] f[n] over one window, i = 0, 1, 2, for use in compiled loops.
+
+    order    h >= 2 of w_hh
+    stamps   (n,) [s], n >= 5, a ring buffer: stamps[first] is the oldest, then increasing, cyclic. A plain array has
+             first = 0. Not checked here.
+    weights  (3, n) [1, 1/s, 1/s^2], overwritten, in the storage order of `stamps`, so no ring is ever unrolled.
+    """
+    n = stamps.size
+    oldest = stamps[first]
+    newest = stamps[first - 1 if first > 0 else n - 1]
+    rate = 1.0 / (newest - oldest)
+
+    # Trapezoid rows in u, and their moments s_ij = sum of row_i x^j about the middle of the window, x = u - 1/2.
+    s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
+    k = first
+    before = oldest
+    here = oldest
+    for _ in range(n):
+        following = k + 1 if k + 1 < n else 0
+        after = stamps[following] if following != first else here
+        du = 0.5 * (after - before) * rate
+        u = (here - oldest) * rate
+        x = u - 0.5
+        p = u * (1.0 - u)
+        slope = -2.0 * x
+        power = 1.0  # p^(h-2)
+        for _ in range(order - 2):
+            power *= p
+        power *= du
+        w0 = power * p * p
+        w1 = power * p * order * slope
+        w2 = power * order * ((order - 1.0) * slope * slope - 2.0 * p)
+        weights[0, k] = w0
+        weights[1, k] = w1
+        weights[2, k] = w2
+        s00 += w0
+        s01 += w0 * x
+        s02 += w0 * x * x
+        s10 += w1
+        s11 += w1 * x
+        s12 += w1 * x * x
+        s20 += w2
+        s21 += w2 * x
+        s22 += w2 * x * x
+        before = here
+        here = after
+        k = following
+
+    # Row i minus multiples of the rows below it, scaled: <x^j, psi^(i)> = 0 for j < i, (-1)^i i! for j = i.
+    a00 = 1.0 / s00
+    c10 = s10 * a00
+    a11 = -1.0 / (s11 - c10 * s01)
+    a10 = -a11 * c10
+    # moments of the finished rows: r0 = (1, m01, m02), r1 = (0, -1, m12)
+    m01 = a00 * s01
+    m02 = a00 * s02
+    m12 = a11 * s12 + a10 * s02
+    c20 = s20
+    c21 = -(s21 - c20 * m01)
+    a22 = 2.0 / (s22 - c20 * m02 - c21 * m12)
+    b0 = -a22 * c20
+    b1 = -a22 * c21
+    rate2 = rate * rate
+    for k in range(n):
+        w0 = a00 * weights[0, k]
+        w1 = a11 * weights[1, k] + a10 * weights[0, k]
+        weights[2, k] = rate2 * (a22 * weights[2, k] + b1 * w1 + b0 * w0)
+        weights[1, k] = rate * w1
+        weights[0, k] = w0
+
+
+def window_weights(order: int, stamps: ArrayLike) -> Array:
+    """`fill_weights` with its arguments checked: the weights (3, n) for stamps (n,) [s], oldest first, read-only.
+
+    Raises ParameterError for order < 2, fewer than 5 stamps, or stamps that are not finite and strictly increasing.
+    """
+    if order < 2:
+        raise ParameterError(f"order must be >= 2 for second derivatives, got {order}")
+    at = np.array(stamps, dtype=np.float64)
+    if at.ndim != 1 or at.size < 5:
+        raise ParameterError(f"a window needs at least 5 stamps in one dimension, got shape {at.shape}")
+    if not (np.all(np.isfinite(at)) and np.all(np.diff(at) > 0.0)):
+        raise ParameterError("stamps of a window must be finite and strictly increasing")
+    weights = np.empty((ROWS, at.size))
+    fill_weights(order, at, 0, weights)
+    return locked(weights, "weights")
