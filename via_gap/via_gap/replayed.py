@@ -1,0 +1,94 @@
+"""Run a log's commands on the nominal model and measure how far it is from the robot: the gap before any diagnosis.
+
+The gap of a signal is its NRMSE: RMS error of the simulated signal over the standard deviation of the measured one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from via_core.devices import Device
+from via_core.errors import SignalError
+from via_core.metrics import nrmse
+from via_core.signals import Array, Signals
+from via_sim.effects import Effect
+from via_sim.plants import JointPlant
+from via_sim.simulate import simulate
+
+TICK_RATE = 1000.0  # [Hz] of the simulation; commands of logs change on whole milliseconds
+FIRST_SAMPLES = 9  # whose median is where a log starts: long enough to outvote spikes of a servo's encoder
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A log beside its simulation."""
+
+    time: Array  # (N,) [s] stamps of the measured samples
+    measured: Array  # (N,) [rad] link angle
+    simulated: Array  # (N,) [rad]
+    nrmse: float  # [-]
+
+
+def simulated_log(device: Device, measured: Signals, commands: Signals, effects: Sequence[Effect] = ()) -> Signals:
+    """True signals of the device's model under the commands of a log, on a grid that covers `measured`.
+
+    measured  has `q` (N,) and, where the device has motors, `theta` (N, m); the log starts at rest where its first samples
+              say, a motor that is not measured where its first command says
+    commands  held; their first value stands before their first sample
+
+    Raises SignalError for a log without samples or without a finite link angle at its start.
+    """
+    if len(measured) == 0 or len(commands) == 0:
+        raise SignalError("the log has no samples to simulate" if len(measured) == 0 else "the log has no commands")
+    origin = float(commands.time[0])
+    early = ceil(max(origin - float(measured.time[0]), 0.0) * TICK_RATE) / TICK_RATE
+    start = origin - early if early else float(measured.time[0])
+    duration = ceil((float(measured.time[-1]) - start) * TICK_RATE) / TICK_RATE
+    truth = simulate(
+        JointPlant.from_device(device),
+        commands,
+        duration,
+        TICK_RATE,
+        effects=effects,
+        initial=_initial(device, measured, commands),
+        start=start,
+    ).truth
+    return truth
+
+
+def measure_gap(device: Device, measured: Signals, commands: Signals, effects: Sequence[Effect] = ()) -> Gap:
+    """The gap of the link angle between a log and the device's model, at the log's own stamps."""
+    truth = simulated_log(device, measured, commands, effects)
+    seen = np.isfinite(measured["q"])
+    time, q = measured.time[seen], measured["q"][seen]
+    simulated = np.interp(time, truth.time, truth["q"])
+    return Gap(time, q, simulated, nrmse(q, simulated))
+
+
+def _initial(device: Device, measured: Signals, commands: Signals) -> Array:
+    """(6,) q, theta_1, theta_2 [rad] and zero velocities."""
+    state = np.zeros(6)
+    state[0] = _first(measured["q"])
+    if np.isnan(state[0]):
+        raise SignalError(f"no finite link angle among the first {FIRST_SAMPLES} samples of the log")
+    asked = np.full(device.n_motors, np.nan)
+    if "equilibrium" in commands and device.n_motors:
+        preset = commands["preset"][0] if "preset" in commands else 0.0
+        asked = device.motor_angles(commands["equilibrium"][0], preset)
+    for motor in range(device.n_motors):
+        angle = _first(measured["theta"][:, motor]) if "theta" in measured else np.nan
+        state[1 + motor] = angle if np.isfinite(angle) else asked[motor]
+        if np.isnan(state[1 + motor]):
+            raise SignalError(f"motor {motor + 1} is neither measured nor commanded at the start of the log")
+    return state
+
+
+def _first(values: Array) -> float:
+    """Median of the first finite samples, NaN if there are none."""
+    begin = values[:FIRST_SAMPLES]
+    begin = begin[np.isfinite(begin)]
+    return float(np.median(begin)) if begin.size else float("nan")
