@@ -1,0 +1,32 @@
+# Every target sets up what it needs first; set-up does nothing when it is done.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check bench clean
+
+ENV := source ros2_ws/env.sh;
+WORKERS ?= 2
+TESTS ?=
+
+help: ## this list
+	@sed -nE 's/^([a-z]+):.*## (.*)/make \1@\2/p' Makefile | column -t -s @
+
+setup: ## .venv from the lock and the colcon workspace (PYTHON=/path/to/python3.12 chooses the interpreter)
+	@PYTHON="$(PYTHON)" ros2_ws/setup.sh
+
+demo: setup ## the main job on a real robot's log and on a live simulated joint; writes out/demo/index.html
+	@$(ENV) via demo
+
+test: setup ## all tests (TESTS="via_ros/test tests/test_ros_player.py" for some, WORKERS=2)
+	@$(ENV) python -m pytest -n $(WORKERS) --dist loadscope -p no:launch_testing -p no:launch_ros $(TESTS)
+
+check: setup ## style, types, import rules
+	@$(ENV) ros2_ws/check.sh
+
+bench: setup ## speed against MuJoCo, scipy and mcap-ros2-support, in one run
+	@$(ENV) for each in via_*/bench/bench_*.py; do python "$$each"; done
+
+clean: ## back to a fresh clone
+	@rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log out .numba_cache .pytest_cache .mypy_cache .ruff_cache \
+		.hypothesis .import_linter_cache
+	@find . -name __pycache__ -prune -exec rm -rf {} + -o -name '*.egg-info' -prune -exec rm -rf {} +

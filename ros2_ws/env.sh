@@ -1,0 +1,39 @@
+# Source this in bash or zsh: the virtual environment, the built workspace and safe defaults; puts `via` on PATH.
+# shellcheck shell=bash disable=SC1091
+
+_via_ws=$(cd "$(dirname "${BASH_SOURCE[0]:-$0}")" && pwd)
+_via_venv=$(dirname "$_via_ws")/.venv
+
+# Setup files of ROS read variables that are not set: not under `set -u`.
+case $- in *u*) _via_nounset=1 && set +u ;; *) _via_nounset= ;; esac
+
+if [ -f "$_via_venv/bin/activate" ]; then
+    . "$_via_venv/bin/activate"
+    if [ -d "$_via_venv/share/rcl_interfaces" ]; then
+        # ROS from wheels. Without these two variables every Python starts itself again to set them; a child that
+        # inherits only one of them cannot load ROS, so both are set here, once.
+        _via_libraries=$_via_venv/lib
+        for _via_each in "$_via_venv"/lib/python3.1[12]/site-packages/ros_*.libs; do
+            _via_libraries=$_via_libraries:$_via_each
+        done
+        export AMENT_PREFIX_PATH=$_via_venv
+        export LD_LIBRARY_PATH=$_via_libraries
+        export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
+        export ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3
+        unset _via_libraries _via_each
+    fi
+fi
+# setup.bash also sources the Jazzy that the workspace was built on; the wheels have no such file of their own.
+_via_setup=setup
+if [ -n "${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ]; then _via_setup=local_setup; fi
+if [ -n "${ZSH_VERSION:-}" ]; then _via_setup=$_via_setup.zsh; else _via_setup=$_via_setup.bash; fi
+if [ -f "$_via_ws/install/$_via_setup" ]; then . "$_via_ws/install/$_via_setup"; fi
+
+# Compiled kernels are kept with this tree; ROS writes its logs somewhere even where there is no home.
+export NUMBA_CACHE_DIR=${NUMBA_CACHE_DIR:-$(dirname "$_via_ws")/.numba_cache}
+if [ ! -w "${HOME:-}" ]; then
+    export ROS_LOG_DIR=${ROS_LOG_DIR:-$_via_ws/log/ros} MPLCONFIGDIR=${MPLCONFIGDIR:-$_via_ws/log/matplotlib}
+fi
+
+if [ -n "$_via_nounset" ]; then set -u; fi
+unset _via_ws _via_venv _via_setup _via_nounset
