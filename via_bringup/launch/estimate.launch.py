@@ -1,7 +1,7 @@
 """The estimator beside a robot that publishes /joint_states, or beside a bag that is played.
 
-    ros2 launch via_bringup estimate.launch.py device:=/path/to/my_joint.yaml
-    ros2 launch via_bringup estimate.launch.py device:=maccepavd bag:=/path/to/bag rate:=1.0
+ros2 launch via_bringup estimate.launch.py device:=/path/to/my_joint.yaml
+ros2 launch via_bringup estimate.launch.py device:=maccepavd bag:=/path/to/bag rate:=1.0
 """
 
 from launch import LaunchDescription
@@ -17,7 +17,9 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument("device", description="device name or path to its YAML"),
-            DeclareLaunchArgument("method", default_value="auto", description="auto, modulated_torque or link_impedance"),
+            DeclareLaunchArgument(
+                "method", default_value="auto", description="auto, modulated_torque or link_impedance"
+            ),
             DeclareLaunchArgument("bag", default_value="", description="bag to play; empty: listen to the robot"),
             DeclareLaunchArgument("rate", default_value="1.0", description="playing speed; 0: as fast as all keep up"),
             Node(

@@ -1,6 +1,6 @@
 """A simulated joint with its controller, its estimator and, if asked, a recorder.
 
-    ros2 launch via_bringup joint.launch.py device:=cubic_aa_vsa bag:=/tmp/joint
+ros2 launch via_bringup joint.launch.py device:=cubic_aa_vsa bag:=/tmp/joint
 """
 
 from launch import LaunchDescription
@@ -17,7 +17,9 @@ def generate_launch_description() -> LaunchDescription:
     recording = IfCondition(PythonExpression(["'", LaunchConfiguration("bag"), "' != ''"]))
     return LaunchDescription(
         [
-            DeclareLaunchArgument("device", default_value="cubic_aa_vsa", description="device name or path to its YAML"),
+            DeclareLaunchArgument(
+                "device", default_value="cubic_aa_vsa", description="device name or path to its YAML"
+            ),
             DeclareLaunchArgument("mode", default_value="realtime", description="realtime, lockstep or free"),
             DeclareLaunchArgument("effects", default_value="", description="effects file the simulator adds"),
             DeclareLaunchArgument("bag", default_value="", description="folder of the bag to record; empty: none"),

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from via_controllers.contract import JointSample
 from via_controllers.motor_position import MotorPositionControl
 from via_controllers.multisine import Multisine

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
-
 from via_core.errors import ParameterError
 from via_core.signals import Array
 

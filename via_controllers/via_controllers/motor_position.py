@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from math import exp, isfinite
 
 import numpy as np
+from via_core.signals import Array, locked
+from via_core.springs import SpringLaw
 
 from via_controllers.contract import Controller, JointSample, Torques, limited, require
 from via_controllers.multisine import Multisine
-from via_core.signals import Array, locked
-from via_core.springs import SpringLaw
 
 
 @dataclass(frozen=True)

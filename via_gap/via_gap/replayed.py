@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, sqrt
 
 import numpy as np
-
 from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.metrics import nrmse
@@ -48,7 +47,7 @@ def simulated_log(device: Device, measured: Signals, commands: Signals, effects:
     early = ceil(max(origin - float(measured.time[0]), 0.0) * TICK_RATE) / TICK_RATE
     start = origin - early if early else float(measured.time[0])
     duration = ceil((float(measured.time[-1]) - start) * TICK_RATE) / TICK_RATE
-    truth = simulate(
+    return simulate(
         JointPlant.from_device(device),
         commands,
         duration,
@@ -57,7 +56,6 @@ def simulated_log(device: Device, measured: Signals, commands: Signals, effects:
         initial=_initial(device, measured, commands),
         start=start,
     ).truth
-    return truth
 
 
 def measure_gap(device: Device, measured: Signals, commands: Signals, effects: Sequence[Effect] = ()) -> Gap:
@@ -67,6 +65,18 @@ def measure_gap(device: Device, measured: Signals, commands: Signals, effects: S
     time, q = measured.time[seen], measured["q"][seen]
     simulated = np.interp(time, truth.time, truth["q"])
     return Gap(time, q, simulated, nrmse(q, simulated))
+
+
+def pooled(gaps: Sequence[Gap]) -> float:
+    """One NRMSE [-] over several logs: all squared errors over all squared deviations from each log's own mean.
+
+    Long swings weigh more than short ones, unlike in the mean of the logs' NRMSE. Raises SignalError for no log.
+    """
+    if not gaps:
+        raise SignalError("no log to pool")
+    error = sum(float(np.sum((gap.simulated - gap.measured) ** 2)) for gap in gaps)
+    spread = sum(float(np.sum((gap.measured - np.mean(gap.measured)) ** 2)) for gap in gaps)
+    return sqrt(error / spread)
 
 
 def _initial(device: Device, measured: Signals, commands: Signals) -> Array:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 
 import typer
+from via_core.errors import ViaError
 
 from via_bringup.cli import bag, demo, devices, estimate, run, simulate
 from via_bringup.cli.console import errors
-from via_core.errors import ViaError
 
 app = typer.Typer(
     help="Estimate, simulate, record and compare variable impedance joints.",

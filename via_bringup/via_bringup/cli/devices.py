@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from via_bringup.cli.console import answers, table
 from via_core.devices import device_names, load_device
+
+from via_bringup.cli.console import answers, table
 
 
 def devices() -> None:

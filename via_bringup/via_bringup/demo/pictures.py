@@ -14,7 +14,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-
 from via_core.signals import Array
 
 REAL, MODEL, REFERENCE, FAINT = "#1b4965", "#d1495b", "#5a5a5a", "#9aa5b1"
@@ -115,7 +114,9 @@ def damping_against_command(
         _save(figure, path)
 
 
-def run_in_detail(title: str, time: Array, q: Array, equilibrium: Array, damping: Band, stiffness: Band, path: Path) -> None:
+def run_in_detail(
+    title: str, time: Array, q: Array, equilibrium: Array, damping: Band, stiffness: Band, path: Path
+) -> None:
     """One run: angle, damping and stiffness over time."""
     with plt.rc_context(STYLE):
         figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 8), sharex=True, constrained_layout=True)
