@@ -10,7 +10,7 @@ import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 from rosbags.interfaces import Nodetype
@@ -50,6 +50,7 @@ def definition_of(type_name: str) -> Definition:
     return Definition(type_name, "\n".join([texts[type_name], *nested]), store.hash_rihs01(type_name))
 
 
+@lru_cache(maxsize=256)
 def typestore_from_text(type_name: str, text: str) -> Typestore:
     """A type store holding only what the schema `text` of a bag defines. Raises BagError when it does not parse."""
     store = get_typestore(Stores.EMPTY)

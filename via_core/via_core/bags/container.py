@@ -1,0 +1,389 @@
+"""Walking an MCAP file: every whole record that can be had, and a plain statement about what cannot.
+
+The walk trusts no index and no footer, so that unfinished and damaged files read like whole ones as far as they go.
+Source: MCAP specification, https://mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import numpy as np
+import zstandard
+from numba import njit
+from numpy.typing import NDArray
+
+from via_core.errors import BagError
+
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+
+MAGIC = b"\x89MCAP0\r\n"
+_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _METADATA = 1, 2, 3, 4, 5, 6, 12
+_RECORD_HEAD = 9  # opcode u8, length u64
+_MESSAGE_HEAD = 22  # channel u16, sequence u32, log_time u64, publish_time u64
+_BATCH = 64 << 20  # [bytes] of uncompressed chunks walked at once
+
+
+@dataclass(frozen=True)
+class Schema:
+    name: str
+    encoding: str
+    text: bytes
+
+
+@dataclass(frozen=True)
+class Channel:
+    topic: str
+    schema: Schema | None
+    encoding: str
+    metadata: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Messages:
+    """The messages of one channel in file order.
+
+    data          all payloads end to end
+    start         (n,) where each begins in `data`; it is `length` (n,) bytes long
+    log_time      (n,) [ns]
+    publish_time  (n,) [ns]
+    sequence      (n,)
+    position      (n,) rank among all messages of the file
+    """
+
+    data: Bytes
+    start: Integers
+    length: Integers
+    log_time: Integers
+    publish_time: Integers
+    sequence: Integers
+    position: Integers
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+
+@dataclass(frozen=True)
+class Container:
+    """What one MCAP file holds.
+
+    complete  the file ends as the format says and nothing had to be left out
+    remarks   one sentence for everything that was missing or left out
+    """
+
+    path: Path
+    profile: str
+    channels: Mapping[int, Channel]
+    messages: Mapping[int, Messages]
+    metadata: Mapping[str, Mapping[str, str]]
+    complete: bool
+    remarks: tuple[str, ...]
+
+
+def read_container(path: Path, wanted: Callable[[str], bool] = lambda topic: True) -> Container:
+    """All whole messages of the topics `wanted`. Raises BagError when `path` is no MCAP file or cannot be read."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(MAGIC))
+            if not head:
+                raise BagError(f"{path.name} is empty")
+            if head != MAGIC:
+                raise BagError(f"{path.name} is not an MCAP file (it begins with {head!r})")
+            mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # unmapped with its last view
+    except OSError as error:
+        raise BagError(f"cannot read {path}: {error.strerror}") from None
+    return _Walk(path, np.frombuffer(mapped, dtype=np.uint8), wanted).container()
+
+
+@njit(cache=True)
+def _records(data: Bytes, begin: int, end: int) -> tuple[Bytes, Integers, Integers, int]:
+    """Opcode, offset and length of the content of every whole record in data[begin:end], and where they end."""
+    count = 0
+    for filling in range(2):
+        if filling == 0:
+            opcodes, offsets, lengths = np.empty(0, np.uint8), np.empty(0, np.int64), np.empty(0, np.int64)
+        else:
+            opcodes, offsets, lengths = np.empty(count, np.uint8), np.empty(count, np.int64), np.empty(count, np.int64)
+        k, at = 0, begin
+        while at + 9 <= end and data[at] != 0:
+            length = 0
+            for i in range(7):  # a length of 2^56 and more cannot be true
+                length |= int(data[at + 1 + i]) << (8 * i)
+            if data[at + 8] != 0 or length > end - at - 9:
+                break
+            if filling == 1:
+                opcodes[k], offsets[k], lengths[k] = data[at], at + 9, length
+            k += 1
+            at += 9 + length
+        count = k
+    return opcodes, offsets, lengths, at
+
+
+@njit(cache=True)
+def _gather(data: Bytes, start: Integers, length: Integers) -> Bytes:
+    """The pieces data[start:start+length] end to end."""
+    out = np.empty(length.sum(), np.uint8)
+    at = 0
+    for k in range(len(start)):
+        n = length[k]
+        out[at : at + n] = data[start[k] : start[k] + n]
+        at += n
+    return out
+
+
+@dataclass
+class _Walk:
+    path: Path
+    data: Bytes
+    wanted: Callable[[str], bool]
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    pieces: dict[int, list[Messages]] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+    count: int = 0
+    zstd: zstandard.ZstdDecompressor = field(default_factory=zstandard.ZstdDecompressor)
+
+    def container(self) -> Container:
+        opcodes, offsets, lengths, end = _records(self.data, len(MAGIC), len(self.data))
+        if len(opcodes) == 0 or opcodes[0] != _HEADER:
+            raise BagError(f"{self.path.name} ends before its first record; nothing can be read from it")
+        profile = _Fields(self._content(offsets[0], lengths[0])).text()
+        self._declarations(self.data, opcodes, offsets, lengths)
+        loose = opcodes == _MESSAGE
+        if loose.any():
+            self._messages(self.data, offsets[loose], lengths[loose])
+        batch: list[bytes] = []
+        held = 0
+        for offset, length in zip(offsets[opcodes == _CHUNK].tolist(), lengths[opcodes == _CHUNK].tolist()):
+            whole = self._whole_chunk(offset, length)
+            if whole is not None:
+                batch.append(whole)
+                held += len(whole)
+            if held > _BATCH:
+                self._batch(batch)
+                batch, held = [], 0
+        footer = bool((opcodes == _FOOTER).any())
+        if not footer:
+            batch.append(self._partial_chunk(end))
+        self._batch(batch)
+        self._ending(footer, end)
+        unknown = sorted(self.pieces.keys() - self.channels.keys())
+        if unknown:
+            lost = sum(len(piece) for channel in unknown for piece in self.pieces[channel])
+            self.remarks.append(f"{lost} messages belong to channels that the file does not describe")
+        messages = {channel: _joined(self.pieces.get(channel, [])) for channel in self.channels}
+        return Container(
+            self.path, profile, self.channels, messages, self.metadata, not self.remarks, tuple(self.remarks)
+        )
+
+    def _content(self, offset: int, length: int) -> bytes:
+        return self.data[offset : offset + length].tobytes()
+
+    def _declarations(self, data: Bytes, opcodes: Bytes, offsets: Integers, lengths: Integers) -> None:
+        """Take in the schemas, channels and metadata among these records."""
+        for k in np.flatnonzero((opcodes == _SCHEMA) | (opcodes == _CHANNEL) | (opcodes == _METADATA)):
+            fields = _Fields(data[offsets[k] : offsets[k] + lengths[k]].tobytes())
+            try:
+                self._declaration(int(opcodes[k]), fields)
+            except (struct.error, UnicodeDecodeError, IndexError):
+                self.remarks.append(f"the description record at byte {offsets[k]} cannot be understood")
+
+    def _declaration(self, opcode: int, fields: _Fields) -> None:
+        if opcode == _METADATA:
+            name = fields.text()
+            self.metadata[name] = fields.text_map()
+        elif opcode == _SCHEMA:
+            number = fields.number("<H")
+            name, encoding = fields.text(), fields.text()
+            self.schemas[number] = Schema(name, encoding, bytes(fields.piece(fields.number("<I"))))
+        else:
+            number, schema = fields.number("<H"), fields.number("<H")
+            topic, encoding = fields.text(), fields.text()
+            self.channels.setdefault(number, Channel(topic, self.schemas.get(schema), encoding, fields.text_map()))
+
+    def _whole_chunk(self, offset: int, length: int) -> bytes | None:
+        """The records of one chunk, or None with a remark when they are not what the chunk says."""
+        try:
+            fields = _Fields(self.data[offset : offset + length].data)
+            size, checksum, compression = _chunk_head(fields)
+            records = self._unpacked(fields.piece(fields.number("<Q")), compression, size)
+        except BagError as error:
+            reason = str(error)
+        except (struct.error, UnicodeDecodeError, IndexError, zstandard.ZstdError, RuntimeError, MemoryError) as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+        else:
+            if len(records) != size:
+                reason = f"it holds {len(records)} bytes where {size} were promised"
+            elif checksum and zlib.crc32(records) != checksum:
+                reason = "its checksum differs"
+            else:
+                return records
+        self.remarks.append(f"the chunk at byte {offset - _RECORD_HEAD} is left out: {reason}")
+        return None
+
+    def _unpacked(self, packed: Any, compression: str, size: int) -> bytes:
+        if compression == "":
+            return bytes(packed)
+        if compression == "zstd":
+            return self.zstd.decompress(packed, max_output_size=min(size, 1 << 31))
+        if compression == "lz4":
+            return bytes(lz4.frame.decompress(packed))
+        raise BagError(f"compression '{compression}' is unknown")
+
+    def _partial_chunk(self, begin: int) -> bytes:
+        """What can be unpacked of a chunk record that the end of the file cuts off at `begin`; may be empty."""
+        rest = self.data[begin:].tobytes()
+        if len(rest) <= _RECORD_HEAD or rest[0] != _CHUNK:
+            return b""
+        fields = _Fields(rest[_RECORD_HEAD:])
+        try:
+            _, _, compression = _chunk_head(fields)
+            fields.number("<Q")
+            packed = fields.rest()
+            if compression == "zstd":
+                return zstandard.ZstdDecompressor().decompressobj().decompress(packed)
+            if compression == "lz4":
+                return lz4.frame.LZ4FrameDecompressor().decompress(packed)
+            return packed if compression == "" else b""
+        except (struct.error, UnicodeDecodeError, IndexError, zstandard.ZstdError, RuntimeError, MemoryError):
+            return b""
+
+    def _batch(self, chunks: list[bytes]) -> None:
+        data = np.frombuffer(b"".join(chunks), dtype=np.uint8)
+        begin = 0
+        parts = []
+        for chunk in chunks:  # each chunk by itself, so that rubbish at the end of one does not hide the next
+            parts.append(_records(data, begin, begin + len(chunk))[:3])
+            begin += len(chunk)
+        if not parts:
+            return
+        opcodes, offsets, lengths = (np.concatenate(column) for column in zip(*parts))
+        self._declarations(data, opcodes, offsets, lengths)
+        self._messages(data, offsets[opcodes == _MESSAGE], lengths[opcodes == _MESSAGE])
+
+    def _messages(self, data: Bytes, offset: Integers, length: Integers) -> None:
+        short = length < _MESSAGE_HEAD
+        if short.any():
+            self.remarks.append(f"{int(short.sum())} message records are too short to be messages")
+            offset, length = offset[~short], length[~short]
+        position = self.count + np.arange(len(offset), dtype=np.int64)
+        self.count += len(offset)
+        channels = _read(data, offset, "<u2")
+        for number in np.unique(channels):
+            channel = self.channels.get(int(number))
+            if channel is not None and not self.wanted(channel.topic):
+                continue
+            mine = channels == number
+            at = offset[mine]
+            size = length[mine] - _MESSAGE_HEAD
+            self.pieces.setdefault(int(number), []).append(
+                Messages(
+                    data=_gather(data, at + _MESSAGE_HEAD, size),
+                    start=np.cumsum(size) - size,
+                    length=size,
+                    log_time=_read(data, at + 6, "<i8"),
+                    publish_time=_read(data, at + 14, "<i8"),
+                    sequence=_read(data, at + 2, "<u4"),
+                    position=position[mine],
+                )
+            )
+
+    def _ending(self, footer: bool, end: int) -> None:
+        size = len(self.data)
+        if footer and self.data[-len(MAGIC) :].tobytes() == MAGIC and end == size - len(MAGIC):
+            return
+        if footer:
+            self.remarks.append(f"the file has a footer but not the ending an MCAP file has ({size - end} stray bytes)")
+        elif end == size:
+            self.remarks.append("the file was not finished: it has no footer")
+        else:
+            self.remarks.append(f"the file was not finished: it ends within the record that begins at byte {end}")
+
+
+@dataclass
+class _Fields:
+    """The fields of one record, one after another; struct.error or IndexError where the record is too short."""
+
+    data: Any
+    at: int = 0
+
+    def piece(self, count: int) -> Any:
+        if count > len(self.data) - self.at:
+            raise IndexError(f"{count} bytes wanted, {len(self.data) - self.at} left")
+        self.at += count
+        return self.data[self.at - count : self.at]
+
+    def rest(self) -> Any:
+        return self.piece(len(self.data) - self.at)
+
+    def number(self, form: str) -> int:
+        value: int = struct.unpack_from(form, self.data, self.at)[0]
+        self.at += struct.calcsize(form)
+        return value
+
+    def text(self) -> str:
+        return bytes(self.piece(self.number("<I"))).decode()
+
+    def text_map(self) -> dict[str, str]:
+        end = self.number("<I") + self.at
+        entries: dict[str, str] = {}
+        while self.at < end:
+            key = self.text()
+            entries[key] = self.text()
+        return entries
+
+
+def _chunk_head(fields: _Fields) -> tuple[int, int, str]:
+    """Uncompressed size [bytes], checksum (0: none) and compression of the chunk whose content `fields` reads."""
+    fields.piece(16)  # first and last log time: the messages say so themselves
+    return fields.number("<Q"), fields.number("<I"), fields.text()
+
+
+def _read(data: Bytes, offset: Integers, form: str) -> Integers:
+    """One number of numpy format `form` at each byte offset of `data`, aligned or not."""
+    width = np.dtype(form).itemsize
+    if len(offset) == 0:
+        return np.empty(0, np.int64)
+    everywhere = np.ndarray(len(data) - width + 1, dtype=form, buffer=data, strides=(1,))
+    return everywhere[offset].astype(np.int64)
+
+
+def _joined(pieces: list[Messages]) -> Messages:
+    if len(pieces) == 1:
+        return pieces[0]
+    empty = np.empty(0, np.int64)
+    if not pieces:
+        return Messages(np.empty(0, np.uint8), empty, empty, empty, empty, empty, empty)
+    length = np.concatenate([piece.length for piece in pieces])
+    return Messages(
+        data=np.concatenate([piece.data for piece in pieces]),
+        start=np.cumsum(length) - length,
+        length=length,
+        log_time=np.concatenate([piece.log_time for piece in pieces]),
+        publish_time=np.concatenate([piece.publish_time for piece in pieces]),
+        sequence=np.concatenate([piece.sequence for piece in pieces]),
+        position=np.concatenate([piece.position for piece in pieces]),
+    )
+
+
+def files_of(path: Path) -> Iterator[Path]:
+    """The MCAP files of a bag directory in order, unfinished ones included, or `path` itself when it is a file."""
+    if path.is_dir():
+        found = [file for file in path.iterdir() if file.name.endswith((".mcap", ".mcap.active"))]
+        yield from sorted(found, key=_split_number)
+    else:
+        yield path
+
+
+def _split_number(path: Path) -> tuple[int, str]:
+    digits = path.name.split(".mcap")[0].rpartition("_")[2]
+    return (int(digits) if digits.isdigit() else -1, path.name)

@@ -1,0 +1,357 @@
+"""Reading bags: by column for analysis, message by message in stamp order for replay.
+
+    bag = read_bag("out/run")                    # a bag directory or one .mcap file, finished or not
+    states = bag["/joint_states"]                # Columns: states.stamp, states["position"], ...
+    for message in bag.in_stamp_order(): ...     # RawMessage: topic, type, bytes, times
+
+A topic whose messages all have one layout is read by strided copies; whether they have is checked in every message, and
+where they do not, each message is decoded by itself. Both ways give the same columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+from rosbags.typesys.store import Typestore
+
+from via_core.bags.container import Channel, Container, Messages, files_of, read_container
+from via_core.bags.definitions import Definition, typestore_from_text
+from via_core.bags.layout import NoFixedLayoutError, column, layout_of, scalar_formats, shares_layout
+from via_core.bags.writer import STORAGE_METADATA
+from via_core.errors import BagError
+
+Integers = NDArray[np.int64]
+_YamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class RawMessage(NamedTuple):
+    """One message as recorded; `definition` of its topic says what the bytes mean."""
+
+    topic: str
+    type_name: str
+    data: bytes
+    log_time: int  # [ns] when it was recorded
+    stamp: int  # [ns] of its header; log_time for types without one
+    sequence: int
+
+
+@dataclass(frozen=True)
+class Columns:
+    """All messages of one topic in file order, by member.
+
+    log_time  (n,) [ns]
+    stamp     (n,) [ns] of the header; log_time for types without one
+    fields    'position' -> (n,) or (n, k) where all messages hold equally many numbers; an object array (n,) of arrays
+              where they do not, of str for texts, of tuples of str for lists of texts. Nested members are dotted:
+              'header.frame_id'.
+    by_offset whether the messages share one layout and were read by strided copies
+    """
+
+    topic: str
+    type_name: str
+    log_time: Integers
+    stamp: Integers
+    fields: Mapping[str, NDArray[Any]]
+    by_offset: bool
+
+    def __len__(self) -> int:
+        return len(self.log_time)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        try:
+            return self.fields[name]
+        except KeyError:
+            raise BagError(f"{self.topic} ({self.type_name}) has no member '{name}'") from None
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of a bag: what it carries, and its messages as bytes."""
+
+    name: str
+    definition: Definition
+    qos: str  # offered_qos_profiles, YAML as rosbag2 keeps it
+    parts: tuple[Messages, ...]  # one per file and channel
+
+    def __len__(self) -> int:
+        return sum(len(part) for part in self.parts)
+
+    @property
+    def type_name(self) -> str:
+        return self.definition.type_name
+
+    @cached_property
+    def store(self) -> Typestore:
+        return typestore_from_text(self.type_name, self.definition.text)
+
+    @cached_property
+    def log_time(self) -> Integers:
+        return _concatenated([part.log_time for part in self.parts])
+
+    @cached_property
+    def sequence(self) -> Integers:
+        return _concatenated([part.sequence for part in self.parts])
+
+    @cached_property
+    def position(self) -> Integers:
+        """Rank of each message in the bag."""
+        return _concatenated([part.position for part in self.parts])
+
+    @cached_property
+    def stamp(self) -> Integers:
+        """Header stamps [ns]; log times for types without a header and messages too short to hold one."""
+        if not self._has_header:
+            return self.log_time
+        stamps = []
+        for part in self.parts:
+            stamp = part.log_time.copy()
+            long = part.length >= 12
+            at = part.start[long, None] + np.arange(4, 12)
+            time = part.data[at].view("<u4").reshape(-1, 2).astype(np.int64)
+            seconds = time[:, 0] - ((time[:, 0] >> 31) << 32)  # int32
+            stamp[long] = seconds * 1_000_000_000 + time[:, 1]
+            stamps.append(stamp)
+        return _concatenated(stamps)
+
+    @property
+    def _has_header(self) -> bool:
+        members = self.store.fielddefs[self.type_name][1]
+        return bool(members) and members[0][1] == (Nodetype.NAME, "std_msgs/msg/Header")
+
+    def payloads(self) -> Iterator[bytes]:
+        """The serialised messages in file order."""
+        for part in self.parts:
+            data = part.data.tobytes()
+            for start, length in zip(part.start.tolist(), part.length.tolist()):
+                yield data[start : start + length]
+
+    @cached_property
+    def columns(self) -> Columns:
+        """Raises BagError when a message does not fit the definition."""
+        fields = self._by_offset()
+        decoded = fields is None
+        if fields is None:
+            fields = self._one_by_one()
+        return Columns(
+            self.name, self.type_name, self.log_time, self.stamp, MappingProxyType(fields), by_offset=not decoded
+        )
+
+    def _by_offset(self) -> dict[str, NDArray[Any]] | None:
+        lengths = np.concatenate([part.length for part in self.parts])
+        if len(lengths) == 0 or np.any(lengths != lengths[0]):
+            return None
+        rows = _concatenated([part.data for part in self.parts]).reshape(len(lengths), int(lengths[0]))
+        try:
+            layout = layout_of(self.store, self.type_name, rows[0].tobytes())
+        except NoFixedLayoutError:
+            return None
+        if not shares_layout(layout, rows):
+            return None
+        fields: dict[str, NDArray[Any]] = {name: column(number, rows) for name, number in layout.numbers.items()}
+        for name, text in layout.texts.items():
+            fields[name] = np.empty(len(rows), dtype=object)
+            fields[name].fill(text)
+        return fields
+
+    def _one_by_one(self) -> dict[str, NDArray[Any]]:
+        rows: list[dict[str, Any]] = []
+        for k, data in enumerate(self.payloads()):
+            try:
+                rows.append(dict(_flattened(self.store.deserialize_cdr(data, self.type_name))))
+            except Exception as error:  # the decoder is generated code: wrong bytes make it raise anything
+                reason = " ".join(str(error).split()) or type(error).__name__
+                raise BagError(f"message {k} of {self.name} is no {self.type_name}: {reason}") from None
+        formats = scalar_formats(self.store, self.type_name)
+        names = rows[0] if rows else ()
+        return {name: _stacked([row[name] for row in rows], formats.get(name)) for name in names}
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A bag as far as it can be read.
+
+    topics    by name
+    metadata  custom_data of the bag
+    complete  nothing is missing or was left out; otherwise `remarks` says what
+    """
+
+    path: Path
+    topics: Mapping[str, Topic]
+    metadata: Mapping[str, str]
+    complete: bool
+    remarks: tuple[str, ...]
+
+    def __contains__(self, topic: object) -> bool:
+        return topic in self.topics
+
+    def __len__(self) -> int:
+        return sum(len(topic) for topic in self.topics.values())
+
+    def topic(self, name: str) -> Topic:
+        try:
+            return self.topics[name]
+        except KeyError:
+            there = ", ".join(sorted(self.topics)) or "none"
+            raise BagError(f"no topic {name} in {self.path.name}; there are: {there}") from None
+
+    def __getitem__(self, name: str) -> Columns:
+        return self.topic(name).columns
+
+    def in_stamp_order(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
+        """The messages of `topics` (all, if none are named) by stamp; equal stamps keep the order of the file."""
+        chosen = [self.topic(name) for name in (self.topics if topics is None else topics)]
+        chosen = [topic for topic in chosen if len(topic)]
+        if not chosen:
+            return
+        stamps = np.concatenate([topic.stamp for topic in chosen])
+        rank = np.concatenate([topic.position for topic in chosen])
+        which = np.repeat(np.arange(len(chosen)), [len(topic) for topic in chosen])
+        index = np.concatenate([np.arange(len(topic)) for topic in chosen])
+        payloads = [list(topic.payloads()) for topic in chosen]
+        for k in np.lexsort((rank, stamps)):
+            topic, i = chosen[which[k]], int(index[k])
+            yield RawMessage(
+                topic.name,
+                topic.type_name,
+                payloads[which[k]][i],
+                int(topic.log_time[i]),
+                int(stamps[k]),
+                int(topic.sequence[i]),
+            )
+
+
+def read_bag(path: str | Path, topics: Iterable[str] | None = None) -> Bag:
+    """Read a bag directory or one .mcap file, keeping only `topics` if any are named.
+
+    What is missing of a damaged or unfinished bag is said in `Bag.remarks`. Raises BagError where there is nothing to
+    read: no such path, no MCAP file, or no topic in a message format known here.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise BagError(f"no bag at {path}")
+    chosen = None if topics is None else set(topics)
+    files = list(files_of(path))
+    if not files:
+        others = sorted(file.suffix for file in path.iterdir() if file.suffix in (".db3", ".zstd", ".bag"))
+        hint = f" ({others[0]} files are not read: `ros2 bag convert` makes .mcap of them)" if others else ""
+        raise BagError(f"{path} holds no .mcap file{hint}")
+    remarks: list[str] = []
+    containers = []
+    for file in files:
+        try:
+            containers.append(read_container(file, lambda topic: chosen is None or topic in chosen))
+        except BagError as error:
+            if len(files) == 1:
+                raise
+            remarks.append(str(error))
+    if not containers:
+        raise BagError(f"{path} holds nothing readable: {'; '.join(remarks)}")
+    for each in containers:
+        remarks += [remark if len(files) == 1 else f"{each.path.name}: {remark}" for remark in each.remarks]
+    metadata, missing = _metadata(path, containers)
+    remarks += missing
+    found = _topics(containers, remarks)
+    if not found and any(each.channels for each in containers):
+        raise BagError(f"{path.name} has no topic that can be read: {'; '.join(remarks)}")
+    kept = {name: topic for name, topic in found.items() if chosen is None or name in chosen}
+    return Bag(path, MappingProxyType(kept), MappingProxyType(metadata), not remarks, tuple(remarks))
+
+
+def _topics(containers: list[Container], remarks: list[str]) -> dict[str, Topic]:
+    channels: dict[str, list[tuple[Channel, Messages]]] = {}
+    before = 0
+    for container in containers:
+        for number, channel in container.channels.items():
+            messages = container.messages[number]
+            moved = messages if before == 0 else _later(messages, before)
+            channels.setdefault(channel.topic, []).append((channel, moved))
+        before += sum(len(messages) for messages in container.messages.values())
+    topics = {}
+    for name, parts in channels.items():
+        first = parts[0][0]
+        if first.schema is None:
+            remarks.append(f"topic {name} has no schema and is left out")
+            continue
+        if first.encoding != "cdr" or first.schema.encoding != "ros2msg":
+            remarks.append(f"topic {name} is left out: {first.encoding or 'no'} messages, "
+                           f"{first.schema.encoding or 'no'} schema instead of cdr and ros2msg")  # fmt: skip
+            continue
+        same = [each for each in parts if each[0].schema == first.schema and each[0].encoding == first.encoding]
+        if len(same) < len(parts):
+            remarks.append(f"topic {name} has two types; only its {first.schema.name} messages are read")
+        try:
+            text = first.schema.text.decode()
+            definition = Definition(first.schema.name, text, first.metadata.get("topic_type_hash", ""))
+            topic = Topic(name, definition, first.metadata.get("offered_qos_profiles", ""),
+                          tuple(messages for _, messages in same))  # fmt: skip
+            _ = topic.store
+        except (UnicodeDecodeError, BagError) as error:
+            remarks.append(f"topic {name} is left out: {error}")
+            continue
+        topics[name] = topic
+    return topics
+
+
+def _metadata(path: Path, containers: list[Container]) -> tuple[dict[str, str], list[str]]:
+    """custom_data, from metadata.yaml or from its copy in the file; and what is wrong with it."""
+    texts = []
+    remarks = []
+    if path.is_dir():
+        try:
+            texts.append((path / "metadata.yaml").read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError):
+            remarks.append("metadata.yaml is missing or cannot be read")
+    texts += [each.metadata.get(STORAGE_METADATA, {}).get("serialized_metadata", "") for each in containers]
+    for text in filter(None, texts):
+        try:
+            content = yaml.load(text, _YamlLoader)  # a SafeLoader
+            content = content.get("rosbag2_bagfile_information", content)
+            custom = content.get("custom_data") or {}
+            return {str(key): str(value) for key, value in custom.items()}, remarks
+        except (yaml.YAMLError, AttributeError):
+            remarks.append("the metadata of the bag cannot be understood")
+    return {}, remarks
+
+
+def _later(messages: Messages, by: int) -> Messages:
+    return Messages(
+        messages.data, messages.start, messages.length, messages.log_time, messages.publish_time, messages.sequence,
+        messages.position + by,
+    )  # fmt: skip
+
+
+def _concatenated(arrays: list[NDArray[Any]]) -> NDArray[Any]:
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+def _flattened(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in vars(message).items():
+        if name == "structure_needs_at_least_one_member":
+            continue
+        if hasattr(value, "__msgtype__"):
+            yield from _flattened(value, f"{prefix}{name}.")
+        elif isinstance(value, list):
+            yield prefix + name, tuple(value)
+        else:
+            yield prefix + name, value
+
+
+def _stacked(values: list[Any], scalar: str | None) -> NDArray[Any]:
+    """Values of one member, as Columns.fields describes; `scalar` is the numpy format of a member of single numbers."""
+    if scalar is not None:
+        return np.array(values, dtype=scalar)
+    if isinstance(values[0], np.ndarray) and len({len(value) for value in values}) == 1:
+        return np.stack(values)
+    out = np.empty(len(values), dtype=object)
+    for k, value in enumerate(values):
+        out[k] = value
+    return out
