@@ -17,9 +17,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument("device", description="device name or path to its YAML"),
-            DeclareLaunchArgument(
-                "method", default_value="auto", description="auto, modulated_torque or link_impedance"
-            ),
+            DeclareLaunchArgument("method", default_value="auto", description="auto or a name of estimator"),
             DeclareLaunchArgument("bag", default_value="", description="bag to play; empty: listen to the robot"),
             DeclareLaunchArgument("rate", default_value="1.0", description="playing speed; 0: as fast as all keep up"),
             Node(

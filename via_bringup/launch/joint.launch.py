@@ -17,9 +17,7 @@ def generate_launch_description() -> LaunchDescription:
     recording = IfCondition(PythonExpression(["'", LaunchConfiguration("bag"), "' != ''"]))
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                "device", default_value="cubic_aa_vsa", description="device name or path to its YAML"
-            ),
+            DeclareLaunchArgument("device", default_value="cubic_aa_vsa", description="device or path to its YAML"),
             DeclareLaunchArgument("mode", default_value="realtime", description="realtime, lockstep or free"),
             DeclareLaunchArgument("effects", default_value="", description="effects file the simulator adds"),
             DeclareLaunchArgument("bag", default_value="", description="folder of the bag to record; empty: none"),

@@ -70,7 +70,7 @@ def gap_by_strategy(nrmse: Mapping[str, Sequence[float]], overall: float, path: 
     """Every run's NRMSE, a column per strategy."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(7, 4.2), constrained_layout=True)
-        for column, (strategy, values) in enumerate(nrmse.items()):
+        for column, values in enumerate(nrmse.values()):
             spread = np.linspace(-0.16, 0.16, len(values)) if len(values) > 1 else np.zeros(1)
             label = "one run" if column == 0 else None
             axes.plot(column + spread, np.sort(values), "o", color=REAL, alpha=0.7, markersize=5, label=label)
