@@ -213,3 +213,15 @@ def test_topic_helpers_agree(tmp_path: Path) -> None:
     write(tmp_path / "run", [joint_state(7 * k, ["a"], [k]) for k in range(4)])
     topic = read_bag(tmp_path / "run").topic("/joint_states")
     assert SimpleNamespace(n=len(topic), t=topic.stamp.tolist()) == SimpleNamespace(n=4, t=[0, 7, 14, 21])
+
+
+def test_unused_bytes_at_the_end_are_no_part_of_a_message(tmp_path: Path) -> None:
+    # Fast DDS: serialize_message(JointState(name=['a'], velocity=[1.0])) is 4 bytes longer than its content
+    plain = [joint_state(k, ["a"], [], [float(k)]) + b"\x80\x19gf" for k in range(3)]
+    varied = [*plain, joint_state(3, ["a", "b"], [], [3.0]) + b"\x56\x7f\x00\x00\xc0\x8b\xf3f"]
+    write(tmp_path / "plain", plain)
+    write(tmp_path / "varied", varied)
+    for path, by_offset in ((tmp_path / "plain", True), (tmp_path / "varied", False)):
+        states = read_bag(path)["/joint_states"]
+        assert states.by_offset is by_offset
+        np.testing.assert_array_equal(states["velocity"][:, 0], np.arange(len(states)))

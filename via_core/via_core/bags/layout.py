@@ -7,6 +7,7 @@ counted from behind the header. Sequences carry a u32 length, strings a u32 leng
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -18,6 +19,9 @@ _NUMBERS = {
     "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
     "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
+
+
+_SLACK = 8  # [bytes] Fast DDS sizes its buffer for the worst alignment: up to this much more per sequence or text
 
 
 class NoFixedLayoutError(Exception):
@@ -56,7 +60,7 @@ def layout_of(store: Typestore, type_name: str, message: bytes) -> Layout:
     walk = _Walk(store, message, Layout(len(message)))
     walk.layout.fixed.append((0, 2))
     walk.members(type_name, "")
-    if not walk.at <= len(message) <= walk.at + 3:  # writers pad the end to four bytes
+    if len(message) - walk.at > _SLACK * (1 + walk.lengths):
         raise NoFixedLayoutError(f"{len(message) - walk.at} bytes left over")
     return walk.layout
 
@@ -67,6 +71,7 @@ class _Walk:
     message: bytes
     layout: Layout
     at: int = 4
+    lengths: int = 0  # sequences and texts seen
 
     def members(self, type_name: str, prefix: str) -> None:
         members = self.store.fielddefs[type_name][1]
@@ -110,6 +115,7 @@ class _Walk:
 
     def length(self) -> int:
         _, offset = self.place("uint32", 1)
+        self.lengths += 1
         self.layout.fixed.append((offset, offset + 4))
         return int.from_bytes(self.message[offset : offset + 4], "little")
 
@@ -127,6 +133,19 @@ class _Walk:
             raise NoFixedLayoutError("the message ends early")
         self.at += count
         return self.at - count
+
+
+def decoded(store: Typestore, type_name: str, message: bytes) -> Any:
+    """One message decoded by itself; raises whatever the generated decoder raises on bytes that do not fit.
+
+    Not Typestore.deserialize_cdr, which refuses the unused bytes that Fast DDS leaves at the end.
+    """
+    if len(message) < 4 or message[0] != 0 or message[1] > 1:
+        raise ValueError("not plain CDR")
+    definition = store.get_msgdef(type_name)
+    decode = definition.deserialize_cdr_le if message[1] else definition.deserialize_cdr_be
+    value, _ = decode(message[4:], 0, definition.cls, store)
+    return value
 
 
 def scalar_formats(store: Typestore, type_name: str, prefix: str = "") -> dict[str, str]:

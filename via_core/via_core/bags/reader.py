@@ -25,7 +25,7 @@ from rosbags.typesys.store import Typestore
 
 from via_core.bags.container import Channel, Container, Messages, files_of, read_container
 from via_core.bags.definitions import Definition, typestore_from_text
-from via_core.bags.layout import NoFixedLayoutError, column, layout_of, scalar_formats, shares_layout
+from via_core.bags.layout import NoFixedLayoutError, column, decoded, layout_of, scalar_formats, shares_layout
 from via_core.bags.writer import STORAGE_METADATA
 from via_core.errors import BagError
 
@@ -138,11 +138,11 @@ class Topic:
     def columns(self) -> Columns:
         """Raises BagError when a message does not fit the definition."""
         fields = self._by_offset()
-        decoded = fields is None
+        by_offset = fields is not None
         if fields is None:
             fields = self._one_by_one()
         return Columns(
-            self.name, self.type_name, self.log_time, self.stamp, MappingProxyType(fields), by_offset=not decoded
+            self.name, self.type_name, self.log_time, self.stamp, MappingProxyType(fields), by_offset=by_offset
         )
 
     def _by_offset(self) -> dict[str, NDArray[Any]] | None:
@@ -166,7 +166,7 @@ class Topic:
         rows: list[dict[str, Any]] = []
         for k, data in enumerate(self.payloads()):
             try:
-                rows.append(dict(_flattened(self.store.deserialize_cdr(data, self.type_name))))
+                rows.append(dict(_flattened(decoded(self.store, self.type_name, data))))
             except Exception as error:  # the decoder is generated code: wrong bytes make it raise anything
                 reason = " ".join(str(error).split()) or type(error).__name__
                 raise BagError(f"message {k} of {self.name} is no {self.type_name}: {reason}") from None
