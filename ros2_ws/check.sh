@@ -9,7 +9,7 @@ check() {
     if output=$("$@" 2>&1); then
         echo "check: $title: fine"
     else
-        printf '%s\ncheck: %s: FAILED (%s)\n' "$output" "$title" "$*"
+        printf '%s\n' "$output" | cut -c1-400; printf 'check: %s: FAILED (%s)\n' "$title" "$*"
         failed+=("$title")
     fi
 }

@@ -1,0 +1,98 @@
+"""Typed ROS parameters from a frozen dataclass: declared with description, unit and range, and built back.
+
+    @dataclass(frozen=True)
+    class Parameters:
+        rate: float = field(default=1.0, metadata={"description": "playing speed", "unit": "-", "range": (0.0, 1e3)})
+        mode: str = field(default="free", metadata={"description": "how time runs", "choices": ("free", "lockstep")})
+
+    parameters = declare(node, Parameters)
+
+A whole number is taken where a float is meant (`rate:=2`). Parameters are read-only: an algorithm's are frozen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, fields
+from math import inf
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterValueException
+from via_core.errors import ParameterError
+
+T = TypeVar("T")
+WHOLE = 2**63 - 1  # bounds of a ROS integer parameter
+
+
+def declare(node: Any, kind: type[T], prefix: str = "") -> T:
+    """Declare one parameter per field of the dataclass `kind` and build it from their values.
+
+    prefix  put before the names, with a dot, where one node holds several sets
+    Every field needs a default; its type is the parameter's: float, int, bool, str, or a tuple of one of these.
+    Raises ParameterError naming the parameter, its value and what is allowed.
+    """
+    values: dict[str, Any] = {}
+    for item in fields(kind):  # type: ignore[arg-type]
+        name = f"{prefix}.{item.name}" if prefix else item.name
+        default = item.default_factory() if item.default_factory is not MISSING else item.default
+        given = _declared(node, name, default, dict(item.metadata))
+        values[item.name] = _checked(name, given, default, dict(item.metadata))
+    try:
+        return kind(**values)
+    except ParameterError as error:
+        raise ParameterError(
+            f"parameter {prefix + '.' if prefix else ''}{str(error).partition('.')[2] or error}"
+        ) from None
+
+
+def _declared(node: Any, name: str, default: Any, about: dict[str, Any]) -> Any:
+    descriptor = ParameterDescriptor(
+        description=_description(about),
+        read_only=True,
+        # Static typing would refuse `rate:=2` for a float.
+        dynamic_typing=True,
+        additional_constraints=f"one of: {', '.join(about['choices'])}" if "choices" in about else "",
+    )
+    low, high = about.get("range", (-inf, inf))
+    if isinstance(default, float):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
+    elif isinstance(default, int) and not isinstance(default, bool):
+        bounds = (int(max(low, -WHOLE)), int(min(high, WHOLE)))
+        descriptor.integer_range = [IntegerRange(from_value=bounds[0], to_value=bounds[1])]
+    # An empty ROS array has no type of its own: texts.
+    start = (list(default) or [""]) if isinstance(default, tuple) else default
+    try:
+        return node.declare_parameter(name, start, descriptor).value
+    except InvalidParameterValueException:
+        # rclpy names neither value nor range.
+        raise ParameterError(f"parameter {name} must lie in {_range_text(about)}") from None
+
+
+def _checked(name: str, value: Any, default: Any, about: dict[str, Any]) -> Any:
+    if isinstance(default, tuple):
+        if not isinstance(value, list | tuple) and type(value).__name__ != "array":
+            raise ParameterError(f"parameter {name} must be a list, got {value!r}")
+        entries = tuple(value)
+        return () if entries == ("",) else entries
+    if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if type(value) is not type(default):
+        raise ParameterError(f"parameter {name} must be of type {type(default).__name__}, got {value!r}")
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        low, high = about.get("range", (-inf, inf))
+        if not low <= value <= high:
+            raise ParameterError(f"parameter {name} must lie in {_range_text(about)}, got {value!r}")
+    if "choices" in about and value not in about["choices"]:
+        raise ParameterError(f"parameter {name} must be one of {', '.join(about['choices'])}, got {value!r}")
+    return value
+
+
+def _description(about: dict[str, Any]) -> str:
+    unit = about.get("unit", "")
+    return f"{about.get('description', '')}{f' [{unit}]' if unit else ''}"
+
+
+def _range_text(about: dict[str, Any]) -> str:
+    low, high = about.get("range", (-inf, inf))
+    unit = about.get("unit", "")
+    return f"[{low:g}, {high:g}]{f' {unit}' if unit and unit != '-' else ''}"

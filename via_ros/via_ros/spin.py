@@ -1,0 +1,93 @@
+"""The one way nodes run here: on the events executor, ended cleanly by SIGINT, by SIGTERM or by themselves.
+
+Why not `executor.spin()`: rclpy 7.1's EventsExecutor turns idle circles in it and runs nothing; waiting for a future
+that never comes is the same without the fault. Its callbacks take one argument. MultiThreadedExecutor loses messages
+at 1 kHz and is not offered.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.signals import uninstall_signal_handlers
+from rclpy.task import Future
+from via_core.errors import ParameterError, ViaError
+
+FOREVER = 1e6  # [s]
+PATIENCE = 0.1  # [s] longest sleep between two looks at a condition
+EXECUTORS = {"events": EventsExecutor, "single": SingleThreadedExecutor}
+
+
+def make_executor(kind: str = "events", context: Any = None) -> Any:
+    """An executor of the named kind: 'events' (fast) or 'single' (rclpy's own, the fallback)."""
+    if kind not in EXECUTORS:
+        raise ParameterError(f"no executor '{kind}'; there are: {', '.join(EXECUTORS)}")
+    return EXECUTORS[kind](context=context)
+
+
+def spin(executor: Any, finished: Future | None = None) -> None:
+    """Run callbacks until `finished` is done; without one until a signal or a shutdown of the context raises."""
+    future = Future() if finished is None else finished
+    while not future.done():
+        executor.spin_until_future_complete(future, timeout_sec=FOREVER)
+
+
+def spin_until(executor: Any, condition: Callable[[], bool], timeout: float) -> bool:
+    """Run callbacks until condition() holds: True; or until `timeout` [s] of wall time has passed: False."""
+    deadline = time.monotonic() + timeout
+    while not condition():
+        left = deadline - time.monotonic()
+        if left <= 0.0:
+            return False
+        executor.spin_once(timeout_sec=min(left, PATIENCE))
+    return True
+
+
+def close_all(nodes: Iterable[Any], failed: bool = False) -> None:
+    """Close and destroy nodes. One with a method `close(failed)` (a bag to finish, a thread to join) is asked first."""
+    for node in nodes:
+        try:
+            if hasattr(node, "close"):
+                node.close(failed)
+        finally:
+            node.destroy_node()
+
+
+def run(make_node: Callable[[], Any], args: list[str] | None = None) -> int:
+    """Run the node that `make_node` makes; the exit code of the process.
+
+    0 after SIGINT, SIGTERM or the node's own end with nothing to say; the number that the node put into its future
+    `finished`, if it has one; 2 with one line on stderr where parameters, devices or bags are at fault.
+    The parameter `executor` of the node chooses 'events' or 'single'.
+    """
+    rclpy.init(args=args)
+    nodes: list[Any] = []
+    code = 0
+    try:
+        node = make_node()
+        nodes.append(node)
+        executor = make_executor(node.declare_parameter("executor", "events").value)
+        executor.add_node(node)
+        finished = getattr(node, "finished", None) or Future()
+        spin(executor, finished)
+        code = finished.result() or 0
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except (ViaError, OSError) as error:
+        print(f"{nodes[0].get_name() if nodes else 'error'}: {error}", file=sys.stderr)
+        code = 2
+    finally:
+        # A second signal must not cut off the closing of a bag.
+        uninstall_signal_handlers()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        close_all(nodes, failed=code != 0 or sys.exc_info()[0] is not None)
+        rclpy.try_shutdown()
+    return code
