@@ -1,0 +1,281 @@
+"""Device files: every shipped one loads and says what devices.md says; every impossible value is refused in one line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from via_core.devices import Device, ServoMotor, TorqueMotor, device_names, load_device, parse_device
+from via_core.errors import DeviceError, ParameterError
+
+EVERY_DEVICE = pytest.mark.parametrize("name", device_names())
+
+GOOD = {
+    "name": "joint",
+    "title": "A joint",
+    "source": ["a test"],
+    "confidence": "assumed",
+    "arrangement": "antagonistic",
+    "drive": "torque",
+    "link": {"inertia": 0.1, "viscous_friction": 0.0},
+    "motors": [{"inertia": 0.01, "viscous_friction": 0.1}, {"inertia": 0.01, "viscous_friction": 0.1}],
+    "springs": [
+        {"law": "cubic", "coefficient": 10.0, "max_deflection": 1.0},
+        {"law": "cubic", "coefficient": 10.0, "max_deflection": 1.0},
+    ],
+    "damper": {"site": "transmission", "map": "linear", "maximum": 2.0},
+    "sensors": {"rate": 1000.0, "link_quantum": 1e-4},
+}
+
+
+def edited(key: str, value) -> dict:
+    """GOOD with one dotted key replaced; numbers index lists."""
+    content = yaml.safe_load(yaml.safe_dump(GOOD))
+    *path, last = [int(part) if part.isdigit() else part for part in key.split(".")]
+    inner = content
+    for part in path:
+        inner = inner[part]
+    inner[last] = value
+    return content
+
+
+def refusal(content) -> str:
+    with pytest.raises(DeviceError) as caught:
+        parse_device(content if isinstance(content, str) else yaml.safe_dump(content), "file.yaml")
+    text = str(caught.value)
+    assert text.startswith("file.yaml: ") or text.startswith("file.yaml:"), text
+    assert "\n" not in text
+    return text
+
+
+def test_the_good_one_is_good() -> None:
+    device = parse_device(yaml.safe_dump(GOOD), "file.yaml")
+    assert device.motor_joints == ("joint_motor_1_joint", "joint_motor_2_joint")
+    assert (device.link_joint, device.command_topic) == ("joint_shaft_joint", "/joint/command")
+
+
+@EVERY_DEVICE
+def test_every_shipped_file_loads_and_carries_its_origin(name: str) -> None:
+    device = load_device(name)
+    assert device.name == name
+    assert device.source and device.remark
+    assert device.n_motors == len(device.motors) and device.n_transmissions == len(device.spring_laws)
+    wanted = ServoMotor if device.drive == "servo" else TorqueMotor
+    assert all(isinstance(motor, wanted) for motor in device.motors)
+
+
+@EVERY_DEVICE
+def test_every_shipped_file_round_trips_through_yaml(name: str, tmp_path: Path) -> None:
+    device = load_device(name)
+    file = tmp_path / "copy.yaml"
+    file.write_text(yaml.safe_dump(device.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
+    assert load_device(file) == device
+    assert load_device(str(file)) == device
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value"),
+    [
+        ("qbmove_a", "springs.0.a", 8.9992),
+        ("qbmove_a", "springs.1.k", 0.0019),
+        ("qbmove_a", "motors.0.inertia", 0.0233),
+        ("qbmove_a", "motors.0.viscous_friction", 0.2698),
+        ("qbmove_a", "motors.1.torque_limit", 6.0),
+        ("qbmove_a_urdf", "motors.0.viscous_friction", 0.0019),
+        ("qbmove_a_urdf", "motors.0.coulomb_friction", 0.5),
+        ("qbmove_b", "springs.0.a", 6.7328),
+        ("qbmove_b", "springs.0.k", 0.0222),
+        ("qbmove_alterego", "springs.0.a", 11.0),
+        ("qbmove_alterego_stiff", "springs.1.k", 0.04),
+        ("dlr_bavs", "springs.0.a", 8.71),
+        ("dlr_bavs", "springs.0.fall", 2.38e-6),
+        ("maccepavd", "springs.0.k", 394.0),
+        ("maccepavd_k231", "springs.0.k", 231.0),
+        ("maccepavd", "link.inertia", 3.6e-3),
+        ("maccepavd", "motors.0.bandwidth", 25.0),
+        ("maccepa_2link_elbow", "springs.0.k", 771.0),
+        ("maccepa_2link_shoulder", "springs.0.drum_radius", 0.01),
+        ("edinburgh_vsa", "springs.0.rest_length", 0.02737),
+        ("vsa2", "springs.0.k", 0.5),
+        ("vsa2", "motors.0.inertia", 7.3e-3),
+        ("vsa2", "motors.0.viscous_friction", 1e-3),
+        ("cubic_aa_vsa", "springs.0.coefficient", 10.0),
+        ("cubic_aa_vsa", "motors.1.inertia", 1e-4),
+        ("cubic_aa_vsa", "motors.1.viscous_friction", 1.27),
+        ("cubic_aa_vsa", "link.inertia", 0.0179),
+        ("compact_vpda", "damper.maximum", 4.1),
+    ],
+)
+def test_shipped_numbers_are_the_published_ones(name: str, key: str, value: float) -> None:
+    inner = load_device(name).model_dump()
+    for part in key.split("."):
+        inner = inner[int(part)] if part.isdigit() else inner[part]
+    assert inner == value
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("name", "Joint 1", ["name: ", "got 'Joint 1'"]),
+        ("name", "", ["name: "]),
+        ("source", [], ["source: ", "got []"]),
+        ("confidence", "sure", ["confidence: must be 'measured'", "'assumed'", "got 'sure'"]),
+        ("arrangement", "parallel", ["arrangement: must be", "got 'parallel'"]),
+        ("link.inertia", -0.1, ["link.inertia: must be greater than 0, got -0.1"]),
+        ("link.inertia", 0, ["link.inertia: must be greater than 0, got 0"]),
+        ("link.inertia", float("nan"), ["link.inertia: must be a finite number, got nan"]),
+        ("link.inertia", float("inf"), ["link.inertia: must be a finite number, got inf"]),
+        ("link.inertia", "heavy", ["link.inertia: must be a valid number, got 'heavy'"]),
+        ("link.inertia", True, ["link.inertia: must be a valid number, got True"]),
+        ("link.inertia", None, ["link.inertia: must be a valid number, got None"]),
+        ("link.viscous_friction", -1e-9, ["link.viscous_friction: must be greater than or equal to 0"]),
+        ("link.mass", 1.0, ["link.mass: is no known key"]),
+        ("motors.1.inertia", -0.01, ["motors.1.inertia: must be greater than 0, got -0.01"]),
+        ("motors.0.torque_limit", 0.0, ["motors.0.torque_limit: must be greater than 0"]),
+        ("motors.0", {"bandwidth": 25.0}, ["motors.0: drive is 'torque' but this is a servo motor"]),
+        ("motors.0", {"bandwidth": 0.0}, ["motors.0.bandwidth: must be greater than 0, got 0.0"]),
+        ("motors.0", 3.0, ["motors.0: ", "got 3.0"]),
+        ("motors", [], ["motors: arrangement 'antagonistic' needs exactly 2, got 0"]),
+        ("drive", "servo", ["motors.0: drive is 'servo' but this is a torque motor"]),
+        ("arrangement", "flexible", ["motors: arrangement 'flexible' needs exactly 1, got 2"]),
+        ("arrangement", "serial", ["springs: arrangement 'serial' needs exactly 1, got 2"]),
+        ("springs.0.law", "rubber", ["springs.0.law: must be one of 'linear', ", "got 'rubber'"]),
+        ("springs.0", {"max_deflection": 1.0}, ["springs.0.law: is missing"]),
+        ("springs.0.max_deflection", 0.0, ["springs.0.max_deflection: must be greater than 0, got 0.0"]),
+        ("springs.1.coefficient", -10.0, ["springs.1.coefficient: must be greater than 0, got -10.0"]),
+        (
+            "springs.1",
+            {"law": "four_bar", "k": 0.5, "ratio": 1.7, "max_deflection": 1.3},
+            ["springs.1: max_deflection must be below the linkage's dead point 1.25", "got 1.3"],
+        ),
+        (
+            "springs.0",
+            {"law": "four_bar", "k": 0.5, "ratio": 1.0, "max_deflection": 1.0},
+            ["springs.0.ratio: must be greater than 1, got 1.0"],
+        ),
+        (
+            "springs.0",
+            {
+                **{"law": "maccepa", "k": 394.0, "lever": 0.1, "base": 0.1},
+                **{"free_length": 0.1, "drum_radius": 0.01, "max_deflection": 1.0},
+            },
+            ["springs.0: lever and base must differ", "0.1"],
+        ),
+        (
+            "springs.0",
+            {"law": "odd_polynomial", "odd_coefficients": [1.0, -9.0], "max_deflection": 1.0},
+            ["springs.0: odd_coefficients (1.0, -9.0) give a negative stiffness"],
+        ),
+        ("damper.site", "motor", ["damper.site: must be 'link' or 'transmission', got 'motor'"]),
+        ("damper.map", "cubic", ["damper.map: must be one of 'linear', 'two_stage', got 'cubic'"]),
+        ("damper.minimum", 3.0, ["damper: the damping must grow with the command"]),
+        ("sensors.rate", 0.0, ["sensors.rate: must be greater than 0, got 0.0"]),
+        ("sensors.link_quantum", 0.0, ["sensors.link_quantum: must be greater than 0, got 0.0"]),
+        ("sensors.torque_noise", -1.0, ["sensors.torque_noise: must be greater than or equal to 0"]),
+        ("wire", {"motors": ["only_one"]}, ["wire.motors: needs 0 or 2 names, got 1"]),
+        ("colour", "red", ["colour: is no known key"]),
+    ],
+)
+def test_what_no_device_can_be_is_refused(key: str, value, says: list[str]) -> None:
+    text = refusal(edited(key, value))
+    for part in says:
+        assert part in text
+
+
+def test_a_damper_in_a_transmission_needs_one() -> None:
+    content = {**GOOD, "arrangement": "rigid", "motors": [], "springs": []}
+    assert "damper.site: 'transmission' needs a transmission" in refusal(content)
+
+
+@pytest.mark.parametrize("key", ["name", "title", "source", "confidence", "arrangement", "link", "sensors"])
+def test_what_must_be_there_is_missed_by_name(key: str) -> None:
+    content = {k: v for k, v in GOOD.items() if k != key}
+    assert f"{key}: is missing" in refusal(content)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "a device file is a mapping of keys, got NoneType"),
+        ("- a\n- b", "a device file is a mapping of keys, got list"),
+        ("name: a\nname: b", "line 2 duplicate key 'name'"),
+        ("link: {inertia: 1, inertia: 2}", "line 1 duplicate key 'inertia'"),
+        ("name: [", "line 1"),
+        ("name: !!python/object:os.system x", "could not determine a constructor"),
+        ("? [a, b]\n: 1", "unhashable"),
+        ("a: \x00", "special characters are not allowed"),
+    ],
+)
+def test_bad_yaml_is_one_clear_line(text: str, says: str) -> None:
+    assert says in refusal(text)
+
+
+def test_exponents_without_a_dot_are_numbers() -> None:
+    text = yaml.safe_dump(GOOD).replace("inertia: 0.1", "inertia: 1e-4")
+    assert parse_device(text, "file.yaml").link.inertia == 1e-4
+
+
+def test_unknown_names_and_unreadable_files(tmp_path: Path) -> None:
+    with pytest.raises(DeviceError, match="no device 'qbmove'; there are: .*qbmove_a, .*vsa2"):
+        load_device("qbmove")
+    with pytest.raises(DeviceError, match=r"nowhere\.yaml: cannot be read: No such file"):
+        load_device(tmp_path / "nowhere.yaml")
+    with pytest.raises(DeviceError, match="cannot be read: Is a directory"):
+        load_device(tmp_path)
+    latin = tmp_path / "latin.yaml"
+    latin.write_bytes(b"title: \xe9")
+    with pytest.raises(DeviceError, match="not UTF-8 text"):
+        load_device(latin)
+
+
+def test_a_device_is_frozen() -> None:
+    device = load_device("maccepavd")
+    with pytest.raises(ValueError, match="frozen"):
+        device.name = "other"  # type: ignore[misc]
+    with pytest.raises(ValueError, match="frozen"):
+        device.link.inertia = 1.0  # type: ignore[misc]
+
+
+def test_stiffness_is_the_slope_of_the_torque_on_the_link() -> None:
+    h = 1e-6
+    for name in device_names():
+        device = load_device(name)
+        theta = device.motor_angles(0.05, 0.1)
+        slope = (device.torque_each(h, theta).sum() - device.torque_each(-h, theta).sum()) / (2 * h)
+        assert float(device.stiffness(0.0, theta)) == pytest.approx(slope, rel=1e-6, abs=1e-9)
+
+
+def test_a_serial_device_takes_its_preset_from_motor_two_or_from_the_caller() -> None:
+    device = load_device("maccepavd")
+    q, theta = np.array([0.1, 0.2]), np.array([[0.0, 0.5], [0.0, 1.0]])
+    own = device.stiffness(q, theta)
+    assert own.shape == (2,)
+    np.testing.assert_array_equal(own, device.stiffness(q, theta, preset=[0.5, 1.0]))
+    assert np.all(device.stiffness(q, theta, preset=2.0) > own)
+    assert device.stiffness_each(q, theta).shape == (2, 1)
+
+
+def test_antagonistic_motors_stand_at_equilibrium_plus_and_minus_preset() -> None:
+    device = load_device("qbmove_a")
+    theta = device.motor_angles([0.2, 0.3], 0.5)
+    np.testing.assert_allclose(theta, [[0.7, -0.3], [0.8, -0.2]])
+    np.testing.assert_allclose(device.torque_each([0.2, 0.3], theta).sum(axis=-1), 0.0, atol=1e-15)
+
+
+def test_theta_of_another_device_is_refused() -> None:
+    with pytest.raises(ParameterError, match=r"theta must end in \(2,\) for 'qbmove_a', got shape \(4, 1\)"):
+        load_device("qbmove_a").stiffness(np.zeros(4), np.zeros((4, 1)))
+
+
+def test_a_rigid_joint_has_neither_motors_nor_stiffness() -> None:
+    device = load_device("compact_vpda")
+    assert device.motor_angles([0.1, 0.2]).shape == (2, 0)
+    np.testing.assert_array_equal(device.stiffness([0.1, 0.2], np.empty((2, 0))), [0.0, 0.0])
+    np.testing.assert_allclose(device.damping_of([0.0, 1.0]), [1.0, 4.1])
+
+
+def test_a_device_without_damper_adds_no_damping() -> None:
+    device: Device = load_device("qbmove_a")
+    assert device.damper_map is None
+    np.testing.assert_array_equal(device.damping_of(np.ones((2, 3))), np.zeros((2, 3)))
