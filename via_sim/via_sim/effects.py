@@ -17,6 +17,7 @@ from types import MappingProxyType
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
+
 from via_sim.parameters import DYNAMIC, LINK, MOTOR_1, P
 
 
@@ -62,7 +63,7 @@ def _write_viscous(row: Array, axis: int, value: Mapping[str, float]) -> None:
     total = row[P.viscous_friction + axis] + value["coefficient"]
     if total < 0.0:
         raise ParameterError(
-            f"coefficient {value['coefficient']} N m s/rad leaves {total:.6g} N m s/rad of viscous friction, must stay >= 0"
+            f"coefficient {value['coefficient']} leaves {total:.6g} N m s/rad of viscous friction, must stay >= 0"
         )
     row[P.viscous_friction + axis] = total
 

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from collections import namedtuple
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-
 from via_core.dampers import N_DAMPER_COEFFICIENTS
 from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS
@@ -66,7 +66,7 @@ SLOTS = (
 
 _starts = np.concatenate(([0], np.cumsum([slot.size for slot in SLOTS])))
 Slots = namedtuple("Slots", [slot.name for slot in SLOTS])  # a named tuple of ints: numba folds it into constants
-P = Slots(*(int(start) for start in _starts[:-1]))
+P: Any = Slots(*(int(start) for start in _starts[:-1]))
 N_PARAMETERS = int(_starts[-1])
 
 

@@ -1,4 +1,4 @@
-"""JointPlant: one joint as a parameter row and a pure right-hand side; `from_device` is the nominal model, no effects."""
+"""JointPlant: one joint as a parameter row and a pure right-hand side; `from_device` is the nominal model."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from math import ceil, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from via_core.devices import Device, TorqueMotor
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import MACCEPA, N_COEFFICIENTS
+
 from via_sim.effects import Effect, write_effects
 from via_sim.kernel import derivative, viscous_rate
 from via_sim.parameters import (
@@ -65,7 +65,10 @@ class JointPlant:
         return JointPlant(self.device, row, tuple(effects))
 
     def at_rate(self, rate: float) -> Array:
-        """The row (N_PARAMETERS,) for commands held over 1/rate [s]: tick and substeps filled in. Raises ParameterError."""
+        """The row (N_PARAMETERS,) for commands held over 1/rate [s]: tick and substeps filled in.
+
+        Raises ParameterError for an impossible rate, or a joint too stiff for it.
+        """
         if not (np.isfinite(rate) and rate > 0.0):
             raise ParameterError(f"rate must be finite and > 0 Hz, got {rate}")
         row = self.parameters.copy()
@@ -76,15 +79,14 @@ class JointPlant:
     def derivative(self, state: ArrayLike, inputs: ArrayLike) -> Array:
         """d/dt of (q, theta_1, theta_2, qd, thd_1, thd_2) (6,): pure in parameters, state and input.
 
-        inputs (4,): torque of motor 1 and 2 [N m], damping [N m s/rad], external torque at the link [N m]. Axes the joint
-        does not have stay at zero, servo axes report their velocity and no acceleration (they follow in closed form).
+        inputs (4,): torque of motor 1 and 2 [N m], damping [N m s/rad], external torque at the link [N m]. Axes the
+        joint does not have stay at zero, servo axes report their velocity and no acceleration (their motion is closed).
         """
         x, u = np.array(state, dtype=np.float64), np.array(inputs, dtype=np.float64)
         if x.shape != (6,) or u.shape != (4,):
             raise ParameterError(f"derivative needs state (6,) and inputs (4,), got {x.shape} and {u.shape}")
         out = np.empty(6)
-        springs = self.parameters[P.spring : P.spring + 2 * N_COEFFICIENTS].reshape(2, N_COEFFICIENTS)
-        derivative(self.parameters, springs, x, u, out)
+        derivative(self.parameters.copy(), x, u, out)  # a locked row would be another type to numba
         return out
 
 
@@ -129,8 +131,8 @@ def substeps_for(row: Array, device: Device) -> float:
     """Integration steps per tick that resolve whatever the exponential leaves explicit, at its stiffest.
 
     A spring against an inertia has rate w = sqrt(sigma / M), or w^2 / a where viscous friction (rate a) overdamps it; a
-    damper in the transmission couples at d (1/M + 1/B); the falling Stribeck curve drives an axis away from rest at most
-    at .86 (breakaway - kinetic) / (speed inertia). Raises ParameterError beyond MAX_SUBSTEPS.
+    damper in the transmission couples at d (1/M + 1/B); the falling Stribeck curve drives an axis away from rest at
+    most at .86 (breakaway - kinetic) / (stribeck_velocity inertia). Raises ParameterError beyond MAX_SUBSTEPS.
     """
     strongest = float(device.damping_of(1.0))
     stiffness = np.zeros(3)

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from math import isfinite, nan
 
 import numpy as np
-
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
+
 from via_sim.kernel import S
 
 

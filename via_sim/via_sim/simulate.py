@@ -1,23 +1,24 @@
 """simulate() in one batch, Simulator step by step, simulate_many for many variants: one compiled kernel, same bits.
 
-Time. Sample k belongs to t_k = start + k / rate. Command k is held over [t_k, t_{k+1}); it is what a controller answers to
-sample k. `tau` of sample k is the torque commanded over the tick that ended at t_k (nothing later is known then), before
-dead time and gain: what the drive would log.
+Time. Sample k belongs to t_k = start + k / rate. Command k is held over [t_k, t_{k+1}); it is what a controller answers
+to sample k. `tau` of sample k is the torque commanded over the tick that ended at t_k (nothing later is known then),
+before dead time and gain: what the drive would log.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 from math import ceil
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from via_core.devices import Device
 from via_core.errors import ParameterError
-from via_core.signals import Array, Signals, locked
+from via_core.signals import Array, Signals
+
 from via_sim.effects import MAX_DELAY, Effect
 from via_sim.kernel import DAMPING, EXTERNAL, M1, MEASURED, N_COMMANDS, QUEUED, TRUTH, X, run, run_many
 from via_sim.parameters import ABSENT, SERVO, P
@@ -45,10 +46,12 @@ class Simulator:
     plant: JointPlant
     rate: float  # [Hz] ticks
     sensors: Sensors = IDEAL
+    _row: Array = field(init=False, repr=False, compare=False)  # not locked: read-only arrays are a type of their own
+    _sensor_row: Array = field(init=False, repr=False, compare=False)  # to numba, and would compile everything twice
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_row", locked(self.plant.at_rate(self.rate), "parameters"))
-        object.__setattr__(self, "_sensor_row", locked(self.sensors.row(), "sensors"))
+        object.__setattr__(self, "_row", self.plant.at_rate(self.rate))
+        object.__setattr__(self, "_sensor_row", self.sensors.row())
         self.sensors.decimation(self.rate)
 
     def init(self, initial: ArrayLike | None = None, seed: int = 0) -> Array:
@@ -71,7 +74,7 @@ class Simulator:
         """
         u = np.asarray(command, dtype=np.float64)
         if u.shape != (N_COMMANDS,) or not np.all(np.isfinite(u)):
-            raise ParameterError(f"a command is {N_COMMANDS} finite numbers, got {command}")
+            raise ParameterError(f"a command is {N_COMMANDS} finite numbers, got {command!r}")
         after = state.copy()
         measured, truth = self._run(after, u.reshape(1, N_COMMANDS))
         return after, measured, truth
@@ -88,7 +91,7 @@ def initial_state(plant: JointPlant, rate: float, initial: ArrayLike | None, see
         raise ParameterError(f"seed must be 0 to {MAX_SEED}, got {seed}")
     motion = np.zeros(6) if initial is None else np.asarray(initial, dtype=np.float64)
     if motion.shape != (6,) or not np.all(np.isfinite(motion)):
-        raise ParameterError(f"initial must be 6 finite numbers (three angles, three velocities), got {initial}")
+        raise ParameterError(f"initial must be 6 finite numbers (three angles, three velocities), got {initial!r}")
     queue = ceil(MAX_DELAY * rate) + 2
     state = np.zeros(X.queue + QUEUED * queue)
     kinds = np.tile(plant.parameters[P.axis_kind : P.axis_kind + 3], 2)
@@ -197,7 +200,7 @@ def simulate_many(
     out = np.empty((len(plants), len(inputs) + 1, 6))
     edges = np.linspace(0, len(plants), max(1, min(threads, len(plants))) + 1).astype(int)
     with ThreadPoolExecutor(len(edges) - 1) as pool:  # the kernel releases the GIL
-        jobs = [pool.submit(run_many, rows[a:b], states[a:b], inputs, out[a:b]) for a, b in zip(edges, edges[1:])]
+        jobs = [pool.submit(run_many, rows[a:b], states[a:b], inputs, out[a:b]) for a, b in pairwise(edges)]
         for job in jobs:
             job.result()
     return out

@@ -1,0 +1,96 @@
+"""Effects files: a YAML list of effects, read with one-line errors and written so that reading gives the same effects.
+
+- effect: coulomb_friction
+  site: motor
+  motor: 1
+  parameters: {torque: 0.02}     # [N m], 0 to 1000
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from via_core.errors import ParameterError
+
+from via_sim.effects import Effect
+
+KEYS = ("effect", "site", "motor", "joint", "parameters")
+
+
+def load_effects(path: str | Path) -> tuple[Effect, ...]:
+    """The effects of a file. Raises ParameterError naming file, entry, key and allowed range."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ParameterError(
+            f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
+        ) from None
+    return parse_effects(text, str(path))
+
+
+def parse_effects(text: str, file: str) -> tuple[Effect, ...]:
+    """The effects that YAML `text` lists; `file` is the name that errors show."""
+    try:
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f" line {mark.line + 1}" if mark is not None else ""
+        raise ParameterError(f"{file}:{line} {getattr(error, 'problem', None) or 'not YAML'}") from None
+    if content is None:
+        return ()
+    if not isinstance(content, list):
+        raise ParameterError(f"{file}: an effects file is a list of effects, got {type(content).__name__}")
+    return tuple(_effect(entry, f"{file}: entry {number}") for number, entry in enumerate(content, 1))
+
+
+def save_effects(path: str | Path, effects: Sequence[Effect]) -> None:
+    """Write `effects`, whole or not at all. Raises ParameterError where the file cannot be written."""
+    entries = []
+    for effect in effects:
+        entry: dict[str, Any] = {"effect": effect.name, "site": effect.site}
+        if effect.motor:
+            entry["motor"] = effect.motor
+        if effect.joint:
+            entry["joint"] = effect.joint
+        entries.append({**entry, "parameters": dict(effect.parameters)})
+    target = Path(path)
+    draft = target.with_name(f".{target.name}.{os.getpid()}")
+    try:
+        draft.write_text(yaml.safe_dump(entries, sort_keys=False), encoding="utf-8")
+        draft.replace(target)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise ParameterError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _effect(entry: object, where: str) -> Effect:
+    if not isinstance(entry, dict):
+        raise ParameterError(f"{where}: must be a mapping with {', '.join(KEYS)}, got {entry!r}")
+    for key in entry:
+        if key not in KEYS:
+            raise ParameterError(f"{where}: {key}: is no known key; there are {', '.join(KEYS)}")
+    for key in ("effect", "site"):
+        if not isinstance(entry.get(key), str):
+            raise ParameterError(f"{where}: {key}: must be a name, got {entry.get(key)!r}")
+    parameters = entry.get("parameters", {})
+    if not isinstance(parameters, dict):
+        raise ParameterError(f"{where}: parameters: must be a mapping of names to numbers, got {parameters!r}")
+    try:
+        numbers = {name: _number(value) for name, value in parameters.items()}
+        return Effect(entry["effect"], entry["site"], numbers, entry.get("motor", 0), entry.get("joint", "") or "")
+    except ParameterError as error:
+        raise ParameterError(f"{where}: {error}") from None
+
+
+def _number(value: object) -> Any:
+    """YAML 1.1 takes 1e-3 for text; what reads as a number is one, the rest is refused by the effect."""
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    return value
