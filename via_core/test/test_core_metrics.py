@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from via_core.errors import SignalError
 from via_core.metrics import coverage, mse, msrep, nrmse
 

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
-
 from via_core.dampers import LINEAR, TWO_STAGE, LinearDamper, TwoStageDamper, damper_value
 from via_core.devices import load_device
 from via_core.errors import ParameterError

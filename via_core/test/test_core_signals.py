@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Signals, locked
 

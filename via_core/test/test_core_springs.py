@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from via_core.devices import device_names, load_device
 from via_core.errors import ParameterError
 from via_core.springs import (

@@ -1,4 +1,4 @@
-"""Weak form: closed forms, integration by parts, order of convergence, jittered stamps, and the document's misprints."""
+"""Weak form: closed forms, integration by parts, convergence, jittered stamps, and the document's misprints."""
 
 from math import factorial
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from via_core.errors import ParameterError
 from via_core.weak_form import fill_weights, modulating, window_weights
 
@@ -189,7 +188,7 @@ def test_a_ring_buffer_gives_the_same_bits_in_its_own_order(h: int, first: int) 
 
 @ORDERS
 def test_the_newest_sample_is_at_u_one(h: int) -> None:
-    """Eqs. (26), (27) pair sample k - m with the weight at m/H, which runs backwards and flips the sign of <f, psi'>."""
+    """Eqs. (26), (27) pair sample k - m with the weight at m/H: backwards, which flips the sign of <f, psi'>."""
     stamps = np.linspace(0.0, 0.2, 101)
     rising = stamps - 0.1  # f' = 1, so <f, psi'> must be -1
     first = window_weights(h, stamps)[1]

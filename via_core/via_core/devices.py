@@ -419,7 +419,8 @@ def parse_device(text: str, file: str) -> Device:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f" line {mark.line + 1}" if mark is not None else ""
-        raise DeviceError(f"{file}:{line} {getattr(error, 'problem', None) or 'not YAML'}") from None
+        what = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
+        raise DeviceError(f"{file}:{line} {what}") from None
     except (TypeError, ValueError, RecursionError) as error:
         raise DeviceError(f"{file}: not YAML: {str(error).splitlines()[0]}") from None
     if not isinstance(content, dict):
