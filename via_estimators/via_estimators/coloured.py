@@ -1,18 +1,19 @@
 """Least squares over overlapping windows, with standard deviations that mean what they say.
 
 Every row of a modulated equation is a window over the same raw samples, so neighbouring residuals are almost copies of
-one another and the textbook sigma^2 P promises 9-15 times too much. What is known instead is the colour: white noise on a
-raw sample enters row k through the kernel h, hence E[e_k e_(k-d)] = s^2 r_d with r the autocorrelation of h, and
+one another and the textbook sigma^2 P promises 9-15 times too much. What is known instead is the colour: noise on raw
+samples enters row k through the kernel h, hence E[e_k e_(k-d)] = s^2 r_d, r_d = sum_m h_m h_(m+d) if it is white, and
 
     Cov(x) = P (s^2 M + ...) P,   P = (R'R)^-1,   M = sum_k sum_l w_k w_l F_k F_l' r_(k-l)
 
 M grows by F V' + V F' with V = r_0 F_k / 2 + sum_d r_d F_(k-d): one more FIR over the rows, exact at every sample and
-positive semidefinite. Three colours are kept: torque-like noise (kernel psi) and position noise through the second and
-the first derivative (psi'', psi'). s^2 comes from the residuals, for which E[RSS] = sum over colours s_c^2 (W r_0 - tr P M).
+positive semidefinite. Three colours are kept: torque noise (kernel psi), position noise through psi' and psi''. The
+torque part is measured: E[RSS] = sum over colours of s_c^2 (W r_0 - tr P M); the position part is declared.
 
-Everything is in scaled unknowns x_j = (a_j - prior_j) / prior_deviation_j and rows divided by the declared torque noise, so
-the prior is the unit matrix and column scaling comes free. Forgetting would let directions without excitation drift;
-each row therefore leaks as much as it forgets towards the current estimate (proximal), which keeps P <= 1.
+All is in scaled unknowns x_j = (a_j - prior_j) / prior_deviation_j and rows divided by the declared torque noise, so
+that the prior is the unit matrix and column scaling comes free. Forgetting would let directions without excitation
+drift; each step therefore leaks as much as it forgets towards the current estimate (proximal), which keeps P <= 1 and
+lets standard deviations grow back to those of the prior, no further.
 
 One equation's state is a flat row; `size` and the index constants below lay it out.
 """
@@ -23,20 +24,36 @@ from math import sqrt
 
 import numpy as np
 from numba import njit
+from via_core.signals import Array, locked
+from via_core.weak_form import window_weights
 
-from via_core.signals import Array
 from via_estimators.qr import inverse_normal, rotate_in, solve_triangular
 
 COLOURS = 3  # psi, psi', psi''
-WEIGHT, RESIDUAL, ROWS, EXPECTED = 0, 1, 2, 3  # sum of weights, weighted RSS, rows taken, (3,) E[RSS] at warm-up
+WEIGHT, RESIDUAL, TAKEN, EXPECTED = 0, 1, 2, 3  # sum of weights, weighted RSS, rows taken, (3,) E[RSS] at warm-up
 HEAD = EXPECTED + COLOURS
 PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one independent residual
+
+
+def colours(intervals: int, order: int, memory: float = 0.0) -> Array:
+    """Autocorrelations (3, H + 1) of the window's weights on torque, and on position through psi' (times T), psi'' (T^2).
+
+    intervals  H equidistant steps per window
+    order      h of the modulating function w_hh
+    memory     correlation time of torque noise in samples (0: white, else exp(-|lag| / memory))
+    """
+    kernels = window_weights(order, np.linspace(0.0, 1.0, intervals + 1))
+    rows = [np.correlate(h, h, "full") for h in kernels]
+    if memory > 0.0:
+        lag = np.abs(np.arange(-intervals, intervals + 1))
+        rows[0] = np.convolve(rows[0], np.exp(-lag / memory), "same")
+    return locked([row[intervals:] for row in rows], "colours")
 
 
 @njit(cache=True, error_model="numpy")
 def size(n: int, length: int) -> int:
     """Floats in the state of one equation with n unknowns and `length` samples per window."""
-    return HEAD + n + n + n * n + COLOURS * n * n + length * n
+    return HEAD + 2 * n + (1 + COLOURS) * n * n + n * length
 
 
 @njit(cache=True, error_model="numpy")
@@ -53,9 +70,17 @@ def unknowns(state: Array, n: int) -> Array:
     return state[HEAD : HEAD + n]
 
 
+@njit(cache=True, error_model="numpy")
 def factor(state: Array, n: int) -> Array:
     """The view R (n, n), the triangular factor of the scaled normal equations."""
     return state[HEAD + 2 * n : HEAD + 2 * n + n * n].reshape(n, n)
+
+
+@njit(cache=True, error_model="numpy")
+def middles(state: Array, n: int) -> Array:
+    """The view M (3, n, n) of the three colours."""
+    at = HEAD + 2 * n + n * n
+    return state[at : at + COLOURS * n * n].reshape(COLOURS, n, n)
 
 
 @njit(cache=True, error_model="numpy")
@@ -64,106 +89,106 @@ def forget_rows(state: Array, n: int) -> None:
     state[HEAD + 2 * n + (1 + COLOURS) * n * n :] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
-def take(state: Array, n: int, slot: int, row: Array, y: float, keep: float, used: bool, warm: int, r: Array) -> None:
-    """One time step of one equation: forget, leak, and, where `used`, take the row' x = y.
-
-    slot  position in the ring of rows, one further each call
-    keep  forgetting factor lambda of this step, in the usual meaning
-    warm  rows before residuals count towards the noise estimate
-    r     (3, length) autocorrelations of the kernels of the three colours
-    """
-    length = r.shape[1]
-    x = state[HEAD : HEAD + n]
-    p = state[HEAD + n : HEAD + 2 * n]
-    at = HEAD + 2 * n
-    R = state[at : at + n * n].reshape(n, n)
-    M = state[at + n * n : at + (1 + COLOURS) * n * n].reshape(COLOURS, n, n)
-    past = state[at + (1 + COLOURS) * n * n :].reshape(length, n)
-    if keep < 1.0:
-        root = sqrt(keep)
-        for j in range(n):
-            p[j] *= root
-            for i in range(j, n):
-                R[j, i] *= root
-        M *= keep * keep
-        state[WEIGHT] *= keep
-        state[RESIDUAL] *= keep
-        for c in range(COLOURS):
-            state[EXPECTED + c] *= keep
-        leak = sqrt(1.0 - keep)
-        scratch = np.zeros(n)
-        for j in range(n):
-            scratch[j] = leak
-            rotate_in(R, p, scratch, leak * x[j], j)
-    if not used:
-        past[slot, :] = 0.0
-        return
-    past[slot, :] = row
-    V = np.zeros((COLOURS, n))
-    weight = 1.0
-    at_slot = slot
-    for d in range(length):
-        half = 0.5 * weight if d == 0 else weight
-        for c in range(COLOURS):
-            along = half * r[c, d]
-            for j in range(n):
-                V[c, j] += along * past[at_slot, j]
-        weight *= keep
-        at_slot = at_slot - 1 if at_slot > 0 else length - 1
-    for c in range(COLOURS):
-        for i in range(n):
-            for j in range(n):
-                M[c, i, j] += row[i] * V[c, j] + V[c, i] * row[j]
-    left = rotate_in(R, p, row, y, 0)
-    solve_triangular(R, p, x)
-    state[WEIGHT] += 1.0
-    state[ROWS] += 1.0
-    if state[ROWS] > warm:
-        state[RESIDUAL] += left * left
-    elif state[ROWS] == warm:
-        inverse, P = np.empty((n, n)), np.empty((n, n))
-        inverse_normal(R, inverse, P)
-        for c in range(COLOURS):
-            state[EXPECTED + c] = state[WEIGHT] * r[c, 0] - _trace(P, M[c])
-
-
-@njit(cache=True, error_model="numpy")
-def _trace(P: Array, M: Array) -> float:
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def dot(a: Array, b: Array) -> float:
+    """Inner product of two contiguous rows, summed in the order the processor likes (the same every time)."""
     total = 0.0
-    for i in range(P.shape[0]):
-        for j in range(P.shape[0]):
-            total += P[i, j] * M[j, i]
+    for i in range(a.size):
+        total += a[i] * b[i]
     return total
 
 
 @njit(cache=True, error_model="numpy")
+def lags(r: Array, slot: int, keep: float, out: Array) -> None:
+    """Autocorrelations r (3, L) by lag, forgotten once per lag, laid out by ring slot; lag 0, at `slot`, is halved."""
+    length = r.shape[1]
+    weight, at = 0.5, slot
+    for d in range(length):
+        for c in range(COLOURS):
+            out[c, at] = weight * r[c, d]
+        weight = keep if d == 0 else weight * keep
+        at = at - 1 if at > 0 else length - 1
+
+
+@njit(cache=True, error_model="numpy")
+def forget(state: Array, n: int, keep: float) -> None:
+    """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it."""
+    if keep == 1.0:
+        return
+    x, p, R = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], factor(state, n)
+    root, leak = sqrt(keep), sqrt(1.0 - keep)
+    p *= root
+    R *= root
+    M = state[HEAD + 2 * n + n * n : HEAD + 2 * n + (1 + COLOURS) * n * n]
+    M *= keep * keep
+    state[WEIGHT] *= keep
+    state[RESIDUAL] *= keep
+    state[EXPECTED : EXPECTED + COLOURS] *= keep
+    pull = np.zeros(n)
+    for j in range(n):
+        pull[j] = leak
+        rotate_in(R, p, pull, leak * x[j], j)
+
+
+@njit(cache=True, error_model="numpy")
+def skip(state: Array, n: int, slot: int, length: int) -> None:
+    """No row this time: leave a hole in the ring of rows."""
+    past = state[HEAD + 2 * n + (1 + COLOURS) * n * n :].reshape(n, length)
+    past[:, slot] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def take(state: Array, n: int, slot: int, row: Array, y: float, warm: int, r: Array, lagged: Array) -> None:
+    """Take the equation row' x = y; `row` (n,) is overwritten.
+
+    slot    position in the ring of rows, one further each step
+    warm    rows before residuals count towards the noise estimate
+    r       (3, L) autocorrelations of the three colours
+    lagged  (3, L) what `lags` made of them
+    """
+    length = r.shape[1]
+    x, p, R, M = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], factor(state, n), middles(state, n)
+    past = state[HEAD + 2 * n + (1 + COLOURS) * n * n :].reshape(n, length)
+    past[:, slot] = row
+    V = np.empty(n)
+    for c in range(COLOURS):
+        for j in range(n):
+            V[j] = dot(lagged[c], past[j])
+        for i in range(n):
+            for j in range(n):
+                M[c, i, j] += row[i] * V[j] + V[i] * row[j]
+    left = rotate_in(R, p, row, y, 0)
+    solve_triangular(R, p, x)
+    state[WEIGHT] += 1.0
+    state[TAKEN] += 1.0
+    if state[TAKEN] > warm:
+        state[RESIDUAL] += left * left
+    elif state[TAKEN] == warm:
+        inverse, P = np.empty((n, n)), np.empty((n, n))
+        inverse_normal(R, inverse, P)
+        for c in range(COLOURS):
+            state[EXPECTED + c] = state[WEIGHT] * r[c, 0] - np.sum(P * M[c])
+
+
+@njit(cache=True, error_model="numpy")
 def covariance(state: Array, n: int, r: Array, first: float, second: float, out: Array) -> float:
-    """Covariance (n, n) of the unknowns x into `out`; returns the variance of the torque-like noise found.
+    """Covariance (n, n) of the unknowns x into `out`; returns the variance of the torque noise found.
 
     first, second  variance of position noise times its squared gain through psi' and psi''
     """
-    at = HEAD + 2 * n
-    R = state[at : at + n * n].reshape(n, n)
-    M = state[at + n * n : at + (1 + COLOURS) * n * n].reshape(COLOURS, n, n)
-    inverse, P = np.empty((n, n)), np.empty((n, n))
+    R, M = factor(state, n), middles(state, n)
+    inverse, P, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     inverse_normal(R, inverse, P)
     expected = np.empty(COLOURS)
     for c in range(COLOURS):
-        expected[c] = max(state[WEIGHT] * r[c, 0] - _trace(P, M[c]) - state[EXPECTED + c], 0.0)
+        expected[c] = max(state[WEIGHT] * r[c, 0] - np.sum(P * M[c]) - state[EXPECTED + c], 0.0)
     unexplained = max(state[RESIDUAL] - first * expected[1] - second * expected[2], 0.0)
     noise = (PRIOR_WEIGHT + unexplained) / (PRIOR_WEIGHT + expected[0])
-    middle = np.empty((n, n))
     for i in range(n):
         for j in range(n):
-            middle[i, j] = noise * M[0, i, j] + first * M[1, i, j] + second * M[2, i, j]
-        middle[i, i] += 1.0  # the prior, and what has leaked since
-    half = np.empty((n, n))
-    for i in range(n):
-        for j in range(n):
-            total = 0.0
+            total = P[i, j]  # the prior, and what has leaked since: the unit matrix in the middle
             for k in range(n):
-                total += P[i, k] * middle[k, j]
+                total += P[i, k] * (noise * M[0, k, j] + first * M[1, k, j] + second * M[2, k, j])
             half[i, j] = total
     for i in range(n):
         for j in range(n):

@@ -5,8 +5,8 @@
     state, estimate = estimator.step(state, sample)      # live: sample (1 + k,) is time [s], then the columns `inputs`
     estimates = estimator.run(signals)                   # replay: the same kernel, the same bits
 
-Misuse raises ParameterError or SignalError; nature is answered with a Status: samples that are not finite or whose stamp
-does not increase are skipped, counted and marked BAD_SAMPLE, a gap restarts the window, and no estimate ever holds a NaN.
+Misuse raises ParameterError or SignalError; nature is answered with a Status: samples that are not finite or whose
+stamp does not increase are skipped, counted and marked BAD_SAMPLE, a gap restarts the window, no estimate holds a NaN.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from via_core.errors import ParameterError, SignalError
 from via_core.signals import Array, Signals
 from via_core.status import Status
+
 from via_estimators import window
 
 
@@ -105,7 +105,9 @@ class Estimator(ABC):
         """The state before the first sample, a locked flat array."""
 
     @abstractmethod
-    def _advance(self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array) -> None:
+    def _advance(
+        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
+    ) -> None:
         """The compiled kernel: `state` is overwritten, rows (N, 1 + k) are taken in order, the rest is filled."""
 
     @abstractmethod
@@ -114,13 +116,18 @@ class Estimator(ABC):
 
     def step(self, state: Array, sample: ArrayLike) -> tuple[Array, Estimate]:
         """One sample (1 + k,), time first; the given state is left as it is."""
-        rows = np.asarray(sample, dtype=np.float64).reshape(1, -1)
-        new, done = self._fold(state, rows)
-        return new, Estimate(done.time[0], Status(int(done.status[0])), done.value[0], done.standard_deviation[0])
+        new, time, status, value, deviation = self._fold(state, np.asarray(sample, dtype=np.float64).reshape(1, -1))
+        new.flags.writeable = False
+        return new, Estimate(time.item(), Status(status.item()), value[0], deviation[0])
 
     def run_rows(self, rows: ArrayLike, state: Array | None = None) -> tuple[Array, Estimates]:
         """Fold `step` over rows (N, 1 + k) from `state`, or from the start; returns the last state too."""
-        return self._fold(self.init() if state is None else state, np.ascontiguousarray(rows, dtype=np.float64))
+        start = self.init() if state is None else state
+        arrays = self._fold(start, np.ascontiguousarray(rows, dtype=np.float64))
+        for array in arrays:
+            array.flags.writeable = False
+        new, time, status, value, deviation = arrays
+        return new, Estimates(time, status, value, deviation, self.outputs)
 
     def run(self, signals: Signals) -> Estimates:
         """Fold `step` over signals."""
@@ -137,17 +144,39 @@ class Estimator(ABC):
             Status(int(state[window.STATUS])),
         )
 
-    def _fold(self, state: Array, rows: Array) -> tuple[Array, Estimates]:
+    def _fold(self, state: Array, rows: Array) -> tuple[Array, Array, np.ndarray, Array, Array]:
         if rows.ndim != 2 or rows.shape[1] != 1 + len(self.inputs):
             raise SignalError(f"a sample has time and {', '.join(self.inputs)}; got an array of shape {rows.shape}")
         count, k = len(rows), len(self.outputs)
-        new = state.copy()
-        time, status = np.empty(count), np.empty(count, dtype=np.uint8)
+        new, time, status = state.copy(), np.empty(count), np.empty(count, dtype=np.uint8)
         value, deviation = np.empty((count, k)), np.empty((count, k))
         self._advance(new, rows, time, status, value, deviation)
-        for array in (new, time, status, value, deviation):
-            array.flags.writeable = False
-        return new, Estimates(time, status, value, deviation, self.outputs)
+        return new, time, status, value, deviation
+
+
+class Summary(NamedTuple):
+    """One number for a run."""
+
+    value: float
+    standard_deviation: float
+    weights: Array  # (N,) of the estimates that went in, to average anything else (a command) alike; sum 1, or all 0
+
+
+def summarise(estimates: Estimates, output: str) -> Summary:
+    """Mean of `output` over the run, weighted by the information 1/sd^2 of its OK estimates.
+
+    Estimates of one run share most of their rows, so the mean is no better than the best of them: its standard
+    deviation is the smallest one. Without any OK estimate the last value and its standard deviation stand, with zero weights.
+    """
+    value, deviation = estimates.column(output)
+    if not len(value):
+        raise SignalError("cannot summarise a run without estimates")
+    good = estimates.status == Status.OK
+    if not good.any():
+        return Summary(float(value[-1]), float(deviation[-1]), np.zeros(len(value)))
+    weights = np.where(good, 1.0 / np.maximum(deviation, 1e-300) ** 2, 0.0)
+    weights /= weights.sum()
+    return Summary(float(weights @ value), float(deviation[good].min()), weights)
 
 
 def rows_of(signals: Signals, inputs: tuple[str, ...]) -> Array:

@@ -10,13 +10,12 @@ Departures from the document, each measured to help (estimation.md): the equatio
 are unknowns, the basis is odd, psi is w_55 and not w_33, the update is QR with a prior, and the standard deviation knows
 the colour of the noise (`coloured`).
 
-Samples need not be equidistant: the stamps make the weights. theta enters as the straight line between its samples, so
-<theta, psi''> = -sum (dtheta/dt) dpsi and <theta, psi'> = -sum dtheta mean(psi) are exact for that line, and a constant
-added to q and theta changes nothing.
+Samples need not be equidistant: the stamps make the weights (via_core.weak_form), and a constant added to q and theta
+changes nothing.
 
 Effort convention: the effort in a sample stamped t_n is the torque that acted over the interval ENDING at t_n,
 (t_(n-1), t_n], as a simulator or drive reports what it has just applied. A torque command is held over exactly such an
-interval, so <tau, psi> = sum tau_n (t_n - t_(n-1)) (psi_n + psi_(n-1))/2. Taking it as a sampled curve instead would
+interval, so <tau, psi> = sum tau_n (t_n - t_(n-1)) (psi_n + psi_(n-1))/2. Taking it for a sampled curve instead would
 delay the torque by half a sample.
 """
 
@@ -28,16 +27,18 @@ from math import exp, sqrt
 
 import numpy as np
 from numba import njit
-
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.status import Status
+
 from via_estimators import coloured, window
 from via_estimators.contract import Estimator, Parameters, parameter
 
-(LENGTH, TRANSMISSIONS, ORDER, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, SCALE, MINIMUM_MOTION, MARGIN, PRIOR) = range(11)
-LOW, HIGH, ANY = range(3)  # smallest and largest |phi| visited, whether any was
+MODULATING_ORDER = 5
+LENGTH, TRANSMISSIONS, ORDER, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, SCALE = range(8)
+MINIMUM_MOTION, MARGIN, PRIOR = range(8, 11)
+LOW, HIGH, ANY, N_VISITED = range(4)  # smallest and largest |phi| visited, whether any was
 OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
 
 
@@ -59,7 +60,9 @@ class ModulatedTorqueParameters(Parameters):
     damping_deviation: float = parameter(10.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
     torque_noise: float = parameter(0.1, "standard deviation of torque noise expected", "N m", 1e-6, 1e3)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
-    minimum_motion: float = parameter(0.01, "range of deflection in a window below which it tells nothing", "rad", 0.0, 1.0)
+    minimum_motion: float = parameter(
+        0.01, "range of deflection in a window below which it tells nothing", "rad", 0.0, 1.0
+    )
     range_margin: float = parameter(0.02, "share of the visited range that counts as visited beyond it", "-", 0.0, 1.0)
 
 
@@ -122,13 +125,13 @@ class ModulatedTorque(Estimator):
         )  # fmt: skip
         row[PRIOR : PRIOR + 3] = own.inertia_prior, own.damping_prior, own.stiffness_prior
         row[PRIOR + n :] = (own.inertia_deviation, own.damping_deviation, *(own.order * (own.stiffness_deviation,)))
-        return locked(row, "constants"), colours(own.window)
+        return locked(row, "constants"), coloured.colours(own.window, MODULATING_ORDER)
 
     def init(self) -> Array:
         own = self.parameters
         length, n = own.window + 1, own.order + 2
         columns = 1 + own.transmissions * (2 + own.order)
-        each = 3 + coloured.size(n, length)
+        each = N_VISITED + coloured.size(n, length)
         state = np.zeros(window.HEADER + 2 * len(self.outputs) + length * (1 + columns) + own.transmissions * each)
         window.start(state)
         m, row = own.transmissions, self._constants[0]
@@ -136,74 +139,25 @@ class ModulatedTorque(Estimator):
         held = (m * k, *(m * (k,)), *(m * (B,)), *(m * (D,)), sqrt(m) * dk, *(m * (dk,)), *(m * (dB,)), *(m * (dD,)))
         state[window.HEADER : window.HEADER + len(held)] = held
         for i in range(m):
-            coloured.start(state[len(state) - (i + 1) * each + 3 : len(state) - i * each], n)
+            coloured.start(state[len(state) - (i + 1) * each + N_VISITED : len(state) - i * each], n)
         state.flags.writeable = False
         return state
 
     def condition(self, state: Array) -> float:
         own = self.parameters
         n = own.order + 2
-        each = 3 + coloured.size(n, own.window + 1)
+        each = N_VISITED + coloured.size(n, own.window + 1)
         found = 1.0
         for i in range(own.transmissions):
-            R = coloured.factor(state[len(state) - (i + 1) * each + 3 : len(state) - i * each], n)
+            R = coloured.factor(state[len(state) - (i + 1) * each + N_VISITED : len(state) - i * each], n)
             found = max(found, float(np.linalg.cond(R)))
         return found
 
-    def _advance(self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array) -> None:
+    def _advance(
+        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
+    ) -> None:
         constants, kernels = self._constants
         _advance(constants, kernels, state, rows, time, status, value, deviation)
-
-
-def colours(intervals: int) -> Array:
-    """Autocorrelations (3, H + 1) of the window's weights on torque, and on position through psi' (times T) and psi''
-    (times T^2), for H equidistant intervals."""
-    u = np.arange(intervals + 1) / intervals
-    psi = 2772.0 * (u * (1.0 - u)) ** 5
-    padded = np.concatenate([[0.0], psi, [0.0]])
-    first = 0.5 * (padded[2:] - padded[:-2])
-    second = intervals * (padded[2:] - 2.0 * psi + padded[:-2])
-    kernels = (psi / intervals, first, second)
-    return locked([np.correlate(h, h, "full")[intervals:] for h in kernels], "colours")
-
-
-@njit(cache=True, error_model="numpy")
-def _modulate(times: Array, ring: Array, newest: int, m: int, order: int, terms: Array) -> float:
-    """Modulate the full window that ends in slot `newest`; returns its span T [s].
-
-    terms (m, n + 2): per transmission the n factors of (B, D, a_1..), then <tau, psi>, then the range of phi.
-    """
-    length, per = times.size, order + 2
-    n = order + 2
-    oldest = newest + 1 if newest + 1 < length else 0
-    start = times[oldest]
-    span = times[newest] - start
-    terms[:, :] = 0.0
-    low, high = np.full(m, np.inf), np.full(m, -np.inf)
-    before, psi_before, step_before = oldest, 0.0, 0.0
-    slot = oldest
-    for tap in range(1, length):
-        slot = slot + 1 if slot + 1 < length else 0
-        u = (times[slot] - start) / span
-        v = u * (1.0 - u) if tap + 1 < length else 0.0
-        psi = 2772.0 / span * v * v * v * v * v
-        step = times[slot] - times[before]
-        mid, jump = 0.5 * (psi + psi_before), (psi - psi_before) / step
-        weight = 0.5 * (step + step_before) * psi_before  # of the sample before, now that both its neighbours are known
-        for i in range(m):
-            at = 1 + i * per
-            move = ring[slot, at] - ring[before, at]
-            terms[i, 0] -= move * jump
-            terms[i, 1] += move * mid
-            for p in range(order):
-                terms[i, 2 + p] -= weight * ring[before, at + 2 + p]
-            terms[i, n] += step * mid * ring[slot, at + 1]
-            phi = ring[slot, 0] - ring[slot, at]
-            low[i], high[i] = min(low[i], phi), max(high[i], phi)
-        before, psi_before, step_before = slot, psi, step
-    for i in range(m):
-        terms[i, n + 1] = high[i] - low[i]
-    return span
 
 
 @njit(cache=True, error_model="numpy")
@@ -219,10 +173,11 @@ def _advance(
     at += 2 * outputs
     times = state[at : at + length]
     at += length
-    ring = state[at : at + length * columns].reshape(length, columns)
+    ring = state[at : at + length * columns].reshape(columns, length)  # q, then theta, tau, f_1.. per transmission
     at += length * columns
-    each = 3 + coloured.size(n, length)
-    terms, row, slope, P = np.zeros((m, n + 2)), np.empty(n), np.empty(n), np.empty((n, n))
+    each = N_VISITED + coloured.size(n, length)
+    psi, lagged, held = np.empty((3, length)), np.empty((3, length)), np.empty(length)
+    row, slope, P = np.empty(n), np.zeros(n), np.empty((n, n))
     for k in range(rows.shape[0]):
         before = state[window.LAST]
         entered = window.admit(state, times, rows[k], 2 + 2 * m, par[MAX_GAP])
@@ -231,42 +186,52 @@ def _advance(
             status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
             continue
         slot, q = int(state[window.SLOT]), rows[k, 1]
-        ring[slot, 0] = q
+        ring[0, slot] = q
         for i in range(m):
-            own = ring[slot, 1 + i * n : 1 + (i + 1) * n]
-            own[0], own[1] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
-            ratio = (q - own[0]) / scale
+            own = ring[1 + i * n : 1 + (i + 1) * n]
+            own[0, slot], own[1, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
+            ratio = (q - rows[k, 2 + 2 * i]) / scale
             power = scale * ratio
             for p in range(order):
-                own[2 + p] = power / (2 * p + 1)
+                own[2 + p, slot] = power / (2 * p + 1)
                 power *= ratio * ratio
-        full = state[window.FILLED] == length
-        span = _modulate(times, ring, slot, m, order, terms) if full else 1.0
+        full, span, keep = state[window.FILLED] == length, 1.0, 1.0
+        if full:
+            span = window.weigh(MODULATING_ORDER, times, slot, psi, held)
+            keep = exp((before - rows[k, 0]) / par[MEMORY])
+            coloured.lags(r, slot, keep, lagged)
         middle = slot + length // 2 + 1
         middle = middle if middle < length else middle - length
         worst, motion, total, variance = OK, np.inf, 0.0, 0.0
         for i in range(m):
-            visited = state[at + i * each : at + i * each + 3]
-            equation = state[at + i * each + 3 : at + (i + 1) * each]
+            visited = state[at + i * each : at + i * each + N_VISITED]
+            equation = state[at + i * each + N_VISITED : at + (i + 1) * each]
             x = coloured.unknowns(equation, n)
+            own = ring[1 + i * n : 1 + (i + 1) * n]
             if entered == window.RESTARTED:
                 coloured.forget_rows(equation, n)
-            moving = full and terms[i, n + 1] >= par[MINIMUM_MOTION]
-            motion = min(motion, terms[i, n + 1] if full else 0.0)
+            moved = window.spread(own[2]) if full else 0.0
+            motion = min(motion, moved)
+            moving = full and moved >= par[MINIMUM_MOTION]
             if full:
-                keep = exp((before - rows[k, 0]) / par[MEMORY])
-                y = terms[i, n] / noise
-                for j in range(n):
-                    y -= terms[i, j] * mean[j] / noise
-                    row[j] = terms[i, j] * width[j] / noise
-                coloured.take(equation, n, slot, row, y, keep, moving, length, r)
+                coloured.forget(equation, n, keep)
             if moving:
-                reached = abs(ring[middle, 0] - ring[middle, 1 + i * n])
+                y = coloured.dot(held, own[1])
+                row[0], row[1] = coloured.dot(psi[2], own[0]), -coloured.dot(psi[1], own[0])
+                for p in range(order):
+                    row[2 + p] = -coloured.dot(psi[0], own[2 + p])
+                for j in range(n):
+                    y -= row[j] * mean[j]
+                    row[j] *= width[j] / noise
+                coloured.take(equation, n, slot, row, y / noise, length, r, lagged)
+                reached = abs(own[2, middle])
                 visited[LOW] = min(visited[LOW], reached) if visited[ANY] > 0.0 else reached
                 visited[HIGH] = max(visited[HIGH], reached)
                 visited[ANY] = 1.0
+            elif full:
+                coloured.skip(equation, n, slot, length)
 
-            warming = equation[coloured.ROWS] < length
+            warming = equation[coloured.TAKEN] < length
             B, D = (mean[0], mean[1]) if warming else (mean[0] + width[0] * x[0], mean[1] + width[1] * x[1])
             if warming:
                 P[:, :] = 0.0
@@ -278,30 +243,30 @@ def _advance(
             phi = q - rows[k, 2 + 2 * i]
             stiffness, bend, power = 0.0, 0.0, 1.0
             square = (phi / scale) ** 2
-            slope[0], slope[1] = 0.0, 0.0
             for p in range(order):
                 share = mean[2 + p] + (0.0 if warming else width[2 + p] * x[2 + p])
                 stiffness += share * power
-                slope[2 + p] = width[2 + p] * power
                 bend += 2 * p * share * power
+                slope[2 + p] = width[2 + p] * power
                 power *= square
             bend = bend / phi if phi != 0.0 else 0.0
             uncertain = 2.0 * (bend * blur) ** 2
             for j in range(2, n):
-                for l in range(2, n):
-                    uncertain += slope[j] * P[j, l] * slope[l]
+                for o in range(2, n):
+                    uncertain += slope[j] * P[j, o] * slope[o]
             total += stiffness
             variance += uncertain
             now[1 + i], spread[1 + i] = stiffness, sqrt(uncertain)
             now[1 + m + i], spread[1 + m + i] = B, width[0] * sqrt(P[0, 0])
             now[1 + 2 * m + i], spread[1 + 2 * m + i] = D, width[1] * sqrt(P[1, 1])
 
+            reached = abs(own[2, slot])
             margin = par[MARGIN] * (visited[HIGH] - visited[LOW])
             if warming:
                 worst = WARMING_UP
             elif worst != WARMING_UP and not moving:
                 worst = NOT_EXCITED
-            elif worst == OK and not visited[LOW] - margin <= abs(phi) <= visited[HIGH] + margin:
+            elif worst == OK and not visited[LOW] - margin <= reached <= visited[HIGH] + margin:
                 worst = OUTSIDE_RANGE
         now[0], spread[0] = total, sqrt(variance)
         state[window.MOTION], state[window.STATUS] = motion, worst

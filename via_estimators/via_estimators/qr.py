@@ -10,7 +10,6 @@ from __future__ import annotations
 from math import sqrt
 
 from numba import njit
-
 from via_core.signals import Array
 
 

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from math import isfinite
 
-import numpy as np
 from numba import njit
-
 from via_core.signals import Array
+from via_core.weak_form import fill_weights
 
 LAST, FILLED, SLOT, SAMPLES, BAD, GAPS, STATUS, MOTION = range(8)
 HEADER = 8
@@ -28,6 +27,12 @@ def start(state: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def sound(value: float) -> bool:
+    """Whether a number can be a signal: finite, and no larger than any joint signal in SI units."""
+    return isfinite(value) and abs(value) < LARGEST
+
+
+@njit(cache=True, error_model="numpy")
 def admit(state: Array, times: Array, row: Array, required: int, max_gap: float) -> int:
     """Decide on row = (time, columns...) and, if it comes in, move the ring on by one slot and write its time.
 
@@ -37,7 +42,7 @@ def admit(state: Array, times: Array, row: Array, required: int, max_gap: float)
     TAKEN      taken
     """
     for j in range(required):
-        if not (isfinite(row[j]) and (j == 0 or abs(row[j]) < LARGEST)):
+        if not (isfinite(row[0]) if j == 0 else sound(row[j])):
             state[BAD] += 1.0
             return SKIPPED
     answer = TAKEN
@@ -58,3 +63,37 @@ def admit(state: Array, times: Array, row: Array, required: int, max_gap: float)
     state[SLOT] = slot if slot < times.size else 0
     times[int(state[SLOT])] = row[0]
     return answer
+
+
+@njit(cache=True, error_model="numpy")
+def weigh(order: int, times: Array, newest: int, psi: Array, held: Array) -> float:
+    """Weights of the full window that ends in slot `newest`, by slot; returns its span T [s].
+
+    order  h of the modulating function w_hh
+    psi    (3, L) for <f, psi>, <f, psi'>, <f, psi''> of sampled curves
+    held   (L,) for <f, psi> of values held over the interval that ends at their stamp
+    """
+    length = times.size
+    oldest = newest + 1 if newest + 1 < length else 0
+    fill_weights(order, times, oldest, psi)
+    held[oldest] = 0.0
+    at, here, density = oldest, times[oldest], 0.0
+    step = 0.0
+    for _ in range(length - 1):
+        at = at + 1 if at + 1 < length else 0
+        following = at + 1 if at + 1 < length else 0
+        step = times[at] - here
+        ahead = times[following] - times[at] if at != newest else 0.0
+        density_at = 2.0 * psi[0, at] / (step + ahead)
+        held[at] = 0.5 * step * (density + density_at)
+        here, density = times[at], density_at
+    return times[newest] - times[oldest]
+
+
+@njit(cache=True, error_model="numpy")
+def spread(values: Array) -> float:
+    """Largest minus smallest of values (L,)."""
+    low = high = values[0]
+    for value in values:
+        low, high = min(low, value), max(high, value)
+    return high - low
