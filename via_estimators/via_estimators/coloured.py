@@ -36,7 +36,7 @@ PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one independent resid
 
 
 def colours(intervals: int, order: int, memory: float = 0.0) -> Array:
-    """Autocorrelations (3, H + 1) of the window's weights on torque, and on position through psi' (times T), psi'' (T^2).
+    """Autocorrelations (3, H + 1) of the window's weights on torque, and on position by psi' (times T), psi'' (T^2).
 
     intervals  H equidistant steps per window
     order      h of the modulating function w_hh

@@ -166,7 +166,7 @@ def summarise(estimates: Estimates, output: str) -> Summary:
     """Mean of `output` over the run, weighted by the information 1/sd^2 of its OK estimates.
 
     Estimates of one run share most of their rows, so the mean is no better than the best of them: its standard
-    deviation is the smallest one. Without any OK estimate the last value and its standard deviation stand, with zero weights.
+    deviation is the smallest one. Without any OK estimate the last value and its deviation stand, with zero weights.
     """
     value, deviation = estimates.column(output)
     if not len(value):

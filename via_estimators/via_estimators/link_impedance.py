@@ -1,13 +1,13 @@
 """Damping and stiffness from the link's own motion, for joints without a torque sensor whose motors are servos.
 
-Weak form of the link equation (4) of the SAPHARI deliverable (Section 2) with the device's law scaled by an unknown gain:
+Weak form of the link equation (4) of the SAPHARI deliverable (Section 2) with the device's law scaled by a gain:
 
     -M <q, psi''> - <g(q), psi> = d (-<q, psi'>) + gain <tau_e(q - theta; preset), psi>
 
 solved for d(t) [N m s/rad] and gain(t) [-] with a short memory, because both are commanded to vary within a second.
 
-What can be known: no torque is measured, so the equation is homogeneous in (M, d, gain): only d/M and gain/M follow from
-motion. The link inertia of the device file sets the scale, and its stated tolerance goes into every standard deviation.
+What can be known: no torque is measured, so the equation is homogeneous in (M, d, gain) and only d/M and gain/M follow
+from motion. The link inertia of the device file sets the scale, and its stated tolerance goes into every standard deviation.
 d is the equivalent viscous damping of all that resists motion; dry friction and a saturated brake end up in it.
 
 The equilibrium theta is taken from a model of the position servo driven by its command: dead time, speed limit,
@@ -27,7 +27,7 @@ from math import exp, sin, sqrt
 
 import numpy as np
 from numba import njit
-from via_core.devices import Device
+from via_core.devices import Device, ServoMotor
 from via_core.errors import ParameterError
 from via_core.servos import servo_step
 from via_core.signals import Array, locked
@@ -81,10 +81,11 @@ class LinkImpedance(Estimator):
     @classmethod
     def from_device(cls, device: Device, parameters: LinkImpedanceParameters | None = None) -> LinkImpedance:
         """The device's law, inertia, gravity and damper range; what a device file does not know stays as given."""
-        if device.drive != "servo" or not device.n_transmissions:
+        servo = device.motors[0] if device.n_transmissions else None
+        if not isinstance(servo, ServoMotor):
             raise ParameterError(f"'{device.name}' is not driven by position servos through a spring")
         base = parameters or LinkImpedanceParameters()
-        link, servo = device.link, device.motors[0]
+        link = device.link
         low, high = (link.viscous_friction + float(device.damping_of(u)) for u in (0.0, 1.0))
         return cls(
             device.spring_laws[0],

@@ -7,7 +7,7 @@ modulating function psi that vanishes with its derivatives at both ends of a sli
 
 so that sigma(phi) = sum_p a_p (phi/s)^(2p-2): every a_p [N m/rad] is a share of stiffness at deflection scale s.
 Departures from the document, each measured to help (estimation.md): the equation is not differentiated first, B and D
-are unknowns, the basis is odd, psi is w_55 and not w_33, the update is QR with a prior, and the standard deviation knows
+are unknowns, the basis is odd, psi is w_55 and not w_33, the update is QR with a prior, and standard deviations know
 the colour of the noise (`coloured`).
 
 Samples need not be equidistant: the stamps make the weights (via_core.weak_form), and a constant added to q and theta
@@ -27,7 +27,7 @@ from math import exp, sqrt
 
 import numpy as np
 from numba import njit
-from via_core.devices import Device
+from via_core.devices import Device, TorqueMotor
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.status import Status
@@ -52,17 +52,15 @@ class ModulatedTorqueParameters(Parameters):
     memory: float = parameter(20.0, "time after which a row counts 1/e", "s", 0.05, 1e9)
     max_gap: float = parameter(0.05, "longest step between samples that keeps the window", "s", 1e-4, 10.0)
     deflection_scale: float = parameter(1.0, "deflection at which the terms of the law count alike", "rad", 1e-3, 10.0)
-    stiffness_prior: float = parameter(0.0, "stiffness per transmission before any data", "N m/rad", 0.0, 1e5)
-    stiffness_deviation: float = parameter(300.0, "standard deviation of that", "N m/rad", 1e-6, 1e6)
+    stiffness_prior: float = parameter(0.0, "stiffness per transmission before any data", "N m/rad", 0.0, 1e9)
+    stiffness_deviation: float = parameter(300.0, "standard deviation of that", "N m/rad", 1e-6, 1e9)
     inertia_prior: float = parameter(0.0, "motor inertia before any data", "kg m^2", 0.0, 1e3)
     inertia_deviation: float = parameter(0.1, "standard deviation of that", "kg m^2", 1e-9, 1e3)
     damping_prior: float = parameter(0.0, "motor damping before any data", "N m s/rad", 0.0, 1e4)
     damping_deviation: float = parameter(10.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
-    torque_noise: float = parameter(0.1, "standard deviation of torque noise expected", "N m", 1e-6, 1e3)
+    torque_noise: float = parameter(0.1, "standard deviation of torque noise expected", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
-    minimum_motion: float = parameter(
-        0.01, "range of deflection in a window below which it tells nothing", "rad", 0.0, 1.0
-    )
+    minimum_motion: float = parameter(0.01, "range of deflection below which a window tells nothing", "rad", 0.0, 1.0)
     range_margin: float = parameter(0.02, "share of the visited range that counts as visited beyond it", "-", 0.0, 1.0)
 
 
@@ -75,9 +73,10 @@ class ModulatedTorque(Estimator):
     @classmethod
     def from_device(cls, device: Device) -> ModulatedTorque:
         """Scales and priors from a device file: its numbers say the order of magnitude, not the answer."""
-        if device.drive != "torque" or not device.n_transmissions:
+        motor = device.motors[0] if device.n_transmissions else None
+        if not isinstance(motor, TorqueMotor):
             raise ParameterError(f"'{device.name}' has no torque-driven transmission; its torque equation is not known")
-        law, motor = device.spring_laws[0], device.motors[0]
+        law = device.spring_laws[0]
         stop = law.max_deflection
         stiffness = law.stiffness(np.linspace(0.0, stop, 65))
         quantum = max(device.sensors.link_quantum or 0.0, device.sensors.motor_quantum or 0.0)

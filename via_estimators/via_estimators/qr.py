@@ -1,4 +1,4 @@
-"""Recursive least squares on the triangular factor: one row in by Givens rotations, nothing ever inverted or subtracted.
+"""Recursive least squares on the triangular factor: one row in by Givens rotations, nothing inverted on the way.
 
 Source: SAPHARI deliverable, eqs. (44)-(49) (QR-RLS). Departures: the forgetting factor there multiplies R and p, which
 forgets lambda^2 per sample; here the caller multiplies by sqrt(lambda), the usual meaning. R carries a small prior from
