@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.signals import uninstall_signal_handlers
@@ -22,6 +23,7 @@ from via_core.errors import ParameterError, ViaError
 
 FOREVER = 1e6  # [s]
 PATIENCE = 0.1  # [s] longest sleep between two looks at a condition
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # for housekeeping timers: simulated time may stand still
 EXECUTORS = {"events": EventsExecutor, "single": SingleThreadedExecutor}
 
 

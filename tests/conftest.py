@@ -1,0 +1,101 @@
+"""What graph tests share: a DDS domain nobody else is in, a context of one's own, and waiting with deadlines."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+# Before any message class is imported: they look once. Wrong types and shapes then raise instead of passing.
+os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+# Killed processes leave no shared-memory files behind this way, and it is not slower for small messages.
+os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = "UDPv4"
+
+import pytest
+
+try:
+    import rclpy
+    import via_interfaces.msg  # noqa: F401
+except ImportError as error:
+    pytest.exit(f"tests/ need the sourced workspace (make test, or source ros2_ws/env.sh): {error}", returncode=4)
+
+from rclpy.parameter import Parameter
+from via_ros.spin import close_all, make_executor, spin_until
+
+DEADLINE = 30.0  # [s] a graph may take for anything at all
+
+
+def _reserve_domain() -> tuple[socket.socket, int]:
+    """A domain id that no other test process of this machine uses: whoever holds its port has it."""
+    for domain in range(1, 100):
+        holder = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            holder.bind(("127.0.0.1", 17400 + domain))
+        except OSError:
+            holder.close()
+            continue
+        return holder, domain
+    raise RuntimeError("all ROS domains are taken by other test processes")
+
+
+@pytest.fixture(scope="session")
+def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """The DDS domain of this test worker, also for the processes it starts."""
+    holder, number = _reserve_domain()
+    os.environ["ROS_DOMAIN_ID"] = str(number)
+    os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros_log"))
+    yield number
+    holder.close()
+
+
+class Graph:
+    """Nodes of one test in one process, with one executor and one context."""
+
+    def __init__(self, context: Any) -> None:
+        self.context = context
+        self.executor = make_executor(context=context)
+        self.nodes: list[Any] = []
+
+    def node(self, name: str) -> Any:
+        """A plain node to publish and listen with."""
+        return self._added(rclpy.create_node(name, context=self.context))
+
+    def add(self, kind: Callable[..., Any], **parameters: Any) -> Any:
+        """A node of class `kind`, which passes `context` and `parameter_overrides` on to rclpy's Node."""
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        return self._added(kind(context=self.context, parameter_overrides=overrides))
+
+    def _added(self, node: Any) -> Any:
+        self.executor.add_node(node)
+        self.nodes.append(node)
+        return node
+
+    def until(self, condition: Callable[[], bool], timeout: float = DEADLINE) -> None:
+        """Run callbacks until condition(); the test fails after `timeout` [s]."""
+        assert spin_until(self.executor, condition, timeout), f"nothing came of it within {timeout} s"
+
+    def remove(self, node: Any) -> None:
+        """Take a node out and close it."""
+        self.executor.remove_node(node)
+        self.nodes.remove(node)
+        close_all([node])
+
+
+@pytest.fixture
+def graph(domain: int) -> Iterator[Graph]:
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    graph = Graph(context)
+    yield graph
+    for node in list(graph.nodes):
+        graph.remove(node)
+    graph.executor.shutdown()
+    context.try_shutdown()
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    return Path(__file__).resolve().parent.parent

@@ -1,0 +1,168 @@
+"""Recorder and player in a graph: nothing is lost, everything comes in order and bit by bit, failures are loud."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from via_core.bags import BagWriter, read_bag
+from via_core.devices import load_device
+from via_core.errors import BagError, ParameterError
+from via_interfaces.msg import StiffnessEstimate
+from via_ros import qos
+from via_ros.conversions import JointStateWriter, nanoseconds, set_stamp
+from via_ros.nodes.player import Player
+from via_ros.nodes.recorder import Recorder
+
+DEVICE = load_device("cubic_aa_vsa")
+SAMPLES = "/joint_states"
+ANSWERS = f"/{DEVICE.name}/stiffness"
+TYPES = {SAMPLES: "sensor_msgs/msg/JointState", ANSWERS: "via_interfaces/msg/StiffnessEstimate"}
+START = 1_700_000_000_123_456_789  # [ns]
+
+
+@pytest.fixture
+def bag(tmp_path):
+    """A bag with 3000 samples at 1 kHz whose log times are in disorder: only the stamps tell the order."""
+    rng = np.random.default_rng(1)
+    path = tmp_path / "original"
+    writer = JointStateWriter(DEVICE)
+    with BagWriter(path) as out:
+        out.add_topic(SAMPLES, TYPES[SAMPLES])
+        for k in rng.permutation(3000):
+            writer.position[:] = rng.normal(size=3)
+            writer.effort[1:] = k
+            data = serialize_message(writer.stamped(START + 1_000_000 * int(k)))
+            out.write(SAMPLES, data, log_time=START + 1_000_000 * int(k) + int(rng.integers(0, 10**8)))
+    return path
+
+
+def answer_samples(node):
+    """A listener that answers every sample, as an estimator does; returns what it heard."""
+    heard = []
+    publisher = node.create_publisher(StiffnessEstimate, ANSWERS, qos.SAMPLES)
+
+    def answer(data):
+        message = deserialize_message(data, JointState)
+        estimate = StiffnessEstimate(sequence=len(heard))
+        estimate.header.stamp = message.header.stamp
+        heard.append(data)
+        publisher.publish(estimate)
+
+    node.create_subscription(JointState, SAMPLES, answer, qos.SAMPLES, raw=True)
+    return heard
+
+
+def test_played_into_a_recorder_everything_arrives_in_order_and_bit_by_bit(graph, bag, tmp_path):
+    heard = answer_samples(graph.node("estimator"))
+    wanted = [f"{name}:{kind}" for name, kind in TYPES.items()]
+    recorder = graph.add(Recorder, bag=str(tmp_path / "again"), topics=wanted)
+    player = graph.add(Player, bag=str(bag), rate=0.0, subscribers=2, answers=[ANSWERS], window=100)
+    graph.until(player.finished.done)
+    assert player.finished.result() == 0
+    graph.until(lambda: all(recorder.counts[name].messages == 3000 for name in TYPES))
+    assert recorder.counts[ANSWERS].lost == 0
+    graph.remove(recorder)
+    original = [message.data for message in read_bag(bag).in_stamp_order()]
+    again = read_bag(tmp_path / "again")
+    assert again.complete
+    assert list(again.topic(SAMPLES).payloads()) == original == heard
+    assert np.array_equal(again[ANSWERS]["sequence"], np.arange(3000))
+    assert np.array_equal(again[ANSWERS].stamp, np.sort(read_bag(bag)[SAMPLES].stamp))
+
+
+def test_clock_runs_ahead_of_every_sample(graph, bag):
+    listener = graph.node("listener")
+    heard = []
+    listener.create_subscription(Clock, "/clock", lambda message: heard.append(nanoseconds(message.clock)), qos.SAMPLES)
+    answer_samples(listener)
+    player = graph.add(Player, bag=str(bag), rate=0.0, answers=[ANSWERS])
+    graph.until(player.finished.done)
+    graph.until(lambda: len(heard) == 3000)
+    assert heard == sorted(START + 1_000_000 * k for k in range(3000))
+
+
+def test_rate_keeps_the_pace_of_the_stamps(graph, bag, monkeypatch):
+    """On a clock of its own: the pace is what the player asks the clock to wait for."""
+    due = []
+    player_wait = Player._sleep_until
+    monkeypatch.setattr(Player, "_sleep_until", lambda self, time: due.append(time))
+    answer_samples(graph.node("listener"))
+    player = graph.add(Player, bag=str(bag), rate=4.0)
+    graph.until(player.finished.done)
+    assert player_wait is not Player._sleep_until
+    assert np.array_equal(np.diff(due[1:]), np.full(2999, 250_000))
+
+
+def test_player_gives_up_on_a_listener_that_falls_silent(graph, bag, capsys):
+    listener = graph.node("listener")
+    publisher = listener.create_publisher(StiffnessEstimate, ANSWERS, qos.SAMPLES)
+    heard = []
+    listener.create_subscription(JointState, SAMPLES, heard.append, qos.SAMPLES)
+    player = graph.add(Player, bag=str(bag), rate=0.0, answers=[ANSWERS], window=50, patience=1.0)
+    graph.until(player.finished.done)
+    assert player.finished.result() == 3
+    assert player.played == 50
+    assert ANSWERS in capsys.readouterr().err
+    assert publisher.get_subscription_count() == 1
+
+
+def test_player_waits_for_the_number_of_listeners(graph, bag, capsys):
+    player = graph.add(Player, bag=str(bag), patience=0.3, subscribers=2)
+    graph.until(player.finished.done)
+    assert (player.finished.result(), player.played) == (3, 0)
+    assert "2 listeners" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("parameters", "complaint"),
+    [({}, "bag"), ({"bag": "nowhere"}, "nowhere"), ({"bag": "nowhere", "rate": -1.0}, "rate")],
+)
+def test_player_says_what_is_wrong(graph, parameters, complaint):
+    with pytest.raises((ParameterError, BagError), match=complaint):
+        graph.add(Player, **parameters)
+
+
+def test_player_names_a_topic_that_is_not_there(graph, bag):
+    with pytest.raises(BagError, match="/stranger"):
+        graph.add(Player, bag=str(bag), topics=["/stranger"])
+
+
+def test_recorder_finds_a_topic_that_appears_later_and_counts_the_missing(graph, tmp_path):
+    recorder = graph.add(Recorder, bag=str(tmp_path / "late"), topics=[ANSWERS])
+    publisher = graph.node("late").create_publisher(StiffnessEstimate, ANSWERS, qos.SAMPLES)
+    graph.until(lambda: publisher.get_subscription_count() == 1)
+    message = StiffnessEstimate()
+    for k in (0, 1, 4, 5, 9):
+        message.sequence = k
+        set_stamp(message.header.stamp, k)
+        publisher.publish(message)
+    graph.until(lambda: ANSWERS in recorder.counts and recorder.counts[ANSWERS].messages == 5)
+    assert recorder.counts[ANSWERS].lost == 5
+    graph.remove(recorder)
+    assert np.array_equal(read_bag(tmp_path / "late")[ANSWERS]["sequence"], [0, 1, 4, 5, 9])
+
+
+def test_a_recorder_that_fails_leaves_no_bag_that_looks_whole(graph, tmp_path):
+    recorder = graph.add(Recorder, bag=str(tmp_path / "half"), topics=[f"{SAMPLES}:{TYPES[SAMPLES]}"])
+    publisher = graph.node("robot").create_publisher(JointState, SAMPLES, qos.SAMPLES)
+    graph.until(lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(JointState(name=["a"]))
+    graph.until(lambda: recorder.counts[SAMPLES].messages == 1)
+    recorder.close(failed=True)
+    assert not (tmp_path / "half" / "metadata.yaml").exists()
+    assert not list((tmp_path / "half").glob("*.mcap"))
+    assert not read_bag(tmp_path / "half").complete
+
+
+@pytest.mark.parametrize(
+    ("parameters", "complaint"),
+    [({}, "bag"), ({"bag": "new", "topics": ["/a:no_such_msgs/msg/Thing"]}, "no_such_msgs/msg/Thing")],
+)
+def test_recorder_says_what_is_wrong_and_makes_no_bag(graph, tmp_path, monkeypatch, parameters, complaint):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((ParameterError, BagError), match=complaint):
+        graph.add(Recorder, **parameters)
+    assert not list(tmp_path.iterdir())

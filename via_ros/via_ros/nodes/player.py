@@ -1,0 +1,220 @@
+"""Plays a bag into live nodes: in stamp order, the same every time, with /clock before every new stamp.
+
+ros2 run via_ros player --ros-args -p bag:=joint -p rate:=0.0 -p subscribers:=1 -p "answers:=['/cubic_demo/stiffness']"
+
+rate 1 keeps the bag's pace, N is N times as fast, 0 as fast as the listeners keep up. For 0 nothing may be lost, and
+a middleware that takes a message off the wire has not yet had it processed: name in `answers` the topics on which the
+listeners answer samples (each answer carries the stamp of its sample), and the player never runs more than `window`
+JointState messages ahead of any of them. Without answers it waits for the listeners' acknowledgement instead.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.task import Future
+from rosgraph_msgs.msg import Clock
+from via_core.bags import RawMessage, read_bag
+from via_core.errors import BagError, ParameterError
+
+from via_ros import qos
+from via_ros.conversions import SECOND, set_stamp
+from via_ros.interfaces import message_class, stamp_of
+from via_ros.parameters import declare
+from via_ros.spin import STEADY, run
+
+SAMPLE = "sensor_msgs/msg/JointState"
+LOOK = 0.02  # [s] between two looks for listeners
+SETTLE = 0.1  # [s] for the listeners to find this player as it found them
+
+
+@dataclass(frozen=True)
+class Parameters:
+    bag: str = field(default="", metadata={"description": "bag to play: a folder or an .mcap file"})
+    topics: tuple[str, ...] = field(default=(), metadata={"description": "topics to play; none: all of the bag"})
+    rate: float = field(
+        default=1.0,
+        metadata={"description": "speed; 0: as fast as the listeners keep up", "unit": "-", "range": (0.0, 1e4)},
+    )
+    subscribers: int = field(
+        default=1,
+        metadata={"description": "listeners every topic with samples must have first", "range": (0, 100)},
+    )
+    answers: tuple[str, ...] = field(
+        default=(), metadata={"description": "topics on which listeners answer samples, stamp by stamp"}
+    )
+    window: int = field(
+        default=200,
+        metadata={"description": "samples that may be unanswered at rate 0", "range": (1, qos.SAMPLES.depth)},
+    )
+    patience: float = field(
+        default=20.0,
+        metadata={"description": "longest wait for a listener or an answer", "unit": "s", "range": (0.1, 3600.0)},
+    )
+
+
+class Player(Node):
+    """Plays in a thread of its own; `finished` holds 0, or 3 with a line on stderr where a listener fell silent."""
+
+    def __init__(self, **node_options: object) -> None:
+        super().__init__("player", **node_options)
+        self.parameters = p = declare(self, Parameters)
+        if not p.bag:
+            raise ParameterError("parameter bag must name the bag to play, got ''")
+        bag = read_bag(p.bag, p.topics or None)
+        for remark in bag.remarks:
+            self.get_logger().warning(f"{p.bag}: {remark}")
+        missing = [name for name in p.topics if name not in bag]
+        if missing or len(bag) == 0:
+            raise BagError(f"{p.bag} has no messages on {', '.join(missing or p.topics) or 'any topic'}")
+        self.played = 0
+        self.finished = Future()
+        self._messages = list(bag.in_stamp_order())
+        self._topics = {
+            name: self.create_publisher(message_class(topic.type_name), name, qos.from_bag(topic.qos))
+            for name, topic in bag.topics.items()
+        }
+        samples = [name for name, topic in bag.topics.items() if topic.type_name == SAMPLE]
+        self._awaited = [self._topics[name] for name in samples or self._topics]
+        self._now = self.create_publisher(Clock, "/clock", qos.CONTROL)
+        self._answered = dict.fromkeys(p.answers, -1)  # [ns] stamp of the last answer
+        self._answer_types: dict[str, Any] = {}
+        self._change = threading.Condition()
+        self._stopped = False
+        self._thread = threading.Thread(target=self._play, name="player", daemon=True)
+        self.create_timer(LOOK, self._look, clock=STEADY)
+        self._thread.start()
+
+    # --- in the executor ---
+
+    def _look(self) -> None:
+        """Answers have the type that whoever answers gave them: heard as soon as it is known."""
+        for name in self._answered.keys() - self._answer_types.keys():
+            for info in self.get_publishers_info_by_topic(name):
+                kind = message_class(info.topic_type)
+                self._answer_types[name] = kind
+                self.create_subscription(kind, name, self._hear(name), qos.SAMPLES, raw=True)
+                break
+        with self._change:
+            self._change.notify_all()
+
+    def _hear(self, name: str) -> Callable[[bytes], None]:
+        def heard(data: bytes) -> None:
+            with self._change:
+                self._answered[name] = max(self._answered[name], stamp_of(data))
+                self._change.notify_all()
+
+        return heard
+
+    # --- in the thread that plays ---
+
+    def _play(self) -> None:
+        try:
+            self._wait(self._listeners_are_there, self._who_is_missing)
+            self._sleep_until(time.monotonic_ns() + round(SETTLE * SECOND))
+            self._publish_all()
+            self._until_acknowledged()
+            self._report()
+            self._end(0)
+        except BagError as error:
+            if not self._stopped:
+                print(f"{self.get_name()}: {error}", file=sys.stderr)
+                self._end(3)
+
+    def _publish_all(self) -> None:
+        p = self.parameters
+        first, start = self._messages[0].stamp, time.monotonic_ns()
+        clock, unanswered, now = Clock(), deque[int](), None
+        for message in self._messages:
+            if p.rate > 0.0:
+                self._sleep_until(start + round((message.stamp - first) / p.rate))
+            elif message.type_name == SAMPLE:
+                self._keep_back(unanswered, message)
+            if self._stopped:
+                raise BagError("stopped")
+            if message.stamp != now:
+                now = message.stamp
+                set_stamp(clock.clock, now)
+                self._now.publish(clock)
+            self._topics[message.topic].publish(message.data)
+            self.played += 1
+        if p.rate == 0.0 and unanswered:
+            last = unanswered[-1]
+            self._wait(lambda: self._slowest() >= last, lambda: f"no answer to the last sample on {self._silent()}")
+
+    def _keep_back(self, unanswered: deque[int], message: RawMessage) -> None:
+        """Before a sample goes out: fewer than `window` others may be on their way."""
+        window = self.parameters.window
+        if not self._answered:
+            if self.played % window == 0:
+                self._until_acknowledged()
+            return
+        unanswered.append(message.stamp)
+        if len(unanswered) > window:
+            oldest = unanswered[0]
+            self._wait(lambda: self._slowest() >= oldest, lambda: f"no answer on {self._silent()}")
+            while unanswered and unanswered[0] <= self._slowest():
+                unanswered.popleft()
+
+    def _slowest(self) -> int:
+        return min(self._answered.values())
+
+    def _silent(self) -> str:
+        return min(self._answered, key=lambda name: self._answered[name])
+
+    def _listeners_are_there(self) -> bool:
+        heard = all(each.get_subscription_count() >= self.parameters.subscribers for each in self._awaited)
+        return heard and self._answer_types.keys() == self._answered.keys()
+
+    def _who_is_missing(self) -> str:
+        silent = self._answered.keys() - self._answer_types.keys()
+        if silent:
+            return f"nobody answers on {', '.join(sorted(silent))}"
+        counts = ", ".join(f"{each.topic_name} {each.get_subscription_count()}" for each in self._awaited)
+        return f"waiting for {self.parameters.subscribers} listeners per topic, there are: {counts}"
+
+    def _wait(self, condition: Callable[[], bool], complaint: Callable[[], str]) -> None:
+        """Until condition(); BagError after `patience` seconds without it."""
+        with self._change:
+            if not self._change.wait_for(lambda: self._stopped or condition(), timeout=self.parameters.patience):
+                raise BagError(f"{complaint()} for {self.parameters.patience:g} s; {self.played} messages played")
+        if self._stopped:
+            raise BagError("stopped")
+
+    def _sleep_until(self, due: int) -> None:
+        """Until the steady clock shows `due` [ns], or until the node is closed."""
+        with self._change:
+            while not self._stopped and (left := due - time.monotonic_ns()) > 0:
+                self._change.wait(left / SECOND)
+
+    def _until_acknowledged(self) -> None:
+        limit = Duration(nanoseconds=round(self.parameters.patience * SECOND))
+        for name, publisher in self._topics.items():
+            if not publisher.wait_for_all_acked(limit):
+                raise BagError(f"{name} was not acknowledged for {self.parameters.patience:g} s")
+
+    def _report(self) -> None:
+        span = (self._messages[-1].stamp - self._messages[0].stamp) / SECOND
+        print(f"{self.parameters.bag}: {self.played} messages over {span:.3f} s played", file=sys.stderr)
+
+    def _end(self, code: int) -> None:
+        self.finished.set_result(code)
+
+    def close(self, failed: bool = False) -> None:
+        """End the thread; nothing is published after this."""
+        with self._change:
+            self._stopped = True
+            self._change.notify_all()
+        self._thread.join()
+
+
+def main() -> int:
+    return run(Player)

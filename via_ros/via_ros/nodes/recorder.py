@@ -1,0 +1,140 @@
+"""Records topics into a bag without decoding them; counts what arrives and what is missing.
+
+ros2 run via_ros recorder --ros-args -p bag:=joint -p "topics:=['/joint_states', '/cubic_demo/stiffness']"
+
+A topic may carry its type, '/joint_states:sensor_msgs/msg/JointState': it is then heard from the start, before
+anybody publishes, and its first message is not missed. Without topics everything there is gets recorded as it appears.
+The bag has its final name only when it was closed in order; otherwise it stays under its unfinished one.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from via_core.bags import BagWriter
+from via_core.errors import BagError, ParameterError
+
+from via_ros import qos
+from via_ros.interfaces import NUMBERED, message_class, opening_of
+from via_ros.parameters import declare
+from via_ros.spin import STEADY, run
+
+LOOK = 0.1  # [s] between two looks for topics
+REPORT = 1.0  # [s] between two diagnostics
+
+
+@dataclass(frozen=True)
+class Parameters:
+    bag: str = field(default="", metadata={"description": "folder of the bag to make; must not exist"})
+    topics: tuple[str, ...] = field(
+        default=(), metadata={"description": "topics to record, 'name' or 'name:type'; none: all there are"}
+    )
+
+
+@dataclass
+class Count:
+    """What came in on one topic."""
+
+    type_name: str
+    messages: int = 0
+    size: int = 0  # [bytes]
+    lost: int = 0  # numbers left out between the first and the last of a numbered type with one publisher
+    last: int = -1  # number of the last message
+
+
+class Recorder(Node):
+    def __init__(self, **node_options: object) -> None:
+        super().__init__("recorder", **node_options)
+        self.parameters = declare(self, Parameters)
+        if not self.parameters.bag:
+            raise ParameterError("parameter bag must name the folder to record into, got ''")
+        self.counts: dict[str, Count] = {}
+        self._unknown: set[str] = set()
+        wanted = [text.partition(":") for text in self.parameters.topics]
+        self._wanted = {self.resolve_topic_name(name): type_name for name, _, type_name in wanted}
+        for type_name in filter(None, self._wanted.values()):
+            message_class(type_name)  # a wrong type is said before a bag exists
+        self._writer = BagWriter(self.parameters.bag)
+        self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
+        for name, type_name in self._wanted.items():
+            if type_name:
+                self._hear(name, type_name)
+        self._look()
+        self.create_timer(LOOK, self._look, clock=STEADY)
+        self.create_timer(REPORT, self._report, clock=STEADY)
+
+    def _look(self) -> None:
+        if self._wanted and self.counts.keys() >= self._wanted.keys():
+            return
+        for name, type_names in self.get_topic_names_and_types():
+            if name in self.counts or name in self._unknown or (self._wanted and name not in self._wanted):
+                continue
+            if not self._wanted and not self.get_publishers_info_by_topic(name):
+                continue  # nobody speaks yet: the offered quality is not known
+            try:
+                if len(type_names) != 1:
+                    raise BagError(f"it has several types: {', '.join(type_names)}")
+                self._hear(name, type_names[0])
+            except BagError as error:
+                self._unknown.add(name)
+                self.get_logger().warning(f"{name} is not recorded: {error}")
+
+    def _hear(self, name: str, type_name: str) -> None:
+        kind = message_class(type_name)
+        offers = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
+        self.counts[name] = count = Count(type_name)
+        write = partial(self._write, name, count, opening_of if type_name in NUMBERED else None)
+        self.create_subscription(kind, name, write, qos.matching(offers), raw=True)
+
+    def _write(self, name: str, count: Count, opening: Callable | None, data: bytes) -> None:
+        if count.messages == 0:
+            offers = [qos.as_offered(info.qos_profile) for info in self.get_publishers_info_by_topic(name)]
+            self._writer.add_topic(name, count.type_name, tuple(offers) or (qos.as_offered(qos.SAMPLES),))
+        self._writer.write(name, data, self.get_clock().now().nanoseconds, sequence=count.messages)
+        count.messages += 1
+        count.size += len(data)
+        if opening is not None:
+            number = opening(data).sequence
+            # A publisher that starts again counts from 0: nothing is known to be lost then.
+            count.lost += max(number - count.last - 1, 0) if count.last >= 0 else 0
+            count.last = number
+
+    def _report(self) -> None:
+        report = DiagnosticArray()
+        report.header.stamp = self.get_clock().now().to_msg()
+        for name in self._wanted.keys() | self.counts.keys():
+            count = self.counts.get(name)
+            level, text = DiagnosticStatus.OK, "recording"
+            if count is None or count.messages == 0:
+                level, text = DiagnosticStatus.WARN, "nothing heard yet"
+            elif count.lost:
+                level, text = DiagnosticStatus.ERROR, "messages are missing"
+            status = DiagnosticStatus(level=level, name=f"{self.get_name()}: {name}", message=text)
+            if count is not None:
+                status.values = [
+                    KeyValue(key="messages", value=str(count.messages)),
+                    KeyValue(key="lost", value=str(count.lost)),
+                    KeyValue(key="bytes", value=str(count.size)),
+                ]
+            report.status.append(status)
+        self._reports.publish(report)
+
+    def close(self, failed: bool = False) -> None:
+        """Give the bag its final name; or, after a failure, leave what was written under its unfinished one."""
+        if failed:
+            self._writer.abandon()
+            return
+        self._writer.close()
+        total = sum(count.messages for count in self.counts.values())
+        lost = sum(count.lost for count in self.counts.values())
+        # Not the logger: the context may be gone.
+        print(f"{self.parameters.bag}: {total} messages on {len(self.counts)} topics, {lost} missing", file=sys.stderr)
+
+
+def main() -> int:
+    return run(Recorder)
