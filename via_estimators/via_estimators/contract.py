@@ -14,7 +14,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,6 +46,9 @@ class Parameters:
                 )
 
 
+P = TypeVar("P", bound=Parameters)
+
+
 class Estimate(NamedTuple):
     """One estimate: stamp of its sample [s], status, values (k,) and standard deviations (k,), both finite."""
 
@@ -53,6 +56,13 @@ class Estimate(NamedTuple):
     status: Status
     value: Array
     standard_deviation: Array
+
+
+def expect(parameters: Parameters, kind: type[P]) -> P:
+    """`parameters` if they are of that kind; raises ParameterError where they are another estimator's."""
+    if not isinstance(parameters, kind):
+        raise ParameterError(f"parameters must be {kind.__name__}, got {type(parameters).__name__}")
+    return parameters
 
 
 @dataclass(frozen=True)
@@ -90,6 +100,8 @@ class Health(NamedTuple):
 class Estimator(ABC):
     """An algorithm; `step` and `run` are final and share `_advance`."""
 
+    parameters: Parameters
+
     @property
     @abstractmethod
     def inputs(self) -> tuple[str, ...]:
@@ -99,6 +111,10 @@ class Estimator(ABC):
     @abstractmethod
     def outputs(self) -> tuple[str, ...]:
         """Columns of an estimate."""
+
+    @abstractmethod
+    def having(self, parameters: Parameters) -> Estimator:
+        """The same estimator with other parameters; raises ParameterError for those of another."""
 
     @abstractmethod
     def init(self) -> Array:

@@ -7,7 +7,7 @@ Weak form of the link equation (4) of the SAPHARI deliverable (Section 2) with t
 solved for d(t) [N m s/rad] and gain(t) [-] with a short memory, because both are commanded to vary within a second.
 
 What can be known: no torque is measured, so the equation is homogeneous in (M, d, gain) and only d/M and gain/M follow
-from motion. The link inertia of the device file sets the scale, and its stated tolerance goes into every standard deviation.
+from motion. The link inertia of the device file sets the scale, and its tolerance goes into every standard deviation.
 d is the equivalent viscous damping of all that resists motion; dry friction and a saturated brake end up in it.
 
 The equilibrium theta is taken from a model of the position servo driven by its command: dead time, speed limit,
@@ -35,7 +35,7 @@ from via_core.springs import N_COEFFICIENTS, SpringLaw, spring_stiffness, spring
 from via_core.status import Status
 
 from via_estimators import coloured, window
-from via_estimators.contract import Estimator, Parameters, parameter
+from via_estimators.contract import Estimator, Parameters, expect, parameter
 
 MODULATING_ORDER = 5
 (LENGTH, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, INERTIA, TOLERANCE, GRAVITY, GRAVITY_ANGLE) = range(9)
@@ -100,6 +100,9 @@ class LinkImpedance(Estimator):
                 damping_deviation=max(high - low, 0.5 * high, 1e-6),
             ),
         )
+
+    def having(self, parameters: Parameters) -> LinkImpedance:
+        return replace(self, parameters=expect(parameters, LinkImpedanceParameters))
 
     @property
     def inputs(self) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ delay the torque by half a sample.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import exp, sqrt
 
@@ -33,7 +33,7 @@ from via_core.signals import Array, locked
 from via_core.status import Status
 
 from via_estimators import coloured, window
-from via_estimators.contract import Estimator, Parameters, parameter
+from via_estimators.contract import Estimator, Parameters, expect, parameter
 
 MODULATING_ORDER = 5
 LENGTH, TRANSMISSIONS, ORDER, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, SCALE = range(8)
@@ -96,6 +96,9 @@ class ModulatedTorque(Estimator):
                 minimum_motion=max(0.005 * stop, 4.0 * quantum),
             )
         )
+
+    def having(self, parameters: Parameters) -> ModulatedTorque:
+        return replace(self, parameters=expect(parameters, ModulatedTorqueParameters))
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:

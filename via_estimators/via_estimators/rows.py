@@ -1,0 +1,96 @@
+"""From a bag to the sample rows a live node would have seen, so that replayed estimates are the live ones bit by bit.
+
+The rules, the same here and in the node:
+  - every message that names the device's link is one sample, in stamp order, bad stamps and NaN included;
+  - its time is counted in whole nanoseconds from the first of them, then divided once;
+  - a command applies to samples whose stamp is not before its own. By stamps, not by arrival: two topics may overtake
+    each other on the way. (A command that arrives after such a sample has already gone through is counted as late.)
+  - commands that cannot be followed (not finite, not of mode EQUILIBRIUM_PRESET) are passed over.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from via_core.bags import Bag
+from via_core.bags.joints import EQUILIBRIUM_PRESET, JOINT_STATE, VSA_COMMAND, joint_channels
+from via_core.devices import Device
+from via_core.errors import BagError
+from via_core.signals import Array
+
+from via_estimators.contract import Estimates, Estimator
+
+COMMANDS = ("equilibrium", "preset", "damping")
+SECOND = 1_000_000_000  # [ns]
+
+
+class SampleRows(NamedTuple):
+    """Samples as an estimator takes them."""
+
+    stamp: NDArray[np.int64]  # (N,) [ns]
+    rows: Array  # (N, 1 + k), time [s] since the first stamp, then the columns asked for
+    damping_command: Array  # (N,) [-] held, NaN before the first command
+
+
+class BagEstimates(NamedTuple):
+    """Estimates of a bag and the samples they belong to."""
+
+    samples: SampleRows
+    estimates: Estimates
+
+
+def sample_rows(bag: Bag, device: Device, inputs: tuple[str, ...], joint_topic: str = "/joint_states") -> SampleRows:
+    """The samples of `device` in `bag`, columns `inputs` such as ('q', 'theta_1', 'equilibrium').
+
+    Raises BagError when the topic is not in the bag, is of another type, or never names the device's link.
+    """
+    states = bag[joint_topic]
+    if states.type_name != JOINT_STATE:
+        raise BagError(f"{joint_topic} is {states.type_name}, not {JOINT_STATE}")
+    channels, present = joint_channels(states, device)
+    order = np.flatnonzero(present)
+    if not len(order):
+        raise BagError(f"no joint '{device.link_joint}' of device '{device.name}' on {joint_topic}")
+    order = order[np.argsort(states.stamp[order], kind="stable")]
+    stamp = states.stamp[order]
+    held = _held(bag, device, stamp)
+    rows = np.full((len(order), 1 + len(inputs)), np.nan)
+    rows[:, 0] = (stamp - stamp[0]) / SECOND
+    for at, column in enumerate(inputs, start=1):
+        name, _, number = column.rpartition("_")
+        if column in held:
+            rows[:, at] = held[column]
+        elif column in channels:
+            rows[:, at] = channels[column][order]
+        elif name in channels and 1 <= int(number) <= channels[name].shape[1]:
+            rows[:, at] = channels[name][order, int(number) - 1]
+        else:
+            raise BagError(f"device '{device.name}' with {device.n_motors} motors has no column '{column}'")
+    return SampleRows(stamp, rows, held["damping"])
+
+
+def _held(bag: Bag, device: Device, stamp: NDArray[np.int64]) -> dict[str, Array]:
+    """The commands (N,) that hold at the stamps, NaN before the first."""
+    held = {name: np.full(len(stamp), np.nan) for name in COMMANDS}
+    if device.command_topic not in bag or not len(bag.topic(device.command_topic)):
+        return held
+    commands = bag[device.command_topic]
+    if commands.type_name != VSA_COMMAND:
+        raise BagError(f"{device.command_topic} is {commands.type_name}, not {VSA_COMMAND}")
+    good = commands["mode"] == EQUILIBRIUM_PRESET
+    for name in COMMANDS:
+        good &= np.isfinite(commands[name])
+    chosen = np.flatnonzero(good)
+    chosen = chosen[np.argsort(commands.stamp[chosen], kind="stable")]
+    at = np.searchsorted(commands.stamp[chosen], stamp, side="right") - 1
+    for name in COMMANDS:
+        held[name][at >= 0] = commands[name][chosen][at[at >= 0]]
+    return held
+
+
+def estimate_bag(bag: Bag, device: Device, estimator: Estimator, joint_topic: str = "/joint_states") -> BagEstimates:
+    """Feed a bag through an estimator, sample by sample as its node would."""
+    samples = sample_rows(bag, device, estimator.inputs, joint_topic)
+    return BagEstimates(samples, estimator.run_rows(samples.rows)[1])
