@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 from via_core.devices import Device, ServoMotor, TorqueMotor, device_names, load_device, parse_device
 from via_core.errors import DeviceError, ParameterError
 
@@ -55,7 +57,7 @@ def refusal(content) -> str:
         parse_device(content if isinstance(content, str) else yaml.safe_dump(content), "file.yaml")
     text = str(caught.value)
     assert text.startswith("file.yaml:"), text
-    assert "\n" not in text
+    assert len(text.splitlines()) == 1
     return text
 
 
@@ -182,6 +184,7 @@ def test_shipped_numbers_are_the_published_ones(name: str, key: str, value: floa
         ("sensors.torque_noise", -1.0, ["sensors.torque_noise: must be greater than or equal to 0"]),
         ("wire", {"motors": ["only_one"]}, ["wire.motors: needs 0 or 2 names, got 1"]),
         ("colour", "red", ["colour: is no known key"]),
+        ("two\nlines", 1.0, ["two lines: is no known key"]),
     ],
 )
 def test_what_no_device_can_be_is_refused(key: str, value, says: list[str]) -> None:
@@ -218,6 +221,32 @@ def test_bad_yaml_is_one_clear_line(text: str, says: str) -> None:
     assert says in refusal(text)
 
 
+KEYS = sorted({"name", "link.inertia", "motors.1", "springs.0", "springs", "damper", "sensors.rate", "wire", "source"})
+JUNK = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@given(key=st.sampled_from(KEYS), value=JUNK)
+def test_junk_under_any_key_is_a_device_or_one_clear_line(key: str, value) -> None:
+    text = yaml.safe_dump(edited(key, value))
+    try:
+        parse_device(text, "file.yaml")
+    except DeviceError:
+        refusal(text)
+
+
+@given(text=st.text(alphabet="abl:{}[]-&*!|>?#'\"%@`, \n\t019.e+", max_size=40))
+def test_random_text_is_no_device(text: str) -> None:
+    refusal(text)
+
+
+def test_a_long_value_is_cut_short() -> None:
+    assert len(refusal(edited("name", "X" * 5000))) < 250
+
+
 def test_exponents_without_a_dot_are_numbers() -> None:
     text = yaml.safe_dump(GOOD).replace("inertia: 0.1", "inertia: 1e-4")
     assert parse_device(text, "file.yaml").link.inertia == 1e-4
@@ -230,6 +259,8 @@ def test_unknown_names_and_unreadable_files(tmp_path: Path) -> None:
         load_device(tmp_path / "nowhere.yaml")
     with pytest.raises(DeviceError, match="cannot be read: Is a directory"):
         load_device(tmp_path)
+    with pytest.raises(DeviceError, match="cannot be read: embedded null"):
+        load_device("a\0.yaml")
     latin = tmp_path / "latin.yaml"
     latin.write_bytes(b"title: \xe9")
     with pytest.raises(DeviceError, match="not UTF-8 text"):

@@ -249,6 +249,13 @@ def test_impossible_springs_are_refused(make, names: str) -> None:
         make()
 
 
+def test_polynomial_may_soften_as_long_as_its_stop_comes_first() -> None:
+    softening = (1.0, -1.0)  # sigma = 1 - 3 phi^2
+    assert float(OddPolynomialSpring(0.5, softening).stiffness(0.5)) == pytest.approx(0.25)
+    with pytest.raises(ParameterError, match="negative stiffness"):
+        OddPolynomialSpring(0.6, softening)
+
+
 def test_polynomial_that_just_touches_zero_stiffness_is_allowed() -> None:
     # sigma = 1 - 2 s + s^2 = (1 - s)^2 with s = phi^2
     law = OddPolynomialSpring(1.5, (1.0, -2.0 / 3.0, 1.0 / 5.0))

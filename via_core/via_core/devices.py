@@ -406,9 +406,12 @@ def load_device(name_or_path: str | Path) -> Device:
         where = Path(str(resources.files("via_core").joinpath("devices", shown)))
     try:
         text = where.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise DeviceError(f"{shown}: cannot be read: {reason}") from None
+    except OSError as error:
+        raise DeviceError(f"{shown}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise DeviceError(f"{shown}: cannot be read: not UTF-8 text") from None
+    except ValueError as error:  # a path with a null byte
+        raise DeviceError(f"{shown!r}: cannot be read: {error}") from None
     return parse_device(text, shown)
 
 
@@ -420,15 +423,20 @@ def parse_device(text: str, file: str) -> Device:
         mark = getattr(error, "problem_mark", None)
         line = f" line {mark.line + 1}" if mark is not None else ""
         what = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
-        raise DeviceError(f"{file}:{line} {what}") from None
+        raise DeviceError(_one_line(f"{file}:{line} {what}")) from None
     except (TypeError, ValueError, RecursionError) as error:
-        raise DeviceError(f"{file}: not YAML: {str(error).splitlines()[0]}") from None
+        raise DeviceError(_one_line(f"{file}: not YAML: {error}")) from None
     if not isinstance(content, dict):
         raise DeviceError(f"{file}: a device file is a mapping of keys, got {type(content).__name__}")
     try:
         return Device.model_validate(content)
     except ValidationError as error:
-        raise DeviceError(f"{file}: {'; '.join(_told(problem) for problem in error.errors())}") from None
+        raise DeviceError(_one_line(f"{file}: {'; '.join(_told(p) for p in error.errors())}")) from None
+
+
+def _one_line(text: str) -> str:
+    """A key or a value of the file may hold line breaks; the error may not."""
+    return " ".join(text.splitlines())
 
 
 # Pydantic puts the tag of a union into the path; none of these is a key.
@@ -454,4 +462,5 @@ def _told(problem: Any) -> str:
         return f"{key}: is no known key"
     if problem["type"] == "value_error":
         return f"{key}: {text}" if key else text
-    return f"{key}: {text}, got {problem['input']!r}"
+    value = repr(problem["input"])
+    return f"{key}: {text}, got {value if len(value) <= 80 else value[:77] + '...'}"

@@ -1,4 +1,4 @@
-"""What an estimate is worth. The numbers are those of the messages in via_interfaces (a test holds the two together)."""
+"""What an estimate is worth. The numbers are those of the messages in via_interfaces; a test holds the two together."""
 
 from enum import IntEnum
 
