@@ -46,7 +46,7 @@ def seconds(time: int, origin: int = 0) -> float:
 
 
 def to_nanoseconds(time: float, origin: int = 0) -> int:
-    """The stamp [ns] nearest to `time` [s] after `origin` [ns]; the inverse of `seconds` for up to 100 days."""
+    """The stamp [ns] nearest to `time` [s] after `origin` [ns]; the inverse of `seconds` for up to 20 days."""
     return origin + round(time * SECOND)
 
 
@@ -193,8 +193,6 @@ class CommandWriter:
     def __init__(self, device: Device) -> None:
         self._message = VsaCommand()
         self._message.header.frame_id = device.name
-        self._motor = array.array("d", [0.0] * device.n_motors)
-        self._none = array.array("d")
         self._sequence = 0
 
     def numbered(self, time: int, command: Command) -> VsaCommand:
@@ -207,9 +205,5 @@ class CommandWriter:
         message.equilibrium = float(command.equilibrium)
         message.preset = float(command.preset)
         message.damping = float(command.damping)
-        if len(command.motor):
-            np.frombuffer(self._motor)[:] = command.motor
-            message.motor = self._motor
-        else:
-            message.motor = self._none
+        message.motor = array.array("d", command.motor)
         return message

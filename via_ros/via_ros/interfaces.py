@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -25,12 +26,13 @@ class Opening(NamedTuple):
 
 def message_class(type_name: str) -> Any:
     """The class of 'package/msg/Name'; raises BagError where that package is not installed or has no such message."""
-    parts = type_name.split("/")
+    words = re.fullmatch(r"(\w+)/msg/(\w+)", type_name)
     try:
-        package, kind, name = parts if len(parts) == 3 else (parts[0], "msg", parts[-1])
-        return getattr(import_module(f"{package}.{kind}"), name)
-    except (ImportError, AttributeError, ValueError):
-        raise BagError(f"message type {type_name} is not installed here; source the workspace that has it") from None
+        if words:
+            return getattr(import_module(f"{words[1]}.msg"), words[2])
+    except (ImportError, AttributeError):
+        pass
+    raise BagError(f"message type {type_name} is not installed here; source the workspace that has it")
 
 
 def type_name_of(message_type: Any) -> str:

@@ -1,0 +1,126 @@
+"""The spin helper: both executors, own ends, deadlines; and qualities of service that hear what is offered."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.task import Future
+from std_msgs.msg import UInt64
+from via_core.errors import ParameterError
+from via_ros.spin import EXECUTORS, make_executor, spin, spin_until
+
+from via_ros import qos
+
+NODE_FILE = """
+import sys
+from rclpy.node import Node
+from rclpy.task import Future
+from via_core.errors import BagError
+from via_ros.spin import run
+
+class Short(Node):
+    def __init__(self):
+        super().__init__("short")
+        self.finished = Future()
+        self.create_timer(0.001, self.tick)
+    def tick(self):
+        if sys.argv[1] == "bad":
+            raise BagError("the disk is full")
+        if sys.argv[1] == "broken":
+            raise ZeroDivisionError("a fault of ours")
+        self.finished.set_result(int(sys.argv[1]))
+    def close(self, failed=False):
+        print("failed" if failed else "closed")
+
+sys.exit(run(Short, args=sys.argv[2:]))
+"""
+
+
+@pytest.mark.parametrize("kind", EXECUTORS)
+def test_every_message_is_heard_and_the_end_is_seen(graph, kind):
+    node = graph.node("talker")
+    graph.executor.remove_node(node)
+    executor = make_executor(kind, graph.context)
+    executor.add_node(node)
+    finished, heard = Future(), []
+    publisher = node.create_publisher(UInt64, "numbers", qos.SAMPLES)
+
+    def hear(message):
+        heard.append(message.data)
+        if len(heard) == 500:
+            finished.set_result(0)
+
+    node.create_subscription(UInt64, "numbers", hear, qos.SAMPLES)
+    assert spin_until(executor, lambda: publisher.get_subscription_count() == 1, 30.0)
+    for k in range(500):
+        publisher.publish(UInt64(data=k))
+    spin(executor, finished)
+    assert heard == list(range(500))
+    executor.remove_node(node)
+    executor.shutdown()
+
+
+def test_a_finished_future_does_not_wait(graph):
+    finished = Future()
+    finished.set_result(0)
+    spin(graph.executor, finished)
+
+
+def test_a_condition_that_never_comes_has_a_deadline(graph):
+    assert not spin_until(graph.executor, lambda: False, 0.0)
+
+
+def test_unknown_executors_are_refused():
+    with pytest.raises(ParameterError, match="threads"):
+        make_executor("threads")
+
+
+@pytest.mark.parametrize(
+    ("how", "code", "last"),
+    [("0", 0, "closed"), ("3", 3, "failed"), ("bad", 2, "failed"), ("broken", 1, "failed")],
+)
+@pytest.mark.parametrize("executor", EXECUTORS)
+def test_the_exit_code_tells_how_a_node_ended(domain, how, code, last, executor):
+    options = ["--ros-args", "-p", f"executor:={executor}"]
+    done = subprocess.run(
+        [sys.executable, "-c", NODE_FILE, how, *options], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stdout.strip()) == (code, last), done.stderr
+    assert ("the disk is full" in done.stderr) == (how == "bad")
+    assert ("Traceback" in done.stderr) == (how == "broken")
+
+
+def profile(reliable, latched):
+    return QoSProfile(
+        depth=5,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+@pytest.mark.parametrize("first", [(True, True), (True, False), (False, True), (False, False)])
+@pytest.mark.parametrize("second", [(True, True), (True, False), (False, True), (False, False)])
+def test_a_recorder_hears_every_offer(first, second):
+    offers = [profile(*first), profile(*second)]
+    heard = qos.matching(offers)
+    assert all(qos_check_compatible(offer, heard)[0] != QoSCompatibility.ERROR for offer in offers)
+    if first == second:
+        assert (heard.reliability, heard.durability) == (offers[0].reliability, offers[0].durability)
+
+
+@pytest.mark.parametrize("offer", [(True, True), (True, False), (False, True), (False, False)])
+def test_a_player_offers_what_was_offered(offer):
+    import yaml
+
+    text = yaml.safe_dump([qos.as_offered(profile(*offer)).as_rosbag2()])
+    again = qos.from_bag(text)
+    assert (again.reliability, again.durability) == (profile(*offer).reliability, profile(*offer).durability)
+    assert again.depth == qos.SAMPLES.depth
+
+
+@pytest.mark.parametrize("text", ["", "[]", "nonsense", "- 3", "{", "- reliability: perhaps\n  depth: many"])
+def test_a_player_survives_foreign_words(text):
+    assert qos.from_bag(text).reliability == ReliabilityPolicy.RELIABLE
