@@ -35,8 +35,8 @@ class Gap:
 def simulated_log(device: Device, measured: Signals, commands: Signals, effects: Sequence[Effect] = ()) -> Signals:
     """True signals of the device's model under the commands of a log, on a grid that covers `measured`.
 
-    measured  has `q` (N,) and, where the device has motors, `theta` (N, m); the log starts at rest where its first samples
-              say, a motor that is not measured where its first command says
+    measured  has `q` (N,) and, where the device has motors, `theta` (N, m); the log starts at rest where its first
+              samples say, a motor that is not measured where its first command says
     commands  held; their first value stands before their first sample
 
     Raises SignalError for a log without samples or without a finite link angle at its start.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, computed_field
 
 
 class Record(BaseModel):
@@ -25,15 +25,17 @@ class Quantity(Record):
 
 
 class Traffic(Record):
-    """Messages of one replay or live run, counted by sequence and stamp."""
+    """Messages of one run: what was sent, and what arrived at its end."""
 
-    sent: int
-    estimated: int
-    recorded: int
+    samples: int  # joint states sent
+    samples_recorded: int
+    estimates_recorded: int  # the estimator answers every sample once
 
+    @computed_field  # type: ignore[prop-decorator]
     @property
     def lost(self) -> int:
-        return 2 * self.sent - self.estimated - self.recorded
+        """Messages that should have been recorded and were not."""
+        return 2 * self.samples - self.samples_recorded - self.estimates_recorded
 
 
 class RobotRun(Record):
