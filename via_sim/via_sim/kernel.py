@@ -11,9 +11,9 @@ linear and diagonal: L = [[0, 1], [0, -a]] per axis, a = viscous friction / iner
 integrates it exactly and the rest to fourth order: Krogstad's, whose third stage starts from u_n and not from another
 stage, so that it loses less order on stiff problems than Cox and Matthews' (Hochbruck, Ostermann 2010, section 5.4). No
 Jacobian, no linear solve, no iteration, and with a = 0 it is the classical method. Applied to a torque,
-phi_k(hL) (0, f)' is (h phi_{k+1}(-ha) f, phi_k(-ha) f)', hence the position weights below. What stays explicit (springs
-against inertia or viscous friction, coupling dampers, the Stribeck curve) sets the number of substeps; see
-`plants.substeps_for`. Measured on that joint (docs of 10 s under E1): one step per tick errs by 2e-6 rad, the three that
+phi_k(hL) (0, f)' is (h phi_{k+1}(-ha) f, phi_k(-ha) f)', hence the position weights below. What stays explicit
+(springs against inertia or viscous friction, coupling dampers, the Stribeck curve) sets the number of substeps, see
+`plants.substeps_for`. Measured on that joint (10 s under E1): one step per tick errs by 2e-6 rad, the three that
 `substeps_for` chooses by 1.3e-7 rad, and the error falls by 14 to 16 per halving.
 
 **Dry friction and backlash are sets, not smoothed signs.** Within a step each axis either slips one way (friction
@@ -26,7 +26,7 @@ Sources: Krogstad, Generalized integrating factor methods for stiff PDEs, J. Com
 called ETDRK4-B; Piiroinen, Kuznetsov, An event-driven method to simulate Filippov systems, ACM TOMS 34 (2008).
 
 **Reference counts.** Functions of the inner loop are compiled without numba's runtime (`_nrt=False`): they allocate
-nothing, and counting references to their array arguments took three quarters of the time.
+nothing, and counting references to their array arguments took three quarters of the time. They must return no array.
 """
 
 from __future__ import annotations
@@ -212,7 +212,7 @@ def derivative(p: Array, x: Array, u: Array, out: Array) -> None:
             out[3 + i] = torque / p[P.inertia + i] - viscous_rate(p, i, u[DAMPING]) * x[3 + i]
 
 
-@_bare
+@_compiled
 def _laws(p: Array) -> tuple[Array, Array]:
     """Coefficient rows of the two springs."""
     return p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]

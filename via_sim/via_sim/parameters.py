@@ -65,8 +65,8 @@ SLOTS = (
 )
 
 _starts = np.concatenate(([0], np.cumsum([slot.size for slot in SLOTS])))
-Slots = namedtuple("Slots", [slot.name for slot in SLOTS])  # a named tuple of ints: numba folds it into constants
-P: Any = Slots(*(int(start) for start in _starts[:-1]))
+# A named tuple of ints: numba folds it into constants.
+P: Any = namedtuple("Slots", [slot.name for slot in SLOTS])(*(int(start) for start in _starts[:-1]))  # type: ignore
 N_PARAMETERS = int(_starts[-1])
 
 

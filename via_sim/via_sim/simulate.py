@@ -117,7 +117,8 @@ def command_rows(device: Device, commands: Signals, time: Array) -> Array:
     strangers = commands.channels.keys() - known
     if strangers:
         raise ParameterError(f"no command channel '{sorted(strangers)[0]}'; there are: {', '.join(sorted(known))}")
-    held = Signals(commands.time, commands.channels, commands.units, frozenset(commands.channels)).resample(time)
+    held = Signals(commands.time, commands.channels, commands.units, frozenset(commands.channels))
+    held = held.resample(time + 1e-9 + 4.0 * np.spacing(np.abs(time)))  # 0.02 * 7 must not come one tick after 0.14
     for name, values in held.channels.items():
         if not np.all(np.isfinite(values)):
             first = int(np.flatnonzero(~np.isfinite(values.reshape(len(time), -1).sum(axis=1)))[0])

@@ -1,0 +1,204 @@
+"""Effects as data: neutral means absent to the last bit, each does what its text says, files round-trip."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sim_joints import antagonistic, flexible, rigid, servo_flexible
+from via_core.devices import load_device
+from via_core.errors import ParameterError
+from via_core.signals import Signals
+from via_sim.effects import EFFECTS, Effect
+from via_sim.effects_file import load_effects, parse_effects, save_effects
+from via_sim.kernel import X
+from via_sim.plants import JointPlant
+from via_sim.simulate import Simulator, simulate
+
+RATE = 1000.0
+
+
+def torques(seconds: float = 0.5, motors: int = 2) -> Signals:
+    t = np.arange(round(seconds * RATE)) / RATE
+    motor = np.stack([np.sin(7.0 * t + i) for i in range(motors)], axis=1)
+    return Signals(t, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
+
+
+def at(name: str, site: str) -> int:
+    return 1 if site in ("motor", "transmission") else 0
+
+
+@pytest.mark.parametrize(("name", "site"), [(kind.name, site) for kind in EFFECTS.values() for site in kind.sites])
+def test_a_neutral_effect_leaves_every_bit(name, site):
+    plant, commands = JointPlant.from_device(antagonistic()), torques()
+    neutral = {parameter.name: parameter.neutral for parameter in EFFECTS[name].parameters}
+    effect = Effect(name, site, neutral, at(name, site))
+    nominal = simulate(plant, commands, 0.5, RATE).truth
+    changed = simulate(plant, commands, 0.5, RATE, [effect]).truth
+    assert all(np.array_equal(nominal[channel], changed[channel]) for channel in nominal.channels)
+
+
+@pytest.mark.parametrize(("name", "site"), [(kind.name, site) for kind in EFFECTS.values() for site in kind.sites])
+def test_an_effect_changes_the_motion_and_only_as_long_as_it_is_there(name, site):
+    plant, commands = JointPlant.from_device(antagonistic()), torques()
+    strong = {p.name: min(p.neutral + 0.05, p.high) for p in EFFECTS[name].parameters}
+    changed = plant.with_effects([Effect(name, site, strong, at(name, site))])
+    nominal = simulate(plant, commands, 0.5, RATE).truth["theta"]
+    assert np.max(np.abs(simulate(changed, commands, 0.5, RATE).truth["theta"] - nominal)) > 1e-4
+    assert np.array_equal(simulate(changed.with_effects([]), commands, 0.5, RATE).truth["theta"], nominal)
+
+
+def test_backlash_leaves_the_link_free_within_the_gap_and_pulls_beyond_it():
+    gap = Effect("backlash", "transmission", {"gap": 0.2}, 1)
+    plant = JointPlant.from_device(servo_flexible(10.0)).with_effects([gap])
+    drift = simulate(plant, None, 0.09, RATE, initial=(0, 0, 0, 1.0, 0, 0)).truth
+    assert np.allclose(drift["q"], drift.time, rtol=0, atol=1e-14)  # nothing acts: q = t until .1 rad
+    assert np.all(drift["stiffness"] == 0.0)
+    # beyond it half an oscillation on the spring, closed form, then free flight back
+    w = np.sqrt(10.0 / 0.02)
+    truth = simulate(plant, None, 0.1 + np.pi / w + 0.15, RATE, initial=(0, 0, 0, 1.0, 0, 0)).truth
+    t = truth.time - 0.1
+    bounce = (t > 0) & (t < np.pi / w)
+    assert np.allclose(truth["q"][bounce], 0.1 + np.sin(w * t[bounce]) / w, rtol=0, atol=1e-6)
+    back = (t > np.pi / w) & (t < np.pi / w + 0.15)
+    assert np.allclose(truth["q"][back], 0.1 - (t[back] - np.pi / w), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("ticks", [1, 5, 100])
+def test_dead_time_of_whole_ticks_shifts_the_motion_exactly(ticks):
+    plant, commands = JointPlant.from_device(flexible(10.0)), torques(0.5, 1)
+    nominal = simulate(plant, commands, 0.5, RATE).truth["q"]
+    late = simulate(plant, commands, 0.5, RATE, [Effect("actuator_delay", "command", {"delay": ticks / RATE})]).truth[
+        "q"
+    ]
+    assert np.array_equal(late[ticks:], nominal[:-ticks])
+    assert np.all(late[:ticks] == 0.0)
+
+
+def test_dead_time_of_a_fraction_of_a_tick_is_exact_too():
+    """2.4 ticks of 1 ms are 12 ticks of .2 ms: the same joint under the same commands on a finer grid."""
+    plant, commands = JointPlant.from_device(flexible(10.0)), torques(0.3, 1)
+    delay = Effect("actuator_delay", "command", {"delay": 2.4e-3})
+    coarse = simulate(plant, commands, 0.3, RATE, [delay]).truth["q"]
+    fine = simulate(plant, commands, 0.3, 5.0 * RATE, [delay]).truth["q"]
+    shifted = simulate(plant, commands, 0.3, 5.0 * RATE).truth["q"]
+    assert np.array_equal(fine[12:], shifted[:-12])
+    assert np.max(np.abs(coarse - fine[::5])) < 1e-9
+    assert np.max(np.abs(coarse - simulate(plant, commands, 0.3, RATE).truth["q"])) > 1e-5
+
+
+def test_torque_gain_scales_the_torque_but_not_its_report():
+    plant, commands = JointPlant.from_device(antagonistic()), torques()
+    run = simulate(plant, commands, 0.5, RATE, [Effect("torque_gain", "motor", {"gain": 0.5}, 2)])
+    assert np.array_equal(run.truth["motor_torque"][1:], commands["motor"] * [1.0, 0.5])
+    assert np.array_equal(run.measured["tau"][1:], commands["motor"])
+
+
+def test_viscous_error_equals_a_device_that_has_it():
+    extra = Effect("viscous_friction", "motor", {"coefficient": 0.2}, 1)
+    wrong = flexible(10.0, motor="{inertia: 0.01, viscous_friction: 0.3}")
+    right = flexible(10.0, motor="{inertia: 0.01, viscous_friction: 0.5}")
+    commands = torques(0.2, 1)
+    a = simulate(JointPlant.from_device(wrong), commands, 0.2, RATE, [extra]).truth["q"]
+    assert np.array_equal(a, simulate(JointPlant.from_device(right), commands, 0.2, RATE).truth["q"])
+    with pytest.raises(ParameterError, match="must stay >= 0"):
+        JointPlant.from_device(wrong).with_effects([Effect("viscous_friction", "motor", {"coefficient": -0.5}, 1)])
+
+
+def test_effects_can_change_while_a_simulation_runs():
+    """A state belongs to the joint, not to its effects: the next simulator takes it over."""
+    plant = JointPlant.from_device(flexible(10.0))
+    delayed = plant.with_effects([Effect("actuator_delay", "command", {"delay": 0.003})])
+    before, after = Simulator(plant, RATE), Simulator(delayed, RATE)
+    state = before.init()
+    for tick in range(10):
+        state, _, _ = before.step(state, (float(tick), 0.0, 0.0, 0.0))
+    state, _, truth = after.step(state, (10.0, 0.0, 0.0, 0.0))
+    assert truth[12] == 7.0  # the command of three ticks ago, which the nominal joint already had
+    assert state[X.tick] == 11.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("rust", "motor", {}, 1), "effect: must be one of coulomb_friction, .*, got 'rust'"),
+        (("backlash", "link", {"gap": 0.1}), "backlash.site: must be one of transmission, got 'link'"),
+        (("backlash", "transmission", {"gap": 0.1}), "backlash.motor: must be 1 or 2, got 0"),
+        (("coulomb_friction", "link", {"torque": 0.1}, 1), "must be left out at site 'link', got 1"),
+        (("backlash", "transmission", {"gap": 0.9}, 1), "backlash.gap: must be 0 to 0.5 rad, got 0.9"),
+        (("backlash", "transmission", {"gap": float("nan")}, 1), "must be a finite number, 0 to 0.5 rad, got nan"),
+        (("backlash", "transmission", {"gap": "wide"}, 1), "must be a finite number, 0 to 0.5 rad, got 'wide'"),
+        (("backlash", "transmission", {}, 1), "backlash.gap: is missing, 0 to 0.5 rad"),
+        (("backlash", "transmission", {"gap": 0.1, "width": 1.0}, 1), "backlash.width: is no known key; there are gap"),
+    ],
+)
+def test_impossible_effects_are_refused_with_key_value_and_range(arguments, message):
+    with pytest.raises(ParameterError, match=message):
+        Effect(*arguments)
+
+
+def test_effects_that_do_not_fit_the_joint_are_refused():
+    gain = Effect("torque_gain", "motor", {"gain": 0.9}, 1)
+    with pytest.raises(ParameterError, match="a servo imposes the angle"):
+        JointPlant.from_device(load_device("maccepavd")).with_effects([gain])
+    with pytest.raises(ParameterError, match="has 0 motors"):
+        JointPlant.from_device(rigid()).with_effects([gain])
+    with pytest.raises(ParameterError, match="has 1 transmissions"):
+        JointPlant.from_device(flexible()).with_effects([Effect("backlash", "transmission", {"gap": 0.1}, 2)])
+    with pytest.raises(ParameterError, match="is there twice"):
+        JointPlant.from_device(flexible()).with_effects([gain, gain])
+    with pytest.raises(ParameterError, match="joint is 'other'"):
+        JointPlant.from_device(flexible()).with_effects([Effect("torque_gain", "motor", {"gain": 1.0}, 1, "other")])
+
+
+@st.composite
+def effects(draw):
+    kind = draw(st.sampled_from(list(EFFECTS.values())))
+    site = draw(st.sampled_from(kind.sites))
+    motor = draw(st.integers(1, 2)) if site in ("motor", "transmission") else 0
+    values = {p.name: draw(st.floats(p.low, p.high)) for p in kind.parameters}
+    return Effect(kind.name, site, values, motor, draw(st.sampled_from(["", "joint"])))
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(effects(), max_size=6))
+def test_effects_files_round_trip(tmp_path_factory, chosen):
+    file = tmp_path_factory.mktemp("effects") / "effects.yaml"
+    save_effects(file, chosen)
+    assert load_effects(file) == tuple(chosen)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{effect: backlash}", "test.yaml: an effects file is a list of effects, got dict"),
+        ("- 3", "test.yaml: entry 1: must be a mapping"),
+        (
+            "- {effect: backlash, site: transmission, motor: 1, parameters: {gap: 2.0}}",
+            "entry 1: backlash.gap: must be 0 to",
+        ),
+        ("- {effect: backlash, site: transmission, motor: 1, gap: 0.1}", "entry 1: gap: is no known key"),
+        ("- {site: link}", "entry 1: effect: must be a name, got None"),
+        (
+            "- {effect: backlash, site: transmission, motor: one, parameters: {gap: 0.1}}",
+            "motor: must be 1 or 2, got 'one'",
+        ),
+        ("- {effect: [", "test.yaml: line"),
+        ("- {effect: backlash, site: transmission, motor: 1, parameters: {gap: wide}}", "must be a finite number"),
+    ],
+)
+def test_bad_effects_files_are_refused_with_one_line(text, message):
+    with pytest.raises(ParameterError, match=message) as caught:
+        parse_effects(text, "test.yaml")
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_and_empty_file(tmp_path):
+    with pytest.raises(ParameterError, match=r"nowhere\.yaml: cannot be read"):
+        load_effects(tmp_path / "nowhere.yaml")
+    with pytest.raises(ParameterError, match="cannot be written"):
+        save_effects(tmp_path / "no" / "folder.yaml", [])
+    (tmp_path / "empty.yaml").write_text("")
+    assert load_effects(tmp_path / "empty.yaml") == ()
+    assert parse_effects("- {effect: torque_gain, site: motor, motor: 1, parameters: {gain: 1e-1}}", "x")[
+        0
+    ].parameters == {"gain": 0.1}

@@ -1,0 +1,141 @@
+"""Dry friction as a set: standstill to the last bit, breakaway at the threshold, stick-slip against a slow reference."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from sim_joints import antagonistic, flexible, rigid, servo_flexible
+from via_core.errors import ParameterError
+from via_core.signals import Signals
+from via_sim.effects import Effect
+from via_sim.plants import JointPlant
+from via_sim.simulate import simulate, simulate_many
+
+RATE = 1000.0
+
+
+def coulomb(torque: float, site: str = "link", motor: int = 0) -> Effect:
+    return Effect("coulomb_friction", site, {"torque": torque}, motor)
+
+
+def pushed(values) -> Signals:
+    """An external torque, one value per tick."""
+    values = np.asarray(values, dtype=float)
+    time = np.arange(len(values)) / RATE
+    return Signals(time, {"external_torque": values}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.3, 7.0])
+def test_link_stands_still_exactly_up_to_the_threshold_and_moves_beyond_it(friction):
+    """A block on a slope: gravity pulls a rigid link that friction holds."""
+    for share, holds in ((0.5, True), (1.0, True), (1.0 + 1e-12, False), (1.01, False)):
+        plant = JointPlant.from_device(rigid()).with_effects([coulomb(friction)])
+        q = simulate(plant, pushed(np.full(5000, friction * share)), 5.0, RATE).truth["q"]
+        assert bool(np.all(q == 0.0)) is holds
+    assert q[-1] == pytest.approx(0.5 * 0.01 * friction / 0.02 * 25.0, rel=1e-9)  # the rest accelerates it evenly
+
+
+def test_stuck_link_on_a_spring_holds_forever_away_from_its_rest():
+    plant = JointPlant.from_device(servo_flexible(10.0)).with_effects([coulomb(0.5)])
+    held = simulate(plant, None, 20.0, RATE, initial=(0.049, 0, 0, 0, 0, 0)).truth["q"]
+    assert np.all(held == 0.049)  # .49 N m of spring torque against .5
+    freed = simulate(plant, None, 1.0, RATE, initial=(0.051, 0, 0, 0, 0, 0)).truth["q"]
+    assert abs(freed[-1]) < 0.05 and freed[-1] != 0.051
+
+
+def test_free_vibration_loses_the_same_amplitude_each_half_swing_and_then_rests():
+    """Closed form: extremes fall by 2 F / k per half period and the link stays where |k q| <= F."""
+    k, F, M = 10.0, 0.3, 0.02
+    plant = JointPlant.from_device(servo_flexible(k)).with_effects([coulomb(F)])
+    q = simulate(plant, None, 3.0, 10_000.0, initial=(0.5, 0, 0, 0, 0, 0)).truth["q"]
+    half = np.pi * np.sqrt(M / k)
+    extremes = [q[round(n * half * 10_000.0)] for n in range(9)]
+    assert extremes == pytest.approx([(-1) ** n * (0.5 - n * 0.06) for n in range(9)], abs=1e-5)
+    rest = q[round(9 * half * 10_000.0) :]
+    assert np.all(rest == rest[0])
+    assert abs(rest[0]) <= F / k
+
+
+def test_stick_slip_follows_an_event_driven_reference():
+    """A slow motor drags a link over Stribeck friction through a spring; scipy integrates phase by phase."""
+    k, M, B, D, torque, Fs, Fk, vs = 10.0, 0.02, 0.01, 2.0, 1.0, 0.6, 0.3, 1.0
+    effect = Effect("stribeck_friction", "link", {"breakaway": Fs, "kinetic": Fk, "velocity": vs})
+    joint = flexible(k, motor=f"{{inertia: {B}, viscous_friction: {D}}}")
+    plant = JointPlant.from_device(joint).with_effects([effect])
+
+    def rate(_t, x, slips):
+        q, theta, v, w = x
+        spring = k * (q - theta)
+        friction = Fk + (Fs - Fk) * np.exp(-((v / vs) ** 2))
+        return [v, w, (-spring - friction) / M if slips else 0.0, (torque + spring - D * w) / B]
+
+    def breaks(_t, x, _slips):
+        return k * (x[1] - x[0]) - Fs
+
+    def stops(_t, x, _slips):
+        return x[2]
+
+    breaks.terminal, breaks.direction, stops.terminal, stops.direction = True, 1.0, True, -1.0
+    time = np.arange(2001) / RATE
+    reference, t, x, slips, phases = np.zeros(2001), 0.0, np.zeros(4), False, 0
+    while t < time[-1]:
+        event = stops if slips else breaks
+        phase = solve_ivp(
+            rate, (t, time[-1]), x, "DOP853", args=(slips,), events=event, rtol=1e-12, atol=1e-14, dense_output=True
+        )
+        inside = (time >= t) & (time <= phase.t[-1])
+        if np.any(inside):
+            reference[inside] = phase.sol(time[inside])[0]
+        t, x, slips, phases = phase.t[-1], phase.y[:, -1], not slips, phases + 1
+        if not slips:
+            x[2] = 0.0
+    assert phases > 6
+    held = Signals(np.zeros(1), {"motor": np.full((1, 1), torque)}, {"motor": "N m"})
+    q = simulate(plant, held, 2.0, RATE).truth["q"]
+    assert np.max(np.abs(q - reference)) < 1e-6
+
+
+def test_friction_of_a_motor_holds_the_motor_only():
+    plant = JointPlant.from_device(flexible(10.0)).with_effects([coulomb(0.4, "motor", 1)])
+    truth = simulate(plant, None, 0.3, RATE, initial=(0.039, 0, 0, 0, 0, 0)).truth  # at most .39 N m on the motor
+    assert np.all(truth["theta"] == 0.0)
+    assert np.ptp(truth["q"]) > 0.07
+    moved = simulate(plant, None, 0.3, RATE, initial=(0.2, 0, 0, 0, 0, 0)).truth
+    assert np.ptp(moved["theta"]) > 0.0
+
+
+def test_friction_never_feeds_energy_and_results_do_not_depend_on_the_step():
+    effects = [coulomb(0.05), coulomb(0.1, "motor", 1), Effect("backlash", "transmission", {"gap": 0.05}, 2)]
+    plant = JointPlant.from_device(antagonistic()).with_effects(effects)
+    start = (0.4, -0.3, 0.2, 2.0, 0.0, -3.0)
+    coarse = simulate(plant, None, 1.0, RATE, initial=start).truth
+    fine = simulate(plant, None, 1.0, 16.0 * RATE, initial=start).truth
+    assert np.max(np.abs(coarse["q"] - fine["q"][::16])) < 1e-5
+    phi = fine["deflection"] - np.array([0.0, 0.05]) * 0.5 * np.sign(fine["deflection"])
+    phi[np.abs(fine["deflection"]) < [0.0, 0.025]] = 0.0
+    stored = np.sum(2.5 * phi**2 + 2.5 * phi**4, axis=1)
+    kinetic = 0.01 * fine["q_velocity"] ** 2 + 0.005 * np.sum(fine["theta_velocity"] ** 2, axis=1)
+    assert np.max(np.diff(stored + kinetic)) < 1e-9
+
+
+def test_stribeck_needs_more_to_break_away_than_to_slide():
+    effect = Effect("stribeck_friction", "link", {"breakaway": 0.5, "kinetic": 0.2, "velocity": 0.1})
+    plant = JointPlant.from_device(rigid()).with_effects([effect])
+    below = simulate(plant, pushed(np.full(1000, 0.5)), 1.0, RATE).truth["q"]
+    assert np.all(below == 0.0)
+    kicked = np.full(1000, 0.4)
+    kicked[:50] = 0.6
+    sliding = simulate(plant, pushed(kicked), 1.0, RATE).truth
+    assert (
+        sliding["q_velocity"][-1] > sliding["q_velocity"][100] > 0.1
+    )  # .4 N m drives it on, though it could not start it
+    with pytest.raises(ParameterError, match="must be >= kinetic"):
+        JointPlant.from_device(rigid()).with_effects(
+            [Effect("stribeck_friction", "link", {"breakaway": 0.1, "kinetic": 0.2, "velocity": 0.1})]
+        )
+
+
+def test_frictions_add_up():
+    two = JointPlant.from_device(rigid()).with_effects([coulomb(0.1), coulomb(0.2)])
+    for torque, holds in ((0.3, True), (0.31, False)):
+        q = simulate_many([two], np.tile([0.0, 0.0, 0.0, torque], (200, 1)), RATE)[0, :, 0]
+        assert bool(np.all(q == 0.0)) is holds

@@ -1,0 +1,215 @@
+"""The joint's equations and its integrator against closed forms, conservation laws and independent integrators."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from sim_joints import antagonistic, device, flexible, rigid, servo_flexible
+from via_core.devices import load_device
+from via_core.errors import ParameterError
+from via_core.signals import Signals
+from via_sim.kernel import run
+from via_sim.parameters import P
+from via_sim.plants import JointPlant, substeps_for
+from via_sim.sensors import IDEAL
+from via_sim.simulate import initial_state, simulate
+
+RATE = 1000.0
+
+
+def excitation(ticks: int) -> np.ndarray:
+    """E1 of the cubic joint (N, 4) with its .3 s ramp."""
+    t = np.arange(ticks) / RATE
+    ramp = np.where(t < 0.3, 0.5 - 0.5 * np.cos(np.pi * t / 0.3), 1.0)
+    rows = np.zeros((ticks, 4))
+    rows[:, 0] = ramp * (60.0 + 20.0 * np.sin(2.0 * np.pi * 0.5 * t))
+    rows[:, 1] = -ramp * (60.0 + 20.0 * np.sin(2.0 * np.pi * 0.8 * t))
+    return rows
+
+
+def motion(plant: JointPlant, commands: np.ndarray, finer: int = 1, initial=None) -> np.ndarray:
+    """(N+1, 6) with `finer` times the usual number of substeps."""
+    row = plant.at_rate(RATE)
+    row[P.substeps] *= finer
+    state = initial_state(plant, RATE, initial, 0)
+    measured, truth = np.empty((len(commands) + 1, 9)), np.empty((len(commands) + 1, 16))
+    run(row, IDEAL.row(), state, commands, measured, truth)
+    return np.nan_to_num(truth[:, :6])  # axes that are not there stand still
+
+
+def test_stiff_cubic_joint_is_within_a_microradian_of_a_twenty_times_finer_integration():
+    plant = JointPlant.from_device(load_device("cubic_aa_vsa"))
+    commands = excitation(10_000)
+    coarse, fine = motion(plant, commands), motion(plant, commands, finer=20)
+    assert np.ptp(fine[:, 1]) > 1.0  # it moves
+    assert np.max(np.abs(coarse - fine)[:, :3]) < 1e-6
+
+
+def test_stiff_cubic_joint_agrees_with_an_independent_implicit_integrator():
+    joint = load_device("cubic_aa_vsa")
+    plant, commands = JointPlant.from_device(joint), excitation(400)
+    M, Dq, B, D = (
+        joint.link.inertia,
+        joint.link.viscous_friction,
+        joint.motors[0].inertia,
+        joint.motors[0].viscous_friction,
+    )
+
+    def rate(_t, x, tau_1, tau_2):  # the equations once more, from the notation page
+        q, th1, th2, v, w1, w2 = x
+        e1, e2 = 10.0 * (q - th1) ** 3, 10.0 * (q - th2) ** 3
+        return [v, w1, w2, (-Dq * v - e1 - e2) / M, (tau_1 + e1 - D * w1) / B, (tau_2 + e2 - D * w2) / B]
+
+    def jacobian(_t, x, _tau_1, _tau_2):
+        s1, s2 = 30.0 * (x[0] - x[1]) ** 2, 30.0 * (x[0] - x[2]) ** 2
+        out = np.zeros((6, 6))
+        out[:3, 3:] = np.eye(3)
+        out[3] = [-(s1 + s2) / M, s1 / M, s2 / M, -Dq / M, 0.0, 0.0]
+        out[4] = [s1 / B, -s1 / B, 0.0, 0.0, -D / B, 0.0]
+        out[5] = [s2 / B, 0.0, -s2 / B, 0.0, 0.0, -D / B]
+        return out
+
+    ours, x = motion(plant, commands), np.zeros(6)
+    for k, command in enumerate(commands):  # held commands: one restart per tick
+        x = solve_ivp(
+            rate, (0.0, 1.0 / RATE), x, "Radau", args=tuple(command[:2]), jac=jacobian, rtol=1e-9, atol=1e-11
+        ).y
+        x = x[:, -1]
+        assert np.max(np.abs(ours[k + 1, :3] - x[:3])) < 1e-6
+
+
+def test_error_falls_with_the_fourth_power_of_the_step():
+    plant = JointPlant.from_device(flexible(200.0))
+    commands, start = np.zeros((200, 4)), (0.5, -0.5, 0.0, 0.0, 0.0, 0.0)
+    fine = motion(plant, commands, 64, start)
+    errors = [np.max(np.abs(motion(plant, commands, finer, start) - fine)) for finer in (1, 2, 4)]
+    assert 13.0 < errors[0] / errors[1] < 20.0
+    assert 13.0 < errors[1] / errors[2] < 20.0
+
+
+def test_energy_is_conserved_without_friction():
+    joint = device(
+        "antagonistic",
+        "{inertia: 0.02, viscous_friction: 0.0, gravity_torque: 0.4, gravity_angle: 0.3}",
+        "motors: [{inertia: 0.01, viscous_friction: 0.0}, {inertia: 0.02, viscous_friction: 0.0}]\n"
+        "springs: [{law: cubic, coefficient: 10.0, max_deflection: 2.0}, {law: sinh, k: 0.02, a: 6.0, max_deflection: 1.0}]",
+    )
+    x = motion(JointPlant.from_device(joint), np.zeros((5000, 4)), 4, (0.4, -0.2, 0.1, 0.0, 1.0, -1.0))
+    q, th1, th2, v, w1, w2 = x.T
+    kinetic = 0.5 * (0.02 * v**2 + 0.01 * w1**2 + 0.02 * w2**2)
+    stored = 2.5 * (q - th1) ** 4 + 0.02 / 6.0 * np.cosh(6.0 * (q - th2)) - 0.4 * np.cos(q - 0.3)
+    energy = kinetic + stored
+    assert np.ptp(kinetic) > 0.01
+    assert np.ptp(energy) < 1e-7
+
+
+@pytest.mark.parametrize("viscous", [0.0, 0.05, 3.0])
+def test_linear_oscillator_follows_its_closed_form(viscous):
+    """A link on a spring whose servo motor holds still: underdamped to overdamped."""
+    link = f"{{inertia: 0.02, viscous_friction: {viscous}}}"
+    x = motion(JointPlant.from_device(servo_flexible(10.0, link)), np.zeros((2000, 4)), initial=(0.3, 0, 0, 0, 0, 0))
+    t = np.arange(2001) / RATE
+    r = np.roots([0.02, viscous, 10.0]).astype(complex)  # q = A e^(r1 t) + B e^(r2 t), q(0) = .3, qd(0) = 0
+    exact = 0.3 * (r[1] * np.exp(r[0] * t) - r[0] * np.exp(r[1] * t)) / (r[1] - r[0])
+    assert np.max(np.abs(x[:, 0] - exact.real)) < 2e-6
+
+
+def test_linear_flexible_joint_follows_the_matrix_exponential():
+    from scipy.linalg import expm
+
+    joint = flexible(10.0, "{inertia: 0.02, viscous_friction: 0.01}", "{inertia: 0.01, viscous_friction: 0.2}")
+    commands = np.zeros((500, 4))
+    commands[:, 0] = np.sin(np.arange(500) * 0.02)
+    commands[:, 3] = 0.1
+    x = motion(JointPlant.from_device(joint), commands)
+    A = np.zeros((6, 6))  # q, th, v, w and the held torques on link and motor
+    A[0, 2] = A[1, 3] = 1.0
+    A[2, :3] = -10.0 / 0.02, 10.0 / 0.02, -0.01 / 0.02
+    A[3, [0, 1, 3]] = 10.0 / 0.01, -10.0 / 0.01, -0.2 / 0.01
+    A[2, 4], A[3, 5] = 1.0 / 0.02, 1.0 / 0.01
+    step, z = expm(A / RATE), np.zeros(6)
+    for k, command in enumerate(commands):
+        z[4], z[5] = command[3], command[0]
+        z = step @ z
+        assert np.allclose(x[k + 1, [0, 1, 3, 4]], z[:4], rtol=0.0, atol=2e-5 if k == 0 else 1e-6)
+
+
+def test_rigid_pendulum_has_the_period_of_the_elliptic_integral():
+    from scipy.special import ellipk
+
+    plant = JointPlant.from_device(rigid("{inertia: 0.02, viscous_friction: 0.0, gravity_torque: 2.0}"))
+    x = motion(plant, np.zeros((3000, 4)), initial=(1.5, 0, 0, 0, 0, 0))
+    period = 4.0 / np.sqrt(2.0 / 0.02) * ellipk(np.sin(0.75) ** 2)
+    v = x[:, 3]
+    up = np.flatnonzero((v[:-1] < 0.0) & (v[1:] >= 0.0))  # the speed turns positive: once per period, at q = -1.5
+    crossings = (up - v[up] / (v[up + 1] - v[up])) / RATE
+    assert np.diff(crossings) == pytest.approx(period, abs=1e-5)
+
+
+def test_maccepa_vd_repeats_the_published_model():
+    """The equations of its authors, by a plain Runge-Kutta method with their numbers, against the plant of its file."""
+    B, C, A0, r, K, inertia, viscous = 0.036, 0.135, 0.099, 0.015, 394.0, 3.6e-3, 0.0077
+    d_max = 0.0212**2 * 40**2 / (21.2 + 25.3)
+
+    def rate(x, u):
+        q, w, m1, m1d, m2, m2d = x
+        phi = m1 - q
+        A = np.sqrt(C * C + B * B - 2.0 * B * C * np.cos(phi))
+        spring = K * B * C * np.sin(phi) * (1.0 + (r * m2 - A0) / A)
+        d = d_max * np.clip(u[2] / 0.5, 0, 1) + 0.848 * d_max * np.clip((u[2] - 0.5) / 0.5, 0, 1)
+        servo_1, servo_2 = 625.0 * (u[0] - m1) - 50.0 * m1d, 625.0 * (u[1] - m2) - 50.0 * m2d
+        return np.array([w, (spring - (d + viscous) * w) / inertia, m1d, servo_1, m2d, servo_2])
+
+    t = np.arange(0.0, 1.5, 0.02)
+    commands = np.stack([0.6 * np.sin(5.0 * t) + 0.3, 0.8 + 0.5 * np.sin(9.0 * t), 0.5 + 0.6 * np.sin(7.0 * t)], axis=1)
+    x, h, reference = np.array([0.1, 0.0, 0.3, 0.0, 0.8, 0.0]), 2.5e-4, []
+    for k in range(6000):
+        u = commands[min(int(k * h / 0.02 + 1e-9), len(commands) - 1)]
+        if k % 4 == 0:
+            reference.append(x[0])
+        k1 = rate(x, u)
+        k2 = rate(x + 0.5 * h * k1, u)
+        k3 = rate(x + 0.5 * h * k2, u)
+        x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rate(x + h * k3, u))
+    units = {"equilibrium": "rad", "preset": "rad", "damping": "-"}
+    held = Signals(t, dict(zip(units, commands.T, strict=True)), units, frozenset(units))
+    plant = JointPlant.from_device(load_device("maccepavd"))
+    q = simulate(plant, held, 1.499, RATE, initial=(0.1, 0.3, 0.8, 0.0, 0.0, 0.0)).truth["q"]
+    assert np.ptp(q) > 0.3
+    assert np.max(np.abs(q - reference)) < 1e-6
+
+
+def test_damper_in_the_transmission_couples_link_and_motor_and_keeps_momentum():
+    joint = device(
+        "flexible",
+        "{inertia: 0.02, viscous_friction: 0.0}",
+        "motors: [{inertia: 0.01, viscous_friction: 0.0}]\n"
+        "springs: [{law: linear, stiffness: 10.0, max_deflection: 3.0}]\n"
+        "damper: {site: transmission, map: linear, minimum: 0.0, maximum: 2.0}",
+    )
+    commands = np.zeros((1000, 4))
+    commands[:, 2] = 0.5
+    x = motion(JointPlant.from_device(joint), commands, initial=(0.0, 0.0, 0.0, 3.0, 0.0, 0.0))
+    momentum = 0.02 * x[:, 3] + 0.01 * x[:, 4]
+    assert np.allclose(momentum, 0.06, rtol=0, atol=1e-8)
+    assert x[-1, 3] == pytest.approx(x[-1, 4], abs=1e-3)  # the damper has brought both to one speed
+
+
+def test_right_hand_side_is_pure_and_what_the_integrator_follows():
+    plant = JointPlant.from_device(antagonistic())
+    state, inputs = np.array([0.1, 0.3, -0.2, 0.5, 1.0, -1.0]), np.array([0.5, -0.3, 0.0, 0.2])
+    rate = plant.derivative(state, inputs)
+    commands = np.tile([0.5, -0.3, 0.0, 0.2], (1, 1))
+    row = plant.at_rate(1e6)
+    x = initial_state(plant, 1e6, state, 0)
+    run(row, IDEAL.row(), x, commands, np.empty((2, 9)), np.empty((2, 16)))
+    assert np.allclose((x[:6] - state) * 1e6, rate, rtol=1e-3, atol=1e-3)
+    assert np.array_equal(plant.derivative(state, inputs), rate)
+
+
+def test_substeps_grow_with_stiffness_and_stop_at_a_limit():
+    soft, hard = flexible(10.0), flexible(1e5)
+    row = JointPlant.from_device(soft).at_rate(RATE)
+    assert row[P.substeps] == 1.0
+    assert substeps_for(JointPlant.from_device(hard).at_rate(RATE), hard) > 10.0
+    with pytest.raises(ParameterError, match="at most 4096"):
+        JointPlant.from_device(flexible(1e14)).at_rate(RATE)
