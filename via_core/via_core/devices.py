@@ -86,21 +86,25 @@ Motor = Annotated[
 ]
 
 
-class _Spring(_Part):
-    max_deflection: Positive  # [rad] mechanical stop
+class _Law(_Part):
+    """An entry whose numbers must also fit one another: it is refused unless it builds."""
 
     @property
-    def built(self) -> SpringLaw:
-        """The law this entry describes; raises ParameterError where its numbers do not fit one another."""
+    def built(self) -> SpringLaw | DamperMap:
+        """What this entry describes; raises ParameterError where its numbers do not fit one another."""
         raise NotImplementedError
 
     @model_validator(mode="after")
-    def _builds(self) -> _Spring:
+    def _builds(self) -> _Law:
         try:
             _ = self.built
         except ParameterError as error:
             raise ValueError(str(error)) from None
         return self
+
+
+class _Spring(_Law):
+    max_deflection: Positive  # [rad] mechanical stop
 
 
 class Linear(_Spring):
@@ -204,22 +208,9 @@ Spring = Annotated[
 ]
 
 
-class _Damper(_Part):
+class _Damper(_Law):
     site: Literal["link", "transmission"]  # acts on qd, or on phid
     minimum: NotNegative = 0.0  # [N m s/rad] at command 0
-
-    @property
-    def built(self) -> DamperMap:
-        """The map this entry describes; raises ParameterError where its numbers do not fit one another."""
-        raise NotImplementedError
-
-    @model_validator(mode="after")
-    def _builds(self) -> _Damper:
-        try:
-            _ = self.built
-        except ParameterError as error:
-            raise ValueError(str(error)) from None
-        return self
 
 
 class LinearDamping(_Damper):
