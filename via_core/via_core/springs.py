@@ -30,6 +30,17 @@ N_COEFFICIENTS = 8  # length of a coefficient row, the longest law fits
 
 
 @njit(cache=True, error_model="numpy")
+def _between_levers(c: Array, phi: float, preset: float) -> tuple[float, float, float]:
+    """Length [m] of a TWO_LEVER spring; its motor end across and along the link's lever [m]."""
+    motor_lever, a, h, d, side = c[2], c[3], c[4], c[5], c[6]
+    x, u = side * (phi + preset), -side * preset
+    tip_x, tip_y = h + motor_lever * sin(u), motor_lever * cos(u) - d
+    across = sin(x) * tip_x - cos(x) * tip_y
+    along = cos(x) * tip_x + sin(x) * tip_y
+    return sqrt(tip_x * tip_x + tip_y * tip_y + a * a - 2.0 * a * along), across, along
+
+
+@njit(cache=True, error_model="numpy")
 def spring_torque(kind: int, c: Array, phi: float, preset: float) -> float:
     """tau_e(phi) [N m] of law `kind` with coefficients c (8,)."""
     if kind == ODD_POLYNOMIAL:  # sum_p c_p phi^(2p+1)
@@ -53,12 +64,8 @@ def spring_torque(kind: int, c: Array, phi: float, preset: float) -> float:
     if kind == EXPONENTIAL:  # k (rise e^(a phi) - fall e^(-a phi))
         return c[0] * exp(c[2] * phi) - c[1] * exp(-c[2] * phi)
     # TWO_LEVER: moment K (1 - s0/s) (a x s) of a spring between the tips of a link lever and a motor lever
-    k, s0, motor_lever, a, h, d, side = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
-    x, u = side * (phi + preset), -side * preset
-    tip_x, tip_y = h + motor_lever * sin(u), motor_lever * cos(u) - d
-    across = sin(x) * tip_x - cos(x) * tip_y
-    along = cos(x) * tip_x + sin(x) * tip_y
-    length = sqrt(tip_x * tip_x + tip_y * tip_y + a * a - 2.0 * a * along)
+    k, s0, a, side = c[0], c[1], c[3], c[6]
+    length, across, _ = _between_levers(c, phi, preset)
     return side * k * a * (1.0 - s0 / length) * across
 
 
@@ -89,12 +96,8 @@ def spring_stiffness(kind: int, c: Array, phi: float, preset: float) -> float:
         return kbc * (cos(phi) * (1.0 + pull / length) - pull * bent)
     if kind == EXPONENTIAL:
         return c[2] * (c[0] * exp(c[2] * phi) + c[1] * exp(-c[2] * phi))
-    k, s0, motor_lever, a, h, d, side = c[0], c[1], c[2], c[3], c[4], c[5], c[6]
-    x, u = side * (phi + preset), -side * preset
-    tip_x, tip_y = h + motor_lever * sin(u), motor_lever * cos(u) - d
-    across = sin(x) * tip_x - cos(x) * tip_y
-    along = cos(x) * tip_x + sin(x) * tip_y
-    length = sqrt(tip_x * tip_x + tip_y * tip_y + a * a - 2.0 * a * along)
+    k, s0, a = c[0], c[1], c[3]
+    length, across, along = _between_levers(c, phi, preset)
     return k * a * ((1.0 - s0 / length) * along + s0 * a * across * across / (length * length * length))
 
 
