@@ -17,7 +17,7 @@ MOTOR_FRICTION = 1.27  # [N m s/rad]
 
 
 def still(mean: float) -> Multisine:
-    return Multisine(mean, (), (), 0.1)
+    return Multisine(mean, (), ())
 
 
 @pytest.fixture
@@ -31,6 +31,7 @@ def law() -> MotorPositionControl:
         derivative_gain=0.1,
         velocity_bandwidth=300.0,
         torque_limit=(100.0, 100.0),
+        fade_in=0.2,
     )
 
 
@@ -41,7 +42,10 @@ def settled(law: MotorPositionControl, duration: float, drop_static: bool = Fals
         state, out = law.step(state, JointSample(n * STEP, q, theta))
         torque = out.torque.copy()
         if drop_static:
-            torque += [float(law.springs[i].torque(0.2 - d)) for i, d in enumerate(law.references(n * STEP))]
+            torque += [
+                float(law.springs[i].torque(0.2 - d))
+                for i, d in enumerate(law.references(n * STEP, np.array([0.2, 0.2])))
+            ]
         pull = np.array([float(spring.torque(q - t)) for spring, t in zip(law.springs, theta, strict=True)])
         theta = theta + STEP / MOTOR_FRICTION * (torque + pull)
     return theta
@@ -59,10 +63,12 @@ def test_the_printed_law_stays_off_by_the_spring_torque(law):
 
 def test_derivative_gain_opposes_motion(law):
     state = law.init()
-    reference = law.references(0.0)
-    state, at_rest = law.step(state, JointSample(0.0, 0.2, reference))
+    law = replace(law, fade_in=1e-6)
+    reference = law.references(1.0, np.zeros(2))
+    for n in range(2):
+        state, at_rest = law.step(state, JointSample(n * STEP, 0.2, reference))
     for n in range(1, 200):  # both motors pass their references at +1 rad/s
-        state, moving = law.step(state, JointSample(n * STEP, 0.2, reference + n * STEP))
+        state, moving = law.step(state, JointSample((1 + n) * STEP, 0.2, reference + n * STEP))
     expected = at_rest.torque - law.derivative_gain * 1.0 - law.proportional_gain * 199 * STEP
     assert moving.torque == pytest.approx(expected, rel=1e-9)
 
@@ -70,7 +76,7 @@ def test_derivative_gain_opposes_motion(law):
 @given(q=st.floats(-10, 10), one=st.floats(-100, 100), two=st.floats(-100, 100))
 def test_limits_hold_everywhere(q, one, two):
     spring = cubic_spring(10.0, 3.0)
-    law = MotorPositionControl((spring, spring), still(0.0), still(0.5), 500.0, 1.0, 300.0, (6.0, 2.0))
+    law = MotorPositionControl((spring, spring), still(0.0), still(0.5), 500.0, 1.0, 300.0, (6.0, 2.0), 0.1)
     state, _ = law.step(law.init(), JointSample(0.0, 0.0, np.zeros(2)))
     _, out = law.step(state, JointSample(STEP, q, np.array([one, two])))
     assert np.all(np.abs(out.torque) <= [6.0, 2.0])
@@ -101,6 +107,7 @@ def test_a_step_leaves_the_old_state_alone(law):
         {"velocity_bandwidth": 0.0},
         {"torque_limit": (1.0, 0.0)},
         {"proportional_gain": float("nan")},
+        {"fade_in": 0.0},
     ],
 )
 def test_silly_parameters_are_refused(law, change):
@@ -108,10 +115,18 @@ def test_silly_parameters_are_refused(law, change):
         replace(law, **change)
 
 
-def test_multisine_starts_smoothly_and_becomes_the_tones():
-    wave = Multisine(0.3, (0.1, 0.2), (1.0, 2.5), 0.5)
-    assert wave.at(0.0) == 0.3
-    assert (wave.at(1e-6) - wave.at(0.0)) / 1e-6 == pytest.approx(0.0, abs=1e-4)
+def test_references_leave_the_motors_where_they_are_and_fade_in(law):
+    origin = np.array([-0.4, 0.9])
+    _, out = law.step(law.init(), JointSample(5.0, 0.2, origin))
+    held = [-float(spring.torque(0.25 - angle)) for spring, angle in zip(law.springs, origin, strict=True)]
+    assert out.torque == pytest.approx(held)  # only what the springs ask for at rest
+    slope = (law.references(1e-6, origin) - law.references(0.0, origin)) / 1e-6
+    assert slope == pytest.approx([0.0, 0.0], abs=1e-3)
+    assert law.references(0.2, origin) == pytest.approx([1.2, -0.8])
+
+
+def test_multisine_is_the_sum_of_its_tones():
+    wave = Multisine(0.3, (0.1, 0.2), (1.0, 2.5))
     time = 1.7
     tones = 0.1 * np.sin(2 * np.pi * time) + 0.2 * np.sin(2 * np.pi * 2.5 * time)
     assert wave.at(time) == pytest.approx(0.3 + tones)
@@ -119,7 +134,7 @@ def test_multisine_starts_smoothly_and_becomes_the_tones():
 
 @pytest.mark.parametrize(
     "arguments",
-    [(0.0, (0.1,), (), 1.0), (0.0, (0.1,), (0.0,), 1.0), (0.0, (), (), 0.0), (float("inf"), (), (), 1.0)],
+    [(0.0, (0.1,), ()), (0.0, (0.1,), (0.0,)), (float("inf"), (), ()), (0.0, (float("nan"),), (1.0,))],
 )
 def test_silly_multisines_are_refused(arguments):
     with pytest.raises(ParameterError):

@@ -4,13 +4,15 @@
 
 theta_d = (x + s, x - s) for an equilibrium x and a preset s. Without tau_0 the springs pull the motors off their
 reference by K_P^-1 tau_e. x(t) and s(t) are multisines, so that the law excites deflection and stiffness on purpose.
+The references fade in from where the first sample finds the motors, so that nothing jerks:
+theta_d = (1 - f) theta(0) + f (x + s, x - s) with f = u^2 (3 - 2u), u = t / fade_in.
 The motor velocity is not measured; it is the angle's derivative behind a first-order low pass of bandwidth w_f.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import exp, isfinite
+from dataclasses import dataclass, replace
+from math import exp, isfinite, isnan, nan
 
 import numpy as np
 from via_core.signals import Array, locked
@@ -22,9 +24,10 @@ from via_controllers.multisine import Multisine
 
 @dataclass(frozen=True)
 class MotorPositionState:
-    """Where the law stands; `start` is the stamp [s] from which the references count, None before the first sample."""
+    """Where the law stands; `start` is the stamp [s] from which the references count, NaN before the first sample."""
 
-    start: float | None
+    start: float
+    origin: Array  # (2,) [rad] motor angles of the first sample
     time: float  # [s] stamp of the last sample
     theta: Array  # (2,) [rad]
     velocity: Array  # (2,) [rad/s] low-passed
@@ -41,6 +44,7 @@ class MotorPositionControl(Controller[MotorPositionState]):
     derivative_gain: float  # K_D [N m s/rad]
     velocity_bandwidth: float  # w_f [rad/s]
     torque_limit: tuple[float, float]  # [N m]
+    fade_in: float  # [s]
 
     def __post_init__(self) -> None:
         require(len(self.springs) == 2, f"an antagonistic joint has 2 springs, got {len(self.springs)}")
@@ -48,6 +52,7 @@ class MotorPositionControl(Controller[MotorPositionState]):
             "proportional_gain": self.proportional_gain,
             "velocity_bandwidth": self.velocity_bandwidth,
             "torque_limit": min(self.torque_limit),
+            "fade_in": self.fade_in,
         }
         for name, value in positive.items():
             require(value > 0.0, f"{name} must be > 0, got {value}")
@@ -55,26 +60,32 @@ class MotorPositionControl(Controller[MotorPositionState]):
 
     def init(self) -> MotorPositionState:
         nothing = locked(np.zeros(2), "theta")
-        return MotorPositionState(None, 0.0, nothing, nothing)
+        return MotorPositionState(nan, nothing, 0.0, nothing, nothing)
 
-    def references(self, time: float) -> Array:
-        """theta_d (2,) [rad] at `time` [s] since the start."""
+    def references(self, time: float, origin: Array) -> Array:
+        """theta_d (2,) [rad] at `time` [s] since the start at the motor angles `origin` (2,) [rad]."""
         x, s = self.equilibrium.at(time), self.preset.at(time)
-        return np.array([x + s, x - s])
+        u = min(time / self.fade_in, 1.0)
+        fade = u * u * (3.0 - 2.0 * u)
+        return (1.0 - fade) * origin + fade * np.array([x + s, x - s])
 
     def step(self, state: MotorPositionState, sample: JointSample) -> tuple[MotorPositionState, Torques]:
         if not (isfinite(sample.time) and np.all(np.isfinite(sample.theta))):
             return state, Torques(np.zeros(2), False)  # blind: passive
-        start = sample.time if state.start is None else state.start
+        if isnan(state.start):
+            here = locked(sample.theta, "origin")
+            state = MotorPositionState(sample.time, here, sample.time, here, np.zeros(2))
         step = sample.time - state.time
         velocity = state.velocity
-        if state.start is not None and step > 0.0:
+        if step > 0.0:
             follow = 1.0 - exp(-self.velocity_bandwidth * step)
             velocity = velocity + follow * ((sample.theta - state.theta) / step - velocity)
 
-        theta_d = self.references(sample.time - start)
+        theta_d = self.references(sample.time - state.start, state.origin)
         x = 0.5 * (theta_d[0] + theta_d[1])
         tau_0 = -np.array([float(law.torque(x - d)) for law, d in zip(self.springs, theta_d, strict=True)])
         torque = tau_0 - self.derivative_gain * velocity - self.proportional_gain * (sample.theta - theta_d)
-        after = MotorPositionState(start, sample.time, locked(sample.theta, "theta"), locked(velocity, "velocity"))
+        after = replace(
+            state, time=sample.time, theta=locked(sample.theta, "theta"), velocity=locked(velocity, "velocity")
+        )
         return after, limited(torque, np.asarray(self.torque_limit))

@@ -10,29 +10,23 @@ from via_controllers.contract import require
 
 @dataclass(frozen=True)
 class Multisine:
-    """r(t) = mean + s(t) sum_i amplitude_i sin(2 pi frequency_i t), s a smooth start from 0 to 1 within `ramp`.
-
-    With s(t) = u^2 (3 - 2u), u = t / ramp, the reference starts at `mean` with zero velocity.
-    """
+    """r(t) = mean + sum_i amplitude_i sin(2 pi frequency_i t)."""
 
     mean: float  # [rad]
     amplitudes: tuple[float, ...]  # [rad]
     frequencies: tuple[float, ...]  # [Hz]
-    ramp: float  # [s]
 
     def __post_init__(self) -> None:
         require(
             len(self.amplitudes) == len(self.frequencies),
             f"as many amplitudes as frequencies, got {len(self.amplitudes)} and {len(self.frequencies)}",
         )
-        for value in (self.mean, self.ramp, *self.amplitudes, *self.frequencies):
+        for value in (self.mean, *self.amplitudes, *self.frequencies):
             require(isfinite(value), f"a multisine needs finite numbers, got {value}")
-        require(self.ramp > 0.0, f"ramp must be > 0 s, got {self.ramp}")
         require(all(f > 0.0 for f in self.frequencies), f"frequencies must be > 0 Hz, got {self.frequencies}")
 
     def at(self, time: float) -> float:
         """r [rad] at `time` [s] since the start."""
-        u = min(max(time / self.ramp, 0.0), 1.0)
-        start = u * u * (3.0 - 2.0 * u)
-        tones = sum(a * sin(2.0 * pi * f * time) for a, f in zip(self.amplitudes, self.frequencies, strict=True))
-        return self.mean + start * tones
+        return self.mean + sum(
+            a * sin(2.0 * pi * f * time) for a, f in zip(self.amplitudes, self.frequencies, strict=True)
+        )

@@ -13,15 +13,16 @@ from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from via_controllers.contract import JointSample
-from via_controllers.motor_position import MotorPositionControl
-from via_controllers.multisine import Multisine
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_interfaces.msg import VsaCommand
-from via_ros import qos, spin
 from via_ros.conversions import Command, CommandWriter, SampleReader, nanoseconds
 from via_ros.parameters import declare
+
+from via_controllers.contract import JointSample
+from via_controllers.motor_position import MotorPositionControl
+from via_controllers.multisine import Multisine
+from via_ros import qos, spin
 
 
 def setting(default: Any, description: str, unit: str, low: float, high: float) -> Any:
@@ -33,26 +34,26 @@ def setting(default: Any, description: str, unit: str, low: float, high: float) 
 class ExcitationParameters:
     """Parameters of the node."""
 
-    device: str = field(default="cubic_aa_vsa", metadata={"description": "device name or path to its YAML"})
+    device: str = field(default="cubic_demo", metadata={"description": "device name or path to its YAML"})
     equilibrium_mean: float = setting(0.0, "mean of the equilibrium angle", "rad", -10.0, 10.0)
     equilibrium_amplitudes: tuple[float, ...] = field(
-        default=(0.3, 0.15), metadata={"description": "amplitudes of its tones [rad]"}
+        default=(0.2, 0.1), metadata={"description": "amplitudes of its tones [rad]"}
     )
     equilibrium_frequencies: tuple[float, ...] = field(
         default=(0.7, 1.9), metadata={"description": "frequencies of its tones [Hz]"}
     )
-    preset_mean: float = setting(1.3, "mean of the stiffness preset", "rad", -10.0, 10.0)
+    preset_mean: float = setting(0.6, "mean of the stiffness preset", "rad", -10.0, 10.0)
     preset_amplitudes: tuple[float, ...] = field(
-        default=(0.35,), metadata={"description": "amplitudes of its tones [rad]"}
+        default=(0.2,), metadata={"description": "amplitudes of its tones [rad]"}
     )
     preset_frequencies: tuple[float, ...] = field(
         default=(0.3,), metadata={"description": "frequencies of its tones [Hz]"}
     )
-    ramp: float = setting(0.3, "time over which the tones fade in", "s", 1e-3, 100.0)
-    proportional_gain: float = setting(200.0, "K_P", "N m/rad", 1e-9, 1e6)
-    derivative_gain: float = setting(0.0, "K_D", "N m s/rad", 0.0, 1e6)
+    fade_in: float = setting(0.3, "time over which the references fade in", "s", 1e-3, 100.0)
+    proportional_gain: float = setting(20.0, "K_P", "N m/rad", 1e-9, 1e6)
+    derivative_gain: float = setting(0.6, "K_D", "N m s/rad", 0.0, 1e6)
     velocity_bandwidth: float = setting(300.0, "low pass of the motor velocity", "rad/s", 1e-3, 1e5)
-    torque_limit: float = setting(120.0, "limit of each motor where the device file has none", "N m", 1e-9, 1e6)
+    torque_limit: float = setting(10.0, "limit of each motor where the device file has none", "N m", 1e-9, 1e6)
 
 
 def law_of(parameters: ExcitationParameters) -> MotorPositionControl:
@@ -64,24 +65,17 @@ def law_of(parameters: ExcitationParameters) -> MotorPositionControl:
             f"'{device.name}' is {device.arrangement} with {device.drive} drive"
         )
     limits = [getattr(motor, "torque_limit", None) or parameters.torque_limit for motor in device.motors]
-    equilibrium = Multisine(
-        parameters.equilibrium_mean,
-        parameters.equilibrium_amplitudes,
-        parameters.equilibrium_frequencies,
-        parameters.ramp,
-    )
-    preset = Multisine(
-        parameters.preset_mean, parameters.preset_amplitudes, parameters.preset_frequencies, parameters.ramp
-    )
+    p = parameters
     first, second = device.spring_laws
     return MotorPositionControl(
         springs=(first, second),
-        equilibrium=equilibrium,
-        preset=preset,
-        proportional_gain=parameters.proportional_gain,
-        derivative_gain=parameters.derivative_gain,
-        velocity_bandwidth=parameters.velocity_bandwidth,
+        equilibrium=Multisine(p.equilibrium_mean, p.equilibrium_amplitudes, p.equilibrium_frequencies),
+        preset=Multisine(p.preset_mean, p.preset_amplitudes, p.preset_frequencies),
+        proportional_gain=p.proportional_gain,
+        derivative_gain=p.derivative_gain,
+        velocity_bandwidth=p.velocity_bandwidth,
         torque_limit=(limits[0], limits[1]),
+        fade_in=p.fade_in,
     )
 
 
