@@ -1,4 +1,4 @@
-"""Dry friction as a set: standstill to the last bit, breakaway at the threshold, stick-slip against a slow reference."""
+"""Dry friction as a set: standstill to the last bit, breakaway at the threshold, stick-slip event by event."""
 
 import numpy as np
 import pytest

@@ -91,7 +91,8 @@ def test_energy_is_conserved_without_friction():
         "antagonistic",
         "{inertia: 0.02, viscous_friction: 0.0, gravity_torque: 0.4, gravity_angle: 0.3}",
         "motors: [{inertia: 0.01, viscous_friction: 0.0}, {inertia: 0.02, viscous_friction: 0.0}]\n"
-        "springs: [{law: cubic, coefficient: 10.0, max_deflection: 2.0}, {law: sinh, k: 0.02, a: 6.0, max_deflection: 1.0}]",
+        "springs: [{law: cubic, coefficient: 10.0, max_deflection: 2.0}, "
+        "{law: sinh, k: 0.02, a: 6.0, max_deflection: 1.0}]",
     )
     x = motion(JointPlant.from_device(joint), np.zeros((5000, 4)), 4, (0.4, -0.2, 0.1, 0.0, 1.0, -1.0))
     q, th1, th2, v, w1, w2 = x.T

@@ -1,0 +1,243 @@
+"""Speed of the simulator against MuJoCo's rollout and scipy's solve_ivp at equal accuracy, in one run.
+
+One non-stiff antagonistic joint, tau_e = 5 phi + 10 phi^3, three seconds at 1 kHz with held torques. Every contender is
+measured against one reference (this simulator with 64 times finer steps, which DOP853 at rtol 1e-12 confirms). MuJoCo has
+the very same joint: three hinges, two fixed tendons with polynomial stiffness, no contacts, no constraints; each of its
+integrators at each step from 1 ms down. A contender counts for a target accuracy with its fastest setting that reaches
+it. Beside it the stiff cubic joint of the document: error against a 20 times finer integration and against DOP853.
+
+Prints a table and writes out/bench/simulator.json: times [s] are the best of several runs, one thread each.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from numba import njit
+from rich.console import Console
+from rich.table import Table
+from scipy.integrate import solve_ivp
+from via_core.devices import load_device, parse_device
+from via_core.signals import Array, Signals
+from via_sim.kernel import run
+from via_sim.parameters import P
+from via_sim.plants import JointPlant
+from via_sim.sensors import IDEAL
+from via_sim.simulate import initial_state, simulate
+
+RATE = 1000.0  # [Hz]
+TICKS = 3000
+TARGETS = (1e-4, 1e-6)  # [rad]
+M, Dq, B, Dth = 0.02, 0.05, 0.01, 0.3
+DEVICE = parse_device(
+    f"""
+name: bench
+title: non-stiff antagonistic joint
+source: [made for this comparison]
+confidence: assumed
+arrangement: antagonistic
+link: {{inertia: {M}, viscous_friction: {Dq}}}
+motors: [{{inertia: {B}, viscous_friction: {Dth}}}, {{inertia: {B}, viscous_friction: {Dth}}}]
+springs:
+  - {{law: odd_polynomial, odd_coefficients: [5.0, 10.0], max_deflection: 1.0}}
+  - {{law: odd_polynomial, odd_coefficients: [5.0, 10.0], max_deflection: 1.0}}
+sensors: {{rate: {RATE}}}
+""",
+    "bench",
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One setting of one contender."""
+
+    name: str
+    error: float  # [rad] largest of link and motor angles
+    seconds: float  # [s] best of its runs
+
+
+def torques(ticks: int, size: float = 2.0) -> Array:
+    """Held motor torques (ticks, 2) [N m] with a smooth start."""
+    t = np.arange(ticks) / RATE
+    ramp = np.where(t < 0.3, 0.5 - 0.5 * np.cos(np.pi * t / 0.3), 1.0)
+    shape = np.stack([3.0 + np.sin(2.0 * np.pi * 0.5 * t), -3.0 - np.sin(2.0 * np.pi * 0.8 * t)], axis=1)
+    return ramp[:, None] * size / 2.0 * shape
+
+
+def best(work: Callable[[], Array], repeats: int) -> tuple[Array, float]:
+    """Result (N, 3) and least time [s]; one run more beforehand, so that nothing is compiled or faulted in on the clock."""
+    result, least = work(), np.inf
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        work()
+        least = min(least, time.perf_counter() - begin)
+    return result, least
+
+
+def ours(plant: JointPlant, motor: Array, finer: float = 1.0) -> Array:
+    """Angles (N, 3) at `finer` times the chosen substeps."""
+    row = plant.at_rate(RATE)
+    row[P.substeps] *= finer
+    commands = np.zeros((len(motor), 4))
+    commands[:, :2] = motor
+    truth = np.empty((len(motor) + 1, 16))
+    run(row, IDEAL.row(), initial_state(plant, RATE, None, 0), commands, np.empty((len(motor) + 1, 9)), truth)
+    return truth[1:, :3]
+
+
+def mujoco_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
+    """Every integrator at 1, 1/2, ... 1/64 ms."""
+    body = '<body><joint name="{0}" axis="0 0 1" damping="{2}"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 {1}"/></body>'
+    spring = (
+        '<fixed springlength="0" stiffness="5 0 10"><joint joint="q" coef="1"/><joint joint="{0}" coef="-1"/></fixed>'
+    )
+    contenders = []
+    for integrator in ("Euler", "implicitfast", "RK4"):
+        for finer in (1, 2, 4, 8, 16, 32, 64):
+            model = mujoco.MjModel.from_xml_string(
+                f'<mujoco><compiler balanceinertia="true"/><option timestep="{1.0 / RATE / finer!r}" gravity="0 0 0" '
+                f'integrator="{integrator}"><flag contact="disable" constraint="disable"/></option>'
+                f"<worldbody>{body.format('q', M, Dq)}{body.format('a', B, Dth)}{body.format('b', B, Dth)}</worldbody>"
+                f"<tendon>{spring.format('a')}{spring.format('b')}</tendon>"
+                '<actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>'
+            )
+            model.body_inertia[1:, 2] = M, B, B
+            data = mujoco.MjData(model)
+            start = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+            control = np.repeat(motor, finer, axis=0)[None]
+
+            def work(model=model, data=data, start=start, control=control, finer=finer):
+                state, _ = rollout.rollout(model, data, start, control)
+                return state[0, finer - 1 :: finer, 1:4]
+
+            contenders.append((f"MuJoCo {integrator}, {1e3 / RATE / finer:g} ms", work))
+    return contenders
+
+
+@njit(cache=False)
+def slope(t: float, x: Array, motor: Array) -> Array:
+    """The same equations for scipy, compiled so that only its own cost remains."""
+    k = min(int(t * 1000.0 + 1e-9), len(motor) - 1)
+    p1, p2 = x[0] - x[1], x[0] - x[2]
+    e1, e2 = 5.0 * p1 + 10.0 * p1**3, 5.0 * p2 + 10.0 * p2**3
+    out = np.empty(6)
+    out[:3] = x[3:]
+    out[3] = (-Dq * x[3] - e1 - e2) / M
+    out[4] = (motor[k, 0] + e1 - Dth * x[4]) / B
+    out[5] = (motor[k, 1] + e2 - Dth * x[5]) / B
+    return out
+
+
+def scipy_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
+    """One call over the whole run (it steps across the edges of held commands), and restarted at each edge."""
+    time_at = np.arange(1, len(motor) + 1) / RATE
+
+    def whole(method, tolerance):
+        span = (0.0, time_at[-1])
+        return solve_ivp(
+            slope, span, np.zeros(6), method, time_at, args=(motor,), rtol=tolerance, atol=tolerance, max_step=5e-3
+        ).y[:3].T  # fmt: skip
+
+    def pieces(method, tolerance):
+        x, out = np.zeros(6), np.empty((len(motor), 3))
+        for k in range(len(motor)):
+            held = motor[k : k + 1]
+            x = solve_ivp(slope, (0.0, 1.0 / RATE), x, method, args=(held,), rtol=tolerance, atol=tolerance).y[:, -1]
+            out[k] = x[:3]
+        return out
+
+    settings = [(whole, "RK45", 10.0**-n, "one call") for n in (5, 7, 9)]
+    settings += [(whole, "DOP853", 10.0**-n, "one call") for n in (5, 7, 9)]
+    settings += [(pieces, "RK45", 10.0**-n, "each tick") for n in (3, 5, 7)]
+    return [(f"scipy {m}, {how}, rtol {tol:.0e}", lambda f=f, m=m, tol=tol: f(m, tol)) for f, m, tol, how in settings]
+
+
+def measured(reference: Array, contenders: list[tuple[str, Callable[[], Array]]], repeats: int) -> list[Row]:
+    rows = []
+    for name, work in contenders:
+        result, seconds = best(work, repeats)
+        rows.append(Row(name, float(np.max(np.abs(result - reference))), seconds))
+    return rows
+
+
+def fastest(rows: list[Row], target: float) -> Row | None:
+    """The fastest row that is at least as accurate as `target`."""
+    good = [row for row in rows if row.error <= target]
+    return min(good, key=lambda row: row.seconds) if good else None
+
+
+def stiff() -> dict[str, float]:
+    """The document's cubic joint under E1, ten seconds: errors [rad] and time [s]."""
+    device = load_device("cubic_aa_vsa")
+    plant, motor = JointPlant.from_device(device), torques(10_000, 1.0)
+    t = np.arange(10_000) / RATE
+    ramp = np.where(t < 0.3, 0.5 - 0.5 * np.cos(np.pi * t / 0.3), 1.0)
+    motor[:, 0] = ramp * (60.0 + 20.0 * np.sin(2.0 * np.pi * 0.5 * t))
+    motor[:, 1] = -ramp * (60.0 + 20.0 * np.sin(2.0 * np.pi * 0.8 * t))
+    angles, seconds = best(lambda: ours(plant, motor), 3)
+    finer = float(np.max(np.abs(angles - ours(plant, motor, 20.0))))
+    x, worst = np.zeros(6), 0.0
+    for k in range(2000):  # two seconds of an independent method with a restart at every edge
+
+        def rate(_t, x, held=(*motor[k], 0.0, 0.0)):
+            return plant.derivative(x, held)
+
+        x = solve_ivp(rate, (0.0, 1.0 / RATE), x, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+        worst = max(worst, float(np.max(np.abs(angles[k] - x[:3]))))
+    return {"error_20x_finer": finer, "error_dop853_2s": worst, "seconds_per_10s": seconds}
+
+
+def main() -> None:
+    console, plant, motor = Console(), JointPlant.from_device(DEVICE), torques(TICKS)
+    reference = ours(plant, motor, 64.0)
+    held = Signals(np.arange(TICKS) / RATE, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
+
+    def whole_call() -> Array:
+        truth = simulate(plant, held, TICKS / RATE, RATE).truth
+        return np.column_stack([truth["q"], truth["theta"]])[1:]
+
+    rows = {
+        "via_sim": measured(
+            reference,
+            [("via_sim simulate()", whole_call)]
+            + [(f"via_sim kernel, 1/{n} ms", lambda n=n: ours(plant, motor, n)) for n in (1, 2, 4)],
+            20,
+        ),
+        "MuJoCo": measured(reference, mujoco_runs(motor), 3),
+        "scipy": measured(reference, scipy_runs(motor), 1),
+    }
+    table = Table(title=f"Antagonistic joint, {TICKS} ticks of 1 ms")
+    for heading in ("setting", "largest error [rad]", "time [ms]", "us per tick"):
+        table.add_column(heading, justify="left" if heading == "setting" else "right")
+    for row in (row for group in rows.values() for row in group):
+        table.add_row(row.name, f"{row.error:.1e}", f"{row.seconds * 1e3:.2f}", f"{row.seconds / TICKS * 1e6:.3g}")
+    console.print(table)
+
+    summary: dict[str, object] = {"ticks": TICKS, "rows": [vars(row) for group in rows.values() for row in group]}
+    for target in TARGETS:
+        own = fastest(rows["via_sim"][:1], target)
+        for name in ("MuJoCo", "scipy"):
+            other = fastest(rows[name], target)
+            if own is None or other is None:
+                console.print(f"error <= {target:g} rad: {name if own else 'via_sim'} does not reach it")
+                continue
+            ratio = other.seconds / own.seconds
+            console.print(f"error <= {target:g} rad: simulate() is {ratio:.1f} times as fast as {other.name}")
+            summary[f"times_{name.lower()}_at_{target:g}"] = ratio
+    summary["cubic_joint"] = cubic = stiff()
+    console.print("cubic joint, 10 s: " + ", ".join(f"{key} {value:.2e}" for key, value in cubic.items()))
+    target_file = Path("out/bench/simulator.json")
+    target_file.parent.mkdir(parents=True, exist_ok=True)
+    target_file.write_text(json.dumps(summary, indent=1))
+    console.print(f"written: {target_file}")
+
+
+if __name__ == "__main__":
+    main()
