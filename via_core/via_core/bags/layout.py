@@ -6,6 +6,7 @@ counted from behind the header. Sequences carry a u32 length, strings a u32 leng
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -190,3 +191,20 @@ def column(number: Number, rows: NDArray[np.uint8]) -> NDArray[np.generic]:
     if number.form == "?":
         return (packed != 0).reshape(shape)
     return packed.view(number.form).reshape(shape)
+
+
+def filled(
+    store: Typestore, type_name: str, template: Any, count: int, columns: Mapping[str, NDArray[Any]]
+) -> list[bytes]:
+    """`count` serialised copies of the message `template`, the members in `columns` replaced row by row.
+
+    columns  member name -> (count,) or (count, k), k as many as the template's member holds
+    """
+    message = bytes(store.serialize_cdr(template, type_name))
+    layout = layout_of(store, type_name, message)
+    rows = np.tile(np.frombuffer(message, dtype=np.uint8), (count, 1))
+    for name, values in columns.items():
+        number = layout.numbers[name]
+        packed = np.ascontiguousarray(values, dtype=number.form).view(np.uint8).reshape(count, -1)
+        rows[:, number.offset : number.offset + packed.shape[1]] = packed
+    return [row.tobytes() for row in rows]

@@ -1,0 +1,153 @@
+"""From the messages of a bag to the Signals of one joint, by the names its device file gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from via_core.bags.reader import Bag, Columns
+from via_core.devices import Device
+from via_core.errors import BagError
+from via_core.signals import Array, Signals
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+VSA_COMMAND = "via_interfaces/msg/VsaCommand"
+EQUILIBRIUM_PRESET, MOTOR_POSITION, MOTOR_TORQUE = 0, 1, 2  # VsaCommand.mode
+
+
+@dataclass(frozen=True)
+class StampReport:
+    """What became of the messages of one topic on their way to Signals.
+
+    messages   in the bag
+    others     messages that do not name the joint, or are of another kind
+    repeated   same stamp as one before: dropped
+    backward   earlier than one before: dropped
+    kept       samples in the Signals
+    """
+
+    topic: str
+    messages: int
+    others: int
+    repeated: int
+    backward: int
+    kept: int
+
+
+class JointRecording(NamedTuple):
+    """One joint as recorded. NaN marks 'not measured' (in commands: does not count in this mode)."""
+
+    measured: Signals
+    commands: Signals | None  # None when nothing was commanded
+    reports: tuple[StampReport, ...]
+
+
+def seconds(stamp: NDArray[np.int64]) -> Array:
+    """Stamps [ns] as seconds: whole seconds plus nanoseconds, as a live node reads sec and nanosec of a header."""
+    whole, rest = np.divmod(stamp, 1_000_000_000)
+    return whole + rest * 1e-9
+
+
+def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") -> JointRecording:
+    """Measurements and commands of the joint `device` in `bag`.
+
+    measured  q [rad], theta (N, m) [rad], tau (N, m) [N m], q_velocity, theta_velocity (N, m) [rad/s], tau_link [N m],
+              those of which at least one value was measured
+    commands  equilibrium, preset [rad], damping [-], or motor (N, m) [rad] or [N m], held between samples
+
+    Joints are found by name in every message. Raises BagError when the topic or the joint is not in the bag.
+    """
+    states = bag[joint_topic]
+    if states.type_name != JOINT_STATE:
+        raise BagError(f"{joint_topic} is {states.type_name}, not {JOINT_STATE}")
+    channels, present = joint_channels(states, device)
+    if not present.any():
+        names = sorted({name for names in states["name"] for name in names}) if len(states) else []
+        raise BagError(
+            f"no joint '{device.link_joint}' of device '{device.name}' on {joint_topic}; "
+            f"there are: {', '.join(names) or 'none'}"
+        )
+    keep, report = _increasing(states, present)
+    units = {"q": "rad", "theta": "rad", "tau": "N m", "q_velocity": "rad/s", "theta_velocity": "rad/s",
+             "tau_link": "N m"}  # fmt: skip
+    measured = {name: values[keep] for name, values in channels.items() if np.isfinite(values[keep]).any()}
+    signals = Signals(seconds(states.stamp[keep]), measured, units)
+    if device.command_topic not in bag or len(bag.topic(device.command_topic)) == 0:
+        return JointRecording(signals, None, (report,))
+    commands, command_report = _commands(bag[device.command_topic], device)
+    return JointRecording(signals, commands, (report, command_report))
+
+
+def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], NDArray[np.bool_]]:
+    """Values by channel for every message, NaN where it has none, and which messages name the link at all."""
+    count, motors = len(states), device.n_motors
+    channels = {name: np.full(count, np.nan) for name in ("q", "q_velocity", "tau_link")}
+    if motors:
+        channels |= {name: np.full((count, motors), np.nan) for name in ("theta", "theta_velocity", "tau")}
+    present = np.zeros(count, dtype=np.bool_)
+    for names, rows in _by_names(states["name"]):
+        if device.link_joint not in names:
+            continue
+        present[rows] = True
+        for field, link, motor in (
+            ("position", "q", "theta"), ("velocity", "q_velocity", "theta_velocity"), ("effort", "tau_link", "tau"),
+        ):  # fmt: skip
+            values = states[field][rows]
+            channels[link][rows] = _picked(values, names.index(device.link_joint))
+            for i, joint in enumerate(device.motor_joints):
+                if joint in names:
+                    channels[motor][rows, i] = _picked(values, names.index(joint))
+    return channels, present
+
+
+def _by_names(names: NDArray[Any]) -> list[tuple[tuple[str, ...], NDArray[np.intp]]]:
+    """The rows of each distinct tuple of joint names."""
+    rows: dict[tuple[str, ...], list[int]] = {}
+    for k, each in enumerate(names.tolist()):
+        rows.setdefault(each, []).append(k)
+    return [(each, np.array(where)) for each, where in rows.items()]
+
+
+def _picked(values: NDArray[Any], index: int) -> Array:
+    """Value number `index` of every message; NaN where the array is shorter, which is how 'not measured' is sent."""
+    if values.ndim == 2:
+        return values[:, index] if index < values.shape[1] else np.full(len(values), np.nan)
+    return np.array([each[index] if index < len(each) else np.nan for each in values])
+
+
+def _commands(columns: Columns, device: Device) -> tuple[Signals, StampReport]:
+    if columns.type_name != VSA_COMMAND:
+        raise BagError(f"{columns.topic} is {columns.type_name}, not {VSA_COMMAND}")
+    keep, report = _increasing(columns, np.ones(len(columns), dtype=np.bool_))
+    mode = columns["mode"][keep]
+    by_reference = mode == EQUILIBRIUM_PRESET
+    values: dict[str, Array] = {"damping": columns["damping"][keep]}
+    units = {"equilibrium": "rad", "preset": "rad", "damping": "-", "motor": "rad"}
+    if by_reference.any():
+        for name in ("equilibrium", "preset"):
+            values[name] = np.where(by_reference, columns[name][keep], np.nan)
+    if not by_reference.all() and device.n_motors:
+        if np.unique(mode[~by_reference]).size > 1:
+            raise BagError(f"{columns.topic} mixes motor positions and motor torques")
+        units["motor"] = "N m" if MOTOR_TORQUE in mode else "rad"
+        motor = np.stack([_picked(columns["motor"][keep], i) for i in range(device.n_motors)], axis=1)
+        values["motor"] = np.where(by_reference[:, None], np.nan, motor)
+    time = seconds(columns.stamp[keep])
+    return Signals(time, values, units, held=frozenset(values)), report
+
+
+def _increasing(columns: Columns, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.intp], StampReport]:
+    """Rows whose stamp is later than all before, among those `wanted`."""
+    rows = np.flatnonzero(wanted)
+    stamp = columns.stamp[rows]
+    latest = np.maximum.accumulate(stamp)
+    after = np.ones(len(rows), dtype=np.bool_)
+    after[1:] = stamp[1:] > latest[:-1]
+    repeated = int(np.count_nonzero(stamp[1:] == latest[:-1]))
+    backward = int(np.count_nonzero(stamp[1:] < latest[:-1]))
+    kept = rows[after]
+    others = len(columns) - len(rows)
+    return kept, StampReport(columns.topic, len(columns), others, repeated, backward, len(kept))

@@ -1,0 +1,187 @@
+"""Mapping files: which column of a foreign recording is which quantity of which joint.
+
+Every column of a recording is either mapped or listed under `ignore` with the reason; a column that is neither, or one
+that is missing, stops the import. That way a renamed column cannot quietly become 'not measured'.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from via_core.errors import ImportMapError
+
+TO_SI = {
+    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": 0.017453292519943295, "rad/s": 1.0,
+    "deg/s": 0.017453292519943295, "N m": 1.0, "N mm": 1e-3, "A": 1.0, "mA": 1e-3, "V": 1.0, "mV": 1e-3, "-": 1.0,
+    "%": 1e-2,
+}  # fmt: skip
+
+Text = Annotated[str, Field(min_length=1)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class _Column(_Part):
+    """One column: value = number in the file * (unit in SI * scale) + offset; bit-exact where these are 1 and 0."""
+
+    column: str
+    unit: Literal["s", "ms", "us", "ns", "rad", "deg", "rad/s", "deg/s", "N m", "N mm", "A", "mA", "V", "mV", "-", "%"]
+    scale: Annotated[float, Field(allow_inf_nan=False)] = 1.0
+    offset: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+
+    def in_si(self, values: Any) -> Any:
+        factor = TO_SI[self.unit] * self.scale
+        scaled = values if factor == 1.0 else values * factor
+        return scaled if self.offset == 0.0 else scaled + self.offset
+
+
+class TimeColumn(_Column):
+    """Seconds after the common zero of recording and commands."""
+
+    unit: Literal["s", "ms", "us", "ns"]
+
+
+class JointColumn(_Column):
+    """A quantity of one joint in sensor_msgs/JointState.
+
+    joint  'link' or 'motor_<i>' of the mapping's device, or a joint's own name
+    """
+
+    joint: Text
+    quantity: Literal["position", "velocity", "effort"]
+
+
+class CommandColumn(_Column):
+    """A command in via_interfaces/VsaCommand."""
+
+    quantity: Literal["equilibrium", "preset", "damping"]
+
+
+class ScalarColumn(_Column):
+    """Anything else: a std_msgs/Float64 topic, in SI units."""
+
+    topic: Annotated[str, Field(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)+$")]
+
+
+class Table(_Part):
+    """The columns of one kind of CSV file."""
+
+    time: TimeColumn
+    joints: tuple[JointColumn, ...] = ()
+    commands: tuple[CommandColumn, ...] = ()
+    scalars: tuple[ScalarColumn, ...] = ()
+    ignore: dict[str, Text] = {}
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
+
+    @property
+    def mapped(self) -> tuple[_Column, ...]:
+        return (self.time, *self.joints, *self.commands, *self.scalars)
+
+    @model_validator(mode="after")
+    def _each_once(self) -> Table:
+        names = [each.column for each in self.mapped] + list(self.ignore)
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"mapped twice: {', '.join(map(repr, twice))}")
+        goals = [(each.joint, each.quantity) for each in self.joints] + [each.quantity for each in self.commands]
+        if len(set(goals)) < len(goals):
+            raise ValueError("two columns give the same quantity")
+        return self
+
+    def check_header(self, header: list[str], file: str) -> None:
+        """Raises ImportMapError naming the columns that are unknown and those that are missing."""
+        wanted = {each.column for each in self.mapped} | self.ignore.keys()
+        unknown = [name for name in header if name not in wanted]
+        missing = sorted(wanted - set(header))
+        twice = sorted({name for name in header if header.count(name) > 1})
+        problems = [
+            f"{what}: {', '.join(map(repr, names))}"
+            for what, names in (("unknown columns", unknown), ("missing columns", missing), ("columns twice", twice))
+            if names
+        ]
+        if problems:
+            raise ImportMapError(f"{file} does not fit its mapping: {'; '.join(problems)}")
+
+
+class Recordings(Table):
+    """The measurements: one bag per file whose path below the folder matches `pattern` in full.
+
+    pattern  regular expression; its named groups may be used in `bag` and in the commands' `file`
+    bag      name of the bag made of it
+    """
+
+    pattern: Text
+    bag: Text
+
+
+class CommandFile(Table):
+    """A file of commands beside each recording, each held until the next."""
+
+    file: Text
+
+
+class Mapping(_Part):
+    """One mapping file."""
+
+    title: Text
+    source: Annotated[tuple[Text, ...], Field(min_length=1)]
+    remark: str = ""
+    device: str | None = None
+    recordings: Recordings
+    commands: CommandFile | None = None
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Mapping:
+        try:
+            groups = re.compile(self.recordings.pattern).groupindex
+        except re.error as error:
+            raise ValueError(f"recordings.pattern is no regular expression: {error}") from None
+        templates = [self.recordings.bag] + ([self.commands.file] if self.commands else [])
+        for template in templates:
+            try:
+                template.format(**dict.fromkeys(groups, ""))
+            except (KeyError, IndexError, ValueError) as error:
+                raise ValueError(f"'{template}' uses a group that recordings.pattern does not name: {error}") from None
+        if self.device is None:
+            roles = [each.joint for each in self.recordings.joints if re.fullmatch(r"link|motor_\d+", each.joint)]
+            if roles:
+                raise ValueError(f"joint '{roles[0]}' needs a device")
+            if self.commands is not None or self.recordings.commands:
+                raise ValueError("commands need a device")
+        if self.commands is not None and self.commands.joints:
+            raise ValueError("a file of commands cannot hold measurements of joints")
+        return self
+
+
+def mapping_names() -> tuple[str, ...]:
+    """Names of the shipped mappings, sorted."""
+    folder = resources.files("via_core").joinpath("mappings")
+    return tuple(sorted(file.name.removesuffix(".yaml") for file in folder.iterdir() if file.name.endswith(".yaml")))
+
+
+def load_mapping(name_or_path: str | Path) -> Mapping:
+    """The shipped mapping of that name, or the one a YAML file describes. Raises ImportMapError naming file and key."""
+    if isinstance(name_or_path, Path) or re.search(r"[/\\]|\.ya?ml$", name_or_path):
+        where = Path(name_or_path)
+    else:
+        if name_or_path not in mapping_names():
+            raise ImportMapError(f"no mapping '{name_or_path}'; there are: {', '.join(mapping_names())}")
+        where = Path(str(resources.files("via_core").joinpath("mappings", f"{name_or_path}.yaml")))
+    try:
+        content = yaml.safe_load(where.read_text(encoding="utf-8"))
+        return Mapping.model_validate(content)
+    except (OSError, UnicodeDecodeError) as error:
+        raise ImportMapError(f"{where}: cannot be read: {getattr(error, 'strerror', None) or 'no UTF-8'}") from None
+    except yaml.YAMLError as error:
+        raise ImportMapError(f"{where.name}: not YAML: {' '.join(str(error).split())}") from None
+    except ValidationError as error:
+        told = "; ".join(f"{'.'.join(map(str, each['loc'])) or 'mapping'}: {each['msg']}" for each in error.errors())
+        raise ImportMapError(f"{where.name}: {told}") from None

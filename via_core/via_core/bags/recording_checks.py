@@ -1,0 +1,257 @@
+"""Can this recording be what it claims? Physical checks of one joint's run against its device file.
+
+Each check holds a number against a limit that follows from the device (encoder steps, servo bandwidth, spring torque
+and inertia), so it needs to know nothing about the robot or the file at hand. Errors mean that measurements and
+commands do not belong together or that a sensor lied; warnings mark stretches to leave out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from via_core.bags.findings import Finding
+from via_core.devices import Device
+from via_core.servos import servo_step
+from via_core.signals import Array, Signals
+
+LEAST_SAMPLES = 50
+BAD_STAMP_SHARE = 0.01  # [-] of samples that may be left out for their stamps
+GAP_PERIODS = 5.0  # usual periods without a sample that make a gap
+WINDOW = 9  # samples of the running median that a spike or a lost sample must not move
+SETTLED_STEPS = 8  # encoder steps that a settled servo may stand beside its command
+MOVING_SHARE = 0.05  # [-] of the commanded travel that a servo may lag behind its model while it moves
+SPIKE_STEPS = 20  # encoder steps off the running median that make a spike
+STALE_SAMPLES = (
+    10  # samples without any change, while the model moves by more than SPIKE_STEPS, that make a value stale
+)
+SAFETY = 3.0  # on the largest step that the strongest spring and the encoder explain together
+FALLBACK_STEP = 1.5e-3  # [rad] encoder step (12 bit) where the device file names none
+
+
+def check_samples(time: Array, columns: Mapping[str, Array]) -> tuple[Finding, ...]:
+    """Findings about the table itself: its length, its stamps [s] (N,) and what was not measured (NaN)."""
+    findings = []
+    if len(time) < LEAST_SAMPLES:
+        text = f"only {len(time)} samples, fewer than {LEAST_SAMPLES}"
+        findings.append(Finding("error", "length", "recording", text, float(len(time)), float(LEAST_SAMPLES)))
+    findings += _stamps(time)
+    for name, values in columns.items():
+        share = float(np.isnan(values).mean()) if len(values) else 0.0
+        if share > 0.0:
+            text = f"{share:.1%} of the samples are not measured"
+            findings.append(Finding("error" if share == 1.0 else "warning", "not_measured", name, text, share))
+        if np.isinf(values).any():
+            text = f"{int(np.isinf(values).sum())} samples are infinite"
+            findings.append(Finding("error", "infinite", name, text, float(np.isinf(values).mean()), 0.0))
+    return tuple(findings)
+
+
+def usable_stamps(time: Array) -> NDArray[np.bool_]:
+    """(N,) the samples whose stamp is finite and later than every one before."""
+    usable = np.isfinite(time)
+    known = np.where(usable, time, -np.inf)
+    usable[1:] &= known[1:] > np.maximum.accumulate(known)[:-1]
+    return usable
+
+
+def _stamps(time: Array) -> list[Finding]:
+    findings = []
+    usable = usable_stamps(time)
+    bad = int(np.count_nonzero(~usable))
+    if bad:
+        share = bad / len(time)
+        severity: Literal["warning", "error"] = "error" if share > BAD_STAMP_SHARE else "warning"
+        text = f"{bad} of {len(time)} stamps are not finite, repeated or run backwards; those samples are left out"
+        findings.append(Finding(severity, "stamps", "time", text, share, BAD_STAMP_SHARE))
+    dt = np.diff(time[usable])
+    if len(dt) >= LEAST_SAMPLES and dt.max() > GAP_PERIODS * np.median(dt):
+        worst = int(np.argmax(dt))
+        text = f"a gap of {dt[worst]:.4f} s at {time[usable][worst]:.4f} s; the usual period is {np.median(dt):.4f} s"
+        findings.append(Finding("warning", "gap", "time", text, float(dt[worst]), float(GAP_PERIODS * np.median(dt))))
+    return findings
+
+
+def check_recording(measured: Signals, commands: Signals | None, device: Device) -> tuple[Finding, ...]:
+    """Findings about what one joint did; names of channels as in `joint_signals`."""
+    if "q" not in measured:
+        return (Finding("error", "not_measured", "q", "the joint angle was never measured", 1.0),)
+    if len(measured) < LEAST_SAMPLES:
+        return ()
+    findings = _angle_steps(measured, commands, device)
+    if device.drive == "servo" and commands is not None and len(commands) and "theta" in measured:
+        findings += _servos(measured, commands, device)
+    return tuple(findings)
+
+
+def _angle_steps(measured: Signals, commands: Signals | None, device: Device) -> list[Finding]:
+    """One step of the joint angle against the steps beside it.
+
+    What the link does within a step dt beyond the faster of its neighbours is at most tau_max dt^2 / M, plus two
+    encoder steps of rounding. An impact stops a link but does not move it ahead of itself, so it passes.
+    """
+    known = np.isfinite(measured["q"])
+    time, q = measured.time[known], measured["q"][known]
+    torque = _strongest_torque(commands, device)
+    if torque == 0.0 or len(q) < LEAST_SAMPLES:
+        return []
+    step, dt = np.abs(np.diff(q)), np.diff(time)
+    beside = np.maximum(step[:-2] / dt[:-2], step[2:] / dt[2:]) * dt[1:-1]
+    excess = step[1:-1] - beside
+    quantum = max(_smallest_step(q), device.sensors.link_quantum or FALLBACK_STEP)
+    limit = SAFETY * (torque / device.link.inertia * dt[1:-1] ** 2 + 2.0 * quantum)
+    worst = int(np.argmax(excess / limit))
+    if excess[worst] <= limit[worst]:
+        return []
+    return [
+        Finding(
+            "error",
+            "angle_step",
+            "q",
+            f"the joint angle jumps {step[worst + 1]:.3f} rad in {dt[worst + 1] * 1e3:.1f} ms at "
+            f"{time[worst + 1]:.3f} s, {excess[worst]:.3f} rad more than the motion beside it; the strongest spring "
+            f"torque ({torque:.2f} N m) and the encoder ({quantum:.4f} rad) allow {limit[worst]:.3f} rad",
+            float(excess[worst]),
+            float(limit[worst]),
+        )
+    ]
+
+
+def _strongest_torque(commands: Signals | None, device: Device) -> float:
+    """Largest torque [N m] on the link from springs at their stops, at the largest preset in use, and gravity."""
+    preset = 0.0
+    if commands is not None and "preset" in commands and np.isfinite(commands["preset"]).any():
+        preset = float(np.nanmax(np.abs(commands["preset"])))
+    torque = 0.0
+    for law in device.spring_laws:
+        phi = np.linspace(-law.max_deflection, law.max_deflection, 401)
+        torque += float(np.abs(law.torque(phi, preset)).max())
+    return torque + device.link.gravity_torque if torque else 0.0
+
+
+def _smallest_step(q: Array) -> float:
+    """The encoder step that shows in the data [rad]: the smallest change above rounding, 0 when nothing moved."""
+    steps = np.abs(np.diff(q))
+    steps = steps[steps > 1e-9]
+    return float(steps.min()) if steps.size else 0.0
+
+
+def _servos(measured: Signals, commands: Signals, device: Device) -> list[Finding]:
+    wanted = _motor_commands(commands, device)
+    findings = []
+    for i, motor in enumerate(device.motors):
+        theta = measured["theta"][:, i]
+        known = np.isfinite(theta)
+        if wanted is None or not np.isfinite(wanted[:, i]).any() or known.sum() < LEAST_SAMPLES:
+            continue
+        subject = f"theta_{i + 1}"
+        time, angle = measured.time[known], theta[known]
+        clean = _running_median(angle)
+        defined = np.isfinite(wanted[:, i])
+        reference = wanted[defined, i]
+        bandwidth: float = getattr(motor, "bandwidth")  # noqa: B009  a servo drive has servo motors
+        model = servo_response(time, commands.time[defined], reference, float(clean[0]), bandwidth)
+        quantum = device.sensors.motor_quantum or FALLBACK_STEP
+        findings += _servo_response(time, clean, model, reference, quantum, subject)
+        findings += _spikes(angle, clean, quantum, subject)
+        findings += _stale(time, angle, model, quantum, subject)
+    return findings
+
+
+def _motor_commands(commands: Signals, device: Device) -> Array | None:
+    """(n, m) [rad] commanded motor angles, None when the commands name none."""
+    if "motor" in commands and commands.units["motor"] == "rad":
+        return commands["motor"]
+    if "equilibrium" not in commands:
+        return None
+    return device.motor_angles(commands["equilibrium"], commands.channels.get("preset", 0.0))
+
+
+def _servo_response(
+    time: Array, clean: Array, model: Array, reference: Array, quantum: float, subject: str
+) -> list[Finding]:
+    """Measured angle against the exact response to the logged command, settled if it ever settles."""
+    error = np.abs(clean - model)
+    settled = np.abs(np.gradient(model, time)) < quantum / np.median(np.diff(time)) / WINDOW
+    limit = SETTLED_STEPS * quantum
+    state = "settled"
+    if settled.mean() < 0.1:
+        settled = np.ones(len(time), dtype=np.bool_)
+        limit += MOVING_SHARE * float(np.ptp(reference))
+        state = "moving"
+    value = float(np.median(error[settled]))
+    if value <= limit:
+        return []
+    return [
+        Finding(
+            "error",
+            "servo_response",
+            subject,
+            f"the {state} servo stands {value:.3f} rad (median) beside its response to the logged command, "
+            f"more than {limit:.3f} rad: these measurements were recorded under another command",
+            value,
+            limit,
+        )
+    ]
+
+
+def _spikes(angle: Array, clean: Array, quantum: float, subject: str) -> list[Finding]:
+    off = np.abs(angle - clean)
+    spikes = int(np.count_nonzero(off > SPIKE_STEPS * quantum))
+    if spikes == 0:
+        return []
+    share = spikes / len(angle)
+    text = f"{spikes} of {len(angle)} values are spikes, up to {off.max():.2f} rad off"
+    return [Finding("warning", "spikes", subject, text, share)]
+
+
+def _stale(time: Array, angle: Array, model: Array, quantum: float, subject: str) -> list[Finding]:
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(angle) != 0.0, [True]]))
+    stale, longest = 0, 0.0
+    for begin, end in pairwise(edges.tolist()):
+        if end - begin >= STALE_SAMPLES and np.ptp(model[begin:end]) > SPIKE_STEPS * quantum:
+            stale += end - begin
+            longest = max(longest, float(time[end - 1] - time[begin]))
+    if stale == 0:
+        return []
+    text = f"{stale / len(angle):.0%} of the values are stale while the servo must have moved, up to {longest:.2f} s"
+    return [Finding("warning", "stale", subject, text, stale / len(angle))]
+
+
+def _running_median(values: Array) -> Array:
+    padded = np.pad(values, WINDOW // 2, mode="edge")
+    return np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1)
+
+
+@njit(cache=True)
+def servo_response(
+    time: NDArray[np.float64],
+    command_time: NDArray[np.float64],
+    command: NDArray[np.float64],
+    start: float,
+    bandwidth: float,
+) -> NDArray[np.float64]:
+    """(N,) [rad] exact angle of a servo at rest at `start` that holds each `command` [rad] from its `command_time` [s].
+
+    Before the first command it stays where it is. bandwidth [rad/s].
+    """
+    angle, speed = start, 0.0
+    out = np.empty(len(time))
+    active, now = -1, time[0]
+    for k in range(len(time)):
+        while active + 1 < len(command) and command_time[active + 1] <= time[k]:
+            at = max(command_time[active + 1], now)
+            if active >= 0:
+                angle, speed = servo_step(angle, speed, command[active], bandwidth, at - now)
+            now = at
+            active += 1
+        if active >= 0:
+            angle, speed = servo_step(angle, speed, command[active], bandwidth, time[k] - now)
+        now = time[k]
+        out[k] = angle
+    return out
