@@ -10,9 +10,8 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, Reliabilit
 from rclpy.task import Future
 from std_msgs.msg import UInt64
 from via_core.errors import ParameterError
-from via_ros.spin import EXECUTORS, make_executor, spin, spin_until
-
 from via_ros import qos
+from via_ros.spin import EXECUTORS, make_executor, spin, spin_until
 
 NODE_FILE = """
 import sys

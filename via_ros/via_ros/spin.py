@@ -7,8 +7,10 @@ at 1 kHz and is not offered.
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -17,7 +19,7 @@ import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.signals import uninstall_signal_handlers
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from via_core.errors import ParameterError, ViaError
 
@@ -63,33 +65,51 @@ def close_all(nodes: Iterable[Any], failed: bool = False) -> None:
 
 
 def run(make_node: Callable[[], Any], args: list[str] | None = None) -> int:
-    """Run the node that `make_node` makes; the exit code of the process.
+    """Run the node that `make_node` makes, in the main thread of its own process; the exit code.
 
     0 after SIGINT, SIGTERM or the node's own end with nothing to say; the number that the node put into its future
     `finished`, if it has one; 2 with one line on stderr where parameters, devices or bags are at fault.
     The parameter `executor` of the node chooses 'events' or 'single'.
     """
-    rclpy.init(args=args)
+    ended = Future()
+    _end_on_signals(ended)
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Any] = []
     code = 0
     try:
         node = make_node()
         nodes.append(node)
+        if hasattr(node, "finished"):
+            node.finished.add_done_callback(lambda done: ended.set_result(done.result()))
         executor = make_executor(node.declare_parameter("executor", "events").value)
         executor.add_node(node)
-        finished = getattr(node, "finished", None) or Future()
-        spin(executor, finished)
-        code = finished.result() or 0
-    except (KeyboardInterrupt, ExternalShutdownException):
+        spin(executor, ended)
+        code = ended.result() or 0
+    except ExternalShutdownException:
         pass
     except (ViaError, OSError) as error:
         print(f"{nodes[0].get_name() if nodes else 'error'}: {error}", file=sys.stderr)
         code = 2
     finally:
-        # A second signal must not cut off the closing of a bag.
-        uninstall_signal_handlers()
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         close_all(nodes, failed=code != 0 or sys.exc_info()[0] is not None)
         rclpy.try_shutdown()
     return code
+
+
+def _end_on_signals(ended: Future) -> None:
+    """The first SIGINT or SIGTERM finishes `ended`; later ones are taken and ignored, so that bags get closed.
+
+    rclpy's own handlers shut the context down under a callback that is about to publish, which then raises. These
+    write one byte into a pipe, even while the main thread waits inside the executor, and a thread reads it.
+    """
+    end, begin = os.pipe()
+    os.set_blocking(begin, False)
+    signal.set_wakeup_fd(begin, warn_on_full_buffer=False)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
+
+    def watch() -> None:
+        os.read(end, 1)
+        ended.set_result(0)
+
+    threading.Thread(target=watch, name="signals", daemon=True).start()

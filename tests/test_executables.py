@@ -1,0 +1,194 @@
+"""Every executable: where `ros2 run` looks, starts, publishes, ends cleanly on SIGINT and on SIGTERM.
+
+The list comes from the setup.py files; a new executable is tested as soon as it is declared there. One that needs
+parameters or input to publish anything gets a row in NEEDS.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from via_core.bags import BagWriter
+from via_core.devices import load_device
+from via_ros import qos
+from via_ros.conversions import JointStateWriter
+from via_ros.interfaces import message_class
+
+ROOT = Path(__file__).resolve().parent.parent
+DEVICE = load_device("cubic_aa_vsa")
+SAMPLES = "/joint_states"
+EVERYBODYS = {"/rosout", "/parameter_events"}
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What an executable needs before it publishes."""
+
+    parameters: tuple[str, ...] = ()
+    samples: bool = False  # it answers /joint_states
+
+
+NEEDS = {
+    "recorder": Needs(("bag:={folder}/new", "topics:=[/joint_states]")),
+    "player": Needs(("bag:={folder}/bag", "rate:=0.1")),
+    "estimator": Needs((f"device:={DEVICE.name}",), samples=True),
+    "excitation": Needs((f"device:={DEVICE.name}",), samples=True),
+    "simulator": Needs((f"device:={DEVICE.name}",)),
+}
+
+
+def declared() -> Iterator[tuple[str, str]]:
+    """(package, executable) of every console script in the setup.py files."""
+    for file in sorted(ROOT.glob("via_*/setup.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.keyword) and node.arg == "entry_points":
+                for script in ast.literal_eval(node.value)["console_scripts"]:
+                    yield file.parent.name, script.partition("=")[0].strip()
+
+
+EXECUTABLES = list(declared())
+NODES = [each for each in EXECUTABLES if each != ("via_bringup", "via")]
+
+
+def where_ros2_run_looks(package: str, executable: str) -> list[Path]:
+    prefixes = [Path(prefix) for prefix in os.environ["AMENT_PREFIX_PATH"].split(os.pathsep)]
+    marked = [each for each in prefixes if (each / "share/ament_index/resource_index/packages" / package).is_file()]
+    return [each / "lib" / package / executable for each in marked]
+
+
+def installed(package: str, executable: str) -> Path:
+    return next(path for path in where_ros2_run_looks(package, executable) if os.access(path, os.X_OK))
+
+
+def test_the_list_is_not_empty():
+    assert ("via_ros", "player") in EXECUTABLES
+    assert len(EXECUTABLES) >= 6
+
+
+@pytest.mark.parametrize(("package", "executable"), EXECUTABLES)
+def test_is_where_ros2_run_looks(package, executable):
+    places = where_ros2_run_looks(package, executable)
+    assert any(path.is_file() and os.access(path, os.X_OK) for path in places), places
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with one bag of ten samples."""
+    writer = JointStateWriter(DEVICE)
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic(SAMPLES, "sensor_msgs/msg/JointState")
+        for k in range(10):
+            bag.write(SAMPLES, serialize_message(writer.stamped(k * 10**9)), log_time=k * 10**9)
+    return tmp_path
+
+
+def started(package, executable, folder, environment=None):
+    parameters = [each.format(folder=folder) for each in NEEDS.get(executable, Needs()).parameters]
+    options = [word for each in parameters for word in ("-p", each)]
+    return subprocess.Popen(
+        [installed(package, executable), "--ros-args", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        stdin=subprocess.DEVNULL,
+        text=True,
+        cwd=folder,
+        env=environment,
+    )
+
+
+def until_it_publishes(graph, process, samples):
+    """Run the graph until the process has published on a topic of its own; the process must live that long."""
+    node = graph.node("tester")
+    heard, subscribed = [], set()
+    writer, stimulus, time = JointStateWriter(DEVICE), None, 0
+    writer.position[:] = 0.1
+    writer.effort[1:] = 0.0
+    if samples:
+        stimulus = node.create_publisher(JointState, SAMPLES, qos.SAMPLES)
+
+    def published():
+        nonlocal time
+        if process.poll() is not None:
+            pytest.fail(f"ended with {process.returncode}: {process.stderr.read()}")
+        for name, types in node.get_topic_names_and_types():
+            own = [info for info in node.get_publishers_info_by_topic(name) if info.node_name != "tester"]
+            if own and name not in EVERYBODYS | subscribed and not (samples and name == SAMPLES):
+                subscribed.add(name)
+                node.create_subscription(message_class(types[0]), name, heard.append, qos.matching([]), raw=True)
+        if stimulus is not None:
+            time += 1_000_000
+            stimulus.publish(writer.stamped(time))
+        return bool(heard)
+
+    graph.until(published)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize(("package", "executable"), NODES)
+def test_starts_publishes_and_ends_cleanly(graph, folder, package, executable, number):
+    process = started(package, executable, folder)
+    try:
+        until_it_publishes(graph, process, NEEDS.get(executable, Needs()).samples)
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=30)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+    assert process.returncode == 0, errors
+    assert "Traceback" not in errors
+    if executable == "recorder":
+        assert (folder / "new" / "metadata.yaml").is_file()
+        assert (folder / "new" / "new_0.mcap").is_file()
+
+
+@pytest.mark.skipif("_ROS_WHEELS_BOOTSTRAP_COMPLETE" not in os.environ, reason="ROS does not come from wheels here")
+def test_starts_where_the_wheels_have_to_find_their_libraries_themselves(graph, folder):
+    """Without the two variables of env.sh the wheels start Python once more, under the same process id."""
+    environment = {key: value for key, value in os.environ.items() if key != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
+    venv = str(ROOT / ".venv")
+    parts = environment["LD_LIBRARY_PATH"].split(os.pathsep)
+    environment["LD_LIBRARY_PATH"] = os.pathsep.join(each for each in parts if not each.startswith(venv))
+    process = started("via_ros", "recorder", folder, environment)
+    try:
+        until_it_publishes(graph, process, samples=False)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+    assert process.returncode == 0, errors
+
+
+@pytest.mark.parametrize(
+    ("executable", "parameter", "complaint"),
+    [("player", "bag:=nowhere", "nowhere"), ("recorder", "bag:=''", "bag"), ("player", "rate:=-1.0", "rate")],
+)
+def test_bad_parameters_are_one_line_and_an_exit_code(domain, tmp_path, executable, parameter, complaint):
+    done = subprocess.run(
+        [installed("via_ros", executable), "--ros-args", "-p", parameter],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert complaint in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+
+
+def test_via_is_on_the_path_and_says_what_it_can():
+    done = subprocess.run(["via", "--help"], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "demo" in done.stdout
