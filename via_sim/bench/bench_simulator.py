@@ -95,8 +95,8 @@ def ours(plant: JointPlant, motor: Array, finer: float = 1.0) -> Array:
 
 def mujoco_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
     """Every integrator at 1, 1/2, ... 1/16 ms."""
-    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-    body = '<body><joint name="{0}" axis="0 0 1" damping="{1}"/>' + inertial + "</body>"
+    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="{1} {1} {1}"/>'
+    body = '<body><joint name="{0}" axis="0 0 1" damping="{2}"/>' + inertial + "</body>"
     joints = '<joint joint="q" coef="1"/><joint joint="{0}" coef="-1"/>'
     spring = '<fixed springlength="0" stiffness="5 0 10">' + joints + "</fixed>"
     contenders = []
@@ -105,11 +105,10 @@ def mujoco_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
             model = mujoco.MjModel.from_xml_string(
                 f'<mujoco><option timestep="{1.0 / RATE / finer!r}" gravity="0 0 0" '
                 f'integrator="{integrator}"><flag contact="disable" constraint="disable"/></option>'
-                f"<worldbody>{body.format('q', Dq)}{body.format('a', Dth)}{body.format('b', Dth)}</worldbody>"
+                f"<worldbody>{body.format('q', M, Dq)}{body.format('a', B, Dth)}{body.format('b', B, Dth)}</worldbody>"
                 f"<tendon>{spring.format('a')}{spring.format('b')}</tendon>"
                 '<actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>'
             )
-            model.body_inertia[1:, 2] = M, B, B
             data = mujoco.MjData(model)
             start = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
             control = np.repeat(motor, finer, axis=0)[None]
