@@ -8,7 +8,8 @@ samples enters row k through the kernel h, hence E[e_k e_(k-d)] = s^2 r_d, r_d =
 
 M grows by F V' + V F' with V = r_0 F_k / 2 + sum_d r_d F_(k-d): one more FIR over the rows, exact at every sample and
 positive semidefinite. Three colours are kept: torque noise (kernel psi), position noise through psi' and psi''. The
-torque part is measured: E[RSS] = sum over colours of s_c^2 (W r_0 - tr P M); the position part is declared.
+torque part is measured: E[RSS] = sum over colours of s_c^2 (W r_0 - tr P M); the position part is declared. RSS
+is what the rotations leave over, less what the prior and its leak cost: |x - x_0|^2 + scatter, x_0 where they pull to.
 
 All is in scaled unknowns x_j = (a_j - prior_j) / prior_deviation_j and rows divided by the declared torque noise, so
 that the prior is the unit matrix and column scaling comes free. Forgetting would let directions without excitation
@@ -30,8 +31,7 @@ from via_core.weak_form import window_weights
 from via_estimators.qr import inverse_normal, rotate_in, solve_triangular
 
 COLOURS = 3  # psi, psi', psi''
-WEIGHT, RESIDUAL, TAKEN, EXPECTED = 0, 1, 2, 3  # sum of weights, weighted RSS, rows taken, (3,) E[RSS] at warm-up
-HEAD = EXPECTED + COLOURS
+WEIGHT, MISFIT, SCATTER, TAKEN, HEAD = range(5)  # sum of weights, RSS with the prior's part, that part's floor, rows
 PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one independent residual
 
 
@@ -53,7 +53,7 @@ def colours(intervals: int, order: int, memory: float = 0.0) -> Array:
 @njit(cache=True, error_model="numpy")
 def size(n: int, length: int) -> int:
     """Floats in the state of one equation with n unknowns and `length` samples per window."""
-    return HEAD + 2 * n + (1 + COLOURS) * n * n + n * length
+    return HEAD + 3 * n + (1 + COLOURS) * n * n + n * length
 
 
 @njit(cache=True, error_model="numpy")
@@ -61,7 +61,7 @@ def start(state: Array, n: int) -> None:
     """Overwrite one equation's state with the prior: x = 0, R = 1, no rows."""
     state[:] = 0.0
     for j in range(n):
-        state[HEAD + 2 * n + j * n + j] = 1.0
+        state[HEAD + 3 * n + j * n + j] = 1.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -73,20 +73,20 @@ def unknowns(state: Array, n: int) -> Array:
 @njit(cache=True, error_model="numpy")
 def factor(state: Array, n: int) -> Array:
     """The view R (n, n), the triangular factor of the scaled normal equations."""
-    return state[HEAD + 2 * n : HEAD + 2 * n + n * n].reshape(n, n)
+    return state[HEAD + 3 * n : HEAD + 3 * n + n * n].reshape(n, n)
 
 
 @njit(cache=True, error_model="numpy")
 def middles(state: Array, n: int) -> Array:
     """The view M (3, n, n) of the three colours."""
-    at = HEAD + 2 * n + n * n
+    at = HEAD + 3 * n + n * n
     return state[at : at + COLOURS * n * n].reshape(COLOURS, n, n)
 
 
 @njit(cache=True, error_model="numpy")
 def forget_rows(state: Array, n: int) -> None:
     """Drop the memory of recent rows (after a gap: what follows does not overlap them)."""
-    state[HEAD + 2 * n + (1 + COLOURS) * n * n :] = 0.0
+    state[HEAD + 3 * n + (1 + COLOURS) * n * n :] = 0.0
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -115,40 +115,42 @@ def forget(state: Array, n: int, keep: float) -> None:
     """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it."""
     if keep == 1.0:
         return
-    x, p, R = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], factor(state, n)
+    x, p, pulled = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], state[HEAD + 2 * n : HEAD + 3 * n]
+    R = factor(state, n)
     root, leak = sqrt(keep), sqrt(1.0 - keep)
     p *= root
     R *= root
-    M = state[HEAD + 2 * n + n * n : HEAD + 2 * n + (1 + COLOURS) * n * n]
+    M = state[HEAD + 3 * n + n * n : HEAD + 3 * n + (1 + COLOURS) * n * n]
     M *= keep * keep
     state[WEIGHT] *= keep
-    state[RESIDUAL] *= keep
-    state[EXPECTED : EXPECTED + COLOURS] *= keep
+    state[MISFIT] *= keep
+    state[SCATTER] *= keep
     pull = np.zeros(n)
     for j in range(n):
         pull[j] = leak
-        rotate_in(R, p, pull, leak * x[j], j)
+        state[MISFIT] += rotate_in(R, p, pull, leak * x[j], j) ** 2
+        away = x[j] - pulled[j]
+        state[SCATTER] += keep * (1.0 - keep) * away * away
+        pulled[j] += (1.0 - keep) * away
 
 
 @njit(cache=True, error_model="numpy")
 def skip(state: Array, n: int, slot: int, length: int) -> None:
     """No row this time: leave a hole in the ring of rows."""
-    past = state[HEAD + 2 * n + (1 + COLOURS) * n * n :].reshape(n, length)
+    past = state[HEAD + 3 * n + (1 + COLOURS) * n * n :].reshape(n, length)
     past[:, slot] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def take(state: Array, n: int, slot: int, row: Array, y: float, warm: int, r: Array, lagged: Array) -> None:
+def take(state: Array, n: int, slot: int, row: Array, y: float, lagged: Array) -> None:
     """Take the equation row' x = y; `row` (n,) is overwritten.
 
     slot    position in the ring of rows, one further each step
-    warm    rows before residuals count towards the noise estimate
-    r       (3, L) autocorrelations of the three colours
-    lagged  (3, L) what `lags` made of them
+    lagged  (3, L) what `lags` made of the autocorrelations
     """
-    length = r.shape[1]
+    length = lagged.shape[1]
     x, p, R, M = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], factor(state, n), middles(state, n)
-    past = state[HEAD + 2 * n + (1 + COLOURS) * n * n :].reshape(n, length)
+    past = state[HEAD + 3 * n + (1 + COLOURS) * n * n :].reshape(n, length)
     past[:, slot] = row
     V = np.empty(n)
     for c in range(COLOURS):
@@ -161,13 +163,7 @@ def take(state: Array, n: int, slot: int, row: Array, y: float, warm: int, r: Ar
     solve_triangular(R, p, x)
     state[WEIGHT] += 1.0
     state[TAKEN] += 1.0
-    if state[TAKEN] > warm:
-        state[RESIDUAL] += left * left
-    elif state[TAKEN] == warm:
-        inverse, P = np.empty((n, n)), np.empty((n, n))
-        inverse_normal(R, inverse, P)
-        for c in range(COLOURS):
-            state[EXPECTED + c] = state[WEIGHT] * r[c, 0] - np.sum(P * M[c])
+    state[MISFIT] += left * left
 
 
 @njit(cache=True, error_model="numpy")
@@ -181,8 +177,11 @@ def covariance(state: Array, n: int, r: Array, first: float, second: float, out:
     inverse_normal(R, inverse, P)
     expected = np.empty(COLOURS)
     for c in range(COLOURS):
-        expected[c] = max(state[WEIGHT] * r[c, 0] - np.sum(P * M[c]) - state[EXPECTED + c], 0.0)
-    unexplained = max(state[RESIDUAL] - first * expected[1] - second * expected[2], 0.0)
+        expected[c] = max(state[WEIGHT] * r[c, 0] - np.sum(P * M[c]), 0.0)
+    residual = state[MISFIT] - state[SCATTER]
+    for j in range(n):
+        residual -= (state[HEAD + j] - state[HEAD + 2 * n + j]) ** 2
+    unexplained = max(residual - first * expected[1] - second * expected[2], 0.0)
     noise = (PRIOR_WEIGHT + unexplained) / (PRIOR_WEIGHT + expected[0])
     for i in range(n):
         for j in range(n):

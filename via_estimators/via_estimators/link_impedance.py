@@ -226,7 +226,7 @@ def _advance(
                 for j in range(n):
                     y -= row[j] * mean[j]
                     row[j] *= width[j] / noise
-                coloured.take(equation, n, slot, row, y / noise, length, r, lagged)
+                coloured.take(equation, n, slot, row, y / noise, lagged)
                 servo[REACHED] = max(servo[REACHED], abs(phi))
             else:
                 coloured.skip(equation, n, slot, length)
@@ -239,7 +239,7 @@ def _advance(
             gain = (blur / noise) ** 2
             coloured.covariance(equation, n, r, gain * (found[0] / span) ** 2, gain * (M / span**2) ** 2, P)
             for j in range(n):
-                half[j] = sqrt((width[j] ** 2) * P[j, j] + (par[TOLERANCE] * found[j]) ** 2)
+                half[j] = sqrt(width[j] ** 2 * max(P[j, j], 0.0) + (par[TOLERANCE] * found[j]) ** 2)
         stiffness = spring_stiffness(kind, law, phi, servo[PRESET])
         now[0], spread[0] = found[1] * stiffness, half[1] * abs(stiffness)
         now[1], spread[1] = found[0], half[0]

@@ -30,12 +30,15 @@ from numba import njit
 from via_core.devices import Device, TorqueMotor
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
+from via_core.springs import SpringLaw
 from via_core.status import Status
 
 from via_estimators import coloured, window
 from via_estimators.contract import Estimator, Parameters, expect, parameter
 
 MODULATING_ORDER = 5
+MOST_TERMS = 6
+BEYOND = 10.0  # deflections larger than so many scales are no deflections
 LENGTH, TRANSMISSIONS, ORDER, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, SCALE = range(8)
 MINIMUM_MOTION, MARGIN, PRIOR = range(8, 11)
 LOW, HIGH, ANY, N_VISITED = range(4)  # smallest and largest |phi| visited, whether any was
@@ -48,7 +51,7 @@ class ModulatedTorqueParameters(Parameters):
 
     transmissions: int = parameter(2, "number of motors with a transmission each", "-", 1, 2)
     window: int = parameter(200, "sampling intervals per window", "-", 20, 2000)
-    order: int = parameter(2, "odd terms of the torque law", "-", 1, 6)
+    order: int = parameter(2, "odd terms of the torque law", "-", 1, MOST_TERMS)
     memory: float = parameter(20.0, "time after which a row counts 1/e", "s", 0.05, 1e9)
     max_gap: float = parameter(0.05, "longest step between samples that keeps the window", "s", 1e-4, 10.0)
     deflection_scale: float = parameter(1.0, "deflection at which the terms of the law count alike", "rad", 1e-3, 10.0)
@@ -83,7 +86,7 @@ class ModulatedTorque(Estimator):
         return cls(
             ModulatedTorqueParameters(
                 transmissions=device.n_transmissions,
-                order=4,
+                order=_order_for(law),
                 deflection_scale=stop,
                 stiffness_prior=float(stiffness.mean()),
                 stiffness_deviation=3.0 * float(stiffness.max()),
@@ -93,7 +96,7 @@ class ModulatedTorque(Estimator):
                 damping_deviation=max(motor.viscous_friction, 1e-6),
                 torque_noise=device.sensors.torque_noise or 1e-3 * float(law.torque(stop)),
                 position_noise=quantum / sqrt(12.0),
-                minimum_motion=max(0.005 * stop, 4.0 * quantum),
+                minimum_motion=max(0.001 * stop, 4.0 * quantum),
             )
         )
 
@@ -162,6 +165,18 @@ class ModulatedTorque(Estimator):
         _advance(constants, kernels, state, rows, time, status, value, deviation)
 
 
+def _order_for(law: SpringLaw) -> int:
+    """Odd terms that follow the law to 1 % of its largest torque, and one to spare for a device that differs."""
+    share = np.linspace(0.0, 1.0, 65)
+    torque = law.torque(share * law.max_deflection)
+    for order in range(1, MOST_TERMS):
+        terms = share[:, None] ** (2 * np.arange(order) + 1)
+        misfit = torque - terms @ np.linalg.lstsq(terms, torque, rcond=None)[0]
+        if np.abs(misfit).max() <= 0.01 * np.abs(torque).max():
+            return order + 1
+    return MOST_TERMS
+
+
 @njit(cache=True, error_model="numpy")
 def _advance(
     par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
@@ -182,7 +197,10 @@ def _advance(
     row, slope, P = np.empty(n), np.zeros(n), np.empty((n, n))
     for k in range(rows.shape[0]):
         before = state[window.LAST]
-        entered = window.admit(state, times, rows[k], 2 + 2 * m, par[MAX_GAP])
+        absurd = False
+        for i in range(m):
+            absurd = absurd or abs(rows[k, 1] - rows[k, 2 + 2 * i]) > BEYOND * scale
+        entered = window.refuse(state) if absurd else window.admit(state, times, rows[k], 2 + 2 * m, par[MAX_GAP])
         time[k] = state[window.LAST]
         if entered == window.SKIPPED:
             status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
@@ -225,7 +243,7 @@ def _advance(
                 for j in range(n):
                     y -= row[j] * mean[j]
                     row[j] *= width[j] / noise
-                coloured.take(equation, n, slot, row, y / noise, length, r, lagged)
+                coloured.take(equation, n, slot, row, y / noise, lagged)
                 reached = abs(own[2, middle])
                 visited[LOW] = min(visited[LOW], reached) if visited[ANY] > 0.0 else reached
                 visited[HIGH] = max(visited[HIGH], reached)
@@ -258,9 +276,9 @@ def _advance(
                     uncertain += slope[j] * P[j, o] * slope[o]
             total += stiffness
             variance += uncertain
-            now[1 + i], spread[1 + i] = stiffness, sqrt(uncertain)
-            now[1 + m + i], spread[1 + m + i] = B, width[0] * sqrt(P[0, 0])
-            now[1 + 2 * m + i], spread[1 + 2 * m + i] = D, width[1] * sqrt(P[1, 1])
+            now[1 + i], spread[1 + i] = stiffness, sqrt(max(uncertain, 0.0))
+            now[1 + m + i], spread[1 + m + i] = B, width[0] * sqrt(max(P[0, 0], 0.0))
+            now[1 + 2 * m + i], spread[1 + 2 * m + i] = D, width[1] * sqrt(max(P[1, 1], 0.0))
 
             reached = abs(own[2, slot])
             margin = par[MARGIN] * (visited[HIGH] - visited[LOW])
@@ -270,6 +288,6 @@ def _advance(
                 worst = NOT_EXCITED
             elif worst == OK and not visited[LOW] - margin <= reached <= visited[HIGH] + margin:
                 worst = OUTSIDE_RANGE
-        now[0], spread[0] = total, sqrt(variance)
+        now[0], spread[0] = total, sqrt(max(variance, 0.0))
         state[window.MOTION], state[window.STATUS] = motion, worst
         status[k], value[k], deviation[k] = worst, now, spread

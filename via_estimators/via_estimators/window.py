@@ -33,6 +33,13 @@ def sound(value: float) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
+def refuse(state: Array) -> int:
+    """Count a bad sample; the answer is SKIPPED."""
+    state[BAD] += 1.0
+    return SKIPPED
+
+
+@njit(cache=True, error_model="numpy")
 def admit(state: Array, times: Array, row: Array, required: int, max_gap: float) -> int:
     """Decide on row = (time, columns...) and, if it comes in, move the ring on by one slot and write its time.
 
@@ -43,8 +50,7 @@ def admit(state: Array, times: Array, row: Array, required: int, max_gap: float)
     """
     for j in range(required):
         if not (isfinite(row[0]) if j == 0 else sound(row[j])):
-            state[BAD] += 1.0
-            return SKIPPED
+            return refuse(state)
     answer = TAKEN
     if state[SAMPLES] == 0.0:
         answer = RESTARTED
@@ -54,8 +60,7 @@ def admit(state: Array, times: Array, row: Array, required: int, max_gap: float)
             answer = RESTARTED
             state[GAPS] += 1.0
         elif step <= 0.0:
-            state[BAD] += 1.0
-            return SKIPPED
+            return refuse(state)
     state[SAMPLES] += 1.0
     state[LAST] = row[0]
     state[FILLED] = 1.0 if answer == RESTARTED else min(state[FILLED] + 1.0, times.size)

@@ -21,13 +21,13 @@ from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate, VsaCommand
 from via_interfaces.srv import ResetEstimator
+from via_ros import qos
 from via_ros.conversions import SampleReader, command_of, nanoseconds
 from via_ros.parameters import declare
 from via_ros.spin import STEADY, run
 
 from via_estimators.contract import Estimate, Parameters
 from via_estimators.methods import METHODS, estimator_for, method_for
-from via_ros import qos
 
 REPORT = 1.0  # [s] between two diagnostics
 

@@ -1,0 +1,122 @@
+"""Standard deviations of least squares over overlapping windows: against the double sum, and against repetition."""
+
+import numpy as np
+import pytest
+from via_core.weak_form import window_weights
+from via_estimators import coloured
+from via_estimators.qr import inverse_normal
+
+H, N = 30, 3
+R_COLOURS = coloured.colours(H, 5)
+KERNEL = window_weights(5, np.linspace(0.0, 1.0, H + 1))[0]
+
+
+def folded(rows, y, keep=1.0, taken=None):
+    """One equation's state after rows (k, n); where not `taken`, a step without a row."""
+    state = np.zeros(coloured.size(N, H + 1))
+    coloured.start(state, N)
+    lagged = np.empty((3, H + 1))
+    for k, row in enumerate(rows):
+        slot = k % (H + 1)
+        coloured.forget(state, N, keep)
+        if taken is None or taken[k]:
+            coloured.lags(R_COLOURS, slot, keep, lagged)
+            coloured.take(state, N, slot, row.copy(), y[k], lagged)
+        else:
+            coloured.skip(state, N, slot, H + 1)
+    return state
+
+
+def slow_middle(rows, weights, r):
+    """sum_k sum_l w_k w_l F_k F_l' r_(k-l), term by term."""
+    total = np.zeros((N, N))
+    for k in range(len(rows)):
+        for other in range(max(0, k - H), min(len(rows), k + H + 1)):
+            total += weights[k] * weights[other] * r[abs(k - other)] * np.outer(rows[k], rows[other])
+    return total
+
+
+@pytest.mark.parametrize("keep", [1.0, 0.99])
+def test_the_middle_of_the_sandwich_is_the_double_sum(keep):
+    rng = np.random.default_rng(1)
+    rows = rng.normal(size=(80, N))
+    taken = rng.random(80) > 0.2
+    state = folded(rows, np.zeros(80), keep, taken=taken)
+    weights = keep ** np.arange(79, -1, -1) * taken
+    for colour, middle in enumerate(coloured.middles(state, N)):
+        np.testing.assert_allclose(middle, slow_middle(rows, weights, R_COLOURS[colour]), rtol=1e-9, atol=1e-12)
+
+
+def test_colours_are_autocorrelations_of_the_kernels():
+    lag = 7
+    assert R_COLOURS[0, 0] == pytest.approx(KERNEL @ KERNEL)
+    assert R_COLOURS[0, lag] == pytest.approx(KERNEL[:-lag] @ KERNEL[lag:])
+    # white noise of unit variance keeps a unit long-run variance through a kernel of unit sum
+    assert 2.0 * R_COLOURS[0].sum() - R_COLOURS[0, 0] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_correlated_torque_noise_has_the_autocorrelation_of_filtered_correlated_noise():
+    rng, memory = np.random.default_rng(4), 4.0
+    drive = rng.normal(size=400_000)
+    rho = np.exp(-1.0 / memory)
+    noise = np.empty_like(drive)
+    noise[0] = drive[0]
+    for k in range(1, len(drive)):
+        noise[k] = rho * noise[k - 1] + np.sqrt(1.0 - rho * rho) * drive[k]
+    e = np.convolve(noise, KERNEL, "valid")
+    r = coloured.colours(H, 5, memory)[0]
+    for lag in (0, 5, 15):
+        assert e[lag:] @ e[: len(e) - lag] / len(e) == pytest.approx(r[lag], rel=0.05)
+
+
+def noisy_problem(seed, count=600, sigma=0.7, truth=(1.0, -2.0, 0.5)):
+    """Smooth rows, and y = F x + white noise through the kernel; scaled so that the noise declared is 1."""
+    t = np.arange(count + H) * 0.02
+    raw = np.column_stack([np.sin(t), np.cos(2.3 * t), np.sin(3.7 * t + 1.0)])
+    rows = np.column_stack([np.convolve(column, KERNEL, "valid") for column in raw.T])
+    noise = sigma * np.random.default_rng(seed).normal(size=count + H)
+    return rows, rows @ np.array(truth) + np.convolve(noise, KERNEL, "valid")
+
+
+def test_reported_deviation_is_the_one_seen_and_the_naive_one_is_many_times_too_small():
+    found, reported, naive, noises = [], [], [], []
+    covariance = np.empty((N, N))
+    for seed in range(100):
+        rows, y = noisy_problem(seed)
+        state = folded(rows, y)
+        noises.append(coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, covariance))
+        found.append(coloured.unknowns(state, N).copy())
+        reported.append(np.sqrt(np.diag(covariance)))
+        residual = y - rows @ found[-1]
+        P = np.empty((N, N))
+        inverse_normal(coloured.factor(state, N), np.empty((N, N)), P)
+        naive.append(np.sqrt(np.diag(P) * (residual @ residual) / (len(y) - N)))
+    seen = np.std(found, axis=0)
+    np.testing.assert_allclose(np.mean(reported, axis=0) / seen, 1.0, atol=0.2)
+    assert np.mean(noises) == pytest.approx(0.7**2, rel=0.1)
+    assert np.all(np.mean(naive, axis=0) < 0.4 * seen)
+
+
+def test_without_rows_the_prior_comes_back_and_nothing_runs_away():
+    rows, y = noisy_problem(1)
+    state = folded(rows, y, keep=0.99)
+    x = coloured.unknowns(state, N).copy()
+    covariance, sizes = np.empty((N, N)), []
+    for _ in range(5000):
+        coloured.forget(state, N, 0.99)
+        coloured.skip(state, N, 0, H + 1)
+        coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, covariance)
+        sizes.append(np.trace(covariance))
+    np.testing.assert_allclose(coloured.unknowns(state, N), x)
+    assert np.all(np.diff(sizes) > -1e-9) and sizes[-1] == pytest.approx(N, rel=1e-3)
+    np.testing.assert_allclose(coloured.factor(state, N), np.eye(N), atol=1e-9)
+
+
+@pytest.mark.parametrize("keep", [1.0, 0.995])
+def test_the_residual_sum_is_that_of_the_data_alone_whatever_the_prior_cost(keep):
+    rows, y = noisy_problem(5, truth=(4.0, -6.0, 2.0))
+    state = folded(rows, y, keep)
+    x, pulled = state[coloured.HEAD : coloured.HEAD + N], state[coloured.HEAD + 2 * N : coloured.HEAD + 3 * N]
+    weights = keep ** np.arange(len(y) - 1, -1, -1)
+    found = state[coloured.MISFIT] - state[coloured.SCATTER] - np.sum((x - pulled) ** 2)
+    assert found == pytest.approx(weights @ (y - rows @ x) ** 2, rel=1e-9)

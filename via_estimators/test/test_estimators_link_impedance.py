@@ -1,0 +1,171 @@
+"""The link-side estimator on a joint integrated here by scipy, with the servo of the robot: dead time, speed limit, lag."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from via_core.devices import load_device
+from via_core.status import Status
+from via_estimators.contract import summarise
+from via_estimators.link_impedance import LinkImpedance, LinkImpedanceParameters
+
+DEVICE = load_device("maccepavd")
+LAW = DEVICE.spring_laws[0]
+INERTIA, QUANTUM = 3.6e-3, 5.7e-3
+EXACT = LinkImpedanceParameters(inertia_tolerance=0.0, position_noise=0.0, disturbance_memory=0.0, torque_noise=1e-3)
+SERVO = (25.0, 0.045, 6.5)  # bandwidth [rad/s], dead time [s], speed limit [rad/s]
+
+
+def servo_angle(time, command, start, bandwidth, dead_time, speed_limit, fine=5e-5):
+    """Angle (N,) at the times of a servo that answers command(t) late and no faster than it can; small Euler steps."""
+    steps = np.arange(time[0], time[-1] + fine, fine)
+    angle, rate, out = start, 0.0, np.empty(len(steps))
+    for k, t in enumerate(steps):
+        out[k] = angle
+        target = command(t - dead_time) if t - dead_time >= time[0] else start
+        rate += fine * (bandwidth**2 * (target - angle) - 2.0 * bandwidth * rate)
+        rate = min(max(rate, -speed_limit), speed_limit)
+        angle += fine * rate
+    return np.interp(time, steps, out)
+
+
+def swing(damping, command, duration=1.5, start=0.9, gain=1.0, period=4.6e-3, servo=SERVO):
+    """Rows (N, 5) of time, q, no logged servo angle, equilibrium and preset command; damping(t) [N m s/rad]."""
+    t = np.arange(0.0, duration, period)
+    dense = np.arange(0.0, duration + 1e-3, 5e-4)
+    theta = servo_angle(dense, command, start, *servo)
+
+    def rates(time, x):
+        phi = x[0] - np.interp(time, dense, theta)
+        return [x[1], -(gain * float(LAW.torque(phi, 0.5)) + damping(time) * x[1]) / INERTIA]
+
+    q = solve_ivp(rates, (0.0, duration), [start, 0.0], "RK45", t, rtol=1e-8, atol=1e-9, max_step=2e-3).y[0]
+    return np.column_stack([t, q, np.full_like(t, np.nan), [command(time) for time in t], np.full_like(t, 0.5)])
+
+
+def step_command(time):
+    return -0.7
+
+
+@pytest.fixture(scope="module")
+def constant():
+    return swing(lambda _: 0.012, step_command, gain=1.2)
+
+
+def test_planted_damping_and_gain_come_back(constant):
+    _, estimates = LinkImpedance(LAW, replace(EXACT, memory=1e9)).run_rows(constant)
+    excited = estimates.status == Status.OK
+    assert excited.mean() > 0.3
+    damping, gain = (estimates.column(name)[0][excited] for name in ("damping", "gain"))
+    assert damping[-1] == pytest.approx(0.012, rel=0.05) and gain[-1] == pytest.approx(1.2, rel=0.03)
+    stiffness = estimates.column("stiffness")[0]
+    deflection = constant[-1, 1] + 0.7  # the servo has arrived
+    assert stiffness[-1] == pytest.approx(1.2 * float(LAW.stiffness(deflection, 0.5)), rel=0.05)
+
+
+def test_damping_that_changes_is_followed():
+    rows = swing(lambda t: 0.005 if t < 0.75 else 0.02, lambda t: 0.8 * np.sin(9.0 * t), duration=3.0)
+    _, estimates = LinkImpedance(LAW, replace(EXACT, memory=0.15)).run_rows(rows)
+    damping = estimates.column("damping")[0]
+    assert damping[(rows[:, 0] > 0.6) & (rows[:, 0] < 0.75)].mean() == pytest.approx(0.005, abs=0.003)
+    assert damping[rows[:, 0] > 2.0].mean() == pytest.approx(0.02, abs=0.003)
+
+
+def test_motion_alone_has_no_scale_but_the_inertia(constant):
+    heavy = replace(EXACT, inertia=2.0 * INERTIA, memory=1e9, damping_deviation=10.0, gain_deviation=50.0)
+    light = replace(heavy, inertia=INERTIA)
+    double, single = (LinkImpedance(LAW, each).run_rows(constant)[1] for each in (heavy, light))
+    for name in ("damping", "gain"):
+        assert double.column(name)[0][-1] == pytest.approx(2.0 * single.column(name)[0][-1], rel=0.02)
+    unsure = LinkImpedance(LAW, replace(light, inertia_tolerance=0.2)).run_rows(constant)[1]
+    value, deviation = unsure.column("damping")
+    assert deviation[-1] == pytest.approx(np.hypot(0.2 * value[-1], single.column("damping")[1][-1]), rel=1e-9)
+
+
+def test_the_published_lag_alone_misjudges_a_servo_with_dead_time_and_speed_limit(constant):
+    right = summarise(LinkImpedance(LAW, EXACT).run_rows(constant)[1], "gain").value
+    ideal = replace(EXACT, servo_dead_time=0.0, servo_speed_limit=1e4)
+    wrong = summarise(LinkImpedance(LAW, ideal).run_rows(constant)[1], "gain").value
+    assert abs(right - 1.2) < 0.1 and abs(wrong - 1.2) > 0.3
+
+
+def test_reported_deviations_hold_with_an_encoder_step_and_torque_disturbance():
+    """40 swings with quantised angle and correlated torque disturbance: interval coverage and sd ratio."""
+    parameters = replace(EXACT, position_noise=QUANTUM / np.sqrt(12.0), disturbance_memory=0.03, torque_noise=0.02)
+    estimator, misses, deviations = LinkImpedance(LAW, parameters), [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        drive = np.zeros(400)
+        for k in range(1, 400):
+            drive[k] = np.exp(-4.6e-3 / 0.03) * drive[k - 1] + 0.012 * rng.normal()
+        times = np.arange(400) * 4.6e-3
+        rows = disturbed_swing(drive, times, phase=rng.uniform(0.0, 6.0))
+        rows[:, 1] = QUANTUM * np.round(rows[:, 1] / QUANTUM)
+        _, estimates = estimator.run_rows(rows)
+        value, deviation = estimates.column("damping")
+        misses.append(value[-1] - 0.015)
+        deviations.append(deviation[-1])
+    ratio = np.sqrt(np.mean(np.square(deviations)) / np.mean(np.square(misses)))
+    assert 0.7 <= ratio <= 1.5
+    assert np.mean(np.abs(misses) <= 1.96 * np.array(deviations)) >= 0.85
+
+
+def disturbed_swing(drive, times, phase):
+    """A swing under a torque disturbance given at times; equilibrium moves all the while, slow enough for the servo."""
+
+    def command(t):
+        return 0.7 * np.sin(7.0 * t + phase)
+
+    t = np.arange(0.0, 1.5, 4.6e-3)
+    dense = np.arange(0.0, 1.51, 2e-3)
+    theta = servo_angle(dense, command, command(0.0), *SERVO, fine=2e-4)
+
+    def rates(time, x):
+        phi = x[0] - np.interp(time, dense, theta)
+        push = np.interp(time, times, drive)
+        return [x[1], (push - float(LAW.torque(phi, 0.5)) - 0.015 * x[1]) / INERTIA]
+
+    q = solve_ivp(rates, (0.0, 1.5), [command(0.0), 0.0], "RK45", t, rtol=1e-6, atol=1e-7, max_step=4e-3).y[0]
+    return np.column_stack([t, q, np.full_like(t, np.nan), command(t), np.full_like(t, 0.5)])
+
+
+def test_when_motion_has_died_the_estimate_is_held_and_its_deviation_grows(constant):
+    rows = np.concatenate([constant, np.repeat(constant[-1:], 400, axis=0)])
+    rows[len(constant) :, 0] += 4.6e-3 * np.arange(1, 401)
+    _, estimates = LinkImpedance(LAW, EXACT).run_rows(rows)
+    value, deviation = estimates.column("damping")
+    still = len(constant) + 30
+    assert np.all(estimates.status[still:] == Status.NOT_EXCITED)
+    assert np.ptp(value[still:]) < 1e-12 and np.all(np.diff(deviation[still:]) >= -1e-12)
+    assert deviation[-1] > 3.0 * deviation[still]
+
+
+def test_without_commands_the_servo_is_taken_to_stand(constant):
+    rows = constant.copy()
+    rows[:, 3:] = np.nan
+    _, estimates = LinkImpedance(LAW, EXACT).run_rows(rows)
+    assert np.isfinite(estimates.value).all() and Status.BAD_SAMPLE not in estimates.status
+
+
+@pytest.mark.parametrize("logged", [0.9, 2.5, np.nan])
+def test_the_servo_starts_where_it_is_logged_unless_that_cannot_be(constant, logged):
+    rows = constant.copy()
+    rows[:, 2] = logged
+    _, estimates = LinkImpedance(LAW, EXACT).run_rows(rows)
+    np.testing.assert_array_equal(estimates.value, LinkImpedance(LAW, EXACT).run_rows(constant)[1].value)
+
+
+def test_gravity_is_known_and_taken_away():
+    parameters = replace(EXACT, gravity_torque=0.1, gravity_angle=0.3, memory=1e9)
+
+    def rates(_, x):
+        return [x[1], -(float(LAW.torque(x[0] - 0.4, 0.5)) + 0.1 * np.sin(x[0] - 0.3) + 0.01 * x[1]) / INERTIA]
+
+    t = np.arange(0.0, 1.2, 2e-3)
+    q = solve_ivp(rates, (0.0, 1.2), [-0.6, 0.0], "RK45", t, rtol=1e-8, atol=1e-9).y[0]
+    rows = np.column_stack([t, q, np.full_like(t, 0.4), np.full_like(t, 0.4), np.full_like(t, 0.5)])
+    rows[0, 1] = 0.4  # the first sample only tells where the servo stands
+    _, estimates = LinkImpedance(LAW, replace(parameters, window=40)).run_rows(rows)
+    assert estimates.column("damping")[0][-1] == pytest.approx(0.01, rel=0.03)
+    assert estimates.column("gain")[0][-1] == pytest.approx(1.0, rel=0.01)
