@@ -22,6 +22,7 @@ EQUILIBRIUM_PRESET, MOTOR_POSITION, MOTOR_TORQUE = 0, 1, 2  # VsaCommand.mode
 class StampReport:
     """What became of the messages of one topic on their way to Signals.
 
+    origin     [ns] the stamp at which the time of the Signals is 0
     messages   in the bag
     others     messages that do not name the joint, or are of another kind
     repeated   same stamp as one before: dropped
@@ -30,6 +31,7 @@ class StampReport:
     """
 
     topic: str
+    origin: int
     messages: int
     others: int
     repeated: int
@@ -45,10 +47,12 @@ class JointRecording(NamedTuple):
     reports: tuple[StampReport, ...]
 
 
-def seconds(stamp: NDArray[np.int64]) -> Array:
-    """Stamps [ns] as seconds: whole seconds plus nanoseconds, as a live node reads sec and nanosec of a header."""
-    whole, rest = np.divmod(stamp, 1_000_000_000)
-    return whole + rest * 1e-9
+def seconds(stamp: NDArray[np.int64], origin: int = 0) -> Array:
+    """[s] since `origin`, both in [ns]: subtracted as whole numbers, rounded once.
+
+    A float holds stamps of this century only to 240 ns; relative to the first of a recording it is exact for days.
+    """
+    return (stamp - origin) / 1_000_000_000
 
 
 def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") -> JointRecording:
@@ -58,7 +62,8 @@ def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") 
               those of which at least one value was measured
     commands  equilibrium, preset [rad], damping [-], or motor (N, m) [rad] or [N m], held between samples
 
-    Joints are found by name in every message. Raises BagError when the topic or the joint is not in the bag.
+    Time 0 of both is the first measurement, so that the first commands may stand at negative times. Joints are found by
+    name in every message. Raises BagError when the topic or the joint is not in the bag.
     """
     states = bag[joint_topic]
     if states.type_name != JOINT_STATE:
@@ -70,14 +75,15 @@ def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") 
             f"no joint '{device.link_joint}' of device '{device.name}' on {joint_topic}; "
             f"there are: {', '.join(names) or 'none'}"
         )
-    keep, report = _increasing(states, present)
+    origin = int(states.stamp[np.argmax(present)])
+    keep, report = _increasing(states, present, origin)
     units = {"q": "rad", "theta": "rad", "tau": "N m", "q_velocity": "rad/s", "theta_velocity": "rad/s",
              "tau_link": "N m"}  # fmt: skip
     measured = {name: values[keep] for name, values in channels.items() if np.isfinite(values[keep]).any()}
-    signals = Signals(seconds(states.stamp[keep]), measured, units)
+    signals = Signals(seconds(states.stamp[keep], origin), measured, units)
     if device.command_topic not in bag or len(bag.topic(device.command_topic)) == 0:
         return JointRecording(signals, None, (report,))
-    commands, command_report = _commands(bag[device.command_topic], device)
+    commands, command_report = _commands(bag[device.command_topic], device, origin)
     return JointRecording(signals, commands, (report, command_report))
 
 
@@ -118,10 +124,10 @@ def _picked(values: NDArray[Any], index: int) -> Array:
     return np.array([each[index] if index < len(each) else np.nan for each in values])
 
 
-def _commands(columns: Columns, device: Device) -> tuple[Signals, StampReport]:
+def _commands(columns: Columns, device: Device, origin: int) -> tuple[Signals, StampReport]:
     if columns.type_name != VSA_COMMAND:
         raise BagError(f"{columns.topic} is {columns.type_name}, not {VSA_COMMAND}")
-    keep, report = _increasing(columns, np.ones(len(columns), dtype=np.bool_))
+    keep, report = _increasing(columns, np.ones(len(columns), dtype=np.bool_), origin)
     mode = columns["mode"][keep]
     by_reference = mode == EQUILIBRIUM_PRESET
     values: dict[str, Array] = {"damping": columns["damping"][keep]}
@@ -135,11 +141,11 @@ def _commands(columns: Columns, device: Device) -> tuple[Signals, StampReport]:
         units["motor"] = "N m" if MOTOR_TORQUE in mode else "rad"
         motor = np.stack([_picked(columns["motor"][keep], i) for i in range(device.n_motors)], axis=1)
         values["motor"] = np.where(by_reference[:, None], np.nan, motor)
-    time = seconds(columns.stamp[keep])
+    time = seconds(columns.stamp[keep], origin)
     return Signals(time, values, units, held=frozenset(values)), report
 
 
-def _increasing(columns: Columns, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.intp], StampReport]:
+def _increasing(columns: Columns, wanted: NDArray[np.bool_], origin: int) -> tuple[NDArray[np.intp], StampReport]:
     """Rows whose stamp is later than all before, among those `wanted`."""
     rows = np.flatnonzero(wanted)
     stamp = columns.stamp[rows]
@@ -150,4 +156,4 @@ def _increasing(columns: Columns, wanted: NDArray[np.bool_]) -> tuple[NDArray[np
     backward = int(np.count_nonzero(stamp[1:] < latest[:-1]))
     kept = rows[after]
     others = len(columns) - len(rows)
-    return kept, StampReport(columns.topic, len(columns), others, repeated, backward, len(kept))
+    return kept, StampReport(columns.topic, origin, len(columns), others, repeated, backward, len(kept))

@@ -41,6 +41,7 @@ class RawMessage(NamedTuple):
     data: bytes
     log_time: int  # [ns] when it was recorded
     stamp: int  # [ns] of its header; log_time for types without one
+    publish_time: int  # [ns]
     sequence: int
 
 
@@ -100,6 +101,10 @@ class Topic:
     @cached_property
     def sequence(self) -> Integers:
         return _concatenated([part.sequence for part in self.parts])
+
+    @cached_property
+    def publish_time(self) -> Integers:
+        return _concatenated([part.publish_time for part in self.parts])
 
     @cached_property
     def position(self) -> Integers:
@@ -208,6 +213,13 @@ class Bag:
 
     def in_stamp_order(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
         """The messages of `topics` (all, if none are named) by stamp; equal stamps keep the order of the file."""
+        return self._ordered(topics, by_stamp=True)
+
+    def in_file_order(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
+        """The messages of `topics` (all, if none are named) as they were recorded."""
+        return self._ordered(topics, by_stamp=False)
+
+    def _ordered(self, topics: Iterable[str] | None, *, by_stamp: bool) -> Iterator[RawMessage]:
         chosen = [self.topic(name) for name in (self.topics if topics is None else topics)]
         chosen = [topic for topic in chosen if len(topic)]
         if not chosen:
@@ -217,7 +229,7 @@ class Bag:
         which = np.repeat(np.arange(len(chosen)), [len(topic) for topic in chosen])
         index = np.concatenate([np.arange(len(topic)) for topic in chosen])
         payloads = [list(topic.payloads()) for topic in chosen]
-        for k in np.lexsort((rank, stamps)):
+        for k in np.lexsort((rank, stamps)) if by_stamp else np.argsort(rank):
             topic, i = chosen[which[k]], int(index[k])
             yield RawMessage(
                 topic.name,
@@ -225,6 +237,7 @@ class Bag:
                 payloads[which[k]][i],
                 int(topic.log_time[i]),
                 int(stamps[k]),
+                int(topic.publish_time[i]),
                 int(topic.sequence[i]),
             )
 
@@ -290,10 +303,11 @@ def _topics(containers: list[Container], remarks: list[str]) -> dict[str, Topic]
             remarks.append(f"topic {name} has two types; only its {first.schema.name} messages are read")
         try:
             text = first.schema.text.decode()
-            definition = Definition(first.schema.name, text, first.metadata.get("topic_type_hash", ""))
+            store = typestore_from_text(first.schema.name, text)
+            type_hash = first.metadata.get("topic_type_hash") or store.hash_rihs01(first.schema.name)
+            definition = Definition(first.schema.name, text, type_hash)
             topic = Topic(name, definition, first.metadata.get("offered_qos_profiles", ""),
                           tuple(messages for _, messages in same))  # fmt: skip
-            _ = topic.store
         except (UnicodeDecodeError, BagError) as error:
             remarks.append(f"topic {name} is left out: {error}")
             continue

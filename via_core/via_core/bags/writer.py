@@ -37,6 +37,23 @@ class OfferedQos:
     history: str = "keep_last"  # keep_last | keep_all | unknown
     depth: int = 10
 
+    @staticmethod
+    def from_rosbag2(text: str) -> tuple[OfferedQos, ...]:
+        """The profiles in an offered_qos_profiles text of any version; the default where it cannot be understood."""
+        try:
+            profiles = yaml.safe_load(text) or []
+            return tuple(
+                OfferedQos(
+                    _word(each["reliability"], {2: "best_effort"}, "reliable"),
+                    _word(each["durability"], {1: "transient_local"}, "volatile"),
+                    _word(each["history"], {2: "keep_all", 3: "unknown"}, "keep_last"),
+                    int(each["depth"]),
+                )
+                for each in profiles
+            ) or (OfferedQos(),)
+        except (yaml.YAMLError, KeyError, TypeError, ValueError):
+            return (OfferedQos(),)
+
     def as_rosbag2(self) -> dict[str, Any]:
         return {
             "history": self.history,
@@ -49,6 +66,11 @@ class OfferedQos:
             "liveliness_lease_duration": dict(_FOREVER),
             "avoid_ros_namespace_conventions": False,
         }
+
+
+def _word(value: str | int, by_number: dict[int, str], otherwise: str) -> str:
+    """A policy by its name; before rosbag2's version 9 it was stored as its number."""
+    return value if isinstance(value, str) else by_number.get(value, otherwise)
 
 
 @dataclass

@@ -1,0 +1,185 @@
+"""What is in a bag, and what is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from via_core.bags.container import files_of
+from via_core.bags.findings import Finding
+from via_core.bags.joints import JOINT_STATE, VSA_COMMAND, joint_signals
+from via_core.bags.reader import Bag, Columns, Topic, read_bag
+from via_core.bags.recording_checks import GAP_PERIODS, check_recording
+from via_core.devices import Device
+from via_core.errors import BagError
+from via_core.signals import Array
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """One topic: its stamps span [first, last] [ns]; rate [Hz] is that of the median period, NaN below two messages."""
+
+    name: str
+    type_name: str
+    messages: int
+    first: int
+    last: int
+    rate: float
+
+
+@dataclass(frozen=True)
+class BagInfo:
+    """A bag at a glance. size [bytes] on disk; duration [s] between the first and last log time."""
+
+    path: Path
+    size: int
+    messages: int
+    duration: float
+    topics: tuple[TopicInfo, ...]
+    metadata: Mapping[str, str]
+    complete: bool
+    remarks: tuple[str, ...]
+
+
+def info(path: str | Path) -> BagInfo:
+    """What is in a bag directory or .mcap file. Raises BagError when nothing can be read from it."""
+    bag = read_bag(path)
+    times = [topic.log_time for topic in bag.topics.values() if len(topic)]
+    duration = (
+        (max(int(each.max()) for each in times) - min(int(each.min()) for each in times)) * 1e-9 if times else 0.0
+    )
+    size = sum(file.stat().st_size for file in files_of(bag.path))
+    topics = tuple(_topic_info(topic) for _, topic in sorted(bag.topics.items()))
+    return BagInfo(bag.path, size, len(bag), duration, topics, bag.metadata, bag.complete, bag.remarks)
+
+
+def _topic_info(topic: Topic) -> TopicInfo:
+    stamp = topic.stamp
+    first, last = (int(stamp.min()), int(stamp.max())) if len(topic) else (0, 0)
+    period = float(np.median(np.diff(stamp))) if len(topic) > 1 else np.nan
+    return TopicInfo(topic.name, topic.type_name, len(topic), first, last, 1e9 / period if period > 0.0 else np.nan)
+
+
+def check(path: str | Path, device: Device | None = None) -> list[Finding]:
+    """Everything that may make a recording unfit for estimation; with a `device` also what its joint cannot have done.
+
+    Raises BagError when nothing can be read from `path`.
+    """
+    bag = read_bag(path)
+    findings = [Finding("warning", "file", bag.path.name, remark, 1.0) for remark in bag.remarks]
+    for name in sorted(bag.topics):
+        findings += _check_topic(bag, name)
+    if device is not None:
+        findings += _check_joint(bag, device)
+    return findings
+
+
+def _check_topic(bag: Bag, name: str) -> list[Finding]:
+    try:
+        columns = bag[name]
+    except BagError as error:
+        return [Finding("error", "content", name, str(error), 1.0)]
+    if len(columns) == 0:
+        return [Finding("warning", "empty", name, "no messages", 0.0)]
+    findings = _timing(columns) + _losses(columns)
+    if columns.type_name in (JOINT_STATE, VSA_COMMAND):
+        findings += _values(columns)
+    return findings
+
+
+def _timing(columns: Columns) -> list[Finding]:
+    """Order, rate, jitter and gaps of the stamps."""
+    topic, stamp = columns.topic, columns.stamp
+    findings = []
+    step = np.diff(stamp)
+    for check_name, bad, what in (
+        ("repeated", int(np.count_nonzero(step == 0)), "repeat the stamp before"),
+        ("backward", int(np.count_nonzero(step < 0)), "are stamped before the message they follow"),
+    ):
+        if bad:
+            text = f"{bad} of {len(stamp)} messages {what}"
+            findings.append(Finding("warning", check_name, topic, text, bad / len(stamp), 0.0))
+    forward = step[step > 0] * 1e-9
+    if len(forward) < 2:
+        return findings
+    period = float(np.median(forward))
+    jitter = float(np.percentile(np.abs(forward - period), 95))
+    text = f"{1.0 / period:.1f} Hz, period {period * 1e3:.3f} ms, 95 % within {jitter * 1e3:.3f} ms of it"
+    findings.append(Finding("note", "rate", topic, text, 1.0 / period))
+    gaps = forward[forward > GAP_PERIODS * period]
+    if len(gaps):
+        text = f"{len(gaps)} gaps, the longest {gaps.max():.4f} s, at a usual period of {period:.4f} s"
+        findings.append(Finding("warning", "gap", topic, text, float(gaps.max()), GAP_PERIODS * period))
+    return findings
+
+
+def _losses(columns: Columns) -> list[Finding]:
+    """Messages missing by their publisher's own count."""
+    if "sequence" not in columns.fields:
+        return []
+    step = np.diff(columns["sequence"].astype(np.int64))
+    lost = int(step[step > 1].sum() - np.count_nonzero(step > 1))
+    findings = []
+    if lost:
+        text = f"{lost} messages are missing by their sequence numbers"
+        findings.append(Finding("warning", "lost", columns.topic, text, float(lost), 0.0))
+    restarts = int(np.count_nonzero(step < 0))
+    if restarts:
+        text = f"the sequence starts again {restarts} times: the publisher was restarted, or there were two"
+        findings.append(Finding("warning", "restarted", columns.topic, text, float(restarts), 0.0))
+    return findings
+
+
+def _values(columns: Columns) -> list[Finding]:
+    """What was not measured, what is not finite, and the steps of position encoders."""
+    findings = []
+    for label, values in _series(columns):
+        share = float(np.isnan(values).mean())
+        if 0.0 < share < 1.0:
+            text = f"{label}: {share:.1%} of the values are NaN"
+            findings.append(Finding("warning", "not_measured", columns.topic, text, share))
+        infinite = int(np.count_nonzero(np.isinf(values)))
+        if infinite:
+            text = f"{label}: {infinite} values are infinite"
+            findings.append(Finding("error", "infinite", columns.topic, text, float(infinite), 0.0))
+        steps = np.abs(np.diff(values[np.isfinite(values)]))
+        moved = steps[steps > 1e-9]
+        if columns.type_name == JOINT_STATE and "position" in label and len(moved) > 10:
+            quantum = float(moved.min())
+            multiples = moved / quantum
+            if quantum > 1e-5 and np.abs(multiples - np.rint(multiples)).max() < 0.05:
+                text = f"{label}: measured in steps of {quantum:.6f} rad"
+                findings.append(Finding("note", "quantised", columns.topic, text, quantum))
+    return findings
+
+
+def _series(columns: Columns) -> list[tuple[str, Array]]:
+    """Every series of numbers with its name; those of joints only where all messages name the same joints."""
+    series: list[tuple[str, NDArray[np.float64]]] = []
+    names = columns["name"][0] if "name" in columns.fields else ()
+    for field, values in columns.fields.items():
+        if values.dtype != np.float64:
+            continue
+        if values.ndim == 1:
+            series.append((field, values))
+        elif all(each == names for each in columns.fields.get("name", ())):
+            labels = names if len(names) == values.shape[1] else range(values.shape[1])
+            series += [(f"{field} of {label}", values[:, k]) for k, label in enumerate(labels)]
+    return series
+
+
+def _check_joint(bag: Bag, device: Device) -> list[Finding]:
+    try:
+        measured, commands, reports = joint_signals(bag, device)
+    except BagError as error:
+        return [Finding("error", "joint", device.name, str(error), 1.0)]
+    findings = []
+    for report in reports:
+        if report.others:
+            text = f"{report.others} of {report.messages} messages are about other joints"
+            findings.append(Finding("note", "others", report.topic, text, float(report.others)))
+    return findings + list(check_recording(measured, commands, device))

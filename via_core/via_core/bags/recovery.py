@@ -1,0 +1,51 @@
+"""Making a whole bag of an unfinished or damaged one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter, OfferedQos
+from via_core.errors import BagError
+
+
+@dataclass(frozen=True)
+class RecoveryReport:
+    """What was saved.
+
+    bag       the new bag
+    messages  saved, by topic
+    remarks   what is missing of the old one; empty when nothing was
+    """
+
+    source: Path
+    bag: Path
+    messages: Mapping[str, int]
+    remarks: tuple[str, ...]
+
+
+def recover(path: str | Path, out: str | Path) -> RecoveryReport:
+    """Copy every whole message of `path` (bag directory or .mcap file) into a new, finished bag `out`.
+
+    Chunks that are damaged are left out, of one that the end of the file cuts off all whole messages are taken.
+    Raises BagError when nothing can be read from `path`, or `out` exists.
+    """
+    bag = read_bag(path)
+    if len(bag) == 0:
+        raise BagError(f"{bag.path.name} holds no whole message: {'; '.join(bag.remarks) or 'it is empty'}")
+    writer = BagWriter(
+        out, {**bag.metadata, "recovered_from": bag.path.name, "recovered_without": "; ".join(bag.remarks)}
+    )
+    try:
+        for topic in bag.topics.values():
+            writer.add_topic(topic.name, topic.type_name, OfferedQos.from_rosbag2(topic.qos), topic.definition)
+        for message in bag.in_file_order():
+            writer.write(message.topic, message.data, message.log_time, message.publish_time, message.sequence)
+        writer.close()
+    except BaseException:
+        writer.discard()
+        raise
+    return RecoveryReport(bag.path, writer.path, MappingProxyType(writer.messages()), bag.remarks)
