@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NoReturn
 
 import typer
+
 from via_core.errors import ViaError
 
 PASS_ARGUMENTS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
@@ -18,8 +20,21 @@ def run(
     executable: Annotated[str, typer.Argument(help="Executable of that package, e.g. simulator.")],
 ) -> None:
     """Run an installed node; everything behind the two names goes to it, e.g. --ros-args -p device:=maccepavd."""
+    become(package, executable, context.args)
+
+
+def become(package: str, executable: str, arguments: list[str]) -> NoReturn:
+    """Replace this process by an executable, so that signals and exit code are its own."""
     path = find_executable(package, executable)
-    os.execv(path, [str(path), *context.args])
+    os.execv(path, [str(path), *arguments])
+
+
+def parameters(**values: Any) -> list[str]:
+    """Command line arguments that set ROS parameters; JSON is the part of YAML that ROS reads the same way."""
+    words = ["--ros-args"]
+    for name, value in values.items():
+        words += ["-p", f"{name}:={json.dumps(value)}"]
+    return words
 
 
 def find_executable(package: str, executable: str) -> Path:
