@@ -1,4 +1,4 @@
-"""The link-side estimator on a joint integrated here by scipy, with the servo of the robot: dead time, speed limit, lag."""
+"""The link-side estimator on a joint integrated here by scipy, with the servo of the robot: late, limited, lagging."""
 
 from dataclasses import replace
 
@@ -133,7 +133,7 @@ def disturbed_swing(drive, times, phase):
 def test_when_motion_has_died_the_estimate_is_held_and_its_deviation_grows(constant):
     rows = np.concatenate([constant, np.repeat(constant[-1:], 400, axis=0)])
     rows[len(constant) :, 0] += 4.6e-3 * np.arange(1, 401)
-    _, estimates = LinkImpedance(LAW, EXACT).run_rows(rows)
+    _, estimates = LinkImpedance(LAW, replace(EXACT, torque_noise=0.02)).run_rows(rows)
     value, deviation = estimates.column("damping")
     still = len(constant) + 30
     assert np.all(estimates.status[still:] == Status.NOT_EXCITED)

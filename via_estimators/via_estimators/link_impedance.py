@@ -241,9 +241,11 @@ def _advance(
             for j in range(n):
                 half[j] = sqrt(width[j] ** 2 * max(P[j, j], 0.0) + (par[TOLERANCE] * found[j]) ** 2)
         stiffness = spring_stiffness(kind, law, phi, servo[PRESET])
-        now[0], spread[0] = found[1] * stiffness, half[1] * abs(stiffness)
-        now[1], spread[1] = found[0], half[0]
-        now[2], spread[2] = found[1], half[1]
+        # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
+        floor = 0.0 if warming or moving else 1.0
+        now[0], now[1], now[2] = found[1] * stiffness, found[0], found[1]
+        spread[1], spread[2] = max(half[0], floor * spread[1]), max(half[1], floor * spread[2])
+        spread[0] = spread[2] * abs(stiffness)
         answer = OK
         if warming:
             answer = WARMING_UP

@@ -274,11 +274,15 @@ def _advance(
             for j in range(2, n):
                 for o in range(2, n):
                     uncertain += slope[j] * P[j, o] * slope[o]
+            # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
+            floor = 0.0 if warming or moving else 1.0
+            at_i, at_B, at_D = 1 + i, 1 + m + i, 1 + 2 * m + i
+            now[at_i], now[at_B], now[at_D] = stiffness, B, D
+            spread[at_i] = max(sqrt(max(uncertain, 0.0)), floor * spread[at_i])
+            spread[at_B] = max(width[0] * sqrt(max(P[0, 0], 0.0)), floor * spread[at_B])
+            spread[at_D] = max(width[1] * sqrt(max(P[1, 1], 0.0)), floor * spread[at_D])
             total += stiffness
-            variance += uncertain
-            now[1 + i], spread[1 + i] = stiffness, sqrt(max(uncertain, 0.0))
-            now[1 + m + i], spread[1 + m + i] = B, width[0] * sqrt(max(P[0, 0], 0.0))
-            now[1 + 2 * m + i], spread[1 + 2 * m + i] = D, width[1] * sqrt(max(P[1, 1], 0.0))
+            variance += spread[at_i] ** 2
 
             reached = abs(own[2, slot])
             margin = par[MARGIN] * (visited[HIGH] - visited[LOW])
@@ -288,6 +292,6 @@ def _advance(
                 worst = NOT_EXCITED
             elif worst == OK and not visited[LOW] - margin <= reached <= visited[HIGH] + margin:
                 worst = OUTSIDE_RANGE
-        now[0], spread[0] = total, sqrt(max(variance, 0.0))
+        now[0], spread[0] = total, sqrt(variance)
         state[window.MOTION], state[window.STATUS] = motion, worst
         status[k], value[k], deviation[k] = worst, now, spread
