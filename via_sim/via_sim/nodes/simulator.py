@@ -112,7 +112,7 @@ class SimulatorNode(Node):
         self.create_timer(REPORT, self._report, clock=STEADY)
         self._pace: Any = None
         if own.mode == "realtime":
-            self._start_real_time()
+            self._pace = self.create_timer(1.0 / own.rate, self._keep_pace, clock=STEADY)
         else:
             self._wait: Any = self.create_timer(LOOK, self._look, clock=STEADY)
 
@@ -128,20 +128,16 @@ class SimulatorNode(Node):
 
     # ---- time
 
-    def _start_real_time(self) -> None:
-        self._epoch = self.get_clock().now().nanoseconds
-        self._began = time.monotonic_ns()
-        self._running = True
-        self._publish(*self._simulator.sample(self._state))
-        self._pace = self.create_timer(1.0 / self._parameters.rate, self._keep_pace, clock=STEADY)
-
     def _after(self, ticks: int) -> int:
         """[ns] that `ticks` take, from sample 0 and without drift."""
         return round(ticks * SECOND / self._parameters.rate)
 
     def _keep_pace(self) -> None:
-        """Realtime: every tick whose time has come."""
+        """Realtime: every tick whose time has come; time begins with the first call, when somebody spins."""
         now = time.monotonic_ns()
+        if self._began == 0:
+            self._epoch, self._began, self._running = self.get_clock().now().nanoseconds, now, True
+            self._publish(*self._simulator.sample(self._state))
         behind = now - self._began - self._after(self._tick + 1)
         if behind > GIVE_UP:
             self._skipped += 1
