@@ -26,7 +26,7 @@ Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
 MAGIC = b"\x89MCAP0\r\n"
-_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _METADATA = 1, 2, 3, 4, 5, 6, 12
+_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS, _METADATA = 1, 2, 3, 4, 5, 6, 11, 12
 _RECORD_HEAD = 9  # opcode u8, length u64
 _MESSAGE_HEAD = 22  # channel u16, sequence u32, log_time u64, publish_time u64
 _BATCH = 64 << 20  # [bytes] of uncompressed chunks walked at once
@@ -156,7 +156,10 @@ class _Walk:
         opcodes, offsets, lengths, end = _records(self.data, len(MAGIC), len(self.data))
         if len(opcodes) == 0 or opcodes[0] != _HEADER:
             raise BagError(f"{self.path.name} ends before its first record; nothing can be read from it")
-        profile = _Fields(self._content(offsets[0], lengths[0])).text()
+        try:
+            profile = _Fields(self._content(offsets[0], lengths[0])).text()
+        except (struct.error, IndexError, UnicodeDecodeError):
+            raise BagError(f"{self.path.name} has a header that cannot be understood") from None
         self._declarations(self.data, opcodes, offsets, lengths)
         loose = opcodes == _MESSAGE
         if loose.any():
@@ -176,6 +179,10 @@ class _Walk:
             batch.append(self._partial_chunk(end))
         self._batch(batch)
         self._ending(footer, end)
+        for offset in offsets[(opcodes == _STATISTICS) & (lengths >= 8)].tolist():
+            promised = int.from_bytes(self._content(offset, 8), "little")
+            if promised != self.count:
+                self.remarks.append(f"{self.count} messages are there where the file's own count says {promised}")
         unknown = sorted(self.pieces.keys() - self.channels.keys())
         if unknown:
             lost = sum(len(piece) for channel in unknown for piece in self.pieces[channel])
