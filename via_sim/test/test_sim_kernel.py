@@ -214,3 +214,18 @@ def test_substeps_grow_with_stiffness_and_stop_at_a_limit():
     assert substeps_for(JointPlant.from_device(hard).at_rate(RATE), hard) > 10.0
     with pytest.raises(ParameterError, match="at most 4096"):
         JointPlant.from_device(flexible(1e14)).at_rate(RATE)
+
+
+@pytest.mark.parametrize("name", ["qbmove_b", "dlr_bavs", "vsa2", "cubic_demo"])
+def test_laws_go_on_along_their_tangent_beyond_the_stop(name):
+    joint = load_device(name)
+    plant, law = JointPlant.from_device(joint), joint.spring_laws[0]
+    row = plant.at_rate(RATE)
+    for side in (-1.0, 1.0):
+        stop, beyond = side * law.max_deflection, side * 0.5
+        truth = np.empty((1, 16))
+        run(row, IDEAL.row(), initial_state(plant, RATE, (stop + beyond, 0, 0, 0, 0, 0), 0), np.empty((0, 4)),
+            np.empty((1, 9)), truth)  # fmt: skip
+        slope = float(law.stiffness(stop))
+        assert truth[0, 14] == pytest.approx(float(law.torque(stop)) + slope * beyond, rel=1e-12)
+        assert truth[0, 7] == pytest.approx(slope, rel=1e-12)

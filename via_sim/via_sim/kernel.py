@@ -40,7 +40,7 @@ from numba import njit
 from via_core.dampers import damper_value
 from via_core.servos import servo_step
 from via_core.signals import Array
-from via_core.springs import MACCEPA, N_COEFFICIENTS, spring_stiffness, spring_torque
+from via_core.springs import N_COEFFICIENTS, spring_stiffness, spring_torque
 
 from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, MOTOR_2, NO_DAMPER, SERVO, P
 from via_sim.phi_functions import phi_functions
@@ -89,8 +89,9 @@ def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, f
             return 0.0
         phi -= flank * 0.5 * gap
     kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
-    if kind < MACCEPA and abs(phi) > stop:  # these laws explode or end beyond their stop
-        return copysign(p[P.stop_torque + i] + p[P.stop_slope + i] * (abs(phi) - stop), phi)
+    if abs(phi) > stop:  # along the tangent: beyond its stop a law explodes or ends
+        edge = copysign(stop, phi)
+        return spring_torque(kind, c, edge, preset) + max(spring_stiffness(kind, c, edge, preset), 0.0) * (phi - edge)
     return spring_torque(kind, c, phi, preset)
 
 
@@ -103,8 +104,8 @@ def transmission_stiffness(p: Array, c: Array, i: int, phi: float, preset: float
             return 0.0
         phi -= copysign(0.5 * gap, phi)
     kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
-    if kind < MACCEPA and abs(phi) > stop:
-        return p[P.stop_slope + i]
+    if abs(phi) > stop:
+        return max(spring_stiffness(kind, c, copysign(stop, phi), preset), 0.0)
     return spring_stiffness(kind, c, phi, preset)
 
 

@@ -53,8 +53,6 @@ SLOTS = (
     Slot("spring_kind", "-", "law of via_core.springs", 2),
     Slot("spring", "", "coefficient rows of the two laws", 2 * N_COEFFICIENTS),
     Slot("stop", "rad", "deflection from which the law continues along its tangent", 2, np.inf),
-    Slot("stop_torque", "N m", "torque at the stop", 2),
-    Slot("stop_slope", "N m/rad", "slope beyond the stop", 2),
     Slot("backlash", "rad", "width of the torque-free gap in the transmission", 2),
     Slot("damper_site", "-", "NO_DAMPER, AT_LINK or AT_TRANSMISSION"),
     Slot("damper_kind", "-", "map of via_core.dampers"),

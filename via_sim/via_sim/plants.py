@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from via_core.devices import Device, TorqueMotor
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
-from via_core.springs import MACCEPA, N_COEFFICIENTS
+from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER
 
 from via_sim.effects import Effect, write_effects
 from via_sim.kernel import derivative, viscous_rate
@@ -116,10 +116,8 @@ def _row_of(device: Device) -> Array:
         start = P.spring + i * N_COEFFICIENTS
         row[P.spring_kind + i] = law.kind
         row[start : start + N_COEFFICIENTS] = law.coefficients()
-        row[P.stop + i] = law.max_deflection
-        if law.kind < MACCEPA:
-            row[P.stop_torque + i] = law.torque(law.max_deflection)
-            row[P.stop_slope + i] = max(float(law.stiffness(law.max_deflection)), 0.0)
+        if law.kind not in (MACCEPA, TWO_LEVER):  # those are periodic; the others explode or end beyond their stop
+            row[P.stop + i] = law.max_deflection
     if device.damper is not None and device.damper_map is not None:
         row[P.damper_site] = AT_LINK if device.damper.site == "link" else AT_TRANSMISSION
         row[P.damper_kind] = device.damper_map.kind
@@ -137,7 +135,7 @@ def substeps_for(row: Array, device: Device) -> float:
     strongest = float(device.damping_of(1.0))
     stiffness = np.zeros(3)
     for i, law in enumerate(device.spring_laws):
-        phi = np.linspace(0.0, law.max_deflection, 65)
+        phi = np.linspace(-law.max_deflection, law.max_deflection, 129)
         sigma = max(float(np.max(np.abs(law.stiffness(phi, preset)))) for preset in (0.0, 1.0, 2.0))
         stiffness[0] += sigma
         stiffness[1 + i] = sigma
