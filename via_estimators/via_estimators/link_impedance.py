@@ -13,8 +13,9 @@ d is the equivalent viscous damping of all that resists motion; dry friction and
 The equilibrium theta is taken from a model of the position servo driven by its command: dead time, speed limit,
 critically damped lag (via_core.servos). The logged servo angle of the MACCEPA-VD is right at rest but reads up to
 1.6 rad wrong while the servo slews, which no causal spike filter can mend; it only sets where the model starts.
-R^2 of the equation on that robot's good runs (repeat 3): logged angle .4-.6, lag alone .6-.7, with dead time and speed
-limit .8-.9. Both numbers can be read off its servo record: it stands for 45 ms, then slews at 6.5 rad/s.
+R^2 of the equation on that robot's good runs, median per damping strategy: logged angle .38-.61, lag alone .63-.71,
+with dead time and speed limit .81-.90. Both can be read off its servo record: it stands for 45 ms (median of 48 runs),
+then slews at about 6.5 rad/s; 5.5 or 7.5 instead move the damping found by less than half a standard deviation.
 
 What is left unexplained is no white noise: it is taken as torque with a correlation time (`disturbance_memory`).
 """
@@ -38,6 +39,7 @@ from via_estimators import coloured, window
 from via_estimators.contract import Estimator, Parameters, expect, parameter
 
 MODULATING_ORDER = 5
+SPAN = 0.1  # [s] of a window: a fifth of a swing of the robots this is for
 (LENGTH, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, INERTIA, TOLERANCE, GRAVITY, GRAVITY_ANGLE) = range(9)
 (BANDWIDTH, DEAD_TIME, SPEED, MINIMUM_MOTION, KIND, PRIOR) = range(9, 15)
 LAW = PRIOR + 4  # the law's coefficients follow the prior's means and widths
@@ -66,7 +68,7 @@ class LinkImpedanceParameters(Parameters):
     gain_deviation: float = parameter(0.5, "standard deviation of the law's gain before any data", "-", 1e-6, 100.0)
     torque_noise: float = parameter(0.05, "standard deviation of unexplained torque expected", "N m", 1e-9, 1e3)
     disturbance_memory: float = parameter(0.03, "correlation time of unexplained torque", "s", 0.0, 10.0)
-    position_noise: float = parameter(1.65e-3, "standard deviation of one angle sample", "rad", 0.0, 0.1)
+    position_noise: float = parameter(1.66e-3, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     sampling: float = parameter(4.6e-3, "sampling interval to expect", "s", 1e-5, 1.0)
     minimum_motion: float = parameter(0.05, "range of angle in a window below which it tells nothing", "rad", 0.0, 1.0)
 
@@ -91,6 +93,9 @@ class LinkImpedance(Estimator):
             device.spring_laws[0],
             replace(
                 base,
+                window=int(np.clip(round(SPAN * device.sensors.rate), 10, 500)),
+                sampling=1.0 / device.sensors.rate,
+                position_noise=(device.sensors.link_quantum or 0.0) / sqrt(12.0),
                 inertia=link.inertia,
                 gravity_torque=link.gravity_torque,
                 gravity_angle=link.gravity_angle,

@@ -50,10 +50,8 @@ class EstimatorNode(Node):
         self.state = self.estimator.init()
         # A sample that tells nothing: loads the compiled kernel now and not when the first real one waits.
         self.estimator.step(self.state, np.full(1 + len(self.estimator.inputs), np.nan))
-        self._reader = SampleReader(self.device, self.estimator.inputs)
-        self._pending: deque[VsaCommand] = deque()
+        self._listen_anew()
         self._commanded = any(name in self.estimator.inputs for name in ("equilibrium", "preset", "damping"))
-        self._newest = -(2**63)  # [ns] latest stamp taken
         self._late = self._refused = self._strangers = self._sequence = self._reported = 0
         self._messages: list[tuple[Any, Any]] = []
         self._make_messages()
@@ -63,6 +61,12 @@ class EstimatorNode(Node):
             self.create_subscription(VsaCommand, self.device.command_topic, self._hold, qos.SAMPLES)
         self.create_subscription(JointState, own.joint_topic, self._take, qos.SAMPLES)
         self.create_timer(REPORT, self._report, clock=STEADY)
+
+    def _listen_anew(self) -> None:
+        """As before the first message: no origin of time, no command held or waiting."""
+        self._reader = SampleReader(self.device, self.estimator.inputs)
+        self._pending: deque[VsaCommand] = deque()
+        self._newest = -(2**63)  # [ns] latest stamp taken
 
     def _declared(self, suited: Parameters) -> Parameters:
         """The estimator's parameters as ROS parameters, the device's values their defaults."""
@@ -146,6 +150,8 @@ class EstimatorNode(Node):
     def _reset(self, _: ResetEstimator.Request, answer: ResetEstimator.Response) -> ResetEstimator.Response:
         samples = self.estimator.health(self.state).samples
         self.state = self.estimator.init()
+        # What comes next may be another log: a command of the last one must not hold in it.
+        self._listen_anew()
         answer.success, answer.message = True, f"{samples} samples of {self.device.name} forgotten"
         return answer
 
