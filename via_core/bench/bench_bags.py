@@ -111,7 +111,6 @@ def differing(columns: dict[str, dict[str, np.ndarray]], decoded: list[tuple[str
             expected = message
             for part in name.split("."):
                 expected = getattr(expected, part)
-            mine = values[k]
             wrong += not _equal(values[k], expected)
     return wrong + sum(len(next(iter(fields.values()))) - seen[topic] for topic, fields in columns.items())
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import via_core
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,8 +24,6 @@ from via_core.bags.importing import _nanoseconds
 from via_core.bags.recording_checks import servo_response
 from via_core.devices import load_device
 from via_core.errors import BagError, ImportMapError
-
-import via_core
 
 SAMPLE = Path(via_core.__file__).parent / "samples" / "maccepavd"
 WHOLE = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "maccepavd"
