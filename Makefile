@@ -18,7 +18,7 @@ demo: setup ## the main job on a real robot's log and on a live simulated joint;
 	@$(ENV) via demo
 
 test: setup ## all tests (TESTS="via_ros/test tests/test_ros_player.py" for some, WORKERS=2)
-	@$(ENV) python -m pytest -n $(WORKERS) --dist loadscope -p no:launch_testing -p no:launch_ros $(TESTS)
+	@$(ENV) python -m pytest -n $(WORKERS) --dist loadscope -p no:launch_testing -p no:launch_pytest -p no:launch_testing_ros_pytest_entrypoint $(TESTS)
 
 check: setup ## style, types, import rules
 	@$(ENV) ros2_ws/check.sh

@@ -48,7 +48,8 @@ fi
 choose_python() {
     if [ -n "${PYTHON:-}" ]; then
         command -v "$PYTHON" >/dev/null || fail "PYTHON=$PYTHON is not there; give the path of a Python 3.11 or 3.12"
-        suits "$PYTHON" || fail "PYTHON=$PYTHON is Python $(version "$PYTHON" || echo '(does not run)'); VIA needs 3.11 or 3.12"
+        version "$PYTHON" >/dev/null || fail "PYTHON=$PYTHON does not run; give the path of a Python 3.11 or 3.12"
+        suits "$PYTHON" || fail "PYTHON=$PYTHON is Python $(version "$PYTHON"); VIA needs 3.11 or 3.12"
         python=$PYTHON
         return
     fi
