@@ -191,6 +191,12 @@ def test_misuse_is_refused(arguments, message):
         simulate(JointPlant.from_device(rigid()), None, **{"duration": 0.1, "rate": RATE, **arguments})
 
 
+def test_commands_beyond_all_numbers_are_told():
+    held = Signals(np.zeros(1), {"motor": np.array([[1e308, -1e308]])}, {"motor": "N m"})
+    with pytest.raises(ParameterError, match="'joint' left the range of numbers at"):
+        simulate(JointPlant.from_device(antagonistic()), held, 0.1, RATE)
+
+
 def test_a_stepper_refuses_a_command_that_is_no_command():
     simulator = Simulator(JointPlant.from_device(rigid()), RATE)
     for command in ((0.0, 0.0, 0.0), (0.0, np.nan, 0.0, 0.0), (0.0, 0.0, 0.0, np.inf)):

@@ -45,7 +45,10 @@ from via_core.springs import N_COEFFICIENTS, spring_stiffness, spring_torque
 from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, MOTOR_2, NO_DAMPER, SERVO, P
 from via_sim.phi_functions import phi_functions
 
-# State row: positions and velocities of the three axes, then what was last applied, then the queue of commands.
+# State row, everything there is to know of a joint at a tick; X says where each part begins:
+#   position (3) [rad] and velocity (3) [rad/s] of link, motor 1, motor 2; tick: number of this one; seed of the noise;
+#   reported_torque (2) [N m] commanded over the last tick; motor_torque (2) [N m] or [rad] and damping [N m s/rad] that
+#   then acted; queue (L, QUEUED): the last L commands, a ring by tick, for the dead time.
 State = namedtuple("State", "position velocity tick seed reported_torque motor_torque damping queue")
 X: Any = State(0, 3, 6, 7, 8, 10, 12, 13)
 QUEUED = 3  # columns of the queue: motor 1, motor 2, damping command

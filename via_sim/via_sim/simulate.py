@@ -167,6 +167,8 @@ def simulate(
     effects   beside those the plant already has
     initial   (6,) q, theta_1, theta_2 [rad], velocities [rad/s]
     start     [s] time of sample 0, on the commands' clock
+
+    Raises ParameterError for commands, effects or numbers that do not fit, or that overflow.
     """
     if effects:
         plant = plant.with_effects((*plant.effects, *effects))
@@ -180,6 +182,9 @@ def simulate(
         rows = command_rows(device, commands, time[:-1])
     measured, truth = np.empty((len(time), len(MEASURED))), np.empty((len(time), len(TRUTH)))
     run(row, sensors.row(), state, rows, measured, truth)
+    if not np.all(np.isfinite(state)):
+        lost = int(np.argmax(~np.isfinite(truth[:, 0])))
+        raise ParameterError(f"'{device.name}' left the range of numbers at {time[lost]:.6g} s under these commands")
     return Simulation(_measured(device, time[::every], measured[::every]), _truth(device, time, truth))
 
 
@@ -190,7 +195,7 @@ def simulate_many(
     initial: ArrayLike | None = None,
     threads: int = 2,
 ) -> Array:
-    """Motion (K, N+1, 6) of K plants under the same command rows (N, 4), `threads` at a time."""
+    """Motion (K, N+1, 6) of K plants under the same command rows (N, 4), `threads` at once; inf or NaN on overflow."""
     inputs = np.ascontiguousarray(commands, dtype=np.float64)
     if inputs.ndim != 2 or inputs.shape[1] != N_COMMANDS or not np.all(np.isfinite(inputs)):
         raise ParameterError(f"commands must be finite and (N, {N_COMMANDS}), got shape {inputs.shape}")

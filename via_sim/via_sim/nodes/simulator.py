@@ -9,9 +9,10 @@ publishes   /joint_states       sensor_msgs/JointState, what the device's sensor
 subscribes  /<device>/command   via_interfaces/VsaCommand
 offers      ~/set_effects, ~/clear_effects, from the next tick on
 
+Time begins when `listeners` subscribers of samples are there, so that nobody misses the first one.
+
 realtime  ticks by the wall clock and catches up when late (counted); without a command for 20 ms the joint is passive
-lockstep  ticks exactly when the command with the stamp of the last sample arrives; starts when somebody listens and
-          somebody commands
+lockstep  ticks exactly when the command with the stamp of the last sample arrives; waits for somebody who commands
 free      ticks as fast as it can under the last command
 
 A command that cannot be followed is ignored and counted, and so is one under which the numbers overflow.
@@ -51,6 +52,7 @@ REPORT = 1.0  # [s] between two diagnostics
 WATCHDOG = 20_000_000  # [ns] without a command before a joint in real time goes passive
 GIVE_UP = 100_000_000  # [ns] late: time is let go instead of caught up with
 LOOK = 0.02  # [s] between two looks whether everybody is there
+SETTLED = 5  # looks in a row with everybody there: whoever was found has then found this node too
 REPEAT = 100  # looks without an answer before a sample in lockstep is said again
 EPOCH = SECOND  # [ns] stamp of the first sample in simulated time; 0 would mean 'no time' to ROS
 
@@ -72,7 +74,7 @@ class SimulatorParameters:
     )
     listeners: int = field(
         default=1,
-        metadata={"description": "subscribers of samples that modes lockstep and free wait for", "range": (0, 100)},
+        metadata={"description": "subscribers of samples to wait for before time begins", "range": (0, 100)},
     )
 
 
@@ -111,10 +113,7 @@ class SimulatorNode(Node):
         self.create_subscription(VsaCommand, self.device.command_topic, self._take, qos.CONTROL)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self._pace: Any = None
-        if own.mode == "realtime":
-            self._pace = self.create_timer(1.0 / own.rate, self._keep_pace, clock=STEADY)
-        else:
-            self._wait: Any = self.create_timer(LOOK, self._look, clock=STEADY)
+        self.create_timer(LOOK, self._look, clock=STEADY)
 
     def _offer(self, kind: Any, what: str) -> tuple[Any, Any]:
         message = kind(method="truth")
@@ -133,11 +132,8 @@ class SimulatorNode(Node):
         return round(ticks * SECOND / self._parameters.rate)
 
     def _keep_pace(self) -> None:
-        """Realtime: every tick whose time has come; time begins with the first call, when somebody spins."""
+        """Realtime: every tick whose time has come."""
         now = time.monotonic_ns()
-        if self._began == 0:
-            self._epoch, self._began, self._running = self.get_clock().now().nanoseconds, now, True
-            self._publish(*self._simulator.sample(self._state))
         behind = now - self._began - self._after(self._tick + 1)
         if behind > GIVE_UP:
             self._skipped += 1
@@ -152,21 +148,38 @@ class SimulatorNode(Node):
             behind = now - self._began - self._after(self._tick + 1)
 
     def _look(self) -> None:
-        """Lockstep and free: begin when everybody is there; in lockstep say a sample again that nobody answered."""
+        """Begin when everybody is there; in lockstep say a sample again that nobody answered."""
         self._looks += 1
-        listeners = self._joint_states.get_subscription_count()
-        lockstep = self._parameters.mode == "lockstep"
         if not self._running:
-            commanded = not lockstep or self.count_publishers(self.device.command_topic) > 0
-            if self._tick < self._last and listeners >= max(self._parameters.listeners, int(lockstep)) and commanded:
-                self._running, self._looks = True, 0
-                self._publish(*self._simulator.sample(self._state))
-                if not lockstep:
-                    self._pace = self.create_timer(1e-6, self._step, clock=STEADY)
-        elif lockstep and self._looks >= REPEAT:
+            if not self._everybody_is_there():
+                self._looks = 0
+            elif self._looks >= SETTLED:
+                self._begin()
+        elif self._parameters.mode == "lockstep" and self._looks >= REPEAT:
             self._looks = 0
             self._repeats += 1
             self._joint_states.publish(self._samples.stamped(self._stamp()))
+
+    def _everybody_is_there(self) -> bool:
+        lockstep = self._parameters.mode == "lockstep"
+        commanded = not lockstep or self.count_publishers(self.device.command_topic) > 0
+        listeners = self._joint_states.get_subscription_count()
+        return self._tick < self._last and commanded and listeners >= max(self._parameters.listeners, int(lockstep))
+
+    def _begin(self) -> None:
+        self._running, self._looks = True, 0
+        mode, rate = self._parameters.mode, self._parameters.rate
+        if mode == "realtime":
+            self._epoch, self._began = self.get_clock().now().nanoseconds, time.monotonic_ns()
+            self._pace = self.create_timer(1.0 / rate, self._keep_pace, clock=STEADY)
+        elif mode == "free":
+            self._pace = self.create_timer(1e-6, self._step, clock=STEADY)
+        self._publish(*self._simulator.sample(self._state))
+
+    @property
+    def late_ticks(self) -> int:
+        """Ticks that began more than one period late, in real time."""
+        return self._late
 
     def _stamp(self) -> int:
         return self._epoch + self._after(self._tick)
