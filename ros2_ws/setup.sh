@@ -122,7 +122,7 @@ venv_is_ready() {
 }
 if ! venv_is_ready; then
     : >"$log"
-    [ ! -e "$venv" ] || [ -e "$venv_stamp" ] || fail ".venv exists but is not ours; move it away and run again"
+    [ ! -e "$venv" ] || [ -e "$venv_stamp" ] || fail ".venv exists but was not made by this set-up; move it away and run again"
     choose_python
     check_python
     check_compiler
