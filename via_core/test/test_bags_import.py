@@ -166,6 +166,12 @@ def test_an_angle_step_is_refused_from_the_size_physics_forbids(tmp_path: Path, 
         assert "at 0.695 s" in error.text
 
 
+def test_one_angle_step_of_a_joint_at_rest_is_refused(tmp_path: Path) -> None:
+    angle = 0.2 * (np.arange(300) > 140)
+    report = only_report(planted(tmp_path / "in", joint_position=angle), tmp_path / "out")
+    assert [finding.check for finding in report.findings] == ["angle_step"] and not report.accepted
+
+
 def test_an_impact_is_no_angle_step(tmp_path: Path) -> None:
     time = np.arange(300) * 0.005
     bounce = 0.5 - np.abs(10.0 * (time - 0.7)).clip(max=1.0)  # speed turns from 10 to -10 rad/s within one sample

@@ -24,14 +24,15 @@ LEAST_SAMPLES = 50
 BAD_STAMP_SHARE = 0.01  # [-] of samples that may be left out for their stamps
 GAP_PERIODS = 5.0  # usual periods without a sample that make a gap
 WINDOW = 9  # samples of the running median that a spike or a lost sample must not move
-SETTLED_STEPS = 8  # encoder steps that a settled servo may stand beside its command
+SETTLED_STEPS = 3  # encoder steps a settled servo may stand beside its command (MACCEPA-VD: good runs .8, wrong ones 5.9)
 MOVING_SHARE = 0.05  # [-] of the commanded travel that a servo may lag behind its model while it moves
-SPIKE_STEPS = 20  # encoder steps off the running median that make a spike
+SPIKE_STEPS = 5  # encoder steps off the running median that make a spike
 STALE_SAMPLES = (
     10  # samples without any change, while the model moves by more than SPIKE_STEPS, that make a value stale
 )
 SAFETY = 3.0  # on the largest step that the strongest spring and the encoder explain together
-FALLBACK_STEP = 1.5e-3  # [rad] encoder step (12 bit) where the device file names none
+COARSER = 5.0  # times the named encoder step is the most that a coarser one found in the data may count
+FALLBACK_STEP = 5e-3  # [rad] encoder step (a quarter of a degree) where the device file names none
 
 
 def check_samples(time: Array, columns: Mapping[str, Array]) -> tuple[Finding, ...]:
@@ -103,7 +104,8 @@ def _angle_steps(measured: Signals, commands: Signals | None, device: Device) ->
     step, dt = np.abs(np.diff(q)), np.diff(time)
     beside = np.maximum(step[:-2] / dt[:-2], step[2:] / dt[2:]) * dt[1:-1]
     excess = step[1:-1] - beside
-    quantum = max(_smallest_step(q), device.sensors.link_quantum or FALLBACK_STEP)
+    named = device.sensors.link_quantum or FALLBACK_STEP
+    quantum = min(max(_smallest_step(q), named), COARSER * named)
     limit = SAFETY * (torque / device.link.inertia * dt[1:-1] ** 2 + 2.0 * quantum)
     worst = int(np.argmax(excess / limit))
     if excess[worst] <= limit[worst]:
