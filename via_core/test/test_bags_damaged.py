@@ -190,6 +190,19 @@ def test_recover_makes_a_whole_bag_of_a_killed_recording(numbers: np.ndarray, tm
         recover(tmp_path / "run", tmp_path / "mended")
 
 
+def test_a_bag_that_still_grows_reads_as_far_as_its_last_whole_chunk(numbers: np.ndarray, tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "run")
+    bag.add_topic("/numbers", FLOAT64)
+    for k, number in enumerate(numbers):
+        bag.write("/numbers", float64(number), 1000 * k)
+    seen = read_bag(tmp_path / "run")  # what a killed recorder would leave: nothing was flushed by hand
+    bag.close()
+    read = seen["/numbers"]["data"]
+    np.testing.assert_array_equal(read, numbers[: len(read)])
+    assert COUNT / 2 < len(read) < COUNT and not seen.complete
+    assert read_bag(tmp_path / "run").complete
+
+
 def test_qualities_of_service_of_older_bags_are_numbers() -> None:
     old = "- {history: 3, depth: 0, reliability: 2, durability: 1, deadline: {sec: 1, nsec: 0}}"
     assert OfferedQos.from_rosbag2(old) == (OfferedQos("best_effort", "transient_local", "unknown", 0),)

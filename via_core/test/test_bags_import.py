@@ -116,6 +116,23 @@ def test_the_whole_recording_when_it_is_there(tmp_path: Path) -> None:
     assert {each.source for each in report.refused} == first_repeats | jumps
 
 
+def test_the_double_pendulum_when_it_is_there(tmp_path: Path) -> None:
+    folder = WHOLE.parent / "dfki_double_pendulum"
+    if not folder.is_dir():
+        pytest.skip("the recordings are not beside this repository")
+    report = import_recordings(folder, "dfki_double_pendulum", tmp_path)
+    assert [each.bag.name for each in report.accepted] == [
+        "dfki_20220812-055032-PM", "dfki_20220812-060143-PM", "dfki_20220812-061157-PM",
+    ]  # fmt: skip
+    rows = slow_table(folder / report.files[1].source)
+    states = read_bag(report.files[1].bag)["/joint_states"]
+    names = states["name"][0]
+    for column, field, joint in (("pos1", "position", "shoulder_shaft"), ("vel2", "velocity", "elbow_shaft"),
+                                 ("tau2", "effort", "elbow_motor_1")):  # fmt: skip
+        values = states[field][:, names.index(f"dfki_{joint}_joint")]
+        assert values.tolist() == [row[column] for row in rows]
+
+
 def planted(folder: Path, **changes: object) -> Path:
     """A run of the robot that is as it should be, except for `changes` to its columns."""
     device = load_device("maccepavd")
@@ -273,6 +290,15 @@ def test_an_interrupted_import_leaves_whole_bags_only(tmp_path: Path, monkeypatc
     monkeypatch.setattr(BagWriter, "write", write)
     with pytest.raises(BagError, match="constant_traj2_3 exists already"):
         import_recordings(SAMPLE, "maccepavd", tmp_path)
+
+
+def test_what_a_killed_import_left_is_cleared_away(tmp_path: Path) -> None:
+    left = tmp_path / "out" / ".importing" / "planted_traj1_1"
+    left.mkdir(parents=True)
+    (left / "planted_traj1_1_0.mcap.active").write_bytes(b"begun")
+    report = only_report(planted(tmp_path / "in"), tmp_path / "out")
+    assert read_bag(report.bag).complete
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["planted_traj1_1"]
 
 
 def test_nothing_to_import_says_so(tmp_path: Path) -> None:
