@@ -180,3 +180,31 @@ def test_table_2_with_torque_noise(joints, case, terms, reach):
     assert 0.8 <= np.median(ratio) <= 1.25
     assert 0.8 <= np.sqrt(np.mean(deviations**2) / np.mean(errors**2)) <= 1.25
     assert 0.88 <= np.mean(np.abs(errors) <= 1.96 * deviations) <= 0.99
+
+
+def test_a_law_that_is_not_skew_symmetric_gets_even_terms_and_is_found():
+    """Springs pretensioned against each other: exponentials of different size on both sides."""
+    device = load_device("dlr_bavs")
+    estimator = ModulatedTorque.from_device(device)
+    assert estimator.parameters.even_terms > 0
+    assert ModulatedTorque.from_device(load_device("qbmove_a")).parameters.even_terms == 0
+    rows, _ = planted(count=6000)
+    rows[:, 1:3] *= 0.12
+    parameters = replace(estimator.parameters, transmissions=1, memory=1e9)
+    phi, step = rows[:, 1] - rows[:, 2], 1e-3
+    motion = rows[:, 2]
+    inertia, damping = 0.02, 0.3
+    # torque at the stamps from the motor equation; means over the intervals by the trapezoid
+    at_stamps = (
+        inertia * np.gradient(np.gradient(motion, step), step)
+        + damping * np.gradient(motion, step)
+        - device.spring_laws[0].torque(phi)
+    )
+    rows[1:, 3] = 0.5 * (at_stamps[1:] + at_stamps[:-1])
+    _, estimates = ModulatedTorque(parameters).run_rows(rows[3:-3])
+    truth = device.spring_laws[0].stiffness(phi[3:-3])
+    settled = (estimates.status == Status.OK) & (rows[3:-3, 0] > 2.0)
+    assert settled.mean() > 0.5
+    assert np.median(np.abs(estimates.value[:, 0] / truth - 1.0)[settled]) < 0.01
+    _, odd = ModulatedTorque(replace(parameters, even_terms=0)).run_rows(rows[3:-3])
+    assert np.median(np.abs(odd.value[:, 0] / truth - 1.0)[settled]) > 0.05

@@ -25,7 +25,7 @@ from math import sqrt
 
 import numpy as np
 from numba import njit
-from via_core.signals import Array, locked
+from via_core.signals import Array
 from via_core.weak_form import window_weights
 
 from via_estimators.qr import inverse_normal, rotate_in, solve_triangular
@@ -47,7 +47,7 @@ def colours(intervals: int, order: int, memory: float = 0.0) -> Array:
     if memory > 0.0:
         lag = np.abs(np.arange(-intervals, intervals + 1))
         rows[0] = np.convolve(rows[0], np.exp(-lag / memory), "same")
-    return locked([row[intervals:] for row in rows], "colours")
+    return np.ascontiguousarray([row[intervals:] for row in rows])
 
 
 @njit(cache=True, error_model="numpy")

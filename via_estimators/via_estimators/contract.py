@@ -132,14 +132,14 @@ class Estimator(ABC):
 
     def step(self, state: Array, sample: ArrayLike) -> tuple[Array, Estimate]:
         """One sample (1 + k,), time first; the given state is left as it is."""
-        new, time, status, value, deviation = self._fold(state, np.asarray(sample, dtype=np.float64).reshape(1, -1))
+        new, time, status, value, deviation = self._fold(state, np.array(sample, dtype=np.float64).reshape(1, -1))
         new.flags.writeable = False
         return new, Estimate(time.item(), Status(status.item()), value[0], deviation[0])
 
     def run_rows(self, rows: ArrayLike, state: Array | None = None) -> tuple[Array, Estimates]:
         """Fold `step` over rows (N, 1 + k) from `state`, or from the start; returns the last state too."""
         start = self.init() if state is None else state
-        arrays = self._fold(start, np.ascontiguousarray(rows, dtype=np.float64))
+        arrays = self._fold(start, np.array(rows, dtype=np.float64, order="C"))
         for array in arrays:
             array.flags.writeable = False
         new, time, status, value, deviation = arrays
@@ -161,6 +161,7 @@ class Estimator(ABC):
         )
 
     def _fold(self, state: Array, rows: Array) -> tuple[Array, Array, np.ndarray, Array, Array]:
+        # Rows come as copies: to the compiler a read-only or strided array is another type, worth another compilation.
         if rows.ndim != 2 or rows.shape[1] != 1 + len(self.inputs):
             raise SignalError(f"a sample has time and {', '.join(self.inputs)}; got an array of shape {rows.shape}")
         count, k = len(rows), len(self.outputs)

@@ -31,7 +31,7 @@ from numba import njit
 from via_core.devices import Device, ServoMotor
 from via_core.errors import ParameterError
 from via_core.servos import servo_step
-from via_core.signals import Array, locked
+from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS, SpringLaw, spring_stiffness, spring_torque
 from via_core.status import Status
 
@@ -129,7 +129,7 @@ class LinkImpedance(Estimator):
         row[PRIOR:LAW] = own.damping_prior, 1.0, own.damping_deviation, own.gain_deviation
         row[LAW:] = self.law.coefficients()
         memory = min(own.disturbance_memory / own.sampling, own.window / 3)
-        return locked(row, "constants"), coloured.colours(own.window, MODULATING_ORDER, memory)
+        return row, coloured.colours(own.window, MODULATING_ORDER, memory)
 
     def init(self) -> Array:
         length, k = self.parameters.window + 1, len(OUTPUTS)

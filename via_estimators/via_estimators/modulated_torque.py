@@ -3,9 +3,10 @@
 Source: SAPHARI deliverable, Sections 2-4. The motor equation (5), B thdd + D thd - tau_e(phi) = tau, is multiplied by a
 modulating function psi that vanishes with its derivatives at both ends of a sliding window (Prop. 1):
 
-    <tau, psi> = B <theta, psi''> - D <theta, psi'> - sum_p a_p <f_p(phi), psi>,   f_p = s (phi/s)^(2p-1) / (2p-1)
+    <tau, psi> = B <theta, psi''> - D <theta, psi'> - sum_p a_p <f_p(phi), psi>,   f_p = s (phi/s)^p / p, f_0 = s
 
-so that sigma(phi) = sum_p a_p (phi/s)^(2p-2): every a_p [N m/rad] is a share of stiffness at deflection scale s.
+so that sigma(phi) = sum_p a_p (phi/s)^(p-1): every a_p [N m/rad] is a share of stiffness at deflection scale s. Odd
+powers p = 1, 3, ..; a law that is not skew-symmetric (springs pretensioned against each other) needs 0, 2, 4, .. too.
 Departures from the document, each measured to help (estimation.md): the equation is not differentiated first, B and D
 are unknowns, the basis is odd, psi is w_55 and not w_33, the update is QR with a prior, and standard deviations know
 the colour of the noise (`coloured`).
@@ -29,7 +30,7 @@ import numpy as np
 from numba import njit
 from via_core.devices import Device, TorqueMotor
 from via_core.errors import ParameterError
-from via_core.signals import Array, locked
+from via_core.signals import Array
 from via_core.springs import SpringLaw
 from via_core.status import Status
 
@@ -39,9 +40,9 @@ from via_estimators.contract import Estimator, Parameters, expect, parameter
 MODULATING_ORDER = 5
 MOST_TERMS = 6
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
-LENGTH, TRANSMISSIONS, ORDER, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, SCALE = range(8)
-MINIMUM_MOTION, MARGIN, PRIOR = range(8, 11)
-LOW, HIGH, ANY, N_VISITED = range(4)  # smallest and largest |phi| visited, whether any was
+LENGTH, TRANSMISSIONS, ORDER, EVEN, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, SCALE = range(9)
+MINIMUM_MOTION, MARGIN, PRIOR = range(9, 12)
+LOW, HIGH, ANY, N_VISITED = range(4)  # smallest and largest deflection visited (its size, if odd), whether any was
 OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
 
 
@@ -52,6 +53,7 @@ class ModulatedTorqueParameters(Parameters):
     transmissions: int = parameter(2, "number of motors with a transmission each", "-", 1, 2)
     window: int = parameter(200, "sampling intervals per window", "-", 20, 2000)
     order: int = parameter(2, "odd terms of the torque law", "-", 1, MOST_TERMS)
+    even_terms: int = parameter(0, "even terms besides, the constant first", "-", 0, MOST_TERMS)
     memory: float = parameter(20.0, "time after which a row counts 1/e", "s", 0.05, 1e9)
     max_gap: float = parameter(0.05, "longest step between samples that keeps the window", "s", 1e-4, 10.0)
     deflection_scale: float = parameter(1.0, "deflection at which the terms of the law count alike", "rad", 1e-3, 10.0)
@@ -82,11 +84,13 @@ class ModulatedTorque(Estimator):
         law = device.spring_laws[0]
         stop = law.max_deflection
         stiffness = law.stiffness(np.linspace(0.0, stop, 65))
+        order, even = _terms_for(device.spring_laws)
         quantum = max(device.sensors.link_quantum or 0.0, device.sensors.motor_quantum or 0.0)
         return cls(
             ModulatedTorqueParameters(
                 transmissions=device.n_transmissions,
-                order=_order_for(law),
+                order=order,
+                even_terms=even,
                 deflection_scale=stop,
                 stiffness_prior=float(stiffness.mean()),
                 stiffness_deviation=3.0 * float(stiffness.max()),
@@ -120,22 +124,22 @@ class ModulatedTorque(Estimator):
 
     @cached_property
     def _constants(self) -> tuple[Array, Array]:
-        """The kernel's parameter row and the noise colours (3, L)."""
+        """The kernel's parameter row and the noise colours (3, L); not locked, which would be another type to compile."""
         own = self.parameters
-        n = own.order + 2
+        n = own.order + own.even_terms + 2
         row = np.zeros(PRIOR + 2 * n)
         row[:PRIOR] = (
-            own.window + 1, own.transmissions, own.order, own.memory, own.max_gap, own.torque_noise, own.position_noise,
+            own.window + 1, own.transmissions, own.order, own.even_terms, own.memory, own.max_gap, own.torque_noise, own.position_noise,
             own.deflection_scale, own.minimum_motion, own.range_margin,
         )  # fmt: skip
         row[PRIOR : PRIOR + 3] = own.inertia_prior, own.damping_prior, own.stiffness_prior
-        row[PRIOR + n :] = (own.inertia_deviation, own.damping_deviation, *(own.order * (own.stiffness_deviation,)))
-        return locked(row, "constants"), coloured.colours(own.window, MODULATING_ORDER)
+        row[PRIOR + n :] = own.inertia_deviation, own.damping_deviation, *((n - 2) * (own.stiffness_deviation,))
+        return row, coloured.colours(own.window, MODULATING_ORDER)
 
     def init(self) -> Array:
         own = self.parameters
-        length, n = own.window + 1, own.order + 2
-        columns = 1 + own.transmissions * (2 + own.order)
+        length, n = own.window + 1, own.order + own.even_terms + 2
+        columns = 1 + own.transmissions * n
         each = N_VISITED + coloured.size(n, length)
         state = np.zeros(window.HEADER + 2 * len(self.outputs) + length * (1 + columns) + own.transmissions * each)
         window.start(state)
@@ -150,7 +154,7 @@ class ModulatedTorque(Estimator):
 
     def condition(self, state: Array) -> float:
         own = self.parameters
-        n = own.order + 2
+        n = own.order + own.even_terms + 2
         each = N_VISITED + coloured.size(n, own.window + 1)
         found = 1.0
         for i in range(own.transmissions):
@@ -165,16 +169,24 @@ class ModulatedTorque(Estimator):
         _advance(constants, kernels, state, rows, time, status, value, deviation)
 
 
-def _order_for(law: SpringLaw) -> int:
-    """Odd terms that follow the law to 1 % of its largest torque, and one to spare for a device that differs."""
-    share = np.linspace(0.0, 1.0, 65)
-    torque = law.torque(share * law.max_deflection)
+def _terms_for(laws: tuple[SpringLaw, ...]) -> tuple[int, int]:
+    """Odd and even terms that follow the laws to 1 % of their largest torque, one to spare for a device that differs."""
+    share = np.linspace(-1.0, 1.0, 129)
+    torques = np.stack([law.torque(share * law.max_deflection) for law in laws], axis=1)
+    largest = np.abs(torques).max()
+    odd = np.abs(torques + torques[::-1]).max() <= 1e-6 * largest
     for order in range(1, MOST_TERMS):
-        terms = share[:, None] ** (2 * np.arange(order) + 1)
-        misfit = torque - terms @ np.linalg.lstsq(terms, torque, rcond=None)[0]
-        if np.abs(misfit).max() <= 0.01 * np.abs(torque).max():
-            return order + 1
-    return MOST_TERMS
+        terms = share[:, None] ** (2 * np.arange(order) + 1 if odd else np.arange(2 * order))
+        misfit = torques - terms @ np.linalg.lstsq(terms, torques, rcond=None)[0]
+        if np.abs(misfit).max() <= 0.01 * largest:
+            return order + 1, 0 if odd else order + 1
+    return MOST_TERMS, 0 if odd else MOST_TERMS
+
+
+@njit(cache=True, error_model="numpy")
+def _power(term: int, order: int) -> int:
+    """The power of phi in a term: odd ones first, then the even ones from 0."""
+    return 2 * term + 1 if term < order else 2 * (term - order)
 
 
 @njit(cache=True, error_model="numpy")
@@ -182,7 +194,9 @@ def _advance(
     par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
 ) -> None:
     length, m, order = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[ORDER])
-    n, outputs, columns = order + 2, 1 + 3 * m, 1 + m * (order + 2)
+    even = int(par[EVEN])
+    n, outputs = order + even + 2, 1 + 3 * m
+    columns = 1 + m * n
     scale, noise, blur = par[SCALE], par[TORQUE_NOISE], par[POSITION_NOISE]
     mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
     at = window.HEADER
@@ -194,7 +208,7 @@ def _advance(
     at += length * columns
     each = N_VISITED + coloured.size(n, length)
     psi, lagged, held = np.empty((3, length)), np.empty((3, length)), np.empty(length)
-    row, slope, P = np.empty(n), np.zeros(n), np.empty((n, n))
+    row, slope, P, powers = np.empty(n), np.zeros(n), np.empty((n, n)), np.ones((m, 2 * MOST_TERMS))
     for k in range(rows.shape[0]):
         before = state[window.LAST]
         absurd = False
@@ -211,10 +225,11 @@ def _advance(
             own = ring[1 + i * n : 1 + (i + 1) * n]
             own[0, slot], own[1, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
             ratio = (q - rows[k, 2 + 2 * i]) / scale
-            power = scale * ratio
-            for p in range(order):
-                own[2 + p, slot] = power / (2 * p + 1)
-                power *= ratio * ratio
+            for p in range(1, 2 * MOST_TERMS):
+                powers[i, p] = powers[i, p - 1] * ratio
+            for term in range(order + even):
+                p = _power(term, order)
+                own[2 + term, slot] = scale * powers[i, p] / max(p, 1)
         full, span, keep = state[window.FILLED] == length, 1.0, 1.0
         if full:
             span = window.weigh(MODULATING_ORDER, times, slot, psi, held)
@@ -238,13 +253,13 @@ def _advance(
             if moving:
                 y = coloured.dot(held, own[1])
                 row[0], row[1] = coloured.dot(psi[2], own[0]), -coloured.dot(psi[1], own[0])
-                for p in range(order):
+                for p in range(order + even):
                     row[2 + p] = -coloured.dot(psi[0], own[2 + p])
                 for j in range(n):
                     y -= row[j] * mean[j]
                     row[j] *= width[j] / noise
                 coloured.take(equation, n, slot, row, y / noise, lagged)
-                reached = abs(own[2, middle])
+                reached = abs(own[2, middle]) if even == 0 else own[2, middle]
                 visited[LOW] = min(visited[LOW], reached) if visited[ANY] > 0.0 else reached
                 visited[HIGH] = max(visited[HIGH], reached)
                 visited[ANY] = 1.0
@@ -260,16 +275,14 @@ def _advance(
             else:
                 gain = (blur / noise) ** 2
                 coloured.covariance(equation, n, r, gain * (D / span) ** 2, gain * (B / span**2) ** 2, P)
-            phi = q - rows[k, 2 + 2 * i]
-            stiffness, bend, power = 0.0, 0.0, 1.0
-            square = (phi / scale) ** 2
-            for p in range(order):
-                share = mean[2 + p] + (0.0 if warming else width[2 + p] * x[2 + p])
-                stiffness += share * power
-                bend += 2 * p * share * power
-                slope[2 + p] = width[2 + p] * power
-                power *= square
-            bend = bend / phi if phi != 0.0 else 0.0
+            stiffness, bend = 0.0, 0.0
+            for term in range(order + even):
+                p, j = _power(term, order), 2 + term
+                share = mean[j] + (0.0 if warming else width[j] * x[j])
+                rise = powers[i, p - 1] if p > 0 else 0.0
+                slope[j] = width[j] * rise
+                stiffness += share * rise
+                bend += share * (p - 1) * powers[i, p - 2] / scale if p > 1 else 0.0
             uncertain = 2.0 * (bend * blur) ** 2
             for j in range(2, n):
                 for o in range(2, n):
@@ -284,7 +297,7 @@ def _advance(
             total += stiffness
             variance += spread[at_i] ** 2
 
-            reached = abs(own[2, slot])
+            reached = abs(own[2, slot]) if even == 0 else own[2, slot]
             margin = par[MARGIN] * (visited[HIGH] - visited[LOW])
             if warming:
                 worst = WARMING_UP
