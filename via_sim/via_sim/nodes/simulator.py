@@ -83,7 +83,7 @@ class SimulatorNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("simulator", **options)
-        self._parameters = own = declare(self, SimulatorParameters)
+        self._chosen = own = declare(self, SimulatorParameters)
         self.device = load_device(own.device)
         effects = load_effects(own.effects) if own.effects else ()
         self.finished = Future()
@@ -123,13 +123,13 @@ class SimulatorNode(Node):
     def _with(self, effects: Any) -> Simulator:
         """A simulator with these effects; raises ParameterError where one does not fit."""
         plant = JointPlant.from_device(self.device).with_effects(effects)
-        return Simulator(plant, self._parameters.rate, Sensors.of_device(self.device))
+        return Simulator(plant, self._chosen.rate, Sensors.of_device(self.device))
 
     # ---- time
 
     def _after(self, ticks: int) -> int:
         """[ns] that `ticks` take, from sample 0 and without drift."""
-        return round(ticks * SECOND / self._parameters.rate)
+        return round(ticks * SECOND / self._chosen.rate)
 
     def _keep_pace(self) -> None:
         """Realtime: every tick whose time has come."""
@@ -141,7 +141,7 @@ class SimulatorNode(Node):
             self._epoch += behind
             behind = 0
         while behind >= 0 and self._running:
-            self._late += behind >= SECOND / self._parameters.rate
+            self._late += behind >= SECOND / self._chosen.rate
             if now - self._heard > WATCHDOG:
                 self._command = passive_command(self._simulator.plant, self._state)
             self._step()
@@ -155,20 +155,20 @@ class SimulatorNode(Node):
                 self._looks = 0
             elif self._looks >= SETTLED:
                 self._begin()
-        elif self._parameters.mode == "lockstep" and self._looks >= REPEAT:
+        elif self._chosen.mode == "lockstep" and self._looks >= REPEAT:
             self._looks = 0
             self._repeats += 1
             self._joint_states.publish(self._samples.stamped(self._stamp()))
 
     def _everybody_is_there(self) -> bool:
-        lockstep = self._parameters.mode == "lockstep"
+        lockstep = self._chosen.mode == "lockstep"
         commanded = not lockstep or self.count_publishers(self.device.command_topic) > 0
         listeners = self._joint_states.get_subscription_count()
-        return self._tick < self._last and commanded and listeners >= max(self._parameters.listeners, int(lockstep))
+        return self._tick < self._last and commanded and listeners >= max(self._chosen.listeners, int(lockstep))
 
     def _begin(self) -> None:
         self._running, self._looks = True, 0
-        mode, rate = self._parameters.mode, self._parameters.rate
+        mode, rate = self._chosen.mode, self._chosen.rate
         if mode == "realtime":
             self._epoch, self._began = self.get_clock().now().nanoseconds, time.monotonic_ns()
             self._pace = self.create_timer(1.0 / rate, self._keep_pace, clock=STEADY)
@@ -192,7 +192,7 @@ class SimulatorNode(Node):
         if row is None:
             self._refused += 1
             return
-        if self._parameters.mode == "lockstep":
+        if self._chosen.mode == "lockstep":
             if not self._running or nanoseconds(message.header.stamp) != self._stamp():
                 self._unmatched += 1
                 return
@@ -247,7 +247,7 @@ class SimulatorNode(Node):
             self._command = passive_command(self._simulator.plant, before)
             self._state, measured, truth = self._simulator.step(before, self._command)
             if not np.isfinite(self._state).all():
-                self._state = self._simulator.init(seed=self._parameters.seed)
+                self._state = self._simulator.init(seed=self._chosen.seed)
                 measured, truth = self._simulator.sample(self._state)
         self._tick += 1
         self._looks = 0
@@ -277,7 +277,7 @@ class SimulatorNode(Node):
             publisher.publish(message)
 
     def _report(self) -> None:
-        mode, silent = self._parameters.mode, time.monotonic_ns() - self._heard > WATCHDOG
+        mode, silent = self._chosen.mode, time.monotonic_ns() - self._heard > WATCHDOG
         troubles = {
             "waiting for listeners and commands": not self._running and not self.finished.done(),
             "passive, no command": mode == "realtime" and silent and self._running,
