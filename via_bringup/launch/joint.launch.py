@@ -1,6 +1,6 @@
 """A simulated joint with its controller, its estimator and, if asked, a recorder.
 
-ros2 launch via_bringup joint.launch.py device:=cubic_aa_vsa bag:=/tmp/joint
+ros2 launch via_bringup joint.launch.py device:=cubic_aa_vsa bag:=joint
 """
 
 from launch import LaunchDescription
