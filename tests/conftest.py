@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -23,32 +22,19 @@ except ImportError as error:
     pytest.exit(f"tests/ need the sourced workspace (make test, or source ros2_ws/env.sh): {error}", returncode=4)
 
 from rclpy.parameter import Parameter
+from via_ros.domains import Domain
 from via_ros.spin import close_all, make_executor, spin_until
 
 DEADLINE = 30.0  # [s] a graph may take for anything at all
 
 
-def _reserve_domain() -> tuple[socket.socket, int]:
-    """A domain id that no other test process of this machine uses: whoever holds its port has it."""
-    for domain in range(1, 100):
-        holder = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        try:
-            holder.bind(("127.0.0.1", 17400 + domain))
-        except OSError:
-            holder.close()
-            continue
-        return holder, domain
-    raise RuntimeError("all ROS domains are taken by other test processes")
-
-
 @pytest.fixture(scope="session")
 def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """The DDS domain of this test worker, also for the processes it starts."""
-    holder, number = _reserve_domain()
-    os.environ["ROS_DOMAIN_ID"] = str(number)
-    os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros_log"))
-    yield number
-    holder.close()
+    with Domain() as own:
+        os.environ["ROS_DOMAIN_ID"] = str(own.number)
+        os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros_log"))
+        yield own.number
 
 
 class Graph:

@@ -17,9 +17,9 @@ from rclpy.parameter import Parameter
 
 from via_core.errors import ViaError
 from via_ros import spin
+from via_ros.domains import Domain
 
 Node = TypeVar("Node")
-DOMAINS = 100  # ids 1 to 100 are free of clashes with ephemeral ports on Linux
 
 
 class Composition:
@@ -31,7 +31,8 @@ class Composition:
         self._nodes: list[Any] = []
 
     def __enter__(self) -> Self:
-        rclpy.init(context=self.context, domain_id=1 + os.getpid() % DOMAINS)
+        self._domain = Domain()
+        rclpy.init(context=self.context, domain_id=self._domain.number)
         self._executor = spin.make_executor(context=self.context)
         return self
 
@@ -43,6 +44,7 @@ class Composition:
         spin.close_all(reversed(self._nodes), failed=kind is not None)
         self._executor.shutdown()
         rclpy.try_shutdown(context=self.context)
+        self._domain.release()
 
     def add(self, make: Callable[..., Node], **parameters: Any) -> Node:
         """A node made with these parameters, on the executor."""

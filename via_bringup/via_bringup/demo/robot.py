@@ -16,7 +16,7 @@ from via_core.bags import Bag, ImportReport, import_recordings, joint_signals, r
 from via_core.devices import Device, load_device
 from via_core.signals import Array
 from via_core.status import Status
-from via_estimators.condensed import condensed
+from via_estimators.contract import Estimates, summarise
 from via_estimators.nodes.estimator import EstimatorNode
 from via_gap.replayed import Gap, measure_gap, pooled
 from via_interfaces.srv import ResetEstimator
@@ -35,15 +35,29 @@ Progress = Callable[[int, int, str], None]  # done, of how many, what
 class Stream:
     """One recorded estimate over a run, and what it is held against."""
 
-    time: Array  # (N,) [s] since the first sample
-    value: Array  # (N,)
-    standard_deviation: Array  # (N,)
-    status: Array  # (N,) numbers of Status
+    estimates: Estimates  # one output
     reference: Array  # (N,) commanded damping, or the law's stiffness
 
     @property
+    def quantity(self) -> Quantity:
+        """The run in one number, and the reference averaged with the same weights."""
+        (output,) = self.estimates.outputs
+        value, deviation, weights = summarise(self.estimates, output)
+        reference = float(weights @ self.reference) if weights.any() else float(np.mean(self.reference))
+        return Quantity(value=value, standard_deviation=deviation, reference=reference)
+
+    @property
+    def status(self) -> Status:
+        """OK where any estimate of the run is, else the last status."""
+        seen = self.estimates.status
+        return Status.OK if np.any(seen == Status.OK) else Status(int(seen[-1]))
+
+    @property
     def band(self) -> Band:
-        return Band(self.time, self.value, self.standard_deviation, self.reference, self.status == Status.OK)
+        each = self.estimates
+        return Band(
+            each.time, each.value[:, 0], each.standard_deviation[:, 0], self.reference, each.status == Status.OK
+        )
 
 
 @dataclass(frozen=True)
@@ -116,6 +130,7 @@ def _play(graph: Composition, device: Device, bag: Path, recorded: Path) -> Traf
         samples=samples,
         samples_recorded=counts["/joint_states"].messages,
         estimates_recorded=counts[estimates].messages,
+        numbers_missing=sum(count.lost for count in counts.values()),
     )
 
 
@@ -137,9 +152,9 @@ def _judged(device: Device, recorded: Path, traffic: Traffic) -> JudgedRun:
         strategy=parts[1],
         trajectory=int(parts[2]),
         repeat=int(parts[3]),
-        status=_status(damping),
-        damping=_quantity(damping),
-        stiffness=_quantity(stiffness),
+        status=damping.status.name,
+        damping=damping.quantity,
+        stiffness=stiffness.quantity,
         nrmse=gap.nrmse,
         traffic=traffic,
         bag=f"bags/robot_estimates/{recorded.name}",
@@ -150,8 +165,14 @@ def _judged(device: Device, recorded: Path, traffic: Traffic) -> JudgedRun:
 def _stream(bag: Bag, topic: str, reference: Array) -> Stream:
     """The estimates of a topic, one per sample."""
     columns = bag[topic]
-    time = (columns.stamp - columns.stamp[0]) / 1e9
-    return Stream(time, columns["value"], columns["standard_deviation"], columns["status"], reference)
+    estimates = Estimates(
+        (columns.stamp - columns.stamp[0]) / 1e9,
+        columns["status"],
+        columns["value"][:, None],
+        columns["standard_deviation"][:, None],
+        (topic.rpartition("/")[2],),
+    )
+    return Stream(estimates, reference)
 
 
 def _draw(runs: Sequence[JudgedRun], pictures: Path) -> None:
@@ -167,11 +188,40 @@ def _draw(runs: Sequence[JudgedRun], pictures: Path) -> None:
     damping_against_command({name: _points(each) for name, each in of.items()}, pictures / "damping.png")
     shown = middle.get(IN_DETAIL, runs[0])
     run_in_detail(
-        f"{_name(shown.record)}, real robot",
+        f"{shown.record.strategy} {shown.record.trajectory}.{shown.record.repeat}, real robot",
         shown.gap.time - shown.gap.time[0],
         shown.gap.measured,
         shown.equilibrium,
         shown.damping.band,
         shown.stiffness.band,
         pictures / "run.png",
+    )
+
+
+def _trace(strategy: str, run: JudgedRun) -> Trace:
+    gap, record = run.gap, run.record
+    title = f"{strategy} {record.trajectory}.{record.repeat}"
+    return Trace(title, gap.time - gap.time[0], gap.measured, gap.simulated, gap.nrmse)
+
+
+def _points(runs: Sequence[JudgedRun]) -> tuple[list[float], list[float], list[float]]:
+    each = [run.record.damping for run in runs]
+    return [q.reference for q in each], [q.value for q in each], [q.standard_deviation for q in each]
+
+
+def _part(imported: ImportReport, source: str, runs: Sequence[JudgedRun]) -> RobotPart:
+    strategies = sorted({run.record.strategy for run in runs})
+    covered = [run.record.damping.covered for run in runs]
+    return RobotPart(
+        source=source,
+        accepted=len(imported.accepted),
+        refused=[RefusedRecording(file=file.source, reasons=list(file.reasons)) for file in imported.refused],
+        warnings=sum(finding.severity == "warning" for file in imported.accepted for finding in file.findings),
+        runs=[run.record for run in runs],
+        nrmse=pooled([run.gap for run in runs]),
+        nrmse_by_strategy={
+            name: pooled([run.gap for run in runs if run.record.strategy == name]) for name in strategies
+        },
+        damping_coverage=float(np.mean(covered)),
+        lost=sum(run.record.traffic.lost for run in runs),
     )

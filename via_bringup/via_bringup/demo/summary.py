@@ -30,12 +30,13 @@ class Traffic(Record):
     samples: int  # joint states sent
     samples_recorded: int
     estimates_recorded: int  # the estimator answers every sample once
+    numbers_missing: int  # gaps in the sequence numbers of what was recorded
 
     @computed_field  # type: ignore[prop-decorator]
     @property
     def lost(self) -> int:
         """Messages that should have been recorded and were not."""
-        return 2 * self.samples - self.samples_recorded - self.estimates_recorded
+        return 2 * self.samples - self.samples_recorded - self.estimates_recorded + self.numbers_missing
 
 
 class RobotRun(Record):
@@ -67,7 +68,7 @@ class RobotPart(Record):
     refused: list[RefusedRecording]
     warnings: int
     runs: list[RobotRun]
-    nrmse: float  # mean over runs
+    nrmse: float  # pooled over runs: all squared errors over all squared deviations
     nrmse_by_strategy: dict[str, float]
     damping_coverage: float  # share of runs whose 95 % interval holds the commanded damping
     lost: int

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from via_core.devices import load_device
@@ -79,7 +80,7 @@ def law_of(parameters: ExcitationParameters) -> MotorPositionControl:
     )
 
 
-class Excitation(Node):
+class ExcitationNode(Node):
     """The node of this file."""
 
     def __init__(self, **options: Any) -> None:
@@ -91,6 +92,8 @@ class Excitation(Node):
         device = load_device(parameters.device)
         self._reader = SampleReader(device, ("q", "theta_1", "theta_2"))
         self._writer = CommandWriter(device)
+        # Loads the compiled springs before a sample waits for them.
+        self.law.step(self.state, JointSample(0.0, 0.0, np.zeros(2)))
         self._commands = self.create_publisher(VsaCommand, device.command_topic, qos.CONTROL)
         self.create_subscription(JointState, "/joint_states", self._answer, qos.CONTROL)
 
@@ -109,4 +112,4 @@ class Excitation(Node):
 
 def main() -> int:
     """Run the node."""
-    return spin.run(Excitation)
+    return spin.run(ExcitationNode)

@@ -110,7 +110,7 @@ class SimulatorNode(Node):
             self._truths.append(self._offer(DampingEstimate, "damping"))
         self.create_service(SetEffects, "~/set_effects", self._set_effects)
         self.create_service(ClearEffects, "~/clear_effects", self._clear_effects)
-        self.create_subscription(VsaCommand, self.device.command_topic, self._take, qos.CONTROL)
+        self._commands = self.create_subscription(VsaCommand, self.device.command_topic, self._take, qos.CONTROL)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self._pace: Any = None
         self.create_timer(LOOK, self._look, clock=STEADY)
@@ -161,10 +161,17 @@ class SimulatorNode(Node):
             self._joint_states.publish(self._samples.stamped(self._stamp()))
 
     def _everybody_is_there(self) -> bool:
-        lockstep = self._chosen.mode == "lockstep"
-        commanded = not lockstep or self.count_publishers(self.device.command_topic) > 0
-        listeners = self._joint_states.get_subscription_count()
-        return self._tick < self._last and commanded and listeners >= max(self._chosen.listeners, int(lockstep))
+        """Whether those to wait for are there, and everybody known on a topic of ours is connected to us."""
+        lockstep = int(self._chosen.mode == "lockstep")
+        commanders = max(self.count_publishers(self._commands.topic_name), lockstep)
+        listeners = max(self._chosen.listeners, lockstep)
+        own = (self._joint_states, *(publisher for _, publisher in self._truths))
+        return (
+            self._tick < self._last
+            and self._joint_states.get_subscription_count() >= listeners
+            and self._commands.get_publisher_count() >= commanders
+            and all(each.get_subscription_count() >= self.count_subscribers(each.topic_name) for each in own)
+        )
 
     def _begin(self) -> None:
         self._running, self._looks = True, 0

@@ -1,0 +1,167 @@
+"""The demo's simulated joint: simulator, controller, estimator and recorder in closed loop, then the bag once more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from via_bringup.composition import Composition
+from via_bringup.demo.pictures import Band, live_joint
+from via_bringup.demo.summary import LivePart, Traffic
+from via_controllers.nodes.excitation import ExcitationNode
+from via_core.bags import Bag, joint_signals, read_bag
+from via_core.devices import Device, load_device
+from via_core.metrics import coverage
+from via_core.status import Status
+from via_estimators.nodes.estimator import EstimatorNode
+from via_ros.nodes.player import Player
+from via_ros.nodes.recorder import Recorder
+from via_sim.nodes.simulator import SimulatorNode
+
+DEVICE = "cubic_demo"
+RATE = 1000.0  # [Hz]
+SEED = 1
+WINDOW = 200  # samples on their way at a time in the replay
+PATIENCE = 60.0  # [s] beyond the run itself
+WIDTH = 1.96  # standard deviations of a 95 % interval
+MEMBERS = {  # what a replayed estimate must have in common with the live one, to the last bit
+    "stiffness": (
+        "value",
+        "standard_deviation",
+        "transmission_value",
+        "transmission_standard_deviation",
+        "status",
+        "sequence",
+    ),
+    "motor": (
+        "inertia",
+        "inertia_standard_deviation",
+        "damping",
+        "damping_standard_deviation",
+        "status",
+        "sequence",
+    ),
+}
+Progress = Callable[[float, float, str], None]  # done, of how much, what
+
+
+def live(out: Path, duration: float, progress: Progress) -> LivePart:
+    """Part 4 of the demo: `duration` [s] in real time; writes `bags/live`, `bags/live_replayed` and a picture."""
+    device = load_device(DEVICE)
+    recorded, replayed = out / "bags" / "live", out / "bags" / "live_replayed"
+    late = _run_live(device, recorded, duration, progress)
+    _replay(device, recorded, replayed, progress)
+    first, second = read_bag(recorded), read_bag(replayed)
+    return _judged(device, first, second, late, out / "pictures" / "live.png")
+
+
+def _run_live(device: Device, bag: Path, duration: float, progress: Progress) -> int:
+    """Record a live run; returns how many ticks began late."""
+    name = device.name
+    topics = [
+        "/joint_states:sensor_msgs/msg/JointState",
+        f"{device.command_topic}:via_interfaces/msg/VsaCommand",
+        f"/{name}/stiffness:via_interfaces/msg/StiffnessEstimate",
+        f"/{name}/motor:via_interfaces/msg/MotorEstimate",
+        f"/{name}/truth/stiffness:via_interfaces/msg/StiffnessEstimate",
+    ]
+    # One message per tick; the controller may leave out samples that are already outdated when it gets to them.
+    answering = ("/joint_states", f"/{name}/stiffness", f"/{name}/motor", f"/{name}/truth/stiffness")
+    with Composition() as graph:
+        graph.add(EstimatorNode, device=name)
+        graph.add(ExcitationNode, device=name)
+        recorder = graph.add(Recorder, bag=str(bag), topics=topics)
+        simulator = graph.add(
+            SimulatorNode, device=name, mode="realtime", rate=RATE, seed=SEED, truth=True, duration=duration, listeners=3
+        )
+
+        def done() -> bool:
+            progress(recorder.counts["/joint_states"].messages / RATE, duration, "live")
+            return simulator.finished.done()
+
+        graph.run_until(done, duration + PATIENCE, "the live run")
+        expected = round(duration * RATE) + 1
+        graph.run_until(
+            lambda: all(recorder.counts[topic].messages >= expected for topic in answering),
+            PATIENCE,
+            f"recording {expected} messages on each of {', '.join(answering)}",
+        )
+        return simulator.late_ticks
+
+
+def _replay(device: Device, bag: Path, replayed: Path, progress: Progress) -> None:
+    """Play the samples of a live run to a new estimator, as fast as it keeps up."""
+    name = device.name
+    answers = [f"/{name}/stiffness", f"/{name}/motor"]
+    samples = len(read_bag(bag, ["/joint_states"]).topic("/joint_states"))
+    topics = [
+        "/joint_states:sensor_msgs/msg/JointState",
+        f"{answers[0]}:via_interfaces/msg/StiffnessEstimate",
+        f"{answers[1]}:via_interfaces/msg/MotorEstimate",
+    ]
+    with Composition() as graph:
+        graph.add(EstimatorNode, device=name)
+        recorder = graph.add(Recorder, bag=str(replayed), topics=topics)
+        player = graph.add(
+            Player,
+            bag=str(bag),
+            topics=["/joint_states"],
+            rate=0.0,
+            subscribers=2,
+            answers=answers,
+            window=WINDOW,
+        )
+
+        def done() -> bool:
+            progress(recorder.counts["/joint_states"].messages, samples, "replay")
+            return player.finished.done() and all(count.messages >= samples for count in recorder.counts.values())
+
+        graph.run_until(done, PATIENCE + samples / RATE, f"replaying {samples} samples")
+
+
+def same_bits(device: Device, first: Bag, second: Bag) -> bool:
+    """Whether two bags hold the same estimates of a device: stamps, numbers, values, deviations, statuses."""
+    for topic, members in MEMBERS.items():
+        one, other = first[f"/{device.name}/{topic}"], second[f"/{device.name}/{topic}"]
+        if not np.array_equal(one.stamp, other.stamp):
+            return False
+        if any(one[member].tobytes() != other[member].tobytes() for member in members):
+            return False
+    return True
+
+
+def _traffic(device: Device, bag: Bag, sent: int) -> Traffic:
+    """What arrived of `sent` samples, and the gaps in the numbers of everything that is numbered."""
+    samples, estimates = bag["/joint_states"], bag[f"/{device.name}/stiffness"]
+    numbered = [columns["sequence"] for columns in map(bag.__getitem__, bag.topics) if "sequence" in columns.fields]
+    missing = sum(int(each[-1]) - int(each[0]) + 1 - len(each) for each in numbered)
+    return Traffic(
+        samples=sent, samples_recorded=len(samples), estimates_recorded=len(estimates), numbers_missing=missing
+    )
+
+
+def _judged(device: Device, first: Bag, second: Bag, late: int, picture: Path) -> LivePart:
+    measured, _, _ = joint_signals(first, device)
+    estimates, truth = first[f"/{device.name}/stiffness"], first[f"/{device.name}/truth/stiffness"]
+    time = (estimates.stamp - estimates.stamp[0]) * 1e-9
+    value, deviation = estimates["value"], estimates["standard_deviation"]
+    trusted = estimates["status"] == Status.OK
+    true = truth["value"][np.searchsorted(truth.stamp, estimates.stamp)]
+    live_joint(
+        measured.time, measured["q"], measured["theta"], Band(time, value, deviation, true, trusted), picture
+    )
+    return LivePart(
+        device=device.name,
+        samples=len(measured),
+        rate=RATE,
+        duration=float(measured.time[-1] - measured.time[0]),
+        late_ticks=late,
+        traffic=_traffic(device, first, int(truth["sequence"][-1]) + 1),  # the simulator numbers its ticks
+        replay=_traffic(device, second, len(measured)),
+        bit_identical=same_bits(device, first, second),
+        stiffness_error=float(np.median(np.abs(value - true)[trusted] / true[trusted])),
+        stiffness_coverage=coverage(true[trusted], value[trusted], deviation[trusted], WIDTH),
+        bag="bags/live",
+    )

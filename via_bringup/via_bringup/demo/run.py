@@ -1,0 +1,88 @@
+"""The demo from end to end: both parts, then summary.json and the page."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from via_bringup.demo.live import live
+from via_bringup.demo.page import write_page
+from via_bringup.demo.robot import real_robot
+from via_bringup.demo.summary import Summary
+from via_core.errors import ViaError
+
+VERSION = "0.1.0"
+FOLDER = Path("shared") / "data" / "maccepavd"  # beside the repo, where the whole data set is at hand
+MARK = ".via-demo"  # a folder with this file was made by the demo and may be made anew
+Progress = Callable[[str, float, float, str], None]  # part, done, of how much, what
+
+
+def run_demo(out: Path, recordings: Path | None, duration: float, progress: Progress) -> Summary:
+    """Everything the demo does; `out` is made anew.
+
+    recordings  folder of real MACCEPA-VD runs; None: the whole set where it lies beside the repo, else the sample
+    duration    [s] of the live run
+
+    Raises ViaError where `out` holds something the demo did not make.
+    """
+    _make_anew(out)
+    began = time.monotonic()
+    seconds: dict[str, float] = {}
+
+    def taken(part: str, since: float) -> float:
+        now = time.monotonic()
+        seconds[part] = round(now - since, 1)
+        return now
+
+    with as_file(files("via_core") / "samples" / "maccepavd") as sample:
+        folder, source = _recordings(recordings, sample)
+        robot = real_robot(folder, source, out, lambda done, of, what: progress("real robot", done, of, what))
+    at = taken("robot", began)
+    joint = live(out, duration, lambda done, of, what: progress("simulated joint", done, of, what))
+    taken("live", at)
+    taken("total", began)
+    summary = Summary(
+        version=VERSION,
+        commit=_commit(),
+        python=platform.python_version(),
+        seconds=seconds,
+        robot=robot,
+        live=joint,
+    )
+    (out / "summary.json").write_text(summary.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    write_page(summary, out / "index.html")
+    return summary
+
+
+def _make_anew(out: Path) -> None:
+    if out.exists() and any(out.iterdir()) and not (out / MARK).exists():
+        raise ViaError(f"{out} holds something else; choose another folder with --out")
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    (out / MARK).touch()
+
+
+def _recordings(given: Path | None, sample: Path) -> tuple[Path, str]:
+    """The folder to import and what to call it."""
+    if given is not None:
+        return given, str(given)
+    beside = Path.cwd().parent / FOLDER
+    if beside.is_dir():
+        return beside, f"../{FOLDER}"
+    return sample, "the sample that comes with VIA"
+
+
+def _commit() -> str:
+    """Short hash of the commit that is checked out, with a + where files differ from it; 'unknown' outside a clone."""
+    asked = subprocess.run(
+        ["git", "-C", str(Path(__file__).resolve().parent), "describe", "--always", "--dirty=+", "--exclude=*"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return asked.stdout.strip() or "unknown"
