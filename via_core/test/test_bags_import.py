@@ -28,7 +28,7 @@ from via_core.errors import BagError, ImportMapError
 SAMPLE = Path(via_core.__file__).parent / "samples" / "maccepavd"
 WHOLE = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "maccepavd"
 ANOTHER_COMMAND = {"fixdamp/record/record_traj10_1.csv", "vardamp/record/record_traj2_1.csv"}
-JUMP = {"constant/record/record_traj8_5.csv"}
+JUMP = {"constant/record/record_traj3_5.csv"}
 
 
 @pytest.fixture(scope="module")
