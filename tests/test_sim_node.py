@@ -209,6 +209,16 @@ def test_free_mode_runs_by_itself_and_stops_where_told(graph):
     assert stamps == [EPOCH + 2 * PERIOD * tick for tick in range(201)]
 
 
+def test_time_begins_when_all_listeners_are_there_and_parameters_can_be_read(graph):
+    bench = Bench(graph, device="cubic_demo", mode="free", duration=0.05, listeners=2)
+    graph.until(lambda: any("waiting" in report.status[0].message for report in bench.reports))
+    assert bench.samples == []
+    second = []
+    bench.peer.create_subscription(JointState, "/joint_states", second.append, qos.SAMPLES)
+    graph.until(lambda: len(bench.samples) == 51 and len(second) == 51)
+    assert bench.node.get_parameter("rate").value == 1000.0
+
+
 def test_servo_device_follows_equilibrium_and_preset(graph):
     bench = Bench(graph, device="maccepavd", mode="lockstep", duration=1.0)
     command = Command(VsaCommand.EQUILIBRIUM_PRESET, 0.4, 0.9, 0.5, np.empty(0))
