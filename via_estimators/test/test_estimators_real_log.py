@@ -1,4 +1,4 @@
-"""The link-side estimator on the real runs this project carries (repeat 3 of trajectories 2, 8 and 9, four strategies).
+"""The link-side estimator on the real runs this project carries (repeat 3, four strategies).
 
 No truth is known there. What is held: motion decides when there is an estimate, and its size is that of a damper whose
 published range is .0077 to .0362 N m s/rad and of a spring within a factor of two of the published one.
@@ -15,7 +15,13 @@ from via_estimators.methods import estimator_for
 
 SAMPLES = resources.files("via_core").joinpath("samples", "maccepavd")
 DEVICE = load_device("maccepavd")
-RUNS = [(strategy, run) for strategy in ("constant", "fixdamp", "optimal", "vardamp") for run in (2, 8, 9)]
+RUNS = sorted(
+    (strategy.name, int(record.name.removesuffix("_3.csv").removeprefix("record_traj")))
+    for strategy in SAMPLES.iterdir()
+    if strategy.is_dir()
+    for record in strategy.joinpath("record").iterdir()
+    if record.name.endswith("_3.csv")
+)
 
 
 def rows_of_run(strategy, run):
@@ -27,6 +33,10 @@ def rows_of_run(strategy, run):
     at = np.searchsorted(command[:, 0], record[:, 1], side="right") - 1
     held = np.where(at[:, None] >= 0, command[np.maximum(at, 0), 1:3], np.nan)
     return np.column_stack([record[:, 1], record[:, 2], record[:, 4], held])
+
+
+def test_every_strategy_is_there():
+    assert {strategy for strategy, _ in RUNS} == {"constant", "fixdamp", "optimal", "vardamp"} and len(RUNS) >= 8
 
 
 @pytest.mark.parametrize(("strategy", "run"), RUNS)

@@ -14,6 +14,9 @@ the colour of the noise (`coloured`).
 Samples need not be equidistant: the stamps make the weights (via_core.weak_form), and a constant added to q and theta
 changes nothing.
 
+Standard deviations hold noise, and what the basis cuts off: the last term of the law is a guess at the first one
+missing (`truncation`). So give the basis one term to spare, or say that it is exact.
+
 Effort convention: the effort in a sample stamped t_n is the torque that acted over the interval ENDING at t_n,
 (t_(n-1), t_n], as a simulator or drive reports what it has just applied. A torque command is held over exactly such an
 interval, so <tau, psi> = sum tau_n (t_n - t_(n-1)) (psi_n + psi_(n-1))/2. Taking it for a sampled curve instead would
@@ -41,7 +44,7 @@ MODULATING_ORDER = 5
 MOST_TERMS = 6
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
 LENGTH, TRANSMISSIONS, ORDER, EVEN, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, SCALE = range(9)
-MINIMUM_MOTION, MARGIN, PRIOR = range(9, 12)
+MINIMUM_MOTION, MARGIN, TRUNCATION, PRIOR = range(9, 13)
 LOW, HIGH, ANY, N_VISITED = range(4)  # smallest and largest deflection visited (its size, if odd), whether any was
 OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
 
@@ -52,8 +55,9 @@ class ModulatedTorqueParameters(Parameters):
 
     transmissions: int = parameter(2, "number of motors with a transmission each", "-", 1, 2)
     window: int = parameter(200, "sampling intervals per window", "-", 20, 2000)
-    order: int = parameter(2, "odd terms of the torque law", "-", 1, MOST_TERMS)
+    order: int = parameter(3, "odd terms of the torque law", "-", 1, MOST_TERMS)
     even_terms: int = parameter(0, "even terms besides, the constant first", "-", 0, MOST_TERMS)
+    truncation: float = parameter(1.0, "share of the last term that a law cut off may hide; 0: none is", "-", 0.0, 10.0)
     memory: float = parameter(20.0, "time after which a row counts 1/e", "s", 0.05, 1e9)
     max_gap: float = parameter(0.05, "longest step between samples that keeps the window", "s", 1e-4, 10.0)
     deflection_scale: float = parameter(1.0, "deflection at which the terms of the law count alike", "rad", 1e-3, 10.0)
@@ -124,13 +128,14 @@ class ModulatedTorque(Estimator):
 
     @cached_property
     def _constants(self) -> tuple[Array, Array]:
-        """The kernel's parameter row and the noise colours (3, L); not locked, which would be another type to compile."""
+        """Parameter row of the kernel and noise colours (3, L); not locked, which would be another type to compile."""
         own = self.parameters
         n = own.order + own.even_terms + 2
         row = np.zeros(PRIOR + 2 * n)
         row[:PRIOR] = (
-            own.window + 1, own.transmissions, own.order, own.even_terms, own.memory, own.max_gap, own.torque_noise, own.position_noise,
-            own.deflection_scale, own.minimum_motion, own.range_margin,
+            own.window + 1, own.transmissions, own.order, own.even_terms, own.memory, own.max_gap, own.torque_noise,
+            own.position_noise,
+            own.deflection_scale, own.minimum_motion, own.range_margin, own.truncation,
         )  # fmt: skip
         row[PRIOR : PRIOR + 3] = own.inertia_prior, own.damping_prior, own.stiffness_prior
         row[PRIOR + n :] = own.inertia_deviation, own.damping_deviation, *((n - 2) * (own.stiffness_deviation,))
@@ -170,7 +175,7 @@ class ModulatedTorque(Estimator):
 
 
 def _terms_for(laws: tuple[SpringLaw, ...]) -> tuple[int, int]:
-    """Odd and even terms that follow the laws to 1 % of their largest torque, one to spare for a device that differs."""
+    """Odd and even terms that follow the laws to 1 % of their largest torque, and one to spare to tell whether."""
     share = np.linspace(-1.0, 1.0, 129)
     torques = np.stack([law.torque(share * law.max_deflection) for law in laws], axis=1)
     largest = np.abs(torques).max()
@@ -187,6 +192,20 @@ def _terms_for(laws: tuple[SpringLaw, ...]) -> tuple[int, int]:
 def _power(term: int, order: int) -> int:
     """The power of phi in a term: odd ones first, then the even ones from 0."""
     return 2 * term + 1 if term < order else 2 * (term - order)
+
+
+@njit(cache=True, error_model="numpy")
+def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array, P: Array) -> float:
+    """Squared stiffness [N m/rad] that a law this basis cuts off may still hide: the size of the last term there is.
+
+    Over the deflections visited, |phi| <= far s, a power n of phi holds 2^(1-n) far^n of the Chebyshev polynomial T_n,
+    and coefficients of a smooth law fall from one to the next. What is noise in the last one does not count twice.
+    """
+    j = 2 + term
+    n = _power(term, order) - 1
+    size = 2.0 ** (1 - n) * far**n if n > 0 else 0.0
+    share, variance = mean[j] + width[j] * x[j], width[j] * width[j] * P[j, j]
+    return size * size * max(share * share - 4.0 * variance, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -287,6 +306,12 @@ def _advance(
             for j in range(2, n):
                 for o in range(2, n):
                     uncertain += slope[j] * P[j, o] * slope[o]
+            if not warming and par[TRUNCATION] > 0.0:
+                far = max(abs(visited[LOW]), abs(visited[HIGH])) / scale
+                tail = _tail(order - 1, order, far, mean, width, x, P)
+                if even > 1:
+                    tail += _tail(order + even - 1, order, far, mean, width, x, P)
+                uncertain += par[TRUNCATION] ** 2 * tail
             # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
             floor = 0.0 if warming or moving else 1.0
             at_i, at_B, at_D = 1 + i, 1 + m + i, 1 + 2 * m + i
