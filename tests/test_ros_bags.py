@@ -166,3 +166,13 @@ def test_recorder_says_what_is_wrong_and_makes_no_bag(graph, tmp_path, monkeypat
     with pytest.raises((ParameterError, BagError), match=complaint):
         graph.add(Recorder, **parameters)
     assert not list(tmp_path.iterdir())
+
+
+def test_without_answers_full_speed_still_loses_nothing(graph, bag):
+    heard = []
+    listener = graph.node("listener")
+    listener.create_subscription(JointState, SAMPLES, heard.append, qos.SAMPLES, raw=True)
+    player = graph.add(Player, bag=str(bag), rate=0.0)
+    graph.until(player.finished.done)
+    graph.until(lambda: len(heard) == 3000)
+    assert heard == [message.data for message in read_bag(bag).in_stamp_order()]

@@ -5,7 +5,7 @@ ros2 run via_ros player --ros-args -p bag:=joint -p rate:=0.0 -p subscribers:=1 
 rate 1 keeps the bag's pace, N is N times as fast, 0 as fast as the listeners keep up. For 0 nothing may be lost, and
 a middleware that takes a message off the wire has not yet had it processed: name in `answers` the topics on which the
 listeners answer samples (each answer carries the stamp of its sample), and the player never runs more than `window`
-JointState messages ahead of any of them. Without answers it waits for the listeners' acknowledgement instead.
+JointState messages ahead of any of them. Without answers it keeps to UNTOLD messages a second.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from via_ros.spin import STEADY, run
 
 SAMPLE = "sensor_msgs/msg/JointState"
 LOOK = 0.02  # [s] between two looks for listeners
+UNTOLD = 2000  # [1/s] messages at rate 0 when nobody answers: a quarter of what a Python node can take
 SETTLE = 0.1  # [s] for the listeners to find this player as it found them
 
 
@@ -121,7 +122,8 @@ class Player(Node):
             self._wait(self._listeners_are_there, self._who_is_missing)
             self._sleep_until(time.monotonic_ns() + round(SETTLE * SECOND))
             self._publish_all()
-            self._until_acknowledged()
+            if not self._answered:
+                self._until_acknowledged()
             self._report()
             self._end(0)
         except BagError as error:
@@ -136,8 +138,10 @@ class Player(Node):
         for message in self._messages:
             if p.rate > 0.0:
                 self._sleep_until(start + round((message.stamp - first) / p.rate))
-            elif message.type_name == SAMPLE:
+            elif self._answered and message.type_name == SAMPLE:
                 self._keep_back(unanswered, message)
+            elif not self._answered:
+                self._sleep_until(start + self.played * SECOND // UNTOLD)
             if self._stopped:
                 raise BagError("stopped")
             if message.stamp != now:
@@ -152,13 +156,8 @@ class Player(Node):
 
     def _keep_back(self, unanswered: deque[int], message: RawMessage) -> None:
         """Before a sample goes out: fewer than `window` others may be on their way."""
-        window = self.parameters.window
-        if not self._answered:
-            if self.played % window == 0:
-                self._until_acknowledged()
-            return
         unanswered.append(message.stamp)
-        if len(unanswered) > window:
+        if len(unanswered) > self.parameters.window:
             oldest = unanswered[0]
             self._wait(lambda: self._slowest() >= oldest, lambda: f"no answer on {self._silent()}")
             while unanswered and unanswered[0] <= self._slowest():
@@ -196,6 +195,7 @@ class Player(Node):
                 self._change.wait(left / SECOND)
 
     def _until_acknowledged(self) -> None:
+        """What a listener has not acknowledged is lost when the publisher goes; between processes this takes 3 s."""
         limit = Duration(nanoseconds=round(self.parameters.patience * SECOND))
         for name, publisher in self._topics.items():
             if not publisher.wait_for_all_acked(limit):
