@@ -225,3 +225,27 @@ def test_a_law_beyond_the_basis_is_told_by_the_deviation():
         miss = np.abs(estimates.value[:, 0] - truth)[later]
         coverage[truncation] = np.mean(miss <= 1.96 * estimates.standard_deviation[later, 0])
     assert coverage[0.0] < 0.5 < 0.9 < coverage[1.0]
+
+
+def test_deviations_hold_for_noise_on_angles_too(joints):
+    """Encoders as bad as 1 mrad, declared: stiffness and damping; not declared, the deviation is far too small."""
+    rows, truth = joints["E2"]
+    ratios = {}
+    for declared in (1e-3, 0.0):
+        estimator = ModulatedTorque(replace(PLAIN, truncation=0.0, torque_noise=0.1, position_noise=declared))
+        errors, deviations = [], []
+        for seed in range(40):
+            rng, noisy = np.random.default_rng(seed), rows.copy()
+            noisy[:, [3, 5]] += 0.05 * rng.normal(size=(len(rows), 2))
+            noisy[:, [1, 2, 4]] += 1e-3 * rng.normal(size=(len(rows), 3))
+            _, estimates = estimator.run_rows(noisy)
+            value, deviation = estimates.column("stiffness")
+            drag, drag_deviation = estimates.column("motor_damping_1")
+            errors.append([*(value - truth)[2000::200], drag[-1] - DAMPING])
+            deviations.append([*deviation[2000::200], drag_deviation[-1]])
+        errors, deviations = np.array(errors), np.array(deviations)
+        ratios[declared] = np.sqrt(np.mean(deviations[:, :-1] ** 2) / np.mean(errors[:, :-1] ** 2))
+        if declared:
+            assert 0.7 <= deviations[:, -1].mean() / errors[:, -1].std() <= 1.4
+    assert 0.8 <= ratios[1e-3] <= 1.25
+    assert ratios[0.0] < 0.5

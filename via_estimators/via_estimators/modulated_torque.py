@@ -256,7 +256,7 @@ def _advance(
             coloured.lags(r, slot, keep, lagged)
         middle = slot + length // 2 + 1
         middle = middle if middle < length else middle - length
-        worst, motion, total, variance = OK, np.inf, 0.0, 0.0
+        worst, motion, total, variance, bends = OK, np.inf, 0.0, 0.0, 0.0
         for i in range(m):
             visited = state[at + i * each : at + i * each + N_VISITED]
             equation = state[at + i * each + N_VISITED : at + (i + 1) * each]
@@ -302,7 +302,7 @@ def _advance(
                 slope[j] = width[j] * rise
                 stiffness += share * rise
                 bend += share * (p - 1) * powers[i, p - 2] / scale if p > 1 else 0.0
-            uncertain = 2.0 * (bend * blur) ** 2
+            uncertain = 2.0 * (bend * blur) ** 2  # the deflection of this very sample is noisy
             for j in range(2, n):
                 for o in range(2, n):
                     uncertain += slope[j] * P[j, o] * slope[o]
@@ -320,7 +320,8 @@ def _advance(
             spread[at_B] = max(width[0] * sqrt(max(P[0, 0], 0.0)), floor * spread[at_B])
             spread[at_D] = max(width[1] * sqrt(max(P[1, 1], 0.0)), floor * spread[at_D])
             total += stiffness
-            variance += spread[at_i] ** 2
+            variance += spread[at_i] ** 2 + 2.0 * bends * bend * blur**2  # both share the noise of q
+            bends += bend
 
             reached = abs(own[2, slot]) if even == 0 else own[2, slot]
             margin = par[MARGIN] * (visited[HIGH] - visited[LOW])
@@ -330,6 +331,6 @@ def _advance(
                 worst = NOT_EXCITED
             elif worst == OK and not visited[LOW] - margin <= reached <= visited[HIGH] + margin:
                 worst = OUTSIDE_RANGE
-        now[0], spread[0] = total, sqrt(variance)
+        now[0], spread[0] = total, sqrt(max(variance, 0.0))
         state[window.MOTION], state[window.STATUS] = motion, worst
         status[k], value[k], deviation[k] = worst, now, spread
