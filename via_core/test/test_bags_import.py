@@ -278,7 +278,7 @@ def test_an_interrupted_import_leaves_whole_bags_only(tmp_path: Path, monkeypatc
 
     def interrupted(self: BagWriter, *args: object, **kwargs: object) -> None:
         calls.append(args)
-        if len(calls) == 1000:
+        if len(calls) == 1800:
             raise KeyboardInterrupt
         write(self, *args, **kwargs)
 
