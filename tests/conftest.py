@@ -22,8 +22,11 @@ except ImportError as error:
     pytest.exit(f"tests/ need the sourced workspace (make test, or source ros2_ws/env.sh): {error}", returncode=4)
 
 from rclpy.parameter import Parameter
+from via_ros import middleware
 from via_ros.domains import Domain
 from via_ros.spin import close_all, make_executor, spin_until
+
+middleware.prepare()
 
 DEADLINE = 30.0  # [s] a graph may take for anything at all
 

@@ -16,7 +16,7 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 
 from via_core.errors import ViaError
-from via_ros import spin
+from via_ros import middleware, spin
 from via_ros.domains import Domain
 
 Node = TypeVar("Node")
@@ -31,6 +31,7 @@ class Composition:
         self._nodes: list[Any] = []
 
     def __enter__(self) -> Self:
+        middleware.prepare()
         self._domain = Domain()
         rclpy.init(context=self.context, domain_id=self._domain.number)
         self._executor = spin.make_executor(context=self.context)

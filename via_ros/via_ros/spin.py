@@ -23,6 +23,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from via_core.errors import ParameterError, ViaError
 
+from via_ros import middleware
+
 FOREVER = 1e6  # [s]
 PATIENCE = 0.1  # [s] longest sleep between two looks at a condition
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # for housekeeping timers: simulated time may stand still
@@ -73,6 +75,7 @@ def run(make_node: Callable[[], Any], args: list[str] | None = None) -> int:
     """
     ended = Future()
     _end_on_signals(ended)
+    middleware.prepare()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Any] = []
     code = 0
