@@ -29,11 +29,16 @@ if [ -n "${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ]; then _via_setup=local_setup; fi
 if [ -n "${ZSH_VERSION:-}" ]; then _via_setup=$_via_setup.zsh; else _via_setup=$_via_setup.bash; fi
 if [ -f "$_via_ws/install/$_via_setup" ]; then . "$_via_ws/install/$_via_setup"; fi
 
-# Compiled kernels are kept with this tree; ROS writes its logs somewhere even where there is no home.
-export NUMBA_CACHE_DIR=${NUMBA_CACHE_DIR:-$(dirname "$_via_ws")/.numba_cache}
+# Compiled kernels are kept with this tree, apart for every state of its sources: numba looks only at the file a kernel
+# stands in, and would run old code where a constant or a function of another file has changed.
+_via_root=$(dirname "$_via_ws")
+_via_key=$(cat "$_via_root"/via_*/via_*/*.py | cksum | cut -d' ' -f1)
+case ${NUMBA_CACHE_DIR:-} in '' | "$_via_root"/.numba_cache/*) export NUMBA_CACHE_DIR=$_via_root/.numba_cache/$_via_key ;; esac
+
+# ROS writes its logs somewhere even where there is no home.
 if [ ! -w "${HOME:-}" ]; then
     export ROS_LOG_DIR=${ROS_LOG_DIR:-$_via_ws/log/ros} MPLCONFIGDIR=${MPLCONFIGDIR:-$_via_ws/log/matplotlib}
 fi
 
 if [ -n "$_via_nounset" ]; then set -u; fi
-unset _via_ws _via_venv _via_setup _via_nounset
+unset _via_ws _via_root _via_key _via_venv _via_setup _via_nounset

@@ -169,3 +169,6 @@ if [ "$(cat "$build_stamp" 2>/dev/null)" != "$build_key" ]; then
     echo "$build_key" >"$build_stamp"
     echo "setup: done; use it with: source ros2_ws/env.sh"
 fi
+
+# Kernels compiled for sources of long ago.
+[ ! -d "$root/.numba_cache" ] || find "$root/.numba_cache" -mindepth 1 -maxdepth 1 -mtime +7 -exec rm -rf {} +
