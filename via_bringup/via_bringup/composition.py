@@ -1,7 +1,7 @@
 """Several nodes in one process, on one events executor, in a ROS domain of their own.
 
-One process is what keeps a 1 kHz loop in time here; the own domain and LOCALHOST discovery keep a demo from commanding a
-robot that happens to listen on the same network.
+One process is what keeps a 1 kHz loop in time here; the own domain and LOCALHOST discovery keep a demo from commanding
+a robot that happens to listen on the same network.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any, Self, TypeVar
 import rclpy
 from rclpy.context import Context
 from rclpy.parameter import Parameter
-
 from via_core.errors import ViaError
 from via_ros import middleware, spin
 from via_ros.domains import Domain

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from via_bringup.cli.console import answers, errors, table
-from via_bringup.cli.run import become, parameters
 from via_core.bags import check as check_bag
 from via_core.bags import import_recordings, mapping_names
 from via_core.bags import info as info_of
 from via_core.bags import recover as recover_bag
 from via_core.devices import load_device
+
+from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.run import become, parameters
 
 app = typer.Typer(help="Import, inspect, record, play and mend MCAP bags.", no_args_is_help=True)
 

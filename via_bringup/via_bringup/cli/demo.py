@@ -12,16 +12,24 @@ from via_bringup.cli.console import answers, table
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for bags, pictures, summary.json and index.html.")] = Path("out/demo"),
+    out: Annotated[Path, typer.Option(help="Folder for bags, pictures, summary.json and index.html.")] = Path(
+        "out/demo"
+    ),
     recordings: Annotated[
-        Path | None, typer.Option(help="Folder of real MACCEPA-VD runs; else the data set beside the repo, or the sample.")
+        Path | None,
+        typer.Option(help="Folder of real MACCEPA-VD runs; else the data set beside the repo, or the sample."),
     ] = None,
     duration: Annotated[float, typer.Option(min=2.0, max=600.0, help="Length of the live run [s].")] = 10.0,
 ) -> None:
     """A real robot's log and a simulated joint, from bags over DDS to one page."""
     from via_bringup.demo.run import run_demo  # loads ROS, which `via --help` need not wait for
 
-    columns = (TextColumn("{task.description:<16}"), BarColumn(), TextColumn("{task.fields[what]}"), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description:<16}"),
+        BarColumn(),
+        TextColumn("{task.fields[what]}"),
+        TimeElapsedColumn(),
+    )
     with Progress(*columns) as bars:
         tasks: dict[str, TaskID] = {}
 
@@ -34,7 +42,9 @@ def demo(
 
     robot, live = summary.robot, summary.live
     if robot.refused:
-        refused = table(f"Refused recordings: {len(robot.refused)} of {len(robot.refused) + robot.accepted}", "recording", "why")
+        refused = table(
+            f"Refused recordings: {len(robot.refused)} of {len(robot.refused) + robot.accepted}", "recording", "why"
+        )
         refused.columns[1].justify = "left"
         for file in robot.refused:
             refused.add_row(file.file, "; ".join(file.reasons))
@@ -44,13 +54,16 @@ def demo(
         gap.add_row(strategy, str(sum(run.strategy == strategy for run in robot.runs)), f"{value:.3f}")
     gap.add_row("all", str(len(robot.runs)), f"{robot.nrmse:.3f}")
     answers.print(gap)
+    lost = live.traffic.lost + live.replay.lost
     answers.print(
-        f"real robot: {robot.accepted} runs replayed, {robot.lost} messages lost; the 95 % interval of the damping holds "
-        f"the commanded one in {100 * robot.damping_coverage:.0f} % of them\n"
-        f"simulated joint: {live.samples} samples at {live.rate:.0f} Hz, {live.traffic.lost + live.replay.lost} messages lost, "
+        f"real robot: {robot.accepted} runs replayed, {robot.lost} messages lost; the 95 % interval of the damping "
+        f"holds the commanded one in {100 * robot.damping_coverage:.0f} % of them\n"
+        f"simulated joint: {live.samples} samples at {live.rate:.0f} Hz, {lost} messages lost, "
         f"{live.late_ticks} late ticks; live and replayed estimates "
         f"{'are identical bit for bit' if live.bit_identical else 'DIFFER'}; median stiffness error "
-        f"{100 * live.stiffness_error:.2f} %",
+        f"{100 * live.stiffness_error:.2g} %",
         highlight=False,
     )
-    answers.print(f"[bold]{out / 'index.html'}[/] shows it all; {out / 'summary.json'} has the figures", highlight=False)
+    answers.print(
+        f"[bold]{out / 'index.html'}[/] shows it all; {out / 'summary.json'} has the figures", highlight=False
+    )

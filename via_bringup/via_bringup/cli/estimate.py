@@ -8,14 +8,14 @@ from typing import Annotated
 
 import numpy as np
 import typer
-
-from via_bringup.cli.console import answers, errors, table
 from via_core.bags import read_bag
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_core.status import Status
 from via_estimators.methods import estimator_for, method_for
 from via_estimators.rows import BagEstimates, estimate_bag
+
+from via_bringup.cli.console import answers, errors, table
 
 UNITS = {"stiffness": "N m/rad", "motor_inertia": "kg m^2", "motor_damping": "N m s/rad", "damping": "N m s/rad"}
 
@@ -69,6 +69,8 @@ def _write(path: Path, done: BagEstimates) -> None:
             writer.writerow(["stamp_ns", "status", *names])
             for k in range(len(estimates)):
                 pairs = np.stack([estimates.value[k], estimates.standard_deviation[k]], axis=1).ravel()
-                writer.writerow([int(done.samples.stamp[k]), Status(int(estimates.status[k])).name, *map(repr, pairs.tolist())])
+                writer.writerow(
+                    [int(done.samples.stamp[k]), Status(int(estimates.status[k])).name, *map(repr, pairs.tolist())]
+                )
     except OSError as error:
         raise ViaError(f"cannot write {path}: {error.strerror}") from None

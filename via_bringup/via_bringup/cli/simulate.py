@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from via_bringup.cli.run import become, parameters
 from via_core.devices import load_device
 from via_sim.effects_file import load_effects
+
+from via_bringup.cli.run import become, parameters
 
 
 def simulate(

@@ -6,10 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-
-from via_bringup.composition import Composition
-from via_bringup.demo.pictures import Band, live_joint
-from via_bringup.demo.summary import LivePart, Traffic
 from via_controllers.nodes.excitation import ExcitationNode
 from via_core.bags import Bag, joint_signals, read_bag
 from via_core.devices import Device, load_device
@@ -19,6 +15,10 @@ from via_estimators.nodes.estimator import EstimatorNode
 from via_ros.nodes.player import Player
 from via_ros.nodes.recorder import Recorder
 from via_sim.nodes.simulator import SimulatorNode
+
+from via_bringup.composition import Composition
+from via_bringup.demo.pictures import Band, live_joint
+from via_bringup.demo.summary import LivePart, Traffic
 
 DEVICE = "cubic_demo"
 RATE = 1000.0  # [Hz]
@@ -74,7 +74,14 @@ def _run_live(device: Device, bag: Path, duration: float, progress: Progress) ->
         graph.add(ExcitationNode, device=name)
         recorder = graph.add(Recorder, bag=str(bag), topics=topics)
         simulator = graph.add(
-            SimulatorNode, device=name, mode="realtime", rate=RATE, seed=SEED, truth=True, duration=duration, listeners=3
+            SimulatorNode,
+            device=name,
+            mode="realtime",
+            rate=RATE,
+            seed=SEED,
+            truth=True,
+            duration=duration,
+            listeners=3,
         )
 
         def done() -> bool:
@@ -149,9 +156,7 @@ def _judged(device: Device, first: Bag, second: Bag, late: int, picture: Path) -
     value, deviation = estimates["value"], estimates["standard_deviation"]
     trusted = estimates["status"] == Status.OK
     true = truth["value"][np.searchsorted(truth.stamp, estimates.stamp)]
-    live_joint(
-        measured.time, measured["q"], measured["theta"], Band(time, value, deviation, true, trusted), picture
-    )
+    live_joint(measured.time, measured["q"], measured["theta"], Band(time, value, deviation, true, trusted), picture)
     return LivePart(
         device=device.name,
         samples=len(measured),

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from via_core.signals import Array
 
+WIDTH = 1.96  # standard deviations of a 95 % interval
 REAL, MODEL, REFERENCE, FAINT = "#1b4965", "#d1495b", "#5a5a5a", "#9aa5b1"
 
 STYLE = {
@@ -66,51 +67,36 @@ def gap_traces(traces: Sequence[Trace], path: Path) -> None:
         _save(figure, path)
 
 
-def gap_by_strategy(nrmse: Mapping[str, Sequence[float]], overall: float, path: Path) -> None:
-    """Every run's NRMSE, a column per strategy."""
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(7, 4.2), constrained_layout=True)
-        for column, values in enumerate(nrmse.values()):
-            spread = np.linspace(-0.16, 0.16, len(values)) if len(values) > 1 else np.zeros(1)
-            label = "one run" if column == 0 else None
-            axes.plot(column + spread, np.sort(values), "o", color=REAL, alpha=0.7, markersize=5, label=label)
-            axes.hlines(float(np.mean(values)), column - 0.3, column + 0.3, color=MODEL, linewidth=2.5)
-        axes.axhline(overall, color=REFERENCE, linestyle=":", label=f"mean of all runs {overall:.2f}")
-        axes.set_xticks(range(len(nrmse)), list(nrmse))
-        axes.set_xlim(-0.6, len(nrmse) - 0.4)
-        axes.set_ylim(bottom=0.0)
-        axes.set_ylabel("NRMSE of the simulated angle [-]")
-        axes.set_xlabel("damping strategy (bar: mean)")
-        axes.legend()
-        _save(figure, path)
+@dataclass(frozen=True)
+class Column:
+    """The runs of one strategy, drawn side by side."""
+
+    values: Array  # (N,) one per run
+    deviations: Array | None  # (N,) standard deviations, None where there are none
+    level: float  # what they are held against, or their pooled value
 
 
-def damping_against_command(
-    points: Mapping[str, tuple[Sequence[float], Sequence[float], Sequence[float]]], path: Path
-) -> None:
-    """Estimated against commanded damping: strategy -> (commanded, estimated, standard deviation) [N m s/rad]."""
-    marks = ("o", "s", "^", "D", "v", "P")
+def by_strategy(columns: Mapping[str, Column], label: str, level: str, path: Path) -> None:
+    """Every run by strategy, sorted; `label` names the axis with its unit, `level` the bar of each strategy."""
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(7, 5), constrained_layout=True)
-        top = 0.0
-        for mark, (strategy, (commanded, estimated, deviation)) in zip(marks, points.items(), strict=False):
+        figure, axes = plt.subplots(figsize=(8, 4.4), constrained_layout=True)
+        for place, column in enumerate(columns.values()):
+            order = np.argsort(column.values)
+            spread = place + (np.linspace(-0.34, 0.34, len(order)) if len(order) > 1 else np.zeros(1))
+            bars = None if column.deviations is None else WIDTH * column.deviations[order]
+            name = ("one run" if bars is None else "one run, 95 % interval") if place == 0 else None
             axes.errorbar(
-                commanded,
-                estimated,
-                yerr=1.96 * np.asarray(deviation),
-                fmt=mark,
-                markersize=5,
-                elinewidth=0.8,
-                alpha=0.75,
-                label=strategy,
+                spread, column.values[order], yerr=bars, fmt="o", color=REAL, markersize=4, elinewidth=0.8, label=name
             )
-            top = max(top, float(np.max(commanded)), float(np.max(estimated)))
-        axes.plot([0, 1.1 * top], [0, 1.1 * top], color=REFERENCE, linestyle=":", label="estimate = command")
-        axes.set_xlim(0.0, 1.1 * top)
-        axes.set_ylim(min(0.0, axes.get_ylim()[0]), 1.3 * top)
-        axes.set_xlabel("commanded damping [N m s/rad]")
-        axes.set_ylabel("estimated damping [N m s/rad]\n(bar: 95 % interval)")
-        axes.legend()
+            axes.hlines(
+                column.level, place - 0.4, place + 0.4, color=MODEL, linewidth=2.5, label=level if place == 0 else None
+            )
+        axes.set_xticks(range(len(columns)), list(columns))
+        axes.set_xlim(-0.6, len(columns) - 0.4)
+        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        axes.set_ylabel(label)
+        axes.set_xlabel("damping strategy")
+        _legend(axes)
         _save(figure, path)
 
 
@@ -120,11 +106,11 @@ def run_in_detail(
     """One run: angle, damping and stiffness over time."""
     with plt.rc_context(STYLE):
         figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 8), sharex=True, constrained_layout=True)
-        top.set_title(title, fontsize=12)
+        figure.suptitle(title, fontsize=13)
         top.plot(time, q, color=REAL, label="joint angle q")
-        top.plot(time, equilibrium, color=REFERENCE, linestyle=":", label="equilibrium")
+        top.plot(time, equilibrium, color=REFERENCE, linestyle=":", label="commanded equilibrium")
         top.set_ylabel("angle [rad]")
-        top.legend()
+        _legend(top)
         _band(middle, damping, "commanded", "damping\n[N m s/rad]")
         _band(bottom, stiffness, "spring law", "stiffness\n[N m/rad]")
         bottom.set_xlabel("time [s]")
@@ -132,22 +118,31 @@ def run_in_detail(
 
 
 def live_joint(time: Array, q: Array, theta: Array, stiffness: Band, path: Path) -> None:
-    """The simulated joint: angles, and stiffness with its band against the truth; theta is (N, 2)."""
+    """The simulated joint: angles, stiffness against the truth, and the error in its band; theta is (N, 2)."""
     with plt.rc_context(STYLE):
-        figure, (top, bottom) = plt.subplots(2, 1, figsize=(9, 6.4), sharex=True, constrained_layout=True)
+        figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 8.4), sharex=True, constrained_layout=True)
         top.plot(time, q, color=REAL, label="link q")
         for motor, style in ((0, "-"), (1, "--")):
             top.plot(time, theta[:, motor], color=FAINT, linestyle=style, label=f"motor {motor + 1}")
         top.set_ylabel("angle [rad]")
-        top.legend(loc="upper right", ncols=3)
-        _band(bottom, stiffness, "truth", "stiffness [N m/rad]")
+        _legend(top)
+        _band(middle, stiffness, "truth", "stiffness [N m/rad]")
+        error = np.where(stiffness.trusted, stiffness.value - stiffness.reference, np.nan)
+        half = np.where(stiffness.trusted, WIDTH * stiffness.standard_deviation, np.nan)
+        bottom.fill_between(stiffness.time, -half, half, color=MODEL, alpha=0.2, linewidth=0, label="95 % band")
+        bottom.plot(stiffness.time, error, color=MODEL, label="estimate - truth")
+        if stiffness.trusted.any():
+            reach = 1.1 * np.nanpercentile(np.maximum(half, np.abs(error)), 98)
+            bottom.set_ylim(-reach, reach)
+        bottom.set_ylabel("error [N m/rad]")
         bottom.set_xlabel("time [s]")
+        _legend(bottom)
         _save(figure, path)
 
 
 def _band(axes: Axes, band: Band, reference: str, label: str) -> None:
     """Estimate with its 95 % band where trusted, faint where the status says otherwise."""
-    half = 1.96 * band.standard_deviation
+    half = WIDTH * band.standard_deviation
     trusted = np.where(band.trusted, band.value, np.nan)
     axes.plot(band.time, band.value, color=FAINT, linewidth=0.9, label="held or warming up")
     axes.plot(band.time, trusted, color=MODEL, label="estimate, 95 % band")
@@ -160,9 +155,14 @@ def _band(axes: Axes, band: Band, reference: str, label: str) -> None:
     if seen.size:
         low, high = np.percentile(seen, [0.5, 99.5])
         room = 0.3 * max(high - low, 1e-9 + 0.1 * abs(high))
-        axes.set_ylim(min(low - room, 0.0) if low - room < 0.3 * high else low - room, high + room)
+        axes.set_ylim(max(low - room, 0.0) if low >= 0.0 else low - room, high + room)
     axes.set_ylabel(label)
-    axes.legend(loc="upper right", ncols=3, fontsize=10)
+    _legend(axes)
+
+
+def _legend(axes: Axes) -> None:
+    """In one line above the axes, where it hides no curve."""
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=10, borderaxespad=0.2)
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The demo's real robot: recordings into bags, bags over DDS into the estimator, and the same commands into the model."""
+"""The demo's real robot: recordings into bags, bags over DDS into the estimator, the same commands into the model."""
 
 from __future__ import annotations
 
@@ -8,10 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-from via_bringup.composition import Composition
-from via_bringup.demo.pictures import Band, Trace, damping_against_command, gap_by_strategy, gap_traces, run_in_detail
-from via_bringup.demo.summary import Quantity, RefusedRecording, RobotPart, RobotRun, Traffic
 from via_core.bags import Bag, ImportReport, import_recordings, joint_signals, read_bag
 from via_core.devices import Device, load_device
 from via_core.signals import Array
@@ -22,6 +18,10 @@ from via_gap.replayed import Gap, measure_gap, pooled
 from via_interfaces.srv import ResetEstimator
 from via_ros.nodes.player import Player
 from via_ros.nodes.recorder import Recorder
+
+from via_bringup.composition import Composition
+from via_bringup.demo.pictures import Band, Column, Trace, by_strategy, gap_traces, run_in_detail
+from via_bringup.demo.summary import Quantity, RefusedRecording, RobotPart, RobotRun, Traffic
 
 DEVICE = "maccepavd"
 MAPPING = "maccepavd"
@@ -142,9 +142,7 @@ def _judged(device: Device, recorded: Path, traffic: Traffic) -> JudgedRun:
     measured, commands, _ = joint_signals(bag, device)
     assert commands is not None  # the import refuses recordings without commands
     held = commands.resample(measured.time)
-    damping = _stream(
-        bag, f"/{device.name}/damping", device.link.viscous_friction + device.damping_of(held["damping"])
-    )
+    damping = _stream(bag, f"/{device.name}/damping", device.link.viscous_friction + device.damping_of(held["damping"]))
     law = device.stiffness(measured["q"], device.motor_angles(held["equilibrium"], held["preset"]))
     stiffness = _stream(bag, f"/{device.name}/stiffness", law)
     gap = measure_gap(device, measured, commands)
@@ -180,12 +178,18 @@ def _draw(runs: Sequence[JudgedRun], pictures: Path) -> None:
     of = {name: [run for run in runs if run.record.strategy == name] for name in strategies}
     middle = {name: sorted(each, key=lambda run: run.record.nrmse)[len(each) // 2] for name, each in of.items()}
     gap_traces([_trace(name, run) for name, run in middle.items()], pictures / "gap.png")
-    gap_by_strategy(
-        {name: [run.record.nrmse for run in each] for name, each in of.items()},
-        pooled([run.gap for run in runs]),
+    by_strategy(
+        {name: _gap_column(each) for name, each in of.items()},
+        "NRMSE of the simulated angle [-]",
+        "pooled",
         pictures / "nrmse.png",
     )
-    damping_against_command({name: _points(each) for name, each in of.items()}, pictures / "damping.png")
+    by_strategy(
+        {name: _damping_column(each) for name, each in of.items()},
+        "damping [N m s/rad]",
+        "commanded, weighted as the estimates are",
+        pictures / "damping.png",
+    )
     shown = middle.get(IN_DETAIL, runs[0])
     run_in_detail(
         f"{shown.record.strategy} {shown.record.trajectory}.{shown.record.repeat}, real robot",
@@ -204,9 +208,17 @@ def _trace(strategy: str, run: JudgedRun) -> Trace:
     return Trace(title, gap.time - gap.time[0], gap.measured, gap.simulated, gap.nrmse)
 
 
-def _points(runs: Sequence[JudgedRun]) -> tuple[list[float], list[float], list[float]]:
+def _gap_column(runs: Sequence[JudgedRun]) -> Column:
+    return Column(np.array([run.record.nrmse for run in runs]), None, pooled([run.gap for run in runs]))
+
+
+def _damping_column(runs: Sequence[JudgedRun]) -> Column:
     each = [run.record.damping for run in runs]
-    return [q.reference for q in each], [q.value for q in each], [q.standard_deviation for q in each]
+    return Column(
+        np.array([q.value for q in each]),
+        np.array([q.standard_deviation for q in each]),
+        float(np.mean([q.reference for q in each])),
+    )
 
 
 def _part(imported: ImportReport, source: str, runs: Sequence[JudgedRun]) -> RobotPart:

@@ -10,11 +10,12 @@ from collections.abc import Callable
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from via_core.errors import ViaError
+
 from via_bringup.demo.live import live
 from via_bringup.demo.page import write_page
 from via_bringup.demo.robot import real_robot
 from via_bringup.demo.summary import Summary
-from via_core.errors import ViaError
 
 VERSION = "0.1.0"
 FOLDER = Path("shared") / "data" / "maccepavd"  # beside the repo, where the whole data set is at hand
