@@ -13,16 +13,15 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.errors import BagError, ParameterError
+from via_core.wire import SECOND, seconds
 from via_interfaces.msg import DampingEstimate, GapStatus, StiffnessEstimate, VsaCommand
 from via_ros.conversions import (
-    SECOND,
     Command,
     CommandWriter,
     JointStateWriter,
     SampleReader,
     command_of,
     nanoseconds,
-    seconds,
     set_stamp,
     to_nanoseconds,
 )

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from via_core.bags import BagWriter, check, info, joint_signals, read_bag
 from via_core.bags.definitions import typestore_of
-from via_core.bags.joints import EQUILIBRIUM_PRESET, JOINT_STATE, MOTOR_POSITION, MOTOR_TORQUE, VSA_COMMAND
 from via_core.devices import Device, load_device
 from via_core.errors import BagError
+from via_core.wire import EQUILIBRIUM_PRESET, JOINT_STATE, MOTOR_POSITION, MOTOR_TORQUE, VSA_COMMAND
 
 NAN = float("nan")
 EPOCH = 1_700_000_000_000_000_000  # [ns]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from via_core.bags import BagWriter, read_bag
 from via_core.bags.definitions import typestore_of
-from via_core.bags.joints import EQUILIBRIUM_PRESET, JOINT_STATE, MOTOR_POSITION, VSA_COMMAND
 from via_core.devices import load_device
 from via_core.errors import BagError
 from via_core.status import Status
+from via_core.wire import EQUILIBRIUM_PRESET, JOINT_STATE, MOTOR_POSITION, VSA_COMMAND
 from via_estimators.methods import estimator_for
 from via_estimators.rows import estimate_bag, sample_rows
 

@@ -15,15 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from via_core.bags import Bag
-from via_core.bags.joints import EQUILIBRIUM_PRESET, JOINT_STATE, VSA_COMMAND, joint_channels
+from via_core.bags.joints import joint_channels
 from via_core.devices import Device
 from via_core.errors import BagError
 from via_core.signals import Array
+from via_core.wire import EQUILIBRIUM_PRESET, JOINT_STATE, REFERENCES, VSA_COMMAND, seconds
 
 from via_estimators.contract import Estimates, Estimator
-
-COMMANDS = ("equilibrium", "preset", "damping")
-SECOND = 1_000_000_000  # [ns]
 
 
 class SampleRows(NamedTuple):
@@ -57,7 +55,7 @@ def sample_rows(bag: Bag, device: Device, inputs: tuple[str, ...], joint_topic: 
     stamp = states.stamp[order]
     held = _held(bag, device, stamp)
     rows = np.full((len(order), 1 + len(inputs)), np.nan)
-    rows[:, 0] = (stamp - stamp[0]) / SECOND
+    rows[:, 0] = seconds(stamp, int(stamp[0]))
     for at, column in enumerate(inputs, start=1):
         name, _, number = column.rpartition("_")
         if column in held:
@@ -73,19 +71,19 @@ def sample_rows(bag: Bag, device: Device, inputs: tuple[str, ...], joint_topic: 
 
 def _held(bag: Bag, device: Device, stamp: NDArray[np.int64]) -> dict[str, Array]:
     """The commands (N,) that hold at the stamps, NaN before the first."""
-    held = {name: np.full(len(stamp), np.nan) for name in COMMANDS}
+    held = {name: np.full(len(stamp), np.nan) for name in REFERENCES}
     if device.command_topic not in bag or not len(bag.topic(device.command_topic)):
         return held
     commands = bag[device.command_topic]
     if commands.type_name != VSA_COMMAND:
         raise BagError(f"{device.command_topic} is {commands.type_name}, not {VSA_COMMAND}")
     good = commands["mode"] == EQUILIBRIUM_PRESET
-    for name in COMMANDS:
+    for name in REFERENCES:
         good &= np.isfinite(commands[name])
     chosen = np.flatnonzero(good)
     chosen = chosen[np.argsort(commands.stamp[chosen], kind="stable")]
     at = np.searchsorted(commands.stamp[chosen], stamp, side="right") - 1
-    for name in COMMANDS:
+    for name in REFERENCES:
         held[name][at >= 0] = commands[name][chosen][at[at >= 0]]
     return held
 

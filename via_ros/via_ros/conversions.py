@@ -17,14 +17,8 @@ from sensor_msgs.msg import JointState
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
+from via_core.wire import FIELDS, LINK, MOTOR, REFERENCES, SECOND, seconds
 from via_interfaces.msg import VsaCommand
-
-SECOND = 1_000_000_000  # [ns]
-# Which JointState field holds a column of the link and of a motor.
-_LINK = {"q": "position", "q_velocity": "velocity", "tau_link": "effort"}
-_MOTOR = {"theta": "position", "theta_velocity": "velocity", "tau": "effort"}
-_COMMANDS = ("equilibrium", "preset", "damping")
-_FIELDS = ("position", "velocity", "effort")
 
 
 def nanoseconds(stamp: Time) -> int:
@@ -35,14 +29,6 @@ def nanoseconds(stamp: Time) -> int:
 def set_stamp(stamp: Time, time: int) -> None:
     """Write `time` [ns] into a stamp, exact; whole seconds round down, so that nanosec is never negative."""
     stamp.sec, stamp.nanosec = divmod(time, SECOND)
-
-
-def seconds(time: int, origin: int = 0) -> float:
-    """[s] since `origin`, both in [ns]: subtracted as whole numbers, rounded once.
-
-    A float holds stamps of this century only to 240 ns; relative to the first stamp of a stream it is exact for days.
-    """
-    return (time - origin) / SECOND
 
 
 def to_nanoseconds(time: float, origin: int = 0) -> int:
@@ -93,7 +79,7 @@ class SampleReader:
         self.origin: int | None = None
         self.malformed = 0
         self._row = np.full(1 + len(columns), np.nan)
-        self._places: dict[str, list[tuple[int, str]]] = {field: [] for field in _FIELDS}  # (column, joint)
+        self._places: dict[str, list[tuple[int, str]]] = {field: [] for field in FIELDS}  # (column, joint)
         self._held: list[tuple[int, str]] = []  # (column, member of the command)
         for at, column in enumerate(columns, start=1):
             self._place(at, column)
@@ -105,15 +91,15 @@ class SampleReader:
         motors = self.device.motor_joints
         numbered = re.fullmatch(r"(\w+?)_(\d+)", column)
         number = int(numbered[2]) if numbered else 0
-        if column in _LINK:
-            self._places[_LINK[column]].append((at, self.device.link_joint))
-        elif column in _COMMANDS:
+        if column in LINK:
+            self._places[LINK[column]].append((at, self.device.link_joint))
+        elif column in REFERENCES:
             self._held.append((at, column))
-        elif numbered and numbered[1] in (*_MOTOR, "motor") and 1 <= number <= len(motors):
+        elif numbered and numbered[1] in (*MOTOR, "motor") and 1 <= number <= len(motors):
             if numbered[1] == "motor":
                 self._held.append((at, column))
             else:
-                self._places[_MOTOR[numbered[1]]].append((at, motors[number - 1]))
+                self._places[MOTOR[numbered[1]]].append((at, motors[number - 1]))
         else:
             raise ParameterError(f"device '{self.device.name}' with {len(motors)} motors has no column '{column}'")
 
@@ -123,7 +109,7 @@ class SampleReader:
         if command is None:
             return False
         for at, column in self._held:
-            if column in _COMMANDS:
+            if column in REFERENCES:
                 self._row[at] = getattr(command, column)
             else:
                 number = int(column.rpartition("_")[2])
@@ -175,7 +161,7 @@ class JointStateWriter:
         names = [device.link_joint, *device.motor_joints]
         self._message = JointState(name=names)
         self._message.header.frame_id = device.name
-        for field in _FIELDS:
+        for field in FIELDS:
             setattr(self._message, field, array.array("d", [np.nan] * len(names)))
         self.position: Array = np.frombuffer(self._message.position)
         self.velocity: Array = np.frombuffer(self._message.velocity)

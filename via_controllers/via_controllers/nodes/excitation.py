@@ -17,13 +17,13 @@ from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_interfaces.msg import VsaCommand
+from via_ros import qos, spin
 from via_ros.conversions import Command, CommandWriter, SampleReader, nanoseconds
 from via_ros.parameters import declare
 
 from via_controllers.contract import JointSample
 from via_controllers.motor_position import MotorPositionControl
 from via_controllers.multisine import Multisine
-from via_ros import qos, spin
 
 
 def setting(default: Any, description: str, unit: str, low: float, high: float) -> Any:

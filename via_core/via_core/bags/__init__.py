@@ -4,7 +4,7 @@ from via_core.bags.definitions import Definition, definition_of
 from via_core.bags.findings import Finding
 from via_core.bags.importing import FileReport, ImportReport, import_recordings
 from via_core.bags.inspection import BagInfo, TopicInfo, check, info
-from via_core.bags.joints import JointRecording, StampReport, joint_signals, seconds
+from via_core.bags.joints import JointRecording, StampReport, joint_signals
 from via_core.bags.mapping import Mapping, load_mapping, mapping_names
 from via_core.bags.reader import Bag, Columns, RawMessage, Topic, read_bag
 from via_core.bags.recording_checks import check_recording
@@ -38,5 +38,4 @@ __all__ = [
     "mapping_names",
     "read_bag",
     "recover",
-    "seconds",
 ]

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from via_core.bags.definitions import typestore_of
 from via_core.bags.findings import Finding
-from via_core.bags.joints import EQUILIBRIUM_PRESET, JOINT_STATE, VSA_COMMAND
 from via_core.bags.layout import filled
 from via_core.bags.mapping import Mapping, Table, load_mapping
 from via_core.bags.recording_checks import check_recording, check_samples, usable_stamps
@@ -28,6 +27,7 @@ from via_core.bags.writer import BagWriter
 from via_core.devices import Device, load_device
 from via_core.errors import BagError, ImportMapError
 from via_core.signals import Array, Signals
+from via_core.wire import EQUILIBRIUM_PRESET, JOINT_STATE, VSA_COMMAND
 
 FLOAT64 = "std_msgs/msg/Float64"
 _QUANTITIES = ("position", "velocity", "effort")

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from via_core.bags.container import files_of
 from via_core.bags.findings import Finding
-from via_core.bags.joints import JOINT_STATE, VSA_COMMAND, joint_signals
+from via_core.bags.joints import joint_signals
 from via_core.bags.reader import Bag, Columns, Topic, read_bag
 from via_core.bags.recording_checks import GAP_PERIODS, check_recording
 from via_core.devices import Device
 from via_core.errors import BagError
 from via_core.signals import Array
+from via_core.wire import JOINT_STATE, VSA_COMMAND
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,17 @@ from via_core.bags.reader import Bag, Columns
 from via_core.devices import Device
 from via_core.errors import BagError
 from via_core.signals import Array, Signals
-
-JOINT_STATE = "sensor_msgs/msg/JointState"
-VSA_COMMAND = "via_interfaces/msg/VsaCommand"
-EQUILIBRIUM_PRESET, MOTOR_POSITION, MOTOR_TORQUE = 0, 1, 2  # VsaCommand.mode
+from via_core.wire import (
+    EQUILIBRIUM_PRESET,
+    FIELDS,
+    JOINT_STATE,
+    LINK,
+    MOTOR,
+    MOTOR_TORQUE,
+    UNITS,
+    VSA_COMMAND,
+    seconds,
+)
 
 
 @dataclass(frozen=True)
@@ -47,14 +54,6 @@ class JointRecording(NamedTuple):
     reports: tuple[StampReport, ...]
 
 
-def seconds(stamp: NDArray[np.int64], origin: int = 0) -> Array:
-    """[s] since `origin`, both in [ns]: subtracted as whole numbers, rounded once.
-
-    A float holds stamps of this century only to 240 ns; relative to the first of a recording it is exact for days.
-    """
-    return (stamp - origin) / 1_000_000_000
-
-
 def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") -> JointRecording:
     """Measurements and commands of the joint `device` in `bag`.
 
@@ -77,10 +76,8 @@ def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") 
         )
     origin = int(states.stamp[np.argmax(present)])
     keep, report = _increasing(states, present, origin)
-    units = {"q": "rad", "theta": "rad", "tau": "N m", "q_velocity": "rad/s", "theta_velocity": "rad/s",
-             "tau_link": "N m"}  # fmt: skip
     measured = {name: values[keep] for name, values in channels.items() if np.isfinite(values[keep]).any()}
-    signals = Signals(seconds(states.stamp[keep], origin), measured, units)
+    signals = Signals(seconds(states.stamp[keep], origin), measured, UNITS)
     if device.command_topic not in bag or len(bag.topic(device.command_topic)) == 0:
         return JointRecording(signals, None, (report,))
     commands, command_report = _commands(bag[device.command_topic], device, origin)
@@ -90,22 +87,21 @@ def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") 
 def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], NDArray[np.bool_]]:
     """Values by channel for every message, NaN where it has none, and which messages name the link at all."""
     count, motors = len(states), device.n_motors
-    channels = {name: np.full(count, np.nan) for name in ("q", "q_velocity", "tau_link")}
+    channels = {name: np.full(count, np.nan) for name in LINK}
     if motors:
-        channels |= {name: np.full((count, motors), np.nan) for name in ("theta", "theta_velocity", "tau")}
+        channels |= {name: np.full((count, motors), np.nan) for name in MOTOR}
     present = np.zeros(count, dtype=np.bool_)
     for names, rows in _by_names(states["name"]):
         if device.link_joint not in names:
             continue
         present[rows] = True
-        for field, link, motor in (
-            ("position", "q", "theta"), ("velocity", "q_velocity", "theta_velocity"), ("effort", "tau_link", "tau"),
-        ):  # fmt: skip
-            values = states[field][rows]
-            channels[link][rows] = _picked(values, names.index(device.link_joint))
-            for i, joint in enumerate(device.motor_joints):
-                if joint in names:
-                    channels[motor][rows, i] = _picked(values, names.index(joint))
+        arrays = {field: states[field][rows] for field in FIELDS}
+        for channel, field in LINK.items():
+            channels[channel][rows] = _picked(arrays[field], names.index(device.link_joint))
+        for i, joint in enumerate(device.motor_joints):
+            if joint in names:
+                for channel, field in MOTOR.items():
+                    channels[channel][rows, i] = _picked(arrays[field], names.index(joint))
     return channels, present
 
 

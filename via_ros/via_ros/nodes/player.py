@@ -24,14 +24,14 @@ from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from via_core.bags import RawMessage, read_bag
 from via_core.errors import BagError, ParameterError
+from via_core.wire import JOINT_STATE, SECOND
 
 from via_ros import qos
-from via_ros.conversions import SECOND, set_stamp
+from via_ros.conversions import set_stamp
 from via_ros.interfaces import message_class, stamp_of
 from via_ros.parameters import declare
 from via_ros.spin import STEADY, run
 
-SAMPLE = "sensor_msgs/msg/JointState"
 LOOK = 0.02  # [s] between two looks for listeners
 UNTOLD = 2000  # [1/s] messages at rate 0 when nobody answers: a quarter of what a Python node can take
 SETTLE = 0.1  # [s] for the listeners to find this player as it found them
@@ -83,7 +83,7 @@ class Player(Node):
             name: self.create_publisher(message_class(topic.type_name), name, qos.from_bag(topic.qos))
             for name, topic in bag.topics.items()
         }
-        samples = [name for name, topic in bag.topics.items() if topic.type_name == SAMPLE]
+        samples = [name for name, topic in bag.topics.items() if topic.type_name == JOINT_STATE]
         self._awaited = [self._topics[name] for name in samples or self._topics]
         self._now = self.create_publisher(Clock, "/clock", qos.CONTROL)
         self._answered = dict.fromkeys(p.answers, -1)  # [ns] stamp of the last answer
@@ -138,7 +138,7 @@ class Player(Node):
         for message in self._messages:
             if p.rate > 0.0:
                 self._sleep_until(start + round((message.stamp - first) / p.rate))
-            elif self._answered and message.type_name == SAMPLE:
+            elif self._answered and message.type_name == JOINT_STATE:
                 self._keep_back(unanswered, message)
             elif not self._answered:
                 self._sleep_until(start + self.played * SECOND // UNTOLD)

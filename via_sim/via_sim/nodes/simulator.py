@@ -34,10 +34,11 @@ from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Array
+from via_core.wire import SECOND
 from via_interfaces.msg import DampingEstimate, StiffnessEstimate, VsaCommand
 from via_interfaces.srv import ClearEffects, SetEffects
 from via_ros import qos
-from via_ros.conversions import SECOND, Command, JointStateWriter, command_of, nanoseconds, set_stamp
+from via_ros.conversions import Command, JointStateWriter, command_of, nanoseconds, set_stamp
 from via_ros.parameters import declare
 from via_ros.spin import STEADY, run
 

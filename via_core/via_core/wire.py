@@ -1,0 +1,39 @@
+"""The contract on the wire, once: which message member holds which channel, command modes, and stamps as seconds.
+
+A device's link and motors stand in one sensor_msgs/JointState by the names its device file gives. Live messages
+(via_ros.conversions) and recorded columns (via_core.bags.joints) are both read by these tables.
+"""
+
+from __future__ import annotations
+
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from via_core.signals import Array
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+VSA_COMMAND = "via_interfaces/msg/VsaCommand"
+FIELDS = ("position", "velocity", "effort")  # arrays of a JointState
+LINK = {"q": "position", "q_velocity": "velocity", "tau_link": "effort"}  # channel of the link -> array
+MOTOR = {"theta": "position", "theta_velocity": "velocity", "tau": "effort"}  # channel of the motors -> array
+REFERENCES = ("equilibrium", "preset", "damping")  # members of a VsaCommand that are held channels
+EQUILIBRIUM_PRESET, MOTOR_POSITION, MOTOR_TORQUE = 0, 1, 2  # VsaCommand.mode
+UNITS = {
+    "q": "rad", "q_velocity": "rad/s", "tau_link": "N m", "theta": "rad", "theta_velocity": "rad/s", "tau": "N m",
+    "equilibrium": "rad", "preset": "rad", "damping": "-",
+}  # fmt: skip
+SECOND = 1_000_000_000  # [ns]
+
+
+@overload
+def seconds(time: int, origin: int = 0) -> float: ...
+@overload
+def seconds(time: NDArray[np.int64], origin: int = 0) -> Array: ...
+def seconds(time: int | NDArray[np.int64], origin: int = 0) -> float | Array:
+    """[s] since `origin`, both in [ns]: subtracted as whole numbers, rounded once.
+
+    A float holds stamps of this century only to 240 ns; relative to the first stamp of a stream it is exact for days.
+    """
+    return (time - origin) / SECOND
