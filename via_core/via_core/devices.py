@@ -73,7 +73,6 @@ class ServoMotor(_Part):
     """A motor angle that follows its command as a critically damped second-order lag and is not driven back."""
 
     bandwidth: Positive  # w [rad/s]
-    speed_limit: Positive | None = None  # [rad/s], none known
 
 
 def _motor_kind(motor: Any) -> str:
@@ -244,6 +243,14 @@ class Sensors(_Part):
     torque_noise: NotNegative = 0.0  # [N m] standard deviation of the motor torque measurement
 
 
+class Observed(_Part):
+    """What this device's own logs show beside its published model: estimators use it, the nominal plant does not."""
+
+    servo_dead_time: NotNegative = 0.0  # [s] a servo stands still after its command changed
+    servo_speed_limit: Positive | None = None  # [rad/s] fastest a servo slews, none seen
+    inertia_tolerance: Annotated[float, Field(strict=True, ge=0.0, le=1.0)] = 0.15  # relative sd of the link's inertia
+
+
 class Wire(_Part):
     """Names in sensor_msgs/JointState and on topics; empty ones follow from the device's name."""
 
@@ -267,6 +274,7 @@ class Device(_Part):
     springs: tuple[Spring, ...] = ()
     damper: Damping | None = None
     sensors: Sensors
+    observed: Observed = Observed()
     wire: Wire = Wire()
 
     @model_validator(mode="after")

@@ -13,8 +13,15 @@ from via_estimators.link_impedance import LinkImpedance, LinkImpedanceParameters
 DEVICE = load_device("maccepavd")
 LAW = DEVICE.spring_laws[0]
 INERTIA, QUANTUM = 3.6e-3, 5.7e-3
-EXACT = LinkImpedanceParameters(inertia_tolerance=0.0, position_noise=0.0, disturbance_memory=0.0, torque_noise=1e-3)
 SERVO = (25.0, 0.045, 6.5)  # bandwidth [rad/s], dead time [s], speed limit [rad/s]
+EXACT = LinkImpedanceParameters(
+    servo_dead_time=SERVO[1],
+    servo_speed_limit=SERVO[2],
+    inertia_tolerance=0.0,
+    position_noise=0.0,
+    disturbance_memory=0.0,
+    torque_noise=1e-3,
+)
 
 
 def servo_angle(time, command, start, bandwidth, dead_time, speed_limit, fine=5e-5):

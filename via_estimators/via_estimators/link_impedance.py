@@ -51,7 +51,7 @@ OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status
 
 @dataclass(frozen=True)
 class LinkImpedanceParameters(Parameters):
-    """Parameters of `LinkImpedance`; those of the servo and of the sensors are the MACCEPA-VD's as logged."""
+    """Parameters of `LinkImpedance`; the defaults suit a joint of the MACCEPA-VD's size."""
 
     window: int = parameter(22, "sampling intervals per window", "-", 10, 500)
     memory: float = parameter(0.3, "time after which a row counts 1/e", "s", 0.02, 1e9)
@@ -61,8 +61,8 @@ class LinkImpedanceParameters(Parameters):
     gravity_torque: float = parameter(0.0, "gravity torque at the worst angle", "N m", -1e4, 1e4)
     gravity_angle: float = parameter(0.0, "angle at which the link hangs at rest", "rad", -10.0, 10.0)
     servo_bandwidth: float = parameter(25.0, "bandwidth of the position servos", "rad/s", 0.1, 1e4)
-    servo_dead_time: float = parameter(0.045, "time before the servo answers", "s", 0.0, 1.0)
-    servo_speed_limit: float = parameter(6.5, "fastest the servo slews", "rad/s", 0.01, 1e4)
+    servo_dead_time: float = parameter(0.0, "time before the servo answers", "s", 0.0, 1.0)
+    servo_speed_limit: float = parameter(1e4, "fastest the servo slews", "rad/s", 0.01, 1e4)
     damping_prior: float = parameter(0.02, "damping before any data", "N m s/rad", 0.0, 1e4)
     damping_deviation: float = parameter(0.02, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
     gain_deviation: float = parameter(0.5, "standard deviation of the law's gain before any data", "-", 1e-6, 100.0)
@@ -82,12 +82,12 @@ class LinkImpedance(Estimator):
 
     @classmethod
     def from_device(cls, device: Device, parameters: LinkImpedanceParameters | None = None) -> LinkImpedance:
-        """The device's law, inertia, gravity and damper range; what a device file does not know stays as given."""
+        """The device's law, inertia, gravity, servos as observed and damper range; the rest stays as given."""
         servo = device.motors[0] if device.n_transmissions else None
         if not isinstance(servo, ServoMotor):
             raise ParameterError(f"'{device.name}' is not driven by position servos through a spring")
         base = parameters or LinkImpedanceParameters()
-        link = device.link
+        link, observed = device.link, device.observed
         low, high = (link.viscous_friction + float(device.damping_of(u)) for u in (0.0, 1.0))
         return cls(
             device.spring_laws[0],
@@ -97,10 +97,12 @@ class LinkImpedance(Estimator):
                 sampling=1.0 / device.sensors.rate,
                 position_noise=(device.sensors.link_quantum or 0.0) / sqrt(12.0),
                 inertia=link.inertia,
+                inertia_tolerance=observed.inertia_tolerance,
                 gravity_torque=link.gravity_torque,
                 gravity_angle=link.gravity_angle,
                 servo_bandwidth=servo.bandwidth,
-                servo_speed_limit=servo.speed_limit or base.servo_speed_limit,
+                servo_dead_time=observed.servo_dead_time,
+                servo_speed_limit=observed.servo_speed_limit or base.servo_speed_limit,
                 damping_prior=0.5 * (low + high),
                 damping_deviation=max(high - low, 0.5 * high, 1e-6),
             ),
