@@ -1,0 +1,122 @@
+"""The demo on a few runs: every part is there, nothing is lost, and its own judgement can fail."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from via_bringup.demo.live import same_bits
+from via_bringup.demo.run import MARK, run_demo
+from via_bringup.demo.summary import Quantity, Summary, Traffic
+from via_core.bags import BagWriter, read_bag
+from via_core.devices import load_device
+from via_core.errors import ViaError
+
+RUNS = ("constant/record/record_traj2_3.csv", "vardamp/record/record_traj3_3.csv")
+CORRUPT = ("constant/record/record_traj3_5.csv", "vardamp/record/record_traj2_1.csv")
+DURATION = 2.0  # [s] of the live run
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory, root: Path, domain: int) -> tuple[Path, Summary]:
+    sample = root / "via_core" / "via_core" / "samples" / "maccepavd"
+    folder = tmp_path_factory.mktemp("recordings")
+    for name in (*RUNS, *CORRUPT):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(sample / name, folder / name)
+    for strategy in ("constant", "vardamp"):
+        shutil.copytree(sample / strategy / "command", folder / strategy / "command")
+    out = tmp_path_factory.mktemp("out") / "demo"
+    parts: list[str] = []
+    return out, run_demo(out, folder, DURATION, lambda part, done, of, what: parts.append(part))
+
+
+def test_summary_file_is_the_summary(demo):
+    out, summary = demo
+    written = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    lost = written["live"]["traffic"].pop("lost")
+    assert lost == summary.live.traffic.lost
+    for run in written["robot"]["runs"]:
+        assert {"status", "damping", "nrmse", "traffic"} <= run.keys()
+        assert {"value", "standard_deviation", "reference"} == run["damping"].keys()
+
+
+def test_good_runs_are_estimated_and_corrupt_ones_listed_with_reasons(demo):
+    _, summary = demo
+    robot = summary.robot
+    assert {(run.strategy, run.trajectory, run.repeat) for run in robot.runs} == {("constant", 2, 3), ("vardamp", 3, 3)}
+    assert {file.file for file in robot.refused} == set(CORRUPT)
+    assert all(file.reasons for file in robot.refused)
+    for run in robot.runs:
+        assert run.status == "OK"
+        assert 0.0 < run.damping.value < 0.06
+        assert 0.1 < run.nrmse < 1.0
+
+
+def test_nothing_is_lost(demo):
+    _, summary = demo
+    for run in summary.robot.runs:
+        assert run.traffic.lost == 0
+        assert run.traffic.samples > 300
+    assert summary.live.traffic == Traffic(
+        samples=2001, samples_recorded=2001, estimates_recorded=2001, numbers_missing=0
+    )
+    assert summary.live.replay.lost == 0
+
+
+def test_live_and_replayed_estimates_are_the_same_bits_and_near_the_truth(demo):
+    _, summary = demo
+    assert summary.live.bit_identical
+    assert summary.live.stiffness_error < 0.05
+
+
+def test_a_single_changed_bit_is_found(demo, tmp_path):
+    out, summary = demo
+    device, live = load_device(summary.live.device), read_bag(out / "bags" / "live")
+    topic = f"/{device.name}/stiffness"
+    payloads = list(live.topic(topic).payloads())
+    value = live[topic]["value"][700].tobytes()
+    at = payloads[700].index(value)
+    payloads[700] = payloads[700][:at] + bytes([payloads[700][at] ^ 1]) + payloads[700][at + 1 :]
+    with BagWriter(tmp_path / "changed") as writer:
+        for name in (topic, f"/{device.name}/motor"):
+            writer.add_topic(name, live.topic(name).type_name)
+            data = payloads if name == topic else live.topic(name).payloads()
+            for stamp, payload in zip(live.topic(name).log_time, data, strict=True):
+                writer.write(name, payload, int(stamp))
+    assert same_bits(device, live, live)
+    assert not same_bits(device, live, read_bag(tmp_path / "changed"))
+
+
+def test_page_shows_every_picture_run_and_reason(demo):
+    out, summary = demo
+    page = (out / "index.html").read_text(encoding="utf-8")
+    for picture in ("damping", "run", "gap", "nrmse", "live"):
+        assert f'src="pictures/{picture}.png"' in page
+        assert (out / "pictures" / f"{picture}.png").stat().st_size > 10_000
+    for run in summary.robot.runs:
+        assert f"{run.strategy} {run.trajectory}.{run.repeat}" in page
+    for file in summary.robot.refused:
+        assert file.file in page
+
+
+def test_every_bag_is_whole(demo):
+    out, summary = demo
+    bags = [path.parent for path in (out / "bags").rglob("metadata.yaml")]
+    assert len(bags) == 2 * len(summary.robot.runs) + 2
+    assert all(read_bag(bag).complete for bag in bags)
+
+
+def test_a_foreign_folder_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("chapter 1")
+    with pytest.raises(ViaError, match="something else"):
+        run_demo(tmp_path, None, DURATION, lambda *_: None)
+    assert (tmp_path / "thesis.tex").exists()
+    assert not (tmp_path / MARK).exists()
+
+
+def test_losses_and_intervals_are_counted():
+    traffic = Traffic(samples=100, samples_recorded=99, estimates_recorded=98, numbers_missing=1)
+    assert traffic.lost == 4
+    assert Quantity(value=1.0, standard_deviation=0.1, reference=1.19).covered
+    assert not Quantity(value=1.0, standard_deviation=0.1, reference=1.2).covered
