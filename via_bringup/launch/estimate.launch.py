@@ -12,6 +12,11 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 
+def text(name: str) -> ParameterValue:
+    """A launch argument as a text parameter, also where it looks like a number."""
+    return ParameterValue(LaunchConfiguration(name), value_type=str)
+
+
 def generate_launch_description() -> LaunchDescription:
     playing = IfCondition(PythonExpression(["'", LaunchConfiguration("bag"), "' != ''"]))
     return LaunchDescription(
@@ -23,7 +28,7 @@ def generate_launch_description() -> LaunchDescription:
             Node(
                 package="via_estimators",
                 executable="estimator",
-                parameters=[{"device": LaunchConfiguration("device"), "method": LaunchConfiguration("method")}],
+                parameters=[{"device": text("device"), "method": text("method")}],
                 output="screen",
             ),
             Node(
@@ -31,7 +36,7 @@ def generate_launch_description() -> LaunchDescription:
                 executable="player",
                 parameters=[
                     {
-                        "bag": LaunchConfiguration("bag"),
+                        "bag": text("bag"),
                         "rate": ParameterValue(LaunchConfiguration("rate"), value_type=float),
                     }
                 ],

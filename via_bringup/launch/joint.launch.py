@@ -1,6 +1,6 @@
 """A simulated joint with its controller, its estimator and, if asked, a recorder.
 
-ros2 launch via_bringup joint.launch.py device:=cubic_aa_vsa bag:=joint
+ros2 launch via_bringup joint.launch.py device:=cubic_demo bag:=joint
 """
 
 from launch import LaunchDescription
@@ -8,16 +8,21 @@ from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 
+def text(name: str) -> ParameterValue:
+    """A launch argument as a text parameter, also where it looks like a number."""
+    return ParameterValue(LaunchConfiguration(name), value_type=str)
+
+
 def generate_launch_description() -> LaunchDescription:
-    device = {"device": LaunchConfiguration("device")}
-    parameters = [LaunchConfiguration("parameters"), device]
+    file, device = LaunchConfiguration("parameters"), text("device")
     recording = IfCondition(PythonExpression(["'", LaunchConfiguration("bag"), "' != ''"]))
     return LaunchDescription(
         [
-            DeclareLaunchArgument("device", default_value="cubic_aa_vsa", description="device or path to its YAML"),
+            DeclareLaunchArgument("device", default_value="cubic_demo", description="device or path to its YAML"),
             DeclareLaunchArgument("mode", default_value="realtime", description="realtime, lockstep or free"),
             DeclareLaunchArgument("effects", default_value="", description="effects file the simulator adds"),
             DeclareLaunchArgument("bag", default_value="", description="folder of the bag to record; empty: none"),
@@ -29,18 +34,22 @@ def generate_launch_description() -> LaunchDescription:
             Node(
                 package="via_sim",
                 executable="simulator",
-                parameters=[
-                    *parameters,
-                    {"mode": LaunchConfiguration("mode"), "effects": LaunchConfiguration("effects")},
-                ],
+                parameters=[file, {"device": device, "mode": text("mode"), "effects": text("effects")}],
                 output="screen",
             ),
-            Node(package="via_controllers", executable="excitation", parameters=parameters, output="screen"),
-            Node(package="via_estimators", executable="estimator", parameters=parameters, output="screen"),
+            Node(
+                package="via_controllers",
+                executable="excitation",
+                parameters=[file, {"device": device}],
+                output="screen",
+            ),
+            Node(
+                package="via_estimators", executable="estimator", parameters=[file, {"device": device}], output="screen"
+            ),
             Node(
                 package="via_ros",
                 executable="recorder",
-                parameters=[*parameters, {"bag": LaunchConfiguration("bag")}],
+                parameters=[{"bag": text("bag")}],
                 condition=recording,
                 output="screen",
             ),
