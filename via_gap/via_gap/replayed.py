@@ -60,11 +60,15 @@ def simulated_log(device: Device, measured: Signals, commands: Signals, effects:
 
 def measure_gap(device: Device, measured: Signals, commands: Signals, effects: Sequence[Effect] = ()) -> Gap:
     """The gap of the link angle between a log and the device's model, at the log's own stamps."""
-    truth = simulated_log(device, measured, commands, effects)
+    return gap_to(simulated_log(device, measured, commands, effects), measured)
+
+
+def gap_to(simulated: Signals, measured: Signals) -> Gap:
+    """The gap of the link angle `q` between a simulation and a log, at the log's own stamps."""
     seen = np.isfinite(measured["q"])
     time, q = measured.time[seen], measured["q"][seen]
-    simulated = np.interp(time, truth.time, truth["q"])
-    return Gap(time, q, simulated, nrmse(q, simulated))
+    angle = np.interp(time, simulated.time, simulated["q"])
+    return Gap(time, q, angle, nrmse(q, angle))
 
 
 def pooled(gaps: Sequence[Gap]) -> float:

@@ -112,7 +112,7 @@ def run_in_detail(
         top.set_ylabel("angle [rad]")
         _legend(top)
         _band(middle, damping, "commanded", "damping\n[N m s/rad]")
-        _band(bottom, stiffness, "spring law", "stiffness\n[N m/rad]")
+        _band(bottom, stiffness, "spring law of the published model", "stiffness\n[N m/rad]")
         bottom.set_xlabel("time [s]")
         _save(figure, path)
 

@@ -14,7 +14,7 @@ from via_core.signals import Array
 from via_core.status import Status
 from via_estimators.contract import Estimates, summarise
 from via_estimators.nodes.estimator import EstimatorNode
-from via_gap.replayed import Gap, measure_gap, pooled
+from via_gap.replayed import Gap, gap_to, pooled, simulated_log
 from via_interfaces.srv import ResetEstimator
 from via_ros.nodes.player import Player
 from via_ros.nodes.recorder import Recorder
@@ -143,9 +143,11 @@ def _judged(device: Device, recorded: Path, traffic: Traffic) -> JudgedRun:
     assert commands is not None  # the import refuses recordings without commands
     held = commands.resample(measured.time)
     damping = _stream(bag, f"/{device.name}/damping", device.link.viscous_friction + device.damping_of(held["damping"]))
-    law = device.stiffness(measured["q"], device.motor_angles(held["equilibrium"], held["preset"]))
+    model = simulated_log(device, measured, commands)
+    servos = model.select(["theta"]).resample(measured.time)["theta"]  # the logged ones are wrong while they slew
+    law = device.stiffness(measured["q"], servos)
     stiffness = _stream(bag, f"/{device.name}/stiffness", law)
-    gap = measure_gap(device, measured, commands)
+    gap = gap_to(model, measured)
     record = RobotRun(
         strategy=parts[1],
         trajectory=int(parts[2]),
