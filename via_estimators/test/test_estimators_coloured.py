@@ -120,3 +120,24 @@ def test_the_residual_sum_is_that_of_the_data_alone_whatever_the_prior_cost(keep
     weights = keep ** np.arange(len(y) - 1, -1, -1)
     found = state[coloured.MISFIT] - state[coloured.SCATTER] - np.sum((x - pulled) ** 2)
     assert found == pytest.approx(weights @ (y - rows @ x) ** 2, rel=1e-9)
+
+
+def test_noise_is_found_by_the_residuals_degrees_of_freedom_even_when_windows_are_few():
+    """Three windows' worth of rows and three unknowns: without their share the noise would look a third smaller."""
+    found, covariance = [], np.empty((N, N))
+    for seed in range(150):
+        rows, y = noisy_problem(seed, count=90, sigma=1.0)
+        found.append(coloured.covariance(folded(10.0 * rows, y), N, R_COLOURS, 0.0, 0.0, covariance))
+    assert np.mean(found) == pytest.approx(1.0, rel=0.08)
+
+
+def test_position_noise_that_is_declared_is_not_taken_for_torque_noise():
+    bend, covariance, found, blind = window_weights(5, np.linspace(0.0, 1.0, H + 1))[2], np.empty((N, N)), [], []
+    for seed in range(40):
+        rows, y = noisy_problem(seed)
+        y = y + 0.02 * np.convolve(np.random.default_rng(1000 + seed).normal(size=len(y) + H), bend, "valid")
+        state = folded(rows, y)
+        found.append(coloured.covariance(state, N, R_COLOURS, 0.0, 0.02**2, covariance))
+        blind.append(coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, covariance))
+    assert np.mean(found) == pytest.approx(0.7**2, rel=0.25)
+    assert np.mean(blind) > 2.0 * 0.7**2

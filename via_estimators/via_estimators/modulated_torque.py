@@ -249,10 +249,11 @@ def _advance(
             for term in range(order + even):
                 p = _power(term, order)
                 own[2 + term, slot] = scale * powers[i, p] / max(p, 1)
-        full, span, keep = state[window.FILLED] == length, 1.0, 1.0
+        full, span = state[window.FILLED] == length, 1.0
+        elapsed = rows[k, 0] - before if state[window.SAMPLES] > 1.0 else 0.0
+        keep = exp(-max(elapsed, 0.0) / par[MEMORY])  # time in a gap, or until a window is full, counts like any other
         if full:
             span = window.weigh(MODULATING_ORDER, times, slot, psi, held)
-            keep = exp((before - rows[k, 0]) / par[MEMORY])
             coloured.lags(r, slot, keep, lagged)
         middle = slot + length // 2 + 1
         middle = middle if middle < length else middle - length
@@ -267,8 +268,7 @@ def _advance(
             moved = window.spread(own[2]) if full else 0.0
             motion = min(motion, moved)
             moving = full and moved >= par[MINIMUM_MOTION]
-            if full:
-                coloured.forget(equation, n, keep)
+            coloured.forget(equation, n, keep)
             if moving:
                 y = coloured.dot(held, own[1])
                 row[0], row[1] = coloured.dot(psi[2], own[0]), -coloured.dot(psi[1], own[0])
