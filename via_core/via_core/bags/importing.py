@@ -211,7 +211,7 @@ def _read_run(folder: Path, path: Path, groups: dict[str, str], mapping: Mapping
 def _command_findings(time: Array, in_order: NDArray[np.bool_], commands: dict[str, Array]) -> list[Finding]:
     findings = []
     if not in_order.all():
-        text = f"{int((~in_order).sum())} of {len(time)} command stamps are not finite, repeated or run backwards"
+        text = f"{int((~in_order).sum())} of {len(time)} command stamps are no times, repeated or run backwards"
         findings.append(Finding("error", "stamps", "commands", text, float((~in_order).mean()), 0.0))
     for name, values in commands.items():
         bad = int(np.count_nonzero(~np.isfinite(values)))

@@ -148,7 +148,7 @@ class Mapping(_Part):
         for template in templates:
             try:
                 template.format(**dict.fromkeys(groups, ""))
-            except (KeyError, IndexError, ValueError) as error:
+            except (KeyError, IndexError, ValueError, AttributeError) as error:
                 raise ValueError(f"'{template}' uses a group that recordings.pattern does not name: {error}") from None
         if self.device is None:
             roles = [each.joint for each in self.recordings.joints if re.fullmatch(r"link|motor_\d+", each.joint)]
@@ -180,8 +180,8 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
         return Mapping.model_validate(content)
     except (OSError, UnicodeDecodeError) as error:
         raise ImportMapError(f"{where}: cannot be read: {getattr(error, 'strerror', None) or 'no UTF-8'}") from None
-    except yaml.YAMLError as error:
-        raise ImportMapError(f"{where.name}: not YAML: {' '.join(str(error).split())}") from None
     except ValidationError as error:
         told = "; ".join(f"{'.'.join(map(str, each['loc'])) or 'mapping'}: {each['msg']}" for each in error.errors())
         raise ImportMapError(f"{where.name}: {told}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a date that is none
+        raise ImportMapError(f"{where.name}: not YAML: {' '.join(str(error).split())}") from None

@@ -331,7 +331,7 @@ def _metadata(path: Path, containers: list[Container]) -> tuple[dict[str, str], 
             content = content.get("rosbag2_bagfile_information", content)
             custom = content.get("custom_data") or {}
             return {str(key): str(value) for key, value in custom.items()}, remarks
-        except (yaml.YAMLError, AttributeError):
+        except (yaml.YAMLError, AttributeError, ValueError, RecursionError):  # dates that are none, endless nesting
             remarks.append("the metadata of the bag cannot be understood")
     return {}, remarks
 

@@ -21,6 +21,7 @@ from via_core.servos import servo_step
 from via_core.signals import Array, Signals
 
 LEAST_SAMPLES = 50
+EARLIEST, LATEST = -1e8, 2e9  # [s] of a stamp: ROS counts to 2^31, and an import shifts all so that none is negative
 BAD_STAMP_SHARE = 0.01  # [-] of samples that may be left out for their stamps
 GAP_PERIODS = 5.0  # usual periods without a sample that make a gap
 WINDOW = 9  # samples of the running median that a spike or a lost sample must not move
@@ -54,8 +55,8 @@ def check_samples(time: Array, columns: Mapping[str, Array]) -> tuple[Finding, .
 
 
 def usable_stamps(time: Array) -> NDArray[np.bool_]:
-    """(N,) the samples whose stamp is finite and later than every one before."""
-    usable = np.isfinite(time)
+    """(N,) the samples whose stamp [s] can be told in ROS and is later than every one before."""
+    usable = (time > EARLIEST) & (time < LATEST)
     known = np.where(usable, time, -np.inf)
     usable[1:] &= known[1:] > np.maximum.accumulate(known)[:-1]
     return usable
@@ -68,7 +69,7 @@ def _stamps(time: Array) -> list[Finding]:
     if bad:
         share = bad / len(time)
         severity: Literal["warning", "error"] = "error" if share > BAD_STAMP_SHARE else "warning"
-        text = f"{bad} of {len(time)} stamps are not finite, repeated or run backwards; those samples are left out"
+        text = f"{bad} of {len(time)} stamps are no times, repeated or run backwards; those samples are left out"
         findings.append(Finding(severity, "stamps", "time", text, share, BAD_STAMP_SHARE))
     dt = np.diff(time[usable])
     if len(dt) >= LEAST_SAMPLES and dt.max() > GAP_PERIODS * np.median(dt):

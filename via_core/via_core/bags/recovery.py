@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from via_core.bags.reader import read_bag
+from via_core.bags.reader import RawMessage, read_bag
 from via_core.bags.writer import BagWriter, OfferedQos
 from via_core.errors import BagError
 
@@ -31,21 +31,28 @@ def recover(path: str | Path, out: str | Path) -> RecoveryReport:
     """Copy every whole message of `path` (bag directory or .mcap file) into a new, finished bag `out`.
 
     Chunks that are damaged are left out, of one that the end of the file cuts off all whole messages are taken.
+    Messages that no bag can hold (no CDR header, a time before zero) are left out and counted in the remarks.
     Raises BagError when nothing can be read from `path`, or `out` exists.
     """
     bag = read_bag(path)
-    if len(bag) == 0:
-        raise BagError(f"{bag.path.name} holds no whole message: {'; '.join(bag.remarks) or 'it is empty'}")
-    writer = BagWriter(
-        out, {**bag.metadata, "recovered_from": bag.path.name, "recovered_without": "; ".join(bag.remarks)}
-    )
+    messages = [each for each in bag.in_file_order() if _can_be_kept(each)]
+    remarks = bag.remarks
+    if len(messages) < len(bag):
+        remarks = (*remarks, f"{len(bag) - len(messages)} messages cannot be what they claim and are left out")
+    if not messages:
+        raise BagError(f"{bag.path.name} holds no whole message: {'; '.join(remarks) or 'it is empty'}")
+    writer = BagWriter(out, {**bag.metadata, "recovered_from": bag.path.name, "recovered_without": "; ".join(remarks)})
     try:
         for topic in bag.topics.values():
             writer.add_topic(topic.name, topic.type_name, OfferedQos.from_rosbag2(topic.qos), topic.definition)
-        for message in bag.in_file_order():
+        for message in messages:
             writer.write(message.topic, message.data, message.log_time, message.publish_time, message.sequence)
         writer.close()
     except BaseException:
         writer.discard()
         raise
-    return RecoveryReport(bag.path, writer.path, MappingProxyType(writer.messages()), bag.remarks)
+    return RecoveryReport(bag.path, writer.path, MappingProxyType(writer.messages()), remarks)
+
+
+def _can_be_kept(message: RawMessage) -> bool:
+    return len(message.data) >= 4 and message.log_time >= 0 and message.publish_time >= 0

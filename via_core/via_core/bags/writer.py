@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -51,7 +52,7 @@ class OfferedQos:
                 )
                 for each in profiles
             ) or (OfferedQos(),)
-        except (yaml.YAMLError, KeyError, TypeError, ValueError):
+        except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError):
             return (OfferedQos(),)
 
     def as_rosbag2(self) -> dict[str, Any]:
@@ -107,11 +108,12 @@ class BagWriter:
             raise BagError(f"cannot create the bag {self.path}: {error.strerror}") from None
         self._final = self.path / f"{self.path.name}_0.mcap"
         self._active = self._final.with_name(self._final.name + UNFINISHED)
-        self._file = self._active.open("wb")
-        self._writer: Writer | None = Writer(
-            self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, index_types=IndexType.ALL
-        )
-        self._writer.start(profile="ros2", library="via_core")
+        with self._filing():
+            self._file = self._active.open("wb")
+            self._writer: Writer | None = Writer(
+                self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, index_types=IndexType.ALL
+            )
+            self._writer.start(profile="ros2", library="via_core")
 
     def add_topic(
         self,
@@ -146,7 +148,7 @@ class BagWriter:
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int | None = None, sequence: int = 0) -> None:
         """Append one serialised message; times in ns since the epoch of the recording, not negative.
 
-        Raises BagError for an undeclared topic, no CDR header, a negative time or a closed bag.
+        Raises BagError for an undeclared topic, no CDR header, a negative time, a closed bag or a full disk.
         """
         writer = self._open_writer()
         declared = self._topics.get(topic)
@@ -154,11 +156,11 @@ class BagWriter:
             raise BagError(f"topic {topic} was not declared in {self.path.name}")
         if len(data) < 4:
             raise BagError(f"{len(data)} bytes are no serialised message for {topic}")
-        if log_time < 0:
-            raise BagError(f"negative time {log_time} ns for {topic} in {self.path.name}")
-        writer.add_message(
-            declared.channel, log_time, data, log_time if publish_time is None else publish_time, sequence & 0xFFFFFFFF
-        )
+        published = log_time if publish_time is None else publish_time
+        if min(log_time, published) < 0:
+            raise BagError(f"negative time {min(log_time, published)} ns for {topic} in {self.path.name}")
+        with self._filing():
+            writer.add_message(declared.channel, log_time, data, published, sequence & 0xFFFFFFFF)
         declared.messages += 1
         self._first = log_time if self._first is None else min(self._first, log_time)
         self._last = max(self._last, log_time)
@@ -172,30 +174,43 @@ class BagWriter:
         if self._writer is None:
             return
         information = self._information()
-        self._writer.add_metadata(STORAGE_METADATA, {"serialized_metadata": _yaml(information)})
-        self._writer.finish()
-        self._writer = None
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        self._file.close()
-        self._active.rename(self._final)
-        metadata = self.path / "metadata.yaml"
-        unfinished = metadata.with_name(metadata.name + UNFINISHED)
-        unfinished.write_text(_yaml({"rosbag2_bagfile_information": information}) + "\n", encoding="utf-8")
-        unfinished.rename(metadata)
+        with self._filing():
+            self._writer.add_metadata(STORAGE_METADATA, {"serialized_metadata": _yaml(information)})
+            self._writer.finish()
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+            self._writer = None
+            self._active.rename(self._final)
+            metadata = self.path / "metadata.yaml"
+            unfinished = metadata.with_name(metadata.name + UNFINISHED)
+            unfinished.write_text(_yaml({"rosbag2_bagfile_information": information}) + "\n", encoding="utf-8")
+            unfinished.rename(metadata)
 
     def abandon(self) -> None:
         """Stop without finishing: whole chunks and the one begun stay in the file under its unfinished name."""
         if self._writer is not None:
-            self._writer.flush()
-            self._writer = None
-            self._file.close()
+            with suppress(OSError):  # the disk is full or gone: what it took is all there will be
+                self._writer.flush()
+        self._let_go()
 
     def discard(self) -> None:
         """Stop and remove the whole bag directory."""
-        self._writer = None
-        self._file.close()
+        self._let_go()
         shutil.rmtree(self.path, ignore_errors=True)
+
+    def _let_go(self) -> None:
+        self._writer = None
+        with suppress(OSError):  # closing writes what is still buffered; the file is closed all the same
+            self._file.close()
+
+    @contextmanager
+    def _filing(self) -> Iterator[None]:
+        """What the file system refuses becomes a BagError."""
+        try:
+            yield
+        except OSError as error:
+            raise BagError(f"cannot write the bag {self.path}: {error.strerror}") from None
 
     def __enter__(self) -> Self:
         return self
