@@ -139,3 +139,28 @@ def test_frictions_add_up():
     for torque, holds in ((0.3, True), (0.31, False)):
         q = simulate_many([two], np.tile([0.0, 0.0, 0.0, torque], (200, 1)), RATE)[0, :, 0]
         assert bool(np.all(q == 0.0)) is holds
+
+
+def test_a_speed_that_touches_zero_within_a_step_is_caught():
+    """A link slows to zero, sticks .36 ms and is pulled on, all between two ticks that both see it slide forwards."""
+    k, M, F, rise, lowest = 10.0, 0.02, 0.1, 20.0, 0.5e-3
+    jerk = k * rise / M  # the motor runs ahead: v = v0 + jerk (t - lowest)^2 / 2 - jerk lowest^2 / 2
+    servo = servo_flexible(k)
+    start = (0.0, (F - M * jerk * lowest) / k, 0.0, 0.6e-3, rise, 0.0)
+    plant = JointPlant.from_device(servo).with_effects([coulomb(F)])
+    once = simulate(plant, None, 1e-3, RATE, initial=start).truth["q_velocity"][-1]
+    fine = simulate(plant, None, 1e-3, 64.0 * RATE, initial=start).truth["q_velocity"]
+    assert np.any(fine == 0.0)
+    assert once == pytest.approx(fine[-1], abs=1e-6)
+    assert once == pytest.approx(0.5 * jerk * lowest**2, rel=0.1)  # the servo brakes a little on the way
+
+
+def test_the_falling_stribeck_curve_gets_the_substeps_that_resolve_it():
+    """Breakaway along a curve that drives the link away from rest at up to 1300 1/s."""
+    effect = Effect("stribeck_friction", "link", {"breakaway": 0.5, "kinetic": 0.2, "velocity": 0.01})
+    plant = JointPlant.from_device(rigid()).with_effects([effect])
+    commands = np.tile([0.0, 0.0, 0.0, 0.51], (20, 1))
+    coarse = simulate_many([plant], commands, RATE)[0]
+    fine = simulate_many([plant], np.repeat(commands, 50, axis=0), 50.0 * RATE)[0, ::50]
+    assert coarse[-1, 3] > 0.1
+    assert np.max(np.abs(coarse[:, 3] - fine[:, 3])) < 5e-6

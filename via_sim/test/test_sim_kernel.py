@@ -195,6 +195,21 @@ def test_damper_in_the_transmission_couples_link_and_motor_and_keeps_momentum():
     assert x[-1, 3] == pytest.approx(x[-1, 4], abs=1e-3)  # the damper has brought both to one speed
 
 
+def test_a_strong_damper_in_the_transmission_gets_the_substeps_that_resolve_it():
+    """Relative speed of two inertias falls as exp(-d (1/M + 1/B) t), here with 2 ms^-1, next to no spring."""
+    joint = device(
+        "flexible",
+        "{inertia: 0.02, viscous_friction: 0.0}",
+        "motors: [{inertia: 0.01, viscous_friction: 0.0}]\n"
+        "springs: [{law: linear, stiffness: 1.0e-6, max_deflection: 3.0}]\n"
+        "damper: {site: transmission, map: linear, minimum: 0.0, maximum: 13.333333333333334}",
+    )
+    commands = np.zeros((10, 4))
+    commands[:, 2] = 1.0
+    x = motion(JointPlant.from_device(joint), commands, initial=(0.0, 0.0, 0.0, 3.0, 0.0, 0.0))
+    assert x[:, 3] - x[:, 4] == pytest.approx(3.0 * np.exp(-2.0 * np.arange(11)), abs=2e-4)
+
+
 def test_right_hand_side_is_pure_and_what_the_integrator_follows():
     plant = JointPlant.from_device(antagonistic())
     state, inputs = np.array([0.1, 0.3, -0.2, 0.5, 1.0, -1.0]), np.array([0.5, -0.3, 0.0, 0.2])

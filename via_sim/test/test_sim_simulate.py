@@ -88,6 +88,33 @@ def test_noise_has_the_stated_deviation_is_white_and_follows_its_seed():
     assert not np.array_equal(same, other)
 
 
+def test_noise_of_any_two_channels_ticks_and_seeds_is_independent():
+    """Streams that share a counter somewhere would be copies of one another, shifted or not."""
+    plant, ticks = JointPlant.from_device(antagonistic()), 8000
+    sensors = Sensors(link_noise=1.0, motor_noise=1.0, velocity_noise=1.0, torque_noise=1.0, link_torque_noise=1.0)
+    streams = []
+    for seed in (0, 1, 2, 32):
+        run = simulate(plant, None, ticks / RATE, RATE, sensors=sensors, seed=seed).measured
+        for name in ("q", "theta", "q_velocity", "theta_velocity", "tau", "tau_link"):
+            streams.extend(run[name].reshape(ticks + 1, -1).T)  # the joint rests at zero: noise is all there is
+    noise = np.array(streams)
+    for lag in range(3):
+        for moment in (noise, noise**2 - 1.0):
+            correlation = moment[:, lag:] @ moment[:, : moment.shape[1] - lag].T / moment.shape[1]
+            if lag == 0:
+                np.fill_diagonal(correlation, 0.0)
+            assert np.max(np.abs(correlation)) < 0.12
+
+
+def test_the_quantiser_comes_after_the_noise():
+    sensors = Sensors(link_quantum=0.5, motor_quantum=0.25, link_noise=0.3, motor_noise=0.2)
+    run = simulate(JointPlant.from_device(antagonistic()), None, 0.5, RATE, sensors=sensors, seed=2)
+    for name, quantum in (("q", 0.5), ("theta", 0.25)):
+        steps = run.measured[name] / quantum
+        assert np.array_equal(steps, np.rint(steps))
+        assert len(np.unique(steps)) > 2
+
+
 def test_encoders_quantise_and_what_is_not_measured_is_nan():
     plant = JointPlant.from_device(antagonistic())
     run = simulate(plant, torques(200), 0.2, RATE, sensors=Sensors(link_quantum=0.01, motor_quantum=0.1))
@@ -143,6 +170,9 @@ def test_torque_saturates_at_the_limit_of_the_motor():
     run = simulate(JointPlant.from_device(flexible(motor=motor)), held, 0.1, RATE)
     assert np.all(run.truth["motor_torque"][1:] == 0.7)
     assert np.all(run.measured["tau"][1:] == 0.7)
+    weak = [Effect("torque_gain", "motor", {"gain": 0.5}, 1)]  # the drive saturates, what is lost is lost behind it
+    run = simulate(JointPlant.from_device(flexible(motor=motor)), held, 0.1, RATE, weak)
+    assert np.all(run.truth["motor_torque"][1:] == 0.35)
 
 
 def test_equilibrium_and_preset_reach_the_servos():

@@ -272,16 +272,16 @@ def _step(p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: A
     full1, end1 = _drift(p, x, u, h, 1, w[22], w[23])
     full2, end2 = _drift(p, x, u, h, 2, w[42], w[43])
     n0, n1, n2 = _forced(p, c1, c2, modes, u, x[0], x[1], x[2], x[3], x[4], x[5])
+    v0, v1, v2 = speed0 + w[4] * n0, speed1 + w[24] * n1, speed2 + w[44] * n2
     a0, a1, a2 = _forced(
-        p, c1, c2, modes, u, half0 + w[5] * n0, half1 + w[25] * n1, half2 + w[45] * n2,
-        speed0 + w[4] * n0, speed1 + w[24] * n1, speed2 + w[44] * n2,
+        p, c1, c2, modes, u, half0 + w[5] * n0, half1 + w[25] * n1, half2 + w[45] * n2, v0, v1, v2
     )  # fmt: skip
-    y[6] = speed0 + w[6] * n0 + w[8] * a0
-    y[7] = speed1 + w[26] * n1 + w[28] * a1
-    y[8] = speed2 + w[46] * n2 + w[48] * a2
+    r0, r1, r2 = speed0 + w[6] * n0 + w[8] * a0, speed1 + w[26] * n1 + w[28] * a1, speed2 + w[46] * n2 + w[48] * a2
+    # the mean of both stages is the speed at the midpoint of torques that change evenly; each alone is off by O(h^2)
+    y[6], y[7], y[8] = 0.5 * (v0 + r0), 0.5 * (v1 + r1), 0.5 * (v2 + r2)
     b0, b1, b2 = _forced(
         p, c1, c2, modes, u, half0 + w[7] * n0 + w[9] * a0, half1 + w[27] * n1 + w[29] * a1,
-        half2 + w[47] * n2 + w[49] * a2, y[6], y[7], y[8],
+        half2 + w[47] * n2 + w[49] * a2, r0, r1, r2,
     )  # fmt: skip
     d0, d1, d2 = _forced(
         p, c1, c2, modes, u, full0 + w[11] * n0 + w[13] * b0, full1 + w[31] * n1 + w[33] * b1,
