@@ -73,6 +73,23 @@ def test_derivative_gain_opposes_motion(law):
     assert moving.torque == pytest.approx(expected, rel=1e-9)
 
 
+def test_velocity_passes_a_first_order_low_pass(law):
+    """Motors that move off at 1 rad/s: after n samples the law knows 1 - exp(-w_f n h) of that speed."""
+    law = replace(law, velocity_bandwidth=100.0)
+    state, _ = law.step(law.init(), JointSample(0.0, 0.2, np.zeros(2)))
+    for n in range(1, 6):
+        state, _ = law.step(state, JointSample(n * STEP, 0.2, np.full(2, n * STEP)))
+        assert state.velocity == pytest.approx(np.full(2, 1.0 - np.exp(-100.0 * n * STEP)), rel=1e-9)
+
+
+def test_static_torque_of_each_motor_is_that_of_its_own_spring(law):
+    law = replace(law, springs=(cubic_spring(10.0, 3.0), cubic_spring(40.0, 3.0)), fade_in=1e-6)
+    reference = law.references(1.0, np.zeros(2))
+    state, _ = law.step(law.init(), JointSample(0.0, 0.2, reference))
+    _, out = law.step(state, JointSample(1.0, 0.2, reference))
+    assert out.torque == pytest.approx([10.0, -40.0])  # deflections of -1 and 1 rad, held against
+
+
 @given(q=st.floats(-10, 10), one=st.floats(-100, 100), two=st.floats(-100, 100))
 def test_limits_hold_everywhere(q, one, two):
     spring = cubic_spring(10.0, 3.0)
@@ -122,7 +139,10 @@ def test_references_leave_the_motors_where_they_are_and_fade_in(law):
     assert out.torque == pytest.approx(held)  # only what the springs ask for at rest
     slope = (law.references(1e-6, origin) - law.references(0.0, origin)) / 1e-6
     assert slope == pytest.approx([0.0, 0.0], abs=1e-3)
+    assert law.references(0.1, origin) == pytest.approx(0.5 * (origin + np.array([1.2, -0.8])))
     assert law.references(0.2, origin) == pytest.approx([1.2, -0.8])
+    slope = (law.references(0.2, origin) - law.references(0.2 - 1e-6, origin)) / 1e-6
+    assert slope == pytest.approx([0.0, 0.0], abs=1e-3)
 
 
 def test_multisine_is_the_sum_of_its_tones():

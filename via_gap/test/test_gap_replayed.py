@@ -73,6 +73,25 @@ def test_missing_angles_are_left_out_not_filled():
     assert np.isfinite(gap.nrmse)
 
 
+def test_commands_of_a_log_that_began_between_ticks_still_change_on_ticks():
+    real = log_of(start=3.0, early=0.02)
+    moved = Signals(real.time[4:] + 0.4e-3, {"q": real["q"][4:], "theta": real["theta"][4:]}, UNITS)
+    assert moved.time[0] == pytest.approx(2.9964)  # 3.6 ms before the first command
+    time = simulated_log(load_device("maccepavd"), moved, commands(3.0)).time
+    assert np.min(np.abs(time - 3.0)) < 1e-9
+    assert time[0] <= moved.time[0] and time[-1] >= moved.time[-1]
+
+
+def test_one_spike_at_the_start_is_outvoted():
+    device, real = load_device("maccepavd"), log_of()
+    q, theta = real["q"].copy(), real["theta"].copy()
+    q[0] += 0.5
+    theta[0, 0] -= 0.5
+    spiked = simulated_log(device, Signals(real.time, {"q": q, "theta": theta}, UNITS), commands())
+    assert spiked["q"][0] == pytest.approx(0.1, abs=0.02)
+    assert spiked["theta"][0, 0] == pytest.approx(0.1, abs=0.1)
+
+
 def test_pooling_weighs_by_motion():
     device = load_device("maccepavd")
     gaps = [measure_gap(device, log_of(effects=e), commands()) for e in ([], [FRICTION])]
