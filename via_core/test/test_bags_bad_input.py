@@ -101,6 +101,12 @@ def test_recover_leaves_out_what_no_bag_can_hold_and_counts_it(tmp_path):
     assert again.complete and "3 messages" in again.metadata["recovered_without"]
 
 
+def test_a_name_that_is_no_text_makes_no_bag(tmp_path):
+    with pytest.raises(BagError, match="is no UTF-8 text"):
+        BagWriter(tmp_path / "b\udcff")
+    assert not list(tmp_path.iterdir())
+
+
 def test_recover_makes_no_bag_of_nothing(tmp_path):
     path = foreign(tmp_path / "a.mcap", [(b"", 6, 6)])
     with pytest.raises(BagError, match="no whole message: 1 messages cannot be"):

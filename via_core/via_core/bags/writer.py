@@ -87,7 +87,7 @@ class _Topic:
 class BagWriter:
     """Writes serialised messages (CDR with its four-byte header) into a new bag directory.
 
-    path      directory to create; BagError when it exists
+    path      directory to create; BagError when it exists, or is called what is no text
     metadata  free texts kept as rosbag2 custom_data
 
     As a context manager: closed in order on success; on an exception what was written stays under its unfinished name.
@@ -101,7 +101,10 @@ class BagWriter:
         self._first: int | None = None  # [ns]
         self._last = 0  # [ns]
         try:
+            self.path.name.encode()  # the bag carries its own name, and bags hold UTF-8
             self.path.mkdir(parents=True)
+        except UnicodeEncodeError:
+            raise BagError(f"the name of the bag {self.path} is no UTF-8 text; give it another") from None
         except FileExistsError:
             raise BagError(f"{self.path} exists already; give the bag another name or remove it") from None
         except OSError as error:
