@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import sys
+from typing import NoReturn
 
 import typer
+from rich.text import Text
 from via_core.errors import ViaError
 
 from via_bringup.cli import bag, demo, devices, estimate, run, simulate
@@ -25,12 +28,21 @@ app.add_typer(bag.app, name="bag")
 
 
 def main() -> None:
-    """Run the command; what goes wrong on purpose becomes one line and exit code 2."""
+    """Run the command; what goes wrong on purpose, or in the file system, becomes one line and exit code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # names of files may be no text, terminals no Unicode
     try:
         app()
     except ViaError as error:
-        errors.print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
-        sys.exit(2)
+        _end(str(error))
+    except OSError as error:
+        _end(f"{error.filename or 'input or output'}: {error.strerror}")
     except KeyboardInterrupt:
         errors.print("interrupted")
         sys.exit(130)
+
+
+def _end(text: str) -> NoReturn:
+    errors.print(Text.assemble(("error:", "bold red"), " ", text), soft_wrap=True)
+    sys.exit(2)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.text import Text
 from via_core.bags import check as check_bag
 from via_core.bags import import_recordings, mapping_names
 from via_core.bags import info as info_of
@@ -41,7 +42,6 @@ def import_folder(
     answers.print(
         f"{len(done.accepted)} of {len(done.files)} recordings are now bags in {out}; {warnings} warnings, "
         "kept in the bags' metadata",
-        highlight=False,
     )
     if report is not None:
         report.write_text(json.dumps(done.as_dict(), indent=2) + "\n", encoding="utf-8")
@@ -60,11 +60,11 @@ def info(bag: BagPath) -> None:
         listing.add_row(topic.name, topic.type_name, str(topic.messages), f"{topic.rate:.1f}")
     answers.print(listing)
     for name, value in found.metadata.items():
-        answers.print(f"{name}: {value}", highlight=False, markup=False)
+        answers.print(f"{name}: {value}")
     if not found.complete:
         errors.print("this bag was not closed: `via bag recover` makes a whole one of what is there")
     for remark in found.remarks:
-        errors.print(f"note: {remark}", highlight=False, markup=False)
+        errors.print(f"note: {remark}")
 
 
 @app.command()
@@ -75,10 +75,10 @@ def check(
     """Look for what is wrong in a bag; exit code 1 when there is an error among the findings."""
     findings = check_bag(bag, load_device(device) if device else None)
     for finding in findings:
-        style = SEVERITIES[finding.severity]
-        answers.print(f"[{style}]{finding.severity:>8}[/] {finding.subject}: {finding.text}", highlight=False)
+        severity = (f"{finding.severity:>8}", SEVERITIES[finding.severity])
+        answers.print(Text.assemble(severity, f" {finding.subject}: {finding.text}"))
     bad = sum(finding.severity == "error" for finding in findings)
-    answers.print(f"{len(findings)} findings, {bad} errors" if findings else "nothing found", highlight=False)
+    answers.print(f"{len(findings)} findings, {bad} errors" if findings else "nothing found")
     if bad:
         raise typer.Exit(1)
 
@@ -91,8 +91,8 @@ def recover(
     """Make a whole bag of every message that survived in an unfinished or damaged one."""
     done = recover_bag(bag, out)
     for remark in done.remarks:
-        errors.print(f"note: {remark}", highlight=False, markup=False)
-    answers.print(f"{sum(done.messages.values())} messages saved into {done.bag}", highlight=False)
+        errors.print(f"note: {remark}")
+    answers.print(f"{sum(done.messages.values())} messages saved into {done.bag}")
 
 
 @app.command()

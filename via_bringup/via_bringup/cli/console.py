@@ -1,12 +1,15 @@
-"""Where the command prints: answers to stdout, everything else to stderr."""
+"""Where the command prints: answers to stdout, everything else to stderr.
+
+Texts appear as they are: the brackets and colons in the name of a file or a topic are no markup.
+"""
 
 from __future__ import annotations
 
 from rich.console import Console
 from rich.table import Table
 
-answers = Console()
-errors = Console(stderr=True)
+answers = Console(markup=False, emoji=False, highlight=False)
+errors = Console(stderr=True, markup=False, emoji=False, highlight=False)
 
 
 def table(title: str, *columns: str) -> Table:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from via_bringup.cli.console import answers, table
 
@@ -62,8 +63,7 @@ def demo(
         f"{live.late_ticks} late ticks; live and replayed estimates "
         f"{'are identical bit for bit' if live.bit_identical else 'DIFFER'}; median stiffness error "
         f"{100 * live.stiffness_error:.2g} %",
-        highlight=False,
     )
     answers.print(
-        f"[bold]{out / 'index.html'}[/] shows it all; {out / 'summary.json'} has the figures", highlight=False
+        Text.assemble((str(out / "index.html"), "bold"), f" shows it all; {out / 'summary.json'} has the figures")
     )

@@ -31,7 +31,7 @@ def estimate(
     described = load_device(device)
     read = read_bag(bag)
     for remark in read.remarks:
-        errors.print(f"note: {remark}", highlight=False)
+        errors.print(f"note: {remark}")
     done = estimate_bag(read, described, estimator_for(described, method), joint_topic)
     estimates = done.estimates
     counts = {status: int(np.count_nonzero(estimates.status == status)) for status in Status}
@@ -44,15 +44,13 @@ def estimate(
             value, deviation = estimates.column(name)
             shown.add_row(name, f"{value[trusted[-1]]:.6g}", f"{deviation[trusted[-1]]:.2g}", _unit(name))
         answers.print(shown)
-        answers.print(f"last trusted sample at {estimates.time[trusted[-1]]:.3f} s", highlight=False)
+        answers.print(f"last trusted sample at {estimates.time[trusted[-1]]:.3f} s")
     else:
-        answers.print("no sample of this bag gives a trusted estimate", highlight=False)
-    answers.print(
-        "samples by status: " + ", ".join(f"{status.name} {n}" for status, n in counts.items() if n), highlight=False
-    )
+        answers.print("no sample of this bag gives a trusted estimate")
+    answers.print("samples by status: " + ", ".join(f"{status.name} {n}" for status, n in counts.items() if n))
     if out is not None:
         _write(out, done)
-        answers.print(f"wrote {out}", highlight=False)
+        answers.print(f"wrote {out}")
 
 
 def _unit(output: str) -> str:

@@ -29,10 +29,10 @@ def become(package: str, executable: str, arguments: list[str]) -> NoReturn:
 
 
 def parameters(**values: Any) -> list[str]:
-    """Command line arguments that set ROS parameters; JSON is the part of YAML that ROS reads the same way."""
-    words = ["--ros-args"]
+    """Command line arguments that set ROS parameters, as JSON: the part of YAML that ROS reads the same way."""
+    words = ["--ros-args"]  # of \u escapes ROS reads no pairs: texts go as they are
     for name, value in values.items():
-        words += ["-p", f"{name}:={json.dumps(value)}"]
+        words += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]
     return words
 
 

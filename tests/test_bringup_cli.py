@@ -1,0 +1,265 @@
+"""The `via` command: what every subcommand does on tiny data, and that its errors are one line and exit code 2."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from via_bringup import cli
+from via_core.bags import BagWriter, read_bag
+from via_core.devices import device_names, load_device
+from via_ros.conversions import JointStateWriter
+
+DEVICE = load_device("cubic_aa_vsa")
+SAMPLES = "/joint_states"
+RUNS = Path(__file__).resolve().parents[1] / "via_core" / "via_core" / "samples" / "maccepavd"
+
+
+@pytest.fixture
+def via(monkeypatch, capfd, tmp_path):
+    """Run `via` with these words in a folder of its own: exit code, stdout, stderr. Other programs are not started."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("via_bringup.cli.console.answers.width", 200)
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["via", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        out, err = capfd.readouterr()
+        return end.value.code, out, err
+
+    return run
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """What `via` would have become: the words of the last program."""
+    programs = []
+
+    class Became(SystemExit):
+        pass
+
+    def execute(_path, words):
+        programs.append(words)
+        raise Became(0)
+
+    monkeypatch.setattr(os, "execv", execute)
+    return programs
+
+
+@pytest.fixture
+def bag(tmp_path):
+    """600 samples of a moving joint at 1 kHz."""
+    writer = JointStateWriter(DEVICE)
+    with BagWriter(tmp_path / "bag") as out:
+        out.add_topic(SAMPLES, "sensor_msgs/msg/JointState")
+        for k in range(600):
+            time = 10**9 + k * 10**6
+            writer.position[:] = np.sin(0.03 * k + np.arange(3))
+            writer.effort[1:] = np.cos(0.03 * k)
+            out.write(SAMPLES, serialize_message(writer.stamped(time)), log_time=time)
+    return tmp_path / "bag"
+
+
+def fails(answer, *complaints):
+    """One line on stderr, exit code 2."""
+    code, _, errors = answer
+    assert code == 2, answer
+    assert len(errors.strip().splitlines()) == 1, errors
+    assert errors.startswith("error: ")
+    for complaint in complaints:
+        assert complaint in errors
+
+
+def test_devices_lists_every_one(via):
+    code, out, _ = via("devices")
+    assert code == 0
+    for name in device_names():
+        assert name in out
+
+
+def test_estimate_writes_every_estimate_exactly(via, bag, tmp_path):
+    code, out, _ = via("estimate", bag, "--device", DEVICE.name, "--csv", "e.csv")
+    assert code == 0
+    assert "600 samples, modulated_torque" in out
+    lines = (tmp_path / "e.csv").read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 601
+    assert lines[0].startswith("stamp_ns,status,stiffness,stiffness_standard_deviation,")
+    assert [line.split(",")[0] for line in lines[1:3]] == ["1000000000", "1001000000"]
+    assert all(np.isfinite(float(cell)) for cell in lines[-1].split(",")[2:])
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("nowhere", "--device", DEVICE.name), "no bag at nowhere"),
+        (("[/b]:smile:", "--device", DEVICE.name), "no bag at [/b]:smile:"),
+        (("x" * 300, "--device", DEVICE.name), "File name too long"),
+        (("bag", "--device", "nobody"), "no device 'nobody'; there are: "),
+        (("bag", "--device", "maccepavd"), "no joint 'maccepavd_shaft_joint'"),
+        (("bag", "--device", DEVICE.name, "--method", "magic"), "no method 'magic'; there are: "),
+        (("bag", "--device", DEVICE.name, "--joint-topic", "/x"), "no topic /x in bag; there are: /joint_states"),
+        (("bag", "--device", DEVICE.name, "--csv", "/dev/full"), "cannot write /dev/full: No space left on device"),
+        (("bag", "--device", DEVICE.name, "--csv", "nowhere/e.csv"), "No such file or directory"),
+    ],
+)
+def test_estimate_says_what_is_wrong(via, bag, words, complaint):
+    fails(via("estimate", *words), complaint)
+
+
+def test_info_tells_topics_and_metadata_as_they_are(via, tmp_path):
+    name = "[red]ünï 😀"
+    with BagWriter(tmp_path / name, {"title": "[/b] :smile:"}) as out:
+        out.add_topic("/x", "std_msgs/msg/String")
+        out.write("/x", b"\0\1\0\0\2\0\0\0a\0", 5)
+    code, out, errors = via("bag", "info", name)
+    assert (code, errors) == (0, "")
+    assert f"{name}: 1 messages" in out
+    assert "title: [/b] :smile:" in out
+    assert "std_msgs/msg/String" in out
+
+
+def test_info_of_an_unfinished_bag_names_the_remedy(via, bag):
+    (bag / "bag_0.mcap").write_bytes((bag / "bag_0.mcap").read_bytes()[:-400])
+    code, out, errors = via("bag", "info", "bag")
+    assert code == 0 and "joint_states" in out
+    assert "via bag recover" in errors
+
+
+@pytest.mark.parametrize("command", [("info",), ("check",), ("recover", "out")])
+def test_foreign_files_are_no_bags(via, tmp_path, command):
+    (tmp_path / "text.mcap").write_text("not a bag", encoding="utf-8")
+    (tmp_path / "empty.mcap").touch()
+    name, *more = command
+    fails(via("bag", name, "text.mcap", *more), "is not an MCAP file")
+    fails(via("bag", name, "empty.mcap", *more), "is empty")
+    fails(via("bag", name, ".", *more), "")
+    assert not (tmp_path / "out").exists()
+
+
+def test_check_finds_nothing_wrong_in_a_sound_bag(via, bag):
+    code, out, _ = via("bag", "check", "bag", "--device", DEVICE.name)
+    assert code == 0
+    assert "note /joint_states: 1000.0 Hz" in out
+
+
+def test_check_ends_with_1_where_the_bag_is_not_the_devices(via, bag):
+    code, out, errors = via("bag", "check", "bag", "--device", "maccepavd")
+    assert (code, errors) == (1, "")
+    assert "error maccepavd: no joint" in out
+
+
+def test_recover_makes_a_whole_bag_once(via, bag, tmp_path):
+    (bag / "bag_0.mcap").write_bytes((bag / "bag_0.mcap").read_bytes()[:-2000])
+    code, out, errors = via("bag", "recover", "bag", "saved")
+    assert code == 0
+    assert "messages saved into saved" in out and "note: " in errors
+    assert read_bag(tmp_path / "saved").complete
+    fails(via("bag", "recover", "bag", "saved"), "saved exists already")
+    fails(via("bag", "recover", "bag", "/dev/null/x"), "cannot create the bag")
+
+
+def test_import_lists_refusals_and_reports(via, tmp_path):
+    for name in ("record/record_traj1_3.csv", "record/record_traj2_3.csv", "command/traj1.csv"):
+        (tmp_path / "in" / "constant" / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(RUNS / "constant" / name, tmp_path / "in" / "constant" / name)
+    words = ("bag", "import", "in", "--mapping", "maccepavd", "--out", "bags")
+    code, out, _ = via(*words, "--json", "report.json")
+    assert code == 0
+    assert "1 of 2 recordings are now bags in bags" in out
+    assert "commands" in out and "traj2" in out  # whose commands are missing
+    report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert (report["accepted"], report["refused"]) == (1, 1)
+    assert read_bag(tmp_path / "bags" / report["files"][0]["bag"]).complete
+    fails(via(*words), "exists already")
+    shutil.rmtree(tmp_path / "bags")
+    fails(via(*words, "--json", "nowhere/report.json"), "nowhere/report.json: No such file or directory")
+
+
+@pytest.mark.parametrize(
+    ("folder", "mapping", "complaint"),
+    [
+        ("nowhere", "maccepavd", "no folder nowhere"),
+        (".", "maccepavd", "no file in . matches"),
+        (".", "nobodys", "no mapping 'nobodys'; there are: "),
+        (".", "./nowhere.yaml", "cannot be read"),
+    ],
+)
+def test_import_says_what_is_wrong(via, folder, mapping, complaint):
+    fails(via("bag", "import", folder, "--mapping", mapping, "--out", "bags"), complaint)
+
+
+def test_record_play_sim_and_run_become_their_nodes(via, started):
+    assert via("bag", "record", "ünï 😀", "/x")[0] == 0
+    assert started[-1][1:] == ["--ros-args", "-p", 'bag:="ünï 😀"', "-p", 'topics:=["/x"]']
+    assert via("bag", "play", "bag", "--rate", "0", "--topic", "/x", "--listeners", "2")[0] == 0
+    assert started[-1][2:8] == ["-p", 'bag:="bag"', "-p", "rate:=0.0", "-p", "subscribers:=2"]
+    assert via("sim", "maccepavd", "--rate", "500")[0] == 0
+    assert Path(started[-1][0]).parts[-3:] == ("lib", "via_sim", "simulator")
+    assert 'device:="maccepavd"' in started[-1] and "rate:=500.0" in started[-1]
+    assert via("run", "via_ros", "player", "--ros-args", "-p", "bag:=x")[0] == 0
+    assert started[-1][1:] == ["--ros-args", "-p", "bag:=x"]
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("sim", "nobody"), "no device 'nobody'"),
+        (("sim", "./nowhere.yaml"), "nowhere.yaml"),
+        (("sim", "maccepavd", "--effects", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
+        (("sim", "maccepavd", "--effects", "bad.yaml"), "bad.yaml: entry 1: effect: must be one of coulomb_friction"),
+        (("run", "via_ros", "nothing"), "no executable 'nothing'; it has: "),
+        (("run", "nobodys", "nothing"), "package 'nobodys' is not in the sourced workspace"),
+    ],
+)
+def test_what_cannot_be_started_is_said_before(via, started, tmp_path, words, complaint):
+    (tmp_path / "bad.yaml").write_text("- {effect: rust, site: motor}\n", encoding="utf-8")
+    fails(via(*words), complaint)
+    assert not started
+
+
+def test_the_words_of_a_name_reach_ros_as_they_are(domain, tmp_path):
+    """ROS reads parameters with a YAML reader that knows no pairs of escapes."""
+    done = subprocess.run(
+        ["via", "bag", "play", "ünï 😀"], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr.strip()) == (2, "error: no bag at ünï 😀")
+
+
+def test_demo_refuses_a_live_run_of_no_length(via):
+    code, _, errors = via("demo", "--duration", "0")
+    assert code == 2
+    assert "Traceback" not in errors and "--duration" in errors
+
+
+def process(words, **options):
+    return subprocess.run(["via", *words], stderr=subprocess.PIPE, timeout=60, check=False, **options)
+
+
+def test_a_closed_pipe_and_a_full_disk_are_no_tracebacks():
+    read, write = os.pipe()
+    os.close(read)
+    closed = process(["devices"], stdout=write)
+    os.close(write)
+    assert b"Traceback" not in closed.stderr
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        done = process(["devices"], stdout=full)
+    assert done.returncode != 0
+    assert b"Traceback" not in done.stderr and b"No space left on device" in done.stderr
+
+
+def test_names_that_are_no_text_are_shown_escaped(tmp_path):
+    name = b"b\xff"
+    with BagWriter(tmp_path / "b") as out:
+        out.add_topic("/x", "std_msgs/msg/String")
+    out.path.rename(tmp_path / os.fsdecode(name))
+    done = process(["bag", "info", name], cwd=tmp_path, stdout=subprocess.PIPE)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert rb"b\udcff: 0 messages" in done.stdout
