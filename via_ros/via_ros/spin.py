@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -17,8 +18,10 @@ from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from via_core.errors import ParameterError, ViaError
@@ -29,6 +32,9 @@ FOREVER = 1e6  # [s]
 PATIENCE = 0.1  # [s] longest sleep between two looks at a condition
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # for housekeeping timers: simulated time may stand still
 EXECUTORS = {"events": EventsExecutor, "single": SingleThreadedExecutor}
+LAST_DOMAIN = 232  # the ports of higher ones do not exist; DDS then ends the process without a word to Python
+# What ROS says about arguments, names, parameters and the environment that it was given.
+REFUSALS = (rclpy_implementation.RCLError, NameValidationException, ParameterException)
 
 
 def make_executor(kind: str = "events", context: Any = None) -> Any:
@@ -76,27 +82,49 @@ def run(make_node: Callable[[], Any], args: list[str] | None = None) -> int:
     ended = Future()
     _end_on_signals(ended)
     middleware.prepare()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Any] = []
     code = 0
     try:
+        executor = _set_up(make_node, args, nodes, ended)
+        spin(executor, ended)
+        code = ended.result() or 0
+    except ExternalShutdownException:
+        pass
+    except (ViaError, OSError) as error:
+        _complain(nodes, error)
+        code = 2
+    finally:
+        try:
+            close_all(nodes, failed=code != 0 or sys.exc_info()[0] is not None)
+        except (ViaError, OSError) as error:
+            _complain(nodes, error)
+            code = 2
+        rclpy.try_shutdown()
+    return code
+
+
+def _set_up(make_node: Callable[[], Any], args: list[str] | None, nodes: list[Any], ended: Future) -> Any:
+    """An executor with the node, which is put into `nodes`; raises ViaError where ROS refuses what it was given."""
+    if "HOME" not in os.environ:  # where ROS writes its logs, or does not start
+        os.environ.setdefault("ROS_LOG_DIR", os.path.join(tempfile.gettempdir(), "ros_log"))
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        domain = rclpy.get_default_context().get_domain_id()
+        if not 0 <= domain <= LAST_DOMAIN:
+            raise ParameterError(f"ROS_DOMAIN_ID must lie in [0, {LAST_DOMAIN}], got {domain}")
         node = make_node()
         nodes.append(node)
         if hasattr(node, "finished"):
             node.finished.add_done_callback(lambda done: ended.set_result(done.result()))
         executor = make_executor(node.declare_parameter("executor", "events").value)
         executor.add_node(node)
-        spin(executor, ended)
-        code = ended.result() or 0
-    except ExternalShutdownException:
-        pass
-    except (ViaError, OSError) as error:
-        print(f"{nodes[0].get_name() if nodes else 'error'}: {error}", file=sys.stderr)
-        code = 2
-    finally:
-        close_all(nodes, failed=code != 0 or sys.exc_info()[0] is not None)
-        rclpy.try_shutdown()
-    return code
+    except REFUSALS as error:
+        raise ParameterError(" ".join(str(error).split())) from None
+    return executor
+
+
+def _complain(nodes: list[Any], error: Exception) -> None:
+    print(f"{nodes[0].get_name() if nodes else 'error'}: {error}", file=sys.stderr)
 
 
 def _end_on_signals(ended: Future) -> None:
