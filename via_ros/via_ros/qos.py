@@ -22,6 +22,7 @@ SAMPLES = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
+MOST = 100_000  # messages
 # Configuration that late joiners must still get.
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -60,17 +61,18 @@ def as_offered(profile: QoSProfile) -> OfferedQos:
 def from_bag(text: str) -> QoSProfile:
     """The profile to offer again for `offered_qos_profiles` of a bag; unknown words fall back to those of SAMPLES.
 
-    The depth is never below that of SAMPLES: a player is faster than the robot was.
+    The depth is never below that of SAMPLES: a player is faster than the robot was. Nor is it above MOST: some
+    recorders write "unknown" or "unlimited" as the largest number they know.
     """
     try:
         entries: Any = yaml.safe_load(text) or []
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError):
         entries = []
     first = entries[0] if isinstance(entries, list) and entries and isinstance(entries[0], dict) else {}
     depth = first.get("depth")
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=max(depth if isinstance(depth, int) else 0, SAMPLES.depth),
+        depth=min(max(depth if isinstance(depth, int) else 0, SAMPLES.depth), MOST),
         reliability=_RELIABILITY.get(str(first.get("reliability")), SAMPLES.reliability),
         durability=_DURABILITY.get(str(first.get("durability")), SAMPLES.durability),
     )

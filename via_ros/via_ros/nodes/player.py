@@ -30,10 +30,12 @@ from via_ros import qos
 from via_ros.conversions import set_stamp
 from via_ros.interfaces import message_class, stamp_of
 from via_ros.parameters import declare
-from via_ros.spin import STEADY, run
+from via_ros.spin import FOREVER, STEADY, run
 
 LOOK = 0.02  # [s] between two looks for listeners
 UNTOLD = 2000  # [1/s] messages at rate 0 when nobody answers: a quarter of what a Python node can take
+END_OF_TIME = 2**31 * SECOND  # [ns] seconds of a ROS stamp have 32 bits
+SLOWEST = 1e-3  # [-] rate
 SETTLE = 0.1  # [s] for the listeners to find this player as it found them
 
 
@@ -70,6 +72,8 @@ class Player(Node):
         self.parameters = p = declare(self, Parameters)
         if not p.bag:
             raise ParameterError("parameter bag must name the bag to play, got ''")
+        if 0.0 < p.rate < SLOWEST:
+            raise ParameterError(f"parameter rate must be 0 or at least {SLOWEST:g}, got {p.rate!r}")
         bag = read_bag(p.bag, p.topics or None)
         for remark in bag.remarks:
             self.get_logger().warning(f"{p.bag}: {remark}")
@@ -79,6 +83,11 @@ class Player(Node):
         self.played = 0
         self.finished = Future()
         self._messages = list(bag.in_stamp_order())
+        last = self._messages[-1].stamp
+        if last >= END_OF_TIME:
+            raise BagError(
+                f"{p.bag}: the stamp {last} ns is later than /clock can tell; `via bag info` names the topic"
+            )
         self._topics = {
             name: self.create_publisher(message_class(topic.type_name), name, qos.from_bag(topic.qos))
             for name, topic in bag.topics.items()
@@ -109,8 +118,11 @@ class Player(Node):
 
     def _hear(self, name: str) -> Callable[[bytes], None]:
         def heard(data: bytes) -> None:
+            stamp = stamp_of(data)
+            if stamp is None:
+                return
             with self._change:
-                self._answered[name] = max(self._answered[name], stamp_of(data))
+                self._answered[name] = max(self._answered[name], stamp)
                 self._change.notify_all()
 
         return heard
@@ -144,7 +156,7 @@ class Player(Node):
                 self._sleep_until(start + self.played * SECOND // UNTOLD)
             if self._stopped:
                 raise BagError("stopped")
-            if message.stamp != now:
+            if message.stamp != now and message.stamp >= 0:  # who listens to /clock cannot live before its zero
                 now = message.stamp
                 set_stamp(clock.clock, now)
                 self._now.publish(clock)
@@ -192,7 +204,7 @@ class Player(Node):
         """Until the steady clock shows `due` [ns], or until the node is closed."""
         with self._change:
             while not self._stopped and (left := due - time.monotonic_ns()) > 0:
-                self._change.wait(left / SECOND)
+                self._change.wait(min(left / SECOND, FOREVER))
 
     def _until_acknowledged(self) -> None:
         """What a listener has not acknowledged is lost when the publisher goes; between processes this takes 3 s."""

@@ -16,11 +16,12 @@ from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from rclpy.task import Future
 from via_core.bags import BagWriter
 from via_core.errors import BagError, ParameterError
 
 from via_ros import qos
-from via_ros.interfaces import NUMBERED, message_class, opening_of
+from via_ros.interfaces import ENCAPSULATION, NUMBERED, message_class, opening_of
 from via_ros.parameters import declare
 from via_ros.spin import STEADY, run
 
@@ -45,15 +46,19 @@ class Count:
     size: int = 0  # [bytes]
     lost: int = 0  # numbers left out between the first and the last of a numbered type with one publisher
     last: int = -1  # number of the last message
+    malformed: int = 0  # not kept: no serialised message, or one of a numbered type that ends before its number
 
 
 class Recorder(Node):
+    """The node of this file; `finished` holds 2, with a line on stderr, when the disk takes no more."""
+
     def __init__(self, **node_options: object) -> None:
         super().__init__("recorder", **node_options)
         self.parameters = declare(self, Parameters)
         if not self.parameters.bag:
             raise ParameterError("parameter bag must name the folder to record into, got ''")
         self.counts: dict[str, Count] = {}
+        self.finished = Future()
         self._unknown: set[str] = set()
         wanted = [text.partition(":") for text in self.parameters.topics]
         self._wanted = {self.resolve_topic_name(name): type_name for name, _, type_name in wanted}
@@ -88,18 +93,31 @@ class Recorder(Node):
         kind = message_class(type_name)
         offers = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
         self.counts[name] = count = Count(type_name)
-        write = partial(self._write, name, count, opening_of if type_name in NUMBERED else None)
-        self.create_subscription(kind, name, write, qos.matching(offers), raw=True)
+        take = partial(self._take, name, count, opening_of if type_name in NUMBERED else None)
+        self.create_subscription(kind, name, take, qos.matching(offers), raw=True)
+
+    def _take(self, name: str, count: Count, opening: Callable | None, data: bytes) -> None:
+        if self.finished.done():
+            return
+        try:
+            self._write(name, count, opening, data)
+        except BagError as error:  # here, because the executor would add a traceback
+            print(f"{self.get_name()}: {error}", file=sys.stderr)
+            self.finished.set_result(2)
 
     def _write(self, name: str, count: Count, opening: Callable | None, data: bytes) -> None:
         if count.messages == 0:
             offers = [qos.as_offered(info.qos_profile) for info in self.get_publishers_info_by_topic(name)]
             self._writer.add_topic(name, count.type_name, tuple(offers) or (qos.as_offered(qos.SAMPLES),))
+        opened = None if opening is None else opening(data)
+        if len(data) < ENCAPSULATION or (opening is not None and opened is None):
+            count.malformed += 1
+            return
         self._writer.write(name, data, self.get_clock().now().nanoseconds, sequence=count.messages)
         count.messages += 1
         count.size += len(data)
-        if opening is not None:
-            number = opening(data).sequence
+        if opened is not None:
+            number = opened.sequence
             # A publisher that starts again counts from 0: nothing is known to be lost then.
             count.lost += max(number - count.last - 1, 0) if count.last >= 0 else 0
             count.last = number
@@ -114,11 +132,14 @@ class Recorder(Node):
                 level, text = DiagnosticStatus.WARN, "nothing heard yet"
             elif count.lost:
                 level, text = DiagnosticStatus.ERROR, "messages are missing"
+            elif count.malformed:
+                level, text = DiagnosticStatus.WARN, "malformed messages are left out"
             status = DiagnosticStatus(level=level, name=f"{self.get_name()}: {name}", message=text)
             if count is not None:
                 status.values = [
                     KeyValue(key="messages", value=str(count.messages)),
                     KeyValue(key="lost", value=str(count.lost)),
+                    KeyValue(key="malformed", value=str(count.malformed)),
                     KeyValue(key="bytes", value=str(count.size)),
                 ]
             report.status.append(status)
