@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import array
 import sys
-from collections import deque
+from bisect import insort
 from dataclasses import dataclass, field, fields, make_dataclass
 from typing import Any
 
@@ -30,6 +30,7 @@ from via_estimators.contract import Estimate, Parameters
 from via_estimators.methods import METHODS, estimator_for, method_for
 
 REPORT = 1.0  # [s] between two diagnostics
+MOST_PENDING = 2 * qos.SAMPLES.depth  # commands that wait for a sample as late as they are
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class EstimatorNode(Node):
     def _listen_anew(self) -> None:
         """As before the first message: no origin of time, no command held or waiting."""
         self._reader = SampleReader(self.device, self.estimator.inputs)
-        self._pending: deque[VsaCommand] = deque()
+        self._pending: list[VsaCommand] = []  # by stamp
         self._newest = -(2**63)  # [ns] latest stamp taken
 
     def _declared(self, suited: Parameters) -> Parameters:
@@ -116,13 +117,18 @@ class EstimatorNode(Node):
         if message.mode != VsaCommand.EQUILIBRIUM_PRESET or command_of(message, self.device.n_motors) is None:
             self._refused += 1
             return
-        self._late += nanoseconds(message.header.stamp) <= self._newest
-        self._pending.append(message)
+        stamp = nanoseconds(message.header.stamp)
+        self._late += stamp <= self._newest
+        # By stamp, so that one from a far future does not hold back those that come after it.
+        insort(self._pending, message, key=lambda each: nanoseconds(each.header.stamp))
+        if len(self._pending) > MOST_PENDING:
+            self._pending.pop()
+            self._refused += 1
 
     def _take(self, message: JointState) -> None:
         stamp = nanoseconds(message.header.stamp)
         while self._pending and nanoseconds(self._pending[0].header.stamp) <= stamp:
-            self._reader.hold(self._pending.popleft())
+            self._reader.hold(self._pending.pop(0))
         row = self._reader.read(message)
         if row is None:
             if not self._strangers:
