@@ -21,6 +21,8 @@ from via_core.springs import SpringLaw
 from via_controllers.contract import Controller, JointSample, Torques, limited, require
 from via_controllers.multisine import Multisine
 
+LARGEST = 1e6  # [rad] an angle no motor reaches: noise on the wire, which the velocity would remember
+
 
 @dataclass(frozen=True)
 class MotorPositionState:
@@ -70,8 +72,8 @@ class MotorPositionControl(Controller[MotorPositionState]):
         return (1.0 - fade) * origin + fade * np.array([x + s, x - s])
 
     def step(self, state: MotorPositionState, sample: JointSample) -> tuple[MotorPositionState, Torques]:
-        if not (isfinite(sample.time) and np.all(np.isfinite(sample.theta))):
-            return state, Torques(np.zeros(2), False)  # blind: passive
+        if not (isfinite(sample.time) and np.all(np.abs(sample.theta) < LARGEST)):
+            return state, Torques(np.zeros(2), False)  # blind: passive, and the velocity stays what it was
         if isnan(state.start):
             here = locked(sample.theta, "origin")
             state = MotorPositionState(sample.time, here, sample.time, here, np.zeros(2))

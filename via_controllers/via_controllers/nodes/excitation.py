@@ -2,6 +2,7 @@
 
 subscribes  /joint_states     sensor_msgs/JointState
 publishes   /<device>/command via_interfaces/VsaCommand, motor torques, stamped with the sample they answer
+            /diagnostics      once per second of wall time
 
 A sample that cannot be used is answered with zero torque and counted. A stamp that goes backward starts the law anew.
 """
@@ -12,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from via_core.devices import load_device
@@ -24,6 +26,8 @@ from via_ros.parameters import declare
 from via_controllers.contract import JointSample
 from via_controllers.motor_position import MotorPositionControl
 from via_controllers.multisine import Multisine
+
+REPORT = 1.0  # [s] between two diagnostics
 
 
 def setting(default: Any, description: str, unit: str, low: float, high: float) -> Any:
@@ -88,14 +92,16 @@ class ExcitationNode(Node):
         parameters = declare(self, ExcitationParameters)
         self.law = law_of(parameters)
         self.state = self.law.init()
-        self.skipped = 0
-        device = load_device(parameters.device)
+        self.answered = self.skipped = self._reported = 0
+        self._device = device = load_device(parameters.device)
         self._reader = SampleReader(device, ("q", "theta_1", "theta_2"))
         self._writer = CommandWriter(device)
         # Loads the compiled springs before a sample waits for them.
         self.law.step(self.state, JointSample(0.0, 0.0, np.zeros(2)))
         self._commands = self.create_publisher(VsaCommand, device.command_topic, qos.CONTROL)
         self.create_subscription(JointState, "/joint_states", self._answer, qos.CONTROL)
+        self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
+        self.create_timer(REPORT, self._report, clock=spin.STEADY)
 
     def _answer(self, message: JointState) -> None:
         row = self._reader.read(message)
@@ -105,9 +111,27 @@ class ExcitationNode(Node):
             self.state = self.law.init()
         before = self.state
         self.state, out = self.law.step(before, JointSample(row[0], row[1], row[2:]))
+        self.answered += 1
         self.skipped += self.state is before
         command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, 0.0, out.torque)
         self._commands.publish(self._writer.numbered(nanoseconds(message.header.stamp), command))
+
+    def _report(self) -> None:
+        malformed, silent = self._reader.malformed, self.answered == self._reported
+        self._reported = self.answered
+        troubles = {"no samples": silent, "skipped samples": self.skipped > 0, "malformed messages": malformed > 0}
+        told = [text for text, holds in troubles.items() if holds]
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.WARN if told else DiagnosticStatus.OK,
+            name=f"{self.get_name()}: motor position",
+            message=", ".join(told) or "running",
+            hardware_id=self._device.name,
+        )
+        values = {"samples": self.answered, "skipped samples": self.skipped, "malformed messages": malformed}
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        report = DiagnosticArray(status=[status])
+        report.header.stamp = self.get_clock().now().to_msg()
+        self._reports.publish(report)
 
 
 def main() -> int:
