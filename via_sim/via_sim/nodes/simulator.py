@@ -94,6 +94,8 @@ class SimulatorNode(Node):
         self._command = passive_command(self._simulator.plant, self._state)
         self._tick = self._late = self._skipped = self._refused = self._unmatched = self._failures = self._repeats = 0
         self._last = round(own.duration * own.rate) if own.duration > 0.0 else sys.maxsize
+        if self._last < 1:
+            raise ParameterError(f"parameter duration must be 0 or at least a tick of {1.0 / own.rate:g} s")
         self._heard = -WATCHDOG  # [ns] when the last command came, steady clock
         self._running = False
         self._looks = self._reported = 0
