@@ -142,6 +142,42 @@ def test_deflections_never_visited_are_extrapolation_and_deviate_more():
     assert estimate.standard_deviation[0] > 20.0 * np.median(estimates.standard_deviation[1000:, 0])
 
 
+def test_a_law_with_even_terms_ends_below_and_above_what_was_visited():
+    """Deflections on one side only: their mirror images were not visited, and without skew symmetry they count."""
+    rows, _ = planted()
+    rows[:, 1] += 1.5
+    estimator = ModulatedTorque(replace(ONE.parameters, even_terms=1))
+    state, _ = estimator.run_rows(rows)
+    visited = rows[200:-200, 1] - rows[200:-200, 2]
+    low, high = visited.min(), visited.max()
+    assert low > 0.0
+    for phi, status in (
+        (low + 0.05, Status.OK),
+        (high - 0.05, Status.OK),
+        (low - 0.1, Status.OUTSIDE_RANGE),
+        (-0.5 * (low + high), Status.OUTSIDE_RANGE),
+        (high + 0.1, Status.OUTSIDE_RANGE),
+    ):
+        sample = rows[-1].copy()
+        sample[0] += 1e-3
+        sample[1] = sample[2] + phi
+        assert estimator.step(state, sample)[1].status == status
+
+
+@pytest.mark.parametrize("idle", [1, 2])
+def test_a_joint_warms_up_as_long_as_one_of_its_transmissions_does(idle):
+    """One spring is never deflected; that the other one rests in the end must not hide it."""
+    rows, _ = planted(count=2000)
+    still = rows[1000:, 1:3] - rows[1000, 1:3]
+    rows[1000:, 1:3] -= still
+    nothing = np.column_stack([rows[:, 1], np.zeros(len(rows))])
+    pairs = [nothing, rows[:, 2:]] if idle == 1 else [rows[:, 2:], nothing]
+    _, estimates = ModulatedTorque(replace(ONE.parameters, transmissions=2)).run_rows(
+        np.column_stack([rows[:, :2], *pairs])
+    )
+    assert np.all(estimates.status == Status.WARMING_UP)
+
+
 def test_clean_data_of_the_cubic_joint(joints):
     for rows, truth in joints.values():
         _, estimates = ModulatedTorque(PLAIN).run_rows(rows)
