@@ -109,10 +109,26 @@ def test_every_bag_is_whole(demo):
 
 def test_a_foreign_folder_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("chapter 1")
-    with pytest.raises(ViaError, match="something else"):
+    with pytest.raises(ViaError, match="not the demo's"):
         run_demo(tmp_path, None, DURATION, lambda *_: None)
-    assert (tmp_path / "thesis.tex").exists()
-    assert not (tmp_path / MARK).exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize("out", ["thesis.tex", "thesis.tex/below"])
+def test_a_file_in_the_way_is_said_in_one_line(tmp_path, out):
+    (tmp_path / "thesis.tex").write_text("chapter 1")
+    with pytest.raises(ViaError, match="choose another folder"):
+        run_demo(tmp_path / out, None, DURATION, lambda *_: None)
+
+
+def test_a_failure_leaves_the_last_results(tmp_path):
+    out = tmp_path / "demo"
+    out.mkdir()
+    (out / MARK).touch()
+    (out / "index.html").write_text("the last results")
+    with pytest.raises(ViaError, match="no folder"):
+        run_demo(out, tmp_path / "nowhere", DURATION, lambda *_: None)
+    assert (out / "index.html").read_text() == "the last results"
 
 
 def test_losses_and_intervals_are_counted():

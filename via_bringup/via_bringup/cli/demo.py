@@ -58,7 +58,7 @@ def demo(
     lost = live.traffic.lost + live.replay.lost
     answers.print(
         f"real robot: {robot.accepted} runs replayed, {robot.lost} messages lost; the 95 % interval of the damping "
-        f"holds the commanded one in {100 * robot.damping_coverage:.0f} % of them\n"
+        f"holds what the published map makes of the command in {100 * robot.damping_coverage:.0f} % of them\n"
         f"simulated joint: {live.samples} samples at {live.rate:.0f} Hz, {lost} messages lost, "
         f"{live.late_ticks} late ticks; live and replayed estimates "
         f"{'are identical bit for bit' if live.bit_identical else 'DIFFER'}; median stiffness error "

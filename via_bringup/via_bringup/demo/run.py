@@ -24,14 +24,14 @@ Progress = Callable[[str, float, float, str], None]  # part, done, of how much, 
 
 
 def run_demo(out: Path, recordings: Path | None, duration: float, progress: Progress) -> Summary:
-    """Everything the demo does; `out` is made anew.
+    """Everything the demo does; `out` is replaced once all is done, and stays as it was if anything fails before.
 
     recordings  folder of real MACCEPA-VD runs; None: the whole set where it lies beside the repo, else the sample
     duration    [s] of the live run
 
-    Raises ViaError where `out` holds something the demo did not make.
+    Raises ViaError where `out` holds something the demo did not make or cannot be written.
     """
-    _make_anew(out)
+    unfinished = _begin(out)
     began = time.monotonic()
     seconds: dict[str, float] = {}
 
@@ -42,9 +42,9 @@ def run_demo(out: Path, recordings: Path | None, duration: float, progress: Prog
 
     with as_file(files("via_core") / "samples" / "maccepavd") as sample:
         folder, source = _recordings(recordings, sample)
-        robot = real_robot(folder, source, out, lambda done, of, what: progress("real robot", done, of, what))
+        robot = real_robot(folder, source, unfinished, lambda done, of, what: progress("real robot", done, of, what))
     at = taken("robot", began)
-    joint = live(out, duration, lambda done, of, what: progress("simulated joint", done, of, what))
+    joint = live(unfinished, duration, lambda done, of, what: progress("simulated joint", done, of, what))
     taken("live", at)
     taken("total", began)
     summary = Summary(
@@ -55,17 +55,26 @@ def run_demo(out: Path, recordings: Path | None, duration: float, progress: Prog
         robot=robot,
         live=joint,
     )
-    (out / "summary.json").write_text(summary.model_dump_json(indent=2) + "\n", encoding="utf-8")
-    write_page(summary, out / "index.html")
+    (unfinished / "summary.json").write_text(summary.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    write_page(summary, unfinished / "index.html")
+    shutil.rmtree(out, ignore_errors=True)
+    unfinished.rename(out)
     return summary
 
 
-def _make_anew(out: Path) -> None:
-    if out.exists() and any(out.iterdir()) and not (out / MARK).exists():
-        raise ViaError(f"{out} holds something else; choose another folder with --out")
-    shutil.rmtree(out, ignore_errors=True)
-    out.mkdir(parents=True)
-    (out / MARK).touch()
+def _begin(out: Path) -> Path:
+    """An empty folder beside `out` to work in."""
+    unfinished = out.parent / f"{out.name}.unfinished"
+    for folder in (out, unfinished):
+        if folder.exists() and not (folder.is_dir() and (not any(folder.iterdir()) or (folder / MARK).exists())):
+            raise ViaError(f"{folder} is not the demo's; choose another folder with --out")
+    try:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir(parents=True)
+        (unfinished / MARK).touch()
+    except OSError as error:
+        raise ViaError(f"{unfinished} cannot be made: {error.strerror}; choose another folder with --out") from None
+    return unfinished
 
 
 def _recordings(given: Path | None, sample: Path) -> tuple[Path, str]:
