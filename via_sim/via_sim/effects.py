@@ -171,7 +171,7 @@ class Effect:
         if self.site not in kind.sites:
             raise ParameterError(f"{self.name}.site: must be one of {', '.join(kind.sites)}, got '{self.site}'")
         allowed = (1, 2) if self.site in ("motor", "transmission") else (0,)
-        if isinstance(self.motor, bool) or self.motor not in allowed:
+        if type(self.motor) is not int or self.motor not in allowed:
             wanted = "1 or 2" if allowed != (0,) else f"left out at site '{self.site}'"
             raise ParameterError(f"{self.name}.motor: must be {wanted}, got {self.motor!r}")
         names = [parameter.name for parameter in kind.parameters]
@@ -184,7 +184,8 @@ class Effect:
             if parameter.name not in self.parameters:
                 raise ParameterError(f"{key}: is missing, {reach}")
             value = self.parameters[parameter.name]
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+            whole = type(value) is int  # finite, however many digits it has
+            if not whole and not (isinstance(value, float) and isfinite(value)):
                 raise ParameterError(f"{key}: must be a finite number, {reach}, got {value!r}")
             if not parameter.low <= value <= parameter.high:
                 raise ParameterError(f"{key}: must be {reach}, got {value!r}")
