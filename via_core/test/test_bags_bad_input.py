@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.writer import Writer
-from via_core.bags import BagWriter, definition_of, import_recordings, load_mapping, read_bag, recover
+from via_core.bags import BagWriter, check, definition_of, import_recordings, load_mapping, read_bag, recover
+from via_core.bags.definitions import typestore_of
 from via_core.bags.writer import OfferedQos
 from via_core.errors import BagError, ImportMapError
 
@@ -170,3 +171,18 @@ def test_a_command_at_no_time_refuses_the_run_and_says_so(tmp_path, text):
     assert not done.accepted
     assert any("command stamps are no times" in reason for reason in done.reasons)
     assert not list((tmp_path).glob("out/*"))
+
+
+@pytest.mark.filterwarnings("error")
+def test_check_takes_the_largest_numbers_without_a_word_of_numpy(tmp_path):
+    definition = definition_of("sensor_msgs/msg/JointState")
+    store = typestore_of(definition.type_name)
+    time = store.types["builtin_interfaces/msg/Time"](0, 0)
+    header = store.types["std_msgs/msg/Header"](time, "")
+    with BagWriter(tmp_path / "run") as out:
+        out.add_topic("/joint_states", definition.type_name)
+        for k in range(50):
+            position = np.array([1e-3 * k if k < 20 else (-1) ** k * 1e308])
+            message = store.types[definition.type_name](header, ["a"], position, np.empty(0), np.empty(0))
+            out.write("/joint_states", store.serialize_cdr(message, definition.type_name), k)
+    assert not [finding for finding in check(tmp_path / "run") if finding.check == "quantised"]

@@ -147,12 +147,15 @@ def _values(columns: Columns) -> list[Finding]:
         if infinite:
             text = f"{label}: {infinite} values are infinite"
             findings.append(Finding("error", "infinite", columns.topic, text, float(infinite), 0.0))
-        steps = np.abs(np.diff(values[np.isfinite(values)]))
+        with np.errstate(over="ignore"):
+            steps = np.abs(np.diff(values[np.isfinite(values)]))
         moved = steps[steps > 1e-9]
         if columns.type_name == JOINT_STATE and "position" in label and len(moved) > 10:
             quantum = float(moved.min())
-            multiples = moved / quantum
-            if quantum > 1e-5 and np.abs(multiples - np.rint(multiples)).max() < 0.05:
+            with np.errstate(over="ignore", invalid="ignore"):  # huge values are multiples of nothing
+                multiples = moved / quantum
+                off = float(np.abs(multiples - np.rint(multiples)).max())
+            if quantum > 1e-5 and off < 0.05:
                 text = f"{label}: measured in steps of {quantum:.6f} rad"
                 findings.append(Finding("note", "quantised", columns.topic, text, quantum))
     return findings
