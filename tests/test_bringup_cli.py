@@ -263,3 +263,19 @@ def test_names_that_are_no_text_are_shown_escaped(tmp_path):
     done = process(["bag", "info", name], cwd=tmp_path, stdout=subprocess.PIPE)
     assert (done.returncode, done.stderr) == (0, b"")
     assert rb"b\udcff: 0 messages" in done.stdout
+
+
+def test_an_interrupt_while_modules_load_is_no_traceback(tmp_path):
+    """With a module in the place of ours that interrupts its own loading."""
+    (tmp_path / "via_bringup").mkdir()
+    (tmp_path / "via_bringup" / "__init__.py").touch()
+    (tmp_path / "via_bringup" / "cli.py").write_text("import os\nos.kill(os.getpid(), 2)\n", encoding="utf-8")
+    command = Path(__file__).resolve().parents[1] / "via_bringup" / "bin" / "via"
+    done = subprocess.run(
+        [sys.executable, command],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (-2, b"")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import signal
 import sys
 from typing import NoReturn
 
@@ -29,6 +30,7 @@ app.add_typer(bag.app, name="bag")
 
 def main() -> None:
     """Run the command; what goes wrong on purpose, or in the file system, becomes one line and exit code 2."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # names of files may be no text, terminals no Unicode
