@@ -186,3 +186,12 @@ def test_check_takes_the_largest_numbers_without_a_word_of_numpy(tmp_path):
             message = store.types[definition.type_name](header, ["a"], position, np.empty(0), np.empty(0))
             out.write("/joint_states", store.serialize_cdr(message, definition.type_name), k)
     assert not [finding for finding in check(tmp_path / "run") if finding.check == "quantised"]
+
+
+@pytest.mark.parametrize("name", ["../{strategy}", "/{strategy}", "a/{strategy}", "..", ".", "{strategy:.0}"])
+def test_a_mapping_cannot_put_bags_anywhere_but_into_their_folder(tmp_path, name):
+    mapping = load_mapping("maccepavd")
+    elsewhere = mapping.model_copy(update={"recordings": mapping.recordings.model_copy(update={"bag": name})})
+    with pytest.raises(ImportMapError, match="not the name of one folder"):
+        import_recordings(SAMPLE, elsewhere, tmp_path / "out")
+    assert not list(tmp_path.iterdir())
