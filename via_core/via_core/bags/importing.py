@@ -135,7 +135,7 @@ def _recordings(folder: Path, mapping: Mapping) -> list[tuple[str, Path, dict[st
         if match is None:
             continue
         name = mapping.recordings.bag.format(**match.groupdict(""))
-        if Path(name).name != name or name == "..":  # a mapping from elsewhere shall not write elsewhere
+        if Path(name).name != name or name in ("", ".."):  # a mapping from elsewhere shall not write elsewhere
             raise ImportMapError(f"recordings.bag makes '{name}' of {path.name}, which is not the name of one folder")
         if name in found:
             raise ImportMapError(f"{found[name][1].name} and {path.name} would both become the bag '{name}'")
