@@ -176,3 +176,26 @@ def test_gravity_is_known_and_taken_away():
     _, estimates = LinkImpedance(LAW, replace(parameters, window=40)).run_rows(rows)
     assert estimates.column("damping")[0][-1] == pytest.approx(0.01, rel=0.03)
     assert estimates.column("gain")[0][-1] == pytest.approx(1.0, rel=0.01)
+
+
+def test_a_joint_at_rest_where_the_law_is_flat_is_not_certain_of_no_stiffness():
+    """MACCEPA without pretension has no stiffness at zero deflection; that is the prior's value, not knowledge."""
+    estimator = LinkImpedance.from_device(DEVICE)
+    time = np.arange(400) * 4.6e-3
+    rows = np.column_stack([time, np.zeros(400), np.zeros(400), np.full(400, np.nan), np.full(400, np.nan)])
+    value, deviation = estimator.run_rows(rows)[1].column("stiffness")
+    assert np.all(value == 0.0)
+    assert np.all(deviation > 0.05)
+
+
+def test_time_in_a_gap_is_forgotten_like_any_other():
+    """A damper opened during a gap of many memories: nothing of the time before is left, and the deviation says so."""
+    before = swing(lambda _: 0.03, step_command)
+    after = swing(lambda _: 0.005, lambda t: -0.7 if t < 0.05 else 0.8, start=-0.7)  # from where the servo was left
+    after[:, 0] += before[-1, 0] + 20.0
+    estimator = LinkImpedance(LAW, replace(EXACT, memory=0.5))
+    both = estimator.run_rows(np.concatenate([before, after]))[1]
+    alone = estimator.run_rows(after)[1]
+    np.testing.assert_allclose(both.value[-1], alone.value[-1], rtol=1e-3)
+    first = len(before) + int(np.flatnonzero(both.status[len(before) :] == Status.OK)[0])
+    assert both.standard_deviation[first, 1] > 2.0 * both.standard_deviation[len(before) - 1, 1]

@@ -41,7 +41,7 @@ from via_estimators.contract import Estimator, Parameters, expect, parameter
 MODULATING_ORDER = 5
 SPAN = 0.1  # [s] of a window: a fifth of a swing of the robots this is for
 (LENGTH, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, INERTIA, TOLERANCE, GRAVITY, GRAVITY_ANGLE) = range(9)
-(BANDWIDTH, DEAD_TIME, SPEED, MINIMUM_MOTION, KIND, PRIOR) = range(9, 15)
+(BANDWIDTH, DEAD_TIME, SPEED, MINIMUM_MOTION, KIND, TYPICAL, PRIOR) = range(9, 16)
 LAW = PRIOR + 4  # the law's coefficients follow the prior's means and widths
 Q, EQUILIBRIUM, TORQUE, LOAD, COLUMNS = range(5)  # the ring: angle, command, law's torque, gravity
 ANGLE, RATE, PRESET, PRESET_RATE, REACHED, N_SERVO = range(6)  # the servo model, and the largest |phi| visited
@@ -67,7 +67,9 @@ class LinkImpedanceParameters(Parameters):
     damping_deviation: float = parameter(0.02, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
     gain_deviation: float = parameter(0.5, "standard deviation of the law's gain before any data", "-", 1e-6, 100.0)
     torque_noise: float = parameter(0.05, "standard deviation of unexplained torque expected", "N m", 1e-9, 1e3)
-    disturbance_memory: float = parameter(0.03, "correlation time of unexplained torque", "s", 0.0, 10.0)
+    disturbance_memory: float = parameter(
+        0.03, "correlation time of unexplained torque; counts up to a third of the window", "s", 0.0, 10.0
+    )
     position_noise: float = parameter(1.66e-3, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     sampling: float = parameter(4.6e-3, "sampling interval to expect", "s", 1e-5, 1.0)
     minimum_motion: float = parameter(0.05, "range of angle in a window below which it tells nothing", "rad", 0.0, 1.0)
@@ -127,11 +129,18 @@ class LinkImpedance(Estimator):
             own.window + 1, own.memory, own.max_gap, own.torque_noise, own.position_noise, own.inertia,
             own.inertia_tolerance, own.gravity_torque, own.gravity_angle, own.servo_bandwidth, own.servo_dead_time,
             own.servo_speed_limit, own.minimum_motion, self.law.kind,
+            self._typical,
         )  # fmt: skip
         row[PRIOR:LAW] = own.damping_prior, 1.0, own.damping_deviation, own.gain_deviation
         row[LAW:] = self.law.coefficients()
         memory = min(own.disturbance_memory / own.sampling, own.window / 3)
         return row, coloured.colours(own.window, MODULATING_ORDER, memory)
+
+    @cached_property
+    def _typical(self) -> float:
+        """Mean size of the stiffness within the stop [N m/rad]: what a law may hide that is 0 where the joint is."""
+        stop = self.law.max_deflection
+        return float(np.mean(np.abs(self.law.stiffness(np.linspace(0.0, stop, 65)))))
 
     def init(self) -> Array:
         length, k = self.parameters.window + 1, len(OUTPUTS)
@@ -141,7 +150,7 @@ class LinkImpedance(Estimator):
         stiffness = float(self.law.stiffness(0.0))
         state[window.HEADER : window.HEADER + 2 * k] = (
             stiffness, own.damping_prior, 1.0,
-            abs(stiffness) * own.gain_deviation, own.damping_deviation, own.gain_deviation,
+            max(abs(stiffness), self._typical) * own.gain_deviation, own.damping_deviation, own.gain_deviation,
         )  # fmt: skip
         coloured.start(state[len(state) - coloured.size(2, length) :], 2)
         state.flags.writeable = False
@@ -219,13 +228,14 @@ def _advance(
         ring[LOAD, slot] = par[GRAVITY] * sin(q - par[GRAVITY_ANGLE])
         if entered == window.RESTARTED:
             coloured.forget_rows(equation, n)
+        # Time in a gap, or until a window is full, counts like any other.
+        keep = 1.0 if first else exp(-max(step, 0.0) / par[MEMORY])
+        coloured.forget(equation, n, keep)
         full, span, moved, moving = state[window.FILLED] == length, 1.0, 0.0, False
         if full:
             span = window.weigh(MODULATING_ORDER, times, slot, psi, held)
-            keep = exp(-step / par[MEMORY])
             moved = window.spread(ring[Q])
             moving = moved >= par[MINIMUM_MOTION]
-            coloured.forget(equation, n, keep)
             if moving:
                 coloured.lags(r, slot, keep, lagged)
                 y = -M * coloured.dot(psi[2], ring[Q]) - coloured.dot(psi[0], ring[LOAD])
@@ -252,7 +262,7 @@ def _advance(
         floor = 0.0 if warming or moving else 1.0
         now[0], now[1], now[2] = found[1] * stiffness, found[0], found[1]
         spread[1], spread[2] = max(half[0], floor * spread[1]), max(half[1], floor * spread[2])
-        spread[0] = spread[2] * abs(stiffness)
+        spread[0] = spread[2] * (max(abs(stiffness), par[TYPICAL]) if warming else abs(stiffness))
         answer = OK
         if warming:
             answer = WARMING_UP
