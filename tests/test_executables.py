@@ -192,3 +192,28 @@ def test_via_is_on_the_path_and_says_what_it_can():
     done = subprocess.run(["via", "--help"], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     assert "demo" in done.stdout
+
+
+def ran(executable: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a node of via_ros that ends by itself."""
+    return subprocess.run(
+        [installed("via_ros", executable), *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_arguments_that_are_no_parameters_are_refused(domain):
+    done = ran("player", "--bag", "somewhere")
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == [
+        "error: unknown arguments: --bag somewhere; parameters are set by --ros-args -p name:=value"
+    ]
+
+
+def test_a_parameter_that_is_not_there_is_said(domain, tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/joint_states", "sensor_msgs/msg/JointState")
+        writer.write("/joint_states", serialize_message(JointState()), 1)
+    parameters = (f"bag:={tmp_path / 'bag'}", "subscribers:=0", "rat:=3.0")
+    done = ran("player", "--ros-args", *(word for text in parameters for word in ("-p", text)))
+    assert done.returncode == 0
+    assert "no parameter rat; there are: answers, bag," in done.stderr

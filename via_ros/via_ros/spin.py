@@ -24,6 +24,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
 from via_core.errors import ParameterError, ViaError
 
 from via_ros import middleware
@@ -112,15 +113,30 @@ def _set_up(make_node: Callable[[], Any], args: list[str] | None, nodes: list[An
         domain = rclpy.get_default_context().get_domain_id()
         if not 0 <= domain <= LAST_DOMAIN:
             raise ParameterError(f"ROS_DOMAIN_ID must lie in [0, {LAST_DOMAIN}], got {domain}")
+        strangers = remove_ros_args(sys.argv if args is None else ["", *args])[1:]
+        if strangers:
+            raise ParameterError(
+                f"unknown arguments: {' '.join(strangers)}; parameters are set by --ros-args -p name:=value"
+            )
         node = make_node()
         nodes.append(node)
         if hasattr(node, "finished"):
             node.finished.add_done_callback(lambda done: ended.set_result(done.result()))
         executor = make_executor(node.declare_parameter("executor", "events").value)
         executor.add_node(node)
+        _warn_of_strangers(node)
     except REFUSALS as error:
         raise ParameterError(" ".join(str(error).split())) from None
     return executor
+
+
+def _warn_of_strangers(node: Any) -> None:
+    """Say which parameters were given that this node does not have; a file for several nodes may do so on purpose."""
+    known = set(node.list_parameters([], 0).names)
+    # rclpy tells what was given nowhere else.
+    strangers = [name for name in node._parameter_overrides if name not in known and not name.startswith("qos_")]
+    if strangers:
+        node.get_logger().warning(f"no parameter {', '.join(strangers)}; there are: {', '.join(sorted(known))}")
 
 
 def _complain(nodes: list[Any], error: Exception) -> None:
