@@ -248,6 +248,14 @@ def test_unknown_and_missing_columns_are_both_named(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_one_file_with_other_columns_is_refused_and_the_rest_imported(tmp_path: Path) -> None:
+    folder = planted(tmp_path / "in")
+    (folder / "planted" / "record" / "record_traj1_2.csv").write_text("time;angle\n0;1\n")
+    good, bad = import_recordings(folder, "maccepavd", tmp_path / "out").files
+    assert good.accepted and not bad.accepted
+    assert "missing columns" in bad.reasons[0] and "unknown columns: 'time;angle'" in bad.reasons[0]
+
+
 @pytest.mark.parametrize(
     ("content", "reason"),
     [

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
-from via_core.bags import BagWriter, definition_of, read_bag
+from via_core.bags import BagWriter, check, definition_of, read_bag
 from via_core.bags.definitions import typestore_of
 from via_core.errors import BagError
 
@@ -201,12 +201,21 @@ def test_only_the_wanted_topics_are_kept(tmp_path: Path) -> None:
         bag["/b"]["torque"]
 
 
-def test_wrong_bytes_name_topic_and_message(tmp_path: Path) -> None:
-    write(tmp_path / "run", [joint_state(0, ["a"], [1.0]), b"\x00\x01\x00\x00\xff"])
+def test_a_message_of_wrong_bytes_costs_itself_and_is_named(tmp_path: Path) -> None:
+    write(tmp_path / "run", [joint_state(0, ["a"], [1.0]), b"\x00\x01\x00\x00\xff", joint_state(2, ["a"], [3.0])])
     bag = read_bag(tmp_path / "run")
-    with pytest.raises(BagError, match="message 1 of /joint_states is no sensor_msgs/msg/JointState"):
-        bag["/joint_states"]
-    assert [message.data[4:] for message in bag.in_stamp_order()][-1] == b"\xff"
+    states = bag["/joint_states"]
+    assert states["position"].tolist() == [[1.0], [3.0]] and len(states) == len(states.log_time) == 2
+    assert len(states.left_out) == 1
+    assert states.left_out[0].startswith("message 1 of /joint_states is no sensor_msgs/msg/JointState")
+    assert any("message 1 of" in finding.text for finding in check(tmp_path / "run"))
+    assert [message.data[4:] for message in bag.in_file_order()][1] == b"\xff"
+
+
+def test_a_topic_of_nothing_but_wrong_bytes_is_refused(tmp_path: Path) -> None:
+    write(tmp_path / "run", [b"\x00\x01\x00\x00\xff", b"\x00\x01\x00\x00\xfe\xff"])
+    with pytest.raises(BagError, match="message 0 of /joint_states is no sensor_msgs/msg/JointState"):
+        read_bag(tmp_path / "run")["/joint_states"]
 
 
 def test_topic_helpers_agree(tmp_path: Path) -> None:

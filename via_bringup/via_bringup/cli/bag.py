@@ -71,9 +71,10 @@ def info(bag: BagPath) -> None:
 def check(
     bag: BagPath,
     device: Annotated[str, typer.Option(help="Also hold the joint against this device file.")] = "",
+    joint_topic: Annotated[str, typer.Option(help="Topic of its joint states.")] = "/joint_states",
 ) -> None:
     """Look for what is wrong in a bag; exit code 1 when there is an error among the findings."""
-    findings = check_bag(bag, load_device(device) if device else None)
+    findings = check_bag(bag, load_device(device) if device else None, joint_topic)
     for finding in findings:
         severity = (f"{finding.severity:>8}", SEVERITIES[finding.severity])
         answers.print(Text.assemble(severity, f" {finding.subject}: {finding.text}"))

@@ -32,7 +32,10 @@ def estimate(
     read = read_bag(bag)
     for remark in read.remarks:
         errors.print(f"note: {remark}")
-    done = estimate_bag(read, described, estimator_for(described, method), joint_topic)
+    estimator = estimator_for(described, method)
+    done = estimate_bag(read, described, estimator, joint_topic)
+    for complaint in (*read[joint_topic].left_out, *_missing(done, estimator.inputs)):
+        errors.print(f"note: {complaint}")
     estimates = done.estimates
     counts = {status: int(np.count_nonzero(estimates.status == status)) for status in Status}
     trusted = np.flatnonzero(estimates.status == Status.OK)
@@ -51,6 +54,26 @@ def estimate(
     if out is not None:
         _write(out, done)
         answers.print(f"wrote {out}")
+
+
+def _missing(done: BagEstimates, inputs: tuple[str, ...]) -> list[str]:
+    """What the samples lack, one sentence per input; a message without the value counts as well as a NaN."""
+    rows = done.samples.rows[:, 1:]
+    shares = np.mean(~np.isfinite(rows), axis=0) if len(rows) else np.ones(len(inputs))
+    constant = [len(rows) > 1 and bool(np.all(column == column[0])) for column in rows.T]
+    lacking = [
+        f"{name} is in none of the messages"
+        if share == 1.0
+        else f"{name} is missing in {100 * share:.1f} % of the samples"
+        for name, share in zip(inputs, shares, strict=True)
+        if share > 0.0
+    ]
+    dead = [
+        f"{name} never changes: is it measured at all?"
+        for name, still in zip(inputs, constant, strict=True)
+        if still and name.startswith("tau_")
+    ]
+    return lacking + dead
 
 
 def _unit(output: str) -> str:

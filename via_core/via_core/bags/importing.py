@@ -111,8 +111,8 @@ def import_recordings(folder: str | Path, mapping: str | Path | Mapping, out: st
     """Make a bag in `out` of every recording in `folder` that can be what it claims; report all others with reasons.
 
     mapping  a Mapping, the name of a shipped one, or a file
-    Raises ImportMapError when no file matches or columns do not fit, BagError when a bag exists already or `out` cannot
-    be written. An interrupted import leaves the bags finished so far and nothing of the one begun.
+    Raises ImportMapError when no file matches or the columns of none fit, BagError when a bag exists already or `out`
+    cannot be written. An interrupted import leaves the bags finished so far and nothing of the one begun.
     """
     folder, out = Path(folder), Path(out)
     mapping = mapping if isinstance(mapping, Mapping) else load_mapping(mapping)
@@ -122,6 +122,8 @@ def import_recordings(folder: str | Path, mapping: str | Path | Mapping, out: st
         if (out / name).exists():
             raise BagError(f"{out / name} exists already; remove it or choose another folder")
     files = [_import_one(folder, path, groups, name, mapping, device, out) for name, path, groups in found]
+    if all(each.findings and each.findings[0].check == "columns" for each in files):
+        raise ImportMapError(files[0].reasons[0])
     return ImportReport(folder, mapping.title, tuple(files))
 
 
@@ -157,6 +159,8 @@ def _import_one(
         run = _read_run(folder, path, groups, mapping, device)
     except _BadFileError as error:
         return FileReport(source, None, (Finding("error", "file", source, str(error), 0.0),), 0, 0, 0)
+    except ImportMapError as error:
+        return FileReport(source, None, (Finding("error", "columns", source, str(error), 0.0),), 0, 0, 0)
     findings = tuple(sorted(run.findings, key=lambda each: ("error", "warning", "note").index(each.severity)))
     first = min(int(stamps[0]) for stamps in (run.stamp, run.command_stamp) if len(stamps)) if len(run.stamp) else 0
     offset = max(0, -first)

@@ -16,8 +16,10 @@ from via_core.bags.reader import Bag, Columns, Topic, read_bag
 from via_core.bags.recording_checks import GAP_PERIODS, check_recording
 from via_core.devices import Device
 from via_core.errors import BagError
-from via_core.signals import Array
+from via_core.signals import Array, Signals
 from via_core.wire import JOINT_STATE, VSA_COMMAND
+
+MOST_SHOWN = 3  # sentences of one kind before they are only counted
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,8 @@ def _topic_info(topic: Topic) -> TopicInfo:
     return TopicInfo(topic.name, topic.type_name, len(topic), first, last, 1e9 / period if period > 0.0 else np.nan)
 
 
-def check(path: str | Path, device: Device | None = None) -> list[Finding]:
-    """Everything that may make a recording unfit for estimation; with a `device` also what its joint cannot have done.
+def check(path: str | Path, device: Device | None = None, joint_topic: str = "/joint_states") -> list[Finding]:
+    """Everything that may make a recording unfit for estimation; with a `device` what its joint lacks or cannot do too.
 
     Raises BagError when nothing can be read from `path`.
     """
@@ -75,7 +77,7 @@ def check(path: str | Path, device: Device | None = None) -> list[Finding]:
     for name in sorted(bag.topics):
         findings += _check_topic(bag, name)
     if device is not None:
-        findings += _check_joint(bag, device)
+        findings += _check_joint(bag, device, joint_topic)
     return findings
 
 
@@ -86,7 +88,11 @@ def _check_topic(bag: Bag, name: str) -> list[Finding]:
         return [Finding("error", "content", name, str(error), 1.0)]
     if len(columns) == 0:
         return [Finding("warning", "empty", name, "no messages", 0.0)]
-    findings = _timing(columns) + _losses(columns)
+    findings = [Finding("warning", "content", name, text, 1.0) for text in columns.left_out[:MOST_SHOWN]]
+    if len(columns.left_out) > MOST_SHOWN:
+        text = f"{len(columns.left_out)} messages in all are left out so"
+        findings.append(Finding("warning", "content", name, text, float(len(columns.left_out))))
+    findings += _timing(columns) + _losses(columns)
     if columns.type_name in (JOINT_STATE, VSA_COMMAND):
         findings += _values(columns)
     return findings
@@ -176,9 +182,9 @@ def _series(columns: Columns) -> list[tuple[str, Array]]:
     return series
 
 
-def _check_joint(bag: Bag, device: Device) -> list[Finding]:
+def _check_joint(bag: Bag, device: Device, joint_topic: str) -> list[Finding]:
     try:
-        measured, commands, reports = joint_signals(bag, device)
+        measured, commands, reports = joint_signals(bag, device, joint_topic)
     except BagError as error:
         return [Finding("error", "joint", device.name, str(error), 1.0)]
     findings = []
@@ -186,4 +192,26 @@ def _check_joint(bag: Bag, device: Device) -> list[Finding]:
         if report.others:
             text = f"{report.others} of {report.messages} messages are about other joints"
             findings.append(Finding("note", "others", report.topic, text, float(report.others)))
-    return findings + list(check_recording(measured, commands, device))
+    return findings + _check_channels(measured, device) + list(check_recording(measured, commands, device))
+
+
+def _check_channels(measured: Signals, device: Device) -> list[Finding]:
+    """What an estimator of this device needs and the messages do not have, or have as one constant."""
+    findings = []
+    needed = {"q": ("angle", "link")}
+    if device.drive == "torque" and device.n_motors:
+        needed |= {"theta": ("angle", "motor"), "tau": ("effort", "motor")}
+    for channel, (what, whose) in needed.items():
+        columns = measured[channel].reshape(len(measured), -1) if channel in measured else np.empty((len(measured), 0))
+        for i in range(1 if whose == "link" else device.n_motors):
+            name = whose if whose == "link" else f"{whose} {i + 1}"
+            column = columns[:, i] if i < columns.shape[1] else np.full(len(measured), np.nan)
+            if not np.isfinite(column).any():
+                text = (
+                    f"the {what} of {name} is in no message that names the link: an estimator needs both in one message"
+                )
+                findings.append(Finding("warning", "channel", device.name, text, 1.0))
+            elif len(column) > 1 and np.all(column == column[0]):
+                text = f"the {what} of {name} is {column[0]:g} throughout: is it measured at all?"
+                findings.append(Finding("warning", "channel", device.name, text, 1.0))
+    return findings

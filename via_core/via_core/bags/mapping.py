@@ -177,7 +177,7 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
         where = Path(str(resources.files("via_core").joinpath("mappings", f"{name_or_path}.yaml")))
     try:
         content = yaml.safe_load(where.read_text(encoding="utf-8"))
-        return Mapping.model_validate(content)
+        mapping = Mapping.model_validate(content)
     except (OSError, UnicodeDecodeError) as error:
         raise ImportMapError(f"{where}: cannot be read: {getattr(error, 'strerror', None) or 'no UTF-8'}") from None
     except ValidationError as error:
@@ -185,3 +185,6 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
         raise ImportMapError(f"{where.name}: {told}") from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a date that is none
         raise ImportMapError(f"{where.name}: not YAML: {' '.join(str(error).split())}") from None
+    if mapping.device is not None and re.search(r"[/\\]|\.ya?ml$", mapping.device):
+        return mapping.model_copy(update={"device": str(where.parent / mapping.device)})  # a path is beside the mapping
+    return mapping

@@ -55,6 +55,7 @@ class Columns:
               where they do not, of str for texts, of tuples of str for lists of texts. Nested members are dotted:
               'header.frame_id'.
     by_offset whether the messages share one layout and were read by strided copies
+    left_out  one sentence per message whose bytes are no message of this type
     """
 
     topic: str
@@ -63,6 +64,7 @@ class Columns:
     stamp: Integers
     fields: Mapping[str, NDArray[Any]]
     by_offset: bool
+    left_out: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.log_time)
@@ -141,13 +143,21 @@ class Topic:
 
     @cached_property
     def columns(self) -> Columns:
-        """Raises BagError when a message does not fit the definition."""
+        """A message that does not fit the definition is left out and said. Raises BagError when none fits."""
         fields = self._by_offset()
-        by_offset = fields is not None
-        if fields is None:
-            fields = self._one_by_one()
+        if fields is not None:
+            return Columns(self.name, self.type_name, self.log_time, self.stamp, MappingProxyType(fields), True)
+        fields, fits, left_out = self._one_by_one()
+        if left_out and not fits.any():
+            raise BagError(left_out[0])
         return Columns(
-            self.name, self.type_name, self.log_time, self.stamp, MappingProxyType(fields), by_offset=by_offset
+            self.name,
+            self.type_name,
+            self.log_time[fits],
+            self.stamp[fits],
+            MappingProxyType(fields),
+            by_offset=False,
+            left_out=left_out,
         )
 
     def _by_offset(self) -> dict[str, NDArray[Any]] | None:
@@ -167,17 +177,21 @@ class Topic:
             fields[name].fill(text)
         return fields
 
-    def _one_by_one(self) -> dict[str, NDArray[Any]]:
+    def _one_by_one(self) -> tuple[dict[str, NDArray[Any]], NDArray[np.bool_], tuple[str, ...]]:
+        """Fields of the messages that can be decoded, which these are, and a sentence for every other one."""
         rows: list[dict[str, Any]] = []
+        fits = np.ones(len(self), dtype=np.bool_)
+        left_out: list[str] = []
         for k, data in enumerate(self.payloads()):
             try:
                 rows.append(dict(_flattened(decoded(self.store, self.type_name, data))))
             except Exception as error:  # the decoder is generated code: wrong bytes make it raise anything
                 reason = " ".join(str(error).split()) or type(error).__name__
-                raise BagError(f"message {k} of {self.name} is no {self.type_name}: {reason}") from None
+                left_out.append(f"message {k} of {self.name} is no {self.type_name}: {reason}")
+                fits[k] = False
         formats = scalar_formats(self.store, self.type_name)
         names = rows[0] if rows else ()
-        return {name: _stacked([row[name] for row in rows], formats.get(name)) for name in names}
+        return {name: _stacked([row[name] for row in rows], formats.get(name)) for name in names}, fits, tuple(left_out)
 
 
 @dataclass(frozen=True)
