@@ -27,7 +27,11 @@ fi
 _via_setup=setup
 if [ -n "${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ]; then _via_setup=local_setup; fi
 if [ -n "${ZSH_VERSION:-}" ]; then _via_setup=$_via_setup.zsh; else _via_setup=$_via_setup.bash; fi
-if [ -f "$_via_ws/install/$_via_setup" ]; then . "$_via_ws/install/$_via_setup"; fi
+if [ -f "$_via_ws/install/$_via_setup" ]; then
+    . "$_via_ws/install/$_via_setup"
+else
+    echo "env.sh: the workspace is not built yet; run: make setup" >&2
+fi
 
 # Compiled kernels are kept with this tree, apart for every state of its sources: numba looks only at the file a kernel
 # stands in, and would run old code where a constant or a function of another file has changed.

@@ -206,8 +206,10 @@ def test_devices_choose_their_method():
         estimator_for(MACCEPA, "guess")
     with pytest.raises(ParameterError, match="'maccepavd' has no torque-driven transmission"):
         estimator_for(MACCEPA, "modulated_torque")
-    with pytest.raises(ParameterError, match="'cubic_demo' is not driven by position servos"):
+    with pytest.raises(ParameterError, match="'cubic_demo' is not driven by a position servo"):
         estimator_for(load_device("cubic_demo"), "link_impedance")
+    with pytest.raises(ParameterError, match="'edinburgh_vsa' is not driven by a position servo through one spring"):
+        estimator_for(load_device("edinburgh_vsa"))
 
 
 def test_a_run_is_summarised_by_information(estimator):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -57,12 +58,15 @@ def info(bag: BagPath) -> None:
     )  # fmt: skip
     listing.columns[1].justify = "left"
     for topic in found.topics:
-        listing.add_row(topic.name, topic.type_name, str(topic.messages), f"{topic.rate:.1f}")
+        listing.add_row(
+            topic.name, topic.type_name, str(topic.messages), f"{topic.rate:.1f}" if isfinite(topic.rate) else "-"
+        )
     answers.print(listing)
     for name, value in found.metadata.items():
-        answers.print(f"{name}: {value}")
+        if value:
+            answers.print(f"{name}: {value}")
     if not found.complete:
-        errors.print("this bag was not closed: `via bag recover` makes a whole one of what is there")
+        errors.print("this bag is not whole: `via bag recover` makes one of what is there")
     for remark in found.remarks:
         errors.print(f"note: {remark}")
 

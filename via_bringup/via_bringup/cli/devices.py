@@ -1,17 +1,48 @@
-"""`via devices`: the shipped device files and how far to trust them."""
+"""`via devices`: the shipped device files, what estimates them and how far to trust their numbers."""
 
 from __future__ import annotations
 
-from via_core.devices import device_names, load_device
+from typing import Annotated
+
+import typer
+from via_core.devices import Device, device_names, load_device
+from via_core.errors import ParameterError
+from via_estimators.methods import estimator_for, method_for
 
 from via_bringup.cli.console import answers, table
 
 
-def devices() -> None:
-    """List the shipped devices."""
-    listing = table("Devices", "name", "arrangement", "drive", "confidence", "what it is")
-    listing.columns[4].justify = "left"
+def devices(
+    device: Annotated[str, typer.Argument(help="Device or path to its YAML: show where its numbers come from.")] = "",
+) -> None:
+    """List the shipped devices, or describe one."""
+    if device:
+        _describe(load_device(device))
+        return
+    listing = table("Devices", "name", "arrangement", "drive", "estimator", "confidence")
+    for column in listing.columns[1:]:
+        column.justify = "left"
     for name in device_names():
-        device = load_device(name)
-        listing.add_row(name, device.arrangement, device.drive, device.confidence, device.title)
+        each = load_device(name)
+        listing.add_row(name, each.arrangement, each.drive, _estimator(each), each.confidence)
     answers.print(listing)
+    answers.print("`via devices NAME` says where the numbers of one come from")
+
+
+def _describe(device: Device) -> None:
+    answers.print(f"{device.name}: {device.title}")
+    answers.print(f"{device.arrangement} joint, {device.drive} drive; estimator: {_estimator(device)}")
+    answers.print(f"numbers: {device.confidence}; {'; '.join(device.source)}")
+    if device.remark:
+        answers.print(device.remark.strip())
+    answers.print(f"link {device.link_joint}, motors {', '.join(device.motor_joints) or 'none'}")
+    answers.print(f"commands on {device.command_topic}")
+
+
+def _estimator(device: Device) -> str:
+    """The method that suits the device, or a dash where there is none yet."""
+    try:
+        estimator_for(device)
+    except ParameterError:
+        return "-"
+    return method_for(device)

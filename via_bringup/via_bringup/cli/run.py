@@ -16,9 +16,11 @@ PASS_ARGUMENTS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "
 def run(
     context: typer.Context,
     package: Annotated[str, typer.Argument(help="Package, e.g. via_sim.")],
-    executable: Annotated[str, typer.Argument(help="Executable of that package, e.g. simulator.")],
+    executable: Annotated[str, typer.Argument(help="Executable of that package, e.g. simulator.")] = "",
 ) -> None:
     """Run an installed node; everything behind the two names goes to it, e.g. --ros-args -p device:=maccepavd."""
+    if package in ("--help", "-h"):
+        raise ViaError("usage: via run PACKAGE EXECUTABLE --ros-args -p name:=value; e.g. via run via_sim simulator")
     become(package, executable, context.args)
 
 
