@@ -59,7 +59,10 @@ def info(bag: BagPath) -> None:
     listing.columns[1].justify = "left"
     for topic in found.topics:
         listing.add_row(
-            topic.name, topic.type_name, str(topic.messages), f"{topic.rate:.1f}" if isfinite(topic.rate) else "-"
+            topic.name,
+            topic.type_name.rpartition("/")[2],
+            str(topic.messages),
+            f"{topic.rate:.1f}" if isfinite(topic.rate) else "-",
         )
     answers.print(listing)
     for name, value in found.metadata.items():
