@@ -212,7 +212,7 @@ def test_parameters_start_from_the_device_and_are_checked(graph):
     assert node.estimator.parameters.inertia == load_device("maccepavd").link.inertia
     with pytest.raises(ParameterError, match="window"):
         EstimatorNode(context=graph.context, parameter_overrides=[parameter("window", 1)])
-    with pytest.raises(ParameterError, match="position servos"):
+    with pytest.raises(ParameterError, match="a position servo"):
         EstimatorNode(context=graph.context, parameter_overrides=[parameter("method", "link_impedance")])
 
 

@@ -60,7 +60,7 @@ def info(bag: BagPath) -> None:
     for topic in found.topics:
         listing.add_row(
             topic.name,
-            topic.type_name.rpartition("/")[2],
+            topic.type_name,
             str(topic.messages),
             f"{topic.rate:.1f}" if isfinite(topic.rate) else "-",
         )

@@ -5,11 +5,17 @@ Texts appear as they are: the brackets and colons in the name of a file or a top
 
 from __future__ import annotations
 
+import sys
+
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-answers = Console(markup=False, emoji=False, highlight=False)
+WIDE = 160  # characters of a line where no terminal says how many fit
+
+answers = Console(
+    markup=False, emoji=False, highlight=False, width=None if sys.stdout and sys.stdout.isatty() else WIDE
+)
 errors = Console(stderr=True, markup=False, emoji=False, highlight=False)
 
 
