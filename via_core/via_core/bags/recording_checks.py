@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from via_core.bags.findings import Finding
-from via_core.devices import Device
+from via_core.devices import Device, ServoMotor
 from via_core.servos import servo_step
 from via_core.signals import Array, Signals
 
@@ -150,15 +150,19 @@ def _servos(measured: Signals, commands: Signals, device: Device) -> list[Findin
     for i, motor in enumerate(device.motors):
         theta = measured["theta"][:, i]
         known = np.isfinite(theta)
-        if wanted is None or not np.isfinite(wanted[:, i]).any() or known.sum() < LEAST_SAMPLES:
+        if (
+            not isinstance(motor, ServoMotor)
+            or wanted is None
+            or not np.isfinite(wanted[:, i]).any()
+            or known.sum() < LEAST_SAMPLES
+        ):
             continue
         subject = f"theta_{i + 1}"
         time, angle = measured.time[known], theta[known]
         clean = _running_median(angle)
         defined = np.isfinite(wanted[:, i])
         reference = wanted[defined, i]
-        bandwidth: float = getattr(motor, "bandwidth")  # noqa: B009  a servo drive has servo motors
-        model = servo_response(time, commands.time[defined], reference, float(clean[0]), bandwidth)
+        model = servo_response(time, commands.time[defined], reference, float(clean[0]), motor.bandwidth)
         quantum = device.sensors.motor_quantum or FALLBACK_STEP
         findings += _servo_response(time, clean, model, reference, quantum, subject)
         findings += _spikes(angle, clean, quantum, subject)
