@@ -1,4 +1,4 @@
-"""Numbers that must not change unnoticed; `python tests/test_golden.py` writes golden.json anew: say why in the commit."""
+"""Numbers that must not change unnoticed. `python tests/test_golden.py` writes golden.json anew; a commit says why."""
 
 import json
 import tempfile
