@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from via_core.errors import SignalError
 from via_core.signals import Array
 
+WIDTH_95 = 1.96  # standard deviations on either side that hold 95 % of a Gaussian
+
 
 def _same(**given: ArrayLike) -> list[Array]:
     arrays = {name: np.asarray(values, dtype=np.float64) for name, values in given.items()}

@@ -9,7 +9,7 @@ import numpy as np
 from via_controllers.nodes.excitation import ExcitationNode
 from via_core.bags import Bag, joint_signals, read_bag
 from via_core.devices import Device, load_device
-from via_core.metrics import coverage
+from via_core.metrics import WIDTH_95, coverage
 from via_core.status import Status
 from via_estimators.nodes.estimator import EstimatorNode
 from via_ros.nodes.player import Player
@@ -25,7 +25,6 @@ RATE = 1000.0  # [Hz]
 SEED = 1
 WINDOW = 200  # samples on their way at a time in the replay
 PATIENCE = 60.0  # [s] beyond the run itself
-WIDTH = 1.96  # standard deviations of a 95 % interval
 MEMBERS = {  # what a replayed estimate must have in common with the live one, to the last bit
     "stiffness": (
         "value",
@@ -167,6 +166,6 @@ def _judged(device: Device, first: Bag, second: Bag, late: int, picture: Path) -
         replay=_traffic(device, second, len(measured)),
         bit_identical=same_bits(device, first, second),
         stiffness_error=float(np.median(np.abs(value - true)[trusted] / true[trusted])),
-        stiffness_coverage=coverage(true[trusted], value[trusted], deviation[trusted], WIDTH),
+        stiffness_coverage=coverage(true[trusted], value[trusted], deviation[trusted], WIDTH_95),
         bag="bags/live",
     )

@@ -14,9 +14,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from via_core.metrics import WIDTH_95
 from via_core.signals import Array
 
-WIDTH = 1.96  # standard deviations of a 95 % interval
 REAL, MODEL, REFERENCE, FAINT = "#1b4965", "#d1495b", "#5a5a5a", "#9aa5b1"
 
 STYLE = {
@@ -83,7 +83,7 @@ def by_strategy(columns: Mapping[str, Column], label: str, level: str, path: Pat
         for place, column in enumerate(columns.values()):
             order = np.argsort(column.values)
             spread = place + (np.linspace(-0.34, 0.34, len(order)) if len(order) > 1 else np.zeros(1))
-            bars = None if column.deviations is None else WIDTH * column.deviations[order]
+            bars = None if column.deviations is None else WIDTH_95 * column.deviations[order]
             name = ("one run" if bars is None else "one run, 95 % interval") if place == 0 else None
             axes.errorbar(
                 spread, column.values[order], yerr=bars, fmt="o", color=REAL, markersize=4, elinewidth=0.8, label=name
@@ -128,7 +128,7 @@ def live_joint(time: Array, q: Array, theta: Array, stiffness: Band, path: Path)
         _legend(top)
         _band(middle, stiffness, "truth", "stiffness [N m/rad]")
         error = np.where(stiffness.trusted, stiffness.value - stiffness.reference, np.nan)
-        half = np.where(stiffness.trusted, WIDTH * stiffness.standard_deviation, np.nan)
+        half = np.where(stiffness.trusted, WIDTH_95 * stiffness.standard_deviation, np.nan)
         bottom.fill_between(stiffness.time, -half, half, color=MODEL, alpha=0.2, linewidth=0, label="95 % band")
         bottom.plot(stiffness.time, error, color=MODEL, label="estimate - truth")
         if stiffness.trusted.any():
@@ -142,7 +142,7 @@ def live_joint(time: Array, q: Array, theta: Array, stiffness: Band, path: Path)
 
 def _band(axes: Axes, band: Band, reference: str, label: str) -> None:
     """Estimate with its 95 % band where trusted, faint where the status says otherwise."""
-    half = WIDTH * band.standard_deviation
+    half = WIDTH_95 * band.standard_deviation
     trusted = np.where(band.trusted, band.value, np.nan)
     axes.plot(band.time, band.value, color=FAINT, linewidth=0.9, label="held or warming up")
     axes.plot(band.time, trusted, color=MODEL, label="estimate, 95 % band")

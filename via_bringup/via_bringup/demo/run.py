@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable
+from importlib.metadata import version
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -17,7 +18,6 @@ from via_bringup.demo.page import write_page
 from via_bringup.demo.robot import real_robot
 from via_bringup.demo.summary import Summary
 
-VERSION = "0.1.0"
 FOLDER = Path("shared") / "data" / "maccepavd"  # beside the repo, where the whole data set is at hand
 MARK = ".via-demo"  # a folder with this file was made by the demo and may be made anew
 Progress = Callable[[str, float, float, str], None]  # part, done, of how much, what
@@ -48,7 +48,7 @@ def run_demo(out: Path, recordings: Path | None, duration: float, progress: Prog
     taken("live", at)
     taken("total", began)
     summary = Summary(
-        version=VERSION,
+        version=version("via_bringup"),
         commit=_commit(),
         python=platform.python_version(),
         seconds=seconds,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, computed_field
+from via_core.metrics import WIDTH_95
 
 
 class Record(BaseModel):
@@ -21,7 +22,7 @@ class Quantity(Record):
     @property
     def covered(self) -> bool:
         """Whether the 95 % interval holds the reference."""
-        return abs(self.value - self.reference) <= 1.96 * self.standard_deviation
+        return abs(self.value - self.reference) <= WIDTH_95 * self.standard_deviation
 
 
 class Traffic(Record):
