@@ -185,8 +185,13 @@ def test_a_sample_of_the_wrong_width_is_misuse(estimator):
 def test_parameters_are_frozen_and_checked(estimator):
     parameters = estimator.parameters
     for item in fields(parameters):
+        assert item.metadata["description"]
+        if "choices" in item.metadata:
+            with pytest.raises(ParameterError, match=f"{item.name} must be one of"):
+                replace(parameters, **{item.name: "of another kind"})
+            continue
         low, high = item.metadata["range"]
-        assert item.metadata["description"] and item.metadata["unit"]
+        assert item.metadata["unit"]
         for value in (low - 1.0, high + abs(high) + 1.0, float("nan"), "text", None):
             with pytest.raises(ParameterError, match=item.name):
                 replace(parameters, **{item.name: value})
@@ -208,7 +213,7 @@ def test_devices_choose_their_method():
         estimator_for(MACCEPA, "modulated_torque")
     with pytest.raises(ParameterError, match="'cubic_demo' is not driven by a position servo"):
         estimator_for(load_device("cubic_demo"), "link_impedance")
-    with pytest.raises(ParameterError, match="'edinburgh_vsa' is not driven by a position servo through one spring"):
+    with pytest.raises(ParameterError, match="no estimator suits 'edinburgh_vsa': antagonistic, servo drive"):
         estimator_for(load_device("edinburgh_vsa"))
 
 

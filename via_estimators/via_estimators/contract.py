@@ -18,6 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from via_core.devices import Device
 from via_core.errors import ParameterError, SignalError
 from via_core.signals import Array, Signals
 from via_core.status import Status
@@ -30,13 +31,24 @@ def parameter(default: float | int, description: str, unit: str, low: float, hig
     return field(default=default, metadata={"description": description, "unit": unit, "range": (low, high)})
 
 
+def choice(default: str, description: str, choices: tuple[str, ...]) -> Any:
+    """A dataclass field that is one of a few words."""
+    return field(default=default, metadata={"description": description, "choices": choices})
+
+
 @dataclass(frozen=True)
 class Parameters:
-    """Base of every estimator's parameters: numbers inside the range their field declares, else ParameterError."""
+    """Base of every estimator's parameters: inside the range, or of the choices, a field declares, else ParameterError."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            value, (low, high) = getattr(self, item.name), item.metadata["range"]
+            value = getattr(self, item.name)
+            if "choices" in item.metadata:
+                if value not in item.metadata["choices"]:
+                    allowed = ", ".join(item.metadata["choices"])
+                    raise ParameterError(f"{type(self).__name__}.{item.name} must be one of {allowed}, got {value!r}")
+                continue
+            low, high = item.metadata["range"]
             if isinstance(item.default, int) and not (isinstance(value, int) and not isinstance(value, bool)):
                 raise ParameterError(f"{type(self).__name__}.{item.name} must be a whole number, got {value!r}")
             if not isinstance(value, int | float) or not isfinite(value) or not low <= value <= high:
@@ -101,6 +113,11 @@ class Estimator(ABC):
     """An algorithm; `step` and `run` are final and share `_advance`."""
 
     parameters: Parameters
+
+    @classmethod
+    @abstractmethod
+    def from_device(cls, device: Device) -> Estimator:
+        """Scales and priors from a device file; raises ParameterError where the method does not apply to the device."""
 
     @property
     @abstractmethod

@@ -83,12 +83,12 @@ class LinkImpedance(Estimator):
     parameters: LinkImpedanceParameters = LinkImpedanceParameters()
 
     @classmethod
-    def from_device(cls, device: Device, parameters: LinkImpedanceParameters | None = None) -> LinkImpedance:
+    def from_device(cls, device: Device) -> LinkImpedance:
         """The device's law, inertia, gravity, servos as observed and damper range; the rest stays as given."""
         servo = device.motors[0] if device.n_transmissions == 1 else None
         if not isinstance(servo, ServoMotor):
             raise ParameterError(f"'{device.name}' is not driven by a position servo through one spring")
-        base = parameters or LinkImpedanceParameters()
+        base = LinkImpedanceParameters()
         link, observed = device.link, device.observed
         low, high = (link.viscous_friction + float(device.damping_of(u)) for u in (0.0, 1.0))
         return cls(
