@@ -38,7 +38,7 @@ def choice(default: str, description: str, choices: tuple[str, ...]) -> Any:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Base of every estimator's parameters: inside the range, or of the choices, a field declares, else ParameterError."""
+    """Base of every estimator's parameters: in the range or of the choices a field declares, else ParameterError."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
