@@ -241,6 +241,7 @@ class Sensors(_Part):
     link_quantum: Positive | None = None  # [rad] encoder step at the link
     motor_quantum: Positive | None = None  # [rad] encoder step at the motors
     torque_noise: NotNegative = 0.0  # [N m] standard deviation of the motor torque measurement
+    link_torque_noise: NotNegative | None = None  # [N m] the same of a torque sensor at the link; none if left out
 
 
 class Observed(_Part):

@@ -3,12 +3,15 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from sim_joints import antagonistic, flexible, rigid, servo_flexible
+from sim_joints import antagonistic, device, flexible, rigid, servo_flexible
+from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.effects import Effect
+from via_sim.kernel import MEASURED
 from via_sim.plants import JointPlant
-from via_sim.simulate import simulate, simulate_many
+from via_sim.sensors import Sensors
+from via_sim.simulate import Simulator, simulate, simulate_many
 
 RATE = 1000.0
 
@@ -164,3 +167,45 @@ def test_the_falling_stribeck_curve_gets_the_substeps_that_resolve_it():
     fine = simulate_many([plant], np.repeat(commands, 50, axis=0), 50.0 * RATE)[0, ::50]
     assert coarse[-1, 3] > 0.1
     assert np.max(np.abs(coarse[:, 3] - fine[:, 3])) < 5e-6
+
+
+CLUTCH = "damper: {site: link, map: linear, minimum: 1.0, maximum: 4.0}"
+STRIBECK = Effect("stribeck_friction", "link", {"breakaway": 0.3, "kinetic": 0.1, "velocity": 0.05})
+
+
+def test_a_rigid_joint_measures_what_its_clutch_dissipates():
+    """Power in through the measured torque is what the link loses: M qdd + Dq qd + tau_link = tau_ext."""
+    plant = JointPlant.from_device(device("rigid", "{inertia: 0.1, viscous_friction: 0.02}", CLUTCH))
+    time = np.arange(2000) / RATE
+    channels = {"external_torque": 4.0 * np.sin(5.0 * time), "damping": 0.5 + 0.4 * np.sin(2.0 * time)}
+    run = simulate(plant, Signals(time, channels, {"external_torque": "N m", "damping": "-"}), 2.0, RATE, [STRIBECK])
+    torque, speed, damping = run.measured["tau_link"], run.truth["q_velocity"], run.truth["damping"]
+    expected = damping * speed + np.sign(speed) * (0.1 + 0.2 * np.exp(-((speed / 0.05) ** 2)))
+    moving = speed != 0.0
+    assert 0.9 < moving[1:].mean() and damping.max() - damping.min() > 2.0
+    np.testing.assert_allclose(torque[moving], expected[moving], rtol=1e-12)
+    external = 4.0 * np.sin(5.0 * time)
+    lost = np.cumsum((external - 0.02 * speed[1:]) / RATE - 0.1 * np.diff(speed))
+    dissipated = np.cumsum(0.5 * (torque[1:] + torque[:-1]) / RATE)
+    assert np.abs(dissipated - lost).max() < 0.01 * np.abs(dissipated).max()
+
+
+def test_a_clutch_that_sticks_holds_what_is_asked_of_it():
+    plant = JointPlant.from_device(device("rigid", rest=CLUTCH))
+    push = np.where(np.arange(100) < 50, 0.2, -0.1)
+    run = simulate(plant, pushed(push), 0.1, RATE, [STRIBECK])
+    assert np.all(run.truth["q"] == 0.0)
+    np.testing.assert_array_equal(run.measured["tau_link"], np.concatenate([[0.0], push]))
+    simulator = Simulator(plant.with_effects([STRIBECK]), RATE)
+    state, measured, _ = simulator.step(simulator.init(), (0.0, 0.0, 0.0, 0.2))
+    assert measured[MEASURED.index("tau_link")] == 0.2 == simulator.sample(state)[0][MEASURED.index("tau_link")]
+
+
+def test_a_device_file_says_whether_there_is_a_torque_sensor_at_the_link():
+    vpda = load_device("compact_vpda")
+    assert Sensors.of_device(vpda).link_torque_noise == 0.05
+    run = simulate(JointPlant.from_device(vpda), None, 2.0, RATE, sensors=Sensors.of_device(vpda))
+    assert np.std(run.measured["tau_link"]) == pytest.approx(0.05, rel=0.1)
+    assert Sensors.of_device(rigid()).link_torque_noise is None
+    without = simulate(JointPlant.from_device(rigid()), None, 0.01, RATE, sensors=Sensors.of_device(rigid()))
+    assert np.isnan(without.measured["tau_link"]).all()

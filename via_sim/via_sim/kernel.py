@@ -47,10 +47,10 @@ from via_sim.phi_functions import phi_functions
 
 # State row, everything there is to know of a joint at a tick; X says where each part begins:
 #   position (3) [rad] and velocity (3) [rad/s] of link, motor 1, motor 2; tick: number of this one; seed of the noise;
-#   reported_torque (2) [N m] commanded over the last tick; motor_torque (2) [N m] or [rad] and damping [N m s/rad] that
-#   then acted; queue (L, QUEUED): the last L commands, a ring by tick, for the dead time.
-State = namedtuple("State", "position velocity tick seed reported_torque motor_torque damping queue")
-X: Any = State(0, 3, 6, 7, 8, 10, 12, 13)
+#   reported_torque (2) [N m] commanded over the last tick; motor_torque (2) [N m] or [rad], damping [N m s/rad] and
+#   external torque [N m] that then acted; queue (L, QUEUED): the last L commands, a ring by tick, for the dead time.
+State = namedtuple("State", "position velocity tick seed reported_torque motor_torque damping external queue")
+X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14)
 QUEUED = 3  # columns of the queue: motor 1, motor 2, damping command
 
 # Command row, held over a tick: motor 1, motor 2 [N m or rad], damping [-], external torque at the link [N m].
@@ -385,7 +385,7 @@ def _tick(
         x[now + i] = command[i]
     for i in range(2):
         x[X.reported_torque + i] = min(max(command[i], -p[P.torque_limit + i]), p[P.torque_limit + i])
-    u[EXTERNAL] = command[EXTERNAL]
+    u[EXTERNAL] = x[X.external] = command[EXTERNAL]
     period = p[P.tick]
     whole = floor(p[P.delay] / period + 1e-9)
     rest = p[P.delay] - whole * period
@@ -446,6 +446,19 @@ def _read(true: float, deviation: float, quantum: float, x: Array, channel: int)
 
 
 @_bare
+def dissipated_torque(p: Array, x: Array) -> float:
+    """Torque [N m] in the clutch of a rigid joint, positive as d qd: its damper's and the dry friction at the link.
+
+    At standstill friction takes what the external torque and gravity ask of it, up to breakaway.
+    """
+    speed = x[3]
+    if speed != 0.0:
+        return x[X.damping] * speed + copysign(dry_friction(p, 0, abs(speed)), speed)
+    asked = x[X.external] - p[P.gravity_torque] * sin(x[0] - p[P.gravity_angle])
+    return min(max(asked, -p[P.breakaway_friction]), p[P.breakaway_friction])
+
+
+@_bare
 def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array, truth: Array) -> None:
     """What sensors s read of state x -> measured (9,), and what is -> truth (16,). NaN: no such axis or no sensor."""
     transmissions = int(p[P.transmissions])
@@ -474,7 +487,9 @@ def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array,
         quantum, deviation = (s[S.link_quantum], s[S.link_noise]) if i == 0 else (s[S.motor_quantum], s[S.motor_noise])
         measured[i] = _read(x[i], deviation, quantum, x, i) if there else nan
         measured[5 + i] = _read(x[3 + i], s[S.velocity_noise], 0.0, x, 5 + i) if there else nan
-    measured[8] = _read(link_torque, s[S.link_torque_noise], 0.0, x, 8) if transmissions > 0 else nan
+    if transmissions == 0:
+        link_torque = dissipated_torque(p, x)
+    measured[8] = _read(link_torque, s[S.link_torque_noise], 0.0, x, 8)
 
 
 @_compiled

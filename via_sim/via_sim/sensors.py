@@ -26,7 +26,7 @@ class Sensors:
     motor_noise: float = 0.0  # [rad]
     velocity_noise: float | None = None  # [rad/s]
     torque_noise: float = 0.0  # [N m] motor torque
-    link_torque_noise: float | None = None  # [N m] flexibility torque at the link
+    link_torque_noise: float | None = None  # [N m] flexibility torque at the link, in a rigid joint dissipation torque
     rate: float | None = None  # [Hz] of the samples; None means every tick
 
     def __post_init__(self) -> None:
@@ -44,6 +44,7 @@ class Sensors:
             link_quantum=given.link_quantum or 0.0,
             motor_quantum=given.motor_quantum or 0.0,
             torque_noise=given.torque_noise,
+            link_torque_noise=given.link_torque_noise,
         )
 
     def row(self) -> Array:
