@@ -18,7 +18,8 @@ stamp is u = 1, the oldest u = 0 (the document's (26), (27) run the other way an
 On a uniform window the error falls like H^-(m+1), m the first odd number >= h - i (Euler-Maclaurin). On jittered stamps
 plain trapezoids only reach H^-2, and <1, psi''> = 0 holds no longer, so that a mere offset of an encoder would move an
 estimate. Therefore the rows are corrected by the lower ones until row i is exact for polynomials of degree <= i on any
-stamps; the order on uniform stamps stays. Rows beyond what the caller needs cost nothing.
+stamps; the order on uniform stamps stays. The third derivative, for Section 3's differentiated equations, is a function
+of its own: who does not need it does not pay for it.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from numpy.typing import ArrayLike
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 
-ROWS = 3  # <f, psi>, <f, psi'>, <f, psi''>: all that second-order dynamics ask for
+ROWS = 3  # <f, psi>, <f, psi'>, <f, psi''>: all that second-order dynamics ask for, not differentiated
 
 
 def modulating(order: int, derivative: int, u: ArrayLike) -> Array:
@@ -125,18 +126,79 @@ def fill_weights(order: int, stamps: Array, first: int, weights: Array) -> None:
         weights[0, k] = w0
 
 
-def window_weights(order: int, stamps: ArrayLike) -> Array:
-    """`fill_weights` with its arguments checked: the weights (3, n) for stamps (n,) [s], oldest first, read-only.
+@njit(cache=True, error_model="numpy")
+def fill_third(order: int, stamps: Array, first: int, weights: Array) -> None:
+    """One row more, W[3] for <f, psi^(3)>, below the three that `fill_weights` has written into the same array.
 
-    Raises ParameterError for order < 2, fewer than 5 stamps, or stamps that are not finite and strictly increasing.
+    order    h >= 3 of w_hh: w_33 is enough, although its third derivative does not vanish at the ends
+    stamps   (n,) [s], n >= 5, a ring buffer as there
+    weights  (4, n), rows 0..2 filled; row 3 [1/s^3] is overwritten
     """
-    if order < 2:
-        raise ParameterError(f"order must be >= 2 for second derivatives, got {order}")
+    n = stamps.size
+    oldest = stamps[first]
+    newest = stamps[first - 1 if first > 0 else n - 1]
+    rate = 1.0 / (newest - oldest)
+
+    # The trapezoid row of w_hh^(3) = h (h-1) p^(h-3) p' ((h-2) p'^2 - 6 p), p = u (1-u), and the moments it takes.
+    s0 = s1 = s2 = s3 = m01 = m02 = m03 = m12 = m13 = m23 = 0.0
+    k = first
+    before = oldest
+    here = oldest
+    for _ in range(n):
+        following = k + 1 if k + 1 < n else 0
+        after = stamps[following] if following != first else here
+        u = (here - oldest) * rate
+        x = u - 0.5
+        p = u * (1.0 - u)
+        slope = -2.0 * x
+        power = 0.5 * (after - before) * rate
+        for _ in range(order - 3):
+            power *= p
+        w3 = power * order * (order - 1.0) * slope * ((order - 2.0) * slope * slope - 6.0 * p)
+        weights[3, k] = w3
+        square = x * x
+        cube = square * x
+        s0 += w3
+        s1 += w3 * x
+        s2 += w3 * square
+        s3 += w3 * cube
+        m01 += weights[0, k] * x
+        m02 += weights[0, k] * square
+        m03 += weights[0, k] * cube
+        m12 += weights[1, k] * square
+        m13 += weights[1, k] * cube
+        m23 += weights[2, k] * cube
+        before = here
+        here = after
+        k = following
+
+    # Minus multiples of the rows below, scaled: <x^j, psi^(3)> = 0 for j < 3, -3! for j = 3.
+    span = 1.0 / rate
+    c0 = s0
+    c1 = (c0 * m01 - s1) * span
+    c2 = 0.5 * (s2 - c0 * m02 - c1 * m12) * span * span
+    scale = -6.0 * rate * rate * rate / (s3 - c0 * m03 - c1 * m13 - c2 * m23)
+    for k in range(n):
+        weights[3, k] = scale * (weights[3, k] - c0 * weights[0, k] - c1 * weights[1, k] - c2 * weights[2, k])
+
+
+def window_weights(order: int, stamps: ArrayLike, rows: int = ROWS) -> Array:
+    """`fill_weights` with its arguments checked: the weights (rows, n) for stamps (n,) [s], oldest first, read-only.
+
+    Four rows are those three and the one of `fill_third`. Raises ParameterError for any other number of rows, an order
+    below the highest derivative, fewer than 5 stamps, or stamps that are not finite and strictly increasing.
+    """
+    if rows not in (ROWS, ROWS + 1):
+        raise ParameterError(f"rows must be {ROWS} or {ROWS + 1}, got {rows}")
+    if order < rows - 1:
+        raise ParameterError(f"order must be >= {rows - 1} for derivatives up to that one, got {order}")
     at = np.array(stamps, dtype=np.float64)
     if at.ndim != 1 or at.size < 5:
         raise ParameterError(f"a window needs at least 5 stamps in one dimension, got shape {at.shape}")
     if not (np.all(np.isfinite(at)) and np.all(np.diff(at) > 0.0)):
         raise ParameterError("stamps of a window must be finite and strictly increasing")
-    weights = np.empty((ROWS, at.size))
+    weights = np.empty((rows, at.size))
     fill_weights(order, at, 0, weights)
+    if rows > ROWS:
+        fill_third(order, at, 0, weights)
     return locked(weights, "weights")

@@ -1,4 +1,4 @@
-"""Recursive least squares on P against the normal equations, the printed recursion, and what the factor c really does."""
+"""Recursive least squares on P: the normal equations, the printed recursion, and what the factor c really does."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_equations_66_to_73_as_printed(c):
 
 
 def test_the_stability_factor_is_nothing_but_another_prior():
-    """(73) as a cure for poor excitation: the same as P(0) -> c P(0), and P is not held back in the direction at rest."""
+    """(73) as a cure for poor excitation equals P(0) -> c P(0): P is not held back in the direction at rest."""
     rows, y = problem(3)
     rows[:, 3] = 0.0  # never excited
     for c in (0.1, 20.0):

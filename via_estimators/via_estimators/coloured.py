@@ -35,14 +35,17 @@ WEIGHT, MISFIT, SCATTER, TAKEN, HEAD = range(5)  # sum of weights, RSS with the 
 PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one independent residual
 
 
-def colours(intervals: int, order: int, memory: float = 0.0) -> Array:
-    """Autocorrelations (3, H + 1) of the window's weights on torque, and on position by psi' (times T), psi'' (T^2).
+def colours(intervals: int, order: int, memory: float = 0.0, first: int = 0) -> Array:
+    """Autocorrelations (3, H + 1) of the window's weights on torque by psi^(i), on position by psi^(i+1), psi^(i+2).
 
     intervals  H equidistant steps per window
     order      h of the modulating function w_hh
     memory     correlation time of torque noise in samples (0: white, else exp(-|lag| / memory))
+    first      i, how often the equation has been differentiated: 0 or 1
+
+    For a window of length 1; others divide the weights of psi^(i) by T^i.
     """
-    kernels = window_weights(order, np.linspace(0.0, 1.0, intervals + 1))
+    kernels = window_weights(order, np.linspace(0.0, 1.0, intervals + 1), COLOURS + first)[first:]
     rows = [np.correlate(h, h, "full") for h in kernels]
     if memory > 0.0:
         lag = np.abs(np.arange(-intervals, intervals + 1))
