@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench clean
+.PHONY: help setup demo test check bench results clean
 
 ENV := source ros2_ws/env.sh;
 WORKERS ?= 2
@@ -25,6 +25,9 @@ check: setup ## style, types, import rules
 
 bench: setup ## speed against MuJoCo, scipy and mcap-ros2-support, in one run
 	@$(ENV) for each in via_*/bench/bench_*.py; do python "$$each"; done
+
+results: setup ## docs/results anew: the document's tables and ours (about ten minutes)
+	@$(ENV) via tables --write docs/results
 
 clean: ## back to a fresh clone
 	@rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log out .numba_cache .pytest_cache .mypy_cache .ruff_cache \

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 import shutil
-import subprocess
 import time
 from collections.abc import Callable
 from importlib.metadata import version
@@ -17,6 +16,7 @@ from via_bringup.demo.live import live
 from via_bringup.demo.page import write_page
 from via_bringup.demo.robot import real_robot
 from via_bringup.demo.summary import Summary
+from via_bringup.provenance import commit
 
 FOLDER = Path("shared") / "data" / "maccepavd"  # beside the repo, where the whole data set is at hand
 MARK = ".via-demo"  # a folder with this file was made by the demo and may be made anew
@@ -49,7 +49,7 @@ def run_demo(out: Path, recordings: Path | None, duration: float, progress: Prog
     taken("total", began)
     summary = Summary(
         version=version("via_bringup"),
-        commit=_commit(),
+        commit=commit(),
         python=platform.python_version(),
         seconds=seconds,
         robot=robot,
@@ -85,14 +85,3 @@ def _recordings(given: Path | None, sample: Path) -> tuple[Path, str]:
     if beside.is_dir():
         return beside, f"../{FOLDER}"
     return sample, "the sample that comes with VIA"
-
-
-def _commit() -> str:
-    """Short hash of the commit that is checked out, with a + where files differ from it; 'unknown' outside a clone."""
-    asked = subprocess.run(
-        ["git", "-C", str(Path(__file__).resolve().parent), "describe", "--always", "--dirty=+", "--exclude=*"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return asked.stdout.strip() or "unknown"
