@@ -39,12 +39,23 @@ def rotate_in(R: Array, p: Array, row: Array, y: float, first: int) -> float:
 
 @njit(cache=True, error_model="numpy")
 def solve_triangular(R: Array, p: Array, x: Array) -> None:
-    """x (n,) with R x = p, by back substitution."""
+    """x (n,) with R x = p, by back substitution; x may be p."""
     n = p.size
     for j in range(n - 1, -1, -1):
         total = p[j]
         for i in range(j + 1, n):
             total -= R[j, i] * x[i]
+        x[j] = total / R[j, j]
+
+
+@njit(cache=True, error_model="numpy")
+def solve_transposed(R: Array, p: Array, x: Array) -> None:
+    """x (n,) with R' x = p, by forward substitution; x may be p."""
+    n = p.size
+    for j in range(n):
+        total = p[j]
+        for i in range(j):
+            total -= R[i, j] * x[i]
         x[j] = total / R[j, j]
 
 

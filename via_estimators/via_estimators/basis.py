@@ -1,0 +1,58 @@
+"""Bases of the torque law: what tau_e(phi) is a sum of, with their slopes, addressed by a kind as spring laws are.
+
+    tau_e(phi) = sum_j a_j f_j(phi),   f_j(phi) = s F_j(phi / s),   g_j = df_j/dphi = F_j'(phi / s)
+
+Source: SAPHARI deliverable, eqs. (37), (43). Every f_j vanishes at phi = 0: the printed f_i = phi^(i-1) begins with a
+constant, which carries no stiffness (and is not told from the integral equation's own constant). The slopes are scaled
+so that each a_j [N m/rad] is a share of stiffness at the deflection scale s:
+
+    powers        g_j = z^(j-1)           the document's choice, z = phi / s
+    odd_powers    g_j = z^(2j-2)          for tau_e(-phi) = -tau_e(phi)
+    legendre      g_j = P_(j-1)(z)        spans what `powers` spans, far better conditioned over |z| <= 1
+    odd_legendre  g_j = P_(2j-2)(z)       spans what `odd_powers` spans
+"""
+
+from __future__ import annotations
+
+from numba import njit
+from via_core.signals import Array
+
+POWERS, ODD_POWERS, LEGENDRE, ODD_LEGENDRE = range(4)
+BASES = {"powers": POWERS, "odd_powers": ODD_POWERS, "legendre": LEGENDRE, "odd_legendre": ODD_LEGENDRE}
+MOST_TERMS = 10
+
+
+@njit(cache=True, error_model="numpy")
+def fill_basis(kind: int, phi: float, scale: float, f: Array, g: Array, bend: Array) -> None:
+    """f_j(phi) [rad], its slope g_j [-] and its second derivative [1/rad] into f, g, bend (m,), all overwritten.
+
+    kind   one of the constants above
+    scale  s > 0 [rad]
+    """
+    z = phi / scale
+    legendre = kind == LEGENDRE or kind == ODD_LEGENDRE
+    every = 2 if kind == ODD_POWERS or kind == ODD_LEGENDRE else 1
+    # Degree by degree: v = value, d = derivative of the slope's polynomial, F = integral of it from 0 to z.
+    before, v, d_before, d = 0.0, 1.0, 0.0, 0.0
+    at_zero_before, at_zero = 0.0, 1.0  # Legendre polynomials at 0
+    degree = 0
+    for j in range(f.size):
+        while degree < every * j:
+            if legendre:  # (n + 1) P_(n+1) = (2n + 1) z P_n - n P_(n-1),  P'_(n+1) = P'_(n-1) + (2n + 1) P_n
+                ahead = ((2 * degree + 1) * z * v - degree * before) / (degree + 1)
+                d_ahead = d_before + (2 * degree + 1) * v
+                zero_ahead = -degree * at_zero_before / (degree + 1)
+                before, v, d_before, d = v, ahead, d, d_ahead
+                at_zero_before, at_zero = at_zero, zero_ahead
+            else:
+                d = (degree + 1) * v
+                v *= z
+            degree += 1
+        if legendre:  # integral of P_n = (P_(n+1) - P_(n-1)) / (2n + 1)
+            ahead = ((2 * degree + 1) * z * v - degree * before) / (degree + 1)
+            zero_ahead = -degree * at_zero_before / (degree + 1)
+            f[j] = scale * ((ahead - before) - (zero_ahead - at_zero_before)) / (2 * degree + 1)
+        else:
+            f[j] = scale * v * z / (degree + 1)
+        g[j] = v
+        bend[j] = d / scale

@@ -1,0 +1,333 @@
+"""Stiffness from integrated signals, no model needed: QR-RLS on the motor equation integrated in time.
+
+Source: SAPHARI deliverable, Section 4.1, eqs. (36)-(49); `integral` has the equation, what was wrong in print and how
+its base moves along. Inertia B and damping D are unknowns like the law's coefficients. What it needs beside angles and
+torques is the motor's velocity, measured; where there is none, `filtered_signal_based` filters one out of the angles.
+
+Rules of integration: the effort of a sample is the torque that acted over the interval that ends at its stamp, as in
+`modulated_torque`, so its integral is exact; f_j(phi) is a sampled curve, integrated by trapezoids.
+
+Standard deviations hold the torque noise, which is measured, and the declared velocity noise. They leave out what the
+basis cuts off, drift of the law within the memory, and errors of the angles, but for the newest sample's own in g(phi).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import exp, sqrt
+
+import numpy as np
+from numba import njit
+from via_core.devices import Device, TorqueMotor
+from via_core.errors import ParameterError
+from via_core.signals import Array
+from via_core.status import Status
+
+from via_estimators import integral, window
+from via_estimators.basis import BASES, MOST_TERMS, fill_basis
+from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
+
+BEYOND = 10.0  # deflections larger than so many scales are no deflections
+LENGTH, TRANSMISSIONS, KIND, TERMS, MEMORY, MAX_GAP, SAMPLING, TORQUE_NOISE, VELOCITY_NOISE = range(9)
+POSITION_NOISE, SCALE, MINIMUM_MOTION, MARGIN, PRIOR = range(9, 14)
+# of a transmission, before its equation: deflections visited, whether any; whether integrals run; the last sample
+LOW, HIGH, ANY, RUNNING, VELOCITY, ANGLE, DEFLECTION, N_KEPT = range(8)
+OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
+
+
+@dataclass(frozen=True)
+class SignalBasedParameters(Parameters):
+    """Parameters of `SignalBased`; the deviations are those of the prior, wide enough to be forgotten at once."""
+
+    transmissions: int = parameter(2, "number of motors with a transmission each", "-", 1, 2)
+    window: int = parameter(200, "sampling intervals over which motion is judged", "-", 20, 2000)
+    basis: str = choice("odd_legendre", "functions that make up the torque law", tuple(BASES))
+    terms: int = parameter(4, "number of them", "-", 1, MOST_TERMS)
+    memory: float = parameter(20.0, "time after which a row counts 1/e", "s", 1e-3, 1e9)
+    max_gap: float = parameter(0.05, "longest step between samples over which is integrated", "s", 1e-4, 10.0)
+    sampling: float = parameter(1e-3, "sampling interval expected", "s", 1e-5, 1.0)
+    deflection_scale: float = parameter(1.0, "deflection at which the terms of the law count alike", "rad", 1e-3, 10.0)
+    stiffness_prior: float = parameter(0.0, "stiffness per transmission before any data", "N m/rad", 0.0, 1e9)
+    stiffness_deviation: float = parameter(300.0, "standard deviation of that", "N m/rad", 1e-6, 1e9)
+    inertia_prior: float = parameter(0.0, "motor inertia before any data", "kg m^2", 0.0, 1e3)
+    inertia_deviation: float = parameter(0.1, "standard deviation of that", "kg m^2", 1e-9, 1e3)
+    damping_prior: float = parameter(0.0, "motor damping before any data", "N m s/rad", 0.0, 1e4)
+    damping_deviation: float = parameter(10.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
+    torque_noise: float = parameter(0.1, "standard deviation of torque noise expected", "N m", 1e-12, 1e9)
+    velocity_noise: float = parameter(0.0, "standard deviation of one velocity sample", "rad/s", 0.0, 1e3)
+    position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
+    minimum_motion: float = parameter(0.01, "range of deflection below which a window tells nothing", "rad", 0.0, 1.0)
+    range_margin: float = parameter(0.02, "share of the visited range that counts as visited beyond it", "-", 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class SignalBased(Estimator):
+    """Stiffness of one or two transmissions from motor torques, motor velocities and angles on both sides."""
+
+    parameters: SignalBasedParameters = SignalBasedParameters()
+
+    @classmethod
+    def from_device(cls, device: Device) -> SignalBased:
+        """Scales and priors from a device file: its numbers say the order of magnitude, not the answer."""
+        motor = device.motors[0] if device.n_transmissions else None
+        if not isinstance(motor, TorqueMotor):
+            raise ParameterError(f"'{device.name}' has no torque-driven transmission; its torque equation is not known")
+        laws = device.spring_laws
+        stop = laws[0].max_deflection
+        stiffness = laws[0].stiffness(np.linspace(0.0, stop, 65))
+        quantum = max(device.sensors.link_quantum or 0.0, device.sensors.motor_quantum or 0.0)
+        return cls(
+            SignalBasedParameters(
+                transmissions=device.n_transmissions,
+                basis="odd_legendre" if all(law.odd for law in laws) else "legendre",
+                terms=4 if all(law.odd for law in laws) else 7,
+                sampling=1.0 / device.sensors.rate,
+                deflection_scale=stop,
+                stiffness_prior=float(stiffness.mean()),
+                stiffness_deviation=3.0 * float(stiffness.max()),
+                inertia_prior=motor.inertia,
+                inertia_deviation=motor.inertia,
+                damping_prior=motor.viscous_friction,
+                damping_deviation=max(motor.viscous_friction, 1e-6),
+                torque_noise=device.sensors.torque_noise or 1e-3 * float(laws[0].torque(stop)),
+                position_noise=quantum / sqrt(12.0),
+                minimum_motion=max(0.001 * stop, 4.0 * quantum),
+            )
+        )
+
+    def having(self, parameters: Parameters) -> SignalBased:
+        return replace(self, parameters=expect(parameters, SignalBasedParameters))
+
+    @cached_property
+    def inputs(self) -> tuple[str, ...]:
+        each = range(1, self.parameters.transmissions + 1)
+        return ("q", *(name for i in each for name in (f"theta_{i}", f"theta_velocity_{i}", f"tau_{i}")))
+
+    @cached_property
+    def outputs(self) -> tuple[str, ...]:
+        each = range(1, self.parameters.transmissions + 1)
+        return (
+            "stiffness",
+            *(f"stiffness_{i}" for i in each),
+            *(f"motor_inertia_{i}" for i in each),
+            *(f"motor_damping_{i}" for i in each),
+        )
+
+    @cached_property
+    def _constants(self) -> Array:
+        """Parameter row of the kernel; not locked, which would be another type to compile."""
+        own = self.parameters
+        n = own.terms + 3
+        row = np.zeros(PRIOR + 2 * n)
+        row[:PRIOR] = (
+            own.window + 1, own.transmissions, BASES[own.basis], own.terms, own.memory, own.max_gap, own.sampling,
+            own.torque_noise, own.velocity_noise, own.position_noise, own.deflection_scale, own.minimum_motion,
+            own.range_margin,
+        )  # fmt: skip
+        row[PRIOR + 1 : PRIOR + 4] = own.inertia_prior, own.damping_prior, own.stiffness_prior
+        row[PRIOR + n + 1 : PRIOR + n + 3] = own.inertia_deviation, own.damping_deviation
+        row[PRIOR + n + 3 :] = own.stiffness_deviation
+        return row
+
+    def init(self) -> Array:
+        own = self.parameters
+        m, n, length = own.transmissions, own.terms + 3, own.window + 1
+        each = N_KEPT + integral.size(n)
+        state = np.zeros(window.HEADER + 2 * len(self.outputs) + length * (1 + m) + m * each)
+        window.start(state)
+        held = (
+            m * own.stiffness_prior, *(m * (own.stiffness_prior,)), *(m * (own.inertia_prior,)),
+            *(m * (own.damping_prior,)), sqrt(m) * own.stiffness_deviation, *(m * (own.stiffness_deviation,)),
+            *(m * (own.inertia_deviation,)), *(m * (own.damping_deviation,)),
+        )  # fmt: skip
+        state[window.HEADER : window.HEADER + len(held)] = held
+        for i in range(m):
+            integral.start(self._equation(state, i), n)
+        state.flags.writeable = False
+        return state
+
+    def condition(self, state: Array) -> float:
+        n = self.parameters.terms + 3
+        factors = [integral.factor(self._equation(state, i), n) for i in range(self.parameters.transmissions)]
+        return max(float(np.linalg.cond(R[1:, 1:])) for R in factors)
+
+    def _equation(self, state: Array, i: int) -> Array:
+        """The view into transmission i's equation, i from 0."""
+        each = N_KEPT + integral.size(self.parameters.terms + 3)
+        end = len(state) - (self.parameters.transmissions - 1 - i) * each
+        return state[end - each + N_KEPT : end]
+
+    def _advance(
+        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
+    ) -> None:
+        _advance(self._constants, state, rows, time, status, value, deviation)
+
+
+@njit(cache=True, error_model="numpy")
+def row_unit(par: Array) -> float:
+    """[N m s] in which rows are counted: what torque noise makes of the integral over one window."""
+    return par[TORQUE_NOISE] * par[SAMPLING] * sqrt(par[LENGTH] - 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def learn(
+    par: Array, kept: Array, equation: Array, elapsed: float, keep: float, moving: bool,
+    angle: float, velocity: float, effort: float, phi: float,
+) -> None:  # fmt: skip
+    """One sample into the equation of one transmission; `kept` remembers it for the next.
+
+    elapsed  [s] since the sample before
+    keep     lambda over that time
+    moving   whether this sample tells anything; the integrals pause where it does not
+    """
+    kind, terms, scale = int(par[KIND]), int(par[TERMS]), par[SCALE]
+    n, unit = terms + 3, row_unit(par)
+    mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
+    row = np.zeros(n)
+    if moving and kept[RUNNING] > 0.0:
+        f, g, bend, grown, moved = np.empty(terms), np.empty(terms), np.empty(terms), np.empty(n), np.zeros(n)
+        grown[1], grown[2] = velocity - kept[VELOCITY], angle - kept[ANGLE]
+        fill_basis(kind, phi, scale, f, g, bend)
+        for j in range(terms):
+            grown[3 + j] = -0.5 * elapsed * f[j]
+        fill_basis(kind, kept[DEFLECTION], scale, f, g, bend)
+        for j in range(terms):
+            grown[3 + j] -= 0.5 * elapsed * f[j]
+        pushed = elapsed * effort
+        for j in range(2, n):
+            pushed -= grown[j] * mean[j]
+            moved[j] = -grown[j] * width[j] / unit
+        noise = elapsed * par[TORQUE_NOISE]
+        integral.rebase(equation, n, moved, pushed / unit, noise / unit)
+        grown[0] = (pushed - grown[1] * mean[1]) / noise
+        for j in range(1, n):
+            grown[j] *= width[j] / noise
+        integral.compare(equation, n, grown)
+    elif not moving and kept[RUNNING] > 0.0:
+        integral.eliminate(equation, n)
+    integral.forget(equation, n, keep)
+    if moving:
+        row[0], row[1] = 1.0, velocity * width[1] / unit
+        integral.take(equation, n, row, -velocity * mean[1] / unit)
+    kept[RUNNING] = 1.0 if moving else 0.0
+    kept[VELOCITY], kept[ANGLE], kept[DEFLECTION] = velocity, angle, phi
+
+
+@njit(cache=True, error_model="numpy")
+def tell(
+    par: Array, equation: Array, warming: bool, phi: float, torque: float, velocity: float, told: Array
+) -> None:
+    """What one equation says: stiffness (43), its bend dsigma/dphi, B, D, variances of stiffness, B, D -> told (7,).
+
+    torque    variance of the torque noise in units of the declared one
+    velocity  [(rad/s)^2] variance of the velocity noise
+    """
+    kind, terms = int(par[KIND]), int(par[TERMS])
+    n = terms + 3
+    mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
+    x = integral.unknowns(equation, n)
+    f, g, bend, slope, work = np.empty(terms), np.empty(terms), np.empty(terms), np.zeros(n), np.empty(n)
+    fill_basis(kind, phi, par[SCALE], f, g, bend)
+    told[:] = 0.0
+    told[2], told[3] = mean[1], mean[2]
+    if not warming:
+        told[2] += width[1] * x[1]
+        told[3] += width[2] * x[2]
+    for j in range(terms):
+        share = mean[3 + j] + (0.0 if warming else width[3 + j] * x[3 + j])
+        told[0] += share * g[j]
+        told[1] += share * bend[j]
+        slope[3 + j] = width[3 + j] * g[j]
+        told[4] += slope[3 + j] * slope[3 + j]
+    told[5], told[6] = width[1] * width[1], width[2] * width[2]
+    if not warming:
+        blur = velocity * (told[2] / row_unit(par)) ** 2
+        told[4] = integral.variance(equation, n, slope, torque, blur, work)
+        for j in (1, 2):
+            slope[:] = 0.0
+            slope[j] = width[j]
+            told[4 + j] = integral.variance(equation, n, slope, torque, blur, work)
+
+
+@njit(cache=True, error_model="numpy")
+def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array) -> None:
+    length, m, terms = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[TERMS])
+    n, outputs = terms + 3, 1 + 3 * m
+    scale, blur, jitter = par[SCALE], par[POSITION_NOISE], par[VELOCITY_NOISE]
+    at = window.HEADER
+    now, spread = state[at : at + outputs], state[at + outputs : at + 2 * outputs]
+    at += 2 * outputs
+    times = state[at : at + length]
+    at += length
+    ring = state[at : at + length * m].reshape(m, length)  # deflections
+    at += length * m
+    each = N_KEPT + integral.size(n)
+    told = np.empty(7)
+    for k in range(rows.shape[0]):
+        before = state[window.LAST]
+        absurd = False
+        for i in range(m):
+            absurd = absurd or abs(rows[k, 1] - rows[k, 2 + 3 * i]) > BEYOND * scale
+        entered = window.refuse(state) if absurd else window.admit(state, times, rows[k], 2 + 3 * m, par[MAX_GAP])
+        time[k] = state[window.LAST]
+        if entered == window.SKIPPED:
+            status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
+            continue
+        slot, q = int(state[window.SLOT]), rows[k, 1]
+        full = state[window.FILLED] == length
+        elapsed = max(rows[k, 0] - before, 0.0) if state[window.SAMPLES] > 1.0 else 0.0
+        keep = exp(-elapsed / par[MEMORY])  # time in a gap, or until a window is full, counts like any other
+        worst, motion, total, doubt, bends = OK, np.inf, 0.0, 0.0, 0.0
+        for i in range(m):
+            kept = state[at + i * each : at + i * each + N_KEPT]
+            equation = state[at + i * each + N_KEPT : at + (i + 1) * each]
+            phi = q - rows[k, 2 + 3 * i]
+            ring[i, slot] = phi
+            swing = window.spread(ring[i]) if full else 0.0
+            motion = min(motion, swing)
+            moving = full and swing >= par[MINIMUM_MOTION]
+            learn(
+                par, kept, equation, elapsed, keep, moving, rows[k, 2 + 3 * i], rows[k, 3 + 3 * i], rows[k, 4 + 3 * i],
+                phi,
+            )  # fmt: skip
+            if moving:
+                visit(kept, phi)
+            warming = equation[integral.TAKEN] < length
+            inertia = par[PRIOR + 1] + par[PRIOR + n + 1] * integral.unknowns(equation, n)[1]
+            known = 2.0 * (inertia * jitter / (par[SAMPLING] * par[TORQUE_NOISE])) ** 2
+            tell(par, equation, warming, phi, integral.noise(equation, n, known), jitter * jitter, told)
+            # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
+            floor = 0.0 if warming or moving else 1.0
+            at_i, at_B, at_D = 1 + i, 1 + m + i, 1 + 2 * m + i
+            now[at_i], now[at_B], now[at_D] = told[0], told[2], told[3]
+            spread[at_i] = max(sqrt(told[4] + 2.0 * (told[1] * blur) ** 2), floor * spread[at_i])
+            spread[at_B] = max(sqrt(told[5]), floor * spread[at_B])
+            spread[at_D] = max(sqrt(told[6]), floor * spread[at_D])
+            total += told[0]
+            doubt += spread[at_i] ** 2 + 2.0 * bends * told[1] * blur**2  # both share the noise of q
+            bends += told[1]
+            if warming:
+                worst = WARMING_UP
+            elif worst != WARMING_UP and not moving:
+                worst = NOT_EXCITED
+            elif worst == OK and not visited(kept, phi, par[MARGIN]):
+                worst = OUTSIDE_RANGE
+        now[0], spread[0] = total, sqrt(max(doubt, 0.0))
+        state[window.MOTION], state[window.STATUS] = motion, worst
+        status[k], value[k], deviation[k] = worst, now, spread
+
+
+@njit(cache=True, error_model="numpy")
+def visit(kept: Array, phi: float) -> None:
+    """Widen the range of deflections learnt from."""
+    kept[LOW] = min(kept[LOW], phi) if kept[ANY] > 0.0 else phi
+    kept[HIGH] = max(kept[HIGH], phi) if kept[ANY] > 0.0 else phi
+    kept[ANY] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def visited(kept: Array, phi: float, margin: float) -> bool:
+    """Whether phi lies in the range learnt from, widened by the share `margin` of it."""
+    room = margin * (kept[HIGH] - kept[LOW])
+    return kept[LOW] - room <= phi <= kept[HIGH] + room
