@@ -267,6 +267,19 @@ def test_unknown_names_and_unreadable_files(tmp_path: Path) -> None:
         load_device(latin)
 
 
+def test_one_file_serves_joints_of_several_names(tmp_path: Path) -> None:
+    elbow, shoulder = load_device("elbow=qbmove_a"), load_device("shoulder=qbmove_a")
+    assert (elbow.name, elbow.link_joint, elbow.command_topic) == ("elbow", "elbow_shaft_joint", "/elbow/command")
+    assert not {elbow.link_joint, *elbow.motor_joints} & {shoulder.link_joint, *shoulder.motor_joints}
+    assert elbow.model_copy(update={"name": "qbmove_a"}) == load_device("qbmove_a")
+    path = tmp_path / "joint.yaml"
+    path.write_text(yaml.safe_dump({**yaml.safe_load(elbow.model_dump_json()), "wire": {"link": "j3"}}))
+    assert load_device(f"wrist={path}").link_joint == "j3"
+    for strange in ("elbow=", "Elbow=qbmove_a", "elbow=no_such", "=qbmove_a"):
+        with pytest.raises(DeviceError, match="no device"):
+            load_device(strange)
+
+
 def test_a_device_is_frozen() -> None:
     device = load_device("maccepavd")
     with pytest.raises(ValueError, match="frozen"):

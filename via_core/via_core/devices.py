@@ -394,8 +394,13 @@ def device_names() -> tuple[str, ...]:
 def load_device(name_or_path: str | Path) -> Device:
     """The shipped device of that name, or the one a YAML file describes.
 
+    'elbow=qbmove_a' is that device under another name, and so with other joints and topics: one file for all joints of
+    an arm. Names that the file itself maps stay.
     Raises DeviceError: no such device, unreadable file, bad YAML, or a key or value outside what a device can be.
     """
+    renamed = re.fullmatch(r"([a-z][a-z0-9_]*)=(.+)", name_or_path) if isinstance(name_or_path, str) else None
+    if renamed:
+        return load_device(renamed[2]).model_copy(update={"name": renamed[1]})
     if isinstance(name_or_path, Path) or re.search(r"[/\\]|\.ya?ml$", name_or_path):
         where, shown = Path(name_or_path), str(name_or_path)
     else:
