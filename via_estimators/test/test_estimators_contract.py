@@ -14,11 +14,13 @@ from via_estimators.contract import Parameters, rows_of, summarise
 from via_estimators.link_impedance import LinkImpedance, LinkImpedanceParameters
 from via_estimators.methods import estimator_for
 from via_estimators.modulated_torque import ModulatedTorque, ModulatedTorqueParameters
+from via_estimators.signal_based import SignalBased, SignalBasedParameters
 
 MACCEPA = load_device("maccepavd")
 ESTIMATORS = {
     "modulated_torque, two motors": ModulatedTorque(ModulatedTorqueParameters(window=60, memory=5.0)),
     "modulated_torque, one motor": ModulatedTorque(ModulatedTorqueParameters(transmissions=1, window=60)),
+    "signal_based": SignalBased(SignalBasedParameters(window=60, memory=5.0)),
     "link_impedance": LinkImpedance(
         MACCEPA.spring_laws[0], LinkImpedanceParameters(window=60, sampling=1e-3, minimum_motion=0.02)
     ),
@@ -32,6 +34,7 @@ def moving_rows(estimator, count=600, period=1e-3):
     for i in (1, 2):
         theta = 0.5 * (-1) ** i + 0.1 * np.sin((6.0 + i) * t)
         values[f"theta_{i}"] = theta
+        values[f"theta_velocity_{i}"] = np.gradient(theta, t)
         values[f"tau_{i}"] = 0.1 * np.gradient(theta, t) - 8.0 * (values["q"] - theta) ** 3
     return np.column_stack([t, *(values[name] for name in estimator.inputs)])
 
@@ -71,9 +74,10 @@ def test_run_reads_signals_by_channel(estimator):
     rows = moving_rows(estimator)
     columns = dict(zip(estimator.inputs, rows[:, 1:].T, strict=True))
     channels = {name: columns[name] for name in ("q", "equilibrium", "preset") if name in columns}
-    for name in ("theta", "tau"):
+    for name in ("theta", "theta_velocity", "tau"):
         if f"{name}_1" in columns:
-            channels[name] = np.column_stack([columns[key] for key in sorted(columns) if key.startswith(name)])
+            keys = [f"{name}_{i}" for i in (1, 2) if f"{name}_{i}" in columns]
+            channels[name] = np.column_stack([columns[key] for key in keys])
     signals = Signals(rows[:, 0], channels, dict.fromkeys(channels, "-"))
     assert np.array_equal(rows_of(signals, estimator.inputs), rows)
     assert np.array_equal(estimator.run(signals).value, estimator.run_rows(rows)[1].value)

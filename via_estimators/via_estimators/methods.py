@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 from via_core.devices import Device
 from via_core.errors import ParameterError
 
 from via_estimators.contract import Estimator
 from via_estimators.link_impedance import LinkImpedance
 from via_estimators.modulated_torque import ModulatedTorque
+from via_estimators.signal_based import SignalBased
 
 # In the order in which they are tried: the first that suits a device is what it gets by default.
 METHODS: dict[str, type[Estimator]] = {
     "modulated_torque": ModulatedTorque,
+    "signal_based": SignalBased,
     "link_impedance": LinkImpedance,
 }
 
@@ -36,6 +41,60 @@ def method_for(device: Device, method: str = "auto") -> str:
 def estimator_for(device: Device, method: str = "auto") -> Estimator:
     """The estimator of that name with the device's scales and priors; raises ParameterError where it does not apply."""
     return METHODS[method_for(device, method)].from_device(device)
+
+
+class Pair(NamedTuple):
+    """One method on one device."""
+
+    device: Device
+    method: str
+
+
+def pairs_of(devices: Sequence[Device], methods: Sequence[str]) -> tuple[Pair, ...]:
+    """Every device with each of the methods that suits it; 'auto' is its best one, 'all' are all that suit it.
+
+    Raises ParameterError: no device or two that share a name or a joint; no method or a stranger, or one that suits
+    none of the devices; a device that none of the methods suits.
+    """
+    _expect_distinct(devices)
+    if not methods:
+        raise ParameterError(f"no method; there are: auto, all, {', '.join(METHODS)}")
+    pairs = [Pair(device, name) for device in devices for name in _chosen(device, methods)]
+    for name in methods:
+        if name in METHODS and all(pair.method != name for pair in pairs):
+            METHODS[name].from_device(devices[0])  # raises with the reason
+    for device in devices:
+        if all(pair.device is not device for pair in pairs):
+            raise ParameterError(f"none of the methods {', '.join(methods)} suits '{device.name}'")
+    return tuple(pairs)
+
+
+def _chosen(device: Device, methods: Sequence[str]) -> list[str]:
+    """Names of the methods for a device, in the order of the list, none twice."""
+    found: list[str] = []
+    for name in methods:
+        if name == "all":
+            found += methods_for(device) or [method_for(device)]
+        elif name == "auto" or not _suits(METHODS[method_for(device, name)], device):
+            found += [method_for(device)] if name == "auto" else []
+        else:
+            found.append(name)
+    return list(dict.fromkeys(found))
+
+
+def _expect_distinct(devices: Sequence[Device]) -> None:
+    if not devices:
+        raise ParameterError("no device")
+    owner: dict[str, str] = {}
+    names: set[str] = set()
+    for device in devices:
+        if device.name in names:
+            raise ParameterError(f"device '{device.name}' is given twice; another=... gives it another name")
+        names.add(device.name)
+        for joint in (device.link_joint, *device.motor_joints):
+            if joint in owner:
+                raise ParameterError(f"devices '{owner[joint]}' and '{device.name}' both have the joint '{joint}'")
+            owner[joint] = device.name
 
 
 def _suits(method: type[Estimator], device: Device) -> bool:
