@@ -12,7 +12,8 @@ torque part is measured: E[RSS] = sum over colours of s_c^2 (W r_0 - tr P M); th
 is what the rotations leave over, less what the prior and its leak cost: |x - x_0|^2 + scatter, x_0 where they pull to.
 
 All is in scaled unknowns x_j = (a_j - prior_j) / prior_deviation_j and rows divided by the declared torque noise, so
-that the prior is the unit matrix and column scaling comes free. Forgetting would let directions without excitation
+that the prior is the unit matrix and column scaling comes free. A prior that is no belief but a number to start with
+(P(0) of the document) may be narrower than what one believes: `beliefs` holds the variances of x, 1 unless overwritten. Forgetting would let directions without excitation
 drift; each step therefore leaks as much as it forgets towards the current estimate (proximal), which keeps P <= 1 and
 lets standard deviations grow back to those of the prior, no further.
 
@@ -56,7 +57,7 @@ def colours(intervals: int, order: int, memory: float = 0.0, first: int = 0) -> 
 @njit(cache=True, error_model="numpy")
 def size(n: int, length: int) -> int:
     """Floats in the state of one equation with n unknowns and `length` samples per window."""
-    return HEAD + 3 * n + (1 + COLOURS) * n * n + n * length
+    return HEAD + 4 * n + (1 + COLOURS) * n * n + n * length
 
 
 @njit(cache=True, error_model="numpy")
@@ -64,7 +65,8 @@ def start(state: Array, n: int) -> None:
     """Overwrite one equation's state with the prior: x = 0, R = 1, no rows."""
     state[:] = 0.0
     for j in range(n):
-        state[HEAD + 3 * n + j * n + j] = 1.0
+        state[HEAD + 4 * n + j * n + j] = 1.0
+        state[HEAD + 3 * n + j] = 1.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -74,22 +76,28 @@ def unknowns(state: Array, n: int) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
+def beliefs(state: Array, n: int) -> Array:
+    """The view (n,) of the variances of x before any data, in units of what the prior R = 1 says."""
+    return state[HEAD + 3 * n : HEAD + 4 * n]
+
+
+@njit(cache=True, error_model="numpy")
 def factor(state: Array, n: int) -> Array:
     """The view R (n, n), the triangular factor of the scaled normal equations."""
-    return state[HEAD + 3 * n : HEAD + 3 * n + n * n].reshape(n, n)
+    return state[HEAD + 4 * n : HEAD + 4 * n + n * n].reshape(n, n)
 
 
 @njit(cache=True, error_model="numpy")
 def middles(state: Array, n: int) -> Array:
     """The view M (3, n, n) of the three colours."""
-    at = HEAD + 3 * n + n * n
+    at = HEAD + 4 * n + n * n
     return state[at : at + COLOURS * n * n].reshape(COLOURS, n, n)
 
 
 @njit(cache=True, error_model="numpy")
 def forget_rows(state: Array, n: int) -> None:
     """Drop the memory of recent rows (after a gap: what follows does not overlap them)."""
-    state[HEAD + 3 * n + (1 + COLOURS) * n * n :] = 0.0
+    state[HEAD + 4 * n + (1 + COLOURS) * n * n :] = 0.0
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -123,7 +131,7 @@ def forget(state: Array, n: int, keep: float) -> None:
     root, leak = sqrt(keep), sqrt(1.0 - keep)
     p *= root
     R *= root
-    M = state[HEAD + 3 * n + n * n : HEAD + 3 * n + (1 + COLOURS) * n * n]
+    M = state[HEAD + 4 * n + n * n : HEAD + 4 * n + (1 + COLOURS) * n * n]
     M *= keep * keep
     state[WEIGHT] *= keep
     state[MISFIT] *= keep
@@ -140,7 +148,7 @@ def forget(state: Array, n: int, keep: float) -> None:
 @njit(cache=True, error_model="numpy")
 def skip(state: Array, n: int, slot: int, length: int) -> None:
     """No row this time: leave a hole in the ring of rows."""
-    past = state[HEAD + 3 * n + (1 + COLOURS) * n * n :].reshape(n, length)
+    past = state[HEAD + 4 * n + (1 + COLOURS) * n * n :].reshape(n, length)
     past[:, slot] = 0.0
 
 
@@ -153,7 +161,7 @@ def take(state: Array, n: int, slot: int, row: Array, y: float, lagged: Array) -
     """
     length = lagged.shape[1]
     x, p, R, M = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], factor(state, n), middles(state, n)
-    past = state[HEAD + 3 * n + (1 + COLOURS) * n * n :].reshape(n, length)
+    past = state[HEAD + 4 * n + (1 + COLOURS) * n * n :].reshape(n, length)
     past[:, slot] = row
     V = np.empty(n)
     for c in range(COLOURS):
@@ -175,7 +183,7 @@ def covariance(state: Array, n: int, r: Array, first: float, second: float, out:
 
     first, second  variance of position noise times its squared gain through psi' and psi''
     """
-    R, M = factor(state, n), middles(state, n)
+    R, M, believed = factor(state, n), middles(state, n), beliefs(state, n)
     inverse, P, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     inverse_normal(R, inverse, P)
     expected = np.empty(COLOURS)
@@ -188,7 +196,7 @@ def covariance(state: Array, n: int, r: Array, first: float, second: float, out:
     noise = (PRIOR_WEIGHT + unexplained) / (PRIOR_WEIGHT + expected[0])
     for i in range(n):
         for j in range(n):
-            total = P[i, j]  # the prior, and what has leaked since: the unit matrix in the middle
+            total = P[i, j] * believed[j]  # the prior, and what has leaked since: a diagonal matrix in the middle
             for k in range(n):
                 total += P[i, k] * (noise * M[0, k, j] + first * M[1, k, j] + second * M[2, k, j])
             half[i, j] = total
