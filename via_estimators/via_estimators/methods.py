@@ -10,12 +10,14 @@ from via_core.errors import ParameterError
 
 from via_estimators.contract import Estimator
 from via_estimators.link_impedance import LinkImpedance
+from via_estimators.modulated_stiffness import ModulatedStiffness
 from via_estimators.modulated_torque import ModulatedTorque
 from via_estimators.signal_based import SignalBased
 
 # In the order in which they are tried: the first that suits a device is what it gets by default.
 METHODS: dict[str, type[Estimator]] = {
     "modulated_torque": ModulatedTorque,
+    "modulated_stiffness": ModulatedStiffness,
     "signal_based": SignalBased,
     "link_impedance": LinkImpedance,
 }
