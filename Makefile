@@ -23,8 +23,8 @@ test: setup ## all tests (TESTS="via_ros/test tests/test_ros_player.py" for some
 check: setup ## style, types, import rules
 	@$(ENV) ros2_ws/check.sh
 
-bench: setup ## speed against MuJoCo, scipy and mcap-ros2-support, in one run
-	@$(ENV) for each in via_*/bench/bench_*.py; do python "$$each"; done
+bench: setup ## speed against MuJoCo, scipy, mcap-ros2-support, Eigen and padasip, each in one run
+	@$(ENV) via bench all
 
 results: setup ## docs/results anew: the document's tables and ours (about ten minutes)
 	@$(ENV) via tables --write docs/results

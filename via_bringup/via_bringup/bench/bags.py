@@ -161,7 +161,3 @@ def main() -> None:
     target = Path("out/bench/bags.json")
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(json.dumps(summary, indent=1))
-
-
-if __name__ == "__main__":
-    main()

@@ -16,7 +16,9 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -99,7 +101,7 @@ def mujoco_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
     body = '<body><joint name="{0}" axis="0 0 1" damping="{2}"/>' + inertial + "</body>"
     joints = '<joint joint="q" coef="1"/><joint joint="{0}" coef="-1"/>'
     spring = '<fixed springlength="0" stiffness="5 0 10">' + joints + "</fixed>"
-    contenders = []
+    contenders: list[tuple[str, Callable[[], Array]]] = []
     for integrator in ("Euler", "implicitfast", "RK4"):
         for finer in (1, 2, 4, 8, 16):
             model = mujoco.MjModel.from_xml_string(
@@ -113,12 +115,15 @@ def mujoco_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
             start = np.zeros((1, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
             control = np.repeat(motor, finer, axis=0)[None]
 
-            def work(model=model, data=data, start=start, control=control, finer=finer):
-                state, _ = rollout.rollout(model, data, start, control)
-                return state[0, finer - 1 :: finer, 1:4]
-
+            work = partial(mujoco_rollout, model, data, start, control, finer)
             contenders.append((f"MuJoCo {integrator}, {1e3 / RATE / finer:g} ms", work))
     return contenders
+
+
+def mujoco_rollout(model: Any, data: Any, start: Array, control: Array, finer: int) -> Array:
+    """Angles (N, 3), of every `finer`-th step."""
+    state, _ = rollout.rollout(model, data, start, control)
+    return np.asarray(state[0, finer - 1 :: finer, 1:4])
 
 
 @njit(cache=False)
@@ -139,13 +144,14 @@ def scipy_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
     """One call over the whole run (it steps across the edges of held commands), and restarted at each edge."""
     time_at = np.arange(1, len(motor) + 1) / RATE
 
-    def whole(method, tolerance):
+    def whole(method: str, tolerance: float) -> Array:
         span = (0.0, time_at[-1])
-        return solve_ivp(
+        found = solve_ivp(
             slope, span, np.zeros(6), method, time_at, args=(motor,), rtol=tolerance, atol=tolerance, max_step=5e-3
-        ).y[:3].T  # fmt: skip
+        )
+        return np.asarray(found.y[:3].T)
 
-    def pieces(method, tolerance):
+    def pieces(method: str, tolerance: float) -> Array:
         x, out = np.zeros(6), np.empty((len(motor), 3))
         for k in range(len(motor)):
             held = motor[k : k + 1]
@@ -156,7 +162,7 @@ def scipy_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
     settings = [(whole, "RK45", 10.0**-n, "one call") for n in (5, 7, 9)]
     settings += [(whole, "DOP853", 10.0**-n, "one call") for n in (5, 7, 9)]
     settings += [(pieces, "RK45", 10.0**-n, "each tick") for n in (3, 5, 7)]
-    return [(f"scipy {m}, {how}, rtol {tol:.0e}", lambda f=f, m=m, tol=tol: f(m, tol)) for f, m, tol, how in settings]
+    return [(f"scipy {m}, {how}, rtol {tol:.0e}", partial(f, m, tol)) for f, m, tol, how in settings]
 
 
 def measured(reference: Array, contenders: list[tuple[str, Callable[[], Array]]], repeats: int) -> list[Row]:
@@ -186,7 +192,7 @@ def stiff() -> dict[str, float]:
     x, worst = np.zeros(6), 0.0
     for k in range(2000):  # two seconds of an independent method with a restart at every edge
 
-        def rate(_t, x, held=(*motor[k], 0.0, 0.0)):
+        def rate(_t: float, x: Array, held: tuple[float, ...] = (*motor[k], 0.0, 0.0)) -> Array:
             return plant.derivative(x, held)
 
         x = solve_ivp(rate, (0.0, 1.0 / RATE), x, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
@@ -207,7 +213,7 @@ def main() -> None:
         "via_sim": measured(
             reference,
             [("via_sim simulate()", whole_call)]
-            + [(f"via_sim kernel, 1/{n} ms", lambda n=n: ours(plant, motor, n)) for n in (1, 2, 4)],
+            + [(f"via_sim kernel, 1/{n:g} ms", partial(ours, plant, motor, n)) for n in (1.0, 2.0, 4.0)],
             20,
         ),
         "MuJoCo": measured(reference, mujoco_runs(motor), 3),
@@ -237,7 +243,3 @@ def main() -> None:
     target_file.parent.mkdir(parents=True, exist_ok=True)
     target_file.write_text(json.dumps(summary, indent=1))
     console.print(f"written: {target_file}")
-
-
-if __name__ == "__main__":
-    main()
