@@ -143,7 +143,9 @@ fi
 # What a symlinked install does not follow by itself: interfaces, package manifests, entry points, installed data files.
 sources() {
     cd "$root"
-    find via_interfaces via_*/{package.xml,setup.py,setup.cfg} ros2_ws/colcon_defaults.yaml -type f -print0 | sort -z | xargs -0 sha256sum
+    # methods.py: one executable per method.
+    find via_interfaces via_*/{package.xml,setup.py,setup.cfg} via_estimators/via_estimators/methods.py \
+        ros2_ws/colcon_defaults.yaml -type f -print0 | sort -z | xargs -0 sha256sum
     find via_*/{resource,bin,launch,config} -type f 2>/dev/null | sort || true
 }
 

@@ -116,16 +116,16 @@ def test_a_command_from_a_far_future_does_not_hold_back_the_next(graph):
     far.header.stamp.sec = 2**31 - 1
     for message in (far, command(1, damping=np.nan), command(1, equilibrium=1e308), command(0, damping=0.25)):
         commands.publish(message)
-    graph.until(lambda: len(node._pending) == 3)
+    graph.until(lambda: len(node.stations[0].pending) == 3)
     names = [SERVO.link_joint, *SERVO.motor_joints]
     peer.samples.publish(sample(0, names=names, positions=[0.0] * len(names), efforts=()))
     graph.until(lambda: len(heard) == 1)
-    assert [each.header.stamp.sec for each in node._pending] == [0, 2**31 - 1]
+    assert [each.header.stamp.sec for each in node.stations[0].pending] == [0, 2**31 - 1]
     graph.until(lambda: peer.told("refused commands") == "1")
 
 
 def test_commands_that_no_sample_ever_reaches_are_not_kept_for_ever(graph, monkeypatch):
-    monkeypatch.setattr("via_estimators.nodes.estimator.MOST_PENDING", 3)
+    monkeypatch.setattr("via_estimators.nodes.station.MOST_PENDING", 3)
     peer = Peer(graph)
     node = graph.add(EstimatorNode, device=SERVO.name)
     commands = peer.node.create_publisher(VsaCommand, SERVO.command_topic, qos.SAMPLES)
@@ -133,7 +133,7 @@ def test_commands_that_no_sample_ever_reaches_are_not_kept_for_ever(graph, monke
     for tick in (5, 4, 3, 2, 1):
         commands.publish(command(tick))
     graph.until(lambda: peer.told("refused commands") == "2")
-    assert [each.header.stamp.nanosec for each in node._pending] == [PERIOD, 2 * PERIOD, 3 * PERIOD]
+    assert [each.header.stamp.nanosec for each in node.stations[0].pending] == [PERIOD, 2 * PERIOD, 3 * PERIOD]
 
 
 def test_excitation_answers_nonsense_with_no_torque_counts_it_and_recovers(graph):

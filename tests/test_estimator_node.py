@@ -132,7 +132,7 @@ def test_commands_apply_by_stamp_whatever_order_they_arrive_in(graph, tmp_path):
     # All commands come long before the samples they belong to; the node must wait with them.
     for _, message in commands:
         bench.commands.publish(message)
-    graph.until(lambda: len(bench.node._pending) == 60)
+    graph.until(lambda: len(bench.node.stations[0].pending) == 60)
     bench.send([message for _, message in samples])
     graph.until(lambda: len(bench.heard[DampingEstimate]) == 300)
     replay = estimate_bag(read_bag(tmp_path / "bag"), bench.device, estimator_for(bench.device))
@@ -208,8 +208,9 @@ def test_reset_forgets_the_samples_but_not_the_numbering(graph):
 
 def test_parameters_start_from_the_device_and_are_checked(graph):
     node = graph.add(EstimatorNode, device="maccepavd", memory=0.5)
-    assert node.estimator.parameters.memory == 0.5
-    assert node.estimator.parameters.inertia == load_device("maccepavd").link.inertia
+    parameters = node.stations[0].lines[0].live.estimator.parameters
+    assert parameters.memory == 0.5
+    assert parameters.inertia == load_device("maccepavd").link.inertia
     with pytest.raises(ParameterError, match="window"):
         EstimatorNode(context=graph.context, parameter_overrides=[parameter("window", 1)])
     with pytest.raises(ParameterError, match="a position servo"):

@@ -6,25 +6,28 @@ parameters or input to publish anything gets a row in NEEDS.
 
 from __future__ import annotations
 
-import ast
 import os
+import runpy
 import signal
 import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from via_core.bags import BagWriter
-from via_core.devices import load_device
+from via_core.devices import device_names, load_device
+from via_estimators.methods import METHODS, methods_for
 from via_ros import qos
 from via_ros.conversions import JointStateWriter
 from via_ros.interfaces import message_class
 
 ROOT = Path(__file__).resolve().parent.parent
 DEVICE = load_device("cubic_aa_vsa")
+DEVICES = [load_device(name) for name in device_names()]
 SAMPLES = "/joint_states"
 EVERYBODYS = {"/rosout", "/parameter_events"}
 
@@ -42,6 +45,14 @@ NEEDS = {
     "player": Needs(("bag:={folder}/bag", "rate:=0.1")),
     "estimator": Needs((f"device:={DEVICE.name}",), samples=True),
     "excitation": Needs((f"device:={DEVICE.name}",), samples=True),
+    # Any device that suits the method, under the name of DEVICE and so with its joints.
+    **{
+        method: Needs(
+            (f"device:={DEVICE.name}={next(each for each in DEVICES if method in methods_for(each)).name}",), True
+        )
+        for method in METHODS
+    },
+    "estimator_bank": Needs((f"device:={DEVICE.name}",), samples=True),
     "simulator": Needs((f"device:={DEVICE.name}",)),
 }
 
@@ -49,10 +60,13 @@ NEEDS = {
 def declared() -> Iterator[tuple[str, str]]:
     """(package, executable) of every console script in the setup.py files."""
     for file in sorted(ROOT.glob("via_*/setup.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.keyword) and node.arg == "entry_points":
-                for script in ast.literal_eval(node.value)["console_scripts"]:
-                    yield file.parent.name, script.partition("=")[0].strip()
+        told: dict[str, Any] = {}
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("setuptools.setup", lambda **given: told.update(given))  # noqa: B023
+            patch.chdir(file.parent)
+            runpy.run_path(str(file))
+        for script in told["entry_points"]["console_scripts"]:
+            yield file.parent.name, script.partition("=")[0].strip()
 
 
 EXECUTABLES = list(declared())

@@ -1,11 +1,22 @@
+import ast
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 package = "via_estimators"
 
+
+def methods():
+    """Names in METHODS of methods.py, read and not imported: what it needs may not be installed yet."""
+    tree = ast.parse(Path(package, "methods.py").read_text(encoding="utf-8"))
+    tables = [node.value for node in tree.body if isinstance(node, ast.AnnAssign) and node.target.id == "METHODS"]
+    return [ast.literal_eval(key) for key in tables[0].keys]
+
+
 setup(
     name=package,
     version="0.1.0",
-    description="Estimators of stiffness, damping and motor parameters, one algorithm per file, and their node.",
+    description="Estimators of stiffness, damping and motor parameters, one algorithm per file, and their nodes.",
     license="Apache-2.0",
     maintainer="VIA maintainers",
     maintainer_email="maintainers@via.example.org",
@@ -17,5 +28,11 @@ setup(
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
-    entry_points={"console_scripts": ["estimator = via_estimators.nodes.estimator:main"]},
+    entry_points={
+        "console_scripts": [
+            "estimator = via_estimators.nodes.estimator:main",
+            "estimator_bank = via_estimators.nodes.estimator:bank",
+            *(f"{method} = via_estimators.nodes.single:{method}" for method in methods()),
+        ]
+    },
 )

@@ -4,6 +4,11 @@
     state = estimator.init()
     state, estimate = estimator.step(state, sample)      # live: sample (1 + k,) is time [s], then the columns `inputs`
     estimates = estimator.run(signals)                   # replay: the same kernel, the same bits
+    live = Live(estimator); live.take(row)               # live without copies, for who runs many: again the same bits
+
+Time is counted in float64 from the first stamp, subtracted in whole nanoseconds and rounded once, so that nothing adds
+up: at t [s] it is wrong by 2^-53 t at most, 1e-11 s after a day and 3e-10 s after 30 days. To an estimator that is
+jitter of the stamps: a step of h [s] is wrong by 2^-52 t/h of itself, 6e-7 at 1 kHz after 30 days.
 
 Misuse raises ParameterError or SignalError; nature is answered with a Status: samples that are not finite or whose
 stamp does not increase are skipped, counted and marked BAD_SAMPLE, a gap restarts the window, no estimate holds a NaN.
@@ -186,6 +191,35 @@ class Estimator(ABC):
         value, deviation = np.empty((count, k)), np.empty((count, k))
         self._advance(new, rows, time, status, value, deviation)
         return new, time, status, value, deviation
+
+
+class Live:
+    """An estimator with its state, fed in place: what a node keeps. The kernel of `step`, without its copies.
+
+    value, standard_deviation  (k,) of the last sample: views of `numbers` (2k,), which the next one overwrites
+    """
+
+    def __init__(self, estimator: Estimator) -> None:
+        self.estimator = estimator
+        k = len(estimator.outputs)
+        self.numbers = np.zeros(2 * k)
+        self.value, self.standard_deviation = self.numbers[:k], self.numbers[k:]
+        self._time, self._status = np.zeros(1), np.zeros(1, dtype=np.uint8)
+        self._into = (self._time, self._status, self.value.reshape(1, k), self.standard_deviation.reshape(1, k))
+        self.restart()
+
+    def restart(self) -> None:
+        """As before the first sample."""
+        self._state = self.estimator.init().copy()
+
+    def take(self, row: Array) -> int:
+        """The status after one more sample, row (1, 1 + k): writable and contiguous, as kernels are compiled for."""
+        self.estimator._advance(self._state, row, *self._into)
+        return int(self._status[0])
+
+    def health(self) -> Health:
+        """Counters and excitation."""
+        return self.estimator.health(self._state)
 
 
 class Summary(NamedTuple):

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import array
 import re
+from collections.abc import Sequence
+from struct import Struct
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +21,9 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.wire import FIELDS, LINK, MOTOR, REFERENCES, SECOND, seconds
 from via_interfaces.msg import VsaCommand
+
+STAMP = Struct("=iI")  # builtin_interfaces/Time
+MOST_NAMES = 64  # different lists of names kept at a time: more is a fault, not a robot
 
 
 def nanoseconds(stamp: Time) -> int:
@@ -64,90 +69,174 @@ def command_of(message: VsaCommand, n_motors: int) -> Command | None:
     return Command(message.mode, message.equilibrium, message.preset, message.damping, motor)
 
 
-class SampleReader:
-    """Turns JointState and VsaCommand messages of one device into sample rows.
+class Names:
+    """The joints that a stream of messages names; told apart by identity, so that looking them up is done once."""
 
-    columns  what a row holds after its time, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        self.joints = joints
 
-    origin     [ns] stamp of the first sample: rows count their time from it
-    malformed  messages whose arrays do not fit their names; what does not fit is NaN in the row
+
+class Joints(NamedTuple):
+    """What one JointState says; an array that does not fit the names is malformed, an empty one says nothing."""
+
+    names: Names
+    stamp: int  # [ns]
+    stamp_bytes: bytes  # (8,) the stamp as it came: it need not be one that `set_stamp` would write
+    position: Array
+    velocity: Array
+    effort: Array
+
+
+class RowReader:
+    """Turns JointStates and VsaCommands into sample rows of many devices at once.
+
+    wanted  for each row its device and what it holds after its time, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
+
+    rows       (1, 1 + k) each, overwritten by every message that names the link of the row's device: copy what you keep
+    malformed  for each row how many arrays did not fit their names; what does not fit is NaN
     """
 
-    def __init__(self, device: Device, columns: tuple[str, ...]) -> None:
-        self.device = device
-        self.columns = columns
-        self.origin: int | None = None
-        self.malformed = 0
-        self._row = np.full(1 + len(columns), np.nan)
-        self._places: dict[str, list[tuple[int, str]]] = {field: [] for field in FIELDS}  # (column, joint)
-        self._held: list[tuple[int, str]] = []  # (column, member of the command)
-        for at, column in enumerate(columns, start=1):
-            self._place(at, column)
-        self._names: list[str] | None = None
-        self._found = False
-        self._take: list[tuple[str, Array, Array]] = []  # (field, columns, indices in the message)
+    def __init__(self, wanted: Sequence[tuple[Device, Sequence[str]]]) -> None:
+        self._links = [device.link_joint for device, _ in wanted]
+        self._motors = [device.n_motors for device, _ in wanted]
+        lengths = [1 + len(columns) for _, columns in wanted]
+        self._starts = np.cumsum([0, *lengths]).tolist()
+        self._flat = np.full(self._starts[-1], np.nan)
+        self.rows = [self._flat[at : at + n].reshape(1, n) for at, n in zip(self._starts, lengths, strict=False)]
+        self.malformed = [0] * len(wanted)
+        self.origins: list[int | None] = [None] * len(wanted)  # [ns] stamp of the first sample
+        self._places: list[list[tuple[str, int, str]]] = []  # for each row: field, place in the flat array, joint
+        self._held: list[list[tuple[int, str]]] = []  # for each row: place in the flat array, member of the command
+        for (device, columns), start in zip(wanted, self._starts, strict=False):
+            self._places.append([])
+            self._held.append([])
+            for at, column in enumerate(columns, start=start + 1):
+                self._place(at, column, device)
+        self._plans: dict[Names, _Plan] = {}
 
-    def _place(self, at: int, column: str) -> None:
-        motors = self.device.motor_joints
+    def _place(self, at: int, column: str, device: Device) -> None:
+        motors = device.motor_joints
         numbered = re.fullmatch(r"(\w+?)_(\d+)", column)
         number = int(numbered[2]) if numbered else 0
         if column in LINK:
-            self._places[LINK[column]].append((at, self.device.link_joint))
+            self._places[-1].append((LINK[column], at, device.link_joint))
         elif column in REFERENCES:
-            self._held.append((at, column))
+            self._held[-1].append((at, column))
         elif numbered and numbered[1] in (*MOTOR, "motor") and 1 <= number <= len(motors):
             if numbered[1] == "motor":
-                self._held.append((at, column))
+                self._held[-1].append((at, column))
             else:
-                self._places[MOTOR[numbered[1]]].append((at, motors[number - 1]))
+                self._places[-1].append((MOTOR[numbered[1]], at, motors[number - 1]))
         else:
-            raise ParameterError(f"device '{self.device.name}' with {len(motors)} motors has no column '{column}'")
+            raise ParameterError(f"device '{device.name}' with {len(motors)} motors has no column '{column}'")
+
+    def forget(self, row: int) -> None:
+        """As before the first message: the row has no origin of time, no command is held in it."""
+        self.origins[row] = None
+        self._flat[[at for at, _ in self._held[row]]] = np.nan
+
+    def hold(self, row: int, message: VsaCommand) -> bool:
+        """Keep a command for the rows to come; False for one that cannot be followed: the last one stays."""
+        command = command_of(message, self._motors[row])
+        if command is None:
+            return False
+        for at, column in self._held[row]:
+            if column in REFERENCES:
+                self._flat[at] = getattr(command, column)
+            else:
+                number = int(column.rpartition("_")[2])
+                self._flat[at] = command.motor[number - 1] if len(command.motor) else np.nan
+        return True
+
+    def read(self, joints: Joints) -> list[int]:
+        """Which rows are samples now: those whose link the message names. Their times are [s] since their first one."""
+        plan = self._plans.get(joints.names)
+        if plan is None:
+            if len(self._plans) >= MOST_NAMES:
+                self._plans.clear()
+            plan = self._plans[joints.names] = self._planned(joints.names.joints)
+        if not plan.rows:
+            return plan.rows
+        for row in plan.rows:
+            origin = self.origins[row]
+            if origin is None:
+                origin = self.origins[row] = joints.stamp
+            self._flat[self._starts[row]] = seconds(joints.stamp, origin)
+        count = len(joints.names.joints)
+        for field, places, indices, rows in plan.fields:
+            values = getattr(joints, field)
+            if len(values) == count:
+                self._flat[places] = values[indices]
+                continue
+            self._flat[places] = np.nan
+            if len(values):
+                for row in rows:
+                    self.malformed[row] += 1
+        if len(plan.absent):
+            self._flat[plan.absent] = np.nan
+        return plan.rows
+
+    def _planned(self, names: tuple[str, ...]) -> _Plan:
+        first = {name: at for at, name in reversed(list(enumerate(names)))}
+        rows = [row for row, link in enumerate(self._links) if link in first]
+        entries = [(row, *entry) for row in rows for entry in self._places[row]]
+        fields = []
+        for field in FIELDS:
+            there = [(row, at, first[joint]) for row, kind, at, joint in entries if kind == field and joint in first]
+            if there:
+                of, places, indices = zip(*there, strict=True)
+                fields.append((field, np.array(places), np.array(indices), sorted(set(of))))
+        absent = np.array([at for _, _, at, joint in entries if joint not in first], dtype=np.intp)
+        return _Plan(rows, fields, absent)
+
+
+class _Plan(NamedTuple):
+    """How to read messages that name the same joints."""
+
+    rows: list[int]  # whose link is named
+    fields: list[tuple[str, np.ndarray, np.ndarray, list[int]]]  # array, places in the flat array, indices in it, rows
+    absent: np.ndarray  # places of joints that are not named
+
+
+class SampleReader:
+    """Turns JointState and VsaCommand messages of one device into sample rows: `RowReader` for one row.
+
+    columns  what a row holds after its time, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
+    """
+
+    def __init__(self, device: Device, columns: tuple[str, ...]) -> None:
+        self._reader = RowReader([(device, columns)])
+        self._names = Names(())
+
+    @property
+    def malformed(self) -> int:
+        """Arrays that did not fit their names; what does not fit is NaN in the row."""
+        return self._reader.malformed[0]
 
     def hold(self, message: VsaCommand) -> bool:
         """Keep a command for the rows to come; False for one that cannot be followed: the last one stays."""
-        command = command_of(message, self.device.n_motors)
-        if command is None:
-            return False
-        for at, column in self._held:
-            if column in REFERENCES:
-                self._row[at] = getattr(command, column)
-            else:
-                number = int(column.rpartition("_")[2])
-                self._row[at] = command.motor[number - 1] if len(command.motor) else np.nan
-        return True
+        return self._reader.hold(0, message)
 
     def read(self, message: JointState) -> Array | None:
         """The row (1 + k,) of a message, its time [s] first; None when the message is not about this device's link.
 
-        The row is the same array every time: copy what you keep.
+        Times count from the first row. The row is the same array every time: copy what you keep.
         """
-        if message.name != self._names:
-            self._look_up(list(message.name))
-        if not self._found:
-            return None
-        row = self._row
-        time = nanoseconds(message.header.stamp)
-        if self.origin is None:
-            self.origin = time
-        row[0] = seconds(time, self.origin)
-        for field, at, index in self._take:
-            values = np.frombuffer(getattr(message, field))
-            if len(values) == len(message.name):
-                row[at] = values[index]
-            else:
-                row[at] = np.nan
-                self.malformed += len(values) != 0
-        return row
+        joints = joints_of(message, self._names)
+        self._names = joints.names
+        return self._reader.rows[0][0] if self._reader.read(joints) else None
 
-    def _look_up(self, names: list[str]) -> None:
-        self._names = names
-        self._found = self.device.link_joint in names
-        self._take = []
-        for field, places in self._places.items():
-            self._row[[at for at, _ in places]] = np.nan
-            there = [(at, names.index(joint)) for at, joint in places if joint in names]
-            if there:
-                self._take.append((field, *np.array(there).T))
+
+def joints_of(message: JointState, last: Names) -> Joints:
+    """What a message says; `last` are the names of the one before, most likely the same."""
+    names = tuple(message.name)
+    stamp = message.header.stamp
+    return Joints(
+        last if names == last.joints else Names(names),
+        nanoseconds(stamp),
+        STAMP.pack(stamp.sec, stamp.nanosec),
+        *(np.frombuffer(getattr(message, field)) for field in FIELDS),
+    )
 
 
 class JointStateWriter:

@@ -1,0 +1,111 @@
+"""One method on one device as a node runs it: samples in, estimates out as messages, and what that costs."""
+
+from __future__ import annotations
+
+import re
+from time import perf_counter_ns
+from typing import Any, NamedTuple
+
+import numpy as np
+from rclpy.node import Node
+from via_core.devices import Device
+from via_core.signals import Array
+from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate
+from via_ros import qos
+from via_ros.serialised import Template
+
+from via_estimators.contract import Estimator, Live
+
+MICROSECOND = 1000  # [ns]
+
+
+class Member(NamedTuple):
+    """Which outputs of an estimator stand in a member of a message, and their standard deviations in another."""
+
+    value: str
+    deviation: str
+    outputs: str  # pattern of their names
+
+
+MESSAGES: dict[str, tuple[Any, tuple[Member, ...]]] = {
+    "stiffness": (
+        StiffnessEstimate,
+        (
+            Member("value", "standard_deviation", r"stiffness"),
+            Member("transmission_value", "transmission_standard_deviation", r"stiffness_\d+"),
+        ),
+    ),
+    "damping": (DampingEstimate, (Member("value", "standard_deviation", r"damping"),)),
+    "motor": (
+        MotorEstimate,
+        (
+            Member("inertia", "inertia_standard_deviation", r"motor_inertia_\d+"),
+            Member("damping", "damping_standard_deviation", r"motor_damping_\d+"),
+        ),
+    ),
+}
+
+
+class Line:
+    """One method on one device; `topic` is what comes before /stiffness, /damping and /motor."""
+
+    def __init__(self, node: Node, device: Device, method: str, estimator: Estimator, topic: str) -> None:
+        self.device, self.method, self.live = device, method, Live(estimator)
+        self.sequence = self._reported = self._spent = 0
+        self._answers = []
+        for name, (kind, members) in MESSAGES.items():
+            message = kind(method=method)
+            message.header.frame_id = device.name
+            answer = _Answer(message, members, estimator.outputs)
+            if answer.tells:
+                self._answers.append((answer, node.create_publisher(kind, f"{topic}/{name}", qos.SAMPLES)))
+        # A sample that tells nothing: loads the compiled kernel now and not when the first real one waits.
+        self.live.take(np.full((1, 1 + len(estimator.inputs)), np.nan))
+        self.live.restart()
+
+    def take(self, row: Array, stamp: bytes) -> None:
+        """Fold one sample row (1, 1 + k) and publish what follows from it, with its stamp (8,)."""
+        begin = perf_counter_ns()
+        status = self.live.take(row)
+        self._spent += perf_counter_ns() - begin
+        for answer, publisher in self._answers:
+            publisher.publish(answer.write(stamp, self.sequence, status, self.live.numbers))
+        self.sequence += 1
+
+    def restart(self) -> int:
+        """Forget every sample; returns how many there were. The numbering goes on."""
+        samples = self.live.health().samples
+        self.live.restart()
+        return samples
+
+    def cost(self) -> tuple[int, float]:
+        """Samples since the last call, and the time [us] that folding one of them took."""
+        count, spent = self.sequence - self._reported, self._spent
+        self._reported, self._spent = self.sequence, 0
+        return count, spent / MICROSECOND / max(count, 1)
+
+
+class _Answer:
+    """A message and where in it the numbers of an estimate stand."""
+
+    def __init__(self, message: Any, members: tuple[Member, ...], outputs: tuple[str, ...]) -> None:
+        found = [
+            (member, [at for at, output in enumerate(outputs) if re.fullmatch(member.outputs, output)])
+            for member in members
+        ]
+        for member, sources in found:
+            if not isinstance(getattr(message, member.value), float):
+                setattr(message, member.value, [0.0] * len(sources))
+                setattr(message, member.deviation, [0.0] * len(sources))
+        self._template = Template(message)
+        places, sources = [], []
+        for member, each in found:
+            if each:
+                places += [*self._template.places(member.value), *self._template.places(member.deviation)]
+                sources += [*each, *(len(outputs) + at for at in each)]
+        self.tells = bool(places)
+        self._places, self._sources = np.array(places), np.array(sources)
+
+    def write(self, stamp: bytes, sequence: int, status: int, numbers: Array) -> bytes:
+        """The message of numbers (2k,): values, then standard deviations."""
+        return self._template.write(stamp, sequence, status, self._places, numbers[self._sources])

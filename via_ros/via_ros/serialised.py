@@ -1,0 +1,141 @@
+"""Serialised messages read and written without making objects of them: at 16 joints and 1 kHz objects cost most of it.
+
+JointStateDecoder  bytes of a JointState -> Joints
+Template           a message whose strings and lengths stay: numbers -> bytes to publish
+
+Measured for 48 joints: 12 us to deserialise a JointState, 1 us to read it here. One estimate published as an object
+takes 13-17 us with one listener, as bytes 9.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from via_core.signals import Array
+from via_core.wire import FIELDS, SECOND
+
+from via_ros.conversions import MOST_NAMES, STAMP, Joints, Names, joints_of
+from via_ros.interfaces import ENCAPSULATION
+
+NATIVE = b"\x00\x01"  # plain CDR, little endian, of the machines this runs on
+LENGTH, SEQUENCE = struct.Struct("<I"), struct.Struct("<Q")
+AFTER_STAMP = ENCAPSULATION + STAMP.size
+SIZES = {
+    "boolean": 1, "octet": 1, "uint8": 1, "int8": 1, "uint16": 2, "int16": 2, "uint32": 4, "int32": 4, "float": 4,
+    "uint64": 8, "int64": 8, "double": 8,
+}  # fmt: skip
+
+
+class JointStateDecoder:
+    """Reads serialised JointStates; the names of a stream of messages are decoded once."""
+
+    def __init__(self) -> None:
+        self._known: list[tuple[bytes, Names]] = []  # frame and names as bytes: a whole stretch to compare at once
+
+    def decode(self, data: bytes) -> Joints | None:
+        """What a message says; None for bytes that are no JointState."""
+        try:
+            if not data.startswith(NATIVE):
+                return joints_of(deserialize_message(data, JointState), Names(()))
+            for opening, names in self._known:
+                if data.startswith(opening, AFTER_STAMP):
+                    return _joints(data, names, AFTER_STAMP + len(opening))
+            return self._learn(data)
+        except (struct.error, ValueError, RuntimeError, MemoryError):
+            return None
+
+    def _learn(self, data: bytes) -> Joints:
+        _, at = _text(data, AFTER_STAMP)
+        at += -at % 4
+        (count,) = LENGTH.unpack_from(data, at)
+        at += 4
+        names = []
+        for _ in range(count):
+            name, at = _text(data, at + -at % 4)
+            names.append(name)
+        known = Names(tuple(names))
+        joints = _joints(data, known, at)
+        self._known = [*self._known[-MOST_NAMES + 1 :], (data[AFTER_STAMP:at], known)]
+        return joints
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    """The string at a place, and the place after it."""
+    (length,) = LENGTH.unpack_from(data, at)
+    end = at + 4 + length
+    if end > len(data):
+        raise ValueError("a string ends after its message")
+    return data[at + 4 : end].rstrip(b"\0").decode("utf-8", "replace"), end
+
+
+def _joints(data: bytes, names: Names, at: int) -> Joints:
+    arrays = []
+    for _ in FIELDS:
+        at += -at % 4
+        (count,) = LENGTH.unpack_from(data, at)
+        at += 4
+        if count:
+            at += -(at - ENCAPSULATION) % 8
+            arrays.append(np.frombuffer(data, np.float64, count, at))
+            at += 8 * count
+        else:
+            arrays.append(np.empty(0))
+    stamp = data[ENCAPSULATION:AFTER_STAMP]
+    seconds, nanoseconds = STAMP.unpack(stamp)
+    return Joints(names, seconds * SECOND + nanoseconds, stamp, *arrays)
+
+
+class Template:
+    """A message to publish again and again with other numbers; its strings and the lengths of its arrays stay.
+
+    The message begins with a Header and a sequence number (interfaces.NUMBERED) and has a status.
+    """
+
+    def __init__(self, message: Any) -> None:
+        self._data = bytearray(serialize_message(message))
+        self._found, _ = _members(message)
+        self._words = np.frombuffer(self._data, np.float64, (len(self._data) - ENCAPSULATION) // 8, ENCAPSULATION)
+        self._sequence, self._status = (ENCAPSULATION + self._found[member][0] for member in ("sequence", "status"))
+
+    def places(self, member: str) -> list[int]:
+        """Where the doubles of a member lie, in the words that `write` takes."""
+        at, count = self._found[member]
+        return [at // 8 + k for k in range(count)]
+
+    def write(self, stamp: bytes, sequence: int, status: int, places: np.ndarray, values: Array) -> bytes:
+        """The message with this stamp (8,), number and status, and `values` (n,) at `places` (n,)."""
+        data = self._data
+        data[ENCAPSULATION:AFTER_STAMP] = stamp
+        SEQUENCE.pack_into(data, self._sequence, sequence)
+        data[self._status] = status
+        self._words[places] = values
+        return bytes(data)
+
+
+def _members(message: Any, at: int = 0, prefix: str = "") -> tuple[dict[str, tuple[int, int]], int]:
+    """For every member with numbers the place of its first one and how many there are; and where the message ends.
+
+    Plain CDR: everything is aligned to its own size, counted from the end of the encapsulation.
+    """
+    found: dict[str, tuple[int, int]] = {}
+    for member, kind in message.get_fields_and_field_types().items():
+        value = getattr(message, member)
+        if hasattr(value, "get_fields_and_field_types"):
+            inner, at = _members(value, at, f"{prefix}{member}.")
+            found |= inner
+        elif isinstance(value, str):
+            at += -at % 4 + 4 + len(value.encode()) + 1
+        else:
+            count = 1
+            if kind.startswith("sequence<"):
+                count = len(value)
+                at += -at % 4 + 4
+            size = SIZES[kind.removeprefix("sequence<").removesuffix(">")]
+            at += -at % size if count else 0
+            found[prefix + member] = (at, count)
+            at += size * count
+    return found, at
