@@ -253,11 +253,12 @@ class Observed(_Part):
 
 
 class Wire(_Part):
-    """Names in sensor_msgs/JointState and on topics; empty ones follow from the device's name."""
+    """Names in sensor_msgs/JointState, on topics and in CSV files; empty ones follow from the device's name."""
 
     link: str = ""
     motors: tuple[str, ...] = ()
     command: str = ""
+    columns: dict[str, str] = {}  # channel (time, q, theta_1, tau_1 ...) -> header of a foreign CSV file
 
 
 class Device(_Part):
