@@ -11,6 +11,8 @@ from via_core.errors import ParameterError, SignalError
 from via_core.signals import Signals
 from via_core.status import Status
 from via_estimators.contract import Parameters, rows_of, summarise
+from via_estimators.damping_directional import DampingDirectional, DampingDirectionalParameters
+from via_estimators.damping_rls import DampingRLS, DampingRLSParameters
 from via_estimators.link_impedance import LinkImpedance, LinkImpedanceParameters
 from via_estimators.methods import estimator_for
 from via_estimators.modulated_stiffness import ModulatedStiffness, ModulatedStiffnessParameters
@@ -26,6 +28,8 @@ ESTIMATORS = {
     "link_impedance": LinkImpedance(
         MACCEPA.spring_laws[0], LinkImpedanceParameters(window=60, sampling=1e-3, minimum_motion=0.02)
     ),
+    "damping_directional": DampingDirectional(DampingDirectionalParameters(window=60, terms=2)),
+    "damping_rls": DampingRLS(DampingRLSParameters(window=60, terms=2, stability_factor=10.0)),
 }
 
 
@@ -33,6 +37,7 @@ def moving_rows(estimator, count=600, period=1e-3):
     """Rows with everything in smooth motion; torques are those of some motor with some spring."""
     t = period * np.arange(count)
     values = {"q": 0.4 * np.sin(9.0 * t), "equilibrium": 0.2 * np.sin(3.0 * t), "preset": 0.5 + 0.0 * t}
+    values["tau_link"] = 2.0 * np.gradient(values["q"], t)
     for i in (1, 2):
         theta = 0.5 * (-1) ** i + 0.1 * np.sin((6.0 + i) * t)
         values[f"theta_{i}"] = theta
@@ -75,7 +80,7 @@ def test_run_is_step_folded_bit_for_bit(estimator):
 def test_run_reads_signals_by_channel(estimator):
     rows = moving_rows(estimator)
     columns = dict(zip(estimator.inputs, rows[:, 1:].T, strict=True))
-    channels = {name: columns[name] for name in ("q", "equilibrium", "preset") if name in columns}
+    channels = {name: columns[name] for name in ("q", "tau_link", "equilibrium", "preset") if name in columns}
     for name in ("theta", "theta_velocity", "tau"):
         if f"{name}_1" in columns:
             keys = [f"{name}_{i}" for i in (1, 2) if f"{name}_{i}" in columns]
@@ -225,13 +230,14 @@ def test_devices_choose_their_method():
 
 def test_a_run_is_summarised_by_information(estimator):
     _, estimates = estimator.run_rows(moving_rows(estimator))
-    value, deviation, weights = summarise(estimates, "stiffness")
+    output = estimator.outputs[0]
+    value, deviation, weights = summarise(estimates, output)
     good = estimates.status == Status.OK
-    values, deviations = estimates.column("stiffness")
+    values, deviations = estimates.column(output)
     assert value == pytest.approx(np.average(values[good], weights=deviations[good] ** -2.0))
     assert deviation == deviations[good].min()
     assert weights.sum() == pytest.approx(1.0) and np.all(weights[~good] == 0.0)
     _, early = estimator.run_rows(moving_rows(estimator)[:50])
-    assert summarise(early, "stiffness")[:2] == (early.value[-1, 0], early.standard_deviation[-1, 0])
+    assert summarise(early, output)[:2] == (early.value[-1, 0], early.standard_deviation[-1, 0])
     with pytest.raises(SignalError, match="no output 'colour'"):
         summarise(estimates, "colour")

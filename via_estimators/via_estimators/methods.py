@@ -9,6 +9,8 @@ from via_core.devices import Device
 from via_core.errors import ParameterError
 
 from via_estimators.contract import Estimator
+from via_estimators.damping_directional import DampingDirectional
+from via_estimators.damping_rls import DampingRLS
 from via_estimators.link_impedance import LinkImpedance
 from via_estimators.modulated_stiffness import ModulatedStiffness
 from via_estimators.modulated_torque import ModulatedTorque
@@ -20,6 +22,8 @@ METHODS: dict[str, type[Estimator]] = {
     "modulated_stiffness": ModulatedStiffness,
     "signal_based": SignalBased,
     "link_impedance": LinkImpedance,
+    "damping_directional": DampingDirectional,
+    "damping_rls": DampingRLS,
 }
 
 

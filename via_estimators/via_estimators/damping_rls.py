@@ -1,0 +1,110 @@
+"""Damping from the dissipation torque by recursive least squares, plain and with the document's stability factor.
+
+Source: SAPHARI deliverable, Section 5, eqs. (62)-(73). Rows, velocity, statuses and deviations are those of
+`damping_equation`, the recursion is `rls`. It is the baseline beside `damping_directional`: without forgetting it
+answers with the mean over all it has seen. `forgetting` is (74), lambda per row in the usual meaning, P / lambda after
+each; P that is full (trace P = n p_max) forgets no more, and without an equation nothing is forgotten.
+
+The stability factor c of (73) is no cure for poor excitation: it equals P(0) -> c P(0) (see `rls`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from via_core.devices import Device
+from via_core.signals import Array
+
+from via_estimators import damping_equation, rls, window
+from via_estimators.contract import Estimator, Parameters, expect, parameter
+from via_estimators.damping_equation import DampingParameters, known_of
+
+STABILITY, FORGETTING = damping_equation.N_OWN, damping_equation.N_OWN + 1
+
+
+@dataclass(frozen=True)
+class DampingRLSParameters(DampingParameters):
+    """Parameters of `DampingRLS`."""
+
+    stability_factor: float = parameter(1.0, "stability factor c; 1 is plain", "-", 1e-6, 1e6)
+    forgetting: float = parameter(1.0, "weight of the past per row, lambda", "-", 0.5, 1.0)
+
+
+@dataclass(frozen=True)
+class DampingRLS(Estimator):
+    """Damping at the present velocity of a rigid joint with a damper and a sensor for its torque."""
+
+    parameters: DampingRLSParameters = DampingRLSParameters()
+
+    @classmethod
+    def from_device(cls, device: Device) -> DampingRLS:
+        """What the device file tells (`damping_equation.known_of`); the rest stays as given."""
+        return cls(replace(DampingRLSParameters(), **known_of(device)))
+
+    def having(self, parameters: Parameters) -> DampingRLS:
+        return replace(self, parameters=expect(parameters, DampingRLSParameters))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return ("q", "tau_link")
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return ("damping",)
+
+    @cached_property
+    def _constants(self) -> tuple[Array, Array]:
+        """Parameter row of the kernel and autocorrelation (L,) of the window; not locked, another type to compile."""
+        own = self.parameters
+        return np.array((*own.row(), own.stability_factor, own.forgetting)), own.colour()
+
+    def init(self) -> Array:
+        own, n = self.parameters, self.parameters.terms
+        state = np.zeros(damping_equation.size(n, own.window + 1) + n * n)
+        damping_equation.start(self._constants[0], state)
+        _covariance(state, n)[:, :] = own.initial_covariance * np.eye(n)
+        state.flags.writeable = False
+        return state
+
+    def condition(self, state: Array) -> float:
+        """Condition number of the triangular root of P."""
+        found = np.linalg.eigvalsh(_covariance(state, self.parameters.terms))
+        return float(np.sqrt(found[-1] / max(found[0], 1e-32 * found[-1], 1e-300)))
+
+    def _advance(
+        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
+    ) -> None:
+        constants, kernel = self._constants
+        _advance(constants, kernel, state, rows, time, status, value, deviation)
+
+
+@njit(cache=True, error_model="numpy")
+def _covariance(state: Array, n: int) -> Array:
+    """The view P (n, n)."""
+    return state[state.size - n * n :].reshape(n, n)
+
+
+@njit(cache=True, error_model="numpy")
+def _advance(
+    par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
+) -> None:
+    n, length = int(par[damping_equation.TERMS]), int(par[damping_equation.LENGTH])
+    P, w, count = _covariance(state, n), damping_equation.coefficients(state, n), damping_equation.counters(state)
+    now = state[window.HEADER : window.HEADER + 2]
+    psi, held, lagged = np.empty((3, length)), np.empty(length), np.empty(length)
+    v, gain, slope, spare = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
+    for k in range(rows.shape[0]):
+        made = damping_equation.enter(par, state, rows[k], psi, held, v)
+        if made == damping_equation.MOVING:
+            error = rls.update(P, w, v, count[damping_equation.TORQUE], par[STABILITY], gain)
+            if np.trace(P) < n * par[damping_equation.LIMIT]:
+                P /= par[FORGETTING]
+            damping_equation.follow(par, r, state, error, gain, v, lagged, spare)
+        elif made != damping_equation.BAD:
+            damping_equation.rest(par, state)
+        time[k] = state[window.LAST]
+        status[k] = damping_equation.tell(par, r[0], state, made, slope)
+        value[k, 0], deviation[k, 0] = now[0], now[1]
