@@ -100,6 +100,16 @@ def test_planted_parameters_come_back(jitter):
     assert estimates.column("motor_damping_1")[0][-1] == pytest.approx(0.3, rel=1e-3)
 
 
+@pytest.mark.parametrize(("order", "intervals"), [(2, 150), (3, 300), (9, 200)])
+def test_any_modulating_function_and_window_will_do(order, intervals):
+    rows, truth = planted(jitter=0.8)
+    _, estimates = ModulatedTorque(replace(ONE.parameters, modulating_order=order, window=intervals)).run_rows(rows)
+    settled = estimates.status == Status.OK
+    assert settled.mean() > 0.6
+    assert np.abs(estimates.value[:, 0] - truth)[settled].max() < 2e-3 * truth.max()
+    assert estimates.column("motor_inertia_1")[0][-1] == pytest.approx(0.02, rel=1e-3)
+
+
 def test_effort_is_the_torque_over_the_interval_that_ends_at_the_stamp():
     rows, truth = planted(period=4e-3)
     wrong = rows.copy()

@@ -13,9 +13,9 @@ is what the rotations leave over, less what the prior and its leak cost: |x - x_
 
 All is in scaled unknowns x_j = (a_j - prior_j) / prior_deviation_j and rows divided by the declared torque noise, so
 that the prior is the unit matrix and column scaling comes free. A prior that is no belief but a number to start with
-(P(0) of the document) may be narrower than what one believes: `beliefs` holds the variances of x, 1 unless overwritten. Forgetting would let directions without excitation
-drift; each step therefore leaks as much as it forgets towards the current estimate (proximal), which keeps P <= 1 and
-lets standard deviations grow back to those of the prior, no further.
+(P(0) of the document) may be narrower than what one believes: `beliefs` holds the variances of x, 1 unless overwritten.
+Forgetting would let directions without excitation drift; each step therefore leaks as much as it forgets towards the
+current estimate (proximal), which keeps P <= 1 and lets standard deviations grow back to the prior's, no further.
 
 One equation's state is a flat row; `size` and the index constants below lay it out.
 """

@@ -8,7 +8,7 @@ modulating function psi that vanishes with its derivatives at both ends of a sli
 so that sigma(phi) = sum_p a_p (phi/s)^(p-1): every a_p [N m/rad] is a share of stiffness at deflection scale s. Odd
 powers p = 1, 3, ..; a law that is not skew-symmetric (springs pretensioned against each other) needs 0, 2, 4, .. too.
 Departures from the document, each measured to help (estimation.md): the equation is not differentiated first, B and D
-are unknowns, the basis is odd, psi is w_55 and not w_33, the update is QR with a prior, and standard deviations know
+are unknowns, the basis is odd, psi is w_55 by default and not w_33, the update is QR with a prior, and standard deviations know
 the colour of the noise (`coloured`).
 
 Samples need not be equidistant: the stamps make the weights (via_core.weak_form), and a constant added to q and theta
@@ -40,11 +40,10 @@ from via_core.status import Status
 from via_estimators import coloured, window
 from via_estimators.contract import Estimator, Parameters, expect, parameter
 
-MODULATING_ORDER = 5
 MOST_TERMS = 6
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
 LENGTH, TRANSMISSIONS, ORDER, EVEN, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, SCALE = range(9)
-MINIMUM_MOTION, MARGIN, TRUNCATION, PRIOR = range(9, 13)
+MINIMUM_MOTION, MARGIN, TRUNCATION, MODULATING, PRIOR = range(9, 14)
 LOW, HIGH, ANY, N_VISITED = range(4)  # smallest and largest deflection visited (its size, if odd), whether any was
 OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
 
@@ -55,6 +54,7 @@ class ModulatedTorqueParameters(Parameters):
 
     transmissions: int = parameter(2, "number of motors with a transmission each", "-", 1, 2)
     window: int = parameter(200, "sampling intervals per window", "-", 20, 2000)
+    modulating_order: int = parameter(5, "h of the modulating function w_hh", "-", 2, 9)
     order: int = parameter(3, "odd terms of the torque law", "-", 1, MOST_TERMS)
     even_terms: int = parameter(0, "even terms besides, the constant first", "-", 0, MOST_TERMS)
     truncation: float = parameter(1.0, "share of the last term that a law cut off may hide; 0: none is", "-", 0.0, 10.0)
@@ -134,12 +134,12 @@ class ModulatedTorque(Estimator):
         row = np.zeros(PRIOR + 2 * n)
         row[:PRIOR] = (
             own.window + 1, own.transmissions, own.order, own.even_terms, own.memory, own.max_gap, own.torque_noise,
-            own.position_noise,
-            own.deflection_scale, own.minimum_motion, own.range_margin, own.truncation,
+            own.position_noise, own.deflection_scale, own.minimum_motion, own.range_margin, own.truncation,
+            own.modulating_order,
         )  # fmt: skip
         row[PRIOR : PRIOR + 3] = own.inertia_prior, own.damping_prior, own.stiffness_prior
         row[PRIOR + n :] = own.inertia_deviation, own.damping_deviation, *((n - 2) * (own.stiffness_deviation,))
-        return row, coloured.colours(own.window, MODULATING_ORDER)
+        return row, coloured.colours(own.window, own.modulating_order)
 
     def init(self) -> Array:
         own = self.parameters
@@ -253,7 +253,7 @@ def _advance(
         elapsed = rows[k, 0] - before if state[window.SAMPLES] > 1.0 else 0.0
         keep = exp(-max(elapsed, 0.0) / par[MEMORY])  # time in a gap, or until a window is full, counts like any other
         if full:
-            span = window.weigh(MODULATING_ORDER, times, slot, psi, held)
+            span = window.weigh(int(par[MODULATING]), times, slot, psi, held)
             coloured.lags(r, slot, keep, lagged)
         middle = slot + length // 2 + 1
         middle = middle if middle < length else middle - length
