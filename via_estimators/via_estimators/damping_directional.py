@@ -77,6 +77,15 @@ class DampingDirectional(Estimator):
         state.flags.writeable = False
         return state
 
+    def covariance(self, state: Array) -> Array:
+        """P (n, n) of Algorithm 1 [1/(rad/s)^2], relative to the noise of a torque row."""
+        R = _factor(state, self.parameters.terms)
+        return np.asarray(R.T @ R)
+
+    def coefficients(self, state: Array) -> Array:
+        """w (n,) [N m s/rad]."""
+        return damping_equation.coefficients(state.copy(), self.parameters.terms)
+
     def condition(self, state: Array) -> float:
         """Condition number of the root of P; 0/0 where a perfect fit has emptied it counts as 1e16."""
         R = _factor(state, self.parameters.terms)

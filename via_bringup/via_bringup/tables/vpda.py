@@ -1,0 +1,109 @@
+"""The document's damping experiments (Section 5.2) in simulation: a hand moves the link, the motor holds.
+
+Not printed and therefore chosen (estimation.md): velocity 1.5 sin(2 pi .5 t) plus .4 sin(2 pi 1.3 t + 1) rad/s after a
+.3 s ramp, Stribeck friction .3 N m at breakaway and .1 N m at speed (falling over .05 rad/s), torque noise .05 N m,
+16 bit, 1 kHz. The hand gives what the link needs for that velocity, so it moves by hand and not on rails.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.devices import Device, load_device
+from via_core.signals import Array, Signals
+from via_estimators.contract import Estimates
+from via_sim.effects import Effect
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import Simulation, simulate
+
+DEVICE = "compact_vpda"
+DURATION = 20.0  # [s]
+RATE = 1000.0  # [Hz]
+SETTLED = 1.0  # [s] after which errors count
+CONSTANT = 3.0  # [N m s/rad]
+KINETIC = 0.1  # [N m]
+STRIBECK = Effect("stribeck_friction", "link", {"breakaway": 0.3, "kinetic": KINETIC, "velocity": 0.05})
+STANDSTILL = (6.0, 12.0)  # [s] the hand rests in between, if it rests
+SETTINGS = (
+    "compact_vpda, 20 s at 1 kHz, velocity 1.5 sin(2 pi .5 t) + .4 sin(2 pi 1.3 t + 1) rad/s, torque noise .05 N m, "
+    "16 bit, errors from 1 s on"
+)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One of the document's experiments, or a variation of it."""
+
+    name: str
+    title: str
+    varying: bool  # eq. (80), else constant
+    friction: bool  # Stribeck in the clutch
+    rests: bool = False  # the hand rests for 6 s
+
+    def damping(self, time: Array) -> Array:
+        """Commanded damping (N,) [N m s/rad]."""
+        if not self.varying:
+            return np.full_like(time, CONSTANT)
+        return 1.0 + 1.4 * np.sin(0.05 * np.pi * time) ** 2 + 1.7 * np.sin(0.1 * np.pi * time) ** 2  # (80)
+
+    def run(self, seed: int) -> Simulation:
+        """Measured and true signals of one realisation."""
+        device = load_device(DEVICE)
+        time = np.arange(round(DURATION * RATE)) / RATE
+        slow, fast = 2.0 * np.pi * 0.5, 2.0 * np.pi * 1.3
+        velocity = 1.5 * np.sin(slow * time) + 0.4 * np.sin(fast * time + 1.0)
+        acceleration = 1.5 * slow * np.cos(slow * time) + 0.4 * fast * np.cos(fast * time + 1.0)
+        damping = self.damping(time)
+        dry = KINETIC * np.tanh(velocity / 0.05) if self.friction else 0.0
+        torque = device.link.inertia * acceleration + (damping + device.link.viscous_friction) * velocity + dry
+        torque *= np.clip(time / 0.3, 0.0, 1.0)
+        if self.rests:
+            torque[(time >= STANDSTILL[0]) & (time < STANDSTILL[1])] = 0.0
+        channels = {"external_torque": torque, "damping": _command(device, damping)}
+        commands = Signals(time, channels, {"external_torque": "N m", "damping": "-"}, frozenset(channels))
+        effects = [STRIBECK] if self.friction else []
+        plant, sensors = JointPlant.from_device(device), Sensors.of_device(device)
+        return simulate(plant, commands, DURATION, RATE, effects, sensors, seed=seed)
+
+
+EXPERIMENTS = (
+    Experiment("constant", "D = 3 N m s/rad", False, False),
+    Experiment("varying", "D(t) of eq. (80)", True, False),
+    Experiment("constant_stribeck", "D = 3 N m s/rad, Stribeck .3/.1 N m", False, True),
+    Experiment("varying_stribeck", "D(t) of eq. (80), Stribeck .3/.1 N m", True, True),
+)
+RESTING = Experiment("standstill", "D = 3 N m s/rad, 6 s of standstill", False, False, rests=True)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One estimator's run against the damping that was."""
+
+    mean: float  # [-] relative error
+    largest: float  # [-]
+    empirical: float  # [N m s/rad] root mean square error
+    reported: float  # [N m s/rad] root mean square of the standard deviations
+    covered: float  # [-] share of estimates whose 95 % interval holds the truth
+
+
+def _command(device: Device, damping: Array) -> Array:
+    """Damper commands (N,) [-] for a linear damper."""
+    low, high = device.damping_of([0.0, 1.0])
+    return np.asarray((damping - low) / (high - low))
+
+
+def judged(estimates: Estimates, simulation: Simulation, width: float) -> Judged:
+    """Errors of the estimates from SETTLED on; width: standard deviations of a 95 % interval."""
+    counts = estimates.time >= SETTLED
+    value, deviation = (column[counts] for column in estimates.column("damping"))
+    truth = simulation.truth["damping"][counts]
+    error = np.abs(value - truth)
+    return Judged(
+        mean=float(np.mean(error / truth)),
+        largest=float(np.max(error / truth)),
+        empirical=float(np.sqrt(np.mean(error**2))),
+        reported=float(np.sqrt(np.mean(deviation**2))),
+        covered=float(np.mean(error <= width * deviation)),
+    )
