@@ -31,6 +31,12 @@ LATCHED = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 
+
+def samples_of(devices: int) -> QoSProfile:
+    """SAMPLES for a topic on which so many devices send messages of their own: a second of each."""
+    return matching([], depth=min(SAMPLES.depth * devices, MOST))
+
+
 _RELIABILITY = {"reliable": ReliabilityPolicy.RELIABLE, "best_effort": ReliabilityPolicy.BEST_EFFORT}
 _DURABILITY = {"volatile": DurabilityPolicy.VOLATILE, "transient_local": DurabilityPolicy.TRANSIENT_LOCAL}
 

@@ -119,7 +119,7 @@ class EstimatorNode(Node):
             self.create_service(ResetEstimator, f"~/{station.device.name}/reset", partial(_reset, [station]))
             if station.commanded:
                 self.create_subscription(VsaCommand, station.device.command_topic, station.hold, qos.SAMPLES)
-        self.create_subscription(JointState, own.joint_topic, self._take, qos.SAMPLES, raw=True)
+        self.create_subscription(JointState, own.joint_topic, self._take, qos.samples_of(len(self.stations)), raw=True)
         # One device at a time: a report of many would hold up the samples.
         self.create_timer(REPORT / len(self.stations), self._report, clock=STEADY)
 
