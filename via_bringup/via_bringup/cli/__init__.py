@@ -11,7 +11,7 @@ import typer
 from rich.text import Text
 from via_core.errors import ViaError
 
-from via_bringup.cli import bag, bench, demo, devices, estimate, run, simulate, tables
+from via_bringup.cli import bag, bench, compare, demo, devices, estimate, run, simulate, tables
 from via_bringup.cli.console import errors
 
 app = typer.Typer(
@@ -25,6 +25,7 @@ app.command("devices")(devices.devices)
 app.command("estimate")(estimate.estimate)
 app.command("sim")(simulate.simulate)
 app.command("run", context_settings=run.PASS_ARGUMENTS_ON)(run.run)
+app.command("compare")(compare.compare)
 app.command("tables")(tables.tables)
 app.add_typer(bag.app, name="bag")
 app.add_typer(bench.app, name="bench")
