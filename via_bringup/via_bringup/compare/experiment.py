@@ -2,8 +2,8 @@
 
 Joints: the three published parameter sets of the qbmove. Motion: their motors are position controlled (eq. (120)) on
 two multisines, equilibrium and preset, which deflect both transmissions by .03 to .52 rad of the .8 rad at the stop;
-30 s at 1 kHz. The torques of one noise-free run are played again for every seed, so that all seeds and all levels with the
-same friction see one motion and differ in their sensors only.
+30 s at 1 kHz. The torques of one noise-free run are played again for every seed, so that all seeds and all levels with
+the same friction see one motion and differ in their sensors only.
 
 A method is set up from the device file with the encoders and the torque noise of the level: it knows its sensors, as
 anybody does, and the nominal inertia and damping of the motors, but neither their dry friction nor the springs beyond
