@@ -7,7 +7,6 @@ import shutil
 import time
 from collections.abc import Callable
 from importlib.metadata import version
-from importlib.resources import as_file, files
 from pathlib import Path
 
 from via_core.errors import ViaError
@@ -17,8 +16,8 @@ from via_bringup.demo.page import write_page
 from via_bringup.demo.robot import real_robot
 from via_bringup.demo.summary import Summary
 from via_bringup.provenance import commit
+from via_bringup.recordings import recordings as recordings_of
 
-FOLDER = Path("shared") / "data" / "maccepavd"  # beside the repo, where the whole data set is at hand
 MARK = ".via-demo"  # a folder with this file was made by the demo and may be made anew
 Progress = Callable[[str, float, float, str], None]  # part, done, of how much, what
 
@@ -40,8 +39,7 @@ def run_demo(out: Path, recordings: Path | None, duration: float, progress: Prog
         seconds[part] = round(now - since, 1)
         return now
 
-    with as_file(files("via_core") / "samples" / "maccepavd") as sample:
-        folder, source = _recordings(recordings, sample)
+    with recordings_of(recordings) as (folder, source):
         robot = real_robot(folder, source, unfinished, lambda done, of, what: progress("real robot", done, of, what))
     at = taken("robot", began)
     joint = live(unfinished, duration, lambda done, of, what: progress("simulated joint", done, of, what))
@@ -75,13 +73,3 @@ def _begin(out: Path) -> Path:
     except OSError as error:
         raise ViaError(f"{unfinished} cannot be made: {error.strerror}; choose another folder with --out") from None
     return unfinished
-
-
-def _recordings(given: Path | None, sample: Path) -> tuple[Path, str]:
-    """The folder to import and what to call it."""
-    if given is not None:
-        return given, str(given)
-    beside = Path.cwd().parent / FOLDER
-    if beside.is_dir():
-        return beside, f"../{FOLDER}"
-    return sample, "the sample that comes with VIA"
