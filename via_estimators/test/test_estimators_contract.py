@@ -13,6 +13,7 @@ from via_core.status import Status
 from via_estimators.contract import Parameters, rows_of, summarise
 from via_estimators.damping_directional import DampingDirectional, DampingDirectionalParameters
 from via_estimators.damping_rls import DampingRLS, DampingRLSParameters
+from via_estimators.filtered_signal_based import FilteredSignalBased, FilteredSignalBasedParameters
 from via_estimators.link_impedance import LinkImpedance, LinkImpedanceParameters
 from via_estimators.methods import estimator_for
 from via_estimators.modulated_stiffness import ModulatedStiffness, ModulatedStiffnessParameters
@@ -25,6 +26,7 @@ ESTIMATORS = {
     "modulated_torque, one motor": ModulatedTorque(ModulatedTorqueParameters(transmissions=1, window=60)),
     "modulated_stiffness": ModulatedStiffness(ModulatedStiffnessParameters(window=60, memory=5.0)),
     "signal_based": SignalBased(SignalBasedParameters(window=60, memory=5.0)),
+    "filtered_signal_based": FilteredSignalBased(FilteredSignalBasedParameters(window=60, order=6, memory=5.0)),
     "link_impedance": LinkImpedance(
         MACCEPA.spring_laws[0], LinkImpedanceParameters(window=60, sampling=1e-3, minimum_motion=0.02)
     ),

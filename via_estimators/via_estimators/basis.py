@@ -56,3 +56,22 @@ def fill_basis(kind: int, phi: float, scale: float, f: Array, g: Array, bend: Ar
             f[j] = scale * v * z / (degree + 1)
         g[j] = v
         bend[j] = d / scale
+
+
+@njit(cache=True, error_model="numpy")
+def swing_of_last(kind: int, terms: int, back: int, far: float) -> float:
+    """How much [-] the slope of a term swings at most about lower powers, over |phi| <= far s, per unit of its a_j.
+
+    A power n of z holds 2^(1-n) far^n of the Chebyshev polynomial T_n there; the rest of it is lower powers.
+
+    back  0 for the last of the terms, 1 for the one before
+    """
+    j = terms - 1 - back
+    n = 2 * j if kind == ODD_POWERS or kind == ODD_LEGENDRE else j
+    if n < 1:
+        return 1.0
+    size = 2.0 * (0.5 * far) ** n
+    if kind == LEGENDRE or kind == ODD_LEGENDRE:  # leading coefficient (2n)! / (2^n n!^2)
+        for i in range(1, n + 1):
+            size *= (2.0 * i - 1.0) / i
+    return size

@@ -11,6 +11,7 @@ from via_core.errors import ParameterError
 from via_estimators.contract import Estimator
 from via_estimators.damping_directional import DampingDirectional
 from via_estimators.damping_rls import DampingRLS
+from via_estimators.filtered_signal_based import FilteredSignalBased
 from via_estimators.link_impedance import LinkImpedance
 from via_estimators.modulated_stiffness import ModulatedStiffness
 from via_estimators.modulated_torque import ModulatedTorque
@@ -20,6 +21,7 @@ from via_estimators.signal_based import SignalBased
 METHODS: dict[str, type[Estimator]] = {
     "modulated_torque": ModulatedTorque,
     "modulated_stiffness": ModulatedStiffness,
+    "filtered_signal_based": FilteredSignalBased,
     "signal_based": SignalBased,
     "link_impedance": LinkImpedance,
     "damping_directional": DampingDirectional,

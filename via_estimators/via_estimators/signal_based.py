@@ -7,8 +7,13 @@ torques is the motor's velocity, measured; where there is none, `filtered_signal
 Rules of integration: the effort of a sample is the torque that acted over the interval that ends at its stamp, as in
 `modulated_torque`, so its integral is exact; f_j(phi) is a sampled curve, integrated by trapezoids.
 
-Standard deviations hold the torque noise, which is measured, and the declared velocity noise. They leave out what the
-basis cuts off, drift of the law within the memory, and errors of the angles, but for the newest sample's own in g(phi).
+Standard deviations hold the torque noise, which is measured, the declared velocity noise, and what the basis cuts off:
+the last term of the law is a guess at the first one missing (`truncation`), as in `modulated_torque`. They leave out
+drift of the law within the memory, and errors of the angles, but for the newest sample's own in g(phi).
+
+No integral is longer than `horizon`: then the next begins, with a constant of its own, and what the last one told is
+kept. Rows far from their base err by the whole random walk in between and still count as much as any other, so short
+integrals are also the better ones: in noise, ten times less error of stiffness than integrals from the start on.
 """
 
 from __future__ import annotations
@@ -25,14 +30,14 @@ from via_core.signals import Array
 from via_core.status import Status
 
 from via_estimators import integral, window
-from via_estimators.basis import BASES, MOST_TERMS, fill_basis
+from via_estimators.basis import BASES, LEGENDRE, MOST_TERMS, POWERS, fill_basis, swing_of_last
 from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
 
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
 LENGTH, TRANSMISSIONS, KIND, TERMS, MEMORY, MAX_GAP, SAMPLING, TORQUE_NOISE, VELOCITY_NOISE = range(9)
-POSITION_NOISE, SCALE, MINIMUM_MOTION, MARGIN, PRIOR = range(9, 14)
+POSITION_NOISE, SCALE, MINIMUM_MOTION, MARGIN, HORIZON, TRUNCATION, PRIOR = range(9, 16)
 # of a transmission, before its equation: deflections visited, whether any; whether integrals run; the last sample
-LOW, HIGH, ANY, RUNNING, VELOCITY, ANGLE, DEFLECTION, N_KEPT = range(8)
+LOW, HIGH, ANY, RUNNING, AGE, VELOCITY, ANGLE, DEFLECTION, N_KEPT = range(9)
 OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
 
 
@@ -44,7 +49,9 @@ class SignalBasedParameters(Parameters):
     window: int = parameter(200, "sampling intervals over which motion is judged", "-", 20, 2000)
     basis: str = choice("odd_legendre", "functions that make up the torque law", tuple(BASES))
     terms: int = parameter(4, "number of them", "-", 1, MOST_TERMS)
+    truncation: float = parameter(1.0, "share of the last term that a law cut off may hide; 0: none is", "-", 0.0, 10.0)
     memory: float = parameter(20.0, "time after which a row counts 1/e", "s", 1e-3, 1e9)
+    horizon: float = parameter(1.0, "longest integral before a new one begins", "s", 1e-3, 1e9)
     max_gap: float = parameter(0.05, "longest step between samples over which is integrated", "s", 1e-4, 10.0)
     sampling: float = parameter(1e-3, "sampling interval expected", "s", 1e-5, 1.0)
     deflection_scale: float = parameter(1.0, "deflection at which the terms of the law count alike", "rad", 1e-3, 10.0)
@@ -123,7 +130,7 @@ class SignalBased(Estimator):
         row[:PRIOR] = (
             own.window + 1, own.transmissions, BASES[own.basis], own.terms, own.memory, own.max_gap, own.sampling,
             own.torque_noise, own.velocity_noise, own.position_noise, own.deflection_scale, own.minimum_motion,
-            own.range_margin,
+            own.range_margin, own.horizon, own.truncation,
         )  # fmt: skip
         row[PRIOR + 1 : PRIOR + 4] = own.inertia_prior, own.damping_prior, own.stiffness_prior
         row[PRIOR + n + 1 : PRIOR + n + 3] = own.inertia_deviation, own.damping_deviation
@@ -204,8 +211,10 @@ def learn(
         for j in range(1, n):
             grown[j] *= width[j] / noise
         integral.compare(equation, n, grown)
-    elif not moving and kept[RUNNING] > 0.0:
+        kept[AGE] += elapsed
+    if kept[RUNNING] > 0.0 and (not moving or kept[AGE] >= par[HORIZON]):
         integral.eliminate(equation, n)
+        kept[AGE] = 0.0
     integral.forget(equation, n, keep)
     if moving:
         row[0], row[1] = 1.0, velocity * width[1] / unit
@@ -216,7 +225,7 @@ def learn(
 
 @njit(cache=True, error_model="numpy")
 def tell(
-    par: Array, equation: Array, warming: bool, phi: float, torque: float, velocity: float, told: Array
+    par: Array, kept: Array, equation: Array, warming: bool, phi: float, torque: float, velocity: float, told: Array
 ) -> None:
     """What one equation says: stiffness (43), its bend dsigma/dphi, B, D, variances of stiffness, B, D -> told (7,).
 
@@ -248,6 +257,15 @@ def tell(
             slope[:] = 0.0
             slope[j] = width[j]
             told[4 + j] = integral.variance(equation, n, slope, torque, blur, work)
+        if par[TRUNCATION] > 0.0:
+            far = max(abs(kept[LOW]), abs(kept[HIGH])) / par[SCALE]
+            for back in range(2 if kind == POWERS or kind == LEGENDRE else 1):
+                j = max(n - 1 - back, 3)
+                slope[:] = 0.0
+                slope[j] = width[j]
+                size = par[TRUNCATION] * swing_of_last(kind, terms, back, far)
+                share, doubt = mean[j] + width[j] * x[j], integral.variance(equation, n, slope, torque, blur, work)
+                told[4] += size * size * max(share * share - 4.0 * doubt, 0.0)  # noise does not count twice
 
 
 @njit(cache=True, error_model="numpy")
@@ -296,7 +314,7 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
             warming = equation[integral.TAKEN] < length
             inertia = par[PRIOR + 1] + par[PRIOR + n + 1] * integral.unknowns(equation, n)[1]
             known = 2.0 * (inertia * jitter / (par[SAMPLING] * par[TORQUE_NOISE])) ** 2
-            tell(par, equation, warming, phi, integral.noise(equation, n, known), jitter * jitter, told)
+            tell(par, kept, equation, warming, phi, integral.noise(equation, n, known), jitter * jitter, told)
             # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
             floor = 0.0 if warming or moving else 1.0
             at_i, at_B, at_D = 1 + i, 1 + m + i, 1 + 2 * m + i
