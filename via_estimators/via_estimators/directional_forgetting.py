@@ -25,6 +25,8 @@ from via_core.signals import Array
 
 from via_estimators.qr import rotate_in
 
+LEAST = 1e-200  # r below this is no row: its reciprocal would overflow
+
 
 @njit(cache=True, error_model="numpy")
 def forgetting_factor(error: float, energy: float, sensitivity: float, least: float) -> float:
@@ -85,7 +87,7 @@ def update(R: Array, v: Array, keep: float, limit: float, gain: Array, row: Arra
         for j in range(i, n):
             f[i] += R[i, j] * v[j]
         r += f[i] * f[i]
-    if not r > 0.0:
+    if r < LEAST:
         gain[:] = 0.0
         spare[:] = 0.0
         return

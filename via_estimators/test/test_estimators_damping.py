@@ -1,0 +1,250 @@
+"""Damping from the dissipation torque: planted laws, honest deviations, standstill, and least squares beside it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from via_core.devices import load_device
+from via_core.errors import ParameterError
+from via_core.status import Status
+from via_core.weak_form import window_weights
+from via_estimators import recursive_error
+from via_estimators.damping_directional import DampingDirectional, DampingDirectionalParameters
+from via_estimators.damping_rls import DampingRLS, DampingRLSParameters
+from via_estimators.methods import estimator_for, methods_for
+from via_estimators.rls import start, update
+
+VPDA = load_device("compact_vpda")
+QUANTUM = 2.0 * np.pi / 2**16
+BOTH = [DampingDirectional, DampingRLS]
+
+
+def moved(duration=6.0, law=lambda v, t: 3.0 * v, noise=0.0, seed=0, quantum=0.0, jitter=0.0, rest=None):
+    """Rows (N, 3) of time, angle, torque for the hand's velocity; `rest` (from, to) [s] stops time for the motion."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, duration, 1e-3)
+    t = t + jitter * 1e-3 * rng.uniform(-0.5, 0.5, len(t))
+    s = t if rest is None else t - np.clip(t - rest[0], 0.0, rest[1] - rest[0])
+    slow, fast = np.pi, 2.6 * np.pi
+    q = -1.5 / slow * np.cos(slow * s) - 0.4 / fast * np.cos(fast * s + 1.0)
+    v = 1.5 * np.sin(slow * s) + 0.4 * np.sin(fast * s + 1.0)
+    if rest is not None:
+        v = np.where((t >= rest[0]) & (t < rest[1]), 0.0, v)
+    torque = law(v, t) + noise * rng.normal(size=len(t))
+    return np.column_stack([t, quantum * np.rint(q / quantum) if quantum else q, torque])
+
+
+def with_terms(method, terms, **changes):
+    estimator = method.from_device(VPDA)
+    return estimator.having(replace(estimator.parameters, terms=terms, **changes))
+
+
+@pytest.mark.parametrize("method", BOTH)
+def test_planted_constant_damping_comes_back(method):
+    estimates = with_terms(method, 1).run_rows(moved())[1]
+    value = estimates.column("damping")[0][estimates.time > 1.0]
+    # The prior is 2.55; what is left of it fades by definition with P(0), which only least squares keeps.
+    np.testing.assert_allclose(value, 3.0, atol=2e-3 if method is DampingDirectional else 6e-3)
+
+
+def test_a_planted_cubic_law_comes_back_at_the_velocity_of_the_moment():
+    rows = moved(duration=20.0, law=lambda v, _: 2.0 * v + 0.3 * v**3)
+    estimator = with_terms(DampingDirectional, 2, velocity_scale=1.0)
+    estimates = estimator.run_rows(rows)[1]
+    middle = rows[:, 0] - 0.020
+    v = 1.5 * np.sin(np.pi * middle) + 0.4 * np.sin(2.6 * np.pi * middle + 1.0)
+    late = estimates.time > 5.0
+    np.testing.assert_allclose(estimates.value[late, 0], (2.0 + 0.9 * v**2)[late], rtol=0.01)
+    state, _ = estimator.run_rows(rows)
+    np.testing.assert_allclose(estimator.coefficients(state), [2.0, 0.3], rtol=0.02)
+
+
+def test_jittered_stamps_and_a_shifted_angle_change_nothing_that_matters():
+    estimator = with_terms(DampingDirectional, 1)
+    rows = moved(jitter=0.8)
+    value = estimator.run_rows(rows)[1].value
+    np.testing.assert_allclose(value[1000:, 0], 3.0, rtol=2e-3)
+    shifted = rows + np.array([0.0, 10.0, 0.0])
+    np.testing.assert_allclose(estimator.run_rows(shifted)[1].value, value, rtol=1e-9)
+
+
+def test_angle_and_torque_share_one_phase_where_a_filtered_difference_does_not():
+    """A lag of 20 ms on the velocity alone costs 10 % of the damping; ours is late, and right."""
+    rows = moved()
+    velocity, share = np.zeros(len(rows)), 1.0 - np.exp(-1e-3 / 0.02)
+    for k in range(1, len(rows)):
+        velocity[k] = velocity[k - 1] + share * ((rows[k, 1] - rows[k - 1, 1]) / 1e-3 - velocity[k - 1])
+    naive = np.zeros(len(rows))
+    P, w, gain = np.ones((1, 1)), np.zeros(1), np.zeros(1)
+    for k in range(len(rows)):
+        update(P, w, velocity[k : k + 1], rows[k, 2], 1.0, gain)
+        P += 1e-3
+        naive[k] = w[0]
+    ours = with_terms(DampingDirectional, 1).run_rows(rows)[1].value[:, 0]
+    assert np.abs(naive[1000:] / 3.0 - 1.0).max() > 0.2
+    assert np.abs(ours[1000:] / 3.0 - 1.0).max() < 0.002
+
+
+def test_damping_that_jumps_is_followed_and_least_squares_answers_with_the_mean():
+    rows = moved(law=lambda v, t: np.where(t < 3.3, 2.0, 4.0) * v)
+    at = np.searchsorted(rows[:, 0], [3.2, 3.6])
+    quick, slow = (with_terms(method, 1).run_rows(rows)[1].value[at, 0] for method in BOTH)
+    np.testing.assert_allclose(quick, [2.0, 4.0], rtol=0.02)
+    assert slow[0] == pytest.approx(2.0, rel=0.01) and slow[1] < 2.6
+
+
+@pytest.mark.parametrize("varying", [False, True])
+def test_reported_deviations_hold(varying):
+    """30 hands with noise and encoder steps: reported over empirical scatter within .8 to 1.25, most intervals hold."""
+    law = (lambda v, t: (3.0 + 0.8 * np.sin(0.7 * t)) * v) if varying else (lambda v, _: 3.0 * v)
+    estimator, errors, deviations = with_terms(DampingDirectional, 1), [], []
+    for seed in range(30):
+        rows = moved(4.0, law, 0.05, seed, QUANTUM)
+        estimates = estimator.run_rows(rows)[1]
+        truth = 3.0 + (0.8 * np.sin(0.7 * rows[:, 0]) if varying else 0.0)
+        errors.append((estimates.value[:, 0] - truth)[1000:])
+        deviations.append(estimates.standard_deviation[1000:, 0])
+    error, deviation = np.array(errors), np.array(deviations)
+    assert 0.8 <= np.sqrt(np.mean(deviation**2) / np.mean(error**2)) <= 1.25
+    assert np.mean(np.abs(error) <= 1.96 * deviation) >= 0.9
+
+
+def test_least_squares_reports_its_deviation_too():
+    ratio = []
+    for seed in range(30):
+        estimates = with_terms(DampingRLS, 1).run_rows(moved(2.0, noise=0.05, seed=seed, quantum=QUANTUM))[1]
+        ratio.append((estimates.value[-1, 0] - 3.0) / estimates.standard_deviation[-1, 0])
+    assert 0.6 <= np.sqrt(np.mean(np.square(ratio))) <= 1.4
+
+
+def test_dry_friction_reads_as_damping_and_is_covered_where_declared():
+    rows = moved(law=lambda v, _: 3.0 * v + 0.1 * np.sign(v), noise=0.05, quantum=QUANTUM)
+    for declared, low, high in ((0.0, 0.0, 0.3), (0.1, 0.95, 1.0)):
+        estimates = with_terms(DampingDirectional, 1, dry_friction=declared).run_rows(rows)[1]
+        value, deviation = estimates.value[1000:, 0], estimates.standard_deviation[1000:, 0]
+        assert np.mean(value) == pytest.approx(3.13, abs=0.05)
+        assert low <= np.mean(np.abs(value - 3.0) <= 1.96 * deviation) <= high
+
+
+def test_six_seconds_of_rest_are_told_forgotten_slowly_and_survived():
+    rows = moved(16.0, noise=0.05, quantum=QUANTUM, rest=(4.0, 10.0), law=lambda v, t: np.where(t < 7.0, 3.0, 2.0) * v)
+    for terms in (1, 2):
+        estimator = with_terms(DampingDirectional, terms)
+        estimates = estimator.run_rows(rows)[1]
+        value, deviation = estimates.value[:, 0], estimates.standard_deviation[:, 0]
+        assert np.all(estimates.status[4050:9990] == Status.NOT_EXCITED)
+        assert np.all(np.diff(deviation[4060:9990]) >= 0.0)
+        assert 0.5 < deviation[9980] < VPDA.damping_of(1.0)  # it may well have been changed meanwhile
+        assert np.ptp(value[4060:9990]) == 0.0
+        np.testing.assert_allclose(value[10_500:], 2.0, rtol=0.05)
+        state = estimator.run_rows(rows[:9990])[0]
+        P = estimator.covariance(state)
+        assert np.linalg.eigvalsh(P)[0] > 0.0 and np.trace(P) <= 1.1 * terms * estimator.parameters.covariance_limit
+
+
+def test_motion_and_rest_in_turn_leave_the_state_as_large_and_finite():
+    rows = moved(8.0, noise=0.05, quantum=QUANTUM, rest=(4.0, 6.0))
+    for method in BOTH:
+        estimator = with_terms(method, 3)
+        state, estimates = estimator.run_rows(rows)
+        size = state.size
+        for turn in range(1, 20):
+            later = rows + np.array([8.0 * turn, 0.0, 0.0])
+            state, estimates = estimator.run_rows(later, state)
+        assert state.size == size and np.isfinite(state).all()
+        assert np.abs(estimates.value[1000:, 0] / 3.0 - 1.0).max() < 0.3
+        assert np.isfinite(estimator.condition(state))
+
+
+def test_velocities_never_visited_are_told():
+    growing = moved()
+    growing[:, 1] = 0.5 * np.sin(6.0 * growing[:, 0]) * np.clip(growing[:, 0] / 3.0, 0.0, 1.0)
+    estimates = with_terms(DampingDirectional, 2).run_rows(growing)[1]
+    outside = estimates.status == Status.OUTSIDE_RANGE
+    assert 0.05 < outside[200:3000].mean() < 0.8
+    assert outside[4500:].mean() < 0.02
+
+
+def test_recursive_least_squares_is_the_batch_solution_for_its_prior():
+    rows = moved(noise=0.05)
+    estimator = with_terms(DampingRLS, 2)
+    _, estimates = estimator.run_rows(rows)
+    length = estimator.parameters.window + 1
+    velocity, torque = [], []
+    for k in range(length - 1, len(rows)):
+        own = rows[k - length + 1 : k + 1]
+        weights = window_weights(5, own[:, 0])
+        velocity.append(-weights[1] @ own[:, 1])
+        torque.append(weights[0] @ own[:, 2])
+    V = np.column_stack([velocity, np.array(velocity) ** 3 / 16.0])
+    prior = np.array([estimator.parameters.damping_prior, 0.0])
+    w = np.linalg.solve(V.T @ V + np.eye(2), V.T @ np.array(torque) + prior)
+    expected = w[0] + 3.0 * velocity[-1] ** 2 / 16.0 * w[1]
+    assert estimates.value[-1, 0] == pytest.approx(expected, rel=1e-8)
+
+
+def test_errata_73_the_stability_factor_is_another_start_and_protects_nothing():
+    rows = moved(noise=0.05)
+    free = {"covariance_limit": 1e9}
+    stabilised = with_terms(DampingRLS, 2, stability_factor=10.0, **free).run_rows(rows)[1].value
+    plain = with_terms(DampingRLS, 2, initial_covariance=10.0, **free).run_rows(rows)[1].value
+    np.testing.assert_allclose(stabilised, plain, rtol=1e-9)
+    P, w, gain = np.zeros((2, 2)), np.zeros(2), np.zeros(2)
+    start(P, w, 1.0)
+    for _ in range(1000):  # poor excitation: one direction only
+        update(P, w, np.array([1.0, 0.0]), 1.0, 0.1, gain)
+    assert P[1, 1] == 1.0  # what no row visits is as unknown as before: no factor helps
+
+
+def test_errata_70_p_has_one_row_per_unknown_and_not_per_sample():
+    estimator = with_terms(DampingRLS, 2)
+    before, after = estimator.init(), estimator.run_rows(moved(2.0))[0]
+    assert after.size == before.size  # m x m after m samples would be 4e6 numbers
+    samples = np.eye(3)
+    with pytest.raises(ValueError, match="matmul"):
+        samples @ np.ones(2)  # (67) r = v' P v with v (n,) needs P n x n: m = 3 samples, n = 2 unknowns
+
+
+def test_the_error_recursion_is_the_covariance_of_the_estimate_as_a_function_of_raw_noise():
+    """Brute force: the estimate is linear in every raw noise sample, so its covariance is J J'."""
+    rng = np.random.default_rng(3)
+    length, count, n = 6, 60, 2
+    h = rng.uniform(0.5, 1.0, length)
+    r = np.correlate(h, h, "full")[length - 1 :]
+    J, P, w, gain = np.zeros((n, count + length)), np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    start(P, w, 2.0)
+    C, Q, G = np.zeros((n, n)), np.eye(n), np.zeros((n, length))
+    transition, X, spare = np.eye(n), np.zeros(n), np.zeros(n)
+    for k in range(count):
+        v = rng.normal(size=n)
+        raw = np.zeros(count + length)
+        raw[k : k + length] = h
+        innovation = raw - v @ J
+        slot = k % length
+        G[:, slot] = 0.0
+        lagged = np.zeros(length)
+        for d in range(length):
+            lagged[(slot - d) % length] = r[d]
+        variance = r[0] + recursive_error.expected(C, G, v, lagged, X)
+        assert variance == pytest.approx(innovation @ innovation, rel=1e-9)
+        update(P, w, v, 0.0, 1.0, gain)
+        P /= 0.9
+        J += np.outer(gain, innovation)
+        transition = (np.eye(n) - np.outer(gain, v)) @ transition
+        recursive_error.follow(C, Q, G, slot, gain, v, X, r[0], spare)
+        np.testing.assert_allclose(C, J @ J.T, rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(Q, transition @ transition.T, rtol=1e-8, atol=1e-12)
+
+
+def test_the_damping_actuator_gets_it_and_others_do_not():
+    assert methods_for(VPDA) == ("damping_directional", "damping_rls")
+    estimator = estimator_for(VPDA)
+    assert isinstance(estimator, DampingDirectional)
+    assert estimator.parameters.damping_prior == pytest.approx(2.55)
+    assert estimator.parameters.damping_deviation == pytest.approx(3.1)
+    assert estimator.parameters.torque_noise == 0.05
+    assert estimator.inputs == ("q", "tau_link") and estimator.outputs == ("damping",)
+    for method in BOTH:
+        with pytest.raises(ParameterError, match="'maccepavd' is no rigid joint with a damper and a sensor"):
+            method.from_device(load_device("maccepavd"))
+    assert DampingDirectionalParameters().terms == DampingRLSParameters().terms == 1
