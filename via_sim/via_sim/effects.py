@@ -77,7 +77,7 @@ def _write_delay(row: Array, _axis: int, value: Mapping[str, float]) -> None:
 
 
 def _write_gain(row: Array, axis: int, value: Mapping[str, float]) -> None:
-    row[P.torque_gain + axis - MOTOR_1] = value["gain"]
+    row[P.torque_gain + axis] = value["gain"]
 
 
 MAX_DELAY = 0.1  # [s]

@@ -14,7 +14,7 @@ from via_core.signals import Array, locked
 from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER
 
 from via_sim.effects import Effect, write_effects
-from via_sim.kernel import derivative, viscous_rate
+from via_sim.kernel import derivative
 from via_sim.parameters import (
     AT_LINK,
     AT_TRANSMISSION,
@@ -26,6 +26,7 @@ from via_sim.parameters import (
     P,
     neutral_row,
 )
+from via_sim.torques import N_INPUTS, SPRING, X, spring_factor, viscous_rate
 
 MAX_SUBSTEPS = 4096  # per tick; beyond it a parameter row is refused
 _STEP = 0.25  # substep times fastest explicit rate: error of one period of that mode near 1e-5 of its amplitude
@@ -85,8 +86,11 @@ class JointPlant:
         x, u = np.array(state, dtype=np.float64), np.array(inputs, dtype=np.float64)
         if x.shape != (6,) or u.shape != (4,):
             raise ParameterError(f"derivative needs state (6,) and inputs (4,), got {x.shape} and {u.shape}")
-        out = np.empty(6)
-        derivative(self.parameters.copy(), x, u, out)  # a locked row would be another type to numba
+        row, out = self.parameters.copy(), np.empty(6)  # a locked row would be another type to numba
+        state_row, inputs_row = np.zeros(X.queue), np.zeros(N_INPUTS)
+        state_row[:6], inputs_row[:4] = x, u
+        inputs_row[SPRING : SPRING + 2] = [spring_factor(row, i, row[P.origin]) for i in range(2)]
+        derivative(row, state_row, inputs_row, out)
         return out
 
 
@@ -110,6 +114,7 @@ def _row_of(device: Device) -> Array:
         else:
             row[P.axis_kind + axis] = SERVO
             row[P.bandwidth + i] = motor.bandwidth
+    row[P.link_drive] = float(device.n_motors == 0)
     row[P.serial] = float(device.arrangement == "serial")
     row[P.transmissions] = device.n_transmissions
     for i, law in enumerate(device.spring_laws):

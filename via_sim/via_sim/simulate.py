@@ -20,10 +20,12 @@ from via_core.errors import ParameterError
 from via_core.signals import Array, Signals
 
 from via_sim.effects import MAX_DELAY, Effect
-from via_sim.kernel import DAMPING, EXTERNAL, M1, MEASURED, N_COMMANDS, QUEUED, TRUTH, X, run, run_many
+from via_sim.kernel import run, run_many
 from via_sim.parameters import ABSENT, SERVO, P
 from via_sim.plants import JointPlant
+from via_sim.readings import MEASURED, TRUTH
 from via_sim.sensors import IDEAL, Sensors
+from via_sim.torques import DAMPING, EXTERNAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, QUEUED, X
 
 MAX_SEED = 2**53 - 1
 
@@ -66,17 +68,20 @@ class Simulator:
         return self._run(state.copy(), np.empty((0, N_COMMANDS)))
 
     def step(self, state: Array, command: ArrayLike) -> tuple[Array, Array, Array]:
-        """(next state (n,), measured (9,), truth (16,)) after one tick under command (4,).
+        """(next state (n,), measured (9,), truth (16,)) after one tick under command (4,) or (5,).
 
-        command  motor 1, motor 2 [N m or rad], damping command [-], external torque at the link [N m]
+        command  motor 1, motor 2 [N m or rad], damping command [-], external torque at the link [N m],
+                 and where there is a neighbour its angle [rad]
 
         Raises ParameterError when the command is not finite or has another shape.
         """
-        u = np.asarray(command, dtype=np.float64)
-        if u.shape != (N_COMMANDS,) or not np.all(np.isfinite(u)):
-            raise ParameterError(f"a command is {N_COMMANDS} finite numbers, got {command!r}")
+        u = np.zeros((1, N_COMMANDS))
+        given = np.asarray(command, dtype=np.float64)
+        if given.shape not in ((NEIGHBOUR,), (N_COMMANDS,)) or not np.all(np.isfinite(given)):
+            raise ParameterError(f"a command is {NEIGHBOUR} or {N_COMMANDS} finite numbers, got {command!r}")
+        u[0, : len(given)] = given
         after = state.copy()
-        measured, truth = self._run(after, u.reshape(1, N_COMMANDS))
+        measured, truth = self._run(after, u)
         return after, measured, truth
 
     def _run(self, state: Array, commands: Array) -> tuple[Array, Array]:
@@ -97,23 +102,24 @@ def initial_state(plant: JointPlant, rate: float, initial: ArrayLike | None, see
     kinds = np.tile(plant.parameters[P.axis_kind : P.axis_kind + 3], 2)
     state[:6] = np.where(kinds == ABSENT, 0.0, motion)
     state[X.seed] = seed
+    state[X.history : X.queue].reshape(HISTORY, 6)[:, :3] = state[:3]  # it has stood there before
     state[X.queue :].reshape(queue, QUEUED)[:, :2] = passive_command(plant, state)[:2]
     return state
 
 
 def passive_command(plant: JointPlant, state: Array) -> Array:
-    """The command (4,) that asks for nothing: zero torque, servos where they are, no damping."""
+    """The command (5,) that asks for nothing: zero torque, servos where they are, no damping."""
     servo = plant.parameters[P.axis_kind + 1 : P.axis_kind + 3] == SERVO
-    return np.array([*np.where(servo, state[1:3], 0.0), 0.0, 0.0])
+    return np.array([*np.where(servo, state[1:3], 0.0), 0.0, 0.0, 0.0])
 
 
 def command_rows(device: Device, commands: Signals, time: Array) -> Array:
-    """Commands (N, 4) held at `time`, from the channels a device understands.
+    """Commands (N, 5) held at `time`, from the channels a device understands.
 
     `motor` (N, m) torque [N m] or servo position [rad]; servo devices take `equilibrium` and `preset` [rad] instead.
-    `damping` [-] and `external_torque` [N m] are optional. Raises ParameterError on a channel that does not fit.
+    `damping` [-], `external_torque` [N m] and `neighbour` [rad] are optional. Raises ParameterError on a channel that does not fit.
     """
-    known = {"motor", "equilibrium", "preset", "damping", "external_torque"}
+    known = {"motor", "equilibrium", "preset", "damping", "external_torque", "neighbour"}
     strangers = commands.channels.keys() - known
     if strangers:
         raise ParameterError(f"no command channel '{sorted(strangers)[0]}'; there are: {', '.join(sorted(known))}")
@@ -145,6 +151,8 @@ def command_rows(device: Device, commands: Signals, time: Array) -> Array:
         rows[:, DAMPING] = held["damping"]
     if "external_torque" in held:
         rows[:, EXTERNAL] = held["external_torque"]
+    if "neighbour" in held:
+        rows[:, NEIGHBOUR] = held["neighbour"]
     return rows
 
 
@@ -195,10 +203,14 @@ def simulate_many(
     initial: ArrayLike | None = None,
     threads: int = 2,
 ) -> Array:
-    """Motion (K, N+1, 6) of K plants under the same command rows (N, 4), `threads` at once; inf or NaN on overflow."""
-    inputs = np.ascontiguousarray(commands, dtype=np.float64)
-    if inputs.ndim != 2 or inputs.shape[1] != N_COMMANDS or not np.all(np.isfinite(inputs)):
-        raise ParameterError(f"commands must be finite and (N, {N_COMMANDS}), got shape {inputs.shape}")
+    """Motion (K, N+1, 6) of K plants under the same command rows (N, 4 or 5), `threads` at once; inf or NaN on overflow."""
+    given = np.asarray(commands, dtype=np.float64)
+    if given.ndim != 2 or given.shape[1] not in (NEIGHBOUR, N_COMMANDS) or not np.all(np.isfinite(given)):
+        raise ParameterError(
+            f"commands must be finite and (N, {NEIGHBOUR}) or (N, {N_COMMANDS}), got shape {given.shape}"
+        )
+    inputs = np.zeros((len(given), N_COMMANDS))
+    inputs[:, : given.shape[1]] = given
     if not plants:
         raise ParameterError("simulate_many needs at least one plant")
     rows = np.stack([plant.at_rate(rate) for plant in plants])

@@ -44,10 +44,10 @@ from via_ros.spin import STEADY, run
 
 from via_sim.effects import Effect
 from via_sim.effects_file import load_effects
-from via_sim.kernel import DAMPING, M1, N_COMMANDS
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import MAX_SEED, Simulator, passive_command
+from via_sim.torques import DAMPING, M1, N_COMMANDS
 
 REPORT = 1.0  # [s] between two diagnostics
 WATCHDOG = 20_000_000  # [ns] without a command before a joint in real time goes passive

@@ -1,0 +1,193 @@
+"""What sensors read of a state: errors of the encoder first, then noise, then the quantiser; torques likewise.
+
+An encoder reads  angle(t - skew) + offset + eccentricity sin(angle + phase).  The angle `skew` ago is a cubic through
+motion kept in the state's ring of the past (one sample in every `stride` ticks), whose error is below 1e-9 rad where
+motion has no more than 100 Hz.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from math import ceil, cos, log, nan, pi, sin, sqrt
+from typing import Any
+
+import numpy as np
+from via_core.signals import Array
+
+from via_sim.parameters import DYNAMIC, MOTOR_2, P
+from via_sim.torques import (
+    HISTORY,
+    X,
+    bare,
+    breakaway,
+    deflection,
+    dry_friction,
+    preset_of,
+    spring_factor,
+    transmission_stiffness,
+    transmission_torque,
+)
+
+MAX_SKEW = 0.05  # [s] by which an encoder may be late
+
+# Measured row and truth row of one tick.
+MEASURED = (
+    "q", "theta_1", "theta_2", "tau_1", "tau_2", "q_velocity", "theta_velocity_1", "theta_velocity_2", "tau_link",
+)  # fmt: skip
+TRUTH = (
+    "q", "theta_1", "theta_2", "q_velocity", "theta_velocity_1", "theta_velocity_2", "stiffness", "stiffness_1",
+    "stiffness_2", "damping", "deflection_1", "deflection_2", "motor_torque_1", "motor_torque_2",
+    "transmission_torque_1", "transmission_torque_2",
+)  # fmt: skip
+
+# Sensor row; a noise of NaN means 'not measured', a quantum of 0 'not quantised'.
+SensorSlots = namedtuple(
+    "SensorSlots", "link_quantum motor_quantum link_noise motor_noise velocity_noise torque_noise link_torque_noise"
+)
+S: Any = SensorSlots(*range(7))
+
+
+@bare
+def _uniform(seed: np.uint64, tick: np.uint64, channel: np.uint64) -> float:
+    """A uniform number in (0, 1) that is a pure function of its three counters (splitmix64 finaliser, twice)."""
+    z = seed * np.uint64(0xD1342543DE82EF95) + tick * np.uint64(32) + channel
+    for _ in range(2):
+        z += np.uint64(0x9E3779B97F4A7C15)
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        z = z ^ (z >> np.uint64(31))
+    return (float(z >> np.uint64(11)) + 0.5) / 9007199254740992.0
+
+
+@bare
+def noise(x: Array, channel: int) -> float:
+    """A standard normal number for this channel at this tick: Box-Muller on counters, no hidden state."""
+    seed, tick = np.uint64(x[X.seed]), np.uint64(x[X.tick])
+    one = _uniform(seed, tick, np.uint64(2 * channel))
+    two = _uniform(seed, tick, np.uint64(2 * channel + 1))
+    return sqrt(-2.0 * log(one)) * cos(2.0 * pi * two)
+
+
+@bare
+def _read(true: float, deviation: float, quantum: float, x: Array, channel: int) -> float:
+    """A sensor: noise first, then the quantiser, as in an encoder."""
+    value = true
+    if deviation != 0.0:
+        value += deviation * noise(x, channel)
+    return quantum * np.rint(value / quantum) if quantum > 0.0 else value
+
+
+@bare
+def record(p: Array, x: Array) -> None:
+    """The motion of this tick into the ring of the past, if it is its turn."""
+    tick, stride = int(x[X.tick]), max(1, ceil(MAX_SKEW / p[P.tick] / (HISTORY - 2)))
+    if tick % stride == 0:
+        here = X.history + 6 * (tick // stride % HISTORY)
+        for i in range(6):
+            x[here + i] = x[i]
+
+
+@bare
+def past(p: Array, x: Array, axis: int) -> tuple[float, float]:
+    """Angle [rad] and velocity [rad/s] of an axis as long ago as its encoder is late."""
+    skew = p[P.skew + axis]
+    if skew <= 0.0:
+        return x[axis], x[3 + axis]
+    period, tick = p[P.tick], int(x[X.tick])
+    stride = max(1, ceil(MAX_SKEW / period / (HISTORY - 2)))
+    when = max(x[X.tick] - skew / period, 0.0)  # in ticks; before the first one nothing is known
+    before = int(when) // stride * stride
+    after = before + stride
+    here = X.history + 6 * (before // stride % HISTORY) + axis
+    there = X.history + 6 * (after // stride % HISTORY) + axis
+    if after >= tick:
+        after, there = tick, axis
+    if after == before:
+        return x[axis], x[3 + axis]
+    h = (after - before) * period
+    share = (when - before) * period / h
+    return hermite(x[here], x[here + 3], x[there], x[there + 3], h, share)
+
+
+@bare
+def hermite(a: float, va: float, b: float, vb: float, h: float, share: float) -> tuple[float, float]:
+    """Value and slope at `share` (0 to 1) of an interval h [s] of the cubic with values a, b and slopes va, vb."""
+    rest = 1.0 - share
+    bend_a, bend_b = h * va - (b - a), (b - a) - h * vb
+    value = rest * a + share * b + share * rest * (rest * bend_a + share * bend_b)
+    slope = (b - a) + (rest - share) * (rest * bend_a + share * bend_b) + share * rest * (bend_b - bend_a)
+    return value, slope / h
+
+
+@bare
+def read_angle(p: Array, axis: int, angle: float) -> float:
+    """What the encoder of an axis reads at an angle [rad], but for noise and steps."""
+    swing = p[P.eccentricity + axis]
+    if swing != 0.0:
+        angle += swing * sin(angle + p[P.eccentricity_phase + axis])
+    return angle + p[P.encoder_offset + axis]
+
+
+@bare
+def dissipated_torque(p: Array, x: Array) -> float:
+    """Torque [N m] in the clutch of a rigid joint, positive as d qd: its damper's and the dry friction at the link.
+
+    At standstill friction takes what the external torque and gravity ask of it, up to breakaway.
+    """
+    speed, load = x[3], abs(x[X.external])
+    if speed != 0.0:
+        direction = 1 if speed > 0.0 else -1
+        dry = direction * dry_friction(p, 0, direction, abs(speed), load)
+        return x[X.damping] * speed + dry + x[X.bristle]
+    asked = x[X.external] - p[P.gravity_torque] * sin(x[0] - p[P.gravity_angle]) - x[X.bristle]
+    return min(max(asked, -breakaway(p, 0, -1, load)), breakaway(p, 0, 1, load)) + x[X.bristle]
+
+
+@bare
+def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array, truth: Array) -> None:
+    """What sensors s read of state x -> measured (9,), and what is -> truth (16,). NaN: no such axis or no sensor."""
+    transmissions = int(p[P.transmissions])
+    age = p[P.origin] + x[X.tick] * p[P.tick]
+    for i in range(6):
+        truth[i] = x[i] if p[P.axis_kind + i % 3] != 0.0 else nan
+    truth[6], truth[9] = 0.0, x[X.damping]
+    for i in range(2):
+        truth[7 + i] = truth[10 + i] = truth[14 + i] = nan
+        motored = p[P.axis_kind + 1 + i]
+        truth[12 + i] = x[X.motor_torque + i] if motored == DYNAMIC else nan
+        measured[3 + i] = nan
+        if motored == DYNAMIC:
+            torque = p[P.sensed_gain + 1 + i] * x[X.reported_torque + i] + p[P.sensed_bias + 1 + i]
+            measured[3 + i] = _read(torque, s[S.torque_noise], 0.0, x, 3 + i)
+    link_torque = 0.0
+    for i in range(transmissions):
+        c = c1 if i == 0 else c2
+        phi, preset = deflection(p, i, x[0], x[1 + i]), preset_of(p, i, x[1], x[2])
+        flank = 0 if abs(phi) < 0.5 * p[P.backlash + i] else (1 if phi > 0.0 else -1)
+        factor = spring_factor(p, i, age)
+        truth[7 + i] = transmission_stiffness(p, c, i, phi, preset, factor)
+        truth[6] += truth[7 + i]
+        truth[10 + i] = x[0] - x[1 + i]
+        truth[14 + i] = transmission_torque(p, c, i, phi, preset, flank, factor)
+        link_torque += truth[14 + i] + x[X.hysteresis + i] + p[P.spring_damping + i] * (x[3] - x[4 + i])
+    for i in range(3):
+        measured[i] = measured[5 + i] = nan
+        if p[P.axis_kind + i] != 0.0:
+            quantum, deviation = s[S.motor_quantum], s[S.motor_noise]
+            if i == 0:
+                quantum, deviation = s[S.link_quantum], s[S.link_noise]
+            angle, speed = past(p, x, i)
+            measured[i] = _read(read_angle(p, i, angle), deviation, max(quantum, p[P.encoder_quantum + i]), x, i)
+            measured[5 + i] = _read(speed, s[S.velocity_noise], 0.0, x, 5 + i)
+    if transmissions == 0:
+        link_torque = dissipated_torque(p, x)
+    link_torque = p[P.sensed_gain] * link_torque + p[P.sensed_bias]
+    measured[8] = _read(link_torque, s[S.link_torque_noise], 0.0, x, 8)
+
+
+@bare
+def sense(p: Array, x: Array, motion: Array) -> None:
+    """Angles as encoders read them, but for noise and steps, and velocities -> motion (6,)."""
+    for i in range(3):
+        angle, motion[3 + i] = past(p, x, i)
+        motion[i] = read_angle(p, i, angle)

@@ -1,0 +1,383 @@
+"""The torques of one joint, compiled: what the simulator integrates and what the equations of a log are made of.
+
+Equations (notation.md), for the axes link (M, q), motor 1 and motor 2 (B_i, theta_i), phi_i = q - theta_i:
+
+    M qdd     + (Dq + d) qd + F_q    = tau_ext - sum_i tau_e,i(phi_i) - g(q) + what effects add
+    B_i thdd_i + Dth_i thd_i + F_i   = tau_i + tau_e,i(phi_i) + what effects add
+
+**Sets, not smoothed signs.** Within a step each axis with friction either slips one way or is stuck (acceleration zero,
+friction takes whatever it must), each transmission is in its gap or on one flank, its Maxwell element sticks or slips,
+the wall is touched or not; so the right-hand side is smooth. `modes` says which, `settle` finds them from a state, and
+`violation` says how far a state has left them.
+
+**Memory runs on travel.** Dahl's bristle dF/dx = s (1 - F sgn(v)/F_c) and the Maxwell slip element depend on the way
+alone, not on speed. Within a mode both are closed forms of the travel since the step began, so that simulator (stages of
+a step) and equations (samples of an encoder, never differentiated) share them and neither needs an integrator.
+Sources: Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); Piiroinen, Kuznetsov, An event-driven method to
+simulate Filippov systems, ACM TOMS 34 (2008).
+
+Functions of the inner loop are compiled without numba's runtime (`_nrt=False`): they allocate nothing, and counting
+references to their array arguments took three quarters of the time. They must return no array.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from math import copysign, exp, inf, sin
+from typing import Any
+
+from numba import njit
+from via_core.signals import Array
+from via_core.springs import N_COEFFICIENTS, spring_stiffness, spring_torque
+
+from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, NO_DAMPER, P
+
+HISTORY = 34  # samples of the past that a late encoder is read from
+
+# State row, everything there is to know of a joint at a tick; X says where each part begins:
+#   position (3) [rad] and velocity (3) [rad/s] of link, motor 1, motor 2; tick: number of this one; seed of the noise;
+#   reported_torque (2) [N m] commanded over the last tick; motor_torque (2) [N m] or [rad], damping [N m s/rad] and
+#   external torque [N m] that then acted; bristle (3) and hysteresis (2): torques [N m] of the elements with memory;
+#   lag (3) [N m]: drive torques behind the lag; history (HISTORY, 6): motion at past ticks, a ring; queue (L, QUEUED):
+#   the last L commands, a ring by tick, for the dead time.
+State = namedtuple(
+    "State",
+    "position velocity tick seed reported_torque motor_torque damping external bristle hysteresis lag history queue",
+)
+X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 17, 19, 22, 22 + 6 * HISTORY)
+
+# Command row, held over a tick: motor 1, motor 2 [N m or rad], damping [-], external torque at the link [N m], angle of
+# the neighbour joint [rad]. The first QUEUED of them wait out the dead time.
+N_COMMANDS, QUEUED = 5, 4
+M1, M2, DAMPING, EXTERNAL, NEIGHBOUR = range(N_COMMANDS)
+
+# Inputs u of the equations: torque on motor 1, motor 2 [N m] (position [rad] of a servo), damping [N m s/rad], torque on
+# the link [N m]; factors of the two springs [-]; what the drives of link, motor 1, motor 2 are commanded [N m], and what
+# acts on the link beside its drive [N m].
+N_INPUTS = 10
+SPRING, TARGET, BESIDE = 4, 6, 9
+
+# Modes: of the three axes STUCK, SMOOTH (no dry friction) or slip direction -1, +1; of the two transmissions the flank
+# they lie on, 0 within the gap; of their Maxwell elements 0 or slip direction; whether the wall is touched; whether
+# anything can switch at all; whether any rare term is there; whether the drives lag.
+STUCK, SMOOTH, FLANK, SLIP, TOUCH, SWITCHES, RARE, LAGS = 0, 2, 3, 5, 7, 8, 9, 10
+N_MODES = 11
+
+compiled = njit(cache=True, error_model="numpy", nogil=True)
+bare = njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+
+
+@compiled
+def laws(p: Array) -> tuple[Array, Array]:
+    """Coefficient rows of the two springs."""
+    return p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
+
+
+@bare
+def prepare(p: Array, modes: Array) -> None:
+    """What a parameter row never changes of modes (N_MODES,): which kinds of terms there are."""
+    rare = p[P.contact_stiffness] > 0.0
+    for i in range(3):
+        rare |= p[P.quadratic_drag + i] != 0.0 or p[P.bristle_torque + i] > 0.0 or p[P.ripple_amplitude + i] != 0.0
+    for i in range(2):
+        rare |= p[P.hysteresis_torque + i] > 0.0 or p[P.spring_damping + i] != 0.0
+    modes[RARE], modes[LAGS] = rare, p[P.lag] > 0.0
+
+
+@bare
+def deflection(p: Array, i: int, q: float, motor: float) -> float:
+    """phi_i [rad] as the spring has it."""
+    return q - motor if p[P.serial] != 0.0 else q - motor - p[P.pretension_offset + i]
+
+
+@bare
+def preset_of(p: Array, i: int, m1: float, m2: float) -> float:
+    """Angle [rad] of the motor that the law of spring i depends on beside its deflection."""
+    return (m2 if p[P.serial] != 0.0 or i == 1 else m1) + p[P.pretension_offset + i]
+
+
+@bare
+def spring_factor(p: Array, i: int, age: float) -> float:
+    """Torque of spring i per torque of its law [-], `age` [s] after the run began."""
+    return p[P.spring_scale + i] * max(1.0 + p[P.stiffness_rate + i] * age, 0.0)
+
+
+@bare
+def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, flank: int, factor: float) -> float:
+    """tau_e,i [N m] at deflection phi; `flank` is 0 inside the backlash gap, else its side -1 or +1."""
+    gap = p[P.backlash + i]
+    if gap > 0.0:
+        if flank == 0:
+            return 0.0
+        phi -= flank * 0.5 * gap
+    if p[P.spring_hardening + i] != 0.0:
+        factor *= max(1.0 + p[P.spring_hardening + i] * phi * phi, 0.0)
+    kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
+    if abs(phi) > stop:  # along the tangent: beyond its stop a law explodes or ends
+        edge = copysign(stop, phi)
+        slope = max(spring_stiffness(kind, c, edge, preset), 0.0)
+        return factor * (spring_torque(kind, c, edge, preset) + slope * (phi - edge))
+    return factor * spring_torque(kind, c, phi, preset)
+
+
+@bare
+def transmission_stiffness(p: Array, c: Array, i: int, phi: float, preset: float, factor: float) -> float:
+    """sigma_i [N m/rad] at deflection phi."""
+    gap = p[P.backlash + i]
+    if gap > 0.0:
+        if abs(phi) < 0.5 * gap:
+            return 0.0
+        phi -= copysign(0.5 * gap, phi)
+    kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
+    edge = copysign(stop, phi) if abs(phi) > stop else phi
+    slope = spring_stiffness(kind, c, edge, preset)
+    if abs(phi) > stop:
+        slope = max(slope, 0.0)
+    hardening = p[P.spring_hardening + i]
+    if hardening != 0.0:
+        share = 1.0 + hardening * phi * phi
+        if share <= 0.0:
+            return 0.0
+        torque = spring_torque(kind, c, edge, preset) + slope * (phi - edge)
+        return factor * (slope * share + 2.0 * hardening * phi * torque)
+    return factor * slope
+
+
+@bare
+def bristle_torque(p: Array, axis: int, mode: int, held: float, travel: float) -> float:
+    """Dahl's friction [N m] after `travel` [rad] in the direction of `mode`, from `held` [N m] on; opposes positive."""
+    level = p[P.bristle_torque + axis]
+    if level <= 0.0 or abs(mode) != 1:
+        return held
+    end = mode * level
+    return end + (held - end) * exp(-mode * travel * p[P.bristle_stiffness + axis] / level)
+
+
+@bare
+def maxwell_torque(p: Array, i: int, slip: int, held: float, travel: float) -> float:
+    """Torque [N m] of the Maxwell element beside spring i after `travel` [rad] of deflection, from `held` [N m] on."""
+    if slip != 0:
+        return slip * p[P.hysteresis_torque + i]
+    return held + p[P.hysteresis_stiffness + i] * travel
+
+
+@bare
+def contact_torque(p: Array, q: float, w: float) -> float:
+    """Torque [N m] of the wall on a link that touches it: a spring and a damper that never pull."""
+    side = p[P.contact_side]
+    push = p[P.contact_stiffness] * side * (q - p[P.contact_angle]) + p[P.contact_damping] * side * w
+    return -side * max(push, 0.0)
+
+
+@bare
+def ripple_torque(p: Array, axis: int, angle: float) -> float:
+    """Torque [N m] that an axis has over its angle and nobody commanded."""
+    return p[P.ripple_amplitude + axis] * sin(p[P.ripple_order + axis] * angle + p[P.ripple_phase + axis])
+
+
+@bare
+def _rare_torque(p: Array, modes: Array, x: Array, axis: int, angle: float, speed: float) -> float:
+    """Terms [N m] of one axis that most joints lack."""
+    torque = -p[P.quadratic_drag + axis] * speed * abs(speed)
+    if p[P.bristle_torque + axis] > 0.0:
+        torque -= bristle_torque(p, axis, modes[axis], x[X.bristle + axis], angle - x[axis])
+    if p[P.ripple_amplitude + axis] != 0.0:
+        torque += ripple_torque(p, axis, angle)
+    return torque
+
+
+@bare
+def motive_torques(
+    p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
+    q: float, m1: float, m2: float, w: float, w1: float, w2: float,
+) -> tuple[float, float, float, float, float, float]:  # fmt: skip
+    """Torque [N m] on link, motor 1 and motor 2 but for their own viscous and dry friction; then the load they carry.
+
+    modes (N_MODES,); u (N_INPUTS,); x: state at which the step began, whose memory counts; angles q, m1, m2 [rad];
+    velocities w, w1, w2 [rad/s]. The load on a link is the torque of its transmissions, of a rigid joint that of its
+    drive; on a motor that of its own transmission.
+    """
+    link, first, second = u[EXTERNAL], u[M1], u[M2]
+    carried, load1, load2 = link, 0.0, 0.0
+    if p[P.gravity_torque] != 0.0:
+        link -= p[P.gravity_torque] * sin(q - p[P.gravity_angle])
+    if p[P.transmissions] > 0.0:
+        phi, preset = deflection(p, 0, q, m1), preset_of(p, 0, m1, m2)
+        torque = transmission_torque(p, c1, 0, phi, preset, modes[FLANK], u[SPRING])
+        link -= torque
+        first += torque
+        carried = load1 = torque
+    if p[P.transmissions] > 1.0:
+        phi, preset = deflection(p, 1, q, m2), preset_of(p, 1, m1, m2)
+        torque = transmission_torque(p, c2, 1, phi, preset, modes[FLANK + 1], u[SPRING + 1])
+        link -= torque
+        second += torque
+        carried, load2 = carried + torque, torque
+    if p[P.damper_site] == AT_TRANSMISSION:  # of transmission 1; the diagonal part is in `viscous_rate`
+        link += u[DAMPING] * w1
+        first += u[DAMPING] * w
+    if modes[RARE] != 0:
+        link += _rare_torque(p, modes, x, 0, q, w)
+        first += _rare_torque(p, modes, x, 1, m1, w1)
+        second += _rare_torque(p, modes, x, 2, m2, w2)
+        if modes[TOUCH] != 0:
+            link += contact_torque(p, q, w)
+        d1, d2 = p[P.spring_damping], p[P.spring_damping + 1]
+        h1 = h2 = 0.0
+        if p[P.hysteresis_torque] > 0.0:
+            h1 = maxwell_torque(p, 0, modes[SLIP], x[X.hysteresis], (q - m1) - (x[0] - x[1]))
+        if p[P.hysteresis_torque + 1] > 0.0:
+            h2 = maxwell_torque(p, 1, modes[SLIP + 1], x[X.hysteresis + 1], (q - m2) - (x[0] - x[2]))
+        link += d1 * w1 + d2 * w2 - h1 - h2  # of the dampers only what couples, as above
+        first += d1 * w + h1
+        second += d2 * w + h2
+    return link, first, second, abs(carried), abs(load1), abs(load2)
+
+
+@bare
+def viscous_friction(p: Array, axis: int, damping: float) -> float:
+    """Torque per speed [N m s/rad] of an axis, damper included; mean of both directions."""
+    site, viscous = p[P.damper_site], p[P.viscous_friction + axis]
+    if (axis == 0 and site != NO_DAMPER) or (axis == 1 and site == AT_TRANSMISSION):
+        viscous += damping
+    return viscous + (p[P.spring_damping] + p[P.spring_damping + 1] if axis == 0 else p[P.spring_damping + axis - 1])
+
+
+@bare
+def viscous_rate(p: Array, axis: int, damping: float) -> float:
+    """a = viscous friction / inertia [1/s] of an axis, damper included."""
+    return viscous_friction(p, axis, damping) / p[P.inertia + axis]
+
+
+@bare
+def has_friction(p: Array, axis: int) -> bool:
+    """Whether the torque on an axis changes its form with the direction of motion."""
+    return p[P.axis_kind + axis] == DYNAMIC and (
+        p[P.breakaway_friction + axis] > 0.0
+        or p[P.load_friction + axis] > 0.0
+        or p[P.bristle_torque + axis] > 0.0
+        or p[P.viscous_asymmetry + axis] != 0.0
+    )
+
+
+@bare
+def dry_friction(p: Array, axis: int, direction: int, speed: float, load: float) -> float:
+    """Magnitude [N m] of the friction on an axis that slips in `direction` with speed >= 0 under a load [N m]."""
+    kinetic = p[P.kinetic_friction + axis]
+    excess = p[P.breakaway_friction + axis] - kinetic
+    skewed = direction * (p[P.friction_asymmetry + axis] + p[P.viscous_asymmetry + axis] * speed)
+    kinetic += skewed + p[P.load_friction + axis] * load
+    if excess == 0.0:
+        return kinetic
+    ratio = speed / p[P.stribeck_velocity + axis]
+    return kinetic + excess * exp(-ratio * ratio)
+
+
+@bare
+def breakaway(p: Array, axis: int, direction: int, load: float) -> float:
+    """Torque [N m] in `direction` up to which an axis stays stuck under a load [N m]."""
+    return (
+        p[P.breakaway_friction + axis] + direction * p[P.friction_asymmetry + axis] + p[P.load_friction + axis] * load
+    )
+
+
+@bare
+def settle(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array) -> None:
+    """The modes that state x is in -> modes (N_MODES,), already prepared."""
+    modes[SWITCHES] = 0
+    for i in range(2):
+        half = 0.5 * p[P.backlash + i]
+        if half > 0.0:
+            phi = deflection(p, i, x[0], x[1 + i])
+            modes[FLANK + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
+            modes[SWITCHES] = 1
+    if modes[RARE] != 0:
+        for i in range(2):
+            level, held = p[P.hysteresis_torque + i], x[X.hysteresis + i]
+            if level > 0.0:
+                slips = abs(held) >= level and held * (x[3] - x[4 + i]) > 0.0
+                modes[SLIP + i] = (1 if held > 0.0 else -1) if slips else 0
+                modes[SWITCHES] = 1
+        if p[P.contact_stiffness] > 0.0:
+            depth = p[P.contact_side] * (x[0] - p[P.contact_angle])
+            modes[TOUCH] = depth > 0.0 or (depth == 0.0 and p[P.contact_side] * x[3] > 0.0)
+            modes[SWITCHES] = 1
+    for i in range(3):
+        modes[i] = SMOOTH
+        if has_friction(p, i):
+            modes[i] = STUCK
+            modes[SWITCHES] = 1
+    if modes[SWITCHES] != 0:
+        t = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
+        for i in range(3):
+            if modes[i] != SMOOTH:
+                if x[3 + i] != 0.0:
+                    modes[i] = 1 if x[3 + i] > 0.0 else -1
+                elif t[i] > breakaway(p, i, 1, t[3 + i]):
+                    modes[i] = 1
+                elif -t[i] > breakaway(p, i, -1, t[3 + i]):
+                    modes[i] = -1
+
+
+@bare
+def _driven(p: Array, axis: int, mode: int, torque: float, velocity: float, load: float) -> float:
+    """Torque [N m] that accelerates an axis in its mode, dry friction included."""
+    if mode == STUCK:
+        return 0.0
+    if mode != SMOOTH:
+        torque -= mode * dry_friction(p, axis, mode, mode * velocity, load)
+    return torque
+
+
+@bare
+def forced(
+    p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
+    q: float, m1: float, m2: float, w: float, w1: float, w2: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Torque [N m] on each axis but for its viscous friction: what the exponential does not cover."""
+    t0, t1, t2, l0, l1, l2 = motive_torques(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2)
+    return (
+        _driven(p, 0, modes[0], t0, w, l0), _driven(p, 1, modes[1], t1, w1, l1), _driven(p, 2, modes[2], t2, w2, l2)
+    )  # fmt: skip
+
+
+@bare
+def violation(p: Array, c1: Array, c2: Array, x: Array, y: Array, u: Array, modes: Array) -> float:
+    """How far state y, reached from x, lies outside the modes it was reached in; <= 0 inside. Continuous in y."""
+    worst = -inf
+    t = motive_torques(p, c1, c2, modes, u, x, y[0], y[1], y[2], y[3], y[4], y[5])
+    for i in range(3):
+        if modes[i] == STUCK:
+            worst = max(worst, t[i] - breakaway(p, i, 1, t[3 + i]), -t[i] - breakaway(p, i, -1, t[3 + i]))
+        elif modes[i] != SMOOTH:
+            worst = max(worst, -modes[i] * y[3 + i])
+    for i in range(2):
+        half = 0.5 * p[P.backlash + i]
+        if half > 0.0:
+            phi, flank = deflection(p, i, y[0], y[1 + i]), modes[FLANK + i]
+            worst = max(worst, abs(phi) - half if flank == 0 else half - flank * phi)
+    if modes[RARE] != 0:
+        for i in range(2):
+            level, slip = p[P.hysteresis_torque + i], modes[SLIP + i]
+            if level > 0.0:
+                travel = (y[0] - y[1 + i]) - (x[0] - x[1 + i])
+                stretched = abs(maxwell_torque(p, i, slip, x[X.hysteresis + i], travel)) - level
+                worst = max(worst, stretched if slip == 0 else -slip * (y[3] - y[4 + i]))
+        if p[P.contact_stiffness] > 0.0:
+            depth = p[P.contact_side] * (y[0] - p[P.contact_angle])
+            worst = max(worst, -depth if modes[TOUCH] != 0 else depth)
+    return worst
+
+
+@bare
+def remember(p: Array, modes: Array, x: Array, y: Array) -> None:
+    """Elements with memory go along from the angles of x to those of y, in place in x; y (>= 3,) holds angles."""
+    for i in range(3):
+        if p[P.bristle_torque + i] > 0.0:
+            x[X.bristle + i] = bristle_torque(p, i, modes[i], x[X.bristle + i], y[i] - x[i])
+    for i in range(2):
+        level = p[P.hysteresis_torque + i]
+        if level > 0.0:
+            travel = (y[0] - y[1 + i]) - (x[0] - x[1 + i])
+            held = maxwell_torque(p, i, modes[SLIP + i], x[X.hysteresis + i], travel)
+            x[X.hysteresis + i] = min(max(held, -level), level)
