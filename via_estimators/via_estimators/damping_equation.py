@@ -26,6 +26,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import copysign, exp, sqrt
+from typing import Any
 
 from numba import njit
 from via_core.devices import Device
@@ -97,7 +98,7 @@ class DampingParameters(Parameters):
         return colours(self.window, MODULATING_ORDER)[0].copy()
 
 
-def known_of(device: Device) -> dict[str, float]:
+def known_of(device: Device) -> dict[str, Any]:
     """Parameters that a device file tells: the damper's range as prior, dry friction, the sensors' noise and quantum.
 
     Raises ParameterError unless the device is a rigid joint with a damper and a sensor for its torque. (Through a

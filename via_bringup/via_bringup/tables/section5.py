@@ -7,8 +7,9 @@ friction the numbers are what the method can do; with Stribeck friction they sho
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -22,7 +23,7 @@ from via_core.metrics import WIDTH_95
 from via_core.signals import Array
 from via_core.status import Status
 from via_estimators.contract import Estimates, Estimator, rows_of
-from via_estimators.damping_directional import DampingDirectional
+from via_estimators.damping_directional import DampingDirectional, DampingDirectionalParameters
 from via_estimators.damping_rls import DampingRLS
 from via_sim.simulate import Simulation
 
@@ -58,12 +59,12 @@ NRMSE = "NRMSE [% of the torque's range]"
 RESTLESS = {"error_forgetting": 0.99, "least": 0.9, "sensitivity": 100.0, "delta": 1e-3}  # forgets at every sample
 
 
-def _directional(terms: int, **changes: float) -> DampingDirectional:
+def _directional(terms: int, **changes: Any) -> DampingDirectional:
     base = DampingDirectional.from_device(load_device(DEVICE))
     return base.having(replace(base.parameters, terms=terms, **changes))
 
 
-def _least_squares(**changes: float) -> DampingRLS:
+def _least_squares(**changes: Any) -> DampingRLS:
     base = DampingRLS.from_device(load_device(DEVICE))
     return base.having(replace(base.parameters, **changes))
 
@@ -104,11 +105,13 @@ def _experiment(experiment: Experiment, seeds: int, told: Callable[[int], None])
         told(seed)
         run = experiment.run(seed)
         for name, (_, estimator) in methods.items():
-            each[name].append(judged(estimator.run(run.measured), run, WIDTH_95))
+            estimates = estimator.run(run.measured)
+            each[name].append(judged(estimates, run, WIDTH_95))
+            if name == "n1":
+                of_torque.append(_torque_nrmse(run, estimates.value[:, 0]))
         slope, misfit = _trend(run)
         trend.append(slope)
         fit.append(misfit)
-        of_torque.append(_torque_nrmse(run, *_torques(_directional(1), run)))
     out = []
     for name, runs in each.items():
         words = f"{experiment.title}: {methods[name][0]}"
@@ -161,18 +164,13 @@ def _trend(run: Simulation) -> tuple[float, float]:
     return slope, float(np.sqrt(np.mean((torque - slope * velocity) ** 2)) / np.ptp(torque))
 
 
-def _torques(estimator: Estimator, run: Simulation) -> tuple[Array, Array]:
-    """Measured torque (N,) half a window earlier, and what the damping estimated since makes of the velocity then."""
-    damping = estimator.run(run.measured).column("damping")[0]
-    late = estimator.parameters.window // 2  # type: ignore[attr-defined]
-    velocity = run.truth["q_velocity"]
-    earlier = np.maximum(np.arange(len(damping)) - late, 0)
-    return run.measured["tau_link"][earlier], damping * velocity[earlier]
-
-
-def _torque_nrmse(run: Simulation, measured: Array, estimate: Array) -> float:
-    counts = run.measured.time >= SETTLED
-    return float(np.sqrt(np.mean((measured - estimate)[counts] ** 2)) / np.ptp(measured[counts]))
+def _torque_nrmse(run: Simulation, damping: Array) -> float:
+    """NRMSE [-] of the torque that a damping (N,) makes of the velocity half a window earlier, of the torque then."""
+    late = DampingDirectionalParameters().window // 2
+    counts = np.flatnonzero(run.measured.time >= SETTLED)
+    measured = run.measured["tau_link"][counts - late]
+    misfit = measured - damping[counts] * run.truth["q_velocity"][counts - late]
+    return float(np.sqrt(np.mean(misfit**2)) / np.ptp(measured))
 
 
 def _standstill(seeds: int) -> list[Row]:
@@ -221,11 +219,11 @@ def _standstill(seeds: int) -> list[Row]:
 
 
 def _watched(estimator: DampingDirectional, run: Simulation) -> tuple[Estimates, float, float]:
-    """Estimates, and smallest eigenvalue and largest trace of P, looked at every 20 ms."""
+    """Estimates, and smallest eigenvalue and largest trace of P, looked at every .1 s."""
     rows_in = rows_of(run.measured, estimator.inputs)
     state, parts, least, full = estimator.init(), [], np.inf, 0.0
-    for start in range(0, len(rows_in), 20):
-        state, part = estimator.run_rows(rows_in[start : start + 20], state)
+    for start in range(0, len(rows_in), 100):
+        state, part = estimator.run_rows(rows_in[start : start + 100], state)
         parts.append(part)
         eigenvalues = np.linalg.eigvalsh(estimator.covariance(state))
         least, full = min(least, float(eigenvalues[0])), max(full, float(eigenvalues.sum()))
@@ -265,117 +263,131 @@ def _stability_factor() -> Row:
                "(71)-(73) are another P(0), no cure for poor excitation")  # fmt: skip
 
 
+@dataclass(frozen=True)
+class _Followed:
+    """One run step by step with n = 2, as the document's figures show it; everything by the stamp of its window's end.
+
+    w (N, 2) [N m s/rad], damping and its deviation (N,) [N m s/rad], torque measured and estimated (N,) [N m]
+    """
+
+    run: Simulation
+    w: Array
+    damping: Array
+    deviation: Array
+    measured: Array
+    estimated: Array
+
+
+def _followed(experiment: Experiment) -> _Followed:
+    run, estimator = experiment.run(0), _directional(2)
+    rows_in = rows_of(run.measured, estimator.inputs)
+    state, w = estimator.init(), np.empty((len(rows_in), 2))
+    damping, deviation = np.empty(len(rows_in)), np.empty(len(rows_in))
+    for k, row in enumerate(rows_in):
+        state, estimate = estimator.step(state, row)
+        w[k], damping[k], deviation[k] = (
+            estimator.coefficients(state),
+            estimate.value[0],
+            estimate.standard_deviation[0],
+        )
+    earlier = np.maximum(np.arange(len(rows_in)) - estimator.parameters.window // 2, 0)
+    velocity = run.truth["q_velocity"][earlier]
+    estimated = w[:, 0] * velocity + w[:, 1] * velocity * (velocity / estimator.parameters.velocity_scale) ** 2
+    return _Followed(run, w, damping, deviation, run.measured["tau_link"][earlier], estimated)
+
+
 def pictures(folder: Path, progress: Progress) -> list[Path]:
     """Figures 9 to 14 with the document's axes, from one run of each experiment with Stribeck friction."""
-    constant, varying = EXPERIMENTS[2], EXPERIMENTS[3]
-    drawn = []
-    for done, (name, draw, experiment) in enumerate(
-        (
-            ("figure9", _torque_over_velocity, constant),
-            ("figure10", _clutch, constant),
-            ("figure11", _torque_pair, constant),
-            ("figure12", _coefficients, constant),
-            ("figure13", _clutch_and_torques, varying),
-            ("figure14", _coefficients, varying),
-        )
-    ):
-        progress(done, 6, name)
-        with plt.rc_context(STYLE):
-            drawn.append(draw(experiment, experiment.run(0), folder / f"{name}.png"))
-    progress(6, 6, "done")
+    progress(0, 3, "Figures 9 to 12")
+    constant = _followed(EXPERIMENTS[2])
+    progress(1, 3, "Figures 13 and 14")
+    varying = _followed(EXPERIMENTS[3])
+    with plt.rc_context(STYLE):
+        drawn = [
+            _torque_over_velocity(constant.run, folder / "figure9.png"),
+            _panels((_clutch, _velocity), constant, folder / "figure10.png"),
+            _panels((_torque, _torque_error), constant, folder / "figure11.png"),
+            _panels((_coefficients, _damping, _damping_error), constant, folder / "figure12.png"),
+            _panels((_clutch, _torque, _torque_error), varying, folder / "figure13.png"),
+            _panels((_coefficients, _damping, _damping_error), varying, folder / "figure14.png"),
+        ]
+    progress(3, 3, "done")
     return drawn
 
 
-def _panels(count: int, path: Path, draw: Callable[[Sequence[Axes]], None], last: str = "time [s]") -> Path:
+def _panels(draw: Sequence[Callable[[Axes, _Followed], None]], seen: _Followed, path: Path) -> Path:
+    """Panels over time, one below the other."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure, axes = plt.subplots(count, 1, figsize=(9, 2.0 + 2.3 * count), sharex=True, constrained_layout=True)
-    each: Sequence[Axes] = np.atleast_1d(axes).tolist()
-    draw(each)
-    for one in each:
+    size = (9, 1.0 + 2.4 * len(draw))
+    figure, axes = plt.subplots(len(draw), 1, figsize=size, sharex=True, constrained_layout=True)
+    for one, panel in zip(axes, draw, strict=True):
+        panel(one, seen)
         if one.get_legend_handles_labels()[0]:
             one.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=10, borderaxespad=0.2)
-    each[-1].set_xlabel(last)
+    axes[-1].set_xlabel("time [s]")
     figure.savefig(path)
     plt.close(figure)
     return path
 
 
-def _torque_over_velocity(experiment: Experiment, run: Simulation, path: Path) -> Path:
+def _torque_over_velocity(run: Simulation, path: Path) -> Path:
     slope, _ = _trend(run)
     velocity = run.truth["q_velocity"]
     ends = np.array([velocity.min(), velocity.max()])
-
-    def draw(axes: Sequence[Axes]) -> None:
-        axes[0].plot(velocity, run.measured["tau_link"], ".", color=REAL, markersize=1.5, label="measured")
-        axes[0].plot(ends, slope * ends, color=MODEL, label=f"trend line, D = {slope:.2f} N m s/rad")
-        axes[0].set_ylabel("dissipation torque [N m]")
-
-    return _panels(1, path, draw, "relative velocity [rad/s]")
-
-
-def _clutch(experiment: Experiment, run: Simulation, path: Path) -> Path:
-    def draw(axes: Sequence[Axes]) -> None:
-        _command(axes[0], run)
-        axes[1].plot(run.truth.time, run.truth["q_velocity"], color=REAL)
-        axes[1].set_ylabel("relative velocity\n[rad/s]")
-
-    return _panels(2, path, draw)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure, axes = plt.subplots(figsize=(9, 4.5), constrained_layout=True)
+    axes.plot(velocity, run.measured["tau_link"], ".", color=REAL, markersize=1.5, label="measured")
+    axes.plot(ends, slope * ends, color=MODEL, label=f"trend line, D = {slope:.2f} N m s/rad")
+    axes.set_xlabel("relative velocity [rad/s]")
+    axes.set_ylabel("dissipation torque [N m]")
+    axes.legend(loc="upper left", markerscale=6.0)
+    figure.savefig(path)
+    plt.close(figure)
+    return path
 
 
-def _command(axes: Axes, run: Simulation) -> None:
+def _clutch(axes: Axes, seen: _Followed) -> None:
     """In place of the normal force, which the simulated clutch does not have."""
-    axes.plot(run.truth.time, run.truth["damping"], color=REAL)
+    axes.plot(seen.run.truth.time[1:], seen.run.truth["damping"][1:], color=REAL)
     axes.set_ylabel("clutch, commanded\n[N m s/rad]")
 
 
-def _torque_axes(torque: Axes, error: Axes, run: Simulation) -> None:
-    measured, estimate = _torques(_directional(2), run)
-    late = 0.5 * _directional(2).parameters.window / RATE
-    time = run.measured.time - late
-    torque.plot(time, measured, color=REAL, label="measured")
-    torque.plot(time, estimate, color=MODEL, linestyle="--", label="estimated")
-    torque.set_ylabel("dissipation\ntorque [N m]")
-    error.plot(time, PERCENT * (measured - estimate) / np.ptp(measured), color=REAL, linewidth=0.8)
-    error.set_ylabel("normalised error [%]")
-    error.set_ylim(-5.0, 5.0)
+def _velocity(axes: Axes, seen: _Followed) -> None:
+    axes.plot(seen.run.truth.time, seen.run.truth["q_velocity"], color=REAL)
+    axes.set_ylabel("relative velocity\n[rad/s]")
 
 
-def _torque_pair(experiment: Experiment, run: Simulation, path: Path) -> Path:
-    return _panels(2, path, lambda axes: _torque_axes(axes[0], axes[1], run))
+def _torque(axes: Axes, seen: _Followed) -> None:
+    axes.plot(seen.run.measured.time, seen.measured, color=REAL, label="measured")
+    axes.plot(seen.run.measured.time, seen.estimated, color=MODEL, linestyle="--", label="estimated")
+    axes.set_ylabel("dissipation\ntorque [N m]")
 
 
-def _clutch_and_torques(experiment: Experiment, run: Simulation, path: Path) -> Path:
-    def draw(axes: Sequence[Axes]) -> None:
-        _command(axes[0], run)
-        _torque_axes(axes[1], axes[2], run)
+def _torque_error(axes: Axes, seen: _Followed) -> None:
+    error = PERCENT * (seen.measured - seen.estimated) / np.ptp(seen.measured)
+    axes.plot(seen.run.measured.time, error, color=REAL, linewidth=0.8)
+    axes.set_ylabel("normalised\nerror [%]")
+    axes.set_ylim(-5.0, 5.0)
 
-    return _panels(3, path, draw)
+
+def _coefficients(axes: Axes, seen: _Followed) -> None:
+    axes.plot(seen.run.measured.time, seen.w[:, 0], color=REAL, label="w_1")
+    axes.plot(seen.run.measured.time, seen.w[:, 1], color=MODEL, linestyle="--", label="w_2")
+    axes.set_ylabel("coefficients\n[N m s/rad]")
 
 
-def _coefficients(experiment: Experiment, run: Simulation, path: Path) -> Path:
-    """w_1, w_2 of n = 2, the damping beside what was commanded, and the error."""
-    estimator = _directional(2)
-    rows_in = rows_of(run.measured, estimator.inputs)
-    state, w = estimator.init(), []
-    values, deviations = np.empty(len(rows_in)), np.empty(len(rows_in))
-    for k, row in enumerate(rows_in):
-        state, estimate = estimator.step(state, row)
-        w.append(estimator.coefficients(state))
-        values[k], deviations[k] = estimate.value[0], estimate.standard_deviation[0]
-    time, truth, learnt = run.measured.time, run.truth["damping"], np.array(w)
+def _damping(axes: Axes, seen: _Followed) -> None:
+    time, half = seen.run.measured.time, WIDTH_95 * seen.deviation
+    low, high = seen.damping - half, seen.damping + half
+    axes.fill_between(time, low, high, color=FAINT, alpha=0.6, linewidth=0, label="95 % band")
+    axes.plot(time[1:], seen.run.truth["damping"][1:], color=REAL, label="commanded")
+    axes.plot(time, seen.damping, color=MODEL, linestyle="--", label="estimated")
+    axes.set_ylabel("damping\n[N m s/rad]")
+    axes.set_ylim(0.0, 5.0)
 
-    def draw(axes: Sequence[Axes]) -> None:
-        axes[0].plot(time, learnt[:, 0], color=REAL, label="w_1")
-        axes[0].plot(time, learnt[:, 1], color=MODEL, linestyle="--", label="w_2")
-        axes[0].set_ylabel("coefficients\n[N m s/rad]")
-        half = WIDTH_95 * deviations
-        axes[1].fill_between(time, values - half, values + half, color=FAINT, alpha=0.6, linewidth=0, label="95 % band")
-        axes[1].plot(time, truth, color=REAL, label="commanded")
-        axes[1].plot(time, values, color=MODEL, linestyle="--", label="estimated")
-        axes[1].set_ylabel("damping\n[N m s/rad]")
-        axes[1].set_ylim(0.0, 5.0)
-        axes[2].plot(time, PERCENT * (values / np.maximum(truth, 1e-9) - 1.0), color=REFERENCE)
-        axes[2].set_ylabel("error [%]")
-        axes[2].set_ylim(-40.0, 40.0)
 
-    return _panels(3, path, draw)
+def _damping_error(axes: Axes, seen: _Followed) -> None:
+    truth = seen.run.truth["damping"]
+    axes.plot(seen.run.measured.time[1:], PERCENT * (seen.damping[1:] / truth[1:] - 1.0), color=REFERENCE)
+    axes.set_ylabel("error [%]")
+    axes.set_ylim(-40.0, 40.0)
