@@ -10,9 +10,9 @@ from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.effects import EFFECTS, Effect
 from via_sim.effects_file import load_effects, parse_effects, save_effects
-from via_sim.torques import X
 from via_sim.plants import JointPlant
 from via_sim.simulate import Simulator, simulate
+from via_sim.torques import X
 
 RATE = 1000.0
 

@@ -9,8 +9,8 @@ from via_core.devices import device_names, load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.effects import EFFECTS, Effect
-from via_sim.readings import MEASURED
 from via_sim.plants import JointPlant
+from via_sim.readings import MEASURED
 from via_sim.sensors import IDEAL, Sensors
 from via_sim.simulate import Simulator, command_rows, simulate, simulate_many
 from via_sim.torques import N_COMMANDS

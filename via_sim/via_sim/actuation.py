@@ -66,7 +66,7 @@ def servo_motion(p: Array, i: int, x: float, v: float, u: float, left: float) ->
             v = copysign(limit, v)
             slewing = min((-2.0 * v / w - e) / v, left)  # until the servo asks for no more speed
             x, left = x + v * slewing, left - slewing
-        elif 0.0 < top and abs(b) * exp(-w * min(top, left)) > limit and abs(v) < limit:
+        elif top > 0.0 and abs(b) * exp(-w * min(top, left)) > limit and abs(v) < limit:
             low, high = 0.0, min(top, left)
             if abs((v - w * b * high) * exp(-w * high)) <= limit:
                 break

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from via_core.signals import Array
 
-from via_sim.parameters import DYNAMIC, MOTOR_2, P
+from via_sim.parameters import DYNAMIC, P
 from via_sim.torques import (
     HISTORY,
     X,

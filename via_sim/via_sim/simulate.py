@@ -117,7 +117,8 @@ def command_rows(device: Device, commands: Signals, time: Array) -> Array:
     """Commands (N, 5) held at `time`, from the channels a device understands.
 
     `motor` (N, m) torque [N m] or servo position [rad]; servo devices take `equilibrium` and `preset` [rad] instead.
-    `damping` [-], `external_torque` [N m] and `neighbour` [rad] are optional. Raises ParameterError on a channel that does not fit.
+    `damping` [-], `external_torque` [N m] and `neighbour` [rad] are optional. Raises ParameterError on a channel that
+    does not fit.
     """
     known = {"motor", "equilibrium", "preset", "damping", "external_torque", "neighbour"}
     strangers = commands.channels.keys() - known
@@ -203,7 +204,7 @@ def simulate_many(
     initial: ArrayLike | None = None,
     threads: int = 2,
 ) -> Array:
-    """Motion (K, N+1, 6) of K plants under the same command rows (N, 4 or 5), `threads` at once; inf or NaN on overflow."""
+    """Motion (K, N+1, 6) of K plants under the same command rows (N, 4) or (N, 5); inf or NaN on overflow."""
     given = np.asarray(commands, dtype=np.float64)
     if given.ndim != 2 or given.shape[1] not in (NEIGHBOUR, N_COMMANDS) or not np.all(np.isfinite(given)):
         raise ParameterError(

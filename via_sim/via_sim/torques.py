@@ -11,8 +11,8 @@ the wall is touched or not; so the right-hand side is smooth. `modes` says which
 `violation` says how far a state has left them.
 
 **Memory runs on travel.** Dahl's bristle dF/dx = s (1 - F sgn(v)/F_c) and the Maxwell slip element depend on the way
-alone, not on speed. Within a mode both are closed forms of the travel since the step began, so that simulator (stages of
-a step) and equations (samples of an encoder, never differentiated) share them and neither needs an integrator.
+alone, not on speed. Within a mode both are closed forms of the travel since the step began, so that simulator (stages
+of a step) and equations (samples of an encoder, never differentiated) share them and neither needs an integrator.
 Sources: Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); Piiroinen, Kuznetsov, An event-driven method to
 simulate Filippov systems, ACM TOMS 34 (2008).
 
@@ -51,9 +51,9 @@ X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 17, 19, 22, 22 + 6 * HISTORY)
 N_COMMANDS, QUEUED = 5, 4
 M1, M2, DAMPING, EXTERNAL, NEIGHBOUR = range(N_COMMANDS)
 
-# Inputs u of the equations: torque on motor 1, motor 2 [N m] (position [rad] of a servo), damping [N m s/rad], torque on
-# the link [N m]; factors of the two springs [-]; what the drives of link, motor 1, motor 2 are commanded [N m], and what
-# acts on the link beside its drive [N m].
+# Inputs u of the equations: torque on motor 1, motor 2 [N m] (position [rad] of a servo), damping [N m s/rad], torque
+# on the link [N m]; factors of the two springs [-]; what the drives of link, motor 1, motor 2 are commanded [N m], and
+# what acts on the link beside its drive [N m].
 N_INPUTS = 10
 SPRING, TARGET, BESIDE = 4, 6, 9
 

@@ -1,0 +1,112 @@
+"""Equations of a record: what simulates also explains; the plant that made a log leaves nothing, another one does."""
+
+import numpy as np
+import pytest
+from sim_joints import antagonistic, flexible, rigid
+from via_core.errors import ParameterError, SignalError
+from via_core.signals import Signals
+from via_core.weak_form import window_weights
+from via_sim.effects import Effect
+from via_sim.equations import Record, equation_torques
+from via_sim.parameters import DYNAMIC, P
+from via_sim.plants import JointPlant
+from via_sim.simulate import simulate
+
+RATE = 1000.0
+SECONDS = 4.0
+SPAN = 60  # samples of a window
+
+
+def commands(device, channels=None) -> Signals:
+    """Torques [N m] (angles [rad] of servos) that swing the joint through all it does."""
+    time = np.arange(round(SECONDS * RATE)) / RATE
+    ramp = np.minimum(time / 0.3, 1.0)
+    wave = ramp * (1.2 * np.sin(5.0 * time) + 0.6 * np.sin(13.0 * time + 1.0))
+    given = dict(channels or {})
+    if device.n_motors:
+        size = 0.4 if device.drive == "servo" else 1.0
+        given["motor"] = size * np.stack([wave, 0.7 * wave[::-1]][: device.n_motors], axis=1)
+    else:
+        given["external_torque"] = wave
+    return Signals(time, given, dict.fromkeys(given, "-"), frozenset(given))
+
+
+def recorded(plant, sent) -> Record:
+    """Noise-free readings of the joint, velocities measured."""
+    run = simulate(plant, sent, SECONDS - 1.0 / RATE, RATE).measured
+    velocity = np.zeros((len(run), 3))
+    velocity[:, 0] = run["q_velocity"]
+    if plant.device.n_motors:
+        velocity[:, 1 : 1 + plant.device.n_motors] = run["theta_velocity"]
+    return Record.of_commands(plant.device, run, velocity, sent)
+
+
+def residual(plant, record) -> np.ndarray:
+    """(windows, 3) inertia <angle, psi''> - <torque, psi> [N m], windows in which an axis nearly stands left out."""
+    found = equation_torques(plant.parameters, record)
+    W = window_weights(4, record.time[: SPAN + 1])
+    starts = np.arange(100, len(record) - SPAN - 1, 7)
+    rows = starts[:, None] + np.arange(SPAN + 1)
+    out = found.inertia * np.einsum("k,nka->na", W[2], found.angle[rows])
+    out = out - np.einsum("k,nka->na", W[0], found.torque[rows])
+    out[np.any(found.standing[rows], axis=1)] = np.nan
+    return out
+
+
+def worst(values) -> float:
+    return float(np.nanmax(np.abs(values), initial=0.0))
+
+
+PLANTED = [
+    (flexible, Effect("coulomb_friction", "link", {"torque": 0.1})),
+    (flexible, Effect("coulomb_friction", "motor", {"torque": 0.1}, 1)),
+    (flexible, Effect("stribeck_friction", "motor", {"breakaway": 0.3, "kinetic": 0.1, "velocity": 0.5}, 1)),
+    (flexible, Effect("viscous_friction", "link", {"coefficient": 0.05})),
+    (antagonistic, Effect("backlash", "transmission", {"gap": 0.05}, 2)),
+    (flexible, Effect("actuator_delay", "command", {"delay": 0.0043})),
+    (antagonistic, Effect("torque_gain", "motor", {"gain": 0.8}, 2)),
+]
+
+
+@pytest.mark.parametrize(("joint", "effect"), PLANTED, ids=lambda value: getattr(value, "name", ""))
+def test_the_plant_that_made_a_log_leaves_nothing_of_it_and_the_nominal_one_does(joint, effect):
+    nominal = JointPlant.from_device(joint())
+    planted = nominal.with_effects([effect])
+    record = recorded(planted, commands(nominal.device))
+    left, right = residual(nominal, record), residual(planted, record)
+    assert np.isfinite(right).any(axis=0)[nominal.parameters[P.axis_kind : P.axis_kind + 3] == DYNAMIC].all()
+    assert worst(left) > 0.01
+    assert worst(right) < 0.02 * worst(left)
+
+
+@pytest.mark.parametrize("joint", [rigid, flexible, antagonistic])
+def test_a_nominal_joint_leaves_nothing(joint):
+    plant = JointPlant.from_device(joint())
+    assert worst(residual(plant, recorded(plant, commands(plant.device)))) < 2e-4
+
+
+def test_measured_torques_drive_the_equations_as_well():
+    plant = JointPlant.from_device(antagonistic())
+    run = simulate(plant, commands(plant.device), 2.0, RATE).measured
+    velocity = np.column_stack([run["q_velocity"], run["theta_velocity"]])
+    record = Record.of_torques(plant.device, run, velocity, None)
+    assert worst(residual(plant, record)) < 2e-4
+    same = Record.of_commands(plant.device, run, velocity, commands(plant.device))
+    assert np.allclose(
+        equation_torques(plant.parameters, record).torque[2:-2],
+        equation_torques(plant.parameters, same).torque[2:-2],
+        atol=1e-9,
+        equal_nan=True,
+    )
+
+
+def test_misuse_is_refused():
+    time, three = np.arange(3.0), np.zeros((3, 3))
+    with pytest.raises(SignalError, match="'velocity' of a record must have shape"):
+        Record(time, three, np.zeros((3, 2)), time, np.zeros((3, 5)))
+    with pytest.raises(SignalError, match="'time' of a record must increase"):
+        Record(time[::-1], three, three, time, np.zeros((3, 5)))
+    with pytest.raises(SignalError, match="commands of a record must be finite"):
+        Record(time, three, three, time, np.full((3, 5), np.nan))
+    with pytest.raises(ParameterError, match="a parameter row has shape"):
+        equation_torques(np.zeros(3), Record(time, three, three, time, np.zeros((3, 5))))

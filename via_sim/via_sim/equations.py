@@ -1,0 +1,381 @@
+"""The same effects driven by a log: the torque of everything but inertia, for every sample and axis.
+
+    inertia * acceleration = torque        link, motor 1, motor 2; of a servo  1 * acceleration = w^2 (u - x) - 2 w x'
+
+`equation_torques` walks a record once, with the torque functions the simulator integrates, so that an effect is defined
+once. Integrated against modulating functions (via_core.weak_form) the two sides agree where the plant is right:
+inertia <angle, psi''> = <torque, psi>, with no derivative of anything measured but what friction needs for its sign.
+
+**Commands are held, samples are instants.** Against a trapezoid rule over samples a held torque counts with its mean over
+the cell from halfway before a sample to halfway after it: (u_n + u_{n-1})/2 where commands change on samples, and right
+to second order for any dead time, command rate and jitter. A lag T y' = u - y turns the mean of u into that of y, which
+is mean(u) - T (y_end - y_begin) / width. A friction whose sign changes within a cell counts likewise with its mean.
+
+**Memory** (bristles, Maxwell elements) runs on the increments of the angles themselves, from rest at the first sample.
+
+**Sensor effects** are undone first: `angle` is what the axes did if the row is right, and late channels are read ahead.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from dataclasses import dataclass
+from math import cos, exp, isfinite, nan, sin
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from via_core.dampers import damper_value
+from via_core.devices import Device
+from via_core.errors import ParameterError, SignalError
+from via_core.servos import servo_acceleration
+from via_core.signals import Array, Signals, locked
+
+from via_sim.actuation import saturated, servo_bandwidth
+from via_sim.parameters import ABSENT, DYNAMIC, N_PARAMETERS, NO_DAMPER, SERVO, P
+from via_sim.readings import hermite
+from via_sim.simulate import command_rows
+from via_sim.torques import (
+    BESIDE,
+    DAMPING,
+    EXTERNAL,
+    FLANK,
+    M1,
+    N_COMMANDS,
+    N_INPUTS,
+    N_MODES,
+    NEIGHBOUR,
+    RARE,
+    SPRING,
+    TOUCH,
+    X,
+    bare,
+    breakaway,
+    compiled,
+    deflection,
+    dry_friction,
+    has_friction,
+    laws,
+    motive_torques,
+    prepare,
+    preset_of,
+    remember,
+    spring_factor,
+    transmission_torque,
+    viscous_friction,
+)
+
+STILL = 0.02  # [rad/s] below which an axis nearly stands, unless the caller knows his velocities better
+_SLEWING = 0.98  # share of its speed limit from which a servo is at it
+
+# Columns of the result.
+_Columns = namedtuple("_Columns", "torque friction capacity angle velocity transmission")
+_C: Any = _Columns(0, 3, 6, 9, 12, 15)
+_N_COLUMNS = 17
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A log of one joint as its equations take it.
+
+    time          (N,) [s] strictly increasing
+    angle         (N, 3) [rad] link, motor 1, motor 2 as measured; NaN where not
+    velocity      (N, 3) [rad/s] likewise, measured or estimated by the caller
+    command_time  (K,) [s] strictly increasing; the first command also stands before it
+    commands      (K, 5) held from its time on, columns as of the simulator
+    sensed        whether the motor torques among them were read by sensors, whose errors are then undone
+    still         (3,) [rad/s] speeds below which an axis nearly stands
+
+    Arrays are copied and locked. Raises SignalError where they do not fit.
+    """
+
+    time: Array
+    angle: Array
+    velocity: Array
+    command_time: Array
+    commands: Array
+    sensed: bool = False
+    still: ArrayLike = STILL
+
+    def __post_init__(self) -> None:
+        still = np.broadcast_to(np.asarray(self.still, dtype=np.float64), (3,))
+        object.__setattr__(self, "still", locked(still, "still"))
+        for name in ("time", "angle", "velocity", "command_time", "commands"):
+            object.__setattr__(self, name, locked(getattr(self, name), name))
+        shapes = {"angle": (len(self), 3), "velocity": (len(self), 3)}
+        shapes |= {"time": (len(self),), "command_time": (len(self.commands),)}
+        shapes["commands"] = (len(self.command_time), N_COMMANDS)
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise SignalError(f"'{name}' of a record must have shape {shape}, got {getattr(self, name).shape}")
+        for name in ("time", "command_time"):
+            if len(getattr(self, name)) < 1 or not np.all(np.diff(getattr(self, name)) > 0.0):
+                raise SignalError(f"'{name}' of a record must increase and have at least one entry")
+        if not np.all(np.isfinite(self.commands)):
+            raise SignalError("commands of a record must be finite")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @staticmethod
+    def of_commands(device: Device, measured: Signals, velocity: ArrayLike, commands: Signals, still: ArrayLike = STILL
+    ) -> Record:  # fmt: skip
+        """A record driven by what was commanded; `commands` as `command_rows` takes them."""
+        rows = command_rows(device, commands, commands.time)
+        return Record(measured.time, _angles(device, measured), np.asarray(velocity), commands.time, rows, False, still)
+
+    @staticmethod
+    def of_torques(
+        device: Device, measured: Signals, velocity: ArrayLike, commands: Signals | None, still: ArrayLike = STILL
+    ) -> Record:
+        """A record driven by the measured motor torques `tau`; of sample k it acted since the sample before.
+
+        commands  damping, external torque and neighbour, where there are any; motor torques among them are not used
+        """
+        tau = measured["tau"].reshape(len(measured), -1)
+        seen = np.isfinite(tau).all(axis=1)
+        if not seen.any():
+            raise SignalError("no motor torque was measured")
+        ends, torques = measured.time[seen], tau[seen]
+        begins = np.concatenate(([ends[0] - 1.0], ends[:-1])) if len(ends) else ends
+        times, rows = begins, np.zeros((len(begins), N_COMMANDS))
+        others = None if commands is None else {"damping", "external_torque", "neighbour"} & commands.channels.keys()
+        if commands is not None and others:
+            times = np.union1d(begins, commands.time)
+            rows = command_rows(device, commands.select(sorted(others)), times)
+        last = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
+        rows[:, M1 : M1 + tau.shape[1]] = torques[last]
+        return Record(measured.time, _angles(device, measured), np.asarray(velocity), times, rows, True, still)
+
+
+def _angles(device: Device, measured: Signals) -> Array:
+    angle = np.full((len(measured), 3), nan)
+    angle[:, 0] = measured["q"]
+    if device.n_motors and "theta" in measured:
+        angle[:, 1 : 1 + device.n_motors] = measured["theta"].reshape(len(measured), -1)
+    return angle
+
+
+@dataclass(frozen=True, eq=False)
+class EquationTorques:
+    """What `equation_torques` returns; axes are link, motor 1, motor 2, NaN where there is none or nothing measured.
+
+    torque        (N, 3) [N m] that accelerates: all but inertia times acceleration; of a servo [rad/s^2]
+    friction      (N, 3) [N m] dry friction that `torque` contains, as if the axis slipped; opposes positive motion
+    capacity      (N, 3) [N m] dry friction that the axis can take standing, at most (mean of both directions)
+    standing      (N, 3) whether it nearly stands: then friction is any number between -capacity and capacity
+    angle         (N, 3) [rad] with sensor effects undone
+    velocity      (N, 3) [rad/s] likewise
+    transmission  (N, 2) [N m] torque of each transmission, what a torque sensor at the link reads the sum of
+    inertia       (3,) [kg m^2]; 1 for a servo
+    """
+
+    torque: Array
+    friction: Array
+    capacity: Array
+    standing: Any
+    angle: Array
+    velocity: Array
+    transmission: Array
+    inertia: Array
+
+
+def equation_torques(row: Array, record: Record) -> EquationTorques:
+    """Torques of a joint with parameter row (N_PARAMETERS,) along a record. `tick` and `substeps` of the row are not used.
+
+    Raises ParameterError for a row of another shape.
+    """
+    p = np.array(row, dtype=np.float64)  # a locked row would be another type to numba
+    if p.shape != (N_PARAMETERS,):
+        raise ParameterError(f"a parameter row has shape ({N_PARAMETERS},), got {p.shape}")
+    out = np.empty((len(record), _N_COLUMNS))
+    walk(p, record.time, record.angle, record.velocity, record.command_time, record.commands, record.sensed, out)
+    kinds = p[P.axis_kind : P.axis_kind + 3]
+    parts = {name: out[:, a : a + 3] for name, a in zip(_C._fields, _C, strict=True)}
+    with np.errstate(invalid="ignore"):
+        standing = (np.abs(parts["velocity"]) < record.still) & (kinds == DYNAMIC)
+    inertia = np.where(kinds == DYNAMIC, p[P.inertia : P.inertia + 3], 1.0)
+    parts["transmission"] = out[:, _C.transmission :]
+    return EquationTorques(standing=standing, inertia=inertia, **parts)
+
+
+@bare
+def _undone(p: Array, axis: int, angle: float, velocity: float) -> tuple[float, float]:
+    """Angle and velocity of an axis whose encoder reads these: offset and eccentricity taken back."""
+    angle -= p[P.encoder_offset + axis]
+    swing, phase = p[P.eccentricity + axis], p[P.eccentricity_phase + axis]
+    if swing == 0.0:
+        return angle, velocity
+    true = angle - swing * sin(angle + phase)
+    for _ in range(3):  # Newton on true + swing sin(true + phase) = angle
+        true -= (true + swing * sin(true + phase) - angle) / (1.0 + swing * cos(true + phase))
+    return true, velocity / (1.0 + swing * cos(true + phase))
+
+
+@bare
+def _ahead(time: Array, angle: Array, velocity: Array, axis: int, n: int, skew: float) -> tuple[float, float]:
+    """Reading and velocity of an axis `skew` [s] after sample n, from the samples around that time."""
+    when, k, last = time[n] + skew, n, time.size - 1
+    while k < last - 1 and time[k + 1] < when:
+        k += 1
+    if k == last or time[last] < when:
+        return angle[last, axis] + (when - time[last]) * velocity[last, axis], velocity[last, axis]
+    h = time[k + 1] - time[k]
+    a, b = angle[k, axis], angle[k + 1, axis]
+    return hermite(a, velocity[k, axis], b, velocity[k + 1, axis], h, (when - time[k]) / h)
+
+
+@bare
+def _driving(p: Array, commands: Array, k: int, column: int, sensed: bool) -> float:
+    """What command k asks for once the drive has passed it on: torque [N m], angle [rad] or damping [N m s/rad]."""
+    value = commands[k, column]
+    if column == DAMPING:
+        if p[P.damper_site] == NO_DAMPER:
+            return 0.0
+        return damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], value)
+    if column == EXTERNAL:
+        return saturated(p, 0, value) if p[P.link_drive] != 0.0 else value
+    if column == NEIGHBOUR or p[P.axis_kind + 1 + column] != DYNAMIC:
+        return value
+    if sensed:
+        value = (value - p[P.sensed_bias + 1 + column]) / p[P.sensed_gain + 1 + column]
+    limit = p[P.torque_limit + column]
+    return saturated(p, 1 + column, min(max(value, -limit), limit))
+
+
+@bare
+def _means(p: Array, times: Array, commands: Array, sensed: bool, k: int, a: float, b: float, mean: Array) -> int:
+    """Means over [a, b] [s] of what is held -> mean (5,); k: a command not after a, returned as the one not after b."""
+    last = times.size - 1
+    while k < last and times[k + 1] <= a:
+        k += 1
+    for column in range(mean.size):
+        mean[column] = 0.0
+    width = b - a
+    while True:
+        end = b if k == last else min(times[k + 1], b)
+        share = 1.0 if width <= 0.0 else (end - a) / width
+        for column in range(mean.size):
+            mean[column] += share * _driving(p, commands, k, column, sensed)
+        if k == last or times[k + 1] >= b:
+            return k
+        a = end
+        k += 1
+
+
+@bare
+def _slipping(p: Array, axis: int, before: float, speed: float, after: float, load: float) -> float:
+    """Dry friction [N m] on a slipping axis, its mean over a cell in which the speed may change its sign."""
+    swing = 0.25 * abs(after - before)  # of the speed over half a cell
+    if isfinite(swing) and abs(speed) < swing:
+        forwards = 0.5 * (1.0 + speed / swing)
+    else:
+        forwards = 1.0 if speed > 0.0 else (0.0 if speed < 0.0 else 0.5)
+    friction = 0.0
+    if forwards > 0.0:
+        friction += forwards * dry_friction(p, axis, 1, abs(speed), load)
+    if forwards < 1.0:
+        friction -= (1.0 - forwards) * dry_friction(p, axis, -1, abs(speed), load)
+    return friction
+
+
+@compiled
+def walk(
+    p: Array, time: Array, angle: Array, velocity: Array, command_time: Array, commands: Array, sensed: bool, out: Array
+) -> None:
+    """Every sample of a record -> out (N, 17), see `EquationTorques` and `Record`."""
+    c1, c2 = laws(p)
+    modes, u, x, y = np.zeros(N_MODES, np.int64), np.zeros(N_INPUTS), np.zeros(X.queue), np.zeros(6)
+    held, now = np.zeros(N_COMMANDS), np.zeros(N_COMMANDS)
+    prepare(p, modes)
+    last, late, prompt = time.size - 1, 0, 0
+    for n in range(time.size):
+        begin = 0.5 * (time[max(n - 1, 0)] + time[n])
+        end = 0.5 * (time[n] + time[min(n + 1, last)])
+        width, age = end - begin, p[P.origin] + time[n] - time[0]
+
+        # what drives the axes
+        late = _means(p, command_time, commands, sensed, late, begin - p[P.delay], end - p[P.delay], held)
+        if p[P.delay] > 0.0 and (p[P.link_drive] == 0.0 or p[P.coupling] != 0.0):
+            prompt = _means(p, command_time, commands, sensed, prompt, begin, end, now)
+        else:
+            now[EXTERNAL], now[NEIGHBOUR] = held[EXTERNAL], held[NEIGHBOUR]
+        u[BESIDE] = p[P.coupling] * now[NEIGHBOUR]
+        if p[P.link_drive] == 0.0:
+            u[BESIDE] += now[EXTERNAL]
+        if p[P.pulse_torque] != 0.0 and width > 0.0:
+            from_age = age - (time[n] - begin)
+            overlap = min(from_age + width, p[P.pulse_stop]) - max(from_age, p[P.pulse_start])
+            u[BESIDE] += p[P.pulse_torque] * max(overlap, 0.0) / width
+        u[EXTERNAL], u[DAMPING] = u[BESIDE], held[DAMPING]
+        for axis in range(3):
+            asked = held[EXTERNAL] if axis == 0 else held[axis - 1]
+            if p[P.axis_kind + axis] != DYNAMIC or (axis == 0 and p[P.link_drive] == 0.0):
+                continue
+            if p[P.lag] > 0.0:
+                if n == 0:
+                    x[X.lag + axis] = asked
+                passed = asked + (x[X.lag + axis] - asked) * exp(-width / p[P.lag])
+                if width > 0.0:
+                    asked -= p[P.lag] * (passed - x[X.lag + axis]) / width
+                x[X.lag + axis] = passed
+            asked = p[P.torque_gain + axis] * asked + p[P.torque_bias + axis]
+            if axis == 0:
+                u[EXTERNAL] += asked
+            else:
+                u[axis - 1] = asked
+
+        # where the axes are
+        for axis in range(3):
+            y[axis], y[3 + axis] = 0.0, 0.0
+            if p[P.axis_kind + axis] != ABSENT:
+                y[axis], y[3 + axis] = angle[n, axis], velocity[n, axis]
+                if p[P.skew + axis] > 0.0:
+                    y[axis], y[3 + axis] = _ahead(time, angle, velocity, axis, n, p[P.skew + axis])
+                y[axis], y[3 + axis] = _undone(p, axis, y[axis], y[3 + axis])
+            if n == 0 or not isfinite(x[axis]):
+                x[axis] = y[axis]
+            way = y[axis] - x[axis]
+            modes[axis] = 1 if way > 0.0 else (-1 if way < 0.0 else 0)
+        if modes[RARE] != 0 and isfinite(y[0] + y[1] + y[2]):
+            remember(p, modes, x, y)
+        for axis in range(6):
+            x[axis] = y[axis]
+
+        # what acts on them
+        u[SPRING], u[SPRING + 1] = spring_factor(p, 0, age), spring_factor(p, 1, age)
+        for i in range(2):
+            phi = deflection(p, i, x[0], x[1 + i])
+            half = 0.5 * p[P.backlash + i]
+            modes[FLANK + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
+        modes[TOUCH] = p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0 and p[P.contact_stiffness] > 0.0
+        torques = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
+        for axis in range(3):
+            kind, load = p[P.axis_kind + axis], torques[3 + axis]
+            friction = capacity = 0.0
+            torque = nan
+            if kind == DYNAMIC:
+                if has_friction(p, axis):
+                    before, after = velocity[max(n - 1, 0), axis], velocity[min(n + 1, last), axis]
+                    friction = _slipping(p, axis, before, x[3 + axis], after, load)
+                    capacity = 0.5 * (breakaway(p, axis, 1, load) + breakaway(p, axis, -1, load))
+                torque = torques[axis] - viscous_friction(p, axis, u[DAMPING]) * x[3 + axis] - friction
+            elif kind == SERVO:
+                v, w = x[3 + axis], servo_bandwidth(p, axis - 1)
+                torque = servo_acceleration(x[axis], v, held[axis - 1], w)
+                if abs(v) >= _SLEWING * p[P.saturation + axis] and torque * v > 0.0:
+                    torque = 0.0
+            out[n, _C.torque + axis] = torque
+            out[n, _C.friction + axis] = friction
+            out[n, _C.capacity + axis] = capacity
+            out[n, _C.angle + axis] = x[axis] if kind != ABSENT else nan
+            out[n, _C.velocity + axis] = x[3 + axis] if kind != ABSENT else nan
+        for i in range(2):
+            total = nan
+            if p[P.transmissions] > i:
+                preset = preset_of(p, i, x[1], x[2])
+                phi = deflection(p, i, x[0], x[1 + i])
+                c = c1 if i == 0 else c2
+                total = transmission_torque(p, c, i, phi, preset, modes[FLANK + i], u[SPRING + i])
+                total += x[X.hysteresis + i] + p[P.spring_damping + i] * (x[3] - x[4 + i])
+            out[n, _C.transmission + i] = total
