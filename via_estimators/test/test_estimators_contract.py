@@ -18,6 +18,7 @@ from via_estimators.link_impedance import LinkImpedance, LinkImpedanceParameters
 from via_estimators.methods import estimator_for
 from via_estimators.modulated_stiffness import ModulatedStiffness, ModulatedStiffnessParameters
 from via_estimators.modulated_torque import ModulatedTorque, ModulatedTorqueParameters
+from via_estimators.residual import Residual, ResidualParameters
 from via_estimators.signal_based import SignalBased, SignalBasedParameters
 
 MACCEPA = load_device("maccepavd")
@@ -27,6 +28,7 @@ ESTIMATORS = {
     "modulated_stiffness": ModulatedStiffness(ModulatedStiffnessParameters(window=60, memory=5.0)),
     "signal_based": SignalBased(SignalBasedParameters(window=60, memory=5.0)),
     "filtered_signal_based": FilteredSignalBased(FilteredSignalBasedParameters(window=60, order=6, memory=5.0)),
+    "residual": Residual(ResidualParameters(window=60, quantum=1e-4)),
     "link_impedance": LinkImpedance(
         MACCEPA.spring_laws[0], LinkImpedanceParameters(window=60, sampling=1e-3, minimum_motion=0.02)
     ),

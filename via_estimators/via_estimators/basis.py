@@ -30,8 +30,8 @@ def fill_basis(kind: int, phi: float, scale: float, f: Array, g: Array, bend: Ar
     scale  s > 0 [rad]
     """
     z = phi / scale
-    legendre = kind == LEGENDRE or kind == ODD_LEGENDRE
-    every = 2 if kind == ODD_POWERS or kind == ODD_LEGENDRE else 1
+    legendre = kind in (LEGENDRE, ODD_LEGENDRE)
+    every = 2 if kind in (ODD_POWERS, ODD_LEGENDRE) else 1
     # Degree by degree: v = value, d = derivative of the slope's polynomial, F = integral of it from 0 to z.
     before, v, d_before, d = 0.0, 1.0, 0.0, 0.0
     at_zero_before, at_zero = 0.0, 1.0  # Legendre polynomials at 0
@@ -67,11 +67,11 @@ def swing_of_last(kind: int, terms: int, back: int, far: float) -> float:
     back  0 for the last of the terms, 1 for the one before
     """
     j = terms - 1 - back
-    n = 2 * j if kind == ODD_POWERS or kind == ODD_LEGENDRE else j
+    n = 2 * j if kind in (ODD_POWERS, ODD_LEGENDRE) else j
     if n < 1:
         return 1.0
     size = 2.0 * (0.5 * far) ** n
-    if kind == LEGENDRE or kind == ODD_LEGENDRE:  # leading coefficient (2n)! / (2^n n!^2)
+    if kind in (LEGENDRE, ODD_LEGENDRE):  # leading coefficient (2n)! / (2^n n!^2)
         for i in range(1, n + 1):
             size *= (2.0 * i - 1.0) / i
     return size

@@ -1,8 +1,8 @@
 """Stiffness from noisy signals, no model and no velocity sensor: smoothed, late parameters at the present deflection.
 
 Source: SAPHARI deliverable, Sections 4.3, 4.4 and eq. (55). The equation is that of `signal_based`, with all of its
-signals smoothed by the same Savitzky-Golay filter over W = window + 1 samples (`savitzky_golay`; W is odd, which 1000 is
-not). Being linear, the filter leaves the equation true; only f(phi) of the smoothed deflection is not quite the
+signals smoothed by the same Savitzky-Golay filter over W = window + 1 samples (`savitzky_golay`; W is odd, which 1000
+is not). Being linear, the filter leaves the equation true; only f(phi) of the smoothed deflection is not quite the
 smoothed f. The motor's velocity is the filter's slope of theta. Parameters are thus (W - 1)/2 samples late, which they
 bear, being constant or nearly so. The deflection is not late: kinematic Kalman filters of q and theta give it at the
 newest sample, plain or modified for quantised encoders (`kinematic_kalman`).
@@ -39,9 +39,24 @@ from via_estimators.coloured import dot
 from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
 from via_estimators.savitzky_golay import savitzky_golay
 from via_estimators.signal_based import (
-    BEYOND, LENGTH, MARGIN, MEMORY, MINIMUM_MOTION, N_KEPT, PRIOR, SAMPLING, SCALE, TERMS, TORQUE_NOISE, TRANSMISSIONS,
-    SignalBased, learn, tell, visit, visited,
-)  # fmt: skip
+    BEYOND,
+    LENGTH,
+    MARGIN,
+    MEMORY,
+    MINIMUM_MOTION,
+    N_KEPT,
+    PRIOR,
+    SAMPLING,
+    SCALE,
+    TERMS,
+    TORQUE_NOISE,
+    TRANSMISSIONS,
+    SignalBased,
+    learn,
+    tell,
+    visit,
+    visited,
+)
 
 # of a transmission, beside what `signal_based` keeps: sum of weights, of squares of torque noise, of angle noise
 WEIGHT, ROUGH_TORQUE, ROUGH_ANGLE, N_ROUGH = range(4)

@@ -79,7 +79,7 @@ def correct_quantised(state: Array, z: float, quantum: float, R: float) -> None:
     S = state[P_XX] + R
     s, away = sqrt(S), z - state[ANGLE]
     again, state[READING] = z == state[READING], z
-    if again and abs(away) <= 0.5 * quantum and S <= quantum * quantum / 12.0:
+    if again and abs(away) <= 0.5 * quantum and quantum * quantum / 12.0 >= S:
         return
     if not quantum > _NARROW * s:
         correct(state, z, R + quantum * quantum / 12.0)

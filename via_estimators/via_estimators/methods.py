@@ -15,6 +15,7 @@ from via_estimators.filtered_signal_based import FilteredSignalBased
 from via_estimators.link_impedance import LinkImpedance
 from via_estimators.modulated_stiffness import ModulatedStiffness
 from via_estimators.modulated_torque import ModulatedTorque
+from via_estimators.residual import Residual
 from via_estimators.signal_based import SignalBased
 
 # In the order in which they are tried: the first that suits a device is what it gets by default.
@@ -23,6 +24,7 @@ METHODS: dict[str, type[Estimator]] = {
     "modulated_stiffness": ModulatedStiffness,
     "filtered_signal_based": FilteredSignalBased,
     "signal_based": SignalBased,
+    "residual": Residual,
     "link_impedance": LinkImpedance,
     "damping_directional": DampingDirectional,
     "damping_rls": DampingRLS,

@@ -259,7 +259,7 @@ def tell(
             told[4 + j] = integral.variance(equation, n, slope, torque, blur, work)
         if par[TRUNCATION] > 0.0:
             far = max(abs(kept[LOW]), abs(kept[HIGH])) / par[SCALE]
-            for back in range(2 if kind == POWERS or kind == LEGENDRE else 1):
+            for back in range(2 if kind in (POWERS, LEGENDRE) else 1):
                 j = max(n - 1 - back, 3)
                 slope[:] = 0.0
                 slope[j] = width[j]

@@ -1,0 +1,95 @@
+"""The residual baseline: planted truths, what a wrong motor does to it, and the factor that protects nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from via_core.devices import load_device
+from via_core.errors import ParameterError
+from via_core.status import Status
+from via_estimators.residual import Residual, ResidualParameters
+
+INERTIA, DAMPING = 0.02, 0.3
+ONE = ResidualParameters(
+    transmissions=1, terms=2, inertia=INERTIA, damping=DAMPING, torque_noise=1e-3, acceleration=300.0,
+    position_noise=1e-7, window=100,
+)  # fmt: skip
+
+
+def planted(count=4000):
+    """Rows of one motor in prescribed motion, effort its torque's mean over each interval; law 8 phi + 5 phi^3."""
+    t = 1e-3 * np.arange(count)
+
+    def motion(t):
+        theta = 0.3 * np.sin(7.0 * t) + 0.2 * np.sin(13.0 * t + 1.0)
+        rate = 2.1 * np.cos(7.0 * t) + 2.6 * np.cos(13.0 * t + 1.0)
+        bend = -14.7 * np.sin(7.0 * t) - 33.8 * np.sin(13.0 * t + 1.0)
+        q = 0.5 * np.sin(4.0 * t)
+        return q, theta, INERTIA * bend + DAMPING * rate - 8.0 * (q - theta) - 5.0 * (q - theta) ** 3
+
+    q, theta, _ = motion(t)
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    effort = sum(0.5 * w * motion(t + 0.5e-3 * (node - 1.0))[2] for node, w in zip(nodes, weights, strict=True))
+    return np.column_stack([t, q, theta, effort]), 8.0 + 15.0 * (q - theta) ** 2
+
+
+@pytest.mark.parametrize("bandwidth", [30.0, 300.0])
+@pytest.mark.parametrize("basis", ["odd_powers", "odd_legendre"])
+def test_planted_law_comes_back_whatever_the_bandwidth(bandwidth, basis):
+    rows, truth = planted()
+    _, estimates = Residual(replace(ONE, bandwidth=bandwidth, basis=basis)).run_rows(rows)
+    settled = (estimates.status == Status.OK) & (rows[:, 0] > 1.0)
+    assert settled.mean() > 0.6
+    assert np.abs(estimates.value[:, 1] / truth - 1.0)[settled].max() < 2e-3
+
+
+def test_a_wrong_motor_is_a_wrong_law_and_the_tolerance_tells():
+    """3 % of inertia and 10 % of damping too little, as in Section 4.2: the declared tolerance covers the error."""
+    rows, truth = planted()
+    wrong = replace(ONE, inertia=0.97 * INERTIA, damping=0.9 * DAMPING)
+    told = replace(wrong, inertia_tolerance=0.03 * INERTIA, damping_tolerance=0.1 * DAMPING)
+    later = rows[:, 0] > 2.0
+    error = {}
+    for name, parameters in (("right", ONE), ("wrong", wrong), ("told", told)):
+        value, deviation = Residual(parameters).run_rows(rows)[1].column("stiffness_1")
+        error[name] = np.sqrt(np.mean((value - truth)[later] ** 2)), np.sqrt(np.mean(deviation[later] ** 2))
+    assert error["wrong"][0] > 20.0 * error["right"][0]
+    assert error["told"][0] == error["wrong"][0]
+    assert 0.5 < error["told"][1] / error["told"][0] < 4.0
+    assert error["right"][1] < 0.2 * error["told"][1]
+
+
+def test_deviations_hold_for_torque_noise():
+    """Reported over empirical on 60 seeds, motor known."""
+    clean, truth = planted()
+    estimator = Residual(replace(ONE, torque_noise=0.05))
+    errors, promised = [], []
+    for seed in range(60):
+        rows = clean.copy()
+        rows[:, 3] += 0.05 * np.random.default_rng(seed).normal(size=len(rows))
+        value, deviation = estimator.run_rows(rows)[1].column("stiffness")
+        errors.append((value - truth)[1000::50])
+        promised.append(deviation[1000::50])
+    ratio = np.sqrt(np.mean(np.square(promised), axis=0) / np.mean(np.square(errors), axis=0))
+    assert 0.8 <= np.median(ratio) <= 1.25
+
+
+@pytest.mark.parametrize("c", [0.01, 100.0])
+def test_errata_73_the_stability_factor_is_another_p_0_and_protects_nothing(c):
+    """c is plain least squares from c P(0): a prior deviation sqrt(c) times as large, at every sample."""
+    rows, _ = planted(1500)
+    weak = replace(ONE, stiffness_deviation=0.5, torque_noise=1.0)
+    factored = Residual(replace(weak, stability=c)).run_rows(rows)[1]
+    plain = Residual(replace(weak, stiffness_deviation=0.5 * np.sqrt(c))).run_rows(rows)[1]
+    as_before = Residual(weak).run_rows(rows)[1]
+    settled = factored.status == Status.OK
+    np.testing.assert_allclose(factored.value[settled], plain.value[settled], rtol=1e-6)
+    np.testing.assert_allclose(factored.standard_deviation[settled], plain.standard_deviation[settled], rtol=1e-6)
+    assert np.abs(factored.value - as_before.value)[settled].max() > 1e-3
+
+
+def test_devices_give_the_nominal_motor():
+    parameters = Residual.from_device(load_device("vsa2")).parameters
+    assert (parameters.inertia, parameters.damping, parameters.quantum) == (7.3e-3, 1e-3, 3.835e-4)
+    with pytest.raises(ParameterError, match="no torque-driven transmission"):
+        Residual.from_device(load_device("maccepavd"))

@@ -1,0 +1,158 @@
+"""The signal-based estimator: planted truths, a base that moves, holds, honest deviations, and the printed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from via_core.status import Status
+from via_estimators import integral
+from via_estimators.batch import integral_rows
+from via_estimators.signal_based import SignalBased, SignalBasedParameters
+
+INERTIA, DAMPING = 0.02, 0.3
+ONE = SignalBasedParameters(
+    transmissions=1, basis="odd_powers", terms=2, memory=1e9, torque_noise=1e-3, position_noise=0.0, truncation=0.0,
+    window=60,
+)  # fmt: skip
+
+
+def planted(count=4000, period=1e-3, stop=np.inf):
+    """Rows (count, 5) of time, q, theta, theta velocity, effort of one motor; law 8 phi + 5 phi^3; its stiffness.
+
+    From `stop` [s] on it slows down and stands still, held by the torque of its spring.
+    """
+    t = period * np.arange(count)
+
+    def motion(t):
+        u = np.minimum(t, stop + 0.2 * (1.0 - np.exp(-np.maximum(t - stop, 0.0) / 0.2)))  # its own clock
+        rush = np.where(t > stop, np.exp(-np.maximum(t - stop, 0.0) / 0.2), 1.0)
+        slow = np.where(t > stop, -rush / 0.2, 0.0)
+        theta = 0.3 * np.sin(7.0 * u) + 0.2 * np.sin(13.0 * u + 1.0)
+        rate = 2.1 * np.cos(7.0 * u) + 2.6 * np.cos(13.0 * u + 1.0)
+        bend = -14.7 * np.sin(7.0 * u) - 33.8 * np.sin(13.0 * u + 1.0)
+        q = 0.5 * np.sin(4.0 * u)
+        torque = INERTIA * (bend * rush**2 + rate * slow) + DAMPING * rate * rush
+        return q, theta, rate * rush, torque - 8.0 * (q - theta) - 5.0 * (q - theta) ** 3
+
+    q, theta, rate, _ = motion(t)
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    effort = sum(0.5 * w * motion(t + 0.5 * period * (node - 1.0))[3] for node, w in zip(nodes, weights, strict=True))
+    return np.column_stack([t, q, theta, rate, effort]), 8.0 + 15.0 * (q - theta) ** 2
+
+
+@pytest.mark.parametrize("basis", ["powers", "odd_powers", "legendre", "odd_legendre"])
+def test_planted_parameters_come_back(basis):
+    rows, truth = planted()
+    _, estimates = SignalBased(replace(ONE, basis=basis, terms=4)).run_rows(rows)
+    settled = (estimates.status == Status.OK) & (rows[:, 0] > 1.0)
+    assert settled.mean() > 0.6
+    assert np.abs(estimates.value[:, 0] / truth - 1.0)[settled].max() < 2e-3
+    assert estimates.column("motor_inertia_1")[0][-1] == pytest.approx(INERTIA, rel=1e-3)
+    assert estimates.column("motor_damping_1")[0][-1] == pytest.approx(DAMPING, rel=1e-3)
+
+
+def test_the_moving_base_is_least_squares_from_a_fixed_one():
+    """The slow obvious version: all rows from one fixed base, weighted, with the prior, by the normal equations."""
+    rows, _ = planted(800)
+    parameters = replace(ONE, memory=0.5, horizon=1e9, torque_noise=1.0, stiffness_deviation=1.0, minimum_motion=0.0)
+    estimator = SignalBased(parameters)
+    state, estimates = estimator.run_rows(rows)
+    used = rows[parameters.window :]
+    columns, right = integral_rows(*used.T, "odd_powers", 2, 1.0)
+    widths = np.array([1.0, parameters.inertia_deviation, parameters.damping_deviation, 1.0, 1.0])
+    scaled = columns * widths / (1.0 * 1e-3 * np.sqrt(60.0))
+    weights = np.exp(-1e-3 / 0.5) ** np.arange(len(used) - 1, -1, -1)
+    # the leak pulls towards the estimates along the way; run it in the same order, from the fixed base
+    keep, A, b, x = np.exp(-1e-3 / 0.5), np.diag([1e-18, 1.0, 1.0, 1.0, 1.0]), np.zeros(5), np.zeros(5)
+    pull = np.diag([0.0, 1.0, 1.0, 1.0, 1.0])
+    for row, y in zip(scaled, right / (1e-3 * np.sqrt(60.0)), strict=True):
+        A = keep * A + (1.0 - keep) * pull + np.outer(row, row)
+        b = keep * b + (1.0 - keep) * pull @ x + y * row
+        x = np.linalg.solve(A, b)
+    np.testing.assert_allclose(estimates.value[-1, 2:], (x * widths)[1:3], rtol=1e-5)
+    equation = state[len(state) - integral.size(5) :]
+    np.testing.assert_allclose(integral.unknowns(equation, 5)[1:], x[1:], rtol=1e-5)
+    assert weights[0] < 0.5  # forgetting had something to do
+    # and the factor: R'R of the moving base is S'AS for a constant's column moved by what the integrals grew
+    R = integral.factor(equation, 5)
+    moved = np.eye(5)
+    moved[0, 2:] = -scaled[-1, 2:] / scaled[-1, 0]
+    units = np.diag([1.0 / scaled[-1, 0], 1.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(R.T @ R, units @ moved.T @ A @ moved @ units, rtol=1e-6, atol=1e-6 * np.abs(A).max())
+
+
+def test_eliminating_the_constant_keeps_what_is_known_of_the_rest():
+    rng = np.random.default_rng(5)
+    n, state = 4, np.zeros(integral.size(4))
+    integral.start(state, n)
+    for _ in range(30):
+        row = np.concatenate([[1.0], rng.normal(size=3)])
+        integral.rebase(state, n, np.concatenate([[0.0], rng.normal(size=3)]), rng.normal(), 0.1)
+        integral.take(state, n, row, rng.normal())
+    x, work = integral.unknowns(state, n).copy(), np.empty(n)
+    slope = np.array([0.0, 0.3, -1.0, 0.5])
+    before = integral.variance(state, n, slope, 1.3, 0.7, work)
+    integral.eliminate(state, n)
+    assert integral.variance(state, n, slope, 1.3, 0.7, work) == pytest.approx(before, rel=1e-9)
+    integral.take(state, n, np.array([1.0, 0.0, 0.0, 0.0]), 5.0)  # a row that only tells the new constant
+    np.testing.assert_allclose(integral.unknowns(state, n), [5.0, *x[1:]], rtol=1e-9)
+
+
+def test_errata_36_a_base_in_motion_needs_the_constant():
+    """A record that begins in motion: with the constant fixed at 0, as printed, the estimate is off."""
+    rows, truth = planted()
+    late = rows[300:]
+    estimator = SignalBased(replace(ONE, horizon=1e9))
+    value = estimator.run_rows(late)[1].value[:, 0]
+    columns, right = integral_rows(*late[:1000].T, "odd_powers", 2, 1.0)
+    printed = np.linalg.lstsq(np.column_stack([columns[:, 1], late[:1000, 2], columns[:, 3:]]), right, rcond=None)[0]
+    phi = late[:1000, 1] - late[:1000, 2]
+    wrong = np.column_stack([np.ones_like(phi), phi**2]) @ printed[2:]
+    assert np.mean((wrong - truth[300:1300]) ** 2) > 100.0 * np.mean((value - truth[300:])[700:1000] ** 2)
+
+
+def test_deviations_hold():
+    """Reported over empirical on 60 seeds: stiffness, inertia, damping; torque noise, and velocity noise beside it."""
+    clean, truth = planted(3000)
+    right = np.column_stack([truth, truth, np.full_like(truth, INERTIA), np.full_like(truth, DAMPING)])
+    for torque, velocity, memory in ((0.05, 0.0, 1e9), (0.05, 0.0, 0.5), (0.01, 0.01, 2.0)):
+        estimator = SignalBased(replace(ONE, torque_noise=torque, velocity_noise=velocity, memory=memory, horizon=0.5))
+        errors, promised = [], []
+        for seed in range(60):
+            rng, rows = np.random.default_rng(seed), clean.copy()
+            rows[:, 4] += torque * rng.normal(size=len(rows))
+            rows[:, 3] += velocity * rng.normal(size=len(rows))
+            _, estimates = estimator.run_rows(rows)
+            errors.append((estimates.value - right)[1000::40])
+            promised.append(estimates.standard_deviation[1000::40])
+        ratio = np.sqrt(np.mean(np.square(promised), axis=(0, 1)) / np.mean(np.square(errors), axis=(0, 1)))
+        assert np.all((ratio >= 0.8) & (ratio <= 1.25)), (torque, velocity, memory, ratio)
+
+
+@pytest.mark.parametrize("forgetting", [0.98, 0.995])
+def test_a_hold_of_seven_seconds_changes_nothing(forgetting):
+    """Plain forgetting of the same rows loses its directions one after the other."""
+    rows, truth = planted(11000, stop=3.0)
+    rows[:, 4] += 1e-4 * np.random.default_rng(2).normal(size=len(rows))
+    memory = -1e-3 / np.log(forgetting)
+    _, estimates = SignalBased(replace(ONE, memory=memory, torque_noise=1e-4)).run_rows(rows)
+    held = rows[:, 0] > 4.5
+    assert np.abs(estimates.value[held, 0] - truth[held]).max() < 1.0
+    assert np.all(estimates.status[rows[:, 0] > 5.0] == Status.NOT_EXCITED)
+    assert np.all(np.isfinite(estimates.standard_deviation))
+
+
+def test_a_day_of_motion_leaves_the_state_where_a_minute_left_it():
+    """Turning without end: integrals, angles and time grow, the state does not. 24 h in strides."""
+    t = 1e-2 * np.arange(2000)
+    theta, rate = 3.0 * t + 0.3 * np.sin(5.0 * t), 3.0 + 1.5 * np.cos(5.0 * t)
+    q = theta + 0.4 + 0.3 * np.sin(3.0 * t)
+    torque = np.gradient(rate, t) * INERTIA + DAMPING * rate - 8.0 * (q - theta)
+    day = np.column_stack([t, q, theta, rate, torque])
+    estimator = SignalBased(replace(ONE, sampling=1e-2, horizon=1.005, memory=5.0, terms=1))
+    first, early = estimator.run_rows(day)
+    day[:, 0] += 86400.0
+    day[:, 1:3] += 3.0 * 86400.0
+    again, late = estimator.run_rows(day)
+    np.testing.assert_allclose(late.value[-1], early.value[-1], rtol=1e-6)
+    assert np.abs(again[-integral.size(4) :]).max() < 1.01 * np.abs(first[-integral.size(4) :]).max()
