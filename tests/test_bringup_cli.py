@@ -15,6 +15,7 @@ from rclpy.serialization import serialize_message
 from via_bringup import cli
 from via_core.bags import BagWriter, read_bag
 from via_core.devices import device_names, load_device
+from via_estimators.methods import methods_for
 from via_ros.conversions import JointStateWriter
 
 DEVICE = load_device("cubic_aa_vsa")
@@ -88,7 +89,7 @@ def test_devices_lists_every_one(via):
 def test_estimate_writes_every_estimate_exactly(via, bag, tmp_path):
     code, out, _ = via("estimate", bag, "--device", DEVICE.name, "--csv", "e.csv")
     assert code == 0
-    assert "600 samples, modulated_torque" in out
+    assert any(line.split()[:3] == [DEVICE.name, "modulated_torque", "600"] for line in out.splitlines())
     lines = (tmp_path / "e.csv").read_text(encoding="utf-8").splitlines()
     assert len(lines) == 601
     assert lines[0].startswith("stamp_ns,status,stiffness,stiffness_standard_deviation,")
@@ -96,9 +97,34 @@ def test_estimate_writes_every_estimate_exactly(via, bag, tmp_path):
     assert all(np.isfinite(float(cell)) for cell in lines[-1].split(",")[2:])
 
 
+def test_estimate_takes_several_devices_and_methods(via, tmp_path):
+    devices = [load_device(f"{name}={DEVICE.name}") for name in ("left", "right")]
+    with BagWriter(tmp_path / "two") as out:
+        out.add_topic(SAMPLES, "sensor_msgs/msg/JointState")
+        for k in range(700):
+            for at, writer in enumerate(map(JointStateWriter, devices)):
+                writer.position[:] = np.sin(0.03 * k + at + np.arange(3))
+                writer.effort[1:] = np.cos(0.03 * k)
+                out.write(SAMPLES, serialize_message(writer.stamped(k * 10**6)), log_time=k * 10**6)
+    named = [word for device in devices for word in ("--device", f"{device.name}={DEVICE.name}")]
+    code, out, _ = via("estimate", "two", *named, "--method", "all", "--csv", "e.csv")
+    assert code == 0
+    rows = [line.split() for line in out.splitlines()]
+    written = {file.name for file in tmp_path.glob("e_*.csv")}
+    for device in devices:
+        for method in methods_for(DEVICE):
+            assert [device.name, method, "700"] in [row[:3] for row in rows]
+            assert f"e_{device.name}_{method}.csv" in written
+    assert len(written) == 2 * len(methods_for(DEVICE))
+    files = [tmp_path / f"e_{device.name}_modulated_torque.csv" for device in devices]
+    assert files[0].read_text() != files[1].read_text()
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
+        (("bag", "--device", DEVICE.name, "--device", DEVICE.name), "is given twice"),
+        (("bag", "--device", DEVICE.name, "--method", "link_impedance"), "is not driven by a position servo"),
         (("nowhere", "--device", DEVICE.name), "no bag at nowhere"),
         (("[/b]:smile:", "--device", DEVICE.name), "no bag at [/b]:smile:"),
         (("x" * 300, "--device", DEVICE.name), "File name too long"),

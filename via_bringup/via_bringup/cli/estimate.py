@@ -1,4 +1,4 @@
-"""`via estimate BAG`: a recorded bag through the estimator, without ROS, bit for bit what its node would publish."""
+"""`via estimate BAG`: a recorded bag through estimators, without ROS, bit for bit what their node would publish."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from rich.table import Table
 from via_core.bags import read_bag
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_core.status import Status
-from via_estimators.methods import estimator_for, method_for
+from via_estimators.contract import Estimates
+from via_estimators.methods import Pair, estimator_for, pairs_of
 from via_estimators.rows import BagEstimates, estimate_bag
 
 from via_bringup.cli.console import answers, errors, table
@@ -22,38 +24,64 @@ UNITS = {"stiffness": "N m/rad", "motor_inertia": "kg m^2", "motor_damping": "N 
 
 def estimate(
     bag: Annotated[Path, typer.Argument(help="Bag folder or .mcap file.")],
-    device: Annotated[str, typer.Option(help="Device name (see `via devices`) or path to its YAML.")],
-    method: Annotated[str, typer.Option(help="Estimator; auto: what suits the device's drive.")] = "auto",
+    device: Annotated[list[str], typer.Option(help="Device name (see `via devices`) or path to its YAML; any number.")],
+    method: Annotated[
+        list[str] | None, typer.Option(help="Estimator; auto: the best for the device, all: all that suit; any number.")
+    ] = None,
     joint_topic: Annotated[str, typer.Option(help="Topic of the joint states.")] = "/joint_states",
-    out: Annotated[Path | None, typer.Option("--csv", help="Write every estimate to this CSV file.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--csv", help="Write every estimate to this CSV file; of several, one file each.")
+    ] = None,
 ) -> None:
     """Estimate stiffness and damping from a bag and print where they ended."""
-    described = load_device(device)
+    pairs = pairs_of([load_device(each) for each in device], method or ["auto"])
     read = read_bag(bag)
     for remark in read.remarks:
         errors.print(f"note: {remark}")
-    estimator = estimator_for(described, method)
-    done = estimate_bag(read, described, estimator, joint_topic)
-    for complaint in (*read[joint_topic].left_out, *_missing(done, estimator.inputs)):
+    done = [(pair, estimate_bag(read, pair.device, estimator_for(*pair), joint_topic)) for pair in pairs]
+    lacking = [f"{pair.device.name}: {what}" for pair, each in done for what in _missing(each, _inputs(pair))]
+    for complaint in dict.fromkeys([*read[joint_topic].left_out, *lacking]):
         errors.print(f"note: {complaint}")
-    estimates = done.estimates
-    counts = {status: int(np.count_nonzero(estimates.status == status)) for status in Status}
-    trusted = np.flatnonzero(estimates.status == Status.OK)
-    shown = table(
-        f"{bag.name}: {len(estimates)} samples, {method_for(described, method)}", "estimate", "value", "sd", "unit"
-    )
-    if len(trusted):
-        for name in estimates.outputs:
-            value, deviation = estimates.column(name)
-            shown.add_row(name, f"{value[trusted[-1]]:.6g}", f"{deviation[trusted[-1]]:.2g}", _unit(name))
-        answers.print(shown)
-        answers.print(f"last trusted sample at {estimates.time[trusted[-1]]:.3f} s")
-    else:
-        answers.print("no sample of this bag gives a trusted estimate")
-    answers.print("samples by status: " + ", ".join(f"{status.name} {n}" for status, n in counts.items() if n))
+    shown = table(bag.name, "device", "method", "estimate", "value", "sd", "unit", "last trusted at [s]")
+    for pair, (_, estimates) in done:
+        _add_last(shown, pair, estimates)
+    answers.print(_texts_left(shown, 3))
+    by_status = table("samples by status", "device", "method", "samples", *(status.name for status in Status))
+    for pair, (_, estimates) in done:
+        shares = [float(np.mean(estimates.status == status)) if len(estimates) else 0.0 for status in Status]
+        by_status.add_row(
+            pair.device.name, pair.method, str(len(estimates)), *(f"{100.0 * share:.1f} %" for share in shares)
+        )
+    answers.print(_texts_left(by_status, 2))
     if out is not None:
-        _write(out, done)
-        answers.print(f"wrote {out}")
+        for pair, each in done:
+            path = out if len(done) == 1 else out.with_stem(f"{out.stem}_{pair.device.name}_{pair.method}")
+            _write(path, each)
+            answers.print(f"wrote {path}")
+
+
+def _inputs(pair: Pair) -> tuple[str, ...]:
+    return estimator_for(*pair).inputs
+
+
+def _texts_left(shown: Table, count: int) -> Table:
+    """The first columns hold names, which are neither right-aligned nor cut short."""
+    for column in shown.columns[:count]:
+        column.justify, column.no_wrap = "left", True
+    return shown
+
+
+def _add_last(shown: Table, pair: Pair, estimates: Estimates) -> None:
+    """The last trusted estimate of every output, or that there is none."""
+    trusted = np.flatnonzero(estimates.status == Status.OK)
+    for name in estimates.outputs:
+        value, deviation = estimates.column(name)
+        if len(trusted):
+            at = trusted[-1]
+            told = (f"{value[at]:.6g}", f"{deviation[at]:.2g}", _unit(name), f"{estimates.time[at]:.3f}")
+        else:
+            told = ("-", "-", _unit(name), "never")
+        shown.add_row(pair.device.name, pair.method, name, *told)
 
 
 def _missing(done: BagEstimates, inputs: tuple[str, ...]) -> list[str]:
@@ -64,7 +92,7 @@ def _missing(done: BagEstimates, inputs: tuple[str, ...]) -> list[str]:
     lacking = [
         f"{name} is in none of the messages"
         if share == 1.0
-        else f"{name} is missing in {100 * share:.1f} % of the samples"
+        else f"{name} is missing in {100 * share:.3g} % of the samples"
         for name, share in zip(inputs, shares, strict=True)
         if share > 0.0
     ]
