@@ -6,10 +6,10 @@
 once. Integrated against modulating functions (via_core.weak_form) the two sides agree where the plant is right:
 inertia <angle, psi''> = <torque, psi>, with no derivative of anything measured but what friction needs for its sign.
 
-**Commands are held, samples are instants.** Against a trapezoid rule over samples a held torque counts with its mean over
-the cell from halfway before a sample to halfway after it: (u_n + u_{n-1})/2 where commands change on samples, and right
-to second order for any dead time, command rate and jitter. A lag T y' = u - y turns the mean of u into that of y, which
-is mean(u) - T (y_end - y_begin) / width. A friction whose sign changes within a cell counts likewise with its mean.
+**Commands are held, samples are instants.** Against a trapezoid rule over samples a held torque counts with its mean
+over the cell from halfway before a sample to halfway after it: (u_n + u_{n-1})/2 where commands change on samples, and
+right to second order for any dead time, command rate and jitter. A lag T y' = u - y turns the mean of u into that of y,
+which is mean(u) - T (y_end - y_begin) / width. A friction whose sign changes within a cell counts likewise with its mean.
 
 **Memory** (bristles, Maxwell elements) runs on the increments of the angles themselves, from rest at the first sample.
 
@@ -102,7 +102,7 @@ class Record:
         object.__setattr__(self, "still", locked(still, "still"))
         for name in ("time", "angle", "velocity", "command_time", "commands"):
             object.__setattr__(self, name, locked(getattr(self, name), name))
-        shapes = {"angle": (len(self), 3), "velocity": (len(self), 3)}
+        shapes: dict[str, tuple[int, ...]] = {"angle": (len(self), 3), "velocity": (len(self), 3)}
         shapes |= {"time": (len(self),), "command_time": (len(self.commands),)}
         shapes["commands"] = (len(self.command_time), N_COMMANDS)
         for name, shape in shapes.items():
@@ -181,7 +181,7 @@ class EquationTorques:
 
 
 def equation_torques(row: Array, record: Record) -> EquationTorques:
-    """Torques of a joint with parameter row (N_PARAMETERS,) along a record. `tick` and `substeps` of the row are not used.
+    """Torques of a joint with parameter row (N_PARAMETERS,) along a record; the row's tick and substeps are not used.
 
     Raises ParameterError for a row of another shape.
     """
@@ -288,6 +288,15 @@ def walk(
     modes, u, x, y = np.zeros(N_MODES, np.int64), np.zeros(N_INPUTS), np.zeros(X.queue), np.zeros(6)
     held, now = np.zeros(N_COMMANDS), np.zeros(N_COMMANDS)
     prepare(p, modes)
+    _walk(p, c1, c2, time, angle, velocity, command_time, commands, sensed, modes, u, x, y, held, now, out)
+
+
+@bare
+def _walk(
+    p: Array, c1: Array, c2: Array, time: Array, angle: Array, velocity: Array, command_time: Array, commands: Array,
+    sensed: bool, modes: Array, u: Array, x: Array, y: Array, held: Array, now: Array, out: Array,
+) -> None:  # fmt: skip
+    """`walk` with its scratch: modes, inputs, state, angles and velocities of a sample, commands it gets."""
     last, late, prompt = time.size - 1, 0, 0
     for n in range(time.size):
         begin = 0.5 * (time[max(n - 1, 0)] + time[n])
