@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 from via_core.devices import Device, device_names, load_device
+from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_estimators.contract import Estimator
 from via_estimators.methods import METHODS, estimator_for, methods_for
@@ -51,7 +52,7 @@ def device_for(method: str) -> Device:
         device = load_device(name)
         if method in methods_for(device):
             return device
-    raise LookupError(f"no shipped device suits {method}")
+    raise ParameterError(f"no shipped device suits the method '{method}'; methods are: {', '.join(METHODS)}")
 
 
 def moving_rows(estimator: Estimator, count: int, start: int = 0) -> Array:

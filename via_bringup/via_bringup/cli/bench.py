@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
+from via_estimators.methods import method_for
 
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.tables.page import as_json, number, verdict
@@ -44,6 +46,58 @@ def estimators(turns: Turns = 15, as_rows: Json = None) -> None:
     from via_bringup.bench.estimators import estimator_rows
 
     shown("Estimators", estimator_rows(turns, errors.print), as_rows)
+
+
+@app.command()
+def soak(
+    method: Annotated[list[str] | None, typer.Option(help="Only this one (repeat for more).")] = None,
+    device: Annotated[str, typer.Option(help="Joint; else one that suits the method.")] = "",
+    hours: Annotated[float, typer.Option(min=0.01, max=10_000.0, help="Simulated time [h].")] = 24.0,
+    start: Annotated[float, typer.Option(min=0.0, max=1e9, help="Stamp of the first sample [s].")] = 0.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of noise, dropouts and gaps.")] = 0,
+    as_rows: Json = None,
+    write: Annotated[Path | None, typer.Option(help="Also write soak.md into this folder.")] = None,
+) -> None:
+    """Simulated hours at 1 kHz: finite, bounded, without drift of numbers or memory. A day takes a method minutes."""
+    from via_core.devices import load_device
+    from via_estimators.methods import METHODS
+
+    from via_bringup.bench.estimators import device_for
+    from via_bringup.bench.soak import Endurance, soak_rows, write_markdown
+    from via_bringup.bench.soak import soak as run_soak
+    from via_bringup.provenance import provenance
+
+    chosen = [method_for(load_device(device), name) if device else name for name in method or METHODS]
+    words = ["via bench soak", f"--hours {hours:g}", *(f"--method {name}" for name in method or [])]
+    words += (
+        [f"--device {device}"] * bool(device) + [f"--start {start:g}"] * bool(start) + [f"--seed {seed}"] * bool(seed)
+    )
+    runs: list[Endurance] = []
+    interrupted = False
+    columns = (
+        TextColumn("{task.description:<24}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=errors) as bars:
+        tasks = {name: bars.add_task(name, total=hours, start=False) for name in chosen}
+
+        def progress(done: float, of: float, name: str) -> None:
+            bars.update(tasks[name], completed=done, total=of)
+
+        try:
+            for name in chosen:
+                bars.start_task(tasks[name])
+                joint = load_device(device) if device else device_for(name)
+                runs.append(run_soak(joint, name, hours, progress, start, seed))
+                if write is not None:
+                    write_markdown(runs, provenance(" ".join(words)), write / "soak.md")
+        except KeyboardInterrupt:
+            interrupted = True
+    shown("Endurance", [row for run in runs for row in soak_rows(run)], as_rows)
+    if interrupted:
+        raise typer.Exit(130)
 
 
 @app.command("all")
