@@ -89,6 +89,17 @@ def test_an_interrupt_keeps_what_is_finished(module, tmp_path):
     assert len(done[1].rows) == 5
 
 
+def test_the_folder_of_recordings_goes_to_those_that_take_one(module, tmp_path):
+    module("tables_fake_robot", "from tables_fake_section import rows as fake\ndef rows(seeds, progress, data):\n"
+           "    return [] if data is None else fake(len(str(data)), progress)\n"
+           "def pictures(folder, progress, data):\n    return []\n")  # fmt: skip
+    robot = Section("13", "Takes recordings", "tables_fake_robot", recordings=True)
+    for data, expected in ((None, 0), (tmp_path, 5)):
+        (done,), _ = run_sections((robot,), 1, tmp_path, lambda *_: None, data)
+        assert (len(done.rows), done.trouble) == (expected, "")
+    assert done.rows[0].seeds == len(str(tmp_path))
+
+
 def test_sections_by_name():
     assert chosen([]) == SECTIONS
     assert [section.name for section in chosen(["5", "3"])] == ["5", "3"]

@@ -26,6 +26,10 @@ def tables(
         typer.Option(help=f"Only this one of {', '.join(s.name for s in SECTIONS)} (repeat for more)."),
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Noise realisations per noisy row.")] = 50,
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Folder of real MACCEPA-VD runs; else the data set beside the repo, or the sample."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for index.html and the pictures.")] = Path("out/tables"),
     as_rows: Annotated[
         Path | None, typer.Option("--json", help="Write the rows to this file; -: to stdout, and nothing else.")
@@ -50,9 +54,10 @@ def tables(
         def progress(name: str, done: int, of: int, what: str) -> None:
             bars.update(tasks[name], completed=done, total=of, what=what)
 
-        finished, interrupted = run_sections(sections, seeds, out, progress)
+        finished, interrupted = run_sections(sections, seeds, out, progress, data)
 
     words = ["via tables", *(f"--section {name}" for name in section or []), f"--seeds {seeds}"]
+    words += [f"--data {data}"] * (data is not None)
     report = Report(finished, seeds, provenance(" ".join(words)))
     write_html(report, out / "index.html")
     if write is not None:

@@ -68,10 +68,15 @@ class JudgedRuns:
         return tuple(sorted({run.strategy for run in self.runs}))
 
 
-def judge(estimator: Estimator, progress: Progress, keep: Callable[[str], bool] = lambda name: True) -> JudgedRuns:
-    """Every good run through `estimator`; `keep` chooses by the bag's name, such as 'vardamp_traj3_2'."""
+def judge(
+    estimator: Estimator,
+    progress: Progress,
+    keep: Callable[[str], bool] = lambda name: True,
+    data: Path | None = None,
+) -> JudgedRuns:
+    """Every good run of the folder `data` through `estimator`; `keep` chooses by the bag's name ('vardamp_traj3_2')."""
     device = load_device(DEVICE)
-    with recordings() as (folder, source), TemporaryDirectory() as scratch:
+    with recordings(data) as (folder, source), TemporaryDirectory() as scratch:
         imported = import_recordings(folder, MAPPING, Path(scratch) / "bags")
         bags = [file.bag for file in imported.accepted if file.bag is not None and keep(file.bag.name)]
         found = []
@@ -96,9 +101,9 @@ def _judged(device: Device, estimator: Estimator, bag: Path) -> JudgedRun | None
     return JudgedRun(parts[1], value, deviation, float(weights[good] @ command[good]), float(np.mean(outside)))
 
 
-def rows(seeds: int, progress: Progress) -> list[Row]:
+def rows(seeds: int, progress: Progress, data: Path | None = None) -> list[Row]:
     """Errors and coverage per strategy and of all runs; `seeds` is not needed, the robot made the noise."""
-    judged = judge(estimator_for(load_device(DEVICE)), progress)
+    judged = judge(estimator_for(load_device(DEVICE)), progress, data=data)
     settings = (
         f"{judged.source}: {len(judged.runs)} runs, {judged.refused} recordings refused, {judged.unexcited} without an "
         "estimate; link_impedance with the device file's numbers; a run counts as one information-weighted mean"
@@ -129,9 +134,9 @@ def _rows_of(name: str, runs: Sequence[JudgedRun], settings: str) -> list[Row]:
             for key, what, quantity, ours in numbers]  # fmt: skip
 
 
-def pictures(folder: Path, progress: Progress) -> list[Path]:
+def pictures(folder: Path, progress: Progress, data: Path | None = None) -> list[Path]:
     """Estimate with its 95 % interval against the command, run by run and strategy by strategy."""
-    judged = judge(estimator_for(load_device(DEVICE)), progress)
+    judged = judge(estimator_for(load_device(DEVICE)), progress, data=data)
     columns = {
         name: Column(
             np.array([run.value for run in judged.of(name)]),

@@ -34,6 +34,7 @@ class Section:
     name: str
     title: str
     module: str
+    recordings: bool = False  # whether its functions take the folder of recordings as a third argument
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ SECTIONS = (
     Section("3", "Stiffness from modulating functions", "via_bringup.tables.section3"),
     Section("4", "Stiffness from signals, without derivatives", "via_bringup.tables.section4"),
     Section("5", "Variable physical damping", "via_bringup.tables.section5"),
-    Section("robot", "A real robot: the MACCEPA-VD", "via_bringup.tables.robot"),
+    Section("robot", "A real robot: the MACCEPA-VD", "via_bringup.tables.robot", recordings=True),
 )
 
 
@@ -65,12 +66,13 @@ def chosen(names: Sequence[str], there: Sequence[Section] = SECTIONS) -> tuple[S
 
 
 def run_sections(
-    sections: Sequence[Section], seeds: int, folder: Path, progress: Progress
+    sections: Sequence[Section], seeds: int, folder: Path, progress: Progress, data: Path | None = None
 ) -> tuple[tuple[Finished, ...], bool]:
     """Every section's results, in the order given, and whether an interrupt ended it before all were there.
 
     seeds   noise realisations per row
     folder  for the pictures, which go to `folder`/<section>/
+    data    folder of a real robot's recordings, for sections that take one; None: what they find
     """
     waiting = list(sections)
     done: dict[str, Finished] = {}
@@ -80,7 +82,7 @@ def run_sections(
         while waiting or running:
             while waiting and len(running) < AT_ONCE:
                 section = waiting.pop(0)
-                reader, process = _start(section, seeds, folder / section.name)
+                reader, process = _start(section, seeds, folder / section.name, data)
                 running[reader] = Finished(section, trouble=LEFT["start"]), process, time.monotonic()
             for ready in wait(list(running)):
                 reader = cast(Connection, ready)
@@ -105,17 +107,18 @@ def run_sections(
     return tuple(done.get(s.name, Finished(s, trouble="interrupted")) for s in sections), interrupted
 
 
-def _start(section: Section, seeds: int, folder: Path) -> tuple[Connection, SpawnProcess]:
+def _start(section: Section, seeds: int, folder: Path, data: Path | None) -> tuple[Connection, SpawnProcess]:
     """A process that works on a section and sends (kind, content) until it ends."""
     context = get_context("spawn")  # a fork would copy the threads of the progress display
     reader, writer = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(section.module, seeds, folder, writer), daemon=True)
+    more = (data,) if section.recordings else ()
+    process = context.Process(target=_work, args=(section.module, seeds, folder, more, writer), daemon=True)
     process.start()
     writer.close()
     return reader, process
 
 
-def _work(module: str, seeds: int, folder: Path, writer: Connection) -> None:
+def _work(module: str, seeds: int, folder: Path, more: tuple[Path | None, ...], writer: Connection) -> None:
     """In the process: rows first, which are what counts, then pictures."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
 
@@ -125,9 +128,9 @@ def _work(module: str, seeds: int, folder: Path, writer: Connection) -> None:
     part = "rows"
     try:
         section: Any = import_module(module)
-        writer.send(("rows", tuple(section.rows(seeds, progress))))
+        writer.send(("rows", tuple(section.rows(seeds, progress, *more))))
         part = "pictures"
         folder.mkdir(parents=True, exist_ok=True)
-        writer.send(("pictures", tuple(section.pictures(folder, progress))))
+        writer.send(("pictures", tuple(section.pictures(folder, progress, *more))))
     except Exception as error:  # whatever it is, it is this section's own, and said
         writer.send(("trouble", f"{part}: {type(error).__name__}: {error}"))
