@@ -49,6 +49,20 @@ def estimators(turns: Turns = 15, as_rows: Json = None) -> None:
 
 
 @app.command()
+def node(
+    seconds: Annotated[float, typer.Option(min=1.0, max=86400.0, help="How long samples are sent [s].")] = 60.0,
+    joints: Annotated[int, typer.Option(min=1, max=64, help="Joints of two transmissions.")] = 16,
+    device: Annotated[str, typer.Option(help="What every joint is.")] = "qbmove_a",
+    separate: Annotated[bool, typer.Option(help="One JointState per joint instead of one for all.")] = False,
+    as_rows: Json = None,
+) -> None:
+    """The estimator node with many joints at 1 kHz over DDS: what is lost, CPU share, latency."""
+    from via_bringup.bench.node import node_rows
+
+    shown("Estimator node", node_rows(seconds, joints, device, separate), as_rows)
+
+
+@app.command()
 def soak(
     method: Annotated[list[str] | None, typer.Option(help="Only this one (repeat for more).")] = None,
     device: Annotated[str, typer.Option(help="Joint; else one that suits the method.")] = "",
@@ -106,6 +120,7 @@ def everything(turns: Turns = 15) -> None:
     core()
     sim()
     estimators(turns)
+    node()
 
 
 def shown(title: str, rows: list[Row], as_rows: Path | None) -> None:

@@ -1,8 +1,5 @@
 """The estimator node at work: 16 joints of two transmissions each, 1 kHz, over DDS; nothing may be lost.
 
-    python via_estimators/bench/bench_node.py --seconds 60
-    python via_estimators/bench/bench_node.py --seconds 20 --separate         one JointState per joint, not one for all
-
 Three processes: this one publishes joint states, stamped with the monotonic clock; the node; and a listener that takes
 every estimate of every topic, checks the numbers one by one and measures how long after its stamp one came.
 CPU shares are of one core and count all threads of the process.
@@ -10,21 +7,26 @@ CPU shares are of one core and count all threads of the process.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from via_core.devices import Device, load_device
+from via_core.errors import ViaError
 from via_core.wire import SECOND
+
+from via_bringup.tables.rows import Row
 
 RATE = 1000.0  # [Hz]
 SETTLE = 60.0  # [s] within which every topic has its listener
+CPU_LIMIT = 80.0  # [%] of a core: what keeps a margin
 TICKS = os.sysconf("SC_CLK_TCK")  # per second of CPU time
 
 
@@ -54,7 +56,7 @@ def listen(devices: list[Device]) -> None:
         counts[topic] = opening.sequence + 1
         return opening.stamp
 
-    others = []
+    others: list[tuple[str, Any, Any]] = []
     for device in devices:
         for kind, name in ((StiffnessEstimate, "stiffness"), (MotorEstimate, "motor")):
             topic = f"/{device.name}/{name}"
@@ -96,8 +98,8 @@ def cpu(pid: int) -> float:
 
 
 def publish(
-    devices: list[Device], seconds: float, separate: bool, node: subprocess.Popen, ear: subprocess.Popen
-) -> dict:
+    devices: list[Device], seconds: float, separate: bool, node: subprocess.Popen[bytes], ear: subprocess.Popen[str]
+) -> dict[str, float]:
     """Publish smooth motion until `seconds` are over; what it took."""
     import rclpy
     from rclpy.serialization import serialize_message
@@ -115,10 +117,10 @@ def publish(
         peer.count_publishers(topic) < 1 or peer.count_subscribers(topic) < 1 for topic in topics
     ):
         if time.monotonic() > deadline or node.poll() is not None or ear.poll() is not None:
-            sys.exit("the node and its listener did not come up")
+            raise ViaError("the node and its listener did not come up")
         time.sleep(0.05)
     time.sleep(2.0)  # discovery is known here; the two others need to have heard of each other as well
-    writers = []
+    writers: list[tuple[Any, bytearray, np.ndarray, np.ndarray]] = []
     for group, publisher in zip(groups, publishers, strict=True):
         message = JointState(name=[name for each in group for name in (each.link_joint, *each.motor_joints)])
         count = len(message.name)
@@ -157,60 +159,50 @@ def publish(
     return {"steps": steps, "elapsed": elapsed, "node": share, "robot": own, "late ticks": missed}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--joints", type=int, default=16)
-    parser.add_argument("--device", default="qbmove_a", help="what every joint is")
-    parser.add_argument("--separate", action="store_true", help="one JointState per joint instead of one for all")
-    parser.add_argument("--listen", action="store_true", help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    names = [f"j{k}={given.device}" for k in range(1, given.joints + 1)]
-    devices = [load_device(name) for name in names]
-    if given.listen:
-        listen(devices)
-        return
+def node_rows(seconds: float, joints: int, device: str, separate: bool) -> list[Row]:
+    """Run it for `seconds`, with one JointState per joint if `separate`; raises ViaError where nothing comes up."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from via_ros.domains import Domain
 
+    names = [f"j{k}={device}" for k in range(1, joints + 1)]
+    devices = [load_device(name) for name in names]
+    listing = json.dumps(names)
     with Domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain.number)
-        node = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "via_estimators.nodes.estimator",
-                "--ros-args",
-                "-p",
-                f"devices:={json.dumps(names)}",
-            ]
-        )
-        ear = subprocess.Popen([sys.executable, __file__, *sys.argv[1:], "--listen"], stdout=subprocess.PIPE, text=True)
+        estimator = [sys.executable, "-m", "via_estimators.nodes.estimator", "--ros-args", "-p", f"devices:={listing}"]
+        node = subprocess.Popen(estimator)
+        ear = subprocess.Popen([sys.executable, "-m", __name__, listing], stdout=subprocess.PIPE, text=True)
         try:
-            sent = publish(devices, given.seconds, given.separate, node, ear)
+            sent = publish(devices, seconds, separate, node, ear)
             ear.send_signal(signal.SIGTERM)
             heard = json.loads(ear.communicate(timeout=30.0)[0])
         finally:
             for process in (node, ear):
                 process.terminate()
                 process.wait()
-    expected = sent["steps"] * 2 * len(devices)
+    return _rows(sent, heard, f"{joints} x {device}, {RATE:g} Hz, {seconds:g} s, "
+                 f"{'one JointState per joint' if separate else 'one JointState for all'}", 2 * joints)  # fmt: skip
+
+
+def _rows(sent: Mapping[str, float], heard: Mapping[str, Any], settings: str, topics: int) -> list[Row]:
+    """What was sent and heard, as rows."""
+    expected = sent["steps"] * topics
     came = sum(heard["counts"].values())
-    p50, p99, p999, worst = heard["latency"]
-    print(
-        f"Estimator node: {len(devices)} x {given.device}, {RATE:g} Hz, {given.seconds:g} s, "
-        f"{'one JointState per joint' if given.separate else 'one JointState for all'}"
-    )
-    print(
-        f"  estimates sent for {expected}, received {came}, lost {expected - came}, out of order {len(heard['wrong'])}"
-    )
-    print(f"  CPU share of the node {100 * sent['node']:.0f} % of a core, of the publisher {100 * sent['robot']:.0f} %")
-    print(
-        f"  sample to its last estimate: p50 {p50:.0f} us, p99 {p99:.0f} us, p99.9 {p999:.0f} us, worst {worst:.0f} us"
-        f"   ({sent['late ticks']} ticks of the publisher late by more than a period)"
-    )
-    sys.exit(0 if came == expected and not heard["wrong"] else 1)
+
+    def row(name: str, what: str, quantity: str, ours: float, limit: float | None = None) -> Row:
+        return Row(f"node.{name}", what, quantity, None, float(ours), limit, settings)
+
+    return [
+        row("expected", "estimates to come", "count", expected),
+        row("lost", "estimates that did not", "count", expected - came, 0.0),
+        row("out_of_order", "estimates out of order", "count", len(heard["wrong"]), 0.0),
+        row("cpu.node", "CPU share of the node", "share of a core [%]", 100.0 * sent["node"], CPU_LIMIT),
+        row("cpu.publisher", "CPU share of the publisher", "share of a core [%]", 100.0 * sent["robot"]),
+        row("late", "ticks of the publisher late by more than a period", "count", sent["late ticks"]),
+        *(row(f"latency.{name}", f"sample to its last estimate, {name}", "time [us]", value)
+          for name, value in zip(("p50", "p99", "p99.9", "worst"), heard["latency"], strict=True)),
+    ]  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    listen([load_device(name) for name in json.loads(sys.argv[1])])

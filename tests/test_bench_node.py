@@ -1,0 +1,24 @@
+"""The benchmark of the estimator node over DDS, as short as can be: every estimate is counted."""
+
+from __future__ import annotations
+
+from via_bringup.bench import node
+
+
+def test_every_estimate_of_a_second_comes(domain, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))  # which the benchmark sets, and this puts back
+    rows = {row.id: row for row in node.node_rows(1.0, 2, "qbmove_b", separate=True)}
+    assert rows["node.expected"].ours == 4000.0
+    assert (rows["node.lost"].ours, rows["node.out_of_order"].ours) == (0.0, 0.0)
+    assert 0.0 < rows["node.latency.p50"].ours <= rows["node.latency.worst"].ours
+    assert rows["node.cpu.node"].settings == "2 x qbmove_b, 1000 Hz, 1 s, one JointState per joint"
+
+
+def test_what_is_missing_or_out_of_order_counts():
+    sent = {"steps": 100.0, "node": 0.5, "robot": 0.1, "late ticks": 3.0}
+    heard = {"counts": {"/a": 98, "/b": 100}, "wrong": ["/a: 5 after 2"], "latency": [1.0, 2.0, 3.0, 4.0]}
+    rows = {row.id: row for row in node._rows(sent, heard, "s", 2)}
+    assert (rows["node.lost"].ours, rows["node.lost"].ok) == (2.0, False)
+    assert (rows["node.out_of_order"].ours, rows["node.out_of_order"].ok) == (1.0, False)
+    assert (rows["node.cpu.node"].ours, rows["node.cpu.node"].ok) == (50.0, True)
+    assert rows["node.latency.worst"].ours == 4.0
