@@ -61,8 +61,13 @@ def test_errata_53_to_55_the_delay_is_half_of_one_less_than_the_window():
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [((11, 11), "order must be 1 to 10"), ((11, 0), "order must be 1"), ((11, 2, 0.0), "interval"), ((11, 2, np.nan), "interval")],
-)  # fmt: skip
+    [
+        ((11, 11), "order must be 1 to 10"),
+        ((11, 0), "order must be 1"),
+        ((11, 2, 0.0), "interval"),
+        ((11, 2, np.nan), "interval"),
+    ],
+)
 def test_misuse_is_refused(arguments, message):
     with pytest.raises(ParameterError, match=message):
         savitzky_golay(*arguments)

@@ -1,9 +1,9 @@
 """The baseline that knows its motor: a residual follows the flexibility torque, recursive least squares fit the law.
 
 Source: F. Flacco, A. De Luca, I. Sardellitti, N. Tsagarakis (2012), the document's reference [9], as the SAPHARI
-deliverable tells it in Sections 4 and 5.1 (stability factor (71)-(73)). With nominal inertia B and damping D, a residual
+deliverable tells it in Sections 4 and 5.1 (stability factor (71)-(73)). With nominal inertia B and damping D
 
-    r = K (B thd - integral (tau - D thd + r) ds)      obeys  r' = K (tau_e - r)
+    the residual  r = K (B thd - integral (tau - D thd + r) ds)   obeys   r' = K (tau_e - r)
 
 for tau_e = B thdd + D thd - tau: it is the flexibility torque behind a low pass of bandwidth K, without accelerations.
 The velocity is that of a kinematic Kalman filter of theta, modified for quantised encoders, and so is the deflection
@@ -14,9 +14,9 @@ Departure: the f_j pass the same low pass, lest the residual's lag 1/K be an err
 comparison of methods. Torques act over the interval that ends at their stamp.
 
 Being linear in its signals the residual is kept in three parts, r = B r_B + D r_D - r_tau, with a solution of its own
-for each: the gains are the same. That tells what a wrong B or D does to the law, and standard deviations hold it for the
-declared tolerances; where B or D are wrong by more, they are too small. The noise is measured as the long-run variance
-of innovations, by means over windows, for what the Kalman filters leave of the encoders' noise is far from white. Left
+for each: the gains are the same. That tells what a wrong B or D does to the law, and standard deviations hold it for
+the declared tolerances; where B or D are wrong by more, they are too small. The noise is measured as the long-run
+variance of innovations, by means over windows, for what the Kalman filters leave of the encoders' noise is far from white. Left
 out: what the basis cuts off, drift of the law, and errors in the regressors but for the present deflection's own.
 """
 
