@@ -1,8 +1,8 @@
 """Batch least squares on the integrated motor equation: one law for a whole record, off line.
 
 Source: SAPHARI deliverable, eqs. (36)-(43), the 'standard LS' of Table 3, with the corrections of `integral`: a
-constant beside the integrals and the minus of (39). Integrated as in `signal_based`: torques held over the interval that ends at
-their stamp, f_j(phi) by trapezoids, both from the first sample on.
+constant beside the integrals and the minus of (39). Integrated as in `signal_based`: torques held over the interval
+that ends at their stamp, f_j(phi) by trapezoids, both from the first sample on.
 
 Standard deviations: white torque noise of variance r^2 is a random walk in the integrals, so with the rows F and the
 sums S_n = sum of F_k, k >= n, of all rows that sample n's error e_n reaches,

@@ -14,10 +14,10 @@ the interval's ends, and mean and variance of what is left are matched. With a, 
 
 (f, F: density and distribution of N(0, 1)). That is a linear measurement of variance R = S r / (1 - r) that changes
 from sample to sample: small when the reading flips, for then x is at the edge, d^2/12 when x moves by many quanta per
-sample. A reading that repeats itself is no second measurement: it is passed over unless the prediction has left the interval or
-become as wide as the interval itself (S > d^2/12). So P stays consistent however slow the motion (reported over
-empirical deviation .9-1.1, where the plain filter with R = d^2/12 promises up to five times too much) and bounded at
-standstill. A prediction far outside (Z of a few 1e-9) is a model that failed: then d^2/12 it is, too.
+sample. A reading that repeats itself is no second measurement: it is passed over unless the prediction has left the
+interval or become as wide as the interval itself (S > d^2/12). So P stays consistent however slow the motion
+(reported over empirical deviation .9-1.1, where the plain filter with R = d^2/12 promises up to five times too much)
+and bounded at standstill. A prediction far outside (Z of a few 1e-9) is a model that failed: then d^2/12 it is, too.
 
 A filter's state (6,) is x [rad], v [rad/s], the covariance P_xx, P_xv, P_vv, and the last reading [rad].
 """
