@@ -38,7 +38,7 @@ def test_planted_parameters_come_back(basis):
 def test_errata_36_without_a_constant_a_record_that_begins_in_motion_is_wrong():
     """The printed (36) has no B thd(0) + D theta(0)."""
     rows, truth = record(1000, start=0.3)
-    columns, right = integral_rows(*rows.T, "odd_powers", 2, 1.0)
+    columns, right = integral_rows(rows, "odd_powers", 2, 1.0)
     printed = np.linalg.lstsq(np.column_stack([columns[:, 1], rows[:, 2], columns[:, 3:]]), right, rcond=None)[0]
     phi = rows[:, 1] - rows[:, 2]
     wrong = np.column_stack([np.ones_like(phi), phi**2]) @ printed[2:]
@@ -50,7 +50,7 @@ def test_errata_36_without_a_constant_a_record_that_begins_in_motion_is_wrong():
 def test_errata_39_the_integrals_of_the_basis_come_with_a_minus():
     """With the printed plus the same least squares gives stiffness of the wrong sign."""
     rows, truth = record()
-    columns, right = integral_rows(*rows.T, "odd_powers", 2, 1.0)
+    columns, right = integral_rows(rows, "odd_powers", 2, 1.0)
     columns[:, 3:] *= -1.0
     printed = np.linalg.lstsq(columns, right, rcond=None)[0]
     phi = rows[:, 1] - rows[:, 2]
@@ -72,7 +72,7 @@ def test_deviations_hold():
         value, deviation = law.stiffness(phi[::50])
         errors.append([*(value - truth[::50]), law.inertia - INERTIA, law.damping - DAMPING])
         promised.append([*deviation, *np.sqrt(np.diag(law.covariance)[:2])])
-        columns, right = integral_rows(*rows.T, "odd_powers", 2, 1.0)
+        columns, right = integral_rows(rows, "odd_powers", 2, 1.0)
         left = right - columns @ np.linalg.lstsq(columns, right, rcond=None)[0]
         naive.append(left.std() * np.sqrt(np.linalg.inv(columns.T @ columns)[1, 1]))
         assert law.torque_noise == pytest.approx(0.05, rel=0.06)

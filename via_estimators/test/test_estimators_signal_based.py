@@ -58,7 +58,7 @@ def test_the_moving_base_is_least_squares_from_a_fixed_one():
     estimator = SignalBased(parameters)
     state, estimates = estimator.run_rows(rows)
     used = rows[parameters.window :]
-    columns, right = integral_rows(*used.T, "odd_powers", 2, 1.0)
+    columns, right = integral_rows(used, "odd_powers", 2, 1.0)
     widths = np.array([1.0, parameters.inertia_deviation, parameters.damping_deviation, 1.0, 1.0])
     scaled = columns * widths / (1.0 * 1e-3 * np.sqrt(60.0))
     weights = np.exp(-1e-3 / 0.5) ** np.arange(len(used) - 1, -1, -1)
@@ -104,7 +104,7 @@ def test_errata_36_a_base_in_motion_needs_the_constant():
     late = rows[300:]
     estimator = SignalBased(replace(ONE, horizon=1e9))
     value = estimator.run_rows(late)[1].value[:, 0]
-    columns, right = integral_rows(*late[:1000].T, "odd_powers", 2, 1.0)
+    columns, right = integral_rows(late[:1000], "odd_powers", 2, 1.0)
     printed = np.linalg.lstsq(np.column_stack([columns[:, 1], late[:1000, 2], columns[:, 3:]]), right, rcond=None)[0]
     phi = late[:1000, 1] - late[:1000, 2]
     wrong = np.column_stack([np.ones_like(phi), phi**2]) @ printed[2:]

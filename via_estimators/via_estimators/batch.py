@@ -62,10 +62,12 @@ class BatchLaw:
         return value.reshape(phi.shape), np.sqrt(np.maximum(variance, 0.0)).reshape(phi.shape)
 
 
-def integral_rows(
-    time: Array, q: Array, theta: Array, theta_velocity: Array, tau: Array, basis: str, terms: int, scale: float
-) -> tuple[Array, Array]:
-    """Rows (N, m + 3) for (c, B, D, a_1..) and right sides (N,) of the integrated equation, eqs. (38), (40), (41)."""
+def integral_rows(record: Array, basis: str, terms: int, scale: float) -> tuple[Array, Array]:
+    """Rows (N, m + 3) for (c, B, D, a_1..) and right sides (N,) of the integrated equation, eqs. (38), (40), (41).
+
+    record  (N, 5) time [s], q, theta [rad], its velocity [rad/s], tau [N m]
+    """
+    time, q, theta, theta_velocity, tau = record.T
     f = _terms(basis, q - theta, scale, terms)[0]
     step = np.diff(time)[:, None]
     integrals = np.vstack([np.zeros(terms), np.cumsum(0.5 * step * (f[1:] + f[:-1]), axis=0)])
@@ -95,7 +97,7 @@ def batch_law(
         raise SignalError(f"need arrays (N,) of one length > {terms + 3}, got {[array.shape for array in arrays]}")
     if not all(np.all(np.isfinite(array)) for array in arrays) or not np.all(np.diff(arrays[0]) > 0.0):
         raise SignalError("a record must be finite and its time strictly increasing")
-    rows, right = integral_rows(*arrays, basis, terms, scale)
+    rows, right = integral_rows(np.column_stack(arrays), basis, terms, scale)
     size = np.linalg.norm(rows, axis=0)
     if not np.all(size > 0.0):
         raise SignalError(f"column {int(np.argmin(size))} of the record's rows is 0: it tells nothing of that unknown")

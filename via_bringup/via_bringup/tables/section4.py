@@ -333,7 +333,7 @@ def hold_errors(forgetting: float, variant: str) -> tuple[float, float, bool]:
     estimates = qr_rls(forgetting, 1e-6, 0.002).run_rows(data)[1]
     truth = run.stiffness_each[:, 0]
     still = run.time >= run.time[-1] - 7.0
-    columns, right = integral_rows(*data.T, "powers", 7, 1.0)
+    columns, right = integral_rows(data, "powers", 7, 1.0)
     plain = np.empty(len(data))
     _plain_forgetting(columns, right, data[:, 1] - data[:, 2], forgetting**0.5, plain)
     off = np.abs(estimates.column("stiffness_1")[0] - truth)[still]

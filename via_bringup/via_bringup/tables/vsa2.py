@@ -87,7 +87,7 @@ def motion(variant: str, drift: float = SLOW, within: int = 0) -> Motion:
             bv, (AMPLITUDE * sin(TONES[1] * t) - DAMPING * bv + second) / INERTIA,
         ]  # fmt: skip
 
-    t = PERIOD * np.arange(round(DURATION / PERIOD) + 1)
+    t = PERIOD * np.arange(round(DURATION / PERIOD) + 1, dtype=np.float64)
     x = solve_ivp(rates, (0.0, DURATION), np.zeros(6), "DOP853", t, rtol=1e-11, atol=1e-13, max_step=0.01).y
     integrals = np.stack([AMPLITUDE * (1.0 - np.cos(w * t)) / w for w in TONES], axis=1)
     tau = np.diff(integrals, axis=0, prepend=np.zeros((1, 2))) / PERIOD
@@ -115,7 +115,7 @@ def held(variant: str, start: float = 8.0, hold: float = 7.0, slowing: float = 0
     device: Device = load_device(VARIANTS[variant])
     law = device.spring_laws[0]
     angle, link = CubicSpline(free.time, free.theta, axis=0), CubicSpline(free.time, free.q)
-    t = PERIOD * np.arange(round((start + hold) / PERIOD) + 1)
+    t = PERIOD * np.arange(round((start + hold) / PERIOD) + 1, dtype=np.float64)
 
     def state(t: Array) -> tuple[Array, Array, Array, Array, Array]:
         later = np.maximum(t - start, 0.0)
