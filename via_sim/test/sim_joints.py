@@ -38,3 +38,52 @@ def antagonistic(link: str = LINK, motor: str = "{inertia: 0.01, viscous_frictio
 def servo_flexible(stiffness: float = 10.0, link: str = LINK) -> Device:
     spring = f"{{law: linear, stiffness: {stiffness}, max_deflection: 3.0}}"
     return device("flexible", link, f"drive: servo\nmotors: [{{bandwidth: 40.0}}]\nsprings: [{spring}]")
+
+
+def serial_servo() -> Device:
+    """Two servos, the second pretensions the spring; a damper at the link."""
+    spring = (
+        "{law: maccepa, k: 394.0, lever: 0.036, base: 0.135, free_length: 0.099, drum_radius: 0.015, "
+        "max_deflection: 1.5}"
+    )
+    return device(
+        "serial",
+        "{inertia: 0.0036, viscous_friction: 0.0077}",
+        f"drive: servo\nmotors: [{{bandwidth: 25.0}}, {{bandwidth: 25.0}}]\nsprings: [{spring}]\n"
+        "damper: {site: link, map: linear, minimum: 0.0, maximum: 0.05}",
+    )
+
+
+# A moderate amount of every effect, for joints that move with about 1 rad, 5 rad/s and 1 N m.
+SIZES = {
+    "coulomb_friction": {"torque": 0.1},
+    "asymmetric_coulomb": {"forward": 0.15, "backward": 0.05},
+    "stribeck_friction": {"breakaway": 0.3, "kinetic": 0.1, "velocity": 0.5},
+    "viscous_friction": {"coefficient": 0.05},
+    "asymmetric_viscous": {"forward": 0.08, "backward": 0.02},
+    "quadratic_drag": {"coefficient": 0.02},
+    "presliding_friction": {"torque": 0.1, "stiffness": 2.0},
+    "load_dependent_friction": {"coefficient": 0.1},
+    "backlash": {"gap": 0.05},
+    "hysteresis": {"torque": 0.1, "stiffness": 3.0},
+    "spring_damping": {"coefficient": 0.03},
+    "spring_law": {"scale": 0.9, "hardening": 3.0},
+    "stiffness_drift": {"rate": 0.1},
+    "preset_error": {"offset": 0.05},
+    "joint_coupling": {"stiffness": 0.3},
+    "torque_gain": {"gain": 0.8},
+    "torque_bias": {"torque": 0.1},
+    "torque_ripple": {"amplitude": 0.1, "order": 7.0, "phase": 0.5},
+    "torque_saturation": {"limit": 0.8},
+    "actuator_lag": {"time_constant": 0.02},
+    "actuator_delay": {"delay": 0.0043},
+    "encoder_offset": {"offset": 0.05},
+    "encoder_eccentricity": {"amplitude": 0.03, "phase": 0.7},
+    "encoder_quantisation": {"quantum": 0.01},
+    "channel_skew": {"delay": 0.0043},
+    "payload": {"mass": 0.1, "distance": 0.2},
+    "link_inertia": {"inertia": 0.005},
+    "gravity_error": {"torque": 0.1, "angle": 0.1},
+    "contact": {"angle": 0.2, "stiffness": 30.0, "damping": 0.1, "side": 1.0},
+    "external_torque": {"torque": 0.2, "start": 0.1, "stop": 2.0},
+}

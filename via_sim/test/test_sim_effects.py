@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_joints import antagonistic, flexible, rigid, servo_flexible
+from sim_joints import SIZES, antagonistic, device, flexible, rigid, serial_servo, servo_flexible
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
-from via_sim.effects import EFFECTS, Effect
+from via_sim.catalogue import EFFECTS
+from via_sim.effects import Effect, places
 from via_sim.effects_file import load_effects, parse_effects, save_effects
 from via_sim.plants import JointPlant
 from via_sim.simulate import Simulator, simulate
@@ -23,28 +24,75 @@ def torques(seconds: float = 0.5, motors: int = 2) -> Signals:
     return Signals(t, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
 
 
-def at(name: str, site: str) -> int:
-    return 1 if site in ("motor", "transmission") else 0
+def commands_of(device, seconds: float = 0.5) -> Signals:
+    """Something for every input of a device, a neighbour that moves included."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    wave = np.sin(7.0 * t)
+    channels = {"neighbour": np.cos(3.0 * t), "external_torque": 0.2 * wave if device.n_motors else wave}
+    if device.n_motors:
+        channels["motor"] = np.stack([wave, np.sin(7.0 * t + 1.0)][: device.n_motors], axis=1)
+    if device.damper is not None:
+        channels["damping"] = 0.5 + 0.4 * wave
+    return Signals(t, channels, dict.fromkeys(channels, "-"), frozenset(channels))
 
 
-@pytest.mark.parametrize(("name", "site"), [(kind.name, site) for kind in EFFECTS.values() for site in kind.sites])
-def test_a_neutral_effect_leaves_every_bit(name, site):
-    plant, commands = JointPlant.from_device(antagonistic()), torques()
+GRAVITY = "{inertia: 0.02, viscous_friction: 0.1, gravity_torque: 0.3, gravity_angle: 0.2}"
+SENSED = rigid(GRAVITY.replace("{", "{coulomb_friction: 0.05, ")).model_copy(
+    update={"sensors": rigid().sensors.model_copy(update={"link_torque_noise": 0.0})}
+)
+JOINTS = (antagonistic(GRAVITY), SENSED, serial_servo())
+EVERYWHERE = [
+    pytest.param(joint, name, site, motor, id=f"{joint.arrangement}-{name}-{site}-{motor}")
+    for joint in JOINTS
+    for name in EFFECTS
+    for site, motor in places(name, joint)
+]
+
+
+def readings(plant, sent, effects=()) -> np.ndarray:
+    run = simulate(plant, sent, 0.5, RATE, effects).measured
+    return np.column_stack([run[name] for name in run.channels])
+
+
+def test_every_effect_of_the_catalogue_has_a_place_on_some_joint():
+    assert {param.values[1] for param in EVERYWHERE} == EFFECTS.keys() == SIZES.keys()
+    sites = {(param.values[1], param.values[2]) for param in EVERYWHERE}
+    assert sites == {(kind.name, site) for kind in EFFECTS.values() for site in kind.sites}
+
+
+@pytest.mark.parametrize(("joint", "name", "site", "motor"), EVERYWHERE)
+def test_a_neutral_effect_leaves_every_bit_and_a_strong_one_does_not(joint, name, site, motor):
+    plant, sent = JointPlant.from_device(joint), commands_of(joint)
     neutral = {parameter.name: parameter.neutral for parameter in EFFECTS[name].parameters}
-    effect = Effect(name, site, neutral, at(name, site))
-    nominal = simulate(plant, commands, 0.5, RATE).truth
-    changed = simulate(plant, commands, 0.5, RATE, [effect]).truth
-    assert all(np.array_equal(nominal[channel], changed[channel]) for channel in nominal.channels)
+    nominal = readings(plant, sent)
+    assert np.array_equal(readings(plant, sent, [Effect(name, site, neutral, motor)]), nominal, equal_nan=True)
+    changed = plant.with_effects([Effect(name, site, SIZES[name], motor)])
+    assert np.nanmax(np.abs(readings(changed, sent) - nominal)) > 1e-4
+    assert np.array_equal(readings(changed.with_effects([]), sent), nominal, equal_nan=True)
 
 
-@pytest.mark.parametrize(("name", "site"), [(kind.name, site) for kind in EFFECTS.values() for site in kind.sites])
-def test_an_effect_changes_the_motion_and_only_as_long_as_it_is_there(name, site):
-    plant, commands = JointPlant.from_device(antagonistic()), torques()
-    strong = {p.name: min(p.neutral + 0.05, p.high) for p in EFFECTS[name].parameters}
-    changed = plant.with_effects([Effect(name, site, strong, at(name, site))])
-    nominal = simulate(plant, commands, 0.5, RATE).truth["theta"]
-    assert np.max(np.abs(simulate(changed, commands, 0.5, RATE).truth["theta"] - nominal)) > 1e-4
-    assert np.array_equal(simulate(changed.with_effects([]), commands, 0.5, RATE).truth["theta"], nominal)
+def test_places_of_a_joint_are_those_it_accepts():
+    assert places("backlash", flexible()) == (("transmission", 1),)
+    assert places("coulomb_friction", servo_flexible()) == (("link", 0),)
+    assert places("coulomb_friction", rigid()) == (("link", 0),)
+    assert places("torque_gain", rigid()) == (("motor", 1),)
+    assert places("torque_gain", SENSED) == (("motor", 1), ("sensor", 0))
+    assert places("torque_saturation", serial_servo()) == (("motor", 1), ("motor", 2))
+    assert places("encoder_offset", flexible()) == (("sensor", 0), ("sensor", 1))
+    assert places("preset_error", load_device("maccepavd")) == (("transmission", 1),)
+    spring = "{law: linear, stiffness: 10.0, max_deflection: 1.0}"
+    motor = "{inertia: 0.01, viscous_friction: 0.1}"
+    assert places("preset_error", device("serial", rest=f"motors: [{motor}, {motor}]\nsprings: [{spring}]")) == ()
+    for joint in JOINTS:
+        for name in EFFECTS:
+            for site in EFFECTS[name].sites:
+                for motor in (0, 1, 2):
+                    try:
+                        JointPlant.from_device(joint).with_effects([Effect(name, site, SIZES[name], motor)])
+                        accepted = True
+                    except ParameterError:
+                        accepted = False
+                    assert accepted is ((site, motor) in places(name, joint))
 
 
 def test_backlash_leaves_the_link_free_within_the_gap_and_pulls_beyond_it():
@@ -141,7 +189,9 @@ def test_effects_that_do_not_fit_the_joint_are_refused():
     with pytest.raises(ParameterError, match="a servo imposes the angle"):
         JointPlant.from_device(load_device("maccepavd")).with_effects([gain])
     with pytest.raises(ParameterError, match="has 0 motors"):
-        JointPlant.from_device(rigid()).with_effects([gain])
+        JointPlant.from_device(rigid()).with_effects([Effect("coulomb_friction", "motor", {"torque": 0.1}, 1)])
+    with pytest.raises(ParameterError, match="has no torque sensor at the link"):
+        JointPlant.from_device(rigid()).with_effects([Effect("torque_gain", "sensor", {"gain": 0.9})])
     with pytest.raises(ParameterError, match="has 1 transmissions"):
         JointPlant.from_device(flexible()).with_effects([Effect("backlash", "transmission", {"gap": 0.1}, 2)])
     with pytest.raises(ParameterError, match="is there twice"):
@@ -154,7 +204,8 @@ def test_effects_that_do_not_fit_the_joint_are_refused():
 def effects(draw):
     kind = draw(st.sampled_from(list(EFFECTS.values())))
     site = draw(st.sampled_from(kind.sites))
-    motor = draw(st.integers(1, 2)) if site in ("motor", "transmission") else 0
+    numbers = {"motor": (1, 2), "transmission": (1, 2), "sensor": (0, 1, 2), "timing": (0, 1, 2)}
+    motor = draw(st.sampled_from(numbers.get(site, (0,))))
     values = {p.name: draw(st.floats(p.low, p.high)) for p in kind.parameters}
     return Effect(kind.name, site, values, motor, draw(st.sampled_from(["", "joint"])))
 

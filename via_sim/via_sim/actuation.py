@@ -35,6 +35,14 @@ def lagged(p: Array, axis: int, x: Array, u: Array, after: float) -> float:
 
 
 @bare
+def couple(p: Array, neighbour: float, u: Array) -> None:
+    """Torques that the neighbour's angle [rad] puts on the axes beside their drives -> u (N_INPUTS,)."""
+    through1, through2 = p[P.coupling + 1] * neighbour, p[P.coupling + 2] * neighbour
+    u[BESIDE] = p[P.coupling] * neighbour + through1 + through2
+    u[BESIDE + 1], u[BESIDE + 2] = -through1, -through2
+
+
+@bare
 def supply(p: Array, modes: Array, x: Array, u: Array, after: float) -> None:
     """Torques that act `after` [s] the state x -> u (N_INPUTS,)."""
     u[EXTERNAL] = u[BESIDE]
@@ -46,7 +54,7 @@ def supply(p: Array, modes: Array, x: Array, u: Array, after: float) -> None:
             if axis == 0:
                 u[EXTERNAL] += torque
             else:
-                u[axis - 1] = torque
+                u[axis - 1] = torque + u[BESIDE + axis]
 
 
 @bare

@@ -9,7 +9,7 @@ refused. `EFFECTS` is the registry: what there is, where it may sit, what its pa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from types import MappingProxyType
@@ -17,132 +17,12 @@ from types import MappingProxyType
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
+from via_core.springs import MACCEPA, TWO_LEVER
 
-from via_sim.parameters import DYNAMIC, LINK, MOTOR_1, P
+from via_sim.catalogue import EFFECTS, EffectKind
+from via_sim.parameters import LINK, MOTOR_1, P
 
-
-@dataclass(frozen=True)
-class EffectParameter:
-    """One number of an effect: allowed range [low, high], and the neutral value at which the effect is absent."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    neutral: float
-    text: str
-
-
-@dataclass(frozen=True)
-class EffectKind:
-    """What an effect is. `write` puts parameter values at an axis (0 link, 1, 2 motors) into a row in place."""
-
-    name: str
-    sites: tuple[str, ...]
-    text: str
-    parameters: tuple[EffectParameter, ...]
-    write: Callable[[Array, int, Mapping[str, float]], None]
-    needs_torque_drive: bool  # at a motor: means nothing where a servo imposes the angle
-    adds: bool = False  # several at one place add up
-
-
-def _write_coulomb(row: Array, axis: int, value: Mapping[str, float]) -> None:
-    row[P.breakaway_friction + axis] += value["torque"]
-    row[P.kinetic_friction + axis] += value["torque"]
-
-
-def _write_stribeck(row: Array, axis: int, value: Mapping[str, float]) -> None:
-    if value["breakaway"] < value["kinetic"]:
-        raise ParameterError(f"breakaway {value['breakaway']} N m must be >= kinetic {value['kinetic']} N m")
-    row[P.breakaway_friction + axis] += value["breakaway"]
-    row[P.kinetic_friction + axis] += value["kinetic"]
-    row[P.stribeck_velocity + axis] = value["velocity"]
-
-
-def _write_viscous(row: Array, axis: int, value: Mapping[str, float]) -> None:
-    total = row[P.viscous_friction + axis] + value["coefficient"]
-    if total < 0.0:
-        raise ParameterError(
-            f"coefficient {value['coefficient']} leaves {total:.6g} N m s/rad of viscous friction, must stay >= 0"
-        )
-    row[P.viscous_friction + axis] = total
-
-
-def _write_backlash(row: Array, axis: int, value: Mapping[str, float]) -> None:
-    row[P.backlash + axis - MOTOR_1] = value["gap"]
-
-
-def _write_delay(row: Array, _axis: int, value: Mapping[str, float]) -> None:
-    row[P.delay] = value["delay"]
-
-
-def _write_gain(row: Array, axis: int, value: Mapping[str, float]) -> None:
-    row[P.torque_gain + axis] = value["gain"]
-
-
-MAX_DELAY = 0.1  # [s]
-
-EFFECTS: Mapping[str, EffectKind] = MappingProxyType(
-    {
-        kind.name: kind
-        for kind in (
-            EffectKind(
-                "coulomb_friction",
-                ("motor", "link"),
-                "dry friction of constant size; the axis sticks while the torque on it stays below",
-                (EffectParameter("torque", "N m", 0.0, 1e3, 0.0, "breakaway and kinetic friction"),),
-                _write_coulomb,
-                True,
-                adds=True,
-            ),
-            EffectKind(
-                "stribeck_friction",
-                ("motor", "link"),
-                "dry friction that falls from breakaway to kinetic as exp(-(v/velocity)^2)",
-                (
-                    EffectParameter("breakaway", "N m", 0.0, 1e3, 0.0, "friction at standstill"),
-                    EffectParameter("kinetic", "N m", 0.0, 1e3, 0.0, "friction at speed, at most breakaway"),
-                    EffectParameter("velocity", "rad/s", 1e-3, 1e2, 1.0, "speed that leaves 1/e of the difference"),
-                ),
-                _write_stribeck,
-                True,
-            ),
-            EffectKind(
-                "viscous_friction",
-                ("motor", "link"),
-                "error of the viscous friction: what the device file forgot (or has too much)",
-                (EffectParameter("coefficient", "N m s/rad", -1e2, 1e2, 0.0, "added to the device's coefficient"),),
-                _write_viscous,
-                True,
-                adds=True,
-            ),
-            EffectKind(
-                "backlash",
-                ("transmission",),
-                "a torque-free gap between motor and spring; `motor` is the number of the transmission",
-                (EffectParameter("gap", "rad", 0.0, 0.5, 0.0, "whole width of the gap"),),
-                _write_backlash,
-                False,
-            ),
-            EffectKind(
-                "actuator_delay",
-                ("command",),
-                "dead time between a command and what it does, in any fraction of a tick; all commands of the joint",
-                (EffectParameter("delay", "s", 0.0, MAX_DELAY, 0.0, "dead time"),),
-                _write_delay,
-                False,
-            ),
-            EffectKind(
-                "torque_gain",
-                ("motor",),
-                "the motor gives gain times the torque commanded, unknown to the torque measurement",
-                (EffectParameter("gain", "-", 0.0, 10.0, 1.0, "torque per torque commanded"),),
-                _write_gain,
-                True,
-            ),
-        )
-    }
-)
+_NUMBERED = {"motor": (1, 2), "transmission": (1, 2), "sensor": (0, 1, 2), "timing": (0, 1, 2)}
 
 
 @dataclass(frozen=True)
@@ -152,7 +32,7 @@ class Effect:
     name        key of EFFECTS
     site        where: one of the kind's sites
     parameters  name -> value, all of the kind's parameters, inside their bounds
-    motor       1 or 2: which motor or transmission (sites 'motor' and 'transmission' only, else 0)
+    motor       1 or 2: which motor or transmission, at a sensor whose (0: the link's); else 0
     joint       name of the device it belongs to; empty means whichever it is given to
 
     Raises ParameterError with key, value and allowed range.
@@ -170,9 +50,11 @@ class Effect:
             raise ParameterError(f"effect: must be one of {', '.join(EFFECTS)}, got '{self.name}'")
         if self.site not in kind.sites:
             raise ParameterError(f"{self.name}.site: must be one of {', '.join(kind.sites)}, got '{self.site}'")
-        allowed = (1, 2) if self.site in ("motor", "transmission") else (0,)
+        allowed = _NUMBERED.get(self.site, (0,))
         if type(self.motor) is not int or self.motor not in allowed:
-            wanted = "1 or 2" if allowed != (0,) else f"left out at site '{self.site}'"
+            wanted = f"left out at site '{self.site}'"
+            if allowed != (0,):
+                wanted = f"{', '.join(str(number) for number in allowed[:-1])} or {allowed[-1]}"
             raise ParameterError(f"{self.name}.motor: must be {wanted}, got {self.motor!r}")
         names = [parameter.name for parameter in kind.parameters]
         for key in self.parameters:
@@ -196,10 +78,41 @@ class Effect:
     def kind(self) -> EffectKind:
         return EFFECTS[self.name]
 
-    @property
-    def axis(self) -> int:
-        """0 the link (and all that is not at a motor), 1 and 2 the motors or transmissions."""
-        return LINK if self.motor == 0 else MOTOR_1 + self.motor - 1
+    def write(self, row: Array) -> None:
+        """This effect into a row (N_PARAMETERS,) of a joint in which its place has a meaning, in place."""
+        write_values(row, self.kind, self.site, self.motor, self.parameters)
+
+
+def places(kind: EffectKind | str, device: Device) -> tuple[tuple[str, int], ...]:
+    """(site, motor) of every place that an effect can take on a device."""
+    effect = EFFECTS[kind] if isinstance(kind, str) else kind
+    return tuple(
+        (site, motor)
+        for site in effect.sites
+        for motor in _NUMBERED.get(site, (0,))
+        if not _misplaced(effect, site, motor, device)
+    )
+
+
+def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
+    """Why an effect has no meaning at a place of a device; empty where it has one."""
+    if site == "transmission":
+        if motor > device.n_transmissions:
+            return f"'{device.name}' has {device.n_transmissions} transmissions"
+        law = device.spring_laws[motor - 1]
+        if kind.name == "preset_error" and device.arrangement == "serial" and law.kind not in (MACCEPA, TWO_LEVER):
+            return f"the spring of '{device.name}' does not depend on a preset"
+    driven = device.n_motors == 0 and kind.of_drive and site == "motor"  # a rigid joint's drive is its motor 1
+    if motor > (1 if driven else device.n_motors) and site in ("motor", "sensor", "timing"):
+        return f"'{device.name}' has {device.n_motors} motors"
+    if site == "motor" and kind.needs_torque_drive and device.drive == "servo":
+        return f"a servo imposes the angle, so this has no meaning on '{device.name}'"
+    if site == "sensor" and kind.of_drive:
+        if motor == 0 and device.sensors.link_torque_noise is None:
+            return f"'{device.name}' has no torque sensor at the link"
+        if motor > 0 and device.drive == "servo":
+            return f"'{device.name}' does not measure the torque of its servos"
+    return ""
 
 
 def write_effects(row: Array, device: Device, effects: Sequence[Effect]) -> None:
@@ -213,13 +126,16 @@ def write_effects(row: Array, device: Device, effects: Sequence[Effect]) -> None
         if place in seen and not effect.kind.adds:
             raise ParameterError(f"{where}: is there twice")
         seen.add(place)
-        if effect.site == "transmission" and effect.motor > device.n_transmissions:
-            raise ParameterError(f"{where}: '{device.name}' has {device.n_transmissions} transmissions")
-        if effect.site == "motor" and effect.motor > device.n_motors:
-            raise ParameterError(f"{where}: '{device.name}' has {device.n_motors} motors")
-        if effect.site == "motor" and effect.kind.needs_torque_drive and row[P.axis_kind + effect.axis] != DYNAMIC:
-            raise ParameterError(f"{where}: a servo imposes the angle, so this has no meaning on '{device.name}'")
+        trouble = _misplaced(effect.kind, effect.site, effect.motor, device)
+        if trouble:
+            raise ParameterError(f"{where}: {trouble}")
         try:
-            effect.kind.write(row, effect.axis, effect.parameters)
+            effect.write(row)
         except ParameterError as error:
             raise ParameterError(f"{where}: {error}") from None
+
+
+def write_values(row: Array, kind: EffectKind, site: str, motor: int, values: Mapping[str, float]) -> None:
+    """Numbers of one effect at a place it can take, unchecked against their bounds, into a row in place: for fits."""
+    drive = site == "motor" and row[P.link_drive] != 0.0
+    kind.write(row, LINK if motor == 0 or drive else MOTOR_1 + motor - 1, site, values)

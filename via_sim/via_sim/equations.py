@@ -9,7 +9,7 @@ inertia <angle, psi''> = <torque, psi>, with no derivative of anything measured 
 **Commands are held, samples are instants.** Against a trapezoid rule over samples a held torque counts with its mean
 over the cell from halfway before a sample to halfway after it: (u_n + u_{n-1})/2 where commands change on samples, and
 right to second order for any dead time, command rate and jitter. A lag T y' = u - y turns the mean of u into that of y,
-which is mean(u) - T (y_end - y_begin) / width. A friction whose sign changes within a cell counts likewise with its mean.
+which is mean(u) - T (y_end - y_begin) / width. A friction whose sign changes within a cell counts likewise.
 
 **Memory** (bristles, Maxwell elements) runs on the increments of the angles themselves, from rest at the first sample.
 
@@ -31,7 +31,7 @@ from via_core.errors import ParameterError, SignalError
 from via_core.servos import servo_acceleration
 from via_core.signals import Array, Signals, locked
 
-from via_sim.actuation import saturated, servo_bandwidth
+from via_sim.actuation import couple, saturated, servo_bandwidth
 from via_sim.parameters import ABSENT, DYNAMIC, N_PARAMETERS, NO_DAMPER, SERVO, P
 from via_sim.readings import hermite
 from via_sim.simulate import command_rows
@@ -298,6 +298,7 @@ def _walk(
 ) -> None:  # fmt: skip
     """`walk` with its scratch: modes, inputs, state, angles and velocities of a sample, commands it gets."""
     last, late, prompt = time.size - 1, 0, 0
+    coupled = p[P.coupling] != 0.0 or p[P.coupling + 1] != 0.0 or p[P.coupling + 2] != 0.0
     for n in range(time.size):
         begin = 0.5 * (time[max(n - 1, 0)] + time[n])
         end = 0.5 * (time[n] + time[min(n + 1, last)])
@@ -305,11 +306,11 @@ def _walk(
 
         # what drives the axes
         late = _means(p, command_time, commands, sensed, late, begin - p[P.delay], end - p[P.delay], held)
-        if p[P.delay] > 0.0 and (p[P.link_drive] == 0.0 or p[P.coupling] != 0.0):
+        if p[P.delay] > 0.0 and (p[P.link_drive] == 0.0 or coupled):
             prompt = _means(p, command_time, commands, sensed, prompt, begin, end, now)
         else:
             now[EXTERNAL], now[NEIGHBOUR] = held[EXTERNAL], held[NEIGHBOUR]
-        u[BESIDE] = p[P.coupling] * now[NEIGHBOUR]
+        couple(p, now[NEIGHBOUR], u)
         if p[P.link_drive] == 0.0:
             u[BESIDE] += now[EXTERNAL]
         if p[P.pulse_torque] != 0.0 and width > 0.0:
@@ -332,7 +333,7 @@ def _walk(
             if axis == 0:
                 u[EXTERNAL] += asked
             else:
-                u[axis - 1] = asked
+                u[axis - 1] = asked + u[BESIDE + axis]
 
         # where the axes are
         for axis in range(3):

@@ -33,7 +33,7 @@ import numpy as np
 from via_core.dampers import damper_value
 from via_core.signals import Array
 
-from via_sim.actuation import lagged, saturated, servo_motion, supply
+from via_sim.actuation import couple, lagged, saturated, servo_motion, supply
 from via_sim.parameters import DYNAMIC, NO_DAMPER, SERVO, P
 from via_sim.phi_functions import phi_functions
 from via_sim.readings import observe, record, sense
@@ -255,7 +255,7 @@ def _tick(
     age = p[P.origin] + tick * period
     for i in range(2):
         u[SPRING + i] = spring_factor(p, i, age + 0.5 * period)
-    u[BESIDE] = p[P.coupling] * command[NEIGHBOUR] if p[P.coupling] != 0.0 else 0.0
+    couple(p, command[NEIGHBOUR] if command.size > NEIGHBOUR else 0.0, u)
     if p[P.link_drive] == 0.0:
         u[BESIDE] += command[EXTERNAL]
     if p[P.pulse_torque] != 0.0:  # its mean over the tick

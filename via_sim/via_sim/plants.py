@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import ceil, sqrt
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 from via_core.devices import Device, TorqueMotor
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
-from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER
+from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER, SpringLaw
 
 from via_sim.effects import Effect, write_effects
 from via_sim.kernel import derivative
@@ -28,7 +29,9 @@ from via_sim.parameters import (
 )
 from via_sim.torques import N_INPUTS, SPRING, X, spring_factor, viscous_rate
 
+GRAVITY = 9.80665  # [m/s^2]
 MAX_SUBSTEPS = 4096  # per tick; beyond it a parameter row is refused
+_LAG_STEPS = 20.0  # per tick
 _STEP = 0.25  # substep times fastest explicit rate: error of one period of that mode near 1e-5 of its amplitude
 
 
@@ -102,6 +105,7 @@ def _row_of(device: Device) -> Array:
     row[P.viscous_friction + LINK] = link.viscous_friction
     row[P.breakaway_friction + LINK] = row[P.kinetic_friction + LINK] = link.coulomb_friction
     row[P.gravity_torque], row[P.gravity_angle] = link.gravity_torque, link.gravity_angle
+    row[P.gravity] = np.sign(link.gravity_torque) * GRAVITY
     for i, motor in enumerate(device.motors):
         axis = MOTOR_1 + i
         if isinstance(motor, TorqueMotor):
@@ -135,16 +139,13 @@ def substeps_for(row: Array, device: Device) -> float:
 
     A spring against an inertia has rate w = sqrt(sigma / M), or w^2 / a where viscous friction (rate a) overdamps it; a
     damper in the transmission couples at d (1/M + 1/B); the falling Stribeck curve drives an axis away from rest at
-    most at .86 (breakaway - kinetic) / (stribeck_velocity inertia). Raises ParameterError beyond MAX_SUBSTEPS.
+    most at .86 (breakaway - kinetic) / (stribeck_velocity inertia). Of effects, hysteresis, bristles, walls and ripple
+    are springs; a lag is worth at most `_LAG_STEPS` steps, shorter ones act with their value halfway. Raises
+    ParameterError beyond MAX_SUBSTEPS.
     """
-    strongest = float(device.damping_of(1.0))
-    stiffness = np.zeros(3)
-    for i, law in enumerate(device.spring_laws):
-        phi = np.linspace(-law.max_deflection, law.max_deflection, 129)
-        sigma = max(float(np.max(np.abs(law.stiffness(phi, preset)))) for preset in (0.0, 1.0, 2.0))
-        stiffness[0] += sigma
-        stiffness[1 + i] = sigma
-    stiffness[0] += abs(row[P.gravity_torque])
+    stiffness, coupled = _stiffest(row, device), float(device.damping_of(1.0))
+    if row[P.damper_site] != AT_TRANSMISSION:
+        coupled = 0.0
     rate = 0.0
     for axis in range(3):
         if row[P.axis_kind + axis] != DYNAMIC:
@@ -155,8 +156,15 @@ def substeps_for(row: Array, device: Device) -> float:
         rate += min(w, w * w / a) if a > 0.0 else w
         excess = row[P.breakaway_friction + axis] - row[P.kinetic_friction + axis]
         rate += 0.86 * excess / (row[P.stribeck_velocity + axis] * inertia)
-        if row[P.damper_site] == AT_TRANSMISSION and axis < 2:
-            rate += strongest / inertia
+        explicit = abs(row[P.viscous_asymmetry + axis]) + (coupled if axis < 2 else 0.0)
+        if axis == 0:
+            explicit += row[P.spring_damping] + row[P.spring_damping + 1]
+            explicit += row[P.contact_damping] if row[P.contact_stiffness] > 0.0 else 0.0
+        else:
+            explicit += row[P.spring_damping + axis - 1]
+        rate += explicit / inertia
+    if row[P.lag] > 0.0:
+        rate += min(1.0 / row[P.lag], _STEP * _LAG_STEPS / row[P.tick])
     substeps = max(1, ceil(row[P.tick] * rate / _STEP))
     if substeps > MAX_SUBSTEPS:
         raise ParameterError(
@@ -164,3 +172,28 @@ def substeps_for(row: Array, device: Device) -> float:
             f"at most {MAX_SUBSTEPS} are allowed; raise the rate or soften the joint"
         )
     return float(substeps)
+
+
+def _stiffest(row: Array, device: Device) -> Array:
+    """Largest stiffness (3,) [N m/rad] that each axis feels."""
+    stiffness = np.zeros(3)
+    for i, law in enumerate(device.spring_laws):
+        harder = 1.0 + 3.0 * max(row[P.spring_hardening + i], 0.0) * law.max_deflection**2
+        sigma = row[P.spring_scale + i] * harder * _steepest(law)
+        if row[P.hysteresis_torque + i] > 0.0:
+            sigma += row[P.hysteresis_stiffness + i]
+        stiffness[0] += sigma
+        stiffness[1 + i] = sigma
+    stiffness[0] += abs(row[P.gravity_torque]) + row[P.contact_stiffness]
+    for axis in range(3):
+        if row[P.bristle_torque + axis] > 0.0:
+            stiffness[axis] += row[P.bristle_stiffness + axis]
+        stiffness[axis] += abs(row[P.ripple_amplitude + axis] * row[P.ripple_order + axis])
+    return stiffness
+
+
+@lru_cache(maxsize=256)
+def _steepest(law: SpringLaw) -> float:
+    """Largest stiffness [N m/rad] of a law within its stops."""
+    phi = np.linspace(-law.max_deflection, law.max_deflection, 129)
+    return max(float(np.max(np.abs(law.stiffness(phi, preset)))) for preset in (0.0, 1.0, 2.0))

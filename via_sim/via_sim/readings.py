@@ -120,12 +120,13 @@ def hermite(a: float, va: float, b: float, vb: float, h: float, share: float) ->
 
 
 @bare
-def read_angle(p: Array, axis: int, angle: float) -> float:
-    """What the encoder of an axis reads at an angle [rad], but for noise and steps."""
-    swing = p[P.eccentricity + axis]
+def read_motion(p: Array, axis: int, angle: float, velocity: float) -> tuple[float, float]:
+    """What the encoder of an axis reads, and the speed of that reading, but for noise and steps [rad, rad/s]."""
+    swing, turned = p[P.eccentricity + axis], angle + p[P.eccentricity_phase + axis]
     if swing != 0.0:
-        angle += swing * sin(angle + p[P.eccentricity_phase + axis])
-    return angle + p[P.encoder_offset + axis]
+        angle += swing * sin(turned)
+        velocity += swing * cos(turned) * velocity
+    return angle + p[P.encoder_offset + axis], velocity
 
 
 @bare
@@ -177,7 +178,8 @@ def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array,
             if i == 0:
                 quantum, deviation = s[S.link_quantum], s[S.link_noise]
             angle, speed = past(p, x, i)
-            measured[i] = _read(read_angle(p, i, angle), deviation, max(quantum, p[P.encoder_quantum + i]), x, i)
+            angle, speed = read_motion(p, i, angle, speed)
+            measured[i] = _read(angle, deviation, max(quantum, p[P.encoder_quantum + i]), x, i)
             measured[5 + i] = _read(speed, s[S.velocity_noise], 0.0, x, 5 + i)
     if transmissions == 0:
         link_torque = dissipated_torque(p, x)
@@ -187,7 +189,7 @@ def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array,
 
 @bare
 def sense(p: Array, x: Array, motion: Array) -> None:
-    """Angles as encoders read them, but for noise and steps, and velocities -> motion (6,)."""
+    """Angles as encoders read them, but for noise and steps, and their velocities -> motion (6,)."""
     for i in range(3):
-        angle, motion[3 + i] = past(p, x, i)
-        motion[i] = read_angle(p, i, angle)
+        angle, speed = past(p, x, i)
+        motion[i], motion[3 + i] = read_motion(p, i, angle, speed)

@@ -19,7 +19,8 @@ from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, Signals
 
-from via_sim.effects import MAX_DELAY, Effect
+from via_sim.catalogue import MAX_DELAY
+from via_sim.effects import Effect
 from via_sim.kernel import run, run_many
 from via_sim.parameters import ABSENT, SERVO, P
 from via_sim.plants import JointPlant
@@ -167,6 +168,7 @@ def simulate(
     initial: ArrayLike | None = None,
     seed: int = 0,
     start: float = 0.0,
+    age: float = 0.0,
 ) -> Simulation:
     """A whole run in one call.
 
@@ -176,12 +178,14 @@ def simulate(
     effects   beside those the plant already has
     initial   (6,) q, theta_1, theta_2 [rad], velocities [rad/s]
     start     [s] time of sample 0, on the commands' clock
+    age       [s] of the run at sample 0, which drifts and pulses count from
 
     Raises ParameterError for commands, effects or numbers that do not fit, or that overflow.
     """
     if effects:
         plant = plant.with_effects((*plant.effects, *effects))
     device, row = plant.device, plant.at_rate(rate)
+    row[P.origin] = age
     every = sensors.decimation(rate)
     time = _ticks(duration, rate, start)
     state = initial_state(plant, rate, initial, seed)

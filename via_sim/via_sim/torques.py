@@ -53,8 +53,8 @@ M1, M2, DAMPING, EXTERNAL, NEIGHBOUR = range(N_COMMANDS)
 
 # Inputs u of the equations: torque on motor 1, motor 2 [N m] (position [rad] of a servo), damping [N m s/rad], torque
 # on the link [N m]; factors of the two springs [-]; what the drives of link, motor 1, motor 2 are commanded [N m], and
-# what acts on the link beside its drive [N m].
-N_INPUTS = 10
+# what acts on these axes beside their drives [N m].
+N_INPUTS = 12
 SPRING, TARGET, BESIDE = 4, 6, 9
 
 # Modes: of the three axes STUCK, SMOOTH (no dry friction) or slip direction -1, +1; of the two transmissions the flank
