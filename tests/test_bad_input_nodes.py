@@ -95,6 +95,10 @@ def test_the_estimator_lives_through_nonsense_and_counts_it(graph):
         assert np.all(np.isfinite([*numbers, *message.transmission_standard_deviation]))
     # The strange stamps are jumps of the clock: windows that restart, not bad samples.
     graph.until(lambda: peer.told("samples") == "30")
+    malformed = int(peer.told("malformed messages"))
+    for junk in (b"", b"\0\1\0\0", b"junk of no kind at all", serialize_message(sample(41))[:60]):
+        peer.samples.publish(junk)
+    graph.until(lambda: peer.told("malformed messages") == str(malformed + 4))
     assert int(peer.told("bad samples")) == len(about) - 30
     assert peer.told("foreign messages") == "2"
     assert int(peer.told("malformed messages")) > 0

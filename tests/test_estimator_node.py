@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from via_core.bags import BagWriter, read_bag
 from via_core.devices import load_device
-from via_core.errors import ParameterError
+from via_core.errors import ParameterError, ViaError
 from via_core.status import Status
-from via_estimators.methods import estimator_for
-from via_estimators.nodes.estimator import EstimatorNode
+from via_estimators.methods import estimator_for, methods_for
+from via_estimators.nodes.estimator import BANK, ESTIMATOR, EstimatorNode, single
 from via_estimators.rows import estimate_bag
 from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate, VsaCommand
 from via_interfaces.srv import ResetEstimator
@@ -218,6 +223,190 @@ def test_parameters_start_from_the_device_and_are_checked(graph):
 
 
 def parameter(name, value):
-    from rclpy.parameter import Parameter
-
     return Parameter(name, value=value)
+
+
+TWINS = ("left=cubic_demo", "right=cubic_demo")
+
+
+class Pair:
+    """Two joints of one kind in one node, with ears on their stiffness."""
+
+    def __init__(self, graph, **parameters):
+        self.graph = graph
+        self.devices = [load_device(name) for name in TWINS]
+        self.node = graph.add(EstimatorNode, devices=list(TWINS), **parameters)
+        self.peer = graph.node("peer")
+        self.samples = self.peer.create_publisher(JointState, "/joint_states", qos.SAMPLES)
+        self.left, self.right, self.reports = [], [], []
+        topics = ["/left/stiffness", "/right/stiffness"]
+        for topic, heard in zip(topics, (self.left, self.right), strict=True):
+            self.peer.create_subscription(StiffnessEstimate, topic, heard.append, qos.SAMPLES)
+        self.peer.create_subscription(DiagnosticArray, "/diagnostics", self.reports.append, qos.CONTROL)
+        graph.until(
+            lambda: (
+                self.samples.get_subscription_count() == 1
+                and all(self.peer.count_publishers(topic) == 1 for topic in topics)
+            )
+        )
+
+    def send(self, messages, left, right):
+        """Publish and wait until so many estimates of either have come."""
+        for message in messages:
+            self.samples.publish(message)
+        self.graph.until(lambda: len(self.left) >= left and len(self.right) >= right)
+        assert (len(self.left), len(self.right)) == (left, right)
+
+    def call(self, name):
+        client = self.peer.create_client(ResetEstimator, name)
+        self.graph.until(client.service_is_ready)
+        answer = client.call_async(ResetEstimator.Request())
+        self.graph.until(answer.done)
+        return answer.result()
+
+
+def together(messages):
+    """One JointState that says what several say."""
+    whole = JointState(header=messages[0].header)
+    for member in ("name", "position", "velocity", "effort"):
+        setattr(whole, member, [each for message in messages for each in getattr(message, member)])
+    return whole
+
+
+def of_twins(count, start=0):
+    """(left, right) messages of smooth motion, not the same for both."""
+    writers = [JointStateWriter(load_device(name)) for name in TWINS]
+    for k in range(start, start + count):
+        pair = []
+        for at, writer in enumerate(writers):
+            writer.position[:] = 0.3 * np.sin(5e-3 * k + at), 0.5 + 0.1 * np.sin(9e-3 * k), 0.2 * np.cos(7e-3 * k) - 0.5
+            writer.effort[1:] = 0.4 * np.sin(4e-3 * k)
+            pair.append(deserialize_message(serialize_message(writer.stamped(START + PERIOD * k)), JointState))
+        yield pair
+
+
+def test_one_message_for_all_joints_or_one_for_each_is_the_same(graph):
+    twins = Pair(graph)
+    pairs = list(of_twins(500))
+    twins.send([together(pair) for pair in pairs], 500, 500)
+    assert twins.call("/estimator/reset").message == "500 samples of left, 500 samples of right forgotten"
+    twins.send([message for pair in pairs for message in pair], 1000, 1000)
+    for heard in (twins.left, twins.right):
+        assert [message.value for message in heard[500:]] == [message.value for message in heard[:500]]
+        assert heard[499].status != Status.WARMING_UP
+    assert [message.value for message in twins.left] != [message.value for message in twins.right]
+
+
+def test_a_message_of_half_the_joints_is_a_sample_of_those_whose_link_it_names(graph):
+    twins = Pair(graph)
+    pairs = list(of_twins(30))
+    twins.send([pair[0] for pair in pairs[:10]], 10, 0)
+    headless = together(pairs[10])  # both links, but the motors of the left one only
+    for member in ("name", "position", "velocity", "effort"):
+        setattr(headless, member, list(getattr(headless, member))[:4])
+    twins.send([headless], 11, 1)
+    assert (twins.left[-1].status, twins.right[-1].status) == (Status.WARMING_UP, Status.BAD_SAMPLE)
+    motors = pairs[11][0]
+    for member in ("name", "position", "velocity", "effort"):
+        setattr(motors, member, list(getattr(motors, member))[1:])
+    reverse = together(pairs[12][::-1])
+    twins.send([motors, reverse], 12, 2)
+    assert twins.right[-1].status == Status.WARMING_UP
+    pairs[13][0].position[0] = np.nan
+    twins.send([together(pairs[13])], 13, 3)
+    assert (twins.left[-1].status, twins.right[-1].status) == (Status.BAD_SAMPLE, Status.WARMING_UP)
+
+
+def test_one_device_is_reset_and_the_other_goes_on(graph):
+    twins = Pair(graph)
+    twins.send([together(pair) for pair in of_twins(500)], 500, 500)
+    answer = twins.call("/estimator/left/reset")
+    assert answer.success and answer.message == "500 samples of left forgotten"
+    twins.send([together(pair) for pair in of_twins(1, start=500)], 501, 501)
+    assert twins.left[-1].status == Status.WARMING_UP and twins.right[-1].status != Status.WARMING_UP
+    assert (twins.left[-1].sequence, twins.right[-1].sequence) == (500, 500)
+
+
+def test_diagnostics_tell_rate_excitation_condition_and_cost_of_each(graph):
+    twins = Pair(graph)
+    twins.send([together(pair) for pair in of_twins(500)], 500, 500)
+
+    def last(device):
+        return next((each.status[0] for each in reversed(twins.reports) if each.status[0].hardware_id == device), None)
+
+    def running(device):
+        status = last(device)
+        return status and float({entry.key: entry.value for entry in status.values}["rate [Hz]"]) > 0.0
+
+    for device in ("left", "right"):
+        graph.until(lambda device=device: running(device))
+        status = last(device)
+        assert status.name == f"estimator: {device} modulated_torque"
+        values = {entry.key: entry.value for entry in status.values}
+        assert float(values["time per sample [us]"]) > 0.0
+        assert float(values["motion in the window [rad]"]) > 0.0 and float(values["condition number"]) >= 1.0
+        assert {"gaps", "bad samples", "samples", "share of a core, whole process [%]"} <= values.keys()
+
+
+def test_a_bank_answers_with_every_method_and_its_parameters_carry_their_names(graph):
+    file = Path(__file__).resolve().parent.parent / "via_bringup" / "config" / "arm.yaml"
+    names = [f"j{k}=qbmove_a" for k in range(1, 5)]
+    bank = graph.add(
+        partial(EstimatorNode, BANK, cli_args=["--ros-args", "--params-file", str(file)]),
+        devices=names,
+        **{"j1.modulated_torque.window": 150},
+    )
+    topics = {name for name, _ in bank.get_publisher_names_and_types_by_node("estimator_bank", "/")}
+    suited = methods_for(load_device("qbmove_a"))
+    assert len(suited) > 1
+    for station in bank.stations:
+        assert [line.method for line in station.lines] == list(suited)
+        assert all(f"/{station.device.name}/{method}/stiffness" in topics for method in suited)
+    first, last = (bank.stations[at].lines[suited.index("modulated_torque")].live.estimator for at in (0, 3))
+    assert (first.parameters.window, last.parameters.window) == (150, 200)
+    assert last.parameters.memory == 5.0 != first.parameters.memory
+    assert bank.describe_parameter("j4.signal_based.window").description
+
+
+def test_a_list_of_methods_gives_every_device_those_that_suit_it(graph):
+    methods = ["signal_based", "modulated_torque", "link_impedance"]
+    bank = graph.add(partial(EstimatorNode, BANK), devices=["cubic_demo", "maccepavd"], methods=methods)
+    chosen = [[line.method for line in station.lines] for station in bank.stations]
+    assert chosen == [["signal_based", "modulated_torque"], ["link_impedance"]]
+
+
+def test_a_node_of_one_method_has_its_name_and_topics_without_it(graph):
+    node = graph.add(partial(EstimatorNode, single("signal_based")), device="cubic_demo", window=150)
+    assert node.get_name() == "signal_based"
+    assert node.stations[0].lines[0].live.estimator.parameters.window == 150
+    assert graph.node("peer").count_publishers("/cubic_demo/stiffness") == 1
+    assert not node.has_parameter("method")
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "complaint"),
+    [
+        (ESTIMATOR, {"devices": ["cubic_demo", "cubic_demo"]}, "device 'cubic_demo' is given twice"),
+        (ESTIMATOR, {"device": "qbmove_b", "devices": ["qbmove_a"]}, "one device or several, not both"),
+        (ESTIMATOR, {"devices": ["cubic_demo", "nobody"]}, "no device 'nobody'"),
+        (ESTIMATOR, {"devices": ["cubic_demo", "maccepavd"], "method": "link_impedance"}, "none of .* 'cubic_demo'"),
+        (BANK, {"methods": ["magic"]}, "no method 'magic'; there are: auto, modulated_torque"),
+        (BANK, {"methods": ["link_impedance"]}, "'cubic_demo' is not driven by a position servo"),
+        (BANK, {"devices": ["cubic_demo", "maccepavd"], "methods": ["modulated_torque"]}, "none of .* 'maccepavd'"),
+        (BANK, {"devices": ["edinburgh_vsa"]}, "no estimator suits 'edinburgh_vsa'"),
+        (BANK, {"cubic_demo.modulated_torque.window": 1}, r"parameter cubic_demo\.modulated_torque\.window"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(graph, kind, parameters, complaint):
+    overrides = [parameter(name, value) for name, value in parameters.items()]
+    with pytest.raises(ViaError, match=complaint):
+        EstimatorNode(kind, context=graph.context, parameter_overrides=overrides)
+
+
+def test_devices_that_share_a_joint_are_refused(graph, tmp_path):
+    content = yaml.safe_load(load_device("cubic_demo").model_dump_json())
+    path = tmp_path / "joint.yaml"
+    path.write_text(yaml.safe_dump({**content, "wire": {"link": "elbow"}}))
+    overrides = [parameter("devices", [f"left={path}", f"right={path}"])]
+    with pytest.raises(ParameterError, match="devices 'left' and 'right' both have the joint 'elbow'"):
+        EstimatorNode(context=graph.context, parameter_overrides=overrides)

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 import yaml
 from via_controllers.nodes.excitation import ExcitationParameters
-from via_estimators.nodes.estimator import NodeParameters
+from via_estimators.nodes.estimator import EstimatorParameters
 from via_sim.nodes.simulator import SimulatorParameters
 
 PACKAGE = Path(__file__).resolve().parent.parent
 ROOT = PACKAGE.parent
 LAUNCH_FILES = sorted((PACKAGE / "launch").glob("*.launch.py"))
-PARAMETERS = {"simulator": SimulatorParameters, "excitation": ExcitationParameters, "estimator": NodeParameters}
+PARAMETERS = {"simulator": SimulatorParameters, "excitation": ExcitationParameters, "estimator": EstimatorParameters}
 
 
 def calls(file: Path, name: str) -> list[ast.Call]:
@@ -30,7 +30,7 @@ def given(call: ast.Call, key: str) -> object:
 
 
 def test_there_are_launch_files():
-    assert {file.name for file in LAUNCH_FILES} >= {"joint.launch.py", "estimate.launch.py"}
+    assert {file.name for file in LAUNCH_FILES} >= {"arm.launch.py", "joint.launch.py", "estimate.launch.py"}
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
@@ -48,7 +48,7 @@ def test_every_configuration_is_declared_with_a_description(file):
     asked = [*calls(file, "LaunchConfiguration"), *calls(file, "text")]
     used = {call.args[0].value for call in asked if isinstance(call.args[0], ast.Constant)}
     assert used == declared
-    assert "device" in declared
+    assert declared & {"device", "joints"}
     assert all(given(call, "description") for call in calls(file, "DeclareLaunchArgument"))
 
 

@@ -10,7 +10,7 @@ takes 13-17 us with one listener, as bytes 9.
 from __future__ import annotations
 
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
@@ -30,54 +30,80 @@ SIZES = {
 }  # fmt: skip
 
 
+class _Opening(NamedTuple):
+    """Frame and names of a message as they stand in it: a whole stretch to compare at once, but for its padding."""
+
+    names: Names
+    content: bytes  # padding zero
+    mask: np.ndarray  # (n,) uint32, zero where padding is
+
+    def begins(self, data: bytes) -> bool:
+        """Whether a message has the same frame and names; what stands in padding is anything."""
+        if len(data) < AFTER_STAMP + len(self.content):
+            return False
+        words = np.frombuffer(data, np.uint32, len(self.mask), AFTER_STAMP)
+        return (words & self.mask).tobytes() == self.content
+
+
 class JointStateDecoder:
     """Reads serialised JointStates; the names of a stream of messages are decoded once."""
 
     def __init__(self) -> None:
-        self._known: list[tuple[bytes, Names]] = []  # frame and names as bytes: a whole stretch to compare at once
+        self._known: list[_Opening] = []
+        self._turn = 0  # where to look first: devices that send by turns do so in the same order
 
     def decode(self, data: bytes) -> Joints | None:
         """What a message says; None for bytes that are no JointState."""
         try:
             if not data.startswith(NATIVE):
                 return joints_of(deserialize_message(data, JointState), Names(()))
-            for opening, names in self._known:
-                if data.startswith(opening, AFTER_STAMP):
-                    return _joints(data, names, AFTER_STAMP + len(opening))
-            return self._learn(data)
+            opening = self._recognised(data) or self._learn(data)
+            return _joints(data, opening.names, AFTER_STAMP + len(opening.content))
         except (struct.error, ValueError, RuntimeError, MemoryError):
             return None
 
-    def _learn(self, data: bytes) -> Joints:
-        _, at = _text(data, AFTER_STAMP)
-        at += -at % 4
+    def _recognised(self, data: bytes) -> _Opening | None:
+        known = self._known
+        for step in range(len(known)):
+            at = (self._turn + step) % len(known)
+            if known[at].begins(data):
+                self._turn = at + 1
+                return known[at]
+        return None
+
+    def _learn(self, data: bytes) -> _Opening:
+        told = bytearray()
+        _, at = _text(data, AFTER_STAMP, told)
         (count,) = LENGTH.unpack_from(data, at)
-        at += 4
+        told += b"\xff" * LENGTH.size
+        at += LENGTH.size
         names = []
         for _ in range(count):
-            name, at = _text(data, at + -at % 4)
+            name, at = _text(data, at, told)
             names.append(name)
-        known = Names(tuple(names))
-        joints = _joints(data, known, at)
-        self._known = [*self._known[-MOST_NAMES + 1 :], (data[AFTER_STAMP:at], known)]
-        return joints
+        mask = np.frombuffer(told, np.uint32)
+        content = (np.frombuffer(data, np.uint32, len(mask), AFTER_STAMP) & mask).tobytes()
+        opening = _Opening(Names(tuple(names)), content, mask)
+        self._known = [*self._known[-MOST_NAMES + 1 :], opening]
+        return opening
 
 
-def _text(data: bytes, at: int) -> tuple[str, int]:
-    """The string at a place, and the place after it."""
+def _text(data: bytes, at: int, told: bytearray) -> tuple[str, int]:
+    """The string at a place and the place after it and its padding; `told` grows by ones, by zeros for padding."""
     (length,) = LENGTH.unpack_from(data, at)
-    end = at + 4 + length
+    end = at + LENGTH.size + length
+    padding = -end % 4
     if end > len(data):
         raise ValueError("a string ends after its message")
-    return data[at + 4 : end].rstrip(b"\0").decode("utf-8", "replace"), end
+    told += b"\xff" * (LENGTH.size + length) + bytes(padding)
+    return data[at + LENGTH.size : end].rstrip(b"\0").decode("utf-8", "replace"), end + padding
 
 
 def _joints(data: bytes, names: Names, at: int) -> Joints:
     arrays = []
     for _ in FIELDS:
-        at += -at % 4
         (count,) = LENGTH.unpack_from(data, at)
-        at += 4
+        at += LENGTH.size
         if count:
             at += -(at - ENCAPSULATION) % 8
             arrays.append(np.frombuffer(data, np.float64, count, at))

@@ -1,0 +1,114 @@
+"""Messages read and written as bytes: the same as ROS makes of them, whatever names and lengths; junk is none."""
+
+from __future__ import annotations
+
+import array
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate
+from via_ros.conversions import MOST_NAMES, STAMP, Names, joints_of, set_stamp
+from via_ros.serialised import JointStateDecoder, Template
+
+TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
+DOUBLES = st.floats(width=64)
+STAMPS = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)  # [ns]
+
+
+def bits(values):
+    return np.asarray(values, dtype=np.float64).view(np.uint64).tolist()
+
+
+@st.composite
+def joint_states(draw):
+    message = JointState(name=draw(st.lists(TEXTS, max_size=6)))
+    message.header.frame_id = draw(TEXTS)
+    set_stamp(message.header.stamp, draw(STAMPS))
+    for member in ("position", "velocity", "effort"):
+        setattr(message, member, array.array("d", draw(st.lists(DOUBLES, max_size=6))))
+    return message
+
+
+@given(st.lists(joint_states(), min_size=1, max_size=4))
+def test_a_decoded_joint_state_is_what_ros_makes_of_it(messages):
+    decoder = JointStateDecoder()
+    for message in [*messages, *messages]:  # each once with names that are new and once with names that are known
+        data = serialize_message(message)
+        joints = decoder.decode(data)
+        expected = joints_of(deserialize_message(data, JointState), Names(()))
+        assert joints.names.joints == expected.names.joints
+        assert (joints.stamp, joints.stamp_bytes) == (expected.stamp, expected.stamp_bytes)
+        for member in ("position", "velocity", "effort"):
+            assert bits(getattr(joints, member)) == bits(getattr(expected, member))
+
+
+def test_names_are_decoded_once_whatever_stands_in_padding_and_not_kept_for_ever():
+    decoder = JointStateDecoder()
+    first = serialize_message(JointState(name=["a", "b"], position=[1.0, 2.0]))
+    again = bytearray(serialize_message(JointState(name=["a", "b"], position=[3.0])))
+    assert (again[28:30], again[36:38]) == (b"a\0", b"b\0")
+    for at in (17, 18, 19, 30, 31, 38, 39):
+        again[at] ^= 0x5A
+    assert decoder.decode(first).names is decoder.decode(bytes(again)).names
+    for k in range(2 * MOST_NAMES):
+        assert decoder.decode(serialize_message(JointState(name=[f"joint {k}"]))).names.joints == (f"joint {k}",)
+    assert len(decoder._known) == MOST_NAMES
+
+
+@given(st.binary(max_size=200))
+def test_junk_is_no_message(data):
+    for junk in (data, b"\x00\x01\x00\x00" + data):
+        decoder = JointStateDecoder()
+        joints = decoder.decode(junk)
+        assert joints is None or junk.startswith(b"\x00\x01")  # some junk happens to be one
+
+
+@given(st.integers(0, 150))
+def test_a_message_cut_short_is_none(length):
+    message = JointState(name=["shaft", "motor"], position=[1.0, 2.0], velocity=[3.0, 4.0], effort=[5.0, 6.0])
+    data = serialize_message(message)
+    decoder = JointStateDecoder()
+    assert decoder.decode(data) is not None
+    last = data.index(np.float64(6.0).tobytes()) + 8
+    assert (decoder.decode(data[:length]) is None) == (length < last)
+
+
+LENGTHS = st.integers(0, 3)
+
+
+@given(
+    st.sampled_from([StiffnessEstimate, DampingEstimate, MotorEstimate]), LENGTHS, LENGTHS, TEXTS, TEXTS, STAMPS,
+    st.integers(0, 2**64 - 1), st.integers(0, 255), st.data(),
+)  # fmt: skip
+def test_a_template_writes_what_ros_would(kind, first, second, frame, method, stamp, sequence, status, data):
+    message = kind(method=method)
+    message.header.frame_id = frame
+    doubles = [name for name, type_ in message.get_fields_and_field_types().items() if "double" in type_]
+    for name, length in zip(doubles, [first, second, first, second], strict=False):
+        if isinstance(getattr(message, name), array.array):
+            setattr(message, name, [0.0] * length)
+    template = Template(message)
+    places = {name: template.places(name) for name in doubles}
+    flat = np.array([at for each in places.values() for at in each], dtype=np.intp)
+    values = np.array(data.draw(st.lists(DOUBLES, min_size=len(flat), max_size=len(flat))), dtype=np.float64)
+    set_stamp(message.header.stamp, stamp)
+    written = template.write(
+        STAMP.pack(message.header.stamp.sec, message.header.stamp.nanosec), sequence, status, flat, values
+    )
+    got = deserialize_message(written, kind)
+    assert (got.header, got.sequence, got.status, got.method) == (message.header, sequence, status, method)
+    assert bits(values) == bits([each for name in doubles for each in np.atleast_1d(getattr(got, name))])
+    assert template.write(bytes(8), 0, 0, flat, values) != written or (stamp, sequence, status) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("kind", [StiffnessEstimate, DampingEstimate, MotorEstimate])
+def test_what_a_template_wrote_stays_as_it_was(kind):
+    template = Template(kind())
+    nothing = np.array([], dtype=np.intp)
+    first = template.write(bytes(8), 1, 0, nothing, np.empty(0))
+    template.write(bytes(8), 2, 0, nothing, np.empty(0))
+    assert deserialize_message(first, kind).sequence == 1

@@ -1,0 +1,82 @@
+"""An arm of simulated joints and one node that estimates all of them, several methods side by side.
+
+ros2 launch via_bringup arm.launch.py
+ros2 launch via_bringup arm.launch.py joints:="shoulder=qbmove_a elbow=qbmove_b" methods:=auto
+
+Every joint has a simulator and a controller of its own; their joint states arrive as separate messages. Estimates come
+on /<joint>/<method>/stiffness and so on. For a robot start the bank alone, with `simulated:=false`.
+"""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+from via_core.devices import load_device
+
+MOTION = {
+    "equilibrium_amplitudes": [0.2, 0.1],  # [rad]
+    "equilibrium_frequencies": [0.7, 1.9],  # [Hz]
+    "preset_mean": 0.4,  # [rad]
+    "preset_amplitudes": [0.1],  # [rad]
+    "preset_frequencies": [0.3],  # [Hz]
+}
+
+
+def nodes(context: LaunchContext) -> list[Node]:
+    """One simulator and one controller per joint, and the bank."""
+    file = LaunchConfiguration("parameters").perform(context)
+    joints = LaunchConfiguration("joints").perform(context).split()
+    methods = LaunchConfiguration("methods").perform(context).split()
+    simulated = IfCondition(LaunchConfiguration("simulated"))
+    started = [
+        Node(
+            package="via_estimators",
+            executable="estimator_bank",
+            parameters=[file, {"devices": joints, "methods": methods}],
+            output="screen",
+        )
+    ]
+    for seed, joint in enumerate(joints):
+        name = load_device(joint).name
+        started += [
+            Node(
+                package="via_sim",
+                executable="simulator",
+                name=f"{name}_simulator",
+                # Time begins when the bank and all controllers listen.
+                parameters=[{"device": joint, "seed": seed, "truth": True, "listeners": 1 + len(joints)}],
+                condition=simulated,
+                output="screen",
+            ),
+            Node(
+                package="via_controllers",
+                executable="excitation",
+                name=f"{name}_excitation",
+                parameters=[MOTION, {"device": joint}],
+                condition=simulated,
+                output="screen",
+            ),
+        ]
+    return started
+
+
+def generate_launch_description() -> LaunchDescription:
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                "joints",
+                default_value="j1=qbmove_a j2=qbmove_a j3=qbmove_a j4=qbmove_a",
+                description="joints, separated by spaces: each a device, the path of its file, or name=either",
+            ),
+            DeclareLaunchArgument("methods", default_value="all", description="auto, all or names of estimators"),
+            DeclareLaunchArgument("simulated", default_value="true", description="false: a robot is there"),
+            DeclareLaunchArgument(
+                "parameters",
+                default_value=PathJoinSubstitution([FindPackageShare("via_bringup"), "config", "arm.yaml"]),
+                description="parameter file of the bank",
+            ),
+            OpaqueFunction(function=nodes),
+        ]
+    )
