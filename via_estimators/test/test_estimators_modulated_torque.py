@@ -295,3 +295,19 @@ def test_deviations_hold_for_noise_on_angles_too(joints):
             assert 0.7 <= deviations[:, -1].mean() / errors[:, -1].std() <= 1.4
     assert 0.8 <= ratios[1e-3] <= 1.25
     assert ratios[0.0] < 0.5
+
+
+def test_noise_of_encoders_that_comes_in_through_the_spring_counts():
+    """Most of the residuals is psi''; what B and D suffer from is sigma(phi) n through psi, which they do not show."""
+    rows, _ = planted()
+    estimator = ModulatedTorque(replace(ONE.parameters, truncation=0.0, torque_noise=0.01, position_noise=1e-3))
+    found, reported = [], []
+    for seed in range(60):
+        rng, noisy = np.random.default_rng(seed), rows.copy()
+        noisy[:, 3] += 0.01 * rng.normal(size=len(rows))
+        noisy[:, 1:3] += 1e-3 * rng.normal(size=(len(rows), 2))
+        _, estimates = estimator.run_rows(noisy)
+        found.append(estimates.value[-1])
+        reported.append(estimates.standard_deviation[-1])
+    ratio = np.sqrt(np.mean(np.square(reported), axis=0)) / np.std(found, axis=0)
+    assert np.all((ratio > 0.8) & (ratio < 1.25))

@@ -15,7 +15,9 @@ All is in scaled unknowns x_j = (a_j - prior_j) / prior_deviation_j and rows div
 that the prior is the unit matrix and column scaling comes free. A prior that is no belief but a number to start with
 (P(0) of the document) may be narrower than what one believes: `beliefs` holds the variances of x, 1 unless overwritten.
 Forgetting would let directions without excitation drift; each step therefore leaks as much as it forgets towards the
-current estimate (proximal), which keeps P <= 1 and lets standard deviations grow back to the prior's, no further.
+current estimate (proximal), which keeps P <= 1 and lets standard deviations grow back to the prior's. The leak holds
+on to noise as well as to the estimate, and M is carried along accordingly. The prior counts in full all the while (what
+one does not look at may have changed), so in directions hardly excited deviations are rather too large, by up to half.
 
 One equation's state is a flat row; `size` and the index constants below lay it out.
 """
@@ -121,6 +123,30 @@ def lags(r: Array, slot: int, keep: float, out: Array) -> None:
         at = at - 1 if at > 0 else length - 1
 
 
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def _transport(R: Array, keep: float, M: Array) -> None:
+    """M (3, n, n) after a step of forgetting and leaking: A M A with A = lambda + (1 - lambda) P, P before that step.
+
+    What R'R makes of the error of x is A times what it was, plus the new row's noise. So noise stays in an estimate
+    where the leak holds it (P = 1), and is forgotten only where rows replace it (P = 0). To the second order of
+    1 - lambda, and exactly at both ends, A M A = lambda^2 M + (1 - lambda^2) (P M + M P) / 2.
+    """
+    n = R.shape[0]
+    inverse, P, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    inverse_normal(R, inverse, P)
+    faded = keep * keep
+    for c in range(COLOURS):
+        half[:, :] = 0.0
+        for i in range(n):
+            for k in range(n):
+                for j in range(n):
+                    half[i, j] += P[i, k] * M[c, k, j]
+        for i in range(n):
+            for j in range(i, n):
+                M[c, i, j] = faded * M[c, i, j] + 0.5 * (1.0 - faded) * (half[i, j] + half[j, i])
+                M[c, j, i] = M[c, i, j]
+
+
 @njit(cache=True, error_model="numpy")
 def forget(state: Array, n: int, keep: float) -> None:
     """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it."""
@@ -129,10 +155,9 @@ def forget(state: Array, n: int, keep: float) -> None:
     x, p, pulled = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], state[HEAD + 2 * n : HEAD + 3 * n]
     R = factor(state, n)
     root, leak = sqrt(keep), sqrt(1.0 - keep)
+    _transport(R, keep, middles(state, n))
     p *= root
     R *= root
-    M = state[HEAD + 4 * n + n * n : HEAD + 4 * n + (1 + COLOURS) * n * n]
-    M *= keep * keep
     state[WEIGHT] *= keep
     state[MISFIT] *= keep
     state[SCATTER] *= keep
@@ -178,10 +203,12 @@ def take(state: Array, n: int, slot: int, row: Array, y: float, lagged: Array) -
 
 
 @njit(cache=True, error_model="numpy")
-def covariance(state: Array, n: int, r: Array, first: float, second: float, out: Array) -> float:
+def covariance(state: Array, n: int, r: Array, first: float, second: float, floor: float, out: Array) -> float:
     """Covariance (n, n) of the unknowns x into `out`; returns the variance of the torque noise found.
 
     first, second  variance of position noise times its squared gain through psi' and psi''
+    floor          variance of torque noise that is there in any case: where position noise through psi'' is most of
+                   the residuals, they tell nothing of what comes in through psi
     """
     R, M, believed = factor(state, n), middles(state, n), beliefs(state, n)
     inverse, P, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
@@ -193,7 +220,7 @@ def covariance(state: Array, n: int, r: Array, first: float, second: float, out:
     for j in range(n):
         residual -= (state[HEAD + j] - state[HEAD + 2 * n + j]) ** 2
     unexplained = max(residual - first * expected[1] - second * expected[2], 0.0)
-    noise = (PRIOR_WEIGHT + unexplained) / (PRIOR_WEIGHT + expected[0])
+    noise = max((PRIOR_WEIGHT + unexplained) / (PRIOR_WEIGHT + expected[0]), floor)
     for i in range(n):
         for j in range(n):
             total = P[i, j] * believed[j]  # the prior, and what has leaked since: a diagonal matrix in the middle

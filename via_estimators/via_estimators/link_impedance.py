@@ -254,7 +254,7 @@ def _advance(
             for j in range(n):
                 found[j] = mean[j] + width[j] * x[j]
             gain = (blur / noise) ** 2
-            coloured.covariance(equation, n, r, gain * (found[0] / span) ** 2, gain * (M / span**2) ** 2, P)
+            coloured.covariance(equation, n, r, gain * (found[0] / span) ** 2, gain * (M / span**2) ** 2, 0.0, P)
             for j in range(n):
                 half[j] = sqrt(width[j] ** 2 * max(P[j, j], 0.0) + (par[TOLERANCE] * found[j]) ** 2)
         stiffness = spring_stiffness(kind, law, phi, servo[PRESET])

@@ -42,7 +42,8 @@ from via_estimators.contract import Estimator, Parameters, expect, parameter
 BEYOND = 100.0  # [rad] deflections larger than that are no deflections
 LENGTH, TRANSMISSIONS, TERMS, ORDER, MEMORY, MAX_GAP, WIDTH, UNKNOWN, TORQUE_NOISE, POSITION_NOISE = range(10)
 MINIMUM_MOTION, MARGIN, MOTORS = range(10, 13)  # then B and D of each motor
-LOW, HIGH, ANY, N_VISITED = range(4)  # smallest and largest deflection visited, whether any was
+# Smallest and largest deflection visited, whether any was, mean of the squared stiffness there.
+LOW, HIGH, ANY, SQUARED, N_VISITED = range(5)
 OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
 
 
@@ -274,7 +275,8 @@ def _advance(
             stiffness, bend, uncertain = 0.0, 0.0, par[UNKNOWN] ** 2
             if not warming:
                 gain = (blur / noise) ** 2
-                coloured.covariance(equation, n, r, gain * (D / span) ** 2, gain * (B / span**2) ** 2, P)
+                through = 2.0 * gain * visited[SQUARED]  # noise of both angles, a torque by way of the spring
+                coloured.covariance(equation, n, r, gain * (D / span) ** 2, gain * (B / span**2) ** 2, through, P)
                 for j in range(n):
                     slope[j] = width * powers[i, j]
                     stiffness += slope[j] * alpha[j]
@@ -283,6 +285,9 @@ def _advance(
                 for j in range(n):
                     for o in range(n):
                         uncertain += slope[j] * P[j, o] * slope[o]
+            if moving and not warming:
+                counted = min(equation[coloured.TAKEN] - length + 1.0, equation[coloured.WEIGHT])
+                visited[SQUARED] += (stiffness * stiffness - visited[SQUARED]) / counted
             # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
             floor = 0.0 if warming or moving else 1.0
             now[1 + i] = stiffness

@@ -8,8 +8,8 @@ modulating function psi that vanishes with its derivatives at both ends of a sli
 so that sigma(phi) = sum_p a_p (phi/s)^(p-1): every a_p [N m/rad] is a share of stiffness at deflection scale s. Odd
 powers p = 1, 3, ..; a law that is not skew-symmetric (springs pretensioned against each other) needs 0, 2, 4, .. too.
 Departures from the document, each measured to help (estimation.md): the equation is not differentiated first, B and D
-are unknowns, the basis is odd, psi is w_55 by default and not w_33, the update is QR with a prior, and standard deviations know
-the colour of the noise (`coloured`).
+are unknowns, the basis is odd, psi is w_55 by default and not w_33, the update is QR with a prior, and standard
+deviations know the colour of the noise (`coloured`).
 
 Samples need not be equidistant: the stamps make the weights (via_core.weak_form), and a constant added to q and theta
 changes nothing.
@@ -44,7 +44,8 @@ MOST_TERMS = 6
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
 LENGTH, TRANSMISSIONS, ORDER, EVEN, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, SCALE = range(9)
 MINIMUM_MOTION, MARGIN, TRUNCATION, MODULATING, PRIOR = range(9, 14)
-LOW, HIGH, ANY, N_VISITED = range(4)  # smallest and largest deflection visited (its size, if odd), whether any was
+# Smallest and largest deflection visited (its size, if odd), whether any was, mean of the squared stiffness there.
+LOW, HIGH, ANY, SQUARED, N_VISITED = range(5)
 OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
 
 
@@ -293,7 +294,8 @@ def _advance(
                     P[j, j] = 1.0
             else:
                 gain = (blur / noise) ** 2
-                coloured.covariance(equation, n, r, gain * (D / span) ** 2, gain * (B / span**2) ** 2, P)
+                through = 2.0 * gain * visited[SQUARED]  # noise of both angles, a torque by way of the spring
+                coloured.covariance(equation, n, r, gain * (D / span) ** 2, gain * (B / span**2) ** 2, through, P)
             stiffness, bend = 0.0, 0.0
             for term in range(order + even):
                 p, j = _power(term, order), 2 + term
@@ -312,6 +314,9 @@ def _advance(
                 if even > 1:
                     tail += _tail(order + even - 1, order, far, mean, width, x, P)
                 uncertain += par[TRUNCATION] ** 2 * tail
+            if moving and not warming:
+                counted = min(equation[coloured.TAKEN] - length + 1.0, equation[coloured.WEIGHT])
+                visited[SQUARED] += (stiffness * stiffness - visited[SQUARED]) / counted
             # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
             floor = 0.0 if warming or moving else 1.0
             at_i, at_B, at_D = 1 + i, 1 + m + i, 1 + 2 * m + i
