@@ -1,0 +1,195 @@
+"""The blind joints: four families with numbers drawn around the shipped devices, as device files.
+
+A joint is two device files that differ in numbers alone: the true one, from which MuJoCo's model is built, and the
+nominal one, which the lab believes and the diagnosis gets: every inertia, friction and stiffness off by up to 5 %.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from math import pi
+from typing import Any
+
+import yaml
+from numpy.random import Generator
+from via_core.devices import Device, parse_device
+
+NAME = "joint"
+FAMILIES = ("stiff", "series_elastic", "polynomial_pair", "exponential_pair", "variable_damping")
+TOLERANCE = 0.05  # relative, of every inertia, friction and stiffness of the nominal file
+Content = dict[str, Any]
+
+
+def device_of(content: Content) -> Device:
+    return parse_device(as_yaml(content), "joint.yaml")
+
+
+def as_yaml(content: Content) -> str:
+    """The text of a device file."""
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+
+
+def draw_joint(rng: Generator, family: str) -> Content:
+    """A true joint of `family`."""
+    content: Content = {
+        "name": NAME,
+        "title": "One joint on a test bench",
+        "source": ["data sheet and drawings of the bench"],
+        "confidence": "identified",
+    }
+    return content | _FAMILIES[family](rng)
+
+
+def believed(rng: Generator, true: Content) -> tuple[Content, dict[str, float]]:
+    """The nominal device file of a true joint, and the relative error of each of its numbers."""
+    content, errors = deepcopy(true), {}
+
+    def off(part: Content, where: str, *keys: str) -> None:
+        """One factor for all `keys`."""
+        there = [key for key in keys if part.get(key)]
+        if there:
+            factor = 1.0 + float(rng.uniform(-TOLERANCE, TOLERANCE))
+            errors[f"{where}.{there[0]}"] = round(factor - 1.0, 6)
+            for key in there:
+                value = part[key]
+                part[key] = [_round(v * factor) for v in value] if isinstance(value, list) else _round(value * factor)
+
+    for key in ("inertia", "viscous_friction", "coulomb_friction"):
+        off(content["link"], "link", key)
+        for i, motor in enumerate(content["motors"]):
+            off(motor, f"motors.{i}", key)
+    for i, spring in enumerate(content["springs"]):
+        off(spring, f"springs.{i}", "stiffness", "coefficient", "odd_coefficients", "k")
+    return content, errors
+
+
+def _round(value: float) -> float:
+    return float(f"{value:.6g}")
+
+
+def _between(rng: Generator, low: float, high: float) -> float:
+    """Log-uniform."""
+    return _round(float(low * (high / low) ** rng.uniform()))
+
+
+def _gravity(rng: Generator, link: Content, size: float) -> Content:
+    """Three joints of five swing in a vertical plane."""
+    if rng.uniform() < 0.6:
+        link |= {
+            "gravity_torque": _between(rng, 0.3 * size, size),
+            "gravity_angle": _round(float(rng.uniform(-0.3, 0.3))),
+        }
+    return link
+
+
+def _sensors(rng: Generator, torque: float) -> Content:
+    """16-bit encoders or thereabouts, a torque noise in proportion to the torques of the joint."""
+    step, own = (_round(2.0 * pi / 2 ** int(rng.integers(14, 18))) for _ in range(2))
+    return {
+        "rate": float(rng.choice([1000.0, 1000.0, 500.0])),
+        "link_quantum": step,
+        "motor_quantum": own,
+        "torque_noise": _between(rng, 0.002 * torque, 0.02 * torque),
+    }
+
+
+def _motor(rng: Generator, inertia: float, viscous: float, dry: float, limit: float) -> Content:
+    motor: Content = {"inertia": _between(rng, 0.7 * inertia, 1.4 * inertia)}
+    motor["viscous_friction"] = _between(rng, 0.7 * viscous, 1.4 * viscous)
+    if rng.uniform() < 0.3:
+        motor["coulomb_friction"] = _between(rng, 0.5 * dry, dry)
+    return motor | {"torque_limit": limit}
+
+
+def _stiff(rng: Generator) -> Content:
+    """A geared joint: a stiff spring between motor and link, little more than rigid."""
+    link = {"inertia": _between(rng, 0.02, 0.08), "viscous_friction": _between(rng, 0.01, 0.06)}
+    return {
+        "arrangement": "flexible",
+        "link": _gravity(rng, link, 1.5),
+        "motors": [_motor(rng, 0.03, 0.2, 0.03, 20.0)],
+        "springs": [{"law": "linear", "stiffness": _between(rng, 150.0, 600.0), "max_deflection": 0.3}],
+        "sensors": _sensors(rng, 1.5),
+    }
+
+
+def _series_elastic(rng: Generator) -> Content:
+    link = {"inertia": _between(rng, 0.01, 0.05), "viscous_friction": _between(rng, 0.01, 0.03)}
+    stiffness = _between(rng, 6.0, 50.0)
+    spring: Content = {"law": "linear", "stiffness": stiffness, "max_deflection": 1.5}
+    if rng.uniform() < 0.5:
+        hardening = _round(stiffness * float(rng.uniform(0.5, 3.0)))
+        spring = {"law": "odd_polynomial", "odd_coefficients": [stiffness, hardening], "max_deflection": 1.5}
+    return {
+        "arrangement": "flexible",
+        "link": _gravity(rng, link, 0.8),
+        "motors": [_motor(rng, 0.015, 0.12, 0.02, 10.0)],
+        "springs": [spring],
+        "sensors": _sensors(rng, 1.0),
+    }
+
+
+def _pair(rng: Generator, spring: Content, inertia: float, torque: float, weight: float) -> Content:
+    link = {"inertia": _between(rng, 0.7 * inertia, 2.0 * inertia), "viscous_friction": _between(rng, 0.008, 0.02)}
+    motor = _motor(rng, 0.015, 0.15, 0.02, 10.0)
+    return {
+        "arrangement": "antagonistic",
+        "link": _gravity(rng, link, weight),
+        "motors": [dict(motor), dict(motor)],
+        "springs": [dict(spring), dict(spring)],
+        "sensors": _sensors(rng, torque),
+    }
+
+
+def _polynomial_pair(rng: Generator) -> Content:
+    """Around cubic_demo."""
+    spring: Content = {"law": "cubic", "coefficient": _between(rng, 7.0, 14.0), "max_deflection": 1.5}
+    if rng.uniform() < 0.5:
+        coefficients = [_between(rng, 0.5, 3.0), _between(rng, 5.0, 14.0)]
+        spring = {"law": "odd_polynomial", "odd_coefficients": coefficients, "max_deflection": 1.5}
+    return _pair(rng, spring, 0.015, 1.0, 0.5)
+
+
+def _exponential_pair(rng: Generator) -> Content:
+    """Around the qbmoves."""
+    spring = {
+        "law": "sinh",
+        "k": _between(rng, 0.004, 0.02),
+        "a": _round(float(rng.uniform(7.0, 9.5))),
+        "max_deflection": 1.0,
+    }
+    return _pair(rng, spring, 0.006, 1.0, 0.2)
+
+
+def _variable_damping(rng: Generator) -> Content:
+    """Around maccepavd, with finer encoders."""
+    lever, base = _between(rng, 0.03, 0.045), _between(rng, 0.11, 0.15)
+    step, own = (_round(2.0 * pi / 2 ** int(rng.integers(14, 18))) for _ in range(2))
+    return {
+        "arrangement": "serial",
+        "drive": "servo",
+        "link": {"inertia": _between(rng, 2.5e-3, 6e-3), "viscous_friction": _between(rng, 0.005, 0.012)},
+        "motors": [{"bandwidth": _between(rng, 18.0, 35.0)} for _ in range(2)],
+        "springs": [
+            {
+                "law": "maccepa",
+                "k": _between(rng, 250.0, 500.0),
+                "lever": lever,
+                "base": base,
+                "free_length": _round(base - lever),
+                "drum_radius": _between(rng, 0.01, 0.02),
+                "max_deflection": 1.57,
+            }
+        ],
+        "damper": {"site": "link", "map": "two_stage", "stage": _between(rng, 0.01, 0.03), "second": 0.848},
+        "sensors": {"rate": float(rng.choice([500.0, 250.0])), "link_quantum": step, "motor_quantum": own},
+    }
+
+
+_FAMILIES = {
+    "stiff": _stiff,
+    "series_elastic": _series_elastic,
+    "polynomial_pair": _polynomial_pair,
+    "exponential_pair": _exponential_pair,
+    "variable_damping": _variable_damping,
+}

@@ -1,0 +1,122 @@
+"""Everything a blind joint is beside its device file, as one frozen record whose defaults change nothing.
+
+Axes are numbered 0 link, 1 and 2 motors; transmissions 0 and 1. Which part of MuJoCo carries a field, and which few
+fields have no such part and are torques of `stepping`, is said at each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+Three = tuple[float, float, float]
+Two = tuple[float, float]
+NO_AXIS: Three = (0.0, 0.0, 0.0)
+NO_MOTOR: Two = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Physics:
+    """What is added to the joint of a device file. Entries per axis (link, motor 1, motor 2) or per motor."""
+
+    # MuJoCo's own parts
+    friction: Three = NO_AXIS  # [N m] dof_frictionloss
+    viscous: Three = NO_AXIS  # [N m s/rad] dof_damping
+    drag: Three = NO_AXIS  # [N m s^2/rad^2] dof_dampingpoly
+    gap: Two = NO_MOTOR  # [rad] dead band of the tendon's rest length
+    rest: Two = NO_MOTOR  # [rad] shift of the tendon's rest length, as if the motor stood further by this
+    slip_stiffness: Two = NO_MOTOR  # [N m/rad] of a tendon with plastic yield beside the spring
+    slip_torque: Two = NO_MOTOR  # [N m] at which it yields
+    spring_damping: Two = NO_MOTOR  # [N m s/rad] tendon_damping
+    gain: Two = (1.0, 1.0)  # [-] gain of the actuator
+    bias: Two = NO_MOTOR  # [N m] bias of the actuator
+    limit: Two = (float("inf"), float("inf"))  # [N m] force range of the actuator
+    lag: float = 0.0  # [s] activation filter of the actuators
+    delay: float = 0.0  # [s] delay of the actuators
+    inertia: float = 1.0  # [-] factor on the link's inertia about its axis
+    gravity: float = 1.0  # [-] factor on the link's gravity torque
+    gravity_turn: float = 0.0  # [rad] turn of the direction of gravity
+    payload_mass: float = 0.0  # [kg] a body on the link
+    payload_arm: float = 0.0  # [m]
+    wall: float = float("inf")  # [rad] link angle at which its tip touches a plane
+    wall_side: float = 1.0  # +1 the plane stops positive motion, -1 negative
+    wall_stiffness: float = 0.0  # [N m/rad] solref of the contact
+    wall_damping: float = 0.0  # [N m s/rad]
+    follower_inertia: float = 0.0  # [kg m^2] a further body on a tendon from the link: a mode of its own
+    follower_stiffness: float = 0.0  # [N m/rad]
+    follower_damping: float = 0.0  # [N m s/rad]
+    # dof_frictionloss and dof_damping rewritten at every substep
+    uneven: Three = NO_AXIS  # [N m] dry friction forwards minus backwards, over two
+    uneven_viscous: Three = NO_AXIS  # [N m s/rad] added while the axis moves forwards, taken off while backwards
+    breakaway: Three = NO_AXIS  # [N m] excess of dry friction at rest
+    stribeck_velocity: Three = (1.0, 1.0, 1.0)  # [rad/s]
+    load_friction: Three = NO_AXIS  # [-] dry friction per torque in the transmission
+    texture: Three = NO_AXIS  # [N m] dry friction that changes with the angle
+    texture_order: Three = NO_AXIS  # [1/rev]
+    warm_friction: Three = NO_AXIS  # [N m] dry friction of a cold joint
+    warming_energy: Three = (1.0, 1.0, 1.0)  # [J] dissipated, after which 1/e of it is left
+    # torques of `stepping`
+    bristle: Three = NO_AXIS  # [N m] presliding friction at which the bristle slides
+    bristle_length: Three = (1.0, 1.0, 1.0)  # [rad] deflection at which it does
+    ripple: Two = NO_MOTOR  # [N m]
+    ripple_order: Two = NO_MOTOR  # [1/rev]
+    ripple_phase: Two = NO_MOTOR  # [rad]
+    hardening: Two = NO_MOTOR  # [1/rad^2] spring torque times (1 + hardening phi^2)
+    drift: Two = NO_MOTOR  # [1/s] spring torque times (1 + drift t)
+    soften: Two = NO_MOTOR  # [rad] spring torque times phi^2 / (phi^2 + soften^2)
+    relaxing: Two = NO_MOTOR  # [N m/rad] stiffness of a spring in series with a damper beside the spring
+    relaxation: Two = (1.0, 1.0)  # [s] its time constant
+    preset_shift: float = 0.0  # [rad] of the preset motor's drum (serial)
+    sag: Two = NO_MOTOR  # [1/W] share of the torque lost per mechanical power
+    # sensors
+    offset: Three = NO_AXIS  # [rad]
+    eccentricity: Three = NO_AXIS  # [rad]
+    eccentric_order: Three = (1.0, 1.0, 1.0)  # [1/rev]
+    eccentric_phase: Three = NO_AXIS  # [rad]
+    quantum: Three = NO_AXIS  # [rad] where it is above the device file's
+    skew: Three = NO_AXIS  # [s] channel late by this
+    sensed_gain: Two = (1.0, 1.0)  # [-] torque shown per torque commanded
+    sensed_bias: Two = NO_MOTOR  # [N m] torque shown beside it
+    skipping: float = 0.0  # [rad] step by which the link's encoder slips now and then
+    # environment
+    push: float = 0.0  # [N m] torque on the link, constant from `push_from` to `push_until`
+    push_from: float = 0.0  # [s]
+    push_until: float = float("inf")  # [s]
+    coupling: float = 0.0  # [N m/rad] torque on the link per angle of the neighbouring joint
+    neighbour_period: float = 0.0  # [s] of that joint's swing, 0.5 rad to either side; 0: there is none
+    unrest: float = 0.0  # [N m] standard deviation of a random torque on the link
+    unrest_time: float = 1.0  # [s] its correlation time
+
+    def __post_init__(self) -> None:
+        for each in fields(self):  # numbers of numpy would be written into the model with their type
+            value = getattr(self, each.name)
+            plain = tuple(map(float, value)) if isinstance(value, tuple) else float(value)
+            object.__setattr__(self, each.name, plain)
+
+    def with_(self, **changes: Any) -> Physics:
+        return replace(self, **changes)
+
+    def joined(self, other: Physics) -> Physics:
+        """Both at once. Raises ValueError where both change one field."""
+        mine = mine_of(self)
+        theirs = {name: getattr(other, name) for name in mine_of(other)}
+        if mine & theirs.keys():
+            raise ValueError(f"both change {', '.join(sorted(mine & theirs.keys()))}")
+        return replace(self, **theirs)
+
+
+def mine_of(physics: Physics) -> set[str]:
+    """Names of the fields that a Physics changes."""
+    neutral = Physics()
+    return {f.name for f in fields(physics) if getattr(physics, f.name) != getattr(neutral, f.name)}
+
+
+def at(axis: int, value: float, others: float = 0.0) -> Three:
+    """`value` at one axis, `others` at the rest."""
+    first, second, third = (value if i == axis else others for i in range(3))
+    return first, second, third
+
+
+def of_motor(motor: int, value: float, others: float = 0.0) -> Two:
+    """`value` at motor (or transmission) 1 or 2."""
+    return (value, others) if motor == 1 else (others, value)
