@@ -10,6 +10,7 @@ setup(
     maintainer="VIA maintainers",
     maintainer_email="maintainers@via.example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
+    package_data={package: ["calibration.yaml", "gap_report.schema.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

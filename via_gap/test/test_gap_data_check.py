@@ -1,0 +1,92 @@
+"""The data check: each trouble planted alone is found, named and weighed; a clean log passes without a word."""
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of
+from hypothesis import given
+from hypothesis import strategies as st
+from via_core.signals import Signals
+from via_gap.data_check import check_log, step_of
+from via_gap.log import JointLog
+
+
+def changed(log: JointLog, keep=None, **channels) -> JointLog:
+    measured = log.measured
+    values = {**measured.channels, **channels}
+    keep = np.ones(len(measured), bool) if keep is None else keep
+    kept = Signals(measured.time[keep], {name: each[keep] for name, each in values.items()}, measured.units)
+    return JointLog(log.name, log.device, kept, log.commands)
+
+
+def findings(log: JointLog) -> dict[str, str]:
+    return {f.check: f.severity for f in check_log(log)}
+
+
+@pytest.fixture(scope="module")
+def clean() -> JointLog:
+    return log_of(flexible(), (), seed=11, duration=6.0)
+
+
+def test_a_clean_log_passes_without_a_word(clean):
+    assert check_log(clean) == []
+
+
+def test_gaps_are_counted_and_measured(clean):
+    keep = np.ones(len(clean.measured), bool)
+    keep[1000:1100] = keep[2000:2030] = False
+    (found,) = check_log(changed(clean, keep))
+    assert (found.check, found.severity, found.value) == ("gaps", "note", 2.0)
+    assert "0.101 s" in found.text
+
+
+def test_a_link_angle_that_never_changes_is_refused(clean):
+    assert findings(changed(clean, q=np.full(len(clean.measured), 0.3)))["stale"] == "refuse"
+
+
+def test_a_log_without_any_drive_is_refused(clean):
+    blind = Signals(clean.measured.time, {"q": clean.measured["q"]}, {"q": "rad"})
+    assert findings(JointLog("blind", clean.device, blind, None))["drive"] == "refuse"
+
+
+def test_single_samples_that_jump_are_outliers(clean):
+    q = clean.measured["q"].copy()
+    q[[500, 900, 2500]] += 0.7
+    (found,) = check_log(changed(clean, q=q))
+    assert (found.check, found.value) == ("outliers", 3.0)
+
+
+def test_a_torque_that_follows_its_command_late_is_skewed(clean):
+    tau = np.roll(clean.measured["tau"], 4, axis=0)
+    tau[:4] = 0.0
+    found = {f.check: f for f in check_log(changed(clean, tau=tau))}
+    assert found["skew"].value == pytest.approx(0.004, abs=1e-6)
+
+
+def test_a_torque_that_the_angles_give_speaks_of_the_controller(clean):
+    theta, q = clean.measured["theta"][:, 0], clean.measured["q"]
+    tau = (-8.0 * theta + 2.0 * q - 0.5 * theta**3)[:, None]
+    assert findings(changed(clean, tau=tau))["torque of angle"] == "downgrade"
+
+
+def test_a_coarser_encoder_than_the_file_says_shows_its_step(clean):
+    q = 0.002 * np.rint(clean.measured["q"] / 0.002)
+    (found,) = check_log(changed(clean, q=q))
+    assert found.check == "quantisation"
+    assert found.value == pytest.approx(0.002, rel=1e-3)
+
+
+@given(st.floats(1e-5, 1e-2), st.integers(0, 2**32 - 1))
+def test_the_step_of_readings_is_found(step, seed):
+    angles = np.cumsum(np.random.default_rng(seed).normal(size=4000)) * 5.0 * step
+    assert step_of(step * np.rint(angles / step)) == pytest.approx(step, rel=1e-3)
+
+
+def test_readings_without_a_grid_have_no_step():
+    assert step_of(np.cumsum(np.random.default_rng(3).normal(size=4000))) == 0.0
+
+
+def test_short_and_slow_logs_are_refused(clean):
+    first = np.arange(len(clean.measured)) < 500
+    assert findings(changed(clean, first))["duration"] == "refuse"
+    rare = np.arange(len(clean.measured)) % 40 == 0
+    assert findings(changed(clean, rare))["rate"] == "refuse"

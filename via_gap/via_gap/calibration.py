@@ -1,0 +1,32 @@
+"""The frozen numbers of `calibration.yaml`."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import resources
+
+import yaml
+from pydantic import BaseModel, ConfigDict
+
+
+class Calibration(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    version: int
+    no_gap: float
+    no_gap_gain: float
+    explained: float
+    explained_share: float
+    second_gain: float
+    significance: float
+    margin: float
+    temperature: float
+    signature: float
+    largest_set: int
+
+
+@cache
+def calibration() -> Calibration:
+    """The numbers that ship."""
+    text = resources.files("via_gap").joinpath("calibration.yaml").read_text(encoding="utf-8")
+    return Calibration.model_validate(yaml.safe_load(text))

@@ -1,0 +1,220 @@
+"""Fit every candidate cause together with the device's own numbers.
+
+First a screen: at each start of each candidate one simulation gives the direction in which the effect moves the
+residual; how much of the residual lies in that direction, once the nuisance parameters have taken theirs, ranks the
+candidates. The best are refined by Gauss-Newton with finite differences, inside the effects' bounds, with a line search
+on the true simulation, so that nothing is accepted that does not help.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.errors import ParameterError
+from via_core.signals import Array
+from via_sim.catalogue import EFFECTS
+from via_sim.effects import Effect
+
+from via_gap.nuisance import BOUND, descend
+from via_gap.places import Place
+from via_gap.problem import Problem
+from via_gap.scales import Scales
+from via_gap.starts import Start, amount_range, combined, size_of, starts
+
+REACH = 12.0  # times its start: how far the screen extrapolates an effect
+LEAST = 0.02  # times its start: with less of an effect a fit would not find its way
+BATCH = 16  # starts that are simulated at once
+ROUNDS = 10
+SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
+DONE = 2e-3  # share of the loss: a step that gains less is the last with this Jacobian
+GIVE_UP = 4.0  # times the best loss so far
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Effects and device numbers that explain the training shots best.
+
+    effects     with their values
+    deviations  (J,) of the nuisances [sd]
+    loss        squared residual plus squared deviations
+    residual    (R,) whitened
+    spread      (p,) standard deviation of the effects' parameters in their order, as if the model were right
+    """
+
+    effects: tuple[Effect, ...]
+    deviations: Array
+    loss: float
+    residual: Array
+    spread: Array
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        return tuple(Place(effect.name, effect.site, effect.motor) for effect in self.effects)
+
+
+def make(place: Place, values: Sequence[float]) -> Effect | None:
+    """The effect, or None where these values together make none."""
+    kind = EFFECTS[place.name]
+    inside = {p.name: float(np.clip(v, p.low, p.high)) for p, v in zip(kind.parameters, values, strict=True)}
+    if {"breakaway", "kinetic"} <= inside.keys():
+        inside["breakaway"] = max(inside["breakaway"], inside["kinetic"])
+    try:
+        return place.effect(inside)
+    except ParameterError:
+        return None
+
+
+def row_or_none(problem: Problem, effects: Sequence[Effect | None], deviations: Array) -> Array | None:
+    """The parameter row, or None where an effect has no meaning with these numbers (less friction than none)."""
+    if any(effect is None for effect in effects):
+        return None
+    try:
+        return problem.row([e for e in effects if e is not None], deviations)
+    except ParameterError:
+        return None
+
+
+def fit_base(problem: Problem, effects: Sequence[Effect] = ()) -> tuple[Fit, Array]:
+    """The device's own numbers alone (with effects already accepted) -> fit and Jacobian (R, J)."""
+    deviations, residual, jacobian = problem.fit_nuisances(effects)
+    loss = float(residual @ residual + deviations @ deviations)
+    return Fit(tuple(effects), deviations, loss, residual, np.empty(0)), jacobian
+
+
+def screen(
+    problem: Problem, base: Fit, jacobian: Array, candidates: Sequence[Place], scales: Scales
+) -> list[tuple[float, Place, list[float]]]:
+    """(predicted loss, place, values to start from) of every candidate, best first.
+
+    A start of several directions is tried with the amounts that fit best; where the effect is not linear in them, the
+    true simulation of the result would be better or worse than predicted, which `refine` finds out.
+    """
+    tried: list[tuple[Place, Start, list[Array]]] = []
+    for place in candidates:
+        for start in starts(place, scales, problem.device):
+            rows = [
+                row_or_none(problem, [*base.effects, make(place, list(direction.values()))], base.deviations)
+                for direction in start.directions
+            ]
+            there = [row for row in rows if row is not None]
+            if len(there) == len(start.directions):
+                tried.append((place, start, there))
+    found: dict[Place, tuple[float, list[float]]] = {}
+    own = jacobian.T @ jacobian + np.eye(len(base.deviations))
+    pull = jacobian.T @ base.residual + base.deviations
+    for first in range(0, len(tried), BATCH):
+        batch = tried[first : first + BATCH]
+        moved = problem.residual([row for _, _, rows in batch for row in rows]) - base.residual
+        at = 0
+        for place, start, made in batch:
+            directions = moved[at : at + len(made)].T
+            at += len(made)
+            loss, amounts = _best_amounts(base, jacobian, own, pull, directions, place, start)
+            if place not in found or loss < found[place][0]:
+                found[place] = (loss, combined(place, start, amounts))
+    return sorted(((loss, place, values) for place, (loss, values) in found.items()), key=lambda each: each[0])
+
+
+def _best_amounts(
+    base: Fit, jacobian: Array, own: Array, pull: Array, directions: Array, place: Place, start: Start
+) -> tuple[float, list[float]]:
+    """Predicted loss with the best amounts of directions (R, k) and the nuisances moved along."""
+    count, many = len(base.deviations), directions.shape[1]
+    normal = np.empty((count + many, count + many))
+    normal[:count, :count] = own
+    normal[:count, count:] = jacobian.T @ directions
+    normal[count:, :count] = normal[:count, count:].T
+    normal[count:, count:] = directions.T @ directions + 1e-9 * np.eye(many)
+    gradient = -np.append(pull, directions.T @ base.residual)
+    lows, highs = amount_range(place, start, REACH)
+    low = np.append(-BOUND - base.deviations, lows)
+    high = np.append(BOUND - base.deviations, highs)
+    step = descend(normal, gradient, np.clip(np.zeros(count + many), low, high), low, high)
+    loss = base.loss - 2.0 * float(gradient @ step) + float(step @ normal @ step)
+    amounts = step[count:]
+    if not np.any(np.abs(amounts) > LEAST):
+        amounts = np.clip(np.full(many, LEAST), lows, highs)
+    return loss, [float(each) for each in amounts]
+
+
+def refine(
+    problem: Problem,
+    base: Fit,
+    jacobian: Array,
+    members: Sequence[tuple[Place, Sequence[float]]],
+    scales: Scales,
+    rival: float = 0.0,
+) -> Fit | None:
+    """Gauss-Newton on all effects `members` (with the values they start from) and the nuisance parameters together.
+
+    rival  loss of the best fit so far: one that is far above it and no longer falls is given up. None: never valid.
+    """
+    kinds = [EFFECTS[place.name] for place, _ in members]
+    parameters = [(place, p) for (place, _), kind in zip(members, kinds) for p in kind.parameters]
+    size = np.array([size_of(p, place, scales) for place, p in parameters])
+    low = np.array([p.low for _, p in parameters]) / size
+    high = np.array([p.high for _, p in parameters]) / size
+    count, many = len(base.deviations), len(size)
+    box = np.append(np.full(count, -BOUND), low), np.append(np.full(count, BOUND), high)
+
+    def effects_at(point: Array) -> list[Effect | None]:
+        values, first, made = point[count:] * size, 0, []
+        for (place, _), kind in zip(members, kinds):
+            made.append(make(place, values[first : first + len(kind.parameters)]))
+            first += len(kind.parameters)
+        return made
+
+    def losses(points: Sequence[Array]) -> tuple[Array, Array]:
+        rows = [row_or_none(problem, effects_at(point), point[:count]) for point in points]
+        residuals = np.full((len(points), len(base.residual)), np.inf)
+        there = [row for row in rows if row is not None]
+        if there:
+            residuals[[row is not None for row in rows]] = problem.residual(there)
+        each = [r @ r + p[:count] @ p[:count] if np.isfinite(r[0]) else np.inf for r, p in zip(residuals, points)]
+        return np.array(each), residuals
+
+    given = np.concatenate([np.asarray(values, dtype=np.float64) for _, values in members])
+    at = np.append(base.deviations, np.clip(given / size, low, high))
+    loss, residuals = losses([at])
+    value, residual = float(loss[0]), residuals[0]
+    if not np.isfinite(value):
+        return None
+    side, fresh, damping = jacobian, False, 0.0
+    normal = np.eye(count + many)
+    for round_ in range(ROUNDS):
+        steps = np.maximum(0.02, 0.03 * np.abs(at[count:]))
+        steps = np.where(at[count:] + steps > high, -steps, steps)
+        points = [at + np.append(np.zeros(count), np.where(np.arange(many) == j, steps, 0.0)) for j in range(many)]
+        moved = losses(points)[1]
+        slopes = (moved - residual).T / steps
+        slopes[~np.isfinite(slopes)] = 0.0
+        whole = np.hstack([side, slopes])
+        normal = whole.T @ whole
+        normal[:count, :count] += np.eye(count)
+        gradient = whole.T @ (whole @ at - residual)
+        held = damping * np.diag(normal)
+        wanted = descend(normal + np.diag(held), gradient + held * at, at, *box)
+        tries = [at + share * (wanted - at) for share in SHARES]
+        loss, residuals = losses(tries)
+        best = int(np.argmin(loss))
+        gain = value - float(loss[best])
+        if gain > 0.0:
+            at, value, residual = tries[best], float(loss[best]), residuals[best]
+            damping *= 0.1
+        if best > 0 or gain <= 0.0:
+            damping = max(10.0 * damping, 0.01)
+        if round_ >= 1 and value > GIVE_UP * rival > 0.0 and gain < 0.3 * value:
+            break
+        if gain < DONE * value:
+            effects = [effect for effect in effects_at(at) if effect is not None]
+            if fresh or len(effects) < len(members):
+                break
+            side = problem.nuisance_jacobian(effects, at[:count], residual)
+            fresh = True
+    effects = [effect for effect in effects_at(at) if effect is not None]
+    excess = max(value / max(len(residual), 1), 1.0)
+    covariance = np.linalg.pinv(normal) * excess
+    spread = np.sqrt(np.maximum(np.diag(covariance)[count:], 0.0)) * size
+    return Fit(tuple(effects), at[:count].copy(), value, residual, spread)

@@ -1,0 +1,297 @@
+"""Logs and a nominal device in, a GapReport out: data check, localisation, candidates, evidence, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import numpy as np
+from via_core.devices import Device
+from via_core.errors import SignalError
+from via_core.signals import Array
+from via_sim.catalogue import EFFECTS
+from via_sim.effects import Effect
+
+from via_gap.calibration import Calibration, calibration
+from via_gap.candidates import Fit, fit_base, refine, screen
+from via_gap.ceiling import flexible_ceiling
+from via_gap.data_check import check_log
+from via_gap.evidence import Judged, judge
+from via_gap.localise import SiteShare, localise
+from via_gap.log import JointLog
+from via_gap.measured import Errors, free_errors, shot_errors
+from via_gap.nuisance import BOUND
+from via_gap.places import Place, places
+from via_gap.problem import Problem
+from via_gap.repaired import repaired_device
+from via_gap.report import Cause, Finding, Gap, GapReport, NuisanceValue, SignalGap, Value, Where
+from via_gap.report import Place as Named
+from via_gap.residuals import weak_residuals
+from via_gap.scales import Scales, scales_of
+from via_gap.shots import Indices, Shots, cut_log
+from via_gap.split import split
+from via_gap.verdict import Decision, decide
+
+Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
+REFINED = 7  # candidates that are fitted to the end
+REFINED_SECOND = 5
+NEAR = 30.0  # times the best predicted loss: candidates beyond it are not refined
+
+
+def diagnose(
+    logs: Sequence[JointLog],
+    device: Device,
+    holdout: Sequence[JointLog] | None = None,
+    progress: Progress | None = None,
+) -> GapReport:
+    """Where the gap between `logs` and the nominal `device` lies, what causes it, and how far it shrinks.
+
+    holdout   logs to judge on; without them blocks of `logs` are held out
+    progress  is told what is being done and how much is done
+
+    Raises SignalError where there is no log at all. A log that cannot be used is a finding in the report.
+    """
+    if not logs:
+        raise SignalError("no log to diagnose")
+    frozen = calibration()
+    tell = progress or (lambda _what, _share: None)
+    tell("looking at the data", 0.0)
+    findings = [finding for log in (*logs, *(holdout or ())) for finding in check_log(log)]
+    refused = {finding.log for finding in findings if finding.severity == "refuse"}
+    usable, failures = _cut([log for log in logs if log.name not in refused])
+    judged_on, more = _cut([log for log in holdout or () if log.name not in refused])
+    findings += failures + more
+    names = tuple(log.name for log in holdout) if holdout else ("blocks of the same logs",)
+    short = GapReport(
+        joint=device.name, level=logs[0].level, logs=tuple(log.name for log in logs), holdout=names,  # type: ignore[arg-type]
+        verdict="cannot_tell", where=(), causes=(), equivalence_set=(), effects=(), gap=None, nuisance=(),
+        data_check=tuple(findings), not_judged=_not_judged(logs[0]),
+    )  # fmt: skip
+    if not usable or (holdout and not judged_on):
+        return short
+    train, held, everything = split(usable, judged_on)
+    if sum(map(len, train)) < 6 or sum(map(len, held)) < 3:
+        few = Finding(
+            log=logs[0].name, check="length", signal="time", severity="refuse", value=float(sum(map(len, train))),
+            text="too few stretches of data to fit on some and judge on others",
+        )  # fmt: skip
+        return short.model_copy(update={"data_check": (*findings, few)})
+
+    tell("fitting the device's own numbers", 0.05)
+    fitted, judged = Problem.of(everything, train), Problem.of(everything, held)
+    base, jacobian = fit_base(fitted)
+    nominal = Fit((), np.zeros_like(base.deviations), 0.0, np.empty(0), np.empty(0))
+    before, tuned = judge(judged, [nominal, base])
+    tell("localising", 0.15)
+    numbers = repaired_device(device, fitted.nuisances, base.deviations)
+    residuals = [weak_residuals(each, numbers) for each in everything]
+    shares = localise(everything, residuals, numbers) if all(residuals) else ()
+    causes: list[Judged] = []
+    pairs: list[Judged] = []
+    begins = [s.time[which] - s.log.measured.time[0] for s, which in zip(everything, train, strict=True)]
+    scales = scales_of(everything, residuals, np.concatenate(begins), fitted.per_shot(base.residual))
+    candidates = places(device, everything[0].log)
+    if tuned.mean_square > frozen.no_gap:
+        tell("trying every effect at every place", 0.2)
+        causes = _single(fitted, judged, base, jacobian, candidates, scales, tell)
+        pairs = _second(fitted, judged, causes, candidates, scales, frozen, tell)
+    tell("measuring what can be closed", 0.85)
+    ceiling = flexible_ceiling(fitted, judged, base) if tuned.mean_square > frozen.no_gap else tuned
+    decision = decide(tuned, causes, pairs, ceiling, frozen)
+    tell("measuring the gap", 0.95)
+    gap = _gap(device, judged, everything, held, before, tuned, decision, ceiling)
+    report = short.model_copy(
+        update={
+            "verdict": decision.verdict,
+            "where": _where(device, shares, decision, tuned),
+            "causes": tuple(_cause(device, each, probability, tuned) for each, probability in decision.ranked),
+            "equivalence_set": tuple(_named(device, place) for place in decision.equivalent),
+            "effects": tuple(_named(device, place) for place in decision.places),
+            "gap": gap,
+            "nuisance": _nuisance(fitted, decision.chosen.fit.deviations),
+            "data_check": tuple(findings),
+        }
+    )
+    tell("done", 1.0)
+    return GapReport.model_validate(report.model_dump())
+
+
+def _cut(logs: Sequence[JointLog]) -> tuple[list[Shots], list[Finding]]:
+    shots, findings = [], []
+    for log in logs:
+        try:
+            shots.append(cut_log(log))
+        except SignalError as error:
+            findings.append(
+                Finding(log=log.name, check="usable", signal="all", severity="refuse", value=0.0, text=str(error))
+            )
+    return shots, findings
+
+
+def _single(
+    fitted: Problem,
+    judged: Problem,
+    base: Fit,
+    jacobian: Array,
+    candidates: Sequence[Place],
+    scales: Scales,
+    tell: Progress,
+) -> list[Judged]:
+    """The best candidates, refined and judged, best held-out score first."""
+    ranked = screen(fitted, base, jacobian, candidates, scales)
+    fits: list[Fit] = []
+    best = 0.0
+    for number, (loss, place, values) in enumerate(ranked[:REFINED]):
+        if best and loss > NEAR * max(best, 1.0 * len(base.residual)) and number > 2:
+            break
+        tell(f"fitting {place}", 0.25 + 0.3 * number / REFINED)
+        fit = refine(fitted, base, jacobian, [(place, values)], scales, best)
+        if fit is not None:
+            fits.append(fit)
+            best = min(best, fit.loss) if best else fit.loss
+    return sorted(judge(judged, fits), key=lambda each: each.score)
+
+
+def _second(
+    fitted: Problem,
+    judged: Problem,
+    causes: list[Judged],
+    candidates: Sequence[Place],
+    scales: Scales,
+    frozen: Calibration,
+    tell: Progress,
+) -> list[Judged]:
+    """Pairs that start from the best single causes, where those leave something; best held-out score first."""
+    if not causes or causes[0].mean_square <= frozen.explained:
+        return []
+    found: list[Judged] = []
+    fits: list[Fit] = []
+    for number, first in enumerate(causes[:2]):
+        if number and first.score > causes[0].score + 1.0:
+            break
+        jacobian = fitted.nuisance_jacobian(first.fit.effects, first.fit.deviations, first.fit.residual)
+        others = [p for p in candidates if p not in first.fit.places]
+        best = 0.0
+        for k, (_, place, values) in enumerate(screen(fitted, first.fit, jacobian, others, scales)[:REFINED_SECOND]):
+            tell(f"adding {place}", 0.55 + 0.15 * number + 0.15 * k / REFINED_SECOND)
+            start = [(p, list(e.parameters.values())) for p, e in zip(first.fit.places, first.fit.effects, strict=True)]
+            fit = refine(fitted, first.fit, jacobian, [*start, (place, values)], scales, best)
+            if fit is not None:
+                fits.append(fit)
+                best = min(best, fit.loss) if best else fit.loss
+    found = judge(judged, fits)
+    return sorted(found, key=lambda each: each.score)
+
+
+def _gap(
+    device: Device, judged: Problem, shots: Sequence[Shots], held: Sequence[Indices],
+    before: Judged, tuned: Judged, decision: Decision, ceiling: Judged,
+) -> Gap:  # fmt: skip
+    if device.drive == "torque" or device.n_motors == 0:
+        by: Literal["shots", "free run"] = "shots"
+        four = [shot_errors(judged, each.residual) for each in (before, tuned, decision.chosen, ceiling)]
+    else:
+        by = "free run"
+
+        def free(deviations: Array, effects: Sequence[Effect]) -> Errors:
+            return free_errors(repaired_device(device, judged.nuisances, deviations), effects, shots, held)
+
+        four = [free(each.fit.deviations, each.fit.effects) for each in (before, tuned, decision.chosen)]
+        four.append(four[2])
+    first, second, third, fourth = four
+    best = min((third, fourth), key=lambda each: each.overall)
+    low, high = np.quantile(third.resampled(), [0.025, 0.975])
+    signals = {
+        name: SignalGap(
+            before=float(a),
+            after=float(b),
+            floor=float(f),
+            ceiling=float(c),
+            closes=_closes(float(a), float(b), float(c)),
+        )
+        for name, a, b, f, c in zip(first.names, first.signals, third.signals, first.floors, best.signals, strict=True)
+    }
+    ends = (first.overall, third.overall, best.overall)
+    return Gap(
+        by=by, before=ends[0], tuned=second.overall, after=ends[1], interval=(float(low), float(high)),
+        floor=float(np.sqrt(np.mean(first.floors**2))), ceiling=ends[2], closes=_closes(*ends), signals=signals,
+    )  # fmt: skip
+
+
+def _closes(before: float, after: float, ceiling: float) -> float:
+    """(before - after) / (before - ceiling); 1 where there was nothing to close."""
+    possible = before - ceiling
+    return 1.0 if possible <= 1e-12 else (before - after) / possible
+
+
+def _where(device: Device, shares: tuple[SiteShare, ...], decision: Decision, tuned: Judged) -> tuple[Where, ...]:
+    """The sites of the causes found, then what the equations alone say."""
+    if decision.verdict == "no_gap":
+        return ()
+    from_equations = [
+        Where(joint=device.name, site=s.site, motor=s.motor, equation=s.equation, share=s.share, regions=s.regions)  # type: ignore[arg-type]
+        for s in shares
+    ]
+    weights: dict[tuple[str, int], float] = {}
+    if decision.verdict in ("effect", "two_effects"):
+        for place, weight in decision.site_weights:
+            key = (place.site, place.motor)
+            weights[key] = weights.get(key, 0.0) + weight
+    named = []
+    for (site, motor), weight in sorted(weights.items(), key=lambda each: -each[1]):
+        same = [w for w in from_equations if (w.site, w.motor) == (site, motor)]
+        equation = same[0].equation if same else "simulation"
+        regions = same[0].regions if same else (from_equations[0].regions if from_equations else ())
+        named.append(
+            Where(joint=device.name, site=site, motor=motor, equation=equation, share=min(weight, 1.0), regions=regions)  # type: ignore[arg-type]
+        )
+    left = [w for w in from_equations if (w.site, w.motor) not in weights]
+    rest = max(0.0, 1.0 - sum(w.share for w in named))
+    scaled = [w.model_copy(update={"share": w.share * rest}) for w in left] if named else left
+    return (*named, *(w for w in scaled if w.share >= 0.02))
+
+
+def _cause(device: Device, each: Judged, probability: float, tuned: Judged) -> Cause:
+    effect = each.fit.effects[-1]
+    kind = EFFECTS[effect.name]
+    spread = each.fit.spread[-len(kind.parameters) :]
+    values = {
+        p.name: Value(value=effect.parameters[p.name], sd=float(min(max(s, 0.0), 1e12)), unit=p.unit)
+        for p, s in zip(kind.parameters, spread, strict=True)
+    }
+    left = each.mean_square / max(tuned.mean_square, 1e-12)
+    return Cause(
+        effect=effect.name, site=effect.site, joint=device.name, motor=effect.motor,  # type: ignore[arg-type]
+        probability=float(np.clip(probability, 0.0, 1.0)), parameters=values, left=left, score=each.score,
+    )  # fmt: skip
+
+
+def _named(device: Device, place: Place) -> Named:
+    return Named(effect=place.name, site=place.site, joint=device.name, motor=place.motor)  # type: ignore[arg-type]
+
+
+def _nuisance(problem: Problem, deviations: Array) -> tuple[NuisanceValue, ...]:
+    return tuple(
+        NuisanceValue(
+            name=n.name,
+            unit=n.unit,
+            filed=n.value,
+            fitted=n.value * (1.0 + n.tolerance * float(d)),
+            deviations=float(d),
+            at_bound=bool(abs(d) > BOUND - 1e-6),
+        )
+        for n, d in zip(problem.nuisances, deviations, strict=True)
+    )
+
+
+def _not_judged(log: JointLog) -> tuple[str, ...]:
+    said = []
+    unseen = [i + 1 for i, seen in enumerate(log.motors_seen) if not seen]
+    if unseen:
+        which = " and ".join(f"motor {i}" for i in unseen)
+        said.append(f"the angle of {which} was not measured: only the simulated link angle can be compared")
+    if log.device.drive == "torque" and not log.torque_seen and log.device.n_motors:
+        said.append("no motor torque was measured: commands stand for it, a torque sensor cannot be judged")
+    if log.device.drive == "servo":
+        said.append("motors are position servos: their torques and their friction are not in the model")
+    return tuple(said)

@@ -1,0 +1,96 @@
+"""Evidence on data not fitted: held-out shots simulated with each fitted cause, compared shot by shot.
+
+A cause's score is the mean over held-out shots of log(1 + z^2), z^2 the mean squared whitened error of a shot: an error
+halved counts the same wherever it is, and nothing is gained below the noise. Neighbouring shots share what the joint
+was doing, so that differences are judged by resampling blocks of shots, never as if rows were independent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.signals import Array
+from via_sim.catalogue import EFFECTS
+
+from via_gap.calibration import Calibration
+from via_gap.candidates import Fit
+from via_gap.problem import Problem
+
+BLOCK = 4  # shots that are resampled together
+RESAMPLES = 300
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A fit and what it is worth on held-out shots.
+
+    residual  (R,) whitened, held out
+    shots     (S,) mean squared whitened error of each shot
+    """
+
+    fit: Fit
+    residual: Array
+    shots: Array
+
+    @property
+    def logs(self) -> Array:
+        return np.log1p(self.shots)
+
+    @property
+    def score(self) -> float:
+        return float(np.mean(self.logs))
+
+    @property
+    def mean_square(self) -> float:
+        return float(np.mean(self.shots))
+
+
+def judge(held: Problem, fits: Sequence[Fit]) -> list[Judged]:
+    """Every fit on the held-out shots, in the order given."""
+    if not fits:
+        return []
+    residuals = held.residual([held.row(fit.effects, fit.deviations) for fit in fits])
+    return [Judged(fit, residual, held.per_shot(residual)) for fit, residual in zip(fits, residuals, strict=True)]
+
+
+def difference(a: Judged, b: Judged, seed: int = 0) -> tuple[float, float]:
+    """How much worse a scores than b, and the standard deviation of that by resampled blocks."""
+    gap = a.logs - b.logs
+    size = min(BLOCK, max(1, len(gap) // 4))
+    blocks = [float(np.mean(gap[i : i + size])) for i in range(0, len(gap), size)]
+    pick = np.random.default_rng(seed).integers(0, len(blocks), (RESAMPLES, len(blocks)))
+    return float(np.mean(gap)), float(np.std(np.array(blocks)[pick].mean(axis=1)))
+
+
+def probabilities(judged: Sequence[Judged], calibration: Calibration) -> Array:
+    """Softmax of held-out scores against the best, each softened by how well the difference is known."""
+    best = min(judged, key=lambda each: each.score)
+    exponents = []
+    for each in judged:
+        gap, deviation = difference(each, best)
+        exponents.append(-max(gap, 0.0) / (calibration.temperature + deviation))
+    weights = np.exp(np.array(exponents) - max(exponents))
+    return weights / weights.sum()
+
+
+def freedom(fit: Fit) -> int:
+    """Number of parameters of the effects."""
+    return sum(len(EFFECTS[effect.name].parameters) for effect in fit.effects)
+
+
+def needless(each: Judged, simpler: Judged, calibration: Calibration) -> bool:
+    """Whether a richer effect at the same place does nothing that the simpler one does not."""
+    if freedom(each.fit) <= freedom(simpler.fit) or each.fit.places[-1].site != simpler.fit.places[-1].site:
+        return False
+    if each.fit.places[-1].motor != simpler.fit.places[-1].motor:
+        return False
+    gain, deviation = difference(simpler, each)
+    return gain < max(calibration.margin, calibration.significance * deviation)
+
+
+def signature_correlation(a: Array, b: Array) -> float:
+    """|cosine| between what two effects do to a residual, both (R,)."""
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return abs(float(a @ b)) / size if size > 0.0 else 0.0

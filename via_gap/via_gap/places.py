@@ -1,0 +1,48 @@
+"""Candidate causes: every effect of the catalogue at every place where the device can have it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from via_core.devices import Device
+from via_sim.catalogue import EFFECTS
+from via_sim.effects import Effect
+from via_sim.effects import places as places_of
+
+from via_gap.log import JointLog
+
+# Seen in the readings themselves, see data_check: no simulation of motion shows them.
+OF_READINGS = ("encoder_quantisation",)
+
+
+@dataclass(frozen=True)
+class Place:
+    """An effect at a site; `motor` is the number of motor, transmission or sensor, 0 the link's or none."""
+
+    name: str
+    site: str
+    motor: int
+
+    def effect(self, values: Mapping[str, float]) -> Effect:
+        return Effect(self.name, self.site, dict(values), self.motor)
+
+    def __str__(self) -> str:
+        return f"{self.name} at {self.site}{f' {self.motor}' if self.motor else ''}"
+
+
+def places(device: Device, log: JointLog) -> tuple[Place, ...]:
+    """All places of all effects that this device can have and that a simulation of this log can show."""
+    seen = (0, *(1 + i for i, each in enumerate(log.motors_seen) if each))
+    neighbour = log.commands is not None and "neighbour" in log.commands
+    found = []
+    for kind in EFFECTS.values():
+        if kind.name in OF_READINGS or (kind.name == "joint_coupling" and not neighbour):
+            continue
+        for site, motor in places_of(kind, device):
+            if site == "sensor" and kind.of_drive:
+                continue  # torque sensors: seen in the readings
+            if site in ("sensor", "timing") and motor not in seen:
+                continue
+            found.append(Place(kind.name, site, motor))
+    return tuple(found)

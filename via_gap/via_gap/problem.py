@@ -1,0 +1,112 @@
+"""One inverse problem: shots of some logs, and parameter rows made of device numbers and effects.
+
+values = problem.residual([problem.row(effects, deviations)])     # (K, R) whitened
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.devices import Device
+from via_core.signals import Array
+from via_sim.effects import Effect
+from via_sim.parameters import P
+from via_sim.plants import JointPlant
+
+from via_gap.nuisance import BOUND, Nuisance, apply_all, descend, nuisances
+from via_gap.shots import Bench, Indices, Shots
+
+STEP = 0.2  # standard deviations: step of the finite differences of a nuisance parameter
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Benches (shots of one log each) that share one device."""
+
+    benches: tuple[Bench, ...]
+    plant: JointPlant  # nominal
+    nuisances: tuple[Nuisance, ...]
+
+    @staticmethod
+    def of(shots: Sequence[Shots], chosen: Sequence[Indices]) -> Problem:
+        """The shots `chosen` (indices, one array per log)."""
+        plant = JointPlant.from_device(shots[0].log.device)
+        benches = tuple(Bench.of(each, which) for each, which in zip(shots, chosen, strict=True) if len(which))
+        return Problem(benches, plant, nuisances(plant))
+
+    @property
+    def device(self) -> Device:
+        return self.plant.device
+
+    def row(self, effects: Sequence[Effect], deviations: Array | None = None) -> Array:
+        """Parameter row (N_PARAMETERS,) of the device with its numbers moved by `deviations` [sd] and effects added."""
+        row = self.plant.parameters.copy()
+        if deviations is not None:
+            apply_all(row, self.nuisances, deviations)
+        for effect in effects:
+            effect.write(row)
+        return row
+
+    def residual(self, rows: Sequence[Array]) -> Array:
+        """Whitened measured minus simulated, (K, R), a wrong start of each shot projected out."""
+        stacked = np.stack(list(rows))
+        parts = []
+        for bench in self.benches:
+            each = stacked.copy()
+            each[:, P.tick], each[:, P.substeps] = bench.nominal[P.tick], bench.nominal[P.substeps]
+            parts.append(bench.residual(each).reshape(len(each), -1))
+        return np.concatenate(parts, axis=1)
+
+    def per_shot(self, residual: Array) -> Array:
+        """Mean square (..., S) of a residual (..., R) in each shot; 1 is what the sensors explain."""
+        parts, begin = [], 0
+        for bench in self.benches:
+            size = len(bench.chosen) * bench.size
+            cut = residual[..., begin : begin + size].reshape(*residual.shape[:-1], len(bench.chosen), bench.size)
+            parts.append(np.mean(cut**2, axis=-1))
+            begin += size
+        return np.concatenate(parts, axis=-1)
+
+    def nuisance_jacobian(self, effects: Sequence[Effect], deviations: Array, residual: Array) -> Array:
+        """(R, J): change of the residual per standard deviation of each nuisance."""
+        rows = []
+        for j in range(len(self.nuisances)):
+            moved = deviations.copy()
+            moved[j] += STEP if deviations[j] <= 0.0 else -STEP
+            rows.append(self.row(effects, moved))
+        if not rows:
+            return np.empty((len(residual), 0))
+        signs = np.where(deviations <= 0.0, STEP, -STEP)
+        return ((self.residual(rows) - residual) / signs[:, None]).T
+
+    def fit_nuisances(self, effects: Sequence[Effect] = (), rounds: int = 3) -> tuple[Array, Array, Array]:
+        """Device numbers fitted inside their tolerance -> deviations (J,), residual (R,), Jacobian (R, J)."""
+        deviations = np.zeros(len(self.nuisances))
+        residual = self.residual([self.row(effects, deviations)])[0]
+        jacobian = self.nuisance_jacobian(effects, deviations, residual)
+        for round_ in range(rounds):
+            if round_:
+                jacobian = self.nuisance_jacobian(effects, deviations, residual)
+            wanted = solve_nuisances(jacobian, residual, deviations)
+            for share in (1.0, 0.5, 0.1):
+                trial = deviations + share * (wanted - deviations)
+                moved = self.residual([self.row(effects, trial)])[0]
+                if moved @ moved + trial @ trial < residual @ residual + deviations @ deviations:
+                    done = residual @ residual - moved @ moved < 1e-3 * (moved @ moved)
+                    deviations, residual = trial, moved
+                    break
+            else:
+                break
+            if done:
+                break
+        return deviations, residual, jacobian
+
+
+def solve_nuisances(jacobian: Array, residual: Array, deviations: Array) -> Array:
+    """One bounded Gauss-Newton step: where the deviations (J,) should stand, in standard deviations."""
+    normal = jacobian.T @ jacobian + np.eye(len(deviations))
+    gradient = jacobian.T @ (jacobian @ deviations - residual)
+    bound = np.full(len(deviations), BOUND)
+    return descend(normal, gradient, deviations, -bound, bound)

@@ -1,0 +1,299 @@
+"""A log cut into short shots: each simulated from the measured state, compared with what was measured from there on.
+
+A torque-driven joint run freely under recorded torques drifts off for any small error, and says nothing after a second.
+Restarted every quarter of a second it says what the model lacks *there*. Between two shots only angles and velocities
+of the axes that were seen are set anew; what else the state holds (commands under way, bristles, angles that nobody
+measured) goes on. Where a shot starts is known only as well as the sensors tell, so that the first-order effect of a
+wrong start (`sensitivity`, by runs that start beside it) is projected out of every comparison.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+from via_core.errors import SignalError
+from via_core.signals import Array
+from via_sim.catalogue import MAX_DELAY
+from via_sim.kernel import run_many
+from via_sim.parameters import DYNAMIC, SERVO, P
+from via_sim.plants import JointPlant
+from via_sim.simulate import command_rows
+from via_sim.torques import N_COMMANDS, QUEUED, X
+
+from via_gap.log import JointLog
+
+Indices = NDArray[np.intp]
+SPAN = 0.25  # [s] of a shot of a torque-driven joint
+SERVO_SPAN = 1.5  # [s] of one whose motors follow their commands: it does not drift
+SLOWEST = 500.0  # [Hz] ticks; a slower log is simulated with several ticks per sample
+BIN = 0.004  # [s] over which angles are averaged before they are compared
+SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
+THREADS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """One log as S shots of n ticks; b bins per shot, a axes that were seen.
+
+    commands  (T, N_COMMANDS) held over each tick
+    begin     (S,) first tick of each shot
+    angles    (T, a) [rad] as measured, gaps bridged
+    start     (T, 6) smoothed angles and velocities [rad, rad/s] on every tick; NaN: not seen
+    measured  (S, b, a) [rad] averaged over bins
+    valid     (S,) whether every value of the shot was measured
+    noise     (a,) [rad] standard deviation of a bin
+    """
+
+    log: JointLog
+    rate: float  # [Hz] ticks
+    origin: float  # [s] of tick 0, on the log's clock
+    ticks: int  # n
+    every: int  # ticks per bin
+    averaged: bool  # over the bin, else its last tick alone
+    axes: tuple[int, ...]  # that were seen: 0 link, 1, 2 motors
+    commands: Array
+    begin: Indices
+    angles: Array
+    start: Array
+    measured: Array
+    valid: Array
+    noise: Array
+
+    def __len__(self) -> int:
+        return len(self.begin)
+
+    @property
+    def time(self) -> Array:
+        """(S,) [s] at which shots begin, on the log's clock."""
+        return self.origin + self.begin / self.rate
+
+
+def cut_log(log: JointLog, span: float | None = None) -> Shots:
+    """The shots of a log. Raises SignalError where it has no drive to simulate with, or is too short."""
+    device = log.device
+    if not log.drivable:
+        raise SignalError(f"{log.name}: neither commands nor motor torques were recorded, nothing can be simulated")
+    steps = np.diff(log.measured.time)
+    period = float(np.median(steps))
+    uniform = float(np.mean(np.abs(steps - period) > 0.1 * period)) < 0.05
+    per_sample = max(1, ceil(SLOWEST * period - 1e-6)) if uniform else 1
+    rate = per_sample / period if uniform else 1000.0
+    if abs(rate - round(rate)) < 1e-3 * rate:
+        rate = float(round(rate))
+    origin = _aligned(log, rate)
+    grid = origin + np.arange(int((log.measured.time[-1] - origin) * rate + 1e-6) + 1) / rate
+    every = per_sample if per_sample > 1 else max(1, round(BIN * rate))
+    wanted = span or (SPAN if device.drive == "torque" else SERVO_SPAN)
+    ticks = min(max(every, round(wanted * rate / every) * every), (len(grid) - 1) // every * every)
+    if ticks < 4 * every:
+        raise SignalError(f"{log.name}: {log.duration:.3g} s are too short to compare anything")
+    axes = (0, *(1 + i for i, seen in enumerate(log.motors_seen) if seen))
+    angles, missing = _angles(log, grid, axes)
+    begin = np.arange(0, len(grid) - ticks, ticks, dtype=np.intp)
+    states = _smoothed(angles, axes, rate, max(SMOOTHING, 4.0 * period))
+    quanta = np.array([device.sensors.link_quantum if axis == 0 else device.sensors.motor_quantum for axis in axes])
+    quanta = np.array([q or 0.0 for q in quanta], dtype=np.float64)
+    averaged = per_sample == 1 and uniform
+    samples = every if averaged else 1
+    noise = np.sqrt(quanta**2 / 12.0 / samples + (1e-6) ** 2)
+    cut = np.stack([angles[b : b + ticks + 1] for b in begin])
+    valid = np.array([missing[b : b + ticks + 1].mean() < 0.02 for b in begin])
+    measured = binned(cut, every, averaged)
+    drive = _drive(log, grid)
+    return Shots(log, rate, origin, ticks, every, averaged, axes, drive, begin, angles, states, measured, valid, noise)
+
+
+def binned(angles: Array, every: int, averaged: bool) -> Array:
+    """(..., n + 1, a) angles per tick -> (..., b, a) per bin of `every` ticks: their mean, or the last of them."""
+    bins = (angles.shape[-2] - 1) // every
+    moved = angles[..., 1 : 1 + bins * every, :]
+    cut = moved.reshape(*moved.shape[:-2], bins, every, moved.shape[-1])
+    return cut.mean(axis=-2) if averaged else cut[..., -1, :]
+
+
+def _aligned(log: JointLog, rate: float) -> float:
+    """[s] at or after the first sample where the grid of ticks starts, so that commands change on ticks."""
+    first = float(log.measured.time[0])
+    if log.commands is None or len(log.commands) < 2:
+        return first
+    phases = np.exp(2j * np.pi * ((log.commands.time - first) * rate % 1.0))
+    mean = np.mean(phases)
+    if abs(mean) < 0.9:  # commands that keep to no clock
+        return first
+    return first + float(np.angle(mean) / (2.0 * np.pi) % 1.0) / rate
+
+
+def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Array]:
+    """Angles (T, a) [rad] on the grid, gaps bridged, and where they are (T,)."""
+    values = np.empty((len(grid), len(axes)))
+    missing = np.zeros(len(grid), dtype=bool)
+    longest = 3.0 * float(np.median(np.diff(log.measured.time)))
+    for i, axis in enumerate(axes):
+        column = log.measured["q"] if axis == 0 else log.measured["theta"][:, axis - 1]
+        there = np.isfinite(column)
+        time = log.measured.time[there]
+        values[:, i] = np.interp(grid, time, column[there])
+        after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+        missing |= (time[after] - time[after - 1]) > longest
+    return values, missing
+
+
+def _smoothed(angles: Array, axes: Sequence[int], rate: float, reach: float) -> Array:
+    """(T, 6) angle and velocity of a quadratic fitted over `reach` [s] to either side."""
+    half = max(2, round(reach * rate))
+    window = min(2 * half + 1, (len(angles) - 1) // 2 * 2 + 1)
+    states = np.full((len(angles), 6), np.nan)
+    for i, axis in enumerate(axes):
+        states[:, axis] = savgol_filter(angles[:, i], window, 2)
+        states[:, 3 + axis] = savgol_filter(angles[:, i], window, 2, deriv=1, delta=1.0 / rate)
+    return states
+
+
+def _drive(log: JointLog, grid: Array) -> Array:
+    """Command rows (T, 4): what was commanded; where motors were not, the torque measured over each tick."""
+    device = log.device
+    rows = np.zeros((len(grid), N_COMMANDS))
+    if log.commands is not None and len(log.commands):
+        whole = log.commands
+        if not log.motors_commanded:
+            whole = whole.select([name for name in whole.channels if name in ("damping", "external_torque")])
+        if whole.channels:
+            rows = command_rows(device, whole, grid)
+    if device.n_motors and not log.motors_commanded:
+        seen = np.isfinite(log.measured["tau"]).all(axis=1)
+        time, tau = log.measured.time[seen], log.measured["tau"][seen]
+        at = np.clip(np.searchsorted(time, grid + 0.5 * (grid[1] - grid[0])), 0, len(time) - 1)
+        rows[:, : device.n_motors] = tau[at]  # of sample k: over the tick that ended there
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Chosen shots of a log, ready to be simulated with any parameter row.
+
+    chosen       indices of shots, ascending
+    sensitivity  orthonormal basis (C, b a, k) of what a wrong start does to each shot, whitened
+    """
+
+    shots: Shots
+    chosen: Indices
+    nominal: Array  # (N_PARAMETERS,) row for this rate
+    basis: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "basis", np.empty((0, 0, 0)))
+        object.__setattr__(self, "basis", self._sensitivity(self.nominal))
+
+    @staticmethod
+    def of(shots: Shots, chosen: Indices) -> Bench:
+        return Bench(shots, chosen, JointPlant.from_device(shots.log.device).at_rate(shots.rate))
+
+    @property
+    def size(self) -> int:
+        """Whitened values per shot."""
+        return self.shots.measured.shape[1] * len(self.shots.axes)
+
+    def motion(self, rows: Array, offset: Array | None = None) -> Array:
+        """Angles as compared (K, C, b, a) [rad] of rows (K, N_PARAMETERS); offset (6,) is added to every start."""
+        out = np.empty((len(rows), len(self.chosen), *self.shots.measured.shape[1:]))
+        edges = np.linspace(0, len(rows), min(THREADS, len(rows)) + 1).astype(int)
+        if len(edges) == 2:
+            self._run(rows, offset, out)
+            return out
+        with ThreadPoolExecutor(len(edges) - 1) as pool:  # the kernel releases the GIL
+            jobs = [pool.submit(self._run, rows[a:b], offset, out[a:b]) for a, b in pairwise(edges)]
+            for job in jobs:
+                job.result()
+        return out
+
+    def _run(self, rows: Array, offset: Array | None, out: Array) -> None:
+        shots, axes = self.shots, list(self.shots.axes)
+        known = np.array([*axes, *(3 + axis for axis in axes)])
+        moved = np.empty((len(rows), shots.ticks + 1, 6))
+        rows = np.ascontiguousarray(rows)
+        states = np.empty((0, 0))
+        before = -2
+        for j, shot in enumerate(self.chosen):
+            if shot != before + 1:  # a new stretch: what is not seen starts from a shot that is not compared
+                warm = max(shot - 1, 0)
+                states = np.repeat(self._fresh(int(shots.begin[warm]))[None], len(rows), axis=0)
+                if warm != shot:
+                    run_many(rows, states, shots.commands[shots.begin[warm] : shots.begin[shot]], moved)
+            begin = int(shots.begin[shot])
+            states[:, known] = self._starts(rows, begin)[:, known]
+            if offset is not None:
+                states[:, :6] += offset
+            run_many(rows, states, shots.commands[begin : begin + shots.ticks], moved)
+            out[:, j] = binned(moved[:, :, axes], shots.every, shots.averaged)
+            before = shot
+
+    def _fresh(self, tick: int) -> Array:
+        """State row at a tick: what was seen, commands under way, motors that were not seen at their command."""
+        shots = self.shots
+        length = ceil(MAX_DELAY * shots.rate) + 2
+        state = np.zeros(X.queue + QUEUED * length)
+        state[X.tick] = float(tick)
+        for back in range(1, length + 1):
+            at = X.queue + QUEUED * ((tick - back) % length)
+            state[at : at + QUEUED] = shots.commands[max(tick - back, 0), :QUEUED]
+        for axis in range(3):
+            if axis in shots.axes:
+                state[[axis, 3 + axis]] = shots.start[tick, [axis, 3 + axis]]
+            elif self.nominal[P.axis_kind + axis] == SERVO:
+                state[axis] = shots.commands[tick, axis - 1]
+            elif self.nominal[P.axis_kind + axis] == DYNAMIC:
+                state[axis] = shots.start[tick, 0]
+        state[X.history : X.queue].reshape(-1, 6)[:, :3] = state[:3]
+        return state
+
+    def _starts(self, rows: Array, tick: int) -> Array:
+        """Where a shot starts (K, 6): what was read there, with the errors that a row gives its encoders undone."""
+        shots = self.shots
+        states = np.repeat(shots.start[tick][None], len(rows), axis=0)
+        for axis in shots.axes:
+            skew, swing = rows[:, P.skew + axis] * shots.rate, rows[:, P.eccentricity + axis]
+            late = np.flatnonzero(skew)
+            if late.size:
+                at = np.minimum(tick + skew[late], len(shots.start) - 1.0)
+                low = at.astype(int)
+                share = (at - low)[:, None]
+                high = np.minimum(low + 1, len(shots.start) - 1)
+                both = [axis, 3 + axis]
+                moved = (1.0 - share) * shots.start[low][:, both] + share * shots.start[high][:, both]
+                states[late, axis], states[late, 3 + axis] = moved[:, 0], moved[:, 1]
+            states[:, axis] -= rows[:, P.encoder_offset + axis]
+            if swing.any():
+                read, phase = states[:, axis].copy(), rows[:, P.eccentricity_phase + axis]
+                for _ in range(4):  # a contraction by the swing, which is small
+                    states[:, axis] = read - swing * np.sin(states[:, axis] + phase)
+                states[:, 3 + axis] /= 1.0 + swing * np.cos(states[:, axis] + phase)
+        return states
+
+    def _sensitivity(self, row: Array) -> Array:
+        axes = self.shots.axes
+        steps = []
+        for axis in axes:
+            for slot, size in ((axis, 1e-4), (3 + axis, 1e-2)):
+                offset = np.zeros(6)
+                offset[slot] = size
+                steps.append(offset)
+        plain = self.motion(row[None])[0]
+        columns = np.stack([self.motion(row[None], offset)[0] - plain for offset in steps], axis=-1)
+        flat = (columns / self.shots.noise[:, None]).reshape(len(self.chosen), self.size, len(steps))
+        scale = np.linalg.norm(flat, axis=1, keepdims=True)
+        return np.linalg.qr(flat / np.maximum(scale, 1e-12))[0]
+
+    def residual(self, rows: Array) -> Array:
+        """Whitened measured minus simulated (K, C, b a), a wrong start projected out; what overflowed is huge."""
+        shots = self.shots
+        error = (shots.measured[self.chosen] - self.motion(rows)) / shots.noise
+        flat = error.reshape(len(rows), len(self.chosen), self.size)
+        flat = np.clip(np.nan_to_num(flat, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
+        return flat - np.einsum("crk,Kck->Kcr", self.basis, np.einsum("crk,Kcr->Kck", self.basis, flat))

@@ -1,0 +1,36 @@
+"""What is fitted and what is judged: whole files, or blocks of the same file that alternate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from via_gap.shots import Indices, Shots
+
+BLOCK = 2.0  # [s] at least
+SHOTS = 6  # of a block at least
+PATTERN = (True, True, False, True, False)  # which of five neighbouring blocks are fitted
+
+
+def split(shots: Sequence[Shots], holdout: Sequence[Shots]) -> tuple[list[Indices], list[Indices], list[Shots]]:
+    """Indices of the shots to fit and to judge, per log of the list returned last (all logs, then the held-out)."""
+    everything = [*shots, *holdout]
+    valid: list[Indices] = [np.flatnonzero(each.valid) for each in everything]
+    none: Indices = np.empty(0, dtype=np.intp)
+    if holdout:
+        train = [valid[i] if i < len(shots) else none for i in range(len(everything))]
+        return train, [none if i < len(shots) else valid[i] for i in range(len(everything))], everything
+    size = [max(SHOTS, int(np.ceil(BLOCK * each.rate / each.ticks))) for each in everything]
+    if len(everything) > 2 and all(len(v) < 5 * n for v, n in zip(valid, size, strict=True)):
+        third = [i % 3 == 2 for i in range(len(everything))]  # of many short logs every third is judged
+        train = [none if h else v for v, h in zip(valid, third, strict=True)]
+        return train, [v if h else none for v, h in zip(valid, third, strict=True)], everything
+    train = []
+    held: list[Indices] = []
+    for which, n in zip(valid, size, strict=True):
+        n = max(1, min(n, len(which) // len(PATTERN)))
+        fitted = np.array([PATTERN[int(k) // n % len(PATTERN)] for k in which], dtype=bool)
+        train.append(which[fitted])
+        held.append(which[~fitted])
+    return train, held, everything
