@@ -18,6 +18,13 @@ def found():
 
 def test_every_number_to_reach_is_judged_and_reached(found):
     wanted = {
+        "5.constant.default.max": 2.5,
+        "5.varying.default.mean": 2.5,
+        "5.constant_stribeck.default.mean": 5.0,
+        "5.constant_stribeck.default.max": 5.0,
+        "5.varying_stribeck.default.mean": 8.0,
+        "5.varying_stribeck.default.max": 30.0,
+        "5.standstill.default.restart": 30.0,
         "5.constant.n1.max": 2.5,
         "5.constant.n2.max": 2.5,
         "5.varying.n1.mean": 2.5,
@@ -28,6 +35,8 @@ def test_every_number_to_reach_is_judged_and_reached(found):
         "5.standstill.n2.restart": 30.0,
         "5.standstill.n1.unmarked": 0.0,
         "5.standstill.n2_restless.negative": 0.0,
+        "5.constant.default.sd_factor": 1.25,
+        "5.varying.default.sd_factor": 1.25,
         "5.constant.n1.sd_factor": 1.25,
         "5.varying.n1.sd_factor": 1.25,
     }

@@ -43,20 +43,19 @@ def with_terms(method, terms, **changes):
 def test_planted_constant_damping_comes_back(method):
     estimates = with_terms(method, 1).run_rows(moved())[1]
     value = estimates.column("damping")[0][estimates.time > 1.0]
-    # The prior is 2.55; what is left of it fades by definition with P(0), which only least squares keeps.
-    np.testing.assert_allclose(value, 3.0, atol=2e-3 if method is DampingDirectional else 6e-3)
+    np.testing.assert_allclose(value, 3.0, atol=5e-3)
 
 
 def test_a_planted_cubic_law_comes_back_at_the_velocity_of_the_moment():
     rows = moved(duration=20.0, law=lambda v, _: 2.0 * v + 0.3 * v**3)
-    estimator = with_terms(DampingDirectional, 2, velocity_scale=1.0)
+    estimator = with_terms(DampingDirectional, 2, velocity_scale=1.0, dry_friction=0.0)
     estimates = estimator.run_rows(rows)[1]
     middle = rows[:, 0] - 0.020
     v = 1.5 * np.sin(np.pi * middle) + 0.4 * np.sin(2.6 * np.pi * middle + 1.0)
     late = estimates.time > 5.0
     np.testing.assert_allclose(estimates.value[late, 0], (2.0 + 0.9 * v**2)[late], rtol=0.01)
     state, _ = estimator.run_rows(rows)
-    np.testing.assert_allclose(estimator.coefficients(state), [2.0, 0.3], rtol=0.02)
+    np.testing.assert_allclose(estimator.coefficients(state)[:2], [2.0, 0.3], rtol=0.02)
 
 
 def test_jittered_stamps_and_a_shifted_angle_change_nothing_that_matters():
@@ -95,15 +94,19 @@ def test_damping_that_jumps_is_followed_and_least_squares_answers_with_the_mean(
 
 @pytest.mark.parametrize("varying", [False, True])
 def test_reported_deviations_hold(varying):
-    """30 hands with noise and encoder steps: reported over empirical scatter within .8 to 1.25, most intervals hold."""
-    law = (lambda v, t: (3.0 + 0.8 * np.sin(0.7 * t)) * v) if varying else (lambda v, _: 3.0 * v)
+    """20 hands with noise and encoder steps: reported over empirical scatter within .8 to 1.25, most intervals hold."""
+
+    def damping(t):  # eq. (80), or constant
+        swing = 1.4 * np.sin(0.05 * np.pi * t) ** 2 + 1.7 * np.sin(0.1 * np.pi * t) ** 2
+        return 1.0 + swing if varying else np.full_like(t, 3.0)
+
     estimator, errors, deviations = with_terms(DampingDirectional, 1), [], []
-    for seed in range(30):
-        rows = moved(4.0, law, 0.05, seed, QUANTUM)
+    for seed in range(20):
+        rows = moved(14.0, lambda v, t: damping(t) * v, 0.05, seed, QUANTUM)
         estimates = estimator.run_rows(rows)[1]
-        truth = 3.0 + (0.8 * np.sin(0.7 * rows[:, 0]) if varying else 0.0)
-        errors.append((estimates.value[:, 0] - truth)[1000:])
-        deviations.append(estimates.standard_deviation[1000:, 0])
+        truth = damping(rows[:, 0])
+        errors.append((estimates.value[:, 0] - truth)[6000:])  # by then friction is known to be none
+        deviations.append(estimates.standard_deviation[6000:, 0])
     error, deviation = np.array(errors), np.array(deviations)
     assert 0.8 <= np.sqrt(np.mean(deviation**2) / np.mean(error**2)) <= 1.25
     assert np.mean(np.abs(error) <= 1.96 * deviation) >= 0.9
@@ -117,13 +120,33 @@ def test_least_squares_reports_its_deviation_too():
     assert 0.6 <= np.sqrt(np.mean(np.square(ratio))) <= 1.4
 
 
-def test_dry_friction_reads_as_damping_and_is_covered_where_declared():
-    rows = moved(law=lambda v, _: 3.0 * v + 0.1 * np.sign(v), noise=0.05, quantum=QUANTUM)
-    for declared, low, high in ((0.0, 0.0, 0.3), (0.1, 0.95, 1.0)):
-        estimates = with_terms(DampingDirectional, 1, dry_friction=declared).run_rows(rows)[1]
-        value, deviation = estimates.value[1000:, 0], estimates.standard_deviation[1000:, 0]
-        assert np.mean(value) == pytest.approx(3.13, abs=0.05)
-        assert low <= np.mean(np.abs(value - 3.0) <= 1.96 * deviation) <= high
+def test_dry_friction_reads_as_damping_unless_it_is_an_unknown_of_its_own():
+    rows = moved(8.0, law=lambda v, _: 3.0 * v + 0.1 * np.sign(v), noise=0.05, quantum=QUANTUM)
+    for expected, bias in ((0.0, 0.13), (0.05, 0.0)):
+        estimator = with_terms(DampingDirectional, 1, dry_friction=expected)
+        state, estimates = estimator.run_rows(rows)
+        value, deviation = estimates.value[2000:, 0], estimates.standard_deviation[2000:, 0]
+        assert np.mean(value) - 3.0 == pytest.approx(bias, abs=0.025)
+        assert bool(np.mean(np.abs(value - 3.0) <= 1.96 * deviation) > 0.7) is (expected > 0.0)
+        friction = expected * estimator.coefficients(state)[-1]
+        assert friction == pytest.approx(0.1 if expected else 0.0, abs=0.02)
+
+
+def test_an_unknown_for_friction_that_is_not_there_costs_little():
+    rows = moved(8.0, noise=0.05, quantum=QUANTUM)
+    errors = [
+        np.abs(with_terms(DampingDirectional, 1, dry_friction=each).run_rows(rows)[1].value[2000:, 0] - 3.0).mean()
+        for each in (0.0, 0.05)
+    ]
+    assert errors[1] < 1.5 * errors[0]
+
+
+def test_an_unknown_no_row_can_tell_does_not_stop_the_others():
+    """With no friction expected its column is zero and P fills up there: the damping is followed as on day one."""
+    estimator = with_terms(DampingDirectional, 1, dry_friction=0.0, covariance_limit=0.2)
+    rows = moved(12.0, law=lambda v, t: np.where(t < 11.3, 2.0, 4.0) * v)
+    estimates = estimator.run_rows(rows)[1]
+    assert estimates.value[np.searchsorted(rows[:, 0], 11.6), 0] == pytest.approx(4.0, rel=0.03)
 
 
 def test_six_seconds_of_rest_are_told_forgotten_slowly_and_survived():
@@ -139,7 +162,7 @@ def test_six_seconds_of_rest_are_told_forgotten_slowly_and_survived():
         np.testing.assert_allclose(value[10_500:], 2.0, rtol=0.05)
         state = estimator.run_rows(rows[:9990])[0]
         P = estimator.covariance(state)
-        assert np.linalg.eigvalsh(P)[0] > 0.0 and np.trace(P) <= 1.1 * terms * estimator.parameters.covariance_limit
+        assert np.linalg.eigvalsh(P)[0] > 0.0 and np.diag(P).max() <= estimator.parameters.covariance_limit
 
 
 def test_motion_and_rest_in_turn_leave_the_state_as_large_and_finite():
@@ -152,7 +175,7 @@ def test_motion_and_rest_in_turn_leave_the_state_as_large_and_finite():
             later = rows + np.array([8.0 * turn, 0.0, 0.0])
             state, estimates = estimator.run_rows(later, state)
         assert state.size == size and np.isfinite(state).all()
-        assert np.abs(estimates.value[1000:, 0] / 3.0 - 1.0).max() < 0.3
+        assert np.abs(estimates.value[1000:, 0] / 3.0 - 1.0).max() < 0.5
         assert np.isfinite(estimator.condition(state))
 
 
@@ -167,7 +190,7 @@ def test_velocities_never_visited_are_told():
 
 def test_recursive_least_squares_is_the_batch_solution_for_its_prior():
     rows = moved(noise=0.05)
-    estimator = with_terms(DampingRLS, 2)
+    estimator = with_terms(DampingRLS, 2, dry_friction=0.0)
     _, estimates = estimator.run_rows(rows)
     length = estimator.parameters.window + 1
     velocity, torque = [], []
@@ -178,7 +201,7 @@ def test_recursive_least_squares_is_the_batch_solution_for_its_prior():
         torque.append(weights[0] @ own[:, 2])
     V = np.column_stack([velocity, np.array(velocity) ** 3 / 16.0])
     prior = np.array([estimator.parameters.damping_prior, 0.0])
-    w = np.linalg.solve(V.T @ V + np.eye(2), V.T @ np.array(torque) + prior)
+    w = np.linalg.solve(V.T @ V + np.eye(2) / 10.0, V.T @ np.array(torque) + prior / 10.0)
     expected = w[0] + 3.0 * velocity[-1] ** 2 / 16.0 * w[1]
     assert estimates.value[-1, 0] == pytest.approx(expected, rel=1e-8)
 
@@ -186,7 +209,9 @@ def test_recursive_least_squares_is_the_batch_solution_for_its_prior():
 def test_errata_73_the_stability_factor_is_another_start_and_protects_nothing():
     rows = moved(noise=0.05)
     free = {"covariance_limit": 1e9}
-    stabilised = with_terms(DampingRLS, 2, stability_factor=10.0, **free).run_rows(rows)[1].value
+    stabilised = (
+        with_terms(DampingRLS, 2, stability_factor=10.0, initial_covariance=1.0, **free).run_rows(rows)[1].value
+    )
     plain = with_terms(DampingRLS, 2, initial_covariance=10.0, **free).run_rows(rows)[1].value
     np.testing.assert_allclose(stabilised, plain, rtol=1e-9)
     P, w, gain = np.zeros((2, 2)), np.zeros(2), np.zeros(2)
@@ -242,7 +267,7 @@ def test_the_damping_actuator_gets_it_and_others_do_not():
     assert isinstance(estimator, DampingDirectional)
     assert estimator.parameters.damping_prior == pytest.approx(2.55)
     assert estimator.parameters.damping_deviation == pytest.approx(3.1)
-    assert estimator.parameters.torque_noise == 0.05
+    assert estimator.parameters.torque_noise == 0.05 and estimator.parameters.dry_friction == 0.05
     assert estimator.inputs == ("q", "tau_link") and estimator.outputs == ("damping",)
     for method in BOTH:
         with pytest.raises(ParameterError, match="'maccepavd' is no rigid joint with a damper and a sensor"):

@@ -70,7 +70,8 @@ class DampingDirectional(Estimator):
 
     def init(self) -> Array:
         own, row = self.parameters, self._constants[0]
-        n, shared = own.terms, damping_equation.size(own.terms, own.window + 1)
+        n = own.terms + 1
+        shared = damping_equation.size(n, own.window + 1)
         state = np.zeros(shared + 1 + n * n)
         damping_equation.start(row, state)
         _factor(state, n)[:, :] = sqrt(own.initial_covariance) * np.eye(n)
@@ -79,16 +80,16 @@ class DampingDirectional(Estimator):
 
     def covariance(self, state: Array) -> Array:
         """P (n, n) of Algorithm 1 [1/(rad/s)^2], relative to the noise of a torque row."""
-        R = _factor(state, self.parameters.terms)
+        R = _factor(state, self.parameters.terms + 1)
         return np.asarray(R.T @ R)
 
     def coefficients(self, state: Array) -> Array:
         """w (n,) [N m s/rad]."""
-        return damping_equation.coefficients(state.copy(), self.parameters.terms)
+        return damping_equation.coefficients(state.copy(), self.parameters.terms + 1)
 
     def condition(self, state: Array) -> float:
         """Condition number of the root of P; 0/0 where a perfect fit has emptied it counts as 1e16."""
-        R = _factor(state, self.parameters.terms)
+        R = _factor(state, self.parameters.terms + 1)
         found = np.linalg.svd(R, compute_uv=False)
         return float(found[0] / max(found[-1], 1e-16 * found[0], 1e-300))
 
@@ -109,7 +110,7 @@ def _factor(state: Array, n: int) -> Array:
 def _advance(
     par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
 ) -> None:
-    n, length = int(par[damping_equation.TERMS]), int(par[damping_equation.LENGTH])
+    n, length = int(par[damping_equation.TERMS]) + 1, int(par[damping_equation.LENGTH])
     R, w, count = _factor(state, n), damping_equation.coefficients(state, n), damping_equation.counters(state)
     energy = state[state.size - n * n - 1 : state.size - n * n]
     now = state[window.HEADER : window.HEADER + 2]

@@ -4,7 +4,14 @@ Source: SAPHARI deliverable, Section 5.1, eqs. (56)-(61): the dissipation torque
 
     tau_d = v' w,   v_j = s (zd/s)^(2j-1),   D = dtau_d/dzd = sum_j (2j-1) (zd/s)^(2j-2) w_j,
 
-with the document's powers for s = 1 rad/s; another s gives every w_j the unit N m s/rad and changes nothing else.
+with the document's powers for s = 1 rad/s; another s gives every w_j the unit N m s/rad and lets P and its growth count
+for less in a bend of the law than in the damping itself. Beside the powers stands one unknown more,
+
+    w_F F zd / sqrt(zd^2 + v_F^2)
+
+dry friction as a multiple of what the device may have (F; with F = 0 only the document's powers remain). It is odd too,
+but no damping and left out of D. Powers alone take friction for damping: F sign(zd) reads as about F / |zd| more, so
+that the estimate swings twice per period of the motion, up where it reverses (document: errors of 5 to 30 %).
 
 No velocity is measured, and a difference of encoder samples would be noise (.1 rad/s at 16 bit and 1 kHz). Angle and
 torque therefore pass the same short modulating function psi = w_55,
@@ -16,16 +23,14 @@ turn damping into something else: exact for the linear term, and up to (T zdd)^2
 is half a window late. On a rigid joint whose motor is held the deflection z is the link angle q.
 
 Deviations come from `recursive_error`: noise, as large as the last thousand innovations show (from rows where it is no
-longer the prior that they show); what is left of the prior; the lag behind a damping that changes as the estimate did
-over the last .3 s; and dry friction as large as declared. Left out: any friction nobody declared. The powers take it
-for damping: F sign(zd) reads as about F / |zd| more, the more the slower the motion, so that the estimate swings twice
-per period of the motion, up where it reverses. No deviation can know that from within.
+longer the prior that they show); what is left of the prior; and the lag behind a damping that changes as the estimate
+did over the last .3 s. Left out: what friction is beyond its unknown (a Stribeck peak), and all of it where F = 0.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import copysign, exp, sqrt
+from math import exp, sqrt
 from typing import Any
 
 from numba import njit
@@ -45,21 +50,8 @@ REACH = 1.02  # velocities up to so many times the largest one visited count as 
 RATE_MEMORY = 0.3  # [s] over which the change of the damping is looked at
 MEMORY = 0.999  # of innovations, per row
 KNOWN = 1.0  # the declared noise counts as much as one independent innovation
-(
-    LENGTH,
-    TERMS,
-    MAX_GAP,
-    SCALE,
-    MINIMUM_MOTION,
-    NOISE,
-    PRIOR,
-    PRIOR_DEVIATION,
-    BEND_DEVIATION,
-    FRICTION,
-    REST_MEMORY,
-    LIMIT,
-    N_OWN,
-) = range(13)
+(LENGTH, TERMS, MAX_GAP, SCALE, MINIMUM_MOTION, NOISE, PRIOR, PRIOR_DEVIATION, BEND_DEVIATION) = range(9)
+FRICTION, FRICTION_VELOCITY, REST_MEMORY, LIMIT, N_OWN = range(9, 14)
 MISFIT, EXPECTED, TAKEN, REACHED, SPEED, TORQUE, SPAN, STEP, SLOW, N_COUNTERS = range(10)
 MOVING, STILL, FILLING, BAD = range(4)
 OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
@@ -76,11 +68,12 @@ class DampingParameters(Parameters):
     damping_deviation: float = parameter(5.0, "standard deviation of that", "N m s/rad", 1e-9, 1e6)
     bend_deviation: float = parameter(0.5, "standard deviation of higher powers' shares", "N m s/rad", 1e-9, 1e6)
     rest_memory: float = parameter(10.0, "time at rest after which the past counts 1/e", "s", 1e-3, 1e9)
-    dry_friction: float = parameter(0.0, "dry friction that may hide in the torque", "N m", 0.0, 1e6)
+    dry_friction: float = parameter(0.05, "standard deviation of dry friction before any data", "N m", 0.0, 1e6)
+    friction_velocity: float = parameter(0.05, "velocity at which 71 % of dry friction acts", "rad/s", 1e-6, 1e3)
     torque_noise: float = parameter(0.05, "standard deviation of torque noise expected", "N m", 1e-9, 1e6)
     minimum_motion: float = parameter(4e-4, "range of angle in a window below which it tells nothing", "rad", 0.0, 1.0)
     max_gap: float = parameter(0.05, "longest step between samples that keeps the window", "s", 1e-4, 10.0)
-    initial_covariance: float = parameter(1.0, "covariance before any data, P(0)", "1/(rad/s)^2", 1e-9, 1e9)
+    initial_covariance: float = parameter(10.0, "covariance before any data, P(0)", "1/(rad/s)^2", 1e-9, 1e9)
     covariance_limit: float = parameter(
         10.0, "mean variance in P at which it is full, p_max", "1/(rad/s)^2", 1e-9, 1e12
     )
@@ -89,8 +82,8 @@ class DampingParameters(Parameters):
         """The first N_OWN numbers of a kernel's parameter row."""
         return (
             self.window + 1, self.terms, self.max_gap, self.velocity_scale, self.minimum_motion, self.torque_noise,
-            self.damping_prior, self.damping_deviation, self.bend_deviation, self.dry_friction, self.rest_memory,
-            self.covariance_limit,
+            self.damping_prior, self.damping_deviation, self.bend_deviation, self.dry_friction,
+            self.friction_velocity, self.rest_memory, self.covariance_limit,
         )  # fmt: skip
 
     def colour(self) -> Array:
@@ -111,7 +104,7 @@ def known_of(device: Device) -> dict[str, Any]:
     known = {
         "damping_prior": 0.5 * (low + high),
         "damping_deviation": max(high - low, 0.5 * high),
-        "dry_friction": device.link.coulomb_friction,
+        "dry_friction": device.link.coulomb_friction or sensors.link_torque_noise,  # less would not be seen
         "torque_noise": max(sensors.link_torque_noise, 1e-9),
     }
     if sensors.link_quantum is not None:
@@ -121,8 +114,8 @@ def known_of(device: Device) -> dict[str, Any]:
 
 @njit(cache=True, error_model="numpy")
 def size(n: int, length: int) -> int:
-    """Floats in the state: header, value, deviation, counters, w, biases, C, Q, gains, velocities, times, samples."""
-    return window.HEADER + 2 + N_COUNTERS + 3 * n + 2 * n * n + n * length + 4 * length
+    """Floats in the state: header, value, deviation, counters, w, lag, C, Q, gains, velocities, times, samples."""
+    return window.HEADER + 2 + N_COUNTERS + 2 * n + 2 * n * n + n * length + 4 * length
 
 
 @njit(cache=True, error_model="numpy")
@@ -139,16 +132,16 @@ def coefficients(state: Array, n: int) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _biases(state: Array, n: int) -> tuple[Array, Array]:
-    """The views (n,) of how w lags behind a damping that rises by one a second [s], and of one N m of dry friction."""
+def _lag(state: Array, n: int) -> Array:
+    """The view (n,) of how far w lags behind a damping that rises by one a second."""
     at = window.HEADER + 2 + N_COUNTERS + n
-    return state[at : at + n], state[at + n : at + 2 * n]
+    return state[at : at + n]
 
 
 @njit(cache=True, error_model="numpy")
 def _covariances(state: Array, n: int, length: int) -> tuple[Array, Array, Array]:
     """The views C (n, n) per unit noise, Q (n, n) of the prior, gains (n, L) by ring slot."""
-    at = window.HEADER + 2 + N_COUNTERS + 3 * n
+    at = window.HEADER + 2 + N_COUNTERS + 2 * n
     C = state[at : at + n * n].reshape(n, n)
     Q = state[at + n * n : at + 2 * n * n].reshape(n, n)
     return C, Q, state[at + 2 * n * n : at + 2 * n * n + n * length].reshape(n, length)
@@ -165,7 +158,7 @@ def _rings(state: Array, n: int, length: int) -> tuple[Array, Array, Array]:
 @njit(cache=True, error_model="numpy")
 def start(par: Array, state: Array) -> None:
     """Overwrite this part of the state with the prior: a damper of constant damping."""
-    n = int(par[TERMS])
+    n = int(par[TERMS]) + 1
     window.start(state)
     state[window.HEADER : size(n, int(par[LENGTH]))] = 0.0
     state[window.HEADER], state[window.HEADER + 1] = par[PRIOR], par[PRIOR_DEVIATION]
@@ -178,6 +171,8 @@ def start(par: Array, state: Array) -> None:
 @njit(cache=True, error_model="numpy")
 def _of_prior(par: Array, term: int) -> float:
     """Variance of a coefficient before any data."""
+    if term == int(par[TERMS]):
+        return 1.0 if par[FRICTION] > 0.0 else 0.0
     return float(par[PRIOR_DEVIATION if term == 0 else BEND_DEVIATION] ** 2)
 
 
@@ -192,7 +187,7 @@ def enter(par: Array, state: Array, row: Array, psi: Array, held: Array, v: Arra
 
     psi (3, L) and held (L,) are overwritten, and v (n,) if MOVING.
     """
-    n, length = int(par[TERMS]), int(par[LENGTH])
+    n, length = int(par[TERMS]) + 1, int(par[LENGTH])
     velocities, times, samples = _rings(state, n, length)
     count = counters(state)
     before, first = state[window.LAST], state[window.SAMPLES] == 0.0
@@ -222,8 +217,9 @@ def enter(par: Array, state: Array, row: Array, psi: Array, held: Array, v: Arra
     count[SPEED], count[TORQUE] = speed, dot(psi[0], samples[1])
     ratio = speed / par[SCALE]
     v[0] = speed
-    for j in range(1, n):
+    for j in range(1, n - 1):
         v[j] = v[j - 1] * ratio * ratio
+    v[n - 1] = par[FRICTION] * speed / sqrt(speed * speed + par[FRICTION_VELOCITY] ** 2)
     return MOVING
 
 
@@ -238,7 +234,7 @@ def follow(
     gain, v             (n,)
     lagged, spare       (L,), (2, n) overwritten
     """
-    n, length, slot = int(par[TERMS]), int(par[LENGTH]), int(state[window.SLOT])
+    n, length, slot = int(par[TERMS]) + 1, int(par[LENGTH]), int(state[window.SLOT])
     C, Q, gains = _covariances(state, n, length)
     count = counters(state)
     at = slot
@@ -250,10 +246,9 @@ def follow(
     if of_prior <= par[NOISE] ** 2 * r[0]:
         count[MISFIT] = MEMORY * count[MISFIT] + error * error
         count[EXPECTED] = MEMORY * count[EXPECTED] + share
-    lag, dry = _biases(state, n)
+    lag = _lag(state, n)
     lag[0] += count[STEP]
-    recursive_error.bias(lag, gain, v, 0.0)
-    recursive_error.bias(dry, gain, v, copysign(1.0, v[0]))
+    recursive_error.bias(lag, gain, v)
     recursive_error.follow(C, Q, gains, slot, gain, v, spare[0], r[0], spare[1])
     count[TAKEN] += 1.0
 
@@ -261,10 +256,11 @@ def follow(
 @njit(cache=True, error_model="numpy")
 def rest(par: Array, state: Array) -> None:
     """One step without an equation: within the rest memory what was learnt fades into the prior's width."""
-    n, length = int(par[TERMS]), int(par[LENGTH])
+    n, length = int(par[TERMS]) + 1, int(par[LENGTH])
     keep = exp(-counters(state)[STEP] / par[REST_MEMORY])
-    _biases(state, n)[0][0] += counters(state)[STEP]
-    _biases(state, n)[0][:] *= keep
+    lag = _lag(state, n)
+    lag[0] += counters(state)[STEP]
+    lag *= keep
     C, Q, _ = _covariances(state, n, length)
     C *= keep
     Q *= keep
@@ -275,7 +271,7 @@ def rest(par: Array, state: Array) -> None:
 @njit(cache=True, error_model="numpy")
 def tell(par: Array, r0: float, state: Array, made: int, slope: Array) -> int:
     """Value and deviation of this step into the state; returns its status; slope (n,) is overwritten."""
-    n, length = int(par[TERMS]), int(par[LENGTH])
+    n, length = int(par[TERMS]) + 1, int(par[LENGTH])
     now, count = state[window.HEADER : window.HEADER + 2], counters(state)
     if made == BAD:
         return BAD_SAMPLE
@@ -290,21 +286,20 @@ def tell(par: Array, r0: float, state: Array, made: int, slope: Array) -> int:
         C, Q, _ = _covariances(state, n, length)
         noise = (KNOWN * par[NOISE] ** 2 * r0 + count[MISFIT]) / (KNOWN * r0 + count[EXPECTED])
         w = coefficients(state, n)
-        lag, dry = _biases(state, n)
-        slope[0] = 1.0
-        for j in range(1, n):
+        lag = _lag(state, n)
+        slope[0], slope[n - 1] = 1.0, 0.0
+        for j in range(1, n - 1):
             slope[j] = slope[j - 1] * (count[SPEED] / par[SCALE]) ** 2 * (2 * j + 1) / (2 * j - 1)
         variance = noise * recursive_error.quadratic(C, slope) + recursive_error.quadratic(Q, slope)
-        value, late, friction = 0.0, 0.5 * count[SPAN], 0.0
+        value, late = 0.0, 0.5 * count[SPAN]
         for i in range(n):
             value += slope[i] * w[i]
             late += slope[i] * lag[i]
-            friction += slope[i] * dry[i]
         # What changed over the last RATE_MEMORY goes on changing, and the estimate lags behind it.
         if count[TAKEN] == length:
             count[SLOW] = value
         count[SLOW] += (value - count[SLOW]) * (1.0 - exp(-count[STEP] / RATE_MEMORY))
-        variance += ((value - count[SLOW]) / RATE_MEMORY * late) ** 2 + (par[FRICTION] * friction) ** 2
+        variance += ((value - count[SLOW]) / RATE_MEMORY * late) ** 2
         deviation = sqrt(max(variance, 0.0))
         now[0] = value
         now[1] = deviation if made == MOVING else max(now[1], min(deviation, par[PRIOR_DEVIATION]))

@@ -41,8 +41,8 @@ class DampingRLS(Estimator):
 
     @classmethod
     def from_device(cls, device: Device) -> DampingRLS:
-        """What the device file tells (`damping_equation.known_of`); the rest stays as given."""
-        return cls(replace(DampingRLSParameters(), **known_of(device)))
+        """What the device file tells (`damping_equation.known_of`), friction aside: the document's powers alone."""
+        return cls(replace(DampingRLSParameters(), **{**known_of(device), "dry_friction": 0.0}))
 
     def having(self, parameters: Parameters) -> DampingRLS:
         return replace(self, parameters=expect(parameters, DampingRLSParameters))
@@ -62,7 +62,7 @@ class DampingRLS(Estimator):
         return np.array((*own.row(), own.stability_factor, own.forgetting)), own.colour()
 
     def init(self) -> Array:
-        own, n = self.parameters, self.parameters.terms
+        own, n = self.parameters, self.parameters.terms + 1
         state = np.zeros(damping_equation.size(n, own.window + 1) + n * n)
         damping_equation.start(self._constants[0], state)
         _covariance(state, n)[:, :] = own.initial_covariance * np.eye(n)
@@ -71,7 +71,7 @@ class DampingRLS(Estimator):
 
     def condition(self, state: Array) -> float:
         """Condition number of the triangular root of P."""
-        found = np.linalg.eigvalsh(_covariance(state, self.parameters.terms))
+        found = np.linalg.eigvalsh(_covariance(state, self.parameters.terms + 1))
         return float(np.sqrt(found[-1] / max(found[0], 1e-32 * found[-1], 1e-300)))
 
     def _advance(
@@ -91,7 +91,7 @@ def _covariance(state: Array, n: int) -> Array:
 def _advance(
     par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
 ) -> None:
-    n, length = int(par[damping_equation.TERMS]), int(par[damping_equation.LENGTH])
+    n, length = int(par[damping_equation.TERMS]) + 1, int(par[damping_equation.LENGTH])
     P, w, count = _covariance(state, n), damping_equation.coefficients(state, n), damping_equation.counters(state)
     now = state[window.HEADER : window.HEADER + 2]
     psi, held, lagged = np.empty((3, length)), np.empty(length), np.empty(length)

@@ -10,8 +10,9 @@ adds up without end in directions that no row visits. Three departures, none of 
   - beta is eliminated: P <- P - (lambda r - (1 - lambda)) / (lambda r (1 + r)) P v v' P, which along v leaves
     r / (lambda (1 + r)) of r, finite and positive however small r is. P is carried as its triangular root, P = R' R, so
     it is positive semidefinite by construction and rounding cannot change that;
-  - delta fades as P fills up: delta max(0, 1 - trace P / (n p_max)); and P that is full forgets no more, hence
-    trace P <= n (p_max + delta) / lambda_min for ever;
+  - delta fades as P fills up, direction by direction, P_jj += delta max(0, 1 - P_jj / p_max), so that one no row visits
+    does not stop the growth of the others; and P that is full (trace P >= n p_max) forgets no more. Hence for ever
+    trace P <= n (p_max / lambda_min + p_max + delta);
   - eta of (79) has a floor; (78) is 0/0 without one, on the first row at rest.
 """
 
@@ -53,7 +54,7 @@ def trace(R: Array) -> float:
 
 @njit(cache=True, error_model="numpy")
 def grow(R: Array, correction: float, limit: float, row: Array, spare: Array) -> None:
-    """P <- P + delta max(0, 1 - trace P / (n p_max)) I, by rotations.
+    """P_jj += delta max(0, 1 - P_jj / p_max) for every j, by rotations.
 
     R            (n, n) upper triangular, overwritten
     correction   delta [1/(rad/s)^2]
@@ -61,9 +62,12 @@ def grow(R: Array, correction: float, limit: float, row: Array, spare: Array) ->
     row, spare   (n,) overwritten with zeros
     """
     n = row.size
-    each = correction * (1.0 - trace(R) / (n * limit))
-    if each > 0.0:
-        for j in range(n):
+    for j in range(n):
+        diagonal = 0.0
+        for i in range(j + 1):
+            diagonal += R[i, j] * R[i, j]
+        each = correction * (1.0 - diagonal / limit)
+        if each > 0.0:
             row[j] = sqrt(each)
             rotate_in(R, spare, row, 0.0, j)
 

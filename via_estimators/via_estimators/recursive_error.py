@@ -13,7 +13,7 @@ is exact for s = 1: C is the sandwich of `coloured`, for gains that are not thos
 wrong by is carried beside it, Q <- A Q A', in units of its own; the covariance is s^2 C + Q. One innovation has the
 variance s^2 (r_0 + v' C v - 2 v' X) + v' Q v, from which s^2 is measured.
 
-Errors of known shape take the same way, b <- A b + k torque (`bias`): dry friction, or w* that moves, b <- A (b + dw).
+A w* that moves by dw per row leaves a bias that takes the same way, b <- A (b + dw) (`bias`).
 """
 
 from __future__ import annotations
@@ -79,13 +79,13 @@ def follow(C: Array, Q: Array, G: Array, slot: int, k: Array, v: Array, X: Array
 
 
 @njit(cache=True, error_model="numpy")
-def bias(b: Array, k: Array, v: Array, torque: float) -> None:
-    """b <- A b + k torque, b (n,) overwritten: what an error of known shape, `torque` in this row, has done to w."""
-    along = torque
+def bias(b: Array, k: Array, v: Array) -> None:
+    """b <- A b, b (n,) overwritten."""
+    along = 0.0
     for j in range(v.size):
-        along -= v[j] * b[j]
+        along += v[j] * b[j]
     for j in range(v.size):
-        b[j] += k[j] * along
+        b[j] -= k[j] * along
 
 
 @njit(cache=True, error_model="numpy")

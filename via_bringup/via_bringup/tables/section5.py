@@ -54,6 +54,7 @@ LIMITS: dict[str, tuple[float | None, float | None]] = {
 }
 # The document's largest error [%]; 10 to 30 % are printed for (80).
 PRINTED = {"constant_stribeck": 5.0, "varying_stribeck": 30.0}
+JUDGED = ("default", "n1", "n2")
 PRINTED_NRMSE = {"constant_stribeck": 2.89, "varying_stribeck": 3.17}
 NRMSE = "NRMSE [% of the torque's range]"
 RESTLESS = {"error_forgetting": 0.99, "least": 0.9, "sensitivity": 100.0, "delta": 1e-3}  # forgets at every sample
@@ -70,11 +71,18 @@ def _least_squares(**changes: Any) -> DampingRLS:
 
 
 def _methods() -> dict[str, tuple[str, Estimator]]:
-    """Id -> (in words, estimator); the first two are judged."""
+    """Id -> (in words, estimator); `JUDGED` are."""
     return {
-        "n1": ("Algorithm 1 made safe, n = 1", _directional(1)),
-        "n2": ("Algorithm 1 made safe, n = 2, powers counted alike at 4 rad/s", _directional(2)),
-        "n2_printed_powers": ("Algorithm 1 made safe, n = 2, powers as printed", _directional(2, velocity_scale=1.0)),
+        "default": ("VIA's default, n = 1 and dry friction", _directional(1)),
+        "n1": ("Algorithm 1 made safe, n = 1", _directional(1, dry_friction=0.0)),
+        "n2": (
+            "Algorithm 1 made safe, n = 2, powers alike at 4 rad/s",
+            _directional(2, dry_friction=0.0, initial_covariance=1.0),
+        ),
+        "n2_printed_powers": (
+            "Algorithm 1 made safe, n = 2, powers as printed",
+            _directional(2, velocity_scale=1.0, dry_friction=0.0),
+        ),
         "rls": ("plain RLS (66)-(70)", _least_squares()),
         "rls_stabilised": ("RLS with stability factor c = 10 (71)-(73)", _least_squares(stability_factor=10.0)),
         "rls_forgetting": ("RLS with exponential forgetting .99 (74)", _least_squares(forgetting=0.99)),
@@ -107,7 +115,7 @@ def _experiment(experiment: Experiment, seeds: int, told: Callable[[int], None])
         for name, (_, estimator) in methods.items():
             estimates = estimator.run(run.measured)
             each[name].append(judged(estimates, run, WIDTH_95))
-            if name == "n1":
+            if name == "default":
                 of_torque.append(_torque_nrmse(run, estimates.value[:, 0]))
         slope, misfit = _trend(run)
         trend.append(slope)
@@ -115,19 +123,21 @@ def _experiment(experiment: Experiment, seeds: int, told: Callable[[int], None])
     out = []
     for name, runs in each.items():
         words = f"{experiment.title}: {methods[name][0]}"
-        mean_limit, largest_limit = LIMITS[experiment.name] if name in ("n1", "n2") else (None, None)
+        mean_limit, largest_limit = LIMITS[experiment.name] if name in JUDGED else (None, None)
         at = f"5.{experiment.name}.{name}"
         mean, largest = (PERCENT * float(np.mean([getattr(run, key) for run in runs])) for key in ("mean", "largest"))
-        remark = "" if name != "n1" or not experiment.friction else (
-            "friction is no part of the model; the printed largest errors belong to a friction nobody printed"
-        )  # fmt: skip
+        remark = ""
+        if experiment.friction and name in ("n1", "n2"):
+            remark = "friction is no part of this model; the printed errors belong to a friction nobody printed"
         out.append(Row(f"{at}.mean", words, "mean error [%]", None, mean, mean_limit, SETTINGS, seeds))
-        printed = PRINTED.get(experiment.name) if name == "n1" else None
+        printed = PRINTED.get(experiment.name) if name in JUDGED else None
+        if name == "default":
+            largest_limit = largest_limit or printed  # no worse than what the document had
         out.append(
             Row(f"{at}.max", words, "largest error [%]", printed, largest, largest_limit, SETTINGS, seeds, remark)
         )
-        if name in ("n1", "n2"):
-            out += _deviations(at, words, runs, experiment, judge=name == "n1" and not experiment.friction)
+        if name in JUDGED:
+            out += _deviations(at, words, runs, experiment, judge=name != "n2" and not experiment.friction)
     stribeck = experiment.friction
     if not experiment.varying:
         line, value = 2.74 if stribeck else None, PERCENT * float(np.mean(fit))
@@ -147,7 +157,7 @@ def _deviations(at: str, words: str, runs: Sequence[Judged], experiment: Experim
     """Reported against empirical deviation, and coverage."""
     ratio = float(np.sqrt(np.mean([run.reported**2 for run in runs]) / np.mean([run.empirical**2 for run in runs])))
     covered = PERCENT * float(np.mean([run.covered for run in runs]))
-    remark = "undeclared friction is no noise: no deviation can know it from within" if experiment.friction else ""
+    remark = "what the model has no unknown for is no noise, and no deviation knows it" if experiment.friction else ""
     return [
         Row(f"{at}.sd_factor", f"{words}: factor between reported and empirical deviation, reported {ratio:.2f} times",
             "max(a/b, b/a) [-]", None, max(ratio, 1.0 / ratio), 1.25 if judge else None, SETTINGS, len(runs), remark),
@@ -184,17 +194,19 @@ def _standstill(seeds: int) -> list[Row]:
         "correction": RESTLESS["delta"],
     }
     cases = {
-        "n1": ("n = 1", _directional(1)),
-        "n2": ("n = 2", _directional(2)),
+        "default": ("default", _directional(1)),
+        "n1": ("n = 1", _directional(1, dry_friction=0.0)),
+        "n2": ("n = 2", _directional(2, dry_friction=0.0)),
         "n2_restless": (
             "n = 2, powers as printed, lambda_min .9, rho 100",
-            _directional(2, velocity_scale=1.0, **restless),
+            _directional(2, velocity_scale=1.0, dry_friction=0.0, **restless),
         ),
     }
     settings = f"{SETTINGS}; the hand rests from {low:g} to {high:g} s"
+    bound = 1.0 + 1.0 / RESTLESS["least"]
     for name, (words, estimator) in cases.items():
         worst, unmarked, least, full = [], [], np.inf, 0.0
-        limit = estimator.parameters.covariance_limit * estimator.parameters.terms
+        limit = estimator.parameters.covariance_limit * (estimator.parameters.terms + 1)
         for seed in range(seeds):
             run = RESTING.run(seed)
             estimates, eigenvalues, traces = _watched(estimator, run)
@@ -212,7 +224,7 @@ def _standstill(seeds: int) -> list[Row]:
                 "share [%]", None, PERCENT * float(np.mean(unmarked)), 0.0, settings, seeds),
             Row(f"{at}.negative", f"{words}: most negative eigenvalue of P", "-min(0, eigenvalue) [1/(rad/s)^2]", None,
                 max(0.0, -least), 0.0, settings, seeds),
-            Row(f"{at}.bounded", f"{words}: largest trace of P", "trace P / (n p_max) [-]", None, full, 1.2, settings,
+            Row(f"{at}.bounded", f"{words}: largest trace of P", "trace P / (n p_max) [-]", None, full, bound, settings,
                 seeds),
         ]  # fmt: skip
     return out + _printed_standstill(settings)
@@ -255,7 +267,9 @@ def _stability_factor() -> Row:
     """(73) is least squares from c P(0)."""
     run = EXPERIMENTS[0].run(0)
     factor = 10.0
-    stabilised = _least_squares(stability_factor=factor, covariance_limit=1e12).run(run.measured).value
+    stabilised = (
+        _least_squares(stability_factor=factor, initial_covariance=1.0, covariance_limit=1e12).run(run.measured).value
+    )
     plain = _least_squares(initial_covariance=factor, covariance_limit=1e12).run(run.measured).value
     apart = float(np.max(np.abs(stabilised / plain - 1.0)))
     return Row("5.rls.stability_factor", "RLS with c = 10 from P(0) = 1 beside plain RLS from P(0) = 10",
@@ -279,14 +293,14 @@ class _Followed:
 
 
 def _followed(experiment: Experiment) -> _Followed:
-    run, estimator = experiment.run(0), _directional(2)
+    run, estimator = experiment.run(0), _directional(2, dry_friction=0.0)
     rows_in = rows_of(run.measured, estimator.inputs)
-    state, w = estimator.init(), np.empty((len(rows_in), 2))
+    state, w = estimator.init(), np.empty((len(rows_in), 2))  # the third, friction, is not there
     damping, deviation = np.empty(len(rows_in)), np.empty(len(rows_in))
     for k, row in enumerate(rows_in):
         state, estimate = estimator.step(state, row)
         w[k], damping[k], deviation[k] = (
-            estimator.coefficients(state),
+            estimator.coefficients(state)[:2],
             estimate.value[0],
             estimate.standard_deviation[0],
         )
