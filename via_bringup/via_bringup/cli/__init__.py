@@ -11,7 +11,7 @@ import typer
 from rich.text import Text
 from via_core.errors import ViaError
 
-from via_bringup.cli import bag, bench, compare, demo, devices, estimate, run, simulate, tables
+from via_bringup.cli import bag, bench, compare, demo, devices, estimate, gap, run, simulate, tables
 from via_bringup.cli.console import errors
 
 app = typer.Typer(
@@ -29,6 +29,7 @@ app.command("compare")(compare.compare)
 app.command("tables")(tables.tables)
 app.add_typer(bag.app, name="bag")
 app.add_typer(bench.app, name="bench")
+app.add_typer(gap.app, name="gap")
 
 
 def main() -> None:
