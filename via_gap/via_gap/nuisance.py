@@ -65,39 +65,38 @@ def apply_all(row: Array, each: tuple[Nuisance, ...], deviations: Array) -> None
         nuisance.apply(row, 1.0 + nuisance.tolerance * float(deviation))
 
 
-def bounded_step(
-    jacobian: Array, residual: Array, start: Array, low: Array, high: Array, prior: Array, centre: Array
-) -> Array:
-    """argmin |residual - jacobian (x - start)|^2 + sum prior (x - centre)^2 inside [low, high]; x (J,).
-
-    Coordinate descent on the normal equations: small, always finite, and exact enough after a few dozen sweeps.
-    """
-    normal = jacobian.T @ jacobian + np.diag(prior)
-    gradient = jacobian.T @ residual + jacobian.T @ (jacobian @ start) + prior * centre
-    return descend(normal, gradient, np.clip(start, low, high), low, high)
-
-
 def descend(normal: Array, gradient: Array, start: Array, low: Array, high: Array) -> Array:
-    """argmin x' N x - 2 g' x inside a box: Newton on the free coordinates, those at a bound that pull outwards stay."""
-    x = start.copy()
+    """argmin x' N x - 2 g' x for low <= x <= high (n,), N (n, n) positive, by an active set.
+
+    Newton on the free coordinates; the first that would leave its interval stays at that end, and of those at an end
+    the one pulled inwards most is let go once the free ones have settled.
+    """
+    x = np.clip(start, low, high)
     diagonal = np.diag(normal)
     regular = normal + np.diag(1e-10 * diagonal + 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-300))
-    for _ in range(4 * len(x) + 8):
-        slope = gradient - regular @ x
-        tight = 1e-9 * np.maximum(high - low, 1e-12)
-        fixed = ((x <= low + tight) & (slope <= 0.0)) | ((x >= high - tight) & (slope >= 0.0))
-        free = ~fixed
-        if not free.any():
-            break
+    slope = gradient - regular @ x
+    held = ((x <= low) & (slope <= 0.0)) | ((x >= high) & (slope >= 0.0)) | (low >= high)
+    for _ in range(6 * len(x) + 10):
+        free = np.flatnonzero(~held)
         step = np.zeros_like(x)
-        step[free] = np.linalg.solve(regular[np.ix_(free, free)], slope[free])
-        room = np.where(
-            step > 0.0,
-            (high - x) / np.maximum(step, 1e-300),
-            np.where(step < 0.0, (low - x) / np.minimum(step, -1e-300), np.inf),
-        )
-        share = min(1.0, float(room.min(initial=np.inf)))
-        x = np.clip(x + share * step, low, high)
-        if share >= 1.0:
+        if free.size:
+            slope = gradient - regular @ x
+            step[free] = np.linalg.solve(regular[np.ix_(free, free)], slope[free])
+        room = np.full(len(x), np.inf)
+        up, down = step > 0.0, step < 0.0
+        room[up] = (high - x)[up] / step[up]
+        room[down] = (low - x)[down] / step[down]
+        first = int(np.argmin(room))
+        if room[first] < 1.0:
+            x = np.clip(x + max(float(room[first]), 0.0) * step, low, high)
+            x[first] = high[first] if up[first] else low[first]
+            held[first] = True
+            continue
+        x = np.clip(x + step, low, high)
+        slope = gradient - regular @ x
+        inwards = np.where(held & (low < high), np.where(x <= low, slope, -slope), -np.inf) / np.sqrt(diagonal + 1e-300)
+        best = int(np.argmax(inwards))
+        if inwards[best] <= 1e-9 * float(np.max(np.abs(gradient) / np.sqrt(diagonal + 1e-300), initial=1e-300)):
             break
+        held[best] = False
     return x

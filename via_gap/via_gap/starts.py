@@ -169,7 +169,7 @@ def _eccentricity(here: _Here) -> list[Start]:
 
 def _saturation(here: _Here) -> list[Start]:
     peak = float(here.scales.peak[max(here.axis, 1) - 1]) if here.device.drive == "torque" else here.scales.slew
-    return [Start(({"limit": share * peak},), ()) for share in (0.3, 0.5, 0.7, 0.9)]
+    return [Start(({"limit": share * peak},), ()) for share in (0.4, 0.55, 0.7, 0.8, 0.87, 0.92, 0.96, 0.985)]
 
 
 def _delays(*each: float) -> Callable[[_Here], list[Start]]:
