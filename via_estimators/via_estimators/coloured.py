@@ -34,7 +34,9 @@ from via_core.weak_form import window_weights
 from via_estimators.qr import inverse_normal, rotate_in, solve_triangular
 
 COLOURS = 3  # psi, psi', psi''
-WEIGHT, MISFIT, SCATTER, TAKEN, HEAD = range(5)  # sum of weights, RSS with the prior's part, that part's floor, rows
+# Sum of weights, RSS with the prior's part, that part's floor, rows, and how much M has yet to fade.
+WEIGHT, MISFIT, SCATTER, TAKEN, FADED, HEAD = range(6)
+FADE = 1e-3  # M is carried along whenever it has this much to fade: every 20th sample, memory 20 s at 1 kHz
 PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one independent residual
 
 
@@ -66,6 +68,7 @@ def size(n: int, length: int) -> int:
 def start(state: Array, n: int) -> None:
     """Overwrite one equation's state with the prior: x = 0, R = 1, no rows."""
     state[:] = 0.0
+    state[FADED] = 1.0
     for j in range(n):
         state[HEAD + 4 * n + j * n + j] = 1.0
         state[HEAD + 3 * n + j] = 1.0
@@ -155,7 +158,10 @@ def forget(state: Array, n: int, keep: float) -> None:
     x, p, pulled = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], state[HEAD + 2 * n : HEAD + 3 * n]
     R = factor(state, n)
     root, leak = sqrt(keep), sqrt(1.0 - keep)
-    _transport(R, keep, middles(state, n))
+    state[FADED] *= keep
+    if state[FADED] < 1.0 - FADE:
+        _transport(R, state[FADED], middles(state, n))
+        state[FADED] = 1.0
     p *= root
     R *= root
     state[WEIGHT] *= keep
