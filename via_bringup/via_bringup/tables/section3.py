@@ -64,7 +64,7 @@ class Log:
     stiffness: Array  # (n,) of the device [N m/rad]
 
     @property
-    def later(self) -> Array:
+    def later(self) -> np.ndarray:
         """(n,) bool: where errors count."""
         return self.rows[:, 0] >= FROM - 1e-9
 
@@ -92,7 +92,7 @@ class Log:
 def cubic_log(excitation: str) -> Log:
     """The document's joint under E1 or E2, torques held over each millisecond."""
     amplitude, first, second = EXCITATIONS[excitation]
-    t = 1e-3 * np.arange(10_000)
+    t = np.arange(10_000, dtype=np.float64) * 1e-3
     middle = t + 5e-4
     u = np.clip(middle / 0.3, 0.0, 1.0)
     ramp = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
@@ -404,7 +404,7 @@ def _undifferentiated(seeds: int) -> list[Row]:
 
 def _orders(_: int) -> list[Row]:
     """Inertia found on the document's VSA-II, 7.5e-3 kg m^2, without noise."""
-    t = 1e-3 * np.arange(20_000)
+    t = np.arange(20_000, dtype=np.float64) * 1e-3
     middle = t + 5e-4
     torque = 0.05 * np.stack([np.sin(0.1 * np.pi * middle), np.sin(2.0 * np.pi * middle)], axis=1)
     nominal = load_device("vsa2")
@@ -504,7 +504,7 @@ def _figure_3(path: Path) -> Path:
 
 def exponential_log() -> tuple[Device, Log]:
     """An antagonistic joint with exponential springs that deflects by a radian, in slow motion for 20 s."""
-    t = 1e-3 * np.arange(20_000)
+    t = np.arange(20_000, dtype=np.float64) * 1e-3
     middle = t + 5e-4
     tones = np.stack([np.sin(2.0 * np.pi * 0.31 * middle), np.sin(2.0 * np.pi * 0.47 * middle + 1.0)], axis=1)
     motor = np.clip(t / 0.5, 0.0, 1.0)[:, None] * (2.5 + 1.5 * tones) * np.array([1.0, -1.0])
