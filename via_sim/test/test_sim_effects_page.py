@@ -1,0 +1,56 @@
+"""docs/effects.md is the registry. `python via_sim/test/test_sim_effects_page.py` writes it anew."""
+
+from pathlib import Path
+
+from via_sim.catalogue import EFFECTS
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
+HEAD = """# Effects
+
+One piece of unmodelled physics each. An effects file lists those a joint has; the simulator node, launch files and
+`via sim` load it, and a diagnosis writes one:
+
+```yaml
+- effect: coulomb_friction
+  site: motor
+  motor: 1
+  parameters: {torque: 0.02}
+```
+
+`motor` numbers motors and transmissions from 1, sensors and late channels from 0, the link's. A rigid joint has no motor
+of its own; what its drive does wrong stands at motor 1, and its drive's command is the external torque. Values outside
+the bounds are refused. At its neutral values an effect is absent to the last bit. `linear` marks numbers in which the
+torques of the joint's equations are linear. In formulas v is the speed of the axis, s its sign, phi the deflection of the
+transmission, u a command. This page is written from the registry by `python via_sim/test/test_sim_effects_page.py`.
+
+| Effect | Sites | What it adds | Most like, told apart by |
+|---|---|---|---|
+"""
+
+
+def cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def page() -> str:
+    lines = [HEAD]
+    for kind in EFFECTS.values():
+        sites = ", ".join(kind.sites)
+        lines.append(f"| [{kind.name}](#{kind.name}) | {sites} | `{cell(kind.term)}` | {cell(kind.confused_with)} |\n")
+    for kind in EFFECTS.values():
+        lines.append(f"\n## {kind.name}\n\n{kind.text[0].upper()}{kind.text[1:]}.\n\n")
+        lines.append("| Parameter | Unit | From | To | Neutral | Linear | |\n|---|---|---|---|---|---|---|\n")
+        for p in kind.parameters:
+            linear = "yes" if p.linear else ""
+            lines.append(
+                f"| {p.name} | {p.unit} | {p.low:.6g} | {p.high:.6g} | {p.neutral:.6g} | {linear} | {p.text} |\n"
+            )
+    return "".join(lines)
+
+
+def test_the_page_is_the_registry():
+    assert PAGE.read_text(encoding="utf-8") == page()
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
