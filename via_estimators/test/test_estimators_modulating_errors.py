@@ -64,6 +64,16 @@ def test_truncation_is_what_is_missing_in_the_rows_of_a_true_joint_and_stays_wit
     assert np.abs(printed - found).max() > np.abs(found).max()
 
 
+def test_samples_k_minus_m_turn_the_sign_of_what_truncation_does():
+    """(32), (34) as printed pair sample k - m with m/H: the same size, the other way round."""
+    phi = 0.2 + 0.8 * np.sin(5.0 * 1e-3 * np.arange(1500))
+    rho = errors.remainder(SINH, [1.5, 0.0, 13.5], phi)
+    found = errors.truncation_errors(rho, H, SPAN)
+    backwards = SPAN**2 / H * modulating(3, 1, np.arange(H + 1) / H)[::-1]
+    printed = np.convolve(rho, -backwards[::-1], "valid")
+    np.testing.assert_allclose(printed, -found, atol=1e-9 * np.abs(found).max())
+
+
 def test_the_bound_is_reached_by_a_step_and_the_printed_one_broken_by_slow_motion():
     """(33) prints T 5/8 sup |sigma - sigma_N|: another unit. phi jumps from -1 to 1 in the middle of 100 s."""
     law, span, intervals = cubic_spring(1.0, 2.0), 100.0, 1000
