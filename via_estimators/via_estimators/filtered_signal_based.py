@@ -53,6 +53,7 @@ from via_estimators.signal_based import (
     TRANSMISSIONS,
     SignalBased,
     learn,
+    scratch,
     tell,
     visit,
     visited,
@@ -232,7 +233,7 @@ def _advance(
     filters = state[at : at + (1 + m) * kalman.SIZE].reshape(1 + m, kalman.SIZE)
     at += (1 + m) * kalman.SIZE
     each = N_KEPT + N_ROUGH + integral.size(n)
-    told, late = np.empty(7), np.empty(3)
+    told, late, work = np.empty(7), np.empty(3), scratch(n)
     fitted = 1.0 - weights[0, half]  # share of the variance of white noise that smoothing takes away
     for k in range(rows.shape[0]):
         before = state[window.LAST]
@@ -288,13 +289,13 @@ def _advance(
                 rough[ROUGH_TORQUE] += (efforts[middle] - late[2]) ** 2
                 rough[ROUGH_ANGLE] += (ring[0, middle] - angles[middle] - late_q + late[0]) ** 2
                 visit(kept, late_q - late[0])
-            learn(par, kept, equation, step, keep, moving, late[0], late[1], late[2], late_q - late[0])
+            learn(par, kept, equation, step, keep, moving, late[0], late[1], late[2], late_q - late[0], work)
             warming = equation[integral.TAKEN] < length
             motor = filters[1 + i]
             phi = link[kalman.ANGLE] - motor[kalman.ANGLE]
             declared = par[TORQUE_NOISE] ** 2
             white = (declared + rough[ROUGH_TORQUE] + now[1 + i] ** 2 * rough[ROUGH_ANGLE]) / (1.0 + rough[WEIGHT])
-            tell(par, kept, equation, warming, phi, white / declared, 0.0, told)
+            tell(par, kept, equation, warming, phi, white / declared, 0.0, told, work)
             # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
             floor = 0.0 if warming or moving else 1.0
             at_i, at_B, at_D = 1 + i, 1 + m + i, 1 + 2 * m + i

@@ -35,7 +35,6 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
 from numba import njit
 from via_core.signals import Array
 
@@ -134,8 +133,11 @@ def eliminate(state: Array, n: int) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def forget(state: Array, n: int, keep: float) -> None:
-    """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it."""
+def forget(state: Array, n: int, keep: float, pull: Array) -> None:
+    """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it.
+
+    pull  (n,) overwritten
+    """
     if keep == 1.0:
         return
     x, p, R = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], factor(state, n)
@@ -146,7 +148,7 @@ def forget(state: Array, n: int, keep: float) -> None:
     state[HEAD + 2 * n + n * n : HEAD + 2 * n + 3 * n * n] *= keep * keep
     matrix(state, n, 3)[:, :] *= keep
     state[WEIGHT] *= keep
-    pull = np.zeros(n)
+    pull[:] = 0.0
     for j in range(1, n):
         pull[j] = leak
         rotate_in(R, p, pull, leak * x[j], j)

@@ -178,11 +178,17 @@ def row_unit(par: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def scratch(n: int) -> Array:
+    """Room (6, n) for `learn` and `tell`, made once: an allocation per sample would cost more than the sums in it."""
+    return np.empty((6, n))
+
+
+@njit(cache=True, error_model="numpy")
 def learn(
     par: Array, kept: Array, equation: Array, elapsed: float, keep: float, moving: bool,
-    angle: float, velocity: float, effort: float, phi: float,
+    angle: float, velocity: float, effort: float, phi: float, work: Array,
 ) -> None:  # fmt: skip
-    """One sample into the equation of one transmission; `kept` remembers it for the next.
+    """One sample into the equation of one transmission; `kept` remembers it for the next; `work` is `scratch`.
 
     elapsed  [s] since the sample before
     keep     lambda over that time
@@ -191,9 +197,10 @@ def learn(
     kind, terms, scale = int(par[KIND]), int(par[TERMS]), par[SCALE]
     n, unit = terms + 3, row_unit(par)
     mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
-    row = np.zeros(n)
+    f, g, bend = work[0, :terms], work[1, :terms], work[2, :terms]
+    row, grown, moved = work[3], work[4], work[5]
     if moving and kept[RUNNING] > 0.0:
-        f, g, bend, grown, moved = np.empty(terms), np.empty(terms), np.empty(terms), np.empty(n), np.zeros(n)
+        moved[0] = moved[1] = 0.0
         grown[1], grown[2] = velocity - kept[VELOCITY], angle - kept[ANGLE]
         fill_basis(kind, phi, scale, f, g, bend)
         for j in range(terms):
@@ -215,8 +222,9 @@ def learn(
     if kept[RUNNING] > 0.0 and (not moving or kept[AGE] >= par[HORIZON]):
         integral.eliminate(equation, n)
         kept[AGE] = 0.0
-    integral.forget(equation, n, keep)
+    integral.forget(equation, n, keep, row)
     if moving:
+        row[:] = 0.0
         row[0], row[1] = 1.0, velocity * width[1] / unit
         integral.take(equation, n, row, -velocity * mean[1] / unit)
     kept[RUNNING] = 1.0 if moving else 0.0
@@ -225,20 +233,23 @@ def learn(
 
 @njit(cache=True, error_model="numpy")
 def tell(
-    par: Array, kept: Array, equation: Array, warming: bool, phi: float, torque: float, velocity: float, told: Array
-) -> None:
+    par: Array, kept: Array, equation: Array, warming: bool, phi: float, torque: float, velocity: float, told: Array,
+    work: Array,
+) -> None:  # fmt: skip
     """What one equation says: stiffness (43), its bend dsigma/dphi, B, D, variances of stiffness, B, D -> told (7,).
 
     torque    variance of the torque noise in units of the declared one
     velocity  [(rad/s)^2] variance of the velocity noise
+    work      `scratch`
     """
     kind, terms = int(par[KIND]), int(par[TERMS])
     n = terms + 3
     mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
     x = integral.unknowns(equation, n)
-    f, g, bend, slope, work = np.empty(terms), np.empty(terms), np.empty(terms), np.zeros(n), np.empty(n)
+    f, g, bend, slope, weights = work[0, :terms], work[1, :terms], work[2, :terms], work[3], work[4]
     fill_basis(kind, phi, par[SCALE], f, g, bend)
     told[:] = 0.0
+    slope[:] = 0.0
     told[2], told[3] = mean[1], mean[2]
     if not warming:
         told[2] += width[1] * x[1]
@@ -252,11 +263,11 @@ def tell(
     told[5], told[6] = width[1] * width[1], width[2] * width[2]
     if not warming:
         blur = velocity * (told[2] / row_unit(par)) ** 2
-        told[4] = integral.variance(equation, n, slope, torque, blur, work)
+        told[4] = integral.variance(equation, n, slope, torque, blur, weights)
         for j in (1, 2):
             slope[:] = 0.0
             slope[j] = width[j]
-            told[4 + j] = integral.variance(equation, n, slope, torque, blur, work)
+            told[4 + j] = integral.variance(equation, n, slope, torque, blur, weights)
         if par[TRUNCATION] > 0.0:
             far = max(abs(kept[LOW]), abs(kept[HIGH])) / par[SCALE]
             for back in range(2 if kind in (POWERS, LEGENDRE) else 1):
@@ -264,7 +275,7 @@ def tell(
                 slope[:] = 0.0
                 slope[j] = width[j]
                 size = par[TRUNCATION] * swing_of_last(kind, terms, back, far)
-                share, doubt = mean[j] + width[j] * x[j], integral.variance(equation, n, slope, torque, blur, work)
+                share, doubt = mean[j] + width[j] * x[j], integral.variance(equation, n, slope, torque, blur, weights)
                 told[4] += size * size * max(share * share - 4.0 * doubt, 0.0)  # noise does not count twice
 
 
@@ -281,7 +292,7 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
     ring = state[at : at + length * m].reshape(m, length)  # deflections
     at += length * m
     each = N_KEPT + integral.size(n)
-    told = np.empty(7)
+    told, work = np.empty(7), scratch(n)
     for k in range(rows.shape[0]):
         before = state[window.LAST]
         absurd = False
@@ -307,14 +318,14 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
             moving = full and swing >= par[MINIMUM_MOTION]
             learn(
                 par, kept, equation, elapsed, keep, moving, rows[k, 2 + 3 * i], rows[k, 3 + 3 * i], rows[k, 4 + 3 * i],
-                phi,
+                phi, work,
             )  # fmt: skip
             if moving:
                 visit(kept, phi)
             warming = equation[integral.TAKEN] < length
             inertia = par[PRIOR + 1] + par[PRIOR + n + 1] * integral.unknowns(equation, n)[1]
             known = 2.0 * (inertia * jitter / (par[SAMPLING] * par[TORQUE_NOISE])) ** 2
-            tell(par, kept, equation, warming, phi, integral.noise(equation, n, known), jitter * jitter, told)
+            tell(par, kept, equation, warming, phi, integral.noise(equation, n, known), jitter * jitter, told, work)
             # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
             floor = 0.0 if warming or moving else 1.0
             at_i, at_B, at_D = 1 + i, 1 + m + i, 1 + 2 * m + i
