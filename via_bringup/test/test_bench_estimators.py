@@ -83,7 +83,9 @@ def test_every_method_has_a_device_and_a_step_to_time(monkeypatch):
     for method in METHODS:
         assert method in methods_for(estimators.device_for(method))
     rows = estimators.step_rows(1)
-    assert [row.id for row in rows] == [f"step.{method}.{how}" for method in METHODS for how in ("call", "fold")]
+    assert [row.id for row in rows] == [
+        f"step.{method}.{how}" for method in METHODS for how in ("call", "live", "fold")
+    ]
     assert all(row.limit == 10.0 and row.ours is not None and row.ours > 0.0 for row in rows)
 
 

@@ -1,7 +1,8 @@
 """What estimators cost: kernels beside others', a full step of every method, memory, and how both grow.
 
-A full step is the whole of it: sample in, window, least squares, standard deviations, status. It is timed one sample at
-a time from Python, as a node calls it, and folded over a log by `run_rows`.
+A full step is the whole of it: sample in, window, least squares, standard deviations, status. It is timed one sample
+at a time from Python, by the pure `step` that returns a new state and by `Live` as a node does it, and folded over a
+log by `run_rows`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from via_core.devices import Device, device_names, load_device
 from via_core.errors import ParameterError
 from via_core.signals import Array
-from via_estimators.contract import Estimator
+from via_estimators.contract import Estimator, Live
 from via_estimators.methods import METHODS, estimator_for, methods_for
 from via_estimators.modulated_torque import ModulatedTorque
 
@@ -78,7 +79,11 @@ def step_rows(turns: int) -> list[Row]:
         Row(f"step.{method}.{how}", f"{method}: one full step, {what}", "time [us]", None,
             1e-3 * times[f"{method} {how}"].nanoseconds, STEP_LIMIT, settings[method])
         for method in METHODS
-        for how, what in (("call", "called from Python"), ("fold", "folded over a log"))
+        for how, what in (
+            ("call", "pure, called from Python"),
+            ("live", "in place, called from Python"),
+            ("fold", "folded over a log"),
+        )
     ]  # fmt: skip
 
 
@@ -92,8 +97,19 @@ def _contenders(name: str, estimator: Estimator) -> dict[str, Contender]:
         for row in rows[:SAMPLES]:
             at, _ = estimator.step(at, row)
 
+    fed = Live(estimator)
+    for row in moving_rows(estimator, 2000):
+        fed.take(row.reshape(1, -1))
+    block = rows[:SAMPLES, None, :].copy()
+
+    def live() -> None:
+        for row in block:
+            fed.take(row)
+        block[:, 0, 0] += SAMPLES * 1e-3  # time goes on
+
     return {
         f"{name} call": Contender(SAMPLES, call),
+        f"{name} live": Contender(SAMPLES, live),
         f"{name} fold": Contender(FOLDED, lambda: estimator.run_rows(rows, state)),
     }
 
