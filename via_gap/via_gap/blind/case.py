@@ -214,7 +214,7 @@ def _attempt(rng: Generator, seed: int, attempt: int, wanted: Plan, duration: fl
         alone, numbers = each.of_size(bench.scene, size)
         final = bench.run(alone, STEP)
         there = bench.ratio(alone, final) if final is not None else inf
-        if not RANGE[0] <= there <= RANGE[1]:
+        if not RANGE[0] <= there <= RANGE[1] or max(map(abs, numbers.values())) > each.entry.most:
             raise _AgainError
         truths.append(Truth(each.entry.name, *each.place, _rounded(numbers), round(there, 3)))
         try:

@@ -17,6 +17,7 @@ from via_gap.blind.stepping import Drive
 
 Piece = Callable[[Generator, Array], Array]  # of local time (n,) [s], values about -1 to 1
 SETTLING = 0.6  # [s] at rest between pieces
+PIECE = 8.0  # [s] of a piece, on average
 
 
 def excite(rng: Generator, device: Device, duration: float, size: float) -> Drive:
@@ -61,16 +62,18 @@ def start_of(device: Device, drive: Drive) -> Array:
 
 
 def _pieces(rng: Generator, time: Array) -> Array:
-    """All kinds of pieces one after the other, in random order and of random length, over and over."""
-    out, begin = np.zeros_like(time), SETTLING
+    """Pieces of about PIECE seconds one after the other: every kind in random order before any comes again."""
     whole = float(time[-1])
-    kinds = rng.permutation(len(_PIECES))
-    shares = rng.uniform(0.7, 1.3, len(_PIECES)) * np.array([length for _, length in _PIECES])
-    lengths = shares * (whole - SETTLING * (len(kinds) + 1)) / shares.sum()
-    for kind in kinds:
-        here = (time >= begin) & (time < begin + lengths[kind])
-        out[here] = _PIECES[kind][0](rng, time[here] - begin)
-        begin += lengths[kind] + SETTLING
+    count = max(round(whole / PIECE), 1)
+    rounds = [rng.permutation(len(_PIECES)) for _ in range(ceil(count / len(_PIECES)))]
+    kinds = [_PIECES[kind] for kind in np.concatenate(rounds)[:count]]
+    shares = rng.uniform(0.7, 1.3, count) * np.array([length for _, length in kinds])
+    lengths = shares * (whole - SETTLING * (count + 1)) / shares.sum()
+    out, begin = np.zeros_like(time), SETTLING
+    for (piece, _), length in zip(kinds, lengths):
+        here = (time >= begin) & (time < begin + length)
+        out[here] = piece(rng, time[here] - begin)
+        begin += length + SETTLING
     return out
 
 

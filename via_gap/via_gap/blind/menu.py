@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import pi
+from math import inf, pi
 from types import MappingProxyType
 
 import numpy as np
@@ -41,6 +41,7 @@ class Entry:
     high: float
     shape: Callable[[Generator, Scene], Shape]
     make: Callable[[Scene, int, float, Shape], tuple[Physics, Numbers]]
+    most: float = inf  # what no parameter may pass: beyond it the joint would be another
     sensed: Callable[[Scene, int, float, Shape], tuple[Physics, Numbers]] | None = None  # `make` at a torque sensor
 
     def of_size(self, scene: Scene, place: Place, size: float, shape: Shape) -> tuple[Physics, Numbers]:
@@ -337,15 +338,15 @@ MENU: Mapping[str, Entry] = MappingProxyType(
             Entry("quadratic_drag", _axes, 0.02, 2.0, _plain, _drag),
             Entry("presliding_friction", _axes, 0.01, 1.0, _sliding, _presliding),
             Entry("load_dependent_friction", _axes, 0.02, 0.6, _plain, _loaded),
-            Entry("backlash", _transmissions, 0.02, 1.2, _plain, _backlash),
+            Entry("backlash", _transmissions, 0.02, 1.2, _plain, _backlash, 0.5),
             Entry("hysteresis", _transmissions, 0.02, 0.8, _stretch, _hysteresis),
             Entry("spring_damping", _transmissions, 0.02, 2.0, _plain, _spring_damping),
-            Entry("spring_law", _transmissions, 0.15, 3.0, _signed, _spring_law),
+            Entry("spring_law", _transmissions, 0.15, 3.0, _signed, _spring_law, 900.0),
             Entry("stiffness_drift", _transmissions, 0.2, 0.9, _signed, _drift),
             Entry("preset_error", _presets, 0.005, 1.0, _signed, _preset),
             Entry("joint_coupling", _one("link"), 0.02, 2.0, _neighbour, _coupling),
-            Entry("torque_gain", _drives, 0.15, 0.6, _signed, _gain, _sensed_gain),
-            Entry("torque_bias", _drives, 0.01, 0.8, _signed, _bias, _sensed_bias),
+            Entry("torque_gain", _drives, 0.15, 0.6, _signed, _gain, inf, _sensed_gain),
+            Entry("torque_bias", _drives, 0.01, 0.8, _signed, _bias, inf, _sensed_bias),
             Entry("torque_ripple", _motors, 0.01, 0.8, _order, _ripple),
             Entry("torque_saturation", _motors, 0.1, 0.85, _plain, _saturation),
             Entry("actuator_lag", _torque_command, 0.5e-3, 0.04, _plain, _lag),
