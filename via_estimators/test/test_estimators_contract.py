@@ -232,6 +232,20 @@ def test_devices_choose_their_method():
         estimator_for(load_device("edinburgh_vsa"))
 
 
+def test_the_total_is_as_sure_as_some_covariance_of_its_transmissions_allows(estimator):
+    if "stiffness_1" not in estimator.outputs:
+        assert "stiffness_2" not in estimator.outputs
+        return
+    estimates = estimator.run_rows(moving_rows(estimator))[1]
+    value, deviation = estimates.column("stiffness")
+    each = [estimates.column(name) for name in estimator.outputs if name.startswith("stiffness_")]
+    np.testing.assert_allclose(value, sum(one for one, _ in each), rtol=1e-9, atol=1e-9 * np.abs(value).max())
+    most = sum(one for _, one in each)
+    largest = np.max([one for _, one in each], axis=0)
+    assert np.all(deviation <= most * (1.0 + 1e-9))
+    assert np.all(deviation >= (2.0 * largest - most) * (1.0 - 1e-9))
+
+
 def test_a_run_is_summarised_by_information(estimator):
     _, estimates = estimator.run_rows(moving_rows(estimator))
     output = estimator.outputs[0]
