@@ -131,15 +131,16 @@ def test_deviations_hold():
 
 @pytest.mark.parametrize("forgetting", [0.98, 0.995])
 def test_a_hold_of_seven_seconds_changes_nothing(forgetting):
-    """Plain forgetting of the same rows loses its directions one after the other."""
+    """Rows of a hold are left out, and the leak keeps what plain forgetting would lose: doubt ends at the prior's."""
     rows, truth = planted(11000, stop=3.0)
     rows[:, 4] += 1e-4 * np.random.default_rng(2).normal(size=len(rows))
-    memory = -1e-3 / np.log(forgetting)
-    _, estimates = SignalBased(replace(ONE, memory=memory, torque_noise=1e-4)).run_rows(rows)
+    parameters = replace(ONE, memory=-1e-3 / np.log(forgetting), torque_noise=1e-4)
+    _, estimates = SignalBased(parameters).run_rows(rows)
     held = rows[:, 0] > 4.5
     assert np.abs(estimates.value[held, 0] - truth[held]).max() < 1.0
     assert np.all(estimates.status[rows[:, 0] > 5.0] == Status.NOT_EXCITED)
-    assert np.all(np.isfinite(estimates.standard_deviation))
+    assert np.all(estimates.standard_deviation[:, 2] <= 1.5 * parameters.inertia_deviation)
+    assert np.all(estimates.standard_deviation[:, 3] <= 1.5 * parameters.damping_deviation)
 
 
 def test_a_day_of_motion_leaves_the_state_where_a_minute_left_it():
