@@ -26,8 +26,8 @@ check: setup ## style, types, import rules
 bench: setup ## speed against MuJoCo, scipy, mcap-ros2-support, Eigen and padasip, each in one run
 	@$(ENV) via bench all
 
-results: setup ## docs/results anew: the document's tables and ours (about ten minutes)
-	@$(ENV) via tables --write docs/results
+results: setup ## docs/results anew: the document's tables and ours, the comparison (about a quarter of an hour)
+	@$(ENV) via tables --write docs/results && via compare --write docs/results
 
 clean: ## back to a fresh clone
 	@rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log out .numba_cache .pytest_cache .mypy_cache .ruff_cache \
