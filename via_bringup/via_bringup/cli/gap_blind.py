@@ -6,10 +6,18 @@ import json
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
+from via_core.devices import load_device
 from via_core.errors import ViaError
+from via_gap.log import JointLog, read_log
+from via_gap.measured import Errors, free_errors, shot_errors
+from via_gap.problem import Problem
+from via_gap.repaired import repaired_device
+from via_gap.report import GapReport, read_report
+from via_gap.shots import cut_log
 
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.provenance import provenance
@@ -17,7 +25,7 @@ from via_bringup.provenance import provenance
 app = typer.Typer(help="Check the diagnosis on data whose effect is withheld.", no_args_is_help=True)
 
 DIAGNOSE = "via gap diagnose {bag} --device {device} --json {json} --effects-out {effects}"
-SIMULATE = "via gap simulate {log} --device {device} --effects {effects} --report {report} --json {json}"
+MEASURE = "via gap blind measure {log} --device {device} --report {report} --json {json}"
 Cases = Annotated[Path, typer.Argument(help="Folder of the cases.")]
 Processes = Annotated[int, typer.Option(min=1, max=256, help="How many at a time.")]
 
@@ -78,7 +86,7 @@ def score(
         typer.Option(
             help="What measures the gap on a withheld log: {log}, {device}, {effects}, {report}, {json}; '': nothing."
         ),
-    ] = SIMULATE,
+    ] = MEASURE,
     as_file: Annotated[Path | None, typer.Option("--json", help="Write every number to this file.")] = None,
     write: Annotated[Path | None, typer.Option(help="Also write gap.md and its picture into this folder.")] = None,
     processes: Processes = 2,
@@ -109,6 +117,42 @@ def score(
             raise ViaError(f"{write} cannot be written: {error.strerror}") from None
     if any(number.kept is False for number in scored.numbers):
         raise typer.Exit(1)
+
+
+@app.command()
+def measure(
+    log: Annotated[Path, typer.Argument(help="Bag folder, .mcap or .csv file.")],
+    device: Annotated[str, typer.Option(help="Nominal device: name or path to its YAML.")],
+    report: Annotated[Path, typer.Option(help="Report of a diagnosis: its effects and device numbers are the repair.")],
+    as_file: Annotated[Path, typer.Option("--json", help="Write `before`, `after` and `floor` to this file.")],
+) -> None:
+    """Measure the gap of a log that a report never saw, before and after its repair."""
+    before, after = _repaired(read_log(log, load_device(device)), read_report(_text(report), str(report)))
+    told = {"before": before.overall, "after": after.overall, "floor": float(np.sqrt(np.mean(after.floors**2)))}
+    as_file.write_text(json.dumps(told, allow_nan=False) + "\n", encoding="utf-8")
+    answers.print(f"gap {before.overall:.4g} before, {after.overall:.4g} after")
+
+
+def _repaired(log: JointLog, report: GapReport) -> tuple[Errors, Errors]:
+    """Errors of the nominal device and of the repaired one, over the whole log, as the report's own gap is measured."""
+    shots = cut_log(log)
+    every = [np.flatnonzero(shots.valid)]
+    problem = Problem.of([shots], every)
+    fitted = {each.name: each.deviations for each in report.nuisance}
+    deviations = np.array([fitted.get(each.name, 0.0) for each in problem.nuisances])
+    effects = report.repair()
+    if report.gap is not None and report.gap.by == "free run":
+        moved = repaired_device(log.device, problem.nuisances, deviations)
+        return free_errors(log.device, (), [shots], every), free_errors(moved, effects, [shots], every)
+    before, after = problem.residual([problem.row(()), problem.row(effects, deviations)])
+    return shot_errors(problem, before), shot_errors(problem, after)
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ViaError(f"{file} cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8'}") from None
 
 
 def _progress(count: int) -> Progress:

@@ -236,7 +236,7 @@ def _attempt(rng: Generator, seed: int, attempt: int, wanted: Plan, duration: fl
     again = simulate(bench.device, physics, other, push, start_of(bench.device, other), STEP)
     if again is None:
         raise _AgainError
-    withheld = sense(other_rng, bench.device, physics, other, again)
+    withheld = limited(sense(other_rng, bench.device, physics, other, again), wanted.level)
     return Case(
         nominal, limited(recorded, wanted.level), wanted.level, seed, wanted.kind, family, true, errors, tuple(truths),
         round(whole, 3), noise, wobble, withheld, attempt + 1,

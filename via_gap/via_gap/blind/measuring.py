@@ -12,11 +12,9 @@ from via_core.errors import ViaError
 from via_gap.blind.judging import Shrinkage
 from via_gap.blind.running import words_of
 
-SIMULATE = "via gap simulate {log} --device {device} --effects {effects} --report {report} --json {json}"
-
 
 def shrinkage_of(
-    log: Path, device: Path, effects: Path, report: Path, template: str = SIMULATE, patience: float = 300.0
+    log: Path, device: Path, effects: Path, report: Path, template: str, patience: float = 300.0
 ) -> Shrinkage:
     """Gap before and after on a log. The command writes {json}: an object with `before`, `after` and perhaps `floor`.
 

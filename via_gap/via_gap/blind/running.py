@@ -15,7 +15,6 @@ from via_core.errors import ViaError
 
 from via_gap.blind.sealing import BAG, DEVICE, names_in
 
-DIAGNOSE = "via gap diagnose {bag} --device {device} --json {json} --effects-out {effects}"
 RUNS = "runs.json"
 
 
