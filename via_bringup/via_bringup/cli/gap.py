@@ -15,9 +15,11 @@ from via_gap.replayed import measure_gap
 from via_gap.report import Cause, GapReport
 from via_sim.effects_file import load_effects, save_effects
 
+from via_bringup.cli import gap_blind
 from via_bringup.cli.console import answers, errors, table
 
 app = typer.Typer(help="Diagnose the gap between a log and its model.", no_args_is_help=True)
+app.add_typer(gap_blind.app, name="blind")
 SAID = {
     "effect": "one effect explains the gap",
     "two_effects": "two effects together explain the gap",
