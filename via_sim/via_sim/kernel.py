@@ -32,11 +32,12 @@ from math import ceil, floor, nan
 import numpy as np
 from via_core.dampers import damper_value
 from via_core.signals import Array
+from via_core.springs import N_COEFFICIENTS
 
 from via_sim.actuation import couple, lagged, saturated, servo_motion, supply
 from via_sim.parameters import DYNAMIC, NO_DAMPER, SERVO, P
 from via_sim.phi_functions import phi_functions
-from via_sim.readings import observe, record, sense
+from via_sim.readings import observe, record
 from via_sim.torques import (
     BESIDE,
     DAMPING,
@@ -62,7 +63,8 @@ from via_sim.torques import (
     viscous_rate,
 )
 
-_PER_AXIS, _FOR = 20, 60  # integrator weights per axis; where step and damping stand that they are for
+PER_AXIS, _FOR = 20, 60  # integrator weights per axis; where step and damping stand that they are for
+N_WEIGHTS = _FOR + 2
 _MAX_EVENTS = 64  # per substep
 _EVENT_WIDTH = 1e-12  # of a substep: how exactly an event is located
 
@@ -86,15 +88,15 @@ def derivative(p: Array, x: Array, u: Array, out: Array) -> None:
 
 
 @bare
-def _weigh(p: Array, h: float, damping: float, weights: Array) -> None:
+def weigh(p: Array, h: float, damping: float, weights: Array) -> None:
     """Krogstad's weights for step h -> weights (62,): 20 per axis, then the step and damping they are for."""
     if weights[_FOR] == h and weights[_FOR + 1] == damping:
         return
     weights[_FOR], weights[_FOR + 1] = h, damping
     for i in range(3):
-        w = weights[_PER_AXIS * i : _PER_AXIS * (i + 1)]
+        w = weights[PER_AXIS * i : PER_AXIS * (i + 1)]
         if p[P.axis_kind + i] != DYNAMIC:
-            for j in range(_PER_AXIS):
+            for j in range(PER_AXIS):
                 w[j] = 0.0
             continue
         z = -viscous_rate(p, i, damping) * h
@@ -110,7 +112,7 @@ def _weigh(p: Array, h: float, damping: float, weights: Array) -> None:
         w[14], w[15] = h * (p1 - 3.0 * p2 + 4.0 * p3), h * h * (p2 - 3.0 * p3 + 4.0 * p4)  # result: of N(u)
         w[16], w[17] = h * (2.0 * p2 - 4.0 * p3), h * h * (2.0 * p3 - 4.0 * p4)  # of N(a) + N(b)
         w[18], w[19] = h * (4.0 * p3 - p2), h * h * (4.0 * p4 - p3)  # of N(c)
-        for j in range(4, _PER_AXIS):
+        for j in range(4, PER_AXIS):
             w[j] /= p[P.inertia + i]  # N are torques
 
 
@@ -126,7 +128,7 @@ def _drift(p: Array, x: Array, u: Array, h: float, axis: int, w: float, w_angle:
 @bare
 def _step(p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: Array, weights: Array, y: Array) -> None:
     """One Krogstad step of h [s] in fixed modes: x (6,) -> y (9,), whose tail holds the velocities at the midpoint."""
-    _weigh(p, h, u[DAMPING], weights)
+    weigh(p, h, u[DAMPING], weights)
     w = weights
     half0, speed0 = x[0] + w[1] * x[3], w[0] * x[3]  # the linear part at the midpoint
     half1, speed1 = _drift(p, x, u, 0.5 * h, 1, w[20], w[21])
@@ -240,10 +242,9 @@ def _advance(
 
 
 @bare
-def _tick(
-    p: Array, c1: Array, c2: Array, x: Array, command: Array, u: Array, modes: Array, weights: Array, y: Array
-) -> None:
-    """State x lives through one tick under `command` (N_COMMANDS,), in place."""
+def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weights: Array, y: Array) -> None:
+    """State x lives through one tick under `command` (N_COMMANDS,), in place; the rest is scratch that `begin` made."""
+    c1, c2 = p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
     record(p, x)
     tick, length = int(x[X.tick]), (x.size - X.queue) // QUEUED
     now = X.queue + QUEUED * (tick % length)
@@ -293,7 +294,7 @@ def _tick(
 
 
 @bare
-def _begin(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array, weights: Array) -> None:
+def begin(p: Array, x: Array, u: Array, modes: Array, weights: Array) -> None:
     """Inputs, modes and weights before the first tick of a run from state x."""
     weights[:] = nan
     modes[:] = 0
@@ -301,6 +302,7 @@ def _begin(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array, wei
     for i in range(2):
         u[SPRING + i] = spring_factor(p, i, p[P.origin])
     prepare(p, modes)
+    c1, c2 = p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
     settle(p, c1, c2, x, u, modes)
 
 
@@ -308,26 +310,9 @@ def _begin(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array, wei
 def run(p: Array, s: Array, x: Array, commands: Array, measured: Array, truth: Array) -> None:
     """N ticks of state x in place under commands (N, 5) -> measured (N+1, 9), truth (N+1, 16); row 0 is the start."""
     c1, c2 = laws(p)
-    u, modes, weights, y = np.zeros(N_INPUTS), np.zeros(N_MODES, np.int64), np.zeros((2, _FOR + 2)), np.zeros(9)
-    _begin(p, c1, c2, x, u, modes, weights)
+    u, modes, weights, y = np.zeros(N_INPUTS), np.zeros(N_MODES, np.int64), np.zeros((2, N_WEIGHTS)), np.zeros(9)
+    begin(p, x, u, modes, weights)
     observe(p, c1, c2, s, x, measured[0], truth[0])
     for k in range(len(commands)):
-        _tick(p, c1, c2, x, commands[k], u, modes, weights, y)
+        advance_tick(p, x, commands[k], u, modes, weights, y)
         observe(p, c1, c2, s, x, measured[k + 1], truth[k + 1])
-
-
-@compiled
-def run_many(rows: Array, states: Array, commands: Array, out: Array) -> None:
-    """One run per row (K, N_PARAMETERS), states (K, n) in place, commands (N, 5) shared -> motion out (K, N+1, 6).
-
-    Motion is what ideal sensors read: angles with the errors that effects give their encoders.
-    """
-    u, modes, weights, y = np.zeros(N_INPUTS), np.zeros(N_MODES, np.int64), np.zeros((2, _FOR + 2)), np.zeros(9)
-    for j in range(len(rows)):
-        p, x = rows[j], states[j]
-        c1, c2 = laws(p)
-        _begin(p, c1, c2, x, u, modes, weights)
-        sense(p, x, out[j, 0])
-        for k in range(len(commands)):
-            _tick(p, c1, c2, x, commands[k], u, modes, weights, y)
-            sense(p, x, out[j, k + 1])

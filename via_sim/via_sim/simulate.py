@@ -21,7 +21,8 @@ from via_core.signals import Array, Signals
 
 from via_sim.catalogue import MAX_DELAY
 from via_sim.effects import Effect
-from via_sim.kernel import run, run_many
+from via_sim.kernel import run
+from via_sim.lockstep import run_many
 from via_sim.parameters import ABSENT, SERVO, P
 from via_sim.plants import JointPlant
 from via_sim.readings import MEASURED, TRUTH
