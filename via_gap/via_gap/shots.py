@@ -3,8 +3,12 @@
 A torque-driven joint run freely under recorded torques drifts off for any small error, and says nothing after a second.
 Restarted every quarter of a second it says what the model lacks *there*. Between two shots only angles and velocities
 of the axes that were seen are set anew; what else the state holds (commands under way, bristles, angles that nobody
-measured) goes on. Where a shot starts is known only as well as the sensors tell, so that the first-order effect of a
-wrong start (`sensitivity`, by runs that start beside it) is projected out of every comparison.
+measured) goes on. Where a shot starts is known only as well as the sensors tell: what a wrong start does (to first order,
+by runs that start beside it) is correlated noise of the shot, and every comparison is whitened by it,
+
+    e' (N + A S A')^-1 e = |w|^2,   w = e - U (1 - 1 / sqrt(1 + s^2)) U' e,   U s V' = A S^1/2,  e in units of the noise N
+
+A the sensitivities, S the variances of the start. A start known to nothing would be projected out, a certain one ignored.
 """
 
 from __future__ import annotations
@@ -21,20 +25,24 @@ from scipy.signal import savgol_filter
 from via_core.errors import SignalError
 from via_core.signals import Array
 from via_sim.catalogue import MAX_DELAY
-from via_sim.kernel import run_many
+from via_sim.lockstep import run_many
 from via_sim.parameters import DYNAMIC, SERVO, P
 from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows
 from via_sim.torques import N_COMMANDS, QUEUED, X
 
+from via_gap.data_check import step_of
 from via_gap.log import JointLog
+from via_gap.replayed import FIRST_SAMPLES
 
 Indices = NDArray[np.intp]
 SPAN = 0.25  # [s] of a shot of a torque-driven joint
 SERVO_SPAN = 1.5  # [s] of one whose motors follow their commands: it does not drift
 SLOWEST = 500.0  # [Hz] ticks; a slower log is simulated with several ticks per sample
 BIN = 0.004  # [s] over which angles are averaged before they are compared
+START, START_SPEED = 2.0, 0.03  # times the sensor's noise; [rad/s]: how well a smoothed start is known, bias included
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
+RESTS = 0.01  # [rad] within which an axis rests when a log begins
 THREADS = 2
 
 
@@ -47,8 +55,10 @@ class Shots:
     angles    (T, a) [rad] as measured, gaps bridged
     start     (T, 6) smoothed angles and velocities [rad, rad/s] on every tick; NaN: not seen
     measured  (S, b, a) [rad] averaged over bins
+    rest      (3,) [rad] where the axes stood when the log began; NaN: nobody knows
     valid     (S,) whether every value of the shot was measured
     noise     (a,) [rad] standard deviation of a bin
+    start_noise  (a, 2) [rad], [rad/s] of a smoothed state
     """
 
     log: JointLog
@@ -63,8 +73,10 @@ class Shots:
     angles: Array
     start: Array
     measured: Array
+    rest: Array
     valid: Array
     noise: Array
+    start_noise: Array
 
     def __len__(self) -> int:
         return len(self.begin)
@@ -97,17 +109,36 @@ def cut_log(log: JointLog, span: float | None = None) -> Shots:
     axes = (0, *(1 + i for i, seen in enumerate(log.motors_seen) if seen))
     angles, missing = _angles(log, grid, axes)
     begin = np.arange(0, len(grid) - ticks, ticks, dtype=np.intp)
-    states = _smoothed(angles, axes, rate, max(SMOOTHING, 4.0 * period))
-    quanta = np.array([device.sensors.link_quantum if axis == 0 else device.sensors.motor_quantum for axis in axes])
-    quanta = np.array([q or 0.0 for q in quanta], dtype=np.float64)
+    reach = max(SMOOTHING, 4.0 * period)
+    states = _smoothed(angles, axes, rate, reach)
+    quanta = np.array([quantum(log, axis) for axis in axes])
     averaged = per_sample == 1 and uniform
     samples = every if averaged else 1
     noise = np.sqrt(quanta**2 / 12.0 / samples + (1e-6) ** 2)
+    sample = np.sqrt(quanta**2 / 12.0 + (1e-6) ** 2)
+    sure = np.stack([START * sample, START * sample / reach + START_SPEED], axis=1)
     cut = np.stack([angles[b : b + ticks + 1] for b in begin])
     valid = np.array([missing[b : b + ticks + 1].mean() < 0.02 for b in begin])
     measured = binned(cut, every, averaged)
     drive = _drive(log, grid)
-    return Shots(log, rate, origin, ticks, every, averaged, axes, drive, begin, angles, states, measured, valid, noise)
+    return Shots(
+        log,
+        rate,
+        origin,
+        ticks,
+        every,
+        averaged,
+        axes,
+        drive,
+        begin,
+        angles,
+        states,
+        measured,
+        _rest(log),
+        valid,
+        noise,
+        sure,
+    )
 
 
 def binned(angles: Array, every: int, averaged: bool) -> Array:
@@ -116,6 +147,24 @@ def binned(angles: Array, every: int, averaged: bool) -> Array:
     moved = angles[..., 1 : 1 + bins * every, :]
     cut = moved.reshape(*moved.shape[:-2], bins, every, moved.shape[-1])
     return cut.mean(axis=-2) if averaged else cut[..., -1, :]
+
+
+def quantum(log: JointLog, axis: int) -> float:
+    """[rad] the encoder's step: the file's, or the grid the readings stand on where that is coarser."""
+    sensors = log.device.sensors
+    told = (sensors.link_quantum if axis == 0 else sensors.motor_quantum) or 0.0
+    return max(told, step_of(log.measured["q"] if axis == 0 else log.measured["theta"][:, axis - 1]))
+
+
+def _rest(log: JointLog) -> Array:
+    """(3,) [rad] median of the first samples of each axis, whatever else its encoder does later."""
+    rest = np.full(3, np.nan)
+    rest[0] = np.nanmedian(log.measured["q"][:FIRST_SAMPLES])
+    if "theta" in log.measured:
+        for i, column in enumerate(log.measured["theta"][:FIRST_SAMPLES].T):
+            if np.isfinite(column).any():
+                rest[1 + i] = np.nanmedian(column)
+    return rest
 
 
 def _aligned(log: JointLog, rate: float) -> float:
@@ -153,6 +202,9 @@ def _smoothed(angles: Array, axes: Sequence[int], rate: float, reach: float) -> 
     for i, axis in enumerate(axes):
         states[:, axis] = savgol_filter(angles[:, i], window, 2)
         states[:, 3 + axis] = savgol_filter(angles[:, i], window, 2, deriv=1, delta=1.0 / rate)
+        begin = angles[:window, i]
+        if np.ptp(begin[: half + 1]) < RESTS:  # a one-sided fit knows no speed, a joint at rest has none
+            states[0, axis], states[0, 3 + axis] = np.median(begin[: half + 1]), 0.0
     return states
 
 
@@ -179,17 +231,20 @@ class Bench:
     """Chosen shots of a log, ready to be simulated with any parameter row.
 
     chosen       indices of shots, ascending
-    sensitivity  orthonormal basis (C, b a, k) of what a wrong start does to each shot, whitened
+    basis        orthonormal (C, b a, k): what a wrong start does to each shot, in units of the noise
+    shrink       (C, k) how much of a residual along each of them is put down to the start
     """
 
     shots: Shots
     chosen: Indices
     nominal: Array  # (N_PARAMETERS,) row for this rate
     basis: Array = field(init=False)
+    shrink: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "basis", np.empty((0, 0, 0)))
-        object.__setattr__(self, "basis", self._sensitivity(self.nominal))
+        basis, shrink = self._sensitivity(self.nominal)
+        object.__setattr__(self, "basis", basis)
+        object.__setattr__(self, "shrink", shrink)
 
     @staticmethod
     def of(shots: Shots, chosen: Indices) -> Bench:
@@ -240,12 +295,18 @@ class Bench:
         length = ceil(MAX_DELAY * shots.rate) + 2
         state = np.zeros(X.queue + QUEUED * length)
         state[X.tick] = float(tick)
+        known = np.isfinite(shots.rest)
         for back in range(1, length + 1):
             at = X.queue + QUEUED * ((tick - back) % length)
             state[at : at + QUEUED] = shots.commands[max(tick - back, 0), :QUEUED]
+            if tick < back:  # servos stood where they were before the log began
+                for axis in np.flatnonzero((self.nominal[P.axis_kind : P.axis_kind + 3] == SERVO) & known):
+                    state[at + axis - 1] = shots.rest[axis]
         for axis in range(3):
             if axis in shots.axes:
                 state[[axis, 3 + axis]] = shots.start[tick, [axis, 3 + axis]]
+            elif tick == 0 and known[axis]:
+                state[axis] = shots.rest[axis]
             elif self.nominal[P.axis_kind + axis] == SERVO:
                 state[axis] = shots.commands[tick, axis - 1]
             elif self.nominal[P.axis_kind + axis] == DYNAMIC:
@@ -276,24 +337,25 @@ class Bench:
                 states[:, 3 + axis] /= 1.0 + swing * np.cos(states[:, axis] + phase)
         return states
 
-    def _sensitivity(self, row: Array) -> Array:
-        axes = self.shots.axes
+    def _sensitivity(self, row: Array) -> tuple[Array, Array]:
+        """Directions and shares for `residual`, by runs that start one standard deviation beside the measured state."""
         steps = []
-        for axis in axes:
-            for slot, size in ((axis, 1e-4), (3 + axis, 1e-2)):
+        for axis, noise in zip(self.shots.axes, self.shots.start_noise, strict=True):
+            for slot, size in ((axis, noise[0]), (3 + axis, noise[1])):
                 offset = np.zeros(6)
                 offset[slot] = size
                 steps.append(offset)
         plain = self.motion(row[None])[0]
         columns = np.stack([self.motion(row[None], offset)[0] - plain for offset in steps], axis=-1)
         flat = (columns / self.shots.noise[:, None]).reshape(len(self.chosen), self.size, len(steps))
-        scale = np.linalg.norm(flat, axis=1, keepdims=True)
-        return np.linalg.qr(flat / np.maximum(scale, 1e-12))[0]
+        basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
+        return basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
 
     def residual(self, rows: Array) -> Array:
-        """Whitened measured minus simulated (K, C, b a), a wrong start projected out; what overflowed is huge."""
+        """Whitened measured minus simulated (K, C, b a); what overflowed is huge."""
         shots = self.shots
         error = (shots.measured[self.chosen] - self.motion(rows)) / shots.noise
         flat = error.reshape(len(rows), len(self.chosen), self.size)
         flat = np.clip(np.nan_to_num(flat, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
-        return flat - np.einsum("crk,Kck->Kcr", self.basis, np.einsum("crk,Kcr->Kck", self.basis, flat))
+        along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
+        return flat - np.einsum("crk,Kck->Kcr", self.basis, along)
