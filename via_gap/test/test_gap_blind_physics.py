@@ -16,6 +16,7 @@ from via_gap.blind.recording import neighbour_angle, sense
 from via_gap.blind.scene import scene_of
 from via_gap.blind.stepping import Drive, Run
 from via_gap.blind.stepping import simulate as second
+from via_gap.blind.strangers import STRANGERS
 from via_sim.effects import EFFECTS, Effect, places
 from via_sim.plants import JointPlant
 from via_sim.simulate import Simulation
@@ -134,6 +135,31 @@ def test_every_named_effect_is_the_same_physics_in_both(name: str) -> None:
     quantum = max(device.sensors.link_quantum or 0.0, device.sensors.motor_quantum or 0.0)
     assert left[0][worst] > 3.0 * left[1][worst]  # it acts
     assert left[1][worst] < max(0.05 * left[0][worst], quantum)
+
+
+@pytest.mark.parametrize("name", list(STRANGERS))
+def test_physics_outside_the_catalogue_acts(name: str) -> None:
+    """Beyond what the sensors leave, in what they show."""
+    entry = STRANGERS[name]
+    device, drive, initial = drawn("polynomial_pair", 1)
+    rng, none = np.random.default_rng(3), np.zeros(len(drive.references))
+    plain = second(device, Physics(), drive, none, initial)
+    assert plain is not None
+    scene = scene_of(device, plain)
+    place = entry.places(device)[-1]
+    physics, _ = entry.of_size(scene, place, 0.5 * entry.high, entry.shape(rng, scene))
+    run = second(device, physics, drive, push_of(rng, physics, drive), initial)
+    assert run is not None
+    logs = [sense(np.random.default_rng(8), device, p, drive, r) for p, r in ((Physics(), plain), (physics, run))]
+    assert np.abs(logs[0].q - logs[1].q).max() > 20.0 * FLOOR
+
+
+def test_two_effects_join_unless_they_are_one() -> None:
+    lag, gap = Physics(lag=0.01), Physics(gap=(0.1, 0.0))
+    both = lag.joined(gap)
+    assert (both.lag, both.gap, both.friction) == (0.01, (0.1, 0.0), (0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="both change lag"):
+        both.joined(Physics(lag=0.02))
 
 
 def test_places_are_those_of_the_catalogue() -> None:

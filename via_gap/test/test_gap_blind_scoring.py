@@ -55,6 +55,18 @@ def test_the_right_effect_at_the_wrong_motor_is_not_its_place() -> None:
     assert judged.top1 and judged.in_set and not judged.place_right and not judged.where_right
 
 
+def test_a_number_left_out_is_no_wrong_one_but_at_a_sensor_0_is_the_link() -> None:
+    told = report("effect", (COULOMB, 0.6), where=where(("motor", 0)))
+    assert judge("a", key("single", COULOMB), told, None, None).where_right
+    for site in ("sensor", "timing"):
+        skew = {"effect": "channel_skew", "site": site, "motor": 1}
+        link = {**skew, "motor": 0}
+        told = report("effect", (link, 0.6), where=where((site, 0)))
+        judged = judge("a", key("single", skew), told, None, None)
+        assert judged.top1 and not judged.where_right and not judged.place_right
+        assert judge("a", key("single", link), told, None, None).where_right
+
+
 def test_in_the_set_is_not_first() -> None:
     told = report("effect", (LAG, 0.5), (COULOMB, 0.4), where=where(("command", 0)), equivalence_set=[LAG, COULOMB])
     judged = judge("case_000", key("single", COULOMB), told, None, None)

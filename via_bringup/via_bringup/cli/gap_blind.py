@@ -25,6 +25,7 @@ from via_bringup.provenance import provenance
 app = typer.Typer(help="Check the diagnosis on data whose effect is withheld.", no_args_is_help=True)
 
 DIAGNOSE = "via gap diagnose {bag} --device {device} --json {json} --effects-out {effects}"
+SEED = 100_020  # where a block of seeds begins: every named effect as often as any other
 MEASURE = "via gap blind measure {log} --device {device} --report {report} --json {json}"
 Cases = Annotated[Path, typer.Argument(help="Folder of the cases.")]
 Processes = Annotated[int, typer.Option(min=1, max=256, help="How many at a time.")]
@@ -34,7 +35,7 @@ Processes = Annotated[int, typer.Option(min=1, max=256, help="How many at a time
 def make(
     out: Annotated[Path, typer.Option(help="New folder for the cases: recordings and nominal device files.")],
     keys: Annotated[Path, typer.Option(help="New folder for the keys, outside the cases.")],
-    seed_from: Annotated[int, typer.Option(min=0, help="First seed; below 100000 they are for development.")] = 100_000,
+    seed_from: Annotated[int, typer.Option(min=0, help="First seed; below 100000 they are for development.")] = SEED,
     count: Annotated[int, typer.Option(min=1, max=1000, help="How many cases.")] = 240,
     duration: Annotated[float, typer.Option(min=5.0, max=600.0, help="Length of a recording [s].")] = 40.0,
     processes: Processes = 2,

@@ -32,7 +32,7 @@ from via_gap.blind.strangers import STRANGERS
 RANGE = (3.0, 30.0)  # of gap over noise
 AIM = (4.0, 25.0)  # what is drawn, so that the final run stays inside
 NEAR = 0.12  # how close the search comes, as a logarithm
-COARSE = 2.0 * STEP  # [s] of the search
+COARSE = 4.0 * STEP  # [s] of the search
 ATTEMPTS = 200
 MAX_NOISE = 12.0  # times the drawn sensors' noise
 KINDS = ("single", "no_gap", "unknown", "pair", "limited")

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 VERDICTS = ("effect", "two_effects", "no_gap", "unknown", "cannot_tell")
-NUMBERED = ("motor", "transmission", "sensor", "timing")  # sites whose number says which motor or transmission
+NUMBERED = ("motor", "transmission")  # sites whose number counts from 1: 0 says that it is not told
+READINGS = ("sensor", "timing")  # sites whose number 0 is the link
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,8 @@ def _place(told: dict[str, Any]) -> Place:
 def _same_site(where: tuple[str, int], truth: Place) -> bool:
     """A number counts where the site has one and the report tells one."""
     site, number = where
-    return site == truth.site and (number == truth.motor or number == 0 or truth.site not in NUMBERED)
+    untold = number == 0 and site in NUMBERED
+    return site == truth.site and (number == truth.motor or untold or site not in (*NUMBERED, *READINGS))
 
 
 def _same_place(named: Place, truth: Place) -> bool:

@@ -12,7 +12,6 @@ from pathlib import Path
 from via_gap.blind.case import draw_case
 from via_gap.blind.sealing import SealError, name_of, seal, write_seals
 
-SHIPPED_FROM = 100_000  # seeds from here on are for checks that count; those below are for development
 MAX_CASES = 1000
 
 

@@ -254,7 +254,7 @@ def _lag(_scene: Scene, _number: int, size: float, _shape: Shape) -> tuple[Physi
 
 
 def _delay(_scene: Scene, _number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    delay = max(round(size / 0.5e-3), 1) * 0.5e-3  # a whole number of steps, of the search's steps as well
+    delay = max(round(size / 0.5e-3), 1) * 0.5e-3  # a whole number of steps
     return Physics(delay=delay), {"delay": delay}
 
 

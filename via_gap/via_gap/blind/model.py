@@ -60,7 +60,8 @@ def build(device: Device, physics: Physics, step: float = STEP) -> mujoco.MjMode
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><compiler angle="radian"/>
 <option timestep="{step!r}" integrator="RK4" gravity="{sign * g * cos(downwards)!r} {sign * g * sin(downwards)!r} 0"
- jacobian="dense" iterations="50" tolerance="1e-14"/>
+ jacobian="dense" iterations="50" tolerance="1e-14">
+<flag contact="{"enable" if isfinite(physics.wall) else "disable"}" island="disable"/></option>
 <default><joint solreffriction="{2.0 * step!r} 1" solimpfriction="0.9999 0.9999 0.001"/>
 <geom contype="0" conaffinity="0" condim="1"/></default>
 <worldbody>{"".join(bodies)}{_wall(physics)}</worldbody>
@@ -159,7 +160,9 @@ def _tendons(device: Device, physics: Physics) -> str:
 def _actuator(device: Device, physics: Physics, i: int, servo: bool, step: float) -> str:
     motor, more = device.motors[i], ""
     if physics.delay > 0.0:
-        samples = round(physics.delay / step)  # the control of so many steps ago; a quarter of a step clear of its edge
+        samples = max(
+            round(physics.delay / step), 1
+        )  # the control of so many steps ago; a quarter of a step clear of its edge
         more += f' nsample="{samples + 2}" delay="{(samples - 0.25) * step!r}"'
     if isinstance(motor, ServoMotor):
         w = motor.bandwidth
