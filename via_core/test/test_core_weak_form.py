@@ -45,6 +45,11 @@ def swing(t):
     return 1.3 + np.sin(9.0 * t + 0.4)
 
 
+def same_to_rounding(ours, others) -> None:
+    """Rows (k, n) equal but for the order in which sums were taken, which is that of storage."""
+    assert np.all(np.abs(ours - others) <= 1e-14 * np.abs(others).max(axis=1, keepdims=True))
+
+
 @pytest.mark.parametrize("h", [0, 1, 2, 3, 4, 5])
 @pytest.mark.parametrize("derivative", [0, 1, 2, 3, 4, 5, 6])
 def test_modulating_function_and_derivatives_equal_the_polynomial(h: int, derivative: int) -> None:
@@ -178,12 +183,12 @@ def test_uniform_rows_agree_with_plain_trapezoids(h: int) -> None:
 
 @ORDERS
 @given(first=st.integers(0, 40))
-def test_a_ring_buffer_gives_the_same_bits_in_its_own_order(h: int, first: int) -> None:
+def test_a_ring_buffer_gives_the_same_weights_in_its_own_order(h: int, first: int) -> None:
     stamps = jittered(41)
     rows = window_weights(h, stamps)
     ring = np.empty((3, 41))
     fill_weights(h, np.roll(stamps, first), first, ring)
-    np.testing.assert_array_equal(np.roll(ring, -first, axis=1), rows)
+    same_to_rounding(np.roll(ring, -first, axis=1), rows)
 
 
 @ORDERS
@@ -276,13 +281,13 @@ def test_the_third_row_beats_plain_trapezoids_although_w_33_does_not_vanish_at_t
 
 
 @given(first=st.integers(0, 40))
-def test_the_third_row_in_a_ring_buffer_has_the_same_bits_and_leaves_the_others(first: int) -> None:
+def test_the_third_row_in_a_ring_buffer_is_the_same_and_leaves_the_others(first: int) -> None:
     stamps, ring = jittered(41), np.empty((4, 41))
     rows = window_weights(3, stamps, 4)
     np.testing.assert_array_equal(rows[:3], window_weights(3, stamps))
     fill_weights(3, np.roll(stamps, first), first, ring)
     fill_third(3, np.roll(stamps, first), first, ring)
-    np.testing.assert_array_equal(np.roll(ring, -first, axis=1), rows)
+    same_to_rounding(np.roll(ring, -first, axis=1), rows)
 
 
 def test_ten_radians_more_move_no_third_derivative_unless_equation_30_is_used_as_printed() -> None:

@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 
+VECTOR = {"reassoc", "contract"}  # sums in the order that vector instructions like, the same every time
 ROWS = 3  # <f, psi>, <f, psi'>, <f, psi''>: all that second-order dynamics ask for, not differentiated
 
 
@@ -53,55 +54,70 @@ def modulating(order: int, derivative: int, u: ArrayLike) -> Array:
     return np.where((at < 0.0) | (at > 1.0), 0.0, total)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=VECTOR)
+def half_widths(stamps: Array, first: int, out: Array) -> None:
+    """What each sample stands for in a trapezoid sum over the window: half of the two steps beside it [s].
+
+    stamps, first  a ring buffer as in `fill_weights`; the oldest and the newest sample have one step only
+    out            (n,) overwritten, in the storage order of `stamps`
+    """
+    n = stamps.size
+    for k in range(1, n - 1):
+        out[k] = 0.5 * (stamps[k + 1] - stamps[k - 1])
+    out[0] = 0.5 * (stamps[1] - stamps[n - 1])
+    out[n - 1] = 0.5 * (stamps[0] - stamps[n - 2])
+    last = first - 1 if first > 0 else n - 1
+    out[first] = 0.5 * (stamps[first + 1 if first + 1 < n else 0] - stamps[first])
+    out[last] = 0.5 * (stamps[last] - stamps[last - 1 if last > 0 else n - 1])
+
+
+@njit(cache=True, error_model="numpy", fastmath=VECTOR)
 def fill_weights(order: int, stamps: Array, first: int, weights: Array) -> None:
     """Weights W such that <f, psi^(i)> = sum_n W[i, n] f[n] over one window, i = 0, 1, 2, for use in compiled loops.
 
     order    h >= 2 of w_hh
     stamps   (n,) [s], n >= 5, a ring buffer: stamps[first] is the oldest, then increasing, cyclic. A plain array has
              first = 0. Not checked here.
-    weights  (3, n) [1, 1/s, 1/s^2], overwritten, in the storage order of `stamps`, so no ring is ever unrolled.
+    weights  (3, n) [1, 1/s, 1/s^2], overwritten, in the storage order of `stamps`, so no ring is ever unrolled and
+             every loop below is one that the compiler turns into vector instructions.
     """
     n = stamps.size
     oldest = stamps[first]
     newest = stamps[first - 1 if first > 0 else n - 1]
     rate = 1.0 / (newest - oldest)
+    psi, slope_row, bend_row = weights[0], weights[1], weights[2]
 
     # Trapezoid rows in u, and their moments s_ij = sum of row_i x^j about the middle of the window, x = u - 1/2.
+    half_widths(stamps, first, psi)
+    for k in range(n):
+        u = (stamps[k] - oldest) * rate
+        slope_row[k] = u * (1.0 - u)
+        psi[k] *= rate
+    for _ in range(order - 2):
+        for k in range(n):
+            psi[k] *= slope_row[k]  # p^(h-2) du in the end, p = u (1-u)
     s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
-    k = first
-    before = oldest
-    here = oldest
-    for _ in range(n):
-        following = k + 1 if k + 1 < n else 0
-        after = stamps[following] if following != first else here
-        du = 0.5 * (after - before) * rate
-        u = (here - oldest) * rate
-        x = u - 0.5
-        p = u * (1.0 - u)
+    for k in range(n):
+        x = (stamps[k] - oldest) * rate - 0.5
+        p = slope_row[k]
         slope = -2.0 * x
-        power = 1.0  # p^(h-2)
-        for _ in range(order - 2):
-            power *= p
-        power *= du
+        power = psi[k]
         w0 = power * p * p
         w1 = power * p * order * slope
         w2 = power * order * ((order - 1.0) * slope * slope - 2.0 * p)
-        weights[0, k] = w0
-        weights[1, k] = w1
-        weights[2, k] = w2
+        psi[k] = w0
+        slope_row[k] = w1
+        bend_row[k] = w2
+        square = x * x
         s00 += w0
         s01 += w0 * x
-        s02 += w0 * x * x
+        s02 += w0 * square
         s10 += w1
         s11 += w1 * x
-        s12 += w1 * x * x
+        s12 += w1 * square
         s20 += w2
         s21 += w2 * x
-        s22 += w2 * x * x
-        before = here
-        here = after
-        k = following
+        s22 += w2 * square
 
     # Row i minus multiples of the rows below it, scaled: <x^j, psi^(i)> = 0 for j < i, (-1)^i i! for j = i.
     a00 = 1.0 / s00
@@ -119,14 +135,14 @@ def fill_weights(order: int, stamps: Array, first: int, weights: Array) -> None:
     b1 = -a22 * c21
     rate2 = rate * rate
     for k in range(n):
-        w0 = a00 * weights[0, k]
-        w1 = a11 * weights[1, k] + a10 * weights[0, k]
-        weights[2, k] = rate2 * (a22 * weights[2, k] + b1 * w1 + b0 * w0)
-        weights[1, k] = rate * w1
-        weights[0, k] = w0
+        w0 = a00 * psi[k]
+        w1 = a11 * slope_row[k] + a10 * psi[k]
+        bend_row[k] = rate2 * (a22 * bend_row[k] + b1 * w1 + b0 * w0)
+        slope_row[k] = rate * w1
+        psi[k] = w0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=VECTOR)
 def fill_third(order: int, stamps: Array, first: int, weights: Array) -> None:
     """One row more, W[3] for <f, psi^(3)>, below the three that `fill_weights` has written into the same array.
 
@@ -140,37 +156,33 @@ def fill_third(order: int, stamps: Array, first: int, weights: Array) -> None:
     rate = 1.0 / (newest - oldest)
 
     # The trapezoid row of w_hh^(3) = h (h-1) p^(h-3) p' ((h-2) p'^2 - 6 p), p = u (1-u), and the moments it takes.
+    psi, slope_row, bend_row, third = weights[0], weights[1], weights[2], weights[3]
+    half_widths(stamps, first, third)
+    for k in range(n):
+        third[k] *= rate
+    for _ in range(order - 3):
+        for k in range(n):
+            u = (stamps[k] - oldest) * rate
+            third[k] *= u * (1.0 - u)
     s0 = s1 = s2 = s3 = m01 = m02 = m03 = m12 = m13 = m23 = 0.0
-    k = first
-    before = oldest
-    here = oldest
-    for _ in range(n):
-        following = k + 1 if k + 1 < n else 0
-        after = stamps[following] if following != first else here
-        u = (here - oldest) * rate
+    for k in range(n):
+        u = (stamps[k] - oldest) * rate
         x = u - 0.5
-        p = u * (1.0 - u)
         slope = -2.0 * x
-        power = 0.5 * (after - before) * rate
-        for _ in range(order - 3):
-            power *= p
-        w3 = power * order * (order - 1.0) * slope * ((order - 2.0) * slope * slope - 6.0 * p)
-        weights[3, k] = w3
+        w3 = third[k] * order * (order - 1.0) * slope * ((order - 2.0) * slope * slope - 6.0 * u * (1.0 - u))
+        third[k] = w3
         square = x * x
         cube = square * x
         s0 += w3
         s1 += w3 * x
         s2 += w3 * square
         s3 += w3 * cube
-        m01 += weights[0, k] * x
-        m02 += weights[0, k] * square
-        m03 += weights[0, k] * cube
-        m12 += weights[1, k] * square
-        m13 += weights[1, k] * cube
-        m23 += weights[2, k] * cube
-        before = here
-        here = after
-        k = following
+        m01 += psi[k] * x
+        m02 += psi[k] * square
+        m03 += psi[k] * cube
+        m12 += slope_row[k] * square
+        m13 += slope_row[k] * cube
+        m23 += bend_row[k] * cube
 
     # Minus multiples of the rows below, scaled: <x^j, psi^(3)> = 0 for j < 3, -3! for j = 3.
     span = 1.0 / rate
@@ -179,7 +191,7 @@ def fill_third(order: int, stamps: Array, first: int, weights: Array) -> None:
     c2 = 0.5 * (s2 - c0 * m02 - c1 * m12) * span * span
     scale = -6.0 * rate * rate * rate / (s3 - c0 * m03 - c1 * m13 - c2 * m23)
     for k in range(n):
-        weights[3, k] = scale * (weights[3, k] - c0 * weights[0, k] - c1 * weights[1, k] - c2 * weights[2, k])
+        third[k] = scale * (third[k] - c0 * psi[k] - c1 * slope_row[k] - c2 * bend_row[k])
 
 
 def window_weights(order: int, stamps: ArrayLike, rows: int = ROWS) -> Array:

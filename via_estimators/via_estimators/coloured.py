@@ -208,7 +208,7 @@ def take(state: Array, n: int, slot: int, row: Array, y: float, lagged: Array) -
     state[MISFIT] += left * left
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def covariance(state: Array, n: int, r: Array, first: float, second: float, floor: float, out: Array) -> float:
     """Covariance (n, n) of the unknowns x into `out`; returns the variance of the torque noise found.
 
@@ -217,11 +217,15 @@ def covariance(state: Array, n: int, r: Array, first: float, second: float, floo
                    the residuals, they tell nothing of what comes in through psi
     """
     R, M, believed = factor(state, n), middles(state, n), beliefs(state, n)
-    inverse, P, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    inverse_normal(R, inverse, P)
+    middle, P, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    inverse_normal(R, middle, P)
     expected = np.empty(COLOURS)
     for c in range(COLOURS):
-        expected[c] = max(state[WEIGHT] * r[c, 0] - np.sum(P * M[c]), 0.0)
+        explained = 0.0
+        for i in range(n):
+            for j in range(n):
+                explained += P[i, j] * M[c, i, j]
+        expected[c] = max(state[WEIGHT] * r[c, 0] - explained, 0.0)
     residual = state[MISFIT] - state[SCATTER]
     for j in range(n):
         residual -= (state[HEAD + j] - state[HEAD + 2 * n + j]) ** 2
@@ -229,14 +233,16 @@ def covariance(state: Array, n: int, r: Array, first: float, second: float, floo
     noise = max((PRIOR_WEIGHT + unexplained) / (PRIOR_WEIGHT + expected[0]), floor)
     for i in range(n):
         for j in range(n):
-            total = P[i, j] * believed[j]  # the prior, and what has leaked since: a diagonal matrix in the middle
-            for k in range(n):
-                total += P[i, k] * (noise * M[0, k, j] + first * M[1, k, j] + second * M[2, k, j])
-            half[i, j] = total
+            middle[i, j] = noise * M[0, i, j] + first * M[1, i, j] + second * M[2, i, j]
+        middle[i, i] += believed[i]  # the prior, and what has leaked since
+    half[:, :] = 0.0
+    out[:, :] = 0.0
     for i in range(n):
-        for j in range(n):
-            total = 0.0
-            for k in range(n):
-                total += half[i, k] * P[k, j]
-            out[i, j] = total
+        for k in range(n):
+            for j in range(n):
+                half[i, j] += P[i, k] * middle[k, j]
+    for i in range(n):
+        for k in range(n):
+            for j in range(n):
+                out[i, j] += half[i, k] * P[k, j]
     return noise

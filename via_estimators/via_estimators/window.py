@@ -9,7 +9,7 @@ from math import isfinite
 
 from numba import njit
 from via_core.signals import Array
-from via_core.weak_form import fill_weights
+from via_core.weak_form import VECTOR, fill_weights
 
 LAST, FILLED, SLOT, SAMPLES, BAD, GAPS, STATUS, MOTION = range(8)
 HEADER = 8
@@ -70,29 +70,39 @@ def admit(state: Array, times: Array, row: Array, required: int, max_gap: float)
     return answer
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=VECTOR)
 def weigh(order: int, times: Array, newest: int, psi: Array, held: Array) -> float:
     """Weights of the full window that ends in slot `newest`, by slot; returns its span T [s].
 
     order  h of the modulating function w_hh
     psi    (3, L) for <f, psi>, <f, psi'>, <f, psi''> of sampled curves
-    held   (L,) for <f, psi> of values held over the interval that ends at their stamp
+    held   (L,) for <f, psi> of values held over the interval that ends at their stamp: half of that step times the
+           values of psi at both its ends, psi_n being the weight psi[0, n] over what the sample stands for
     """
-    length = times.size
+    length, weights = times.size, psi[0]
     oldest = newest + 1 if newest + 1 < length else 0
     fill_weights(order, times, oldest, psi)
+    for n in range(2, length - 1):
+        before, here = times[n] - times[n - 2], times[n + 1] - times[n - 1]
+        held[n] = (times[n] - times[n - 1]) * (weights[n - 1] / before + weights[n] / here)
+    # Where the ring's storage begins and ends, and where the window does
+    for n in (0, 1, length - 1, oldest + 1, oldest + 2, newest):
+        _hold(times, newest, weights, held, n if n < length else n - length)
     held[oldest] = 0.0
-    at, here, density = oldest, times[oldest], 0.0
-    step = 0.0
-    for _ in range(length - 1):
-        at = at + 1 if at + 1 < length else 0
-        following = at + 1 if at + 1 < length else 0
-        step = times[at] - here
-        ahead = times[following] - times[at] if at != newest else 0.0
-        density_at = 2.0 * psi[0, at] / (step + ahead)
-        held[at] = 0.5 * step * (density + density_at)
-        here, density = times[at], density_at
     return times[newest] - times[oldest]
+
+
+@njit(cache=True, error_model="numpy")
+def _hold(times: Array, newest: int, weights: Array, held: Array, n: int) -> None:
+    """One of the weights `held` of `weigh`, wherever it lies; that of the oldest sample means nothing."""
+    length = times.size
+    oldest = newest + 1 if newest + 1 < length else 0
+    last = n - 1 if n > 0 else length - 1
+    start = last - 1 if last > 0 else length - 1
+    end = n + 1 if n + 1 < length else 0
+    before = times[n] - times[start if last != oldest else oldest]
+    here = times[end if n != newest else newest] - times[last]
+    held[n] = (times[n] - times[last]) * (weights[last] / before + weights[n] / here)
 
 
 @njit(cache=True, error_model="numpy")
