@@ -36,7 +36,7 @@ fi
 # Compiled kernels are kept with this tree, apart for every state of its sources: numba looks only at the file a kernel
 # stands in, and would run old code where a constant or a function of another file has changed.
 _via_root=$(dirname "$_via_ws")
-_via_key=$(cat "$_via_root"/via_*/via_*/*.py "$_via_root"/via_core/via_core/bags/*.py | cksum | cut -d' ' -f1)
+_via_key=$(find "$_via_root"/via_*/via_* -name '*.py' | LC_ALL=C sort | xargs -d '\n' cat | cksum | cut -d' ' -f1)
 case ${NUMBA_CACHE_DIR:-} in '' | "$_via_root"/.numba_cache/*) export NUMBA_CACHE_DIR=$_via_root/.numba_cache/$_via_key ;; esac
 
 # ROS writes its logs somewhere even where there is no home.
