@@ -2,17 +2,17 @@
 
 Between events the right-hand side is smooth (torques.py), and most ticks of most runs have none. So a block of runs
 takes the same Krogstad step together, every operation a loop over lanes that the compiler turns into vector
-instructions: the angle of lane l stands in z[Z.start + l]. A lane in which an axis stands, comes to a stop or crosses a
-flank of its gap takes this tick again on its own (`kernel.advance_tick`), and so does one with terms that are not
-written out here (rare ones, lags, fractions of a tick of dead time, servos). Results differ from those of `kernel.run`
-by rounding only: sine and exponential are polynomials here, right to 1e-13, because a call of the library's would break
-the vector loop.
+instructions: the link's angle of lane l stands in z[Z.start, l]. A lane in which an axis stands, comes to a stop or
+crosses a flank of its gap takes this tick again on its own (`kernel.advance_tick`), and so does one with terms that are
+not written out here (rare ones, lags, fractions of a tick of dead time, servos). Results differ from those of
+`kernel.run` by rounding only: sine and exponential are polynomials here, right to 1e-13, because a call of the
+library's would break the vector loop.
 """
 
 from __future__ import annotations
 
 from collections import namedtuple
-from math import floor
+from math import floor, inf
 from typing import Any
 
 import numpy as np
@@ -22,9 +22,10 @@ from via_core.springs import N_COEFFICIENTS, ODD_POLYNOMIAL
 
 from via_sim.actuation import saturated
 from via_sim.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
-from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, NO_DAMPER, P
-from via_sim.readings import record, sense
+from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, P
+from via_sim.readings import record, sense, stride
 from via_sim.torques import (
+    DAMPING,
     EXTERNAL,
     LAGS,
     N_INPUTS,
@@ -42,22 +43,22 @@ from via_sim.torques import (
     transmission_torque,
 )
 
-LANES = 16
+LANES = 32
 
-# Rows of the block's memory Z, LANES numbers each; names in capitals are those of one lane in the scalar kernel.
+# Rows of the block's memory z, LANES numbers each; names in capitals are those of one lane in the scalar kernel.
 #   START 6: state at the beginning of a step; AT 6: where torques are evaluated; N, A, B, D 3 each: torques of the
-#   stages; INPUT 3: torque on link, motor 1, motor 2; DAMP 1; FACTOR 2: of the springs; SIGN 3: direction of slip, 0
-#   without friction; BAD 1: left its modes; FLANK 2; SPRING 2: torques; PHI, INSIDE, SLOPE, LOADED 1: scratch; WEIGHT
-#   60 as of `weigh`; then what the parameter rows say.
+#   stages; MIDDLE 3: speeds; INPUT 3: torque on link, motor 1, motor 2; DAMP 1; FACTOR 2: of the springs; SIGN 3:
+#   direction of slip, 0 without friction; MARGIN 1: positive while the lane has kept its modes; FLANK 2; SPRING 2:
+#   torques; PHI, INSIDE, SLOPE, LOADED 1: scratch; WEIGHT 60 as of `weigh`; then what the parameter rows say.
 _SIZES = {
-    "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "input": 3, "damp": 1, "factor": 2, "sign": 3, "bad": 1,
-    "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1, "loaded": 1, "weight": 3 * PER_AXIS, "kinetic": 3,
-    "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3, "gravity": 1, "angle": 1,
-    "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2, "half": 2,
+    "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "middle": 3, "input": 3, "damp": 1, "factor": 2, "sign": 3,
+    "margin": 1, "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1, "loaded": 1, "weight": 3 * PER_AXIS,
+    "kinetic": 3, "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3, "gravity": 1, "angle": 1,
+    "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2, "half": 2, "solid": 2,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
-Z: Any = _Rows(*(int(LANES * s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
-N_CELLS = int(LANES * sum(_SIZES.values()))
+Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
+_N_ROWS = sum(_SIZES.values())
 
 
 @bare
@@ -107,165 +108,170 @@ def _decay(x: float) -> float:
 
 
 @bare
+def _copy(z: Array, source: int, target: int, count: int) -> None:
+    for row in range(count):
+        for lane in range(z.shape[1]):
+            z[target + row, lane] = z[source + row, lane]
+
+
+@bare
+def _add(z: Array, source: int, target: int, count: int) -> None:
+    for row in range(count):
+        for lane in range(z.shape[1]):
+            z[target + row, lane] += z[source + row, lane]
+
+
+@bare
 def _springs(z: Array, rows: Array, first: int, terms: int) -> None:
     """Torque of each transmission at z's angles AT -> SPRING; `terms` of the polynomials are not zero."""
     p = rows[first]
     for i in range(int(p[P.transmissions])):
-        at, motor, spring, factor = Z.at, Z.at + (1 + i) * LANES, Z.spring + i * LANES, Z.factor + i * LANES
-        flank, half, stop = Z.flank + i * LANES, Z.half + i * LANES, Z.stop + i * LANES
-        hardening, offset = Z.hardening + i * LANES, Z.offset + i * LANES
+        at, motor, spring, factor = Z.at, Z.at + (1 + i), Z.spring + i, Z.factor + i
+        flank, half, stop = Z.flank + i, Z.half + i, Z.stop + i
+        hardening, offset = Z.hardening + i, Z.offset + i
         if int(p[P.spring_kind + i]) != ODD_POLYNOMIAL:
-            for lane in range(LANES):
+            for lane in range(z.shape[1]):
                 row = rows[min(first + lane, len(rows) - 1)]
                 start = P.spring + i * N_COEFFICIENTS
-                q, m1, m2 = z[at + lane], z[at + LANES + lane], z[at + 2 * LANES + lane]
-                phi, preset = deflection(row, i, q, z[motor + lane]), preset_of(row, i, m1, m2)
+                q, m1, m2 = z[at, lane], z[at + 1, lane], z[at + 2, lane]
+                phi, preset = deflection(row, i, q, z[motor, lane]), preset_of(row, i, m1, m2)
                 law = row[start : start + N_COEFFICIENTS]
-                z[spring + lane] = transmission_torque(row, law, i, phi, preset, int(z[flank + lane]), z[factor + lane])
+                z[spring, lane] = transmission_torque(row, law, i, phi, preset, int(z[flank, lane]), z[factor, lane])
             continue
-        for lane in range(LANES):
-            phi = z[at + lane] - z[motor + lane] - z[offset + lane] - z[flank + lane] * z[half + lane]
-            z[Z.phi + lane] = phi
-            z[Z.inside + lane] = min(max(phi, -z[stop + lane]), z[stop + lane])
-            z[spring + lane] = z[Z.slope + lane] = 0.0
+        for lane in range(z.shape[1]):
+            phi = z[at, lane] - z[motor, lane] - z[offset, lane] - z[flank, lane] * z[half, lane]
+            z[Z.phi, lane] = phi
+            z[Z.inside, lane] = min(max(phi, -z[stop, lane]), z[stop, lane])
+            z[spring, lane] = z[Z.slope, lane] = 0.0
         for k in range(terms - 1, -1, -1):
-            law, odd = Z.coefficient + (i * N_COEFFICIENTS + k) * LANES, 2.0 * k + 1.0
-            for lane in range(LANES):
-                square = z[Z.inside + lane] * z[Z.inside + lane]
-                z[spring + lane] = z[spring + lane] * square + z[law + lane]
-                z[Z.slope + lane] = z[Z.slope + lane] * square + odd * z[law + lane]
-        for lane in range(LANES):
-            phi, inside = z[Z.phi + lane], z[Z.inside + lane]
-            torque = z[spring + lane] * inside + max(z[Z.slope + lane], 0.0) * (phi - inside)
-            share = max(1.0 + z[hardening + lane] * phi * phi, 0.0)
-            within = z[half + lane] > 0.0 and z[flank + lane] == 0.0
-            z[spring + lane] = 0.0 if within else z[factor + lane] * share * torque
+            law, odd = Z.coefficient + (i * N_COEFFICIENTS + k), 2.0 * k + 1.0
+            for lane in range(z.shape[1]):
+                square = z[Z.inside, lane] * z[Z.inside, lane]
+                z[spring, lane] = z[spring, lane] * square + z[law, lane]
+                z[Z.slope, lane] = z[Z.slope, lane] * square + odd * z[law, lane]
+        for lane in range(z.shape[1]):
+            phi, inside = z[Z.phi, lane], z[Z.inside, lane]
+            torque = z[spring, lane] * inside + max(z[Z.slope, lane], 0.0) * (phi - inside)
+            share = max(1.0 + z[hardening, lane] * phi * phi, 0.0)
+            within = z[half, lane] > 0.0 and z[flank, lane] == 0.0
+            z[spring, lane] = 0.0 if within else z[factor, lane] * share * torque
 
 
 @bare
 def _torques(
-    z: Array, rows: Array, first: int, out: int, terms: int, gravity: bool, friction: bool, falls: bool
+    z: Array, rows: Array, first: int, axes: int, out: int, terms: int, gravity: bool, friction: int, falls: bool
 ) -> None:
     """Torque on each axis but for its viscous friction, at angles and velocities AT -> three rows from `out` on."""
     p = rows[first]
-    for lane in range(LANES):
-        z[out + lane] = z[Z.input + lane]
-        z[out + LANES + lane] = z[Z.input + LANES + lane]
-        z[out + 2 * LANES + lane] = z[Z.input + 2 * LANES + lane]
+    for lane in range(z.shape[1]):
+        z[out, lane] = z[Z.input, lane]
+        z[out + 1, lane] = z[Z.input + 1, lane]
+        z[out + 2, lane] = z[Z.input + 2, lane]
     if gravity:
-        for lane in range(LANES):
-            z[out + lane] -= z[Z.gravity + lane] * _sine(z[Z.at + lane] - z[Z.angle + lane])
+        for lane in range(z.shape[1]):
+            z[out, lane] -= z[Z.gravity, lane] * _sine(z[Z.at, lane] - z[Z.angle, lane])
     if p[P.damper_site] == AT_TRANSMISSION:
-        for lane in range(LANES):
-            z[out + lane] += z[Z.damp + lane] * z[Z.at + 4 * LANES + lane]
-            z[out + LANES + lane] += z[Z.damp + lane] * z[Z.at + 3 * LANES + lane]
+        for lane in range(z.shape[1]):
+            z[out, lane] += z[Z.damp, lane] * z[Z.at + 4, lane]
+            z[out + 1, lane] += z[Z.damp, lane] * z[Z.at + 3, lane]
     _springs(z, rows, first, terms)
     count = int(p[P.transmissions])
     for i in range(count):
-        for lane in range(LANES):
-            z[out + lane] -= z[Z.spring + i * LANES + lane]
-            z[out + (1 + i) * LANES + lane] += z[Z.spring + i * LANES + lane]
-    if not friction:
-        return
-    for axis in range(3):
-        here = axis * LANES
+        for lane in range(z.shape[1]):
+            z[out, lane] -= z[Z.spring + i, lane]
+            z[out + (1 + i), lane] += z[Z.spring + i, lane]
+    for axis in range(axes):
+        if not friction >> axis & 1:
+            continue
+        here = axis
         if count == 0:
-            for lane in range(LANES):
-                z[Z.loaded + lane] = abs(z[Z.input + lane])
+            for lane in range(z.shape[1]):
+                z[Z.loaded, lane] = abs(z[Z.input, lane])
         elif axis == 0:
-            for lane in range(LANES):
-                z[Z.loaded + lane] = abs(z[Z.spring + lane] + z[Z.spring + LANES + lane])
+            for lane in range(z.shape[1]):
+                z[Z.loaded, lane] = abs(z[Z.spring, lane] + z[Z.spring + 1, lane])
         else:
-            for lane in range(LANES):
-                z[Z.loaded + lane] = abs(z[Z.spring + here - LANES + lane])
-        for lane in range(LANES):
-            sign, v = z[Z.sign + here + lane], z[Z.at + 3 * LANES + here + lane]
-            size = z[Z.kinetic + here + lane] + z[Z.load + here + lane] * z[Z.loaded + lane]
-            size += sign * (z[Z.asymmetry + here + lane] + z[Z.viscous + here + lane] * sign * v)
-            z[out + here + lane] -= sign * size
+            for lane in range(z.shape[1]):
+                z[Z.loaded, lane] = abs(z[Z.spring + here - 1, lane])
+        for lane in range(z.shape[1]):
+            sign, v = z[Z.sign + here, lane], z[Z.at + 3 + here, lane]
+            size = z[Z.kinetic + here, lane] + z[Z.load + here, lane] * z[Z.loaded, lane]
+            size += sign * (z[Z.asymmetry + here, lane] + z[Z.viscous + here, lane] * sign * v)
+            z[out + here, lane] -= sign * size
         if falls:
-            for lane in range(LANES):
-                ratio = z[Z.at + 3 * LANES + here + lane] * z[Z.inverse + here + lane]
-                excess = z[Z.excess + here + lane] * _decay(ratio * ratio)
-                z[out + here + lane] -= z[Z.sign + here + lane] * excess
+            for lane in range(z.shape[1]):
+                ratio = z[Z.at + 3 + here, lane] * z[Z.inverse + here, lane]
+                excess = z[Z.excess + here, lane] * _decay(ratio * ratio)
+                z[out + here, lane] -= z[Z.sign + here, lane] * excess
 
 
 @bare
-def _stage(z: Array, base: int, one: int, torque_one: int, two: int, torque_two: int, out: int) -> None:
-    """Angles and velocities -> six rows from `out` on: linear part `base`, weights `one`, `two` times two torques."""
-    for axis in range(3):
-        w = Z.weight + PER_AXIS * axis * LANES
-        x, v, to = Z.start + axis * LANES, Z.start + (3 + axis) * LANES, out + axis * LANES
-        n, m = torque_one + axis * LANES, torque_two + axis * LANES
-        for lane in range(LANES):
-            first, second, speed = z[n + lane], z[m + lane], z[v + lane]
-            z[to + lane] = (
-                z[x + lane]
-                + z[w + (base + 1) * LANES + lane] * speed
-                + z[w + (one + 1) * LANES + lane] * first
-                + z[w + (two + 1) * LANES + lane] * second
+def _stage(z: Array, axes: int, base: int, one: int, torque_one: int, two: int, torque_two: int) -> None:
+    """Angles and velocities -> AT: linear part of weights `base`, plus weights `one` and `two` times two torques."""
+    for axis in range(axes):
+        w, n, m = Z.weight + PER_AXIS * axis, torque_one + axis, torque_two + axis
+        for lane in range(z.shape[1]):
+            first, second, speed = z[n, lane], z[m, lane], z[Z.start + 3 + axis, lane]
+            z[Z.at + axis, lane] = (
+                z[Z.start + axis, lane]
+                + z[w + base + 1, lane] * speed
+                + z[w + one + 1, lane] * first
+                + z[w + two + 1, lane] * second
             )
-            z[to + 3 * LANES + lane] = (
-                z[w + base * LANES + lane] * speed
-                + z[w + one * LANES + lane] * first
-                + z[w + two * LANES + lane] * second
-            )
+            z[Z.at + 3 + axis, lane] = z[w + base, lane] * speed + z[w + one, lane] * first + z[w + two, lane] * second
 
 
 @bare
-def _check(z: Array, velocity: int, transmissions: int, gaps: bool) -> None:
-    """BAD where a slipping axis has stopped or runs backwards (three rows `velocity`), or a flank is crossed (AT)."""
-    for axis in range(3):
-        for lane in range(LANES):
-            sign = z[Z.sign + axis * LANES + lane]
-            stopped = sign != 0.0 and sign * z[velocity + axis * LANES + lane] <= 0.0
-            z[Z.bad + lane] = 1.0 if stopped else z[Z.bad + lane]
-    if gaps:
-        for i in range(transmissions):
-            motor, offset = Z.at + (1 + i) * LANES, Z.offset + i * LANES
-            for lane in range(LANES):
-                half, flank = z[Z.half + i * LANES + lane], z[Z.flank + i * LANES + lane]
-                phi = z[Z.at + lane] - z[motor + lane] - z[offset + lane]
-                outside = abs(phi) > half if flank == 0.0 else flank * phi < half
-                z[Z.bad + lane] = 1.0 if half > 0.0 and outside else z[Z.bad + lane]
+def _check(z: Array, velocity: int, axes: int, friction: int, transmissions: int) -> None:
+    """MARGIN not positive where a slipping axis has stopped or runs backwards (rows `velocity`), or a flank is left."""
+    for axis in range(axes):
+        if friction >> axis & 1:
+            for lane in range(z.shape[1]):
+                sign = z[Z.sign + axis, lane]
+                ahead = sign * z[velocity + axis, lane] + 1.0 - abs(sign)
+                z[Z.margin, lane] = min(z[Z.margin, lane], ahead)
+    for i in range(transmissions):
+        for lane in range(z.shape[1]):
+            half, flank = z[Z.half + i, lane], z[Z.flank + i, lane]
+            phi = z[Z.at, lane] - z[Z.at + 1 + i, lane] - z[Z.offset + i, lane]
+            beyond, inside = flank * phi - half, half - abs(phi)
+            kept = abs(flank) * beyond + (1.0 - abs(flank)) * inside + z[Z.solid + i, lane]
+            z[Z.margin, lane] = min(z[Z.margin, lane], kept)
 
 
 @bare
 def _step(
-    z: Array, rows: Array, first: int, terms: int, gravity: bool, friction: bool, falls: bool, gaps: bool
+    z: Array, rows: Array, first: int, axes: int, terms: int, gravity: bool, friction: int, falls: bool, gaps: int
 ) -> None:
-    """One Krogstad step of the block, as `kernel._step`: START moves on, BAD says which lanes may not."""
-    transmissions = int(rows[first, P.transmissions])
-    for cell in range(6 * LANES):
-        z[Z.at + cell] = z[Z.start + cell]
-    _torques(z, rows, first, Z.n, terms, gravity, friction, falls)
-    for cell in range(3 * LANES):
-        z[Z.a + cell] = 0.0
-    _stage(z, 0, 4, Z.n, 8, Z.a, Z.at)
-    for cell in range(3 * LANES):
-        z[Z.d + cell] = z[Z.at + 3 * LANES + cell]
-    _torques(z, rows, first, Z.a, terms, gravity, friction, falls)
-    _stage(z, 0, 6, Z.n, 8, Z.a, Z.at)
-    if friction:
-        for cell in range(3 * LANES):  # the speed at the midpoint
-            z[Z.d + cell] += z[Z.at + 3 * LANES + cell]
-        _check(z, Z.d, transmissions, False)
-    _torques(z, rows, first, Z.b, terms, gravity, friction, falls)
-    _stage(z, 2, 10, Z.n, 12, Z.b, Z.at)
-    _torques(z, rows, first, Z.d, terms, gravity, friction, falls)
-    for cell in range(3 * LANES):
-        z[Z.a + cell] += z[Z.b + cell]
-    _stage(z, 2, 14, Z.n, 16, Z.a, Z.at)
-    for axis in range(3):
-        w, d = Z.weight + PER_AXIS * axis * LANES, Z.d + axis * LANES
-        angle, velocity = Z.at + axis * LANES, Z.at + (3 + axis) * LANES
-        for lane in range(LANES):
-            z[angle + lane] += z[w + 19 * LANES + lane] * z[d + lane]
-            z[velocity + lane] += z[w + 18 * LANES + lane] * z[d + lane]
-    if friction or gaps:
-        _check(z, Z.at + 3 * LANES, transmissions, gaps)
-    for cell in range(6 * LANES):
-        z[Z.start + cell] = z[Z.at + cell]
+    """One Krogstad step of the block, as `kernel._step`: START moves on, MARGIN says which lanes may not.
+
+    axes: there are; friction: bit per axis; gaps: transmissions to watch.
+    """
+    _copy(z, Z.start, Z.at, 6)
+    _torques(z, rows, first, axes, Z.n, terms, gravity, friction, falls)
+    for axis in range(axes):
+        for lane in range(z.shape[1]):
+            z[Z.a + axis, lane] = 0.0
+    _stage(z, axes, 0, 4, Z.n, 8, Z.a)
+    if friction != 0:
+        _copy(z, Z.at + 3, Z.middle, axes)
+    _torques(z, rows, first, axes, Z.a, terms, gravity, friction, falls)
+    _stage(z, axes, 0, 6, Z.n, 8, Z.a)
+    if friction != 0:
+        _add(z, Z.at + 3, Z.middle, axes)  # twice the speed at the midpoint
+        _check(z, Z.middle, axes, friction, 0)
+    _torques(z, rows, first, axes, Z.b, terms, gravity, friction, falls)
+    _stage(z, axes, 2, 10, Z.n, 12, Z.b)
+    _torques(z, rows, first, axes, Z.d, terms, gravity, friction, falls)
+    _add(z, Z.b, Z.a, axes)
+    _stage(z, axes, 2, 14, Z.n, 16, Z.a)
+    for axis in range(axes):
+        w = Z.weight + PER_AXIS * axis
+        for lane in range(z.shape[1]):
+            z[Z.at + axis, lane] += z[w + 19, lane] * z[Z.d + axis, lane]
+            z[Z.at + 3 + axis, lane] += z[w + 18, lane] * z[Z.d + axis, lane]
+    _check(z, Z.at + 3, axes, friction, gaps)
+    _copy(z, Z.at, Z.start, 6)
 
 
 @bare
@@ -283,56 +289,73 @@ def _written_out(p: Array, modes: Array) -> bool:
 def _enter(p: Array, z: Array, lane: int) -> None:
     """A parameter row into its lane."""
     for axis in range(3):
-        here = axis * LANES + lane
+        here = axis
         slips = has_friction(p, axis)
-        z[Z.kinetic + here] = p[P.kinetic_friction + axis] if slips else 0.0
-        z[Z.excess + here] = p[P.breakaway_friction + axis] - p[P.kinetic_friction + axis] if slips else 0.0
-        z[Z.inverse + here] = 1.0 / p[P.stribeck_velocity + axis]
-        z[Z.asymmetry + here], z[Z.viscous + here] = p[P.friction_asymmetry + axis], p[P.viscous_asymmetry + axis]
-        z[Z.load + here] = p[P.load_friction + axis]
-    z[Z.gravity + lane], z[Z.angle + lane] = p[P.gravity_torque], p[P.gravity_angle]
+        z[Z.kinetic + here, lane] = p[P.kinetic_friction + axis] if slips else 0.0
+        z[Z.excess + here, lane] = p[P.breakaway_friction + axis] - p[P.kinetic_friction + axis] if slips else 0.0
+        z[Z.inverse + here, lane] = 1.0 / p[P.stribeck_velocity + axis]
+        z[Z.asymmetry + here, lane], z[Z.viscous + here, lane] = (
+            p[P.friction_asymmetry + axis],
+            p[P.viscous_asymmetry + axis],
+        )
+        z[Z.load + here, lane] = p[P.load_friction + axis]
+    z[Z.gravity, lane], z[Z.angle, lane] = p[P.gravity_torque], p[P.gravity_angle]
     for k in range(2 * N_COEFFICIENTS):
-        z[Z.coefficient + k * LANES + lane] = p[P.spring + k]
+        z[Z.coefficient + k, lane] = p[P.spring + k]
     for i in range(2):
-        here = i * LANES + lane
-        z[Z.stop + here], z[Z.hardening + here] = p[P.stop + i], p[P.spring_hardening + i]
-        z[Z.offset + here] = p[P.pretension_offset + i] if p[P.serial] == 0.0 else 0.0
-        z[Z.half + here] = 0.5 * p[P.backlash + i]
+        here = i
+        z[Z.stop + here, lane], z[Z.hardening + here, lane] = p[P.stop + i], p[P.spring_hardening + i]
+        z[Z.offset + here, lane] = p[P.pretension_offset + i] if p[P.serial] == 0.0 else 0.0
+        z[Z.half + here, lane] = 0.5 * p[P.backlash + i]
+        z[Z.solid + here, lane] = 0.0 if p[P.backlash + i] > 0.0 else inf
 
 
 @bare
-def _drive(p: Array, x: Array, command: Array, tick: int, slot: int, z: Array, lane: int) -> None:
-    """Inputs of a lane over a tick -> z and the bookkeeping of its state x; `slot`: where its queue stands."""
-    period, length = p[P.tick], (x.size - X.queue) // QUEUED
-    age = p[P.origin] + tick * period
-    held = slot - int(p[P.delay] / period + 1e-9)
-    held = X.queue + QUEUED * (held if held >= 0 else held + length)
+def _held(x: Array, slot: int, late: int) -> int:
+    """Where in state x the command stands that acts now, `late` ticks after it came; the newest one is at `slot`."""
+    turn = slot - late
+    return X.queue + QUEUED * (turn if turn >= 0 else turn + (x.size - X.queue) // QUEUED)
+
+
+@bare
+def _drive(p: Array, x: Array, command: Array, slot: int, late: int, age: float, z: Array, lane: int) -> None:
+    """Inputs of a lane over a tick -> z, and the tick's command into the queue of x, which it heads at `slot`."""
+    held = _held(x, slot, late)
     for i in range(QUEUED):
         x[X.queue + QUEUED * slot + i] = command[i]
     neighbour = command[NEIGHBOUR] if command.size > NEIGHBOUR else 0.0
-    link = command[EXTERNAL] if p[P.link_drive] == 0.0 else 0.0
+    link = (p[P.coupling] + p[P.coupling + 1] + p[P.coupling + 2]) * neighbour
     if p[P.link_drive] != 0.0:
-        asked = saturated(p, 0, x[held + EXTERNAL])
-        x[X.lag] = asked
-        link = p[P.torque_gain] * asked + p[P.torque_bias]
-    link += (p[P.coupling] + p[P.coupling + 1] + p[P.coupling + 2]) * neighbour
+        link += p[P.torque_gain] * saturated(p, 0, x[held + EXTERNAL]) + p[P.torque_bias]
+    else:
+        link += command[EXTERNAL]
     if p[P.pulse_torque] != 0.0:
-        overlap = min(age + period, p[P.pulse_stop]) - max(age, p[P.pulse_start])
-        link += p[P.pulse_torque] * max(overlap, 0.0) / period
-    z[Z.input + lane] = x[X.external] = link
+        overlap = min(age + p[P.tick], p[P.pulse_stop]) - max(age, p[P.pulse_start])
+        link += p[P.pulse_torque] * max(overlap, 0.0) / p[P.tick]
+    z[Z.input, lane] = link
     for i in range(2):
-        limit, torque = p[P.torque_limit + i], 0.0
-        x[X.reported_torque + i] = min(max(command[i], -limit), limit)
         if p[P.axis_kind + 1 + i] == DYNAMIC:
+            limit = p[P.torque_limit + i]
             asked = saturated(p, 1 + i, min(max(x[held + i], -limit), limit))
-            x[X.lag + 1 + i] = asked
             torque = p[P.torque_gain + 1 + i] * asked + p[P.torque_bias + 1 + i] - p[P.coupling + 1 + i] * neighbour
-        z[Z.input + (1 + i) * LANES + lane] = x[X.motor_torque + i] = torque
-        z[Z.factor + i * LANES + lane] = spring_factor(p, i, age + 0.5 * period)
+            z[Z.input + 1 + i, lane] = torque
+            z[Z.factor + i, lane] = spring_factor(p, i, age + 0.5 * p[P.tick])
     damping = 0.0
     if p[P.damper_site] != NO_DAMPER:
-        damping = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[held + 2])
-    z[Z.damp + lane] = x[X.damping] = damping
+        damping = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[held + DAMPING])
+    z[Z.damp, lane] = damping
+
+
+@bare
+def _note(p: Array, x: Array, command: Array, slot: int, late: int, z: Array, lane: int) -> None:
+    """What acted last into state x, as `kernel.advance_tick` leaves it there."""
+    held = _held(x, slot, late)
+    x[X.external], x[X.damping], x[X.lag] = z[Z.input, lane], z[Z.damp, lane], saturated(p, 0, x[held + EXTERNAL])
+    for i in range(2):
+        limit = p[P.torque_limit + i]
+        x[X.reported_torque + i] = min(max(command[i], -limit), limit)
+        x[X.motor_torque + i] = z[Z.input + 1 + i, lane]
+        x[X.lag + 1 + i] = saturated(p, 1 + i, min(max(x[held + i], -limit), limit))
 
 
 @bare
@@ -340,16 +363,16 @@ def _place(p: Array, x: Array, z: Array, lane: int) -> bool:
     """State x into its lane, and whether it moves on from here without standing anywhere."""
     free = True
     for i in range(6):
-        z[Z.start + i * LANES + lane] = x[i]
+        z[Z.start + i, lane] = x[i]
     for axis in range(3):
         sign = 0.0
         if has_friction(p, axis):
             free &= x[3 + axis] != 0.0
             sign = 1.0 if x[3 + axis] > 0.0 else -1.0
-        z[Z.sign + axis * LANES + lane] = sign
+        z[Z.sign + axis, lane] = sign
     for i in range(2):
         phi, half = deflection(p, i, x[0], x[1 + i]), 0.5 * p[P.backlash + i]
-        z[Z.flank + i * LANES + lane] = 0.0 if half <= 0.0 or abs(phi) < half else (1.0 if phi > 0.0 else -1.0)
+        z[Z.flank + i, lane] = 0.0 if half <= 0.0 or abs(phi) < half else (1.0 if phi > 0.0 else -1.0)
     return free
 
 
@@ -360,67 +383,96 @@ def run_many(rows: Array, states: Array, commands: Array, out: Array) -> None:
     Rows are of one joint (same arrangement), states of one length. Motion is what ideal sensors read: angles with the
     errors that effects give their encoders.
     """
-    z, u, y = np.zeros(N_CELLS), np.zeros(N_INPUTS), np.zeros(9)
+    z, u, y = np.zeros((_N_ROWS, LANES)), np.zeros(N_INPUTS), np.zeros(9)
     modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 3, N_WEIGHTS))
-    joins = np.zeros(LANES, np.int64)
+    lanes = np.zeros((4, LANES), np.int64)
     for first in range(0, len(rows), LANES):
-        _run_block(rows, states, commands, out, first, z, u, y, modes, weights, joins)
+        _run_block(rows, states, commands, out, first, z, u, y, modes, weights, lanes)
 
 
 @bare
 def _run_block(
     rows: Array, states: Array, commands: Array, out: Array, first: int, z: Array, u: Array, y: Array, modes: Array,
-    weights: Array, joins: Array,
+    weights: Array, lanes: Array,
 ) -> None:  # fmt: skip
-    """The runs from row `first` on, LANES at most; scratch as `run_many` makes it, joins: who goes in lockstep."""
-    count, lead = min(LANES, len(rows) - first), rows[first]
-    z[:] = 0.0
-    gravity = friction = falls = gaps = False
-    terms, together, heads = 0, 0, 0
+    """The runs from row `first` on, LANES at most; scratch as `run_many` makes it.
+
+    lanes (4, LANES): whether a lane goes in lockstep, is in step now, reads its angles as they are; ticks it is late
+    """
+    joins, placed, plain, late = lanes[0], lanes[1], lanes[2], lanes[3]
+    count, lead, head = min(LANES, len(rows) - first), rows[first], states[first]
+    number, period, length = int(head[X.tick]), lead[P.tick], (head.size - X.queue) // QUEUED
+    gravity = falls = False
+    friction = gaps = terms = together = axes = 0
+    z[:, :] = 0.0
     for lane in range(count):
         p, x = rows[first + lane], states[first + lane]
         begin(p, x, u, modes[lane], weights[lane])
         sense(p, x, out[first + lane, 0])
         _enter(p, z, lane)
-        joins[lane] = _written_out(p, modes[lane]) and p[P.substeps] == lead[P.substeps] and p[P.tick] == lead[P.tick]
+        alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period and int(x[X.tick]) == number
+        joins[lane], placed[lane], plain[lane] = alike and _written_out(p, modes[lane]), 0, _reads_true(p)
+        late[lane] = int(p[P.delay] / period + 1e-9)
         together += joins[lane]
         gravity |= p[P.gravity_torque] != 0.0
         for axis in range(3):
-            friction |= has_friction(p, axis)
+            if p[P.axis_kind + axis] != ABSENT:
+                axes = axis + 1
+            friction |= int(has_friction(p, axis)) << axis
             falls |= p[P.breakaway_friction + axis] != p[P.kinetic_friction + axis]
         for i in range(2):
-            gaps |= p[P.backlash + i] > 0.0
+            if p[P.backlash + i] > 0.0:
+                gaps = i + 1
             for k in range(N_COEFFICIENTS):
                 if p[P.spring + i * N_COEFFICIENTS + k] != 0.0:
                     terms = max(terms, k + 1)
     steps = max(1, int(lead[P.substeps]))
-    h = lead[P.tick] / steps
+    h = period / steps
     for tick in range(len(commands)):
-        heads = 0
+        command, slot, last = commands[tick], (number + tick) % length, tick == len(commands) - 1
+        ready = 0
         if together > 1:
             for lane in range(count):
-                z[Z.bad + lane] = 1.0
                 p, x = rows[first + lane], states[first + lane]
-                if joins[lane] != 0 and _place(p, x, z, lane):
-                    number, length = int(x[X.tick]), (x.size - X.queue) // QUEUED
-                    record(p, x)
-                    _drive(p, x, commands[tick], number, number % length, z, lane)
+                if placed[lane] == 0 and joins[lane] != 0:
+                    placed[lane] = _place(p, x, z, lane)
+                z[Z.margin, lane] = 2.0 * placed[lane] - 1.0
+                if placed[lane] != 0:
+                    ready += 1
+                    _drive(p, x, command, slot, late[lane], p[P.origin] + (number + tick) * period, z, lane)
                     own = weights[lane, 2]
-                    if own[N_WEIGHTS - 2] != h or own[N_WEIGHTS - 1] != z[Z.damp + lane]:
-                        weigh(p, h, z[Z.damp + lane], own)
+                    if own[N_WEIGHTS - 2] != h or own[N_WEIGHTS - 1] != z[Z.damp, lane]:
+                        weigh(p, h, z[Z.damp, lane], own)
                         for k in range(3 * PER_AXIS):
-                            z[Z.weight + k * LANES + lane] = own[k]
-                    z[Z.bad + lane] = 0.0
-                    heads += 1
-            if heads > 0:
+                            z[Z.weight + k, lane] = own[k]
+            if ready > 0:
                 for _ in range(steps):
-                    _step(z, rows, first, terms, gravity, friction, falls, gaps)
+                    _step(z, rows, first, axes, terms, gravity, friction, falls, gaps)
+        turn = (number + tick) % stride(period) == 0
         for lane in range(count):
-            p, x = rows[first + lane], states[first + lane]
-            if heads > 0 and z[Z.bad + lane] == 0.0:
+            p, x, motion = rows[first + lane], states[first + lane], out[first + lane, tick + 1]
+            if ready > 0 and z[Z.margin, lane] > 0.0:
+                if turn:
+                    record(p, x)
                 for i in range(6):
-                    x[i] = z[Z.start + i * LANES + lane]
+                    x[i] = z[Z.start + i, lane]
                 x[X.tick] += 1.0
+                if last:
+                    _note(p, x, command, slot, late[lane], z, lane)
             else:
-                advance_tick(p, x, commands[tick], u, modes[lane], weights[lane], y)
-            sense(p, x, out[first + lane, tick + 1])
+                placed[lane] = 0
+                advance_tick(p, x, command, u, modes[lane], weights[lane], y)
+            if plain[lane] != 0:
+                for i in range(6):
+                    motion[i] = x[i]
+            else:
+                sense(p, x, motion)
+
+
+@bare
+def _reads_true(p: Array) -> bool:
+    """Whether encoders read angles as they are."""
+    true = True
+    for axis in range(3):
+        true &= p[P.skew + axis] <= 0.0 and p[P.eccentricity + axis] == 0.0 and p[P.encoder_offset + axis] == 0.0
+    return true

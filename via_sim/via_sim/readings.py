@@ -78,11 +78,17 @@ def _read(true: float, deviation: float, quantum: float, x: Array, channel: int)
 
 
 @bare
+def stride(period: float) -> int:
+    """Ticks of `period` [s] between two samples of the past that are kept."""
+    return max(1, ceil(MAX_SKEW / period / (HISTORY - 2)))
+
+
+@bare
 def record(p: Array, x: Array) -> None:
     """The motion of this tick into the ring of the past, if it is its turn."""
-    tick, stride = int(x[X.tick]), max(1, ceil(MAX_SKEW / p[P.tick] / (HISTORY - 2)))
-    if tick % stride == 0:
-        here = X.history + 6 * (tick // stride % HISTORY)
+    tick, every = int(x[X.tick]), stride(p[P.tick])
+    if tick % every == 0:
+        here = X.history + 6 * (tick // every % HISTORY)
         for i in range(6):
             x[here + i] = x[i]
 
@@ -94,12 +100,12 @@ def past(p: Array, x: Array, axis: int) -> tuple[float, float]:
     if skew <= 0.0:
         return x[axis], x[3 + axis]
     period, tick = p[P.tick], int(x[X.tick])
-    stride = max(1, ceil(MAX_SKEW / period / (HISTORY - 2)))
+    every = stride(period)
     when = max(x[X.tick] - skew / period, 0.0)  # in ticks; before the first one nothing is known
-    before = int(when) // stride * stride
-    after = before + stride
-    here = X.history + 6 * (before // stride % HISTORY) + axis
-    there = X.history + 6 * (after // stride % HISTORY) + axis
+    before = int(when) // every * every
+    after = before + every
+    here = X.history + 6 * (before // every % HISTORY) + axis
+    there = X.history + 6 * (after // every % HISTORY) + axis
     if after >= tick:
         after, there = tick, axis
     if after == before:

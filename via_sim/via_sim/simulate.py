@@ -22,7 +22,7 @@ from via_core.signals import Array, Signals
 from via_sim.catalogue import MAX_DELAY
 from via_sim.effects import Effect
 from via_sim.kernel import run
-from via_sim.lockstep import run_many
+from via_sim.lockstep import LANES, run_many
 from via_sim.parameters import ABSENT, SERVO, P
 from via_sim.plants import JointPlant
 from via_sim.readings import MEASURED, TRUTH
@@ -221,10 +221,23 @@ def simulate_many(
         raise ParameterError("simulate_many needs at least one plant")
     rows = np.stack([plant.at_rate(rate) for plant in plants])
     states = np.stack([initial_state(plant, rate, initial, 0) for plant in plants])
-    out = np.empty((len(plants), len(inputs) + 1, 6))
-    edges = np.linspace(0, len(plants), max(1, min(threads, len(plants))) + 1).astype(int)
+    return simulate_rows(rows, states, inputs, threads)
+
+
+def simulate_rows(rows: Array, states: Array, commands: Array, threads: int = 2) -> Array:
+    """Motion (K, N+1, 6), as ideal sensors read it, of K parameter rows of one joint, `threads` blocks at once.
+
+    rows      (K, N_PARAMETERS) with tick and substeps, as of `JointPlant.at_rate`
+    states    (K, n) as of `initial_state`, moved on in place
+    commands  (N, 5) shared, as of `command_rows`
+
+    For fits, which change numbers of a row and have nothing to check: see `EffectKind.write`.
+    """
+    out = np.empty((len(rows), len(commands) + 1, 6))
+    blocks = np.linspace(0, ceil(len(rows) / LANES), max(1, min(threads, ceil(len(rows) / LANES))) + 1).astype(int)
+    edges = np.minimum(blocks * LANES, len(rows))
     with ThreadPoolExecutor(len(edges) - 1) as pool:  # the kernel releases the GIL
-        jobs = [pool.submit(run_many, rows[a:b], states[a:b], inputs, out[a:b]) for a, b in pairwise(edges)]
+        jobs = [pool.submit(run_many, rows[a:b], states[a:b], commands, out[a:b]) for a, b in pairwise(edges)]
         for job in jobs:
             job.result()
     return out

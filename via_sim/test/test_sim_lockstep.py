@@ -1,0 +1,107 @@
+"""Runs in lockstep against the same runs one by one: motion, and the states they leave behind."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sim_joints import SIZES, antagonistic, device, flexible, rigid, serial_servo, servo_flexible
+from via_core.devices import load_device
+from via_core.signals import Array
+from via_sim.catalogue import EFFECTS
+from via_sim.effects import Effect, places
+from via_sim.kernel import run
+from via_sim.lockstep import LANES, _decay, _sine
+from via_sim.plants import JointPlant
+from via_sim.sensors import IDEAL
+from via_sim.simulate import initial_state, simulate_rows
+from via_sim.torques import N_COMMANDS, X
+
+RATE = 1000.0
+GRAVITY = "{inertia: 0.02, viscous_friction: 0.1, gravity_torque: 0.3, gravity_angle: 0.2}"
+DAMPED = device(
+    "flexible",
+    GRAVITY,
+    "motors: [{inertia: 0.01, viscous_friction: 0.1}]\n"
+    "springs: [{law: sinh, k: 0.5, a: 6.0, max_deflection: 0.5}]\n"
+    "damper: {site: transmission, map: linear, minimum: 0.0, maximum: 0.2}",
+)
+JOINTS = (flexible(10.0, GRAVITY), antagonistic(GRAVITY), rigid(GRAVITY), DAMPED, serial_servo(), servo_flexible())
+
+
+def commands(ticks: int) -> Array:
+    t = np.arange(ticks) / RATE
+    waves = [np.sin(7.0 * t), np.cos(11.0 * t), 0.5 + 0.4 * np.sin(3.0 * t), 0.3 * np.sin(5.0 * t), np.cos(2.0 * t)]
+    return np.stack(waves, axis=1)
+
+
+def alone(row: Array, state: Array, sent: Array) -> Array:
+    """Motion (N+1, 6) of one run; angles and velocities as read."""
+    measured, truth = np.empty((len(sent) + 1, 9)), np.empty((len(sent) + 1, 16))
+    run(row, IDEAL.row(), state, sent, measured, truth)
+    return np.nan_to_num(np.column_stack([measured[:, :3], measured[:, 5:8]]))
+
+
+@pytest.mark.parametrize("joint", JOINTS, ids=lambda joint: f"{joint.arrangement}-{joint.drive}")
+def test_every_effect_gives_the_same_in_lockstep_as_alone(joint):
+    """All effects of a joint in neighbouring lanes, beside plain ones, over stops, reversals and flanks."""
+    nominal = JointPlant.from_device(joint)
+    plants = [nominal]
+    for name in EFFECTS.keys() - {"encoder_quantisation"}:
+        for site, motor in places(name, joint):
+            plants += [nominal.with_effects([Effect(name, site, SIZES[name], motor)]), nominal]
+    rows, sent = np.stack([plant.at_rate(RATE) for plant in plants]), commands(400)
+    states = np.stack([initial_state(plant, RATE, (0.1, 0.0, 0.0, 0.5, 0.2, -0.2), 0) for plant in plants])
+    own = states.copy()
+    together = simulate_rows(rows, states, sent)
+    assert len(plants) % LANES != 0
+    for k, plant in enumerate(plants):
+        motion = alone(rows[k], own[k], sent)
+        assert np.max(np.abs(together[k] - motion)) < 1e-9, plant.effects
+        assert np.max(np.abs(states[k] - own[k])) < 1e-9, plant.effects
+
+
+def test_pieces_of_a_run_give_the_whole_run():
+    """What lockstep leaves in a state is what goes on from there: queue, ring of the past, clock."""
+    joint = flexible(10.0, GRAVITY)
+    effects = [
+        Effect("actuator_delay", "command", {"delay": 0.007}),
+        Effect("coulomb_friction", "motor", {"torque": 0.02}, 1),
+        Effect("stiffness_drift", "transmission", {"rate": 0.2}, 1),
+    ]
+    plant = JointPlant.from_device(joint).with_effects(effects)
+    rows, sent = np.repeat(plant.at_rate(RATE)[None], 20, axis=0), commands(300)
+    states = np.repeat(initial_state(plant, RATE, None, 0)[None], 20, axis=0)
+    whole = simulate_rows(rows, states.copy(), sent)
+    pieces = [simulate_rows(rows, states, sent[a : a + 60])[:, 1:] for a in range(0, 300, 60)]
+    assert np.max(np.abs(np.concatenate(pieces, axis=1) - whole[:, 1:])) < 1e-12
+    assert np.all(states[:, X.tick] == 300.0)
+
+
+def test_lanes_with_other_clocks_or_steps_run_alone():
+    nominal = JointPlant.from_device(flexible(10.0, GRAVITY))
+    rows = np.repeat(nominal.at_rate(RATE)[None], 4, axis=0)
+    rows[1, -1] = 3.0
+    states = np.repeat(initial_state(nominal, RATE, (0.1, 0, 0, 0, 0, 0), 0)[None], 4, axis=0)
+    states[2, X.tick] = 7.0
+    own, sent = states.copy(), commands(100)
+    together = simulate_rows(rows, states, sent)
+    for k in range(4):
+        assert np.max(np.abs(together[k] - alone(rows[k], own[k], sent))) < 1e-12
+    assert np.max(np.abs(together[1] - together[0])) > 1e-12
+
+
+def test_a_shipped_stiff_joint_in_lockstep():
+    plant = JointPlant.from_device(load_device("cubic_aa_vsa"))
+    sent = np.zeros((200, N_COMMANDS))
+    sent[:, 0] = 40.0 * np.sin(0.02 * np.arange(200))
+    rows = np.repeat(plant.at_rate(RATE)[None], 40, axis=0)
+    states = np.repeat(initial_state(plant, RATE, None, 0)[None], 40, axis=0)
+    own = states[0].copy()
+    assert np.max(np.abs(simulate_rows(rows, states, sent)[-1] - alone(rows[0], own, sent))) < 1e-12
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(-1e4, 1e4), st.floats(0.0, 800.0))
+def test_sine_and_decay_are_those_of_the_library(x, y):
+    assert abs(_sine(x) - np.sin(x)) < 1e-11
+    assert abs(_decay(y) - np.exp(-y)) < 1e-12
