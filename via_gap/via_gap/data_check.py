@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from via_core.devices import TorqueMotor
 from via_core.signals import Array
 
-from via_gap.log import JointLog
+from via_gap.log import ERRATIC, JointLog, jumps
 from via_gap.report import Finding
 
 Severity = Literal["refuse", "downgrade", "note"]
@@ -79,12 +79,11 @@ def _channels(log: JointLog) -> Iterator[Finding]:
             severity: Severity = "refuse" if name == "q" else "downgrade"
             yield _finding(log, "stale", name, severity, 0.0, f"{name} never changes: is it measured at all?")
             continue
-        jumps = np.abs(np.diff(there))
-        usual = float(np.quantile(jumps, 0.999)) + 1e-12
-        spikes = int(np.sum((jumps[1:] > 20.0 * usual) & (jumps[:-1] > 20.0 * usual)))
-        if spikes:
-            text = f"{spikes} single samples of {name} jump away and back"
-            yield _finding(log, "outliers", name, "downgrade", spikes, text)
+        share = jumps(there)
+        if share > 0.0:
+            used = "this encoder is not believed" if share > ERRATIC and name != "q" else "used as it is"
+            text = f"{round(share * there.size)} single samples of {name} jump away and back: {used}"
+            yield _finding(log, "outliers", name, "downgrade", share * there.size, text)
 
 
 def _angles(log: JointLog) -> Iterator[tuple[str, Array]]:

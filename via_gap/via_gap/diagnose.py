@@ -14,11 +14,10 @@ from via_sim.effects import Effect
 
 from via_gap.calibration import Calibration, calibration
 from via_gap.candidates import Fit, fit_base, refine, screen
-from via_gap.ceiling import flexible_ceiling
 from via_gap.data_check import check_log
 from via_gap.evidence import Judged, judge
 from via_gap.localise import SiteShare, localise
-from via_gap.log import JointLog
+from via_gap.log import JointLog, believed
 from via_gap.measured import Errors, free_errors, shot_errors
 from via_gap.nuisance import BOUND
 from via_gap.places import Place, places
@@ -30,11 +29,13 @@ from via_gap.residuals import weak_residuals
 from via_gap.scales import Scales, scales_of
 from via_gap.shots import Indices, Shots, cut_log
 from via_gap.split import split
-from via_gap.verdict import Decision, decide
+from via_gap.verdict import Decision, decide, helps
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
-REFINED = 7  # candidates that are fitted to the end
-REFINED_SECOND = 5
+REFINED = 9  # candidates that are fitted to the end
+REFINED_SECOND = 4
+MOST = 4  # effects that are added one by one
+RIVAL = 0.3  # score within which a second single cause is tried as the first of a pair
 NEAR = 30.0  # times the best predicted loss: candidates beyond it are not refined
 
 
@@ -54,6 +55,8 @@ def diagnose(
     if not logs:
         raise SignalError("no log to diagnose")
     frozen = calibration()
+    every = believed([*logs, *(holdout or ())])
+    logs, holdout = every[: len(logs)], every[len(logs) :] or None
     tell = progress or (lambda _what, _share: None)
     tell("looking at the data", 0.0)
     findings = [finding for log in (*logs, *(holdout or ())) for finding in check_log(log)]
@@ -94,12 +97,11 @@ def diagnose(
     if tuned.mean_square > frozen.no_gap:
         tell("trying every effect at every place", 0.2)
         causes = _single(fitted, judged, base, jacobian, candidates, scales, tell)
-        pairs = _second(fitted, judged, causes, candidates, scales, frozen, tell)
-    tell("measuring what can be closed", 0.85)
-    ceiling = flexible_ceiling(fitted, judged, base) if tuned.mean_square > frozen.no_gap else tuned
-    decision = decide(tuned, causes, pairs, ceiling, frozen)
+        causes, pairs = _more(fitted, judged, causes, candidates, scales, frozen, tell)
+    tell("weighing the evidence", 0.9)
+    decision = decide(tuned, causes, pairs, frozen)
     tell("measuring the gap", 0.95)
-    gap = _gap(device, judged, everything, held, before, tuned, decision, ceiling)
+    gap = _gap(device, judged, everything, held, before, tuned, decision)
     report = short.model_copy(
         update={
             "verdict": decision.verdict,
@@ -152,7 +154,7 @@ def _single(
     return sorted(judge(judged, fits), key=lambda each: each.score)
 
 
-def _second(
+def _more(
     fitted: Problem,
     judged: Problem,
     causes: list[Judged],
@@ -160,61 +162,93 @@ def _second(
     scales: Scales,
     frozen: Calibration,
     tell: Progress,
-) -> list[Judged]:
-    """Pairs that start from the best single causes, where those leave something; best held-out score first."""
-    if not causes or causes[0].mean_square <= frozen.explained:
-        return []
-    found: list[Judged] = []
-    fits: list[Fit] = []
-    for number, first in enumerate(causes[:2]):
-        if number and first.score > causes[0].score + 1.0:
+) -> tuple[list[Judged], list[Judged]]:
+    """Effects added one by one to the best so far, as long as they help -> (single causes, pairs and larger sets).
+
+    Of every set that helps, each member is also left out and the rest fitted again: a single cause whose fit had not
+    found its way alone comes out of it as good as the pair, and the pair is dropped.
+    """
+    sets: list[Judged] = []
+    leaders = [each for each in causes[:2] if each.score < causes[0].score + RIVAL]
+    while leaders and len(leaders[0].fit.effects) < MOST and leaders[0].mean_square > frozen.explained:
+        fits: list[Fit] = []
+        for number, first in enumerate(leaders):
+            tell(f"adding to {first.fit.places[-1]}", 0.55 + 0.1 * number)
+            jacobian = fitted.nuisance_jacobian(first.fit.effects, first.fit.deviations, first.fit.residual)
+            others = [place for place in candidates if place not in first.fit.places]
+            start = _members(first.fit)
+            for _, place, values in screen(fitted, first.fit, jacobian, others, scales)[:REFINED_SECOND]:
+                rival = min((fit.loss for fit in fits), default=0.0)
+                fit = refine(fitted, first.fit, jacobian, [*start, (place, values)], scales, rival)
+                if fit is not None:
+                    fits.append(fit)
+        if not fits:
             break
-        jacobian = fitted.nuisance_jacobian(first.fit.effects, first.fit.deviations, first.fit.residual)
-        others = [p for p in candidates if p not in first.fit.places]
-        best = 0.0
-        for k, (_, place, values) in enumerate(screen(fitted, first.fit, jacobian, others, scales)[:REFINED_SECOND]):
-            tell(f"adding {place}", 0.55 + 0.15 * number + 0.15 * k / REFINED_SECOND)
-            start = [(p, list(e.parameters.values())) for p, e in zip(first.fit.places, first.fit.effects, strict=True)]
-            fit = refine(fitted, first.fit, jacobian, [*start, (place, values)], scales, best)
+        found = sorted(judge(judged, fits), key=lambda each: each.mean_square)
+        best, before = found[0], min(leaders, key=lambda each: each.mean_square)
+        if not helps(best, before, causes[0], frozen):
+            break
+        shorter = []
+        for left_out in range(len(best.fit.effects) - 1):
+            members = _members(best.fit)
+            del members[left_out]
+            jacobian = fitted.nuisance_jacobian(best.fit.effects, best.fit.deviations, best.fit.residual)
+            fit = refine(fitted, best.fit, jacobian, members, scales)
             if fit is not None:
-                fits.append(fit)
-                best = min(best, fit.loss) if best else fit.loss
-    found = judge(judged, fits)
-    return sorted(found, key=lambda each: each.score)
+                shorter.append(fit)
+        again = judge(judged, shorter)
+        (causes if len(best.fit.effects) == 2 else sets).extend(again)
+        if any(not helps(best, each, causes[0], frozen) for each in again):
+            break
+        sets.extend(found)
+        leaders = [best]
+    return _best_of_each(causes), sorted(sets, key=lambda each: each.score)
+
+
+def _members(fit: Fit) -> list[tuple[Place, list[float]]]:
+    return [(p, list(e.parameters.values())) for p, e in zip(fit.places, fit.effects, strict=True)]
+
+
+def _best_of_each(causes: Sequence[Judged]) -> list[Judged]:
+    """The best fit of every place, best score first."""
+    best: dict[tuple[Place, ...], Judged] = {}
+    for each in causes:
+        if each.fit.places not in best or each.score < best[each.fit.places].score:
+            best[each.fit.places] = each
+    return sorted(best.values(), key=lambda each: each.score)
 
 
 def _gap(
     device: Device, judged: Problem, shots: Sequence[Shots], held: Sequence[Indices],
-    before: Judged, tuned: Judged, decision: Decision, ceiling: Judged,
+    before: Judged, tuned: Judged, decision: Decision,
 ) -> Gap:  # fmt: skip
     if device.drive == "torque" or device.n_motors == 0:
         by: Literal["shots", "free run"] = "shots"
-        four = [shot_errors(judged, each.residual) for each in (before, tuned, decision.chosen, ceiling)]
+        three = [shot_errors(judged, each.residual) for each in (before, tuned, decision.chosen)]
     else:
         by = "free run"
 
         def free(deviations: Array, effects: Sequence[Effect]) -> Errors:
             return free_errors(repaired_device(device, judged.nuisances, deviations), effects, shots, held)
 
-        four = [free(each.fit.deviations, each.fit.effects) for each in (before, tuned, decision.chosen)]
-        four.append(four[2])
-    first, second, third, fourth = four
-    best = min((third, fourth), key=lambda each: each.overall)
+        three = [free(each.fit.deviations, each.fit.effects) for each in (before, tuned, decision.chosen)]
+    first, second, third = three
     low, high = np.quantile(third.resampled(), [0.025, 0.975])
     signals = {
         name: SignalGap(
             before=float(a),
             after=float(b),
             floor=float(f),
-            ceiling=float(c),
-            closes=_closes(float(a), float(b), float(c)),
+            ceiling=float(f),
+            closes=_closes(float(a), float(b), float(f)),
         )
-        for name, a, b, f, c in zip(first.names, first.signals, third.signals, first.floors, best.signals, strict=True)
+        for name, a, b, f in zip(first.names, first.signals, third.signals, first.floors, strict=True)
     }
-    ends = (first.overall, third.overall, best.overall)
+    floor = float(np.sqrt(np.mean(first.floors**2)))
+    ends = (first.overall, third.overall, floor)
     return Gap(
         by=by, before=ends[0], tuned=second.overall, after=ends[1], interval=(float(low), float(high)),
-        floor=float(np.sqrt(np.mean(first.floors**2))), ceiling=ends[2], closes=_closes(*ends), signals=signals,
+        floor=floor, ceiling=floor, closes=_closes(*ends), signals=signals,
     )  # fmt: skip
 
 

@@ -57,11 +57,26 @@ def judge(held: Problem, fits: Sequence[Fit]) -> list[Judged]:
 
 def difference(a: Judged, b: Judged, seed: int = 0) -> tuple[float, float]:
     """How much worse a scores than b, and the standard deviation of that by resampled blocks."""
-    gap = a.logs - b.logs
-    size = min(BLOCK, max(1, len(gap) // 4))
-    blocks = [float(np.mean(gap[i : i + size])) for i in range(0, len(gap), size)]
+    return _resampled(a.logs - b.logs, seed)
+
+
+def _resampled(values: Array, seed: int) -> tuple[float, float]:
+    """Mean of values (S,) and its standard deviation by resampled blocks."""
+    size = min(BLOCK, max(1, len(values) // 4))
+    blocks = [float(np.mean(values[i : i + size])) for i in range(0, len(values), size)]
     pick = np.random.default_rng(seed).integers(0, len(blocks), (RESAMPLES, len(blocks)))
-    return float(np.mean(gap)), float(np.std(np.array(blocks)[pick].mean(axis=1)))
+    return float(np.mean(values)), float(np.std(np.array(blocks)[pick].mean(axis=1)))
+
+
+def significant(worse: Judged, better: Judged, calibration: Calibration) -> bool:
+    """Whether one is better than the other and not by chance: in ratios, shot by shot, or in squared error as a whole.
+
+    An effect that acts in a few shots only shows in the second, one that acts everywhere a little in the first.
+    """
+    for gap, deviation in (difference(worse, better), _resampled(worse.shots - better.shots, 0)):
+        if gap > 0.0 and gap >= calibration.significance * deviation:
+            return True
+    return False
 
 
 def probabilities(judged: Sequence[Judged], calibration: Calibration) -> Array:

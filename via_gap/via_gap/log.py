@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
 
 LEVELS = ("full", "no torque", "link only", "commands only")
+ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not believed
+FAR = 8.0  # times the 90 % quantile of the steps between samples
 # Columns of a CSV file, header -> channel; '_1', '_2' number the motors. Held are what somebody commanded.
 _MEASURED = {
     "q": "rad",
@@ -37,6 +40,7 @@ class JointLog:
     measured  q (N,) [rad] and what else there is of theta (N, m), tau (N, m), q_velocity, theta_velocity; NaN: not seen
     commands  held: motor (N, m), or equilibrium and preset [rad]; damping [-]; external_torque [N m]; None without any
     dropped   samples that the reading left out: (repeated stamps, stamps that ran backward)
+    disbelieved  motors whose encoder jumps about: their angles count as not measured
     """
 
     name: str
@@ -44,6 +48,7 @@ class JointLog:
     measured: Signals
     commands: Signals | None
     dropped: tuple[int, int] = (0, 0)
+    disbelieved: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.measured) < 2:
@@ -58,10 +63,13 @@ class JointLog:
 
     @cached_property
     def motors_seen(self) -> tuple[bool, ...]:
-        """Per motor: whether its angle was measured in at least nine samples of ten."""
+        """Per motor: whether its angle was measured in nine samples of ten and can be believed."""
         if "theta" not in self.measured:
             return (False,) * self.device.n_motors
-        return tuple(bool(np.mean(np.isfinite(column)) >= 0.9) for column in self.measured["theta"].T)
+        return tuple(
+            bool(i + 1 not in self.disbelieved and np.mean(np.isfinite(column)) >= 0.9)
+            for i, column in enumerate(self.measured["theta"].T)
+        )
 
     @property
     def torque_seen(self) -> bool:
@@ -90,6 +98,29 @@ class JointLog:
         return (
             self.device.n_motors == 0 or self.motors_commanded or (self.device.drive == "torque" and self.torque_seen)
         )
+
+
+def believed(logs: Sequence[JointLog]) -> list[JointLog]:
+    """The logs without the motor angles whose encoder jumps about in any of them: it is the same encoder in all."""
+    jumpy = {
+        i + 1
+        for log in logs
+        if "theta" in log.measured
+        for i, column in enumerate(log.measured["theta"].T)
+        if jumps(column) > ERRATIC
+    }
+    return [replace(log, disbelieved=tuple(sorted(jumpy))) for log in logs] if jumpy else list(logs)
+
+
+def jumps(values: Array) -> float:
+    """Share of samples that leave their neighbours by far more than the angle ever moves in one sample, and return."""
+    there = values[np.isfinite(values)]
+    if there.size < 3:
+        return 0.0
+    steps = np.diff(there)
+    apart = np.abs(steps) > FAR * (np.quantile(np.abs(steps), 0.9) + 1e-12)
+    away = apart[1:] & apart[:-1] & (np.sign(steps[1:]) != np.sign(steps[:-1]))
+    return float(np.sum(away) / there.size)
 
 
 def read_log(path: str | Path, device: Device, joint_topic: str = "/joint_states") -> JointLog:

@@ -72,8 +72,7 @@ def shot_errors(problem: Problem, residual: Array) -> Errors:
         begin += size
     variance = np.maximum(np.var(np.concatenate(measured), axis=0), 1e-12)
     noise = problem.benches[0].shots.noise
-    kept = 1.0 - problem.benches[0].basis.shape[2] / problem.benches[0].size
-    return Errors(tuple(NAMES[a] for a in axes), np.concatenate(squares), variance, noise**2 * kept)
+    return Errors(tuple(NAMES[a] for a in axes), np.concatenate(squares), variance, noise**2)
 
 
 def free_errors(device: Device, effects: Sequence[Effect], shots: Sequence[Shots], chosen: Sequence[Indices]) -> Errors:

@@ -50,7 +50,7 @@ class Problem:
         return row
 
     def residual(self, rows: Sequence[Array]) -> Array:
-        """Whitened measured minus simulated, (K, R), a wrong start of each shot projected out."""
+        """Whitened measured minus simulated, (K, R)."""
         stacked = np.stack(list(rows))
         parts = []
         for bench in self.benches:

@@ -66,12 +66,21 @@ def scales_of(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], t
         deflection = max(float(np.std(q - theta)), 0.02 * angle)
     speed = np.where(speed > 0.0, speed, max(float(speed.max()), 1e-3))
     torque = np.maximum(torque, 1e-3 * max(float(torque.max()), 1e-3))
-    slew = float(np.nanmax(np.abs(np.nan_to_num(start[:, 4:6])), initial=0.0)) if motors else 0.0
+    slew = 1.0
+    if device.drive == "servo":  # of a servo that follows the largest change asked for: w step / e
+        reach = max(float(np.ptp(each.commands[:, 0])) + _first_step(each) for each in shots)
+        slew = max(getattr(motor, "bandwidth", 1.0) for motor in device.motors) * reach / np.e
     return Scales(
-        torque, speed, np.max(np.abs(commands[:, :2]), axis=0), slew or 2.0 * float(speed.max()), max(angle, 1e-3),
+        torque, speed, np.max(np.abs(commands[:, :2]), axis=0), max(float(slew), 1e-3), max(angle, 1e-3),
         np.quantile(q, [0.02, 0.1, 0.9, 0.98]), max(deflection, 1e-3), max(each.log.duration for each in shots),
         _busiest(time, excess), tuple(_orders(shots, residuals, axis) for axis in range(3)),
     )  # fmt: skip
+
+
+def _first_step(shots: Shots) -> float:
+    """[rad] from where motor 1 stood to its first command."""
+    step = abs(float(shots.commands[0, 0] - shots.rest[1]))
+    return step if np.isfinite(step) else 0.0
 
 
 def _busiest(time: Array, excess: Array) -> tuple[tuple[float, float], ...]:

@@ -3,12 +3,13 @@
 A torque-driven joint run freely under recorded torques drifts off for any small error, and says nothing after a second.
 Restarted every quarter of a second it says what the model lacks *there*. Between two shots only angles and velocities
 of the axes that were seen are set anew; what else the state holds (commands under way, bristles, angles that nobody
-measured) goes on. Where a shot starts is known only as well as the sensors tell: what a wrong start does (to first order,
-by runs that start beside it) is correlated noise of the shot, and every comparison is whitened by it,
+measured) goes on. Where a shot starts is known only as well as the sensors tell: what a wrong start does (to first
+order, by runs that start beside it) is correlated noise of the shot, and every comparison is whitened by it,
 
-    e' (N + A S A')^-1 e = |w|^2,   w = e - U (1 - 1 / sqrt(1 + s^2)) U' e,   U s V' = A S^1/2,  e in units of the noise N
+    e' (1 + A S A')^-1 e = |w|^2,   w = e - U (1 - 1 / sqrt(1 + s^2)) U' e,   U s V' = A S^1/2
 
-A the sensitivities, S the variances of the start. A start known to nothing would be projected out, a certain one ignored.
+with the error e in units of the noise, A the sensitivities, S the variances of the start. A start of which nothing is
+known would be projected out, a certain one ignored.
 """
 
 from __future__ import annotations
@@ -275,7 +276,7 @@ class Bench:
         rows = np.ascontiguousarray(rows)
         states = np.empty((0, 0))
         before = -2
-        for j, shot in enumerate(self.chosen):
+        for j, shot in enumerate(map(int, self.chosen)):
             if shot != before + 1:  # a new stretch: what is not seen starts from a shot that is not compared
                 warm = max(shot - 1, 0)
                 states = np.repeat(self._fresh(int(shots.begin[warm]))[None], len(rows), axis=0)

@@ -18,6 +18,7 @@ from via_gap.places import Place
 from via_gap.scales import Scales
 
 Values = dict[str, float]
+EDGES = 7  # times between which a torque from outside is looked for
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,10 @@ def _eccentricity(here: _Here) -> list[Start]:
 
 def _saturation(here: _Here) -> list[Start]:
     peak = float(here.scales.peak[max(here.axis, 1) - 1]) if here.device.drive == "torque" else here.scales.slew
-    return [Start(({"limit": share * peak},), ()) for share in (0.4, 0.55, 0.7, 0.8, 0.87, 0.92, 0.96, 0.985)]
+    shares = (0.4, 0.55, 0.7, 0.8, 0.87, 0.92, 0.96, 0.985)
+    if here.device.drive == "servo":
+        shares = (0.15, 0.25, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)
+    return [Start(({"limit": share * peak},), ()) for share in shares]
 
 
 def _delays(*each: float) -> Callable[[_Here], list[Start]]:
@@ -196,9 +200,11 @@ def _contact(here: _Here) -> list[Start]:
 
 def _external(here: _Here) -> list[Start]:
     whole = Start(({"torque": 0.1 * here.torque},), ("torque",))
+    edges = np.linspace(0.0, here.scales.duration, EDGES)
+    spans = [*here.scales.busy, *((a, b) for i, a in enumerate(edges) for b in edges[i + 1 :])]
     parts = [
-        Start(({"torque": 0.1 * here.torque, "start": begin, "stop": end},), ("torque",))
-        for begin, end in here.scales.busy
+        Start(({"torque": 0.1 * here.torque, "start": float(begin), "stop": float(end)},), ("torque",))
+        for begin, end in spans
     ]
     return [*parts, whole]
 

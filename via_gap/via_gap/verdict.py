@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from via_gap.calibration import Calibration
-from via_gap.evidence import Judged, difference, needless, probabilities
+from via_gap.candidates import Fit
+from via_gap.evidence import Judged, difference, needless, probabilities, significant
 from via_gap.places import Place
 from via_gap.report import Verdict
 
@@ -32,10 +33,8 @@ class Decision:
     site_weights: tuple[tuple[Place, float], ...]
 
 
-def decide(
-    tuned: Judged, causes: Sequence[Judged], pairs: Sequence[Judged], ceiling: Judged, frozen: Calibration
-) -> Decision:
-    """The verdict from single causes and pairs, both best first."""
+def decide(tuned: Judged, causes: Sequence[Judged], sets: Sequence[Judged], frozen: Calibration) -> Decision:
+    """The verdict from single causes and sets of two or more effects, both best first."""
     if tuned.mean_square <= frozen.no_gap or not causes:
         return Decision("no_gap" if tuned.mean_square <= frozen.no_gap else "unknown", tuned, (), (), (), ())
     kept = _without_needless(causes, frozen)
@@ -43,21 +42,18 @@ def decide(
     weights = probabilities(kept, frozen)
     tied = [each for each in kept if _ties(each, best, frozen)]
     equivalent = tuple(each.fit.places[-1] for each in tied)
-    pair = _accepted(pairs, kept, tuned, frozen)
-    after = pair or best
-    explained = _explained(tuned, after, ceiling, frozen)
-    if pair is not None and explained:
-        singles = [_alone(pair, i) for i in range(2)]
+    pair = _accepted(sets, best, tuned, frozen)
+    if pair is not None and (len(pair.fit.effects) > 2 or _explained(tuned, pair, frozen)):
+        singles = [_alone(pair, i) for i in range(len(pair.fit.effects))]
         members = tuple((each, 0.95) for each in singles)
-        shares = _pair_shares(pair, kept, tuned)
+        shares = _shares(pair, kept, tuned)
         places = pair.fit.places
         return Decision("two_effects", pair, members, places, places, tuple(zip(places, shares, strict=True)))
     ranked = tuple(sorted(zip(kept, map(float, weights), strict=True), key=lambda each: -each[1]))
     site_weights = tuple((each.fit.places[-1], weight) for each, weight in ranked)
     gain = 1.0 - (best.mean_square - 1.0) / max(tuned.mean_square - 1.0, 1e-9)
-    if not _explained(tuned, best, ceiling, frozen):
-        helps = difference(tuned, best)
-        if gain < frozen.no_gap_gain or helps[0] < frozen.significance * helps[1]:
+    if not _explained(tuned, best, frozen):
+        if gain < frozen.no_gap_gain or not significant(tuned, best, frozen):
             chosen = tuned
         else:
             chosen = best
@@ -85,37 +81,40 @@ def rms(each: Judged) -> float:
     return float(np.sqrt(max(each.mean_square - 1.0, 0.0)))
 
 
-def _explained(tuned: Judged, after: Judged, ceiling: Judged, frozen: Calibration) -> bool:
+def _explained(tuned: Judged, after: Judged, frozen: Calibration) -> bool:
+    """Whether next to nothing is left, or enough of what the tuned device leaves beyond the noise."""
     if after.mean_square <= frozen.explained:
         return True
-    best = min(rms(after), rms(ceiling))
-    possible = rms(tuned) - best
-    return possible > 0.0 and (rms(tuned) - rms(after)) / possible >= frozen.explained_share
+    return rms(tuned) - rms(after) >= frozen.explained_share * rms(tuned)
 
 
-def _accepted(pairs: Sequence[Judged], causes: Sequence[Judged], tuned: Judged, frozen: Calibration) -> Judged | None:
-    """The best pair, if it closes enough more than any single cause and neither of its members is idle."""
-    if not pairs:
+def helps(larger: Judged, smaller: Judged, single: Judged, frozen: Calibration) -> bool:
+    """Whether an effect more closes enough of what the best single cause left, and not by chance."""
+    share = (rms(smaller) - rms(larger)) / max(rms(single), 1e-9)
+    return share >= frozen.second_gain and significant(smaller, larger, frozen)
+
+
+def _accepted(sets: Sequence[Judged], best: Judged, tuned: Judged, frozen: Calibration) -> Judged | None:
+    """The set of effects that leaves least, if it helps beyond the best single cause."""
+    if not sets:
         return None
-    best = pairs[0]
-    single = min(causes, key=rms)
-    gain, deviation = difference(single, best)
-    closes = (rms(single) - rms(best)) / max(rms(tuned), 1e-9)
-    return best if closes >= frozen.second_gain and gain >= frozen.significance * deviation else None
+    least = min(sets, key=rms)
+    return least if helps(least, best, best, frozen) else None
 
 
-def _alone(pair: Judged, member: int) -> Judged:
-    """One effect of a pair with the pair's evidence."""
-    fit = pair.fit
-    first = len(fit.effects[0].parameters)
-    spread = fit.spread[:first] if member == 0 else fit.spread[first:]
-    single = type(fit)((fit.effects[member],), fit.deviations, fit.loss, fit.residual, spread)
-    return Judged(single, pair.residual, pair.shots)
+def _alone(whole: Judged, member: int) -> Judged:
+    """One effect of a set with the set's evidence."""
+    fit = whole.fit
+    first = sum(len(effect.parameters) for effect in fit.effects[:member])
+    spread = fit.spread[first : first + len(fit.effects[member].parameters)]
+    return Judged(
+        Fit((fit.effects[member],), fit.deviations, fit.loss, fit.residual, spread), whole.residual, whole.shots
+    )
 
 
-def _pair_shares(pair: Judged, causes: Sequence[Judged], tuned: Judged) -> tuple[float, float]:
-    """How much of the gap each member of a pair closes alone, as shares of both."""
+def _shares(whole: Judged, causes: Sequence[Judged], tuned: Judged) -> list[float]:
+    """How much of the gap each member of a set closes alone, as shares of all; none is less than a tenth."""
     alone = {each.fit.places[-1]: max(rms(tuned) - rms(each), 0.0) for each in causes}
-    first, second = (alone.get(place, 0.0) for place in pair.fit.places)
-    total = first + second
-    return (0.5, 0.5) if total <= 0.0 else (max(first / total, 0.1), max(second / total, 0.1))
+    sizes = [alone.get(place, 0.0) for place in whole.fit.places]
+    total = sum(sizes)
+    return [max(size / total, 0.1) if total > 0.0 else 1.0 / len(sizes) for size in sizes]
