@@ -31,6 +31,7 @@ from via_sim.simulate import simulate
 
 from via_bringup.bench.estimators import resident
 from via_bringup.provenance import Provenance
+from via_bringup.side_by_side import Send
 from via_bringup.tables.page import number
 from via_bringup.tables.rows import Row
 
@@ -186,6 +187,14 @@ def soak(
             parts, mark = [], mark + HOUR
         progress(elapsed / HOUR, hours, method)
     return Endurance(method, device.name, start, tuple(found), perf_counter() - began)
+
+
+def work(device: Device, method: str, hours: float, start: float, seed: int, send: Send) -> None:
+    """One run as a job of `side_by_side`: sends hours done as it goes, the Endurance at last, or what went wrong."""
+    try:
+        send(soak(device, method, hours, lambda done, _of, _name: send(done), start, seed))
+    except ParameterError as error:
+        send(error)
 
 
 @dataclass(frozen=True)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
+from via_core.errors import ViaError
 from via_estimators.methods import method_for
 
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.tables.page import as_json, number, verdict
 from via_bringup.tables.rows import Row
+
+if TYPE_CHECKING:
+    from via_bringup.bench.soak import Endurance
 
 app = typer.Typer(help="Measure speed, memory and endurance beside other libraries'.", no_args_is_help=True)
 
@@ -77,41 +81,47 @@ def soak(
     from via_estimators.methods import METHODS
 
     from via_bringup.bench.estimators import device_for
-    from via_bringup.bench.soak import Endurance, soak_rows, write_markdown
-    from via_bringup.bench.soak import soak as run_soak
+    from via_bringup.bench.soak import soak_rows, work, write_markdown
     from via_bringup.provenance import provenance
+    from via_bringup.side_by_side import side_by_side
 
     chosen = [method_for(load_device(device), name) if device else name for name in method or METHODS]
     words = ["via bench soak", f"--hours {hours:g}", *(f"--method {name}" for name in method or [])]
     words += (
         [f"--device {device}"] * bool(device) + [f"--start {start:g}"] * bool(start) + [f"--seed {seed}"] * bool(seed)
     )
-    runs: list[Endurance] = []
-    interrupted = False
+    joints = [load_device(device) if device else device_for(name) for name in chosen]
     columns = (
         TextColumn("{task.description:<24}"),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),
     )
+    done: dict[int, Endurance] = {}
     with Progress(*columns, console=errors) as bars:
-        tasks = {name: bars.add_task(name, total=hours, start=False) for name in chosen}
+        tasks = [bars.add_task(name, total=hours, start=False) for name in chosen]
 
-        def progress(done: float, of: float, name: str) -> None:
-            bars.update(tasks[name], completed=done, total=of)
+        def receive(number: int, sent: float | Endurance | ViaError) -> None:
+            if isinstance(sent, ViaError):
+                raise sent
+            if isinstance(sent, float | int):
+                bars.update(tasks[number], completed=sent)
+                return
+            done[number] = sent
+            if write is not None:
+                write_markdown(_in_order(done), provenance(" ".join(words)), write / "soak.md")
 
-        try:
-            for name in chosen:
-                bars.start_task(tasks[name])
-                joint = load_device(device) if device else device_for(name)
-                runs.append(run_soak(joint, name, hours, progress, start, seed))
-                if write is not None:
-                    write_markdown(runs, provenance(" ".join(words)), write / "soak.md")
-        except KeyboardInterrupt:
-            interrupted = True
-    shown("Endurance", [row for run in runs for row in soak_rows(run)], as_rows)
-    if interrupted:
+        jobs = [(work, (joint, name, hours, start, seed)) for joint, name in zip(joints, chosen, strict=True)]
+        complete = side_by_side(jobs, receive, lambda number: bars.start_task(tasks[number]), lambda _: None)
+    shown("Endurance", [row for run in _in_order(done) for row in soak_rows(run)], as_rows)
+    if not complete:
         raise typer.Exit(130)
+    if lost := [name for number, name in enumerate(chosen) if number not in done]:
+        raise ViaError(f"ended early, without a result: {', '.join(lost)}")
+
+
+def _in_order(done: dict[int, Endurance]) -> list[Endurance]:
+    return [done[number] for number in sorted(done)]
 
 
 @app.command("all")

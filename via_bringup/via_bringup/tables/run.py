@@ -6,22 +6,18 @@ is interrupted costs itself: what others have finished stays.
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
-from multiprocessing import get_context
-from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from via_core.errors import ParameterError
 
+from via_bringup.side_by_side import Send, side_by_side
 from via_bringup.tables.rows import Row
 
-AT_ONCE = 2
 Progress = Callable[[str, int, int, str], None]  # section, done, of how many, what
 # What is wrong with a section whose process ends in silence after having sent this.
 LEFT = {"start": "its process ended early", "rows": "its process ended before the pictures were there"}
@@ -74,63 +70,45 @@ def run_sections(
     folder  for the pictures, which go to `folder`/<section>/
     data    folder of a real robot's recordings, for sections that take one; None: what they find
     """
-    waiting = list(sections)
-    done: dict[str, Finished] = {}
-    running: dict[Connection, tuple[Finished, SpawnProcess, float]] = {}
-    interrupted = False
-    try:
-        while waiting or running:
-            while waiting and len(running) < AT_ONCE:
-                section = waiting.pop(0)
-                reader, process = _start(section, seeds, folder / section.name, data)
-                running[reader] = Finished(section, trouble=LEFT["start"]), process, time.monotonic()
-            for ready in wait(list(running)):
-                reader = cast(Connection, ready)
-                found, process, since = running[reader]
-                try:
-                    kind, content = reader.recv()
-                except EOFError:
-                    process.join()
-                    del running[reader]
-                    done[found.section.name] = replace(found, seconds=time.monotonic() - since)
-                    continue
-                if kind == "progress":
-                    progress(found.section.name, *content)
-                else:
-                    running[reader] = replace(found, **{"trouble": LEFT.get(kind, ""), kind: content}), process, since
-    except KeyboardInterrupt:
-        interrupted = True
-        for found, process, since in running.values():
-            process.terminate()
-            process.join()
-            done[found.section.name] = replace(found, trouble="interrupted", seconds=time.monotonic() - since)
-    return tuple(done.get(s.name, Finished(s, trouble="interrupted")) for s in sections), interrupted
+    done: dict[int, Finished] = {}
+    since: dict[int, float] = {}
+
+    def started(number: int) -> None:
+        since[number] = time.monotonic()
+        done[number] = Finished(sections[number], trouble=LEFT["start"])
+
+    def receive(number: int, sent: tuple[str, Any]) -> None:
+        kind, content = sent
+        if kind == "progress":
+            progress(sections[number].name, *content)
+        else:
+            done[number] = replace(done[number], **{"trouble": LEFT.get(kind, ""), kind: content})
+
+    def ended(number: int) -> None:
+        done[number] = replace(done[number], seconds=time.monotonic() - since[number])
+
+    jobs = [(_work, (s.module, seeds, folder / s.name, (data,) if s.recordings else ())) for s in sections]
+    complete = side_by_side(jobs, receive, started, ended)
+    if not complete:
+        for number, section in enumerate(sections):
+            found = done.get(number, Finished(section))
+            if number not in done or found.trouble in LEFT.values():
+                done[number] = replace(found, trouble="interrupted")
+    return tuple(done[number] for number in range(len(sections))), not complete
 
 
-def _start(section: Section, seeds: int, folder: Path, data: Path | None) -> tuple[Connection, SpawnProcess]:
-    """A process that works on a section and sends (kind, content) until it ends."""
-    context = get_context("spawn")  # a fork would copy the threads of the progress display
-    reader, writer = context.Pipe(duplex=False)
-    more = (data,) if section.recordings else ()
-    process = context.Process(target=_work, args=(section.module, seeds, folder, more, writer), daemon=True)
-    process.start()
-    writer.close()
-    return reader, process
-
-
-def _work(module: str, seeds: int, folder: Path, more: tuple[Path | None, ...], writer: Connection) -> None:
+def _work(module: str, seeds: int, folder: Path, more: tuple[Path | None, ...], send: Send) -> None:
     """In the process: rows first, which are what counts, then pictures."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
 
     def progress(done: int, of: int, what: str) -> None:
-        writer.send(("progress", (done, of, what)))
+        send(("progress", (done, of, what)))
 
     part = "rows"
     try:
         section: Any = import_module(module)
-        writer.send(("rows", tuple(section.rows(seeds, progress, *more))))
+        send(("rows", tuple(section.rows(seeds, progress, *more))))
         part = "pictures"
         folder.mkdir(parents=True, exist_ok=True)
-        writer.send(("pictures", tuple(section.pictures(folder, progress, *more))))
+        send(("pictures", tuple(section.pictures(folder, progress, *more))))
     except Exception as error:  # whatever it is, it is this section's own, and said
-        writer.send(("trouble", f"{part}: {type(error).__name__}: {error}"))
+        send(("trouble", f"{part}: {type(error).__name__}: {error}"))
