@@ -34,16 +34,19 @@ def excite(rng: Generator, device: Device, duration: float, size: float) -> Driv
         gains = (0.0, 0.0)
         zero = np.zeros_like(references)
         return Drive(references, zero, zero, damping, gains, gains, rate)
-    references = device.motor_angles(equilibrium, preset)
+    references = device.motor_angles(equilibrium, preset) if device.motors else equilibrium[:, None]
     rates = np.gradient(references, axis=0) * rate
     forward = np.zeros_like(references)
     proportional, derivative = [], []
-    for i, motor in enumerate(device.motors):
-        assert isinstance(motor, TorqueMotor)
-        carried = motor.inertia + device.link.inertia / device.n_motors
+    for i in range(references.shape[1]):
+        carried, viscous = device.link.inertia / max(device.n_motors, 1), 0.0
+        if device.motors:
+            motor = device.motors[i]
+            assert isinstance(motor, TorqueMotor)
+            carried, viscous = carried + motor.inertia, motor.viscous_friction
         w = rng.uniform(10.0, 15.0)
         proportional.append(carried * w * w)
-        derivative.append(max(1.2 * carried * w - motor.viscous_friction, 0.2 * carried * w))
+        derivative.append(max(1.2 * carried * w - viscous, 0.2 * carried * w))
         shake = _multisine(rng, time, 2.0, 12.0)
         forward[:, i] = size * rng.uniform(0.1, 0.25) * shake * carried * w * w * 0.5 * _fade(time)
     return Drive(references, rates, forward, np.zeros(len(time)), tuple(proportional), tuple(derivative), rate)
@@ -52,6 +55,8 @@ def excite(rng: Generator, device: Device, duration: float, size: float) -> Driv
 def start_of(device: Device, drive: Drive) -> Array:
     """Angles (1+m,) [rad] at rest under the first references; the link stands where springs and gravity let it."""
     motors = drive.references[0]
+    if not device.motors:
+        return motors.copy()
     grid = np.linspace(-1.0, 1.0, 4001) + float(np.mean(motors[:1] if device.arrangement == "serial" else motors))
     torque = device.torque_each(grid, np.tile(motors, (len(grid), 1))).sum(axis=1)
     torque = torque + device.link.gravity_torque * np.sin(grid - device.link.gravity_angle)

@@ -15,7 +15,7 @@ from numpy.random import Generator
 from via_core.devices import Device, parse_device
 
 NAME = "joint"
-FAMILIES = ("stiff", "series_elastic", "polynomial_pair", "exponential_pair", "variable_damping")
+FAMILIES = ("rigid", "stiff", "series_elastic", "polynomial_pair", "exponential_pair", "variable_damping")
 TOLERANCE = 0.05  # relative, of every inertia, friction and stiffness of the nominal file
 Content = dict[str, Any]
 
@@ -56,9 +56,9 @@ def believed(rng: Generator, true: Content) -> tuple[Content, dict[str, float]]:
 
     for key in ("inertia", "viscous_friction", "coulomb_friction"):
         off(content["link"], "link", key)
-        for i, motor in enumerate(content["motors"]):
+        for i, motor in enumerate(content.get("motors", ())):
             off(motor, f"motors.{i}", key)
-    for i, spring in enumerate(content["springs"]):
+    for i, spring in enumerate(content.get("springs", ())):
         off(spring, f"springs.{i}", "stiffness", "coefficient", "odd_coefficients", "k")
     return content, errors
 
@@ -99,6 +99,15 @@ def _motor(rng: Generator, inertia: float, viscous: float, dry: float, limit: fl
     if rng.uniform() < 0.3:
         motor["coulomb_friction"] = _between(rng, 0.5 * dry, dry)
     return motor | {"torque_limit": limit}
+
+
+def _rigid(rng: Generator) -> Content:
+    """A link on its drive: the torque of a rigid joint is commanded at the link."""
+    link: Content = {"inertia": _between(rng, 0.02, 0.08), "viscous_friction": _between(rng, 0.05, 0.2)}
+    if rng.uniform() < 0.3:
+        link["coulomb_friction"] = _between(rng, 0.01, 0.04)
+    sensors = {key: value for key, value in _sensors(rng, 1.0).items() if key in ("rate", "link_quantum")}
+    return {"arrangement": "rigid", "link": _gravity(rng, link, 1.5), "sensors": sensors}
 
 
 def _stiff(rng: Generator) -> Content:
@@ -187,6 +196,7 @@ def _variable_damping(rng: Generator) -> Content:
 
 
 _FAMILIES = {
+    "rigid": _rigid,
     "stiff": _stiff,
     "series_elastic": _series_elastic,
     "polynomial_pair": _polynomial_pair,

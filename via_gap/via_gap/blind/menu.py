@@ -58,7 +58,13 @@ def _motors(device: Device) -> tuple[Place, ...]:
 
 
 def _drives(device: Device) -> tuple[Place, ...]:
-    return (*_motors(device), *(("sensor", number) for _, number in _motors(device)))
+    """Motors that turn a command into a torque; the drive of a rigid joint is its motor 1."""
+    return _motors(device) if device.motors else (("motor", 1),)
+
+
+def _torques(device: Device) -> tuple[Place, ...]:
+    """The same, and the sensors of their torque."""
+    return (*_drives(device), *(("sensor", number) for _, number in _motors(device)))
 
 
 def _transmissions(device: Device) -> tuple[Place, ...]:
@@ -345,10 +351,10 @@ MENU: Mapping[str, Entry] = MappingProxyType(
             Entry("stiffness_drift", _transmissions, 0.2, 0.9, _signed, _drift),
             Entry("preset_error", _presets, 0.005, 1.0, _signed, _preset),
             Entry("joint_coupling", _one("link"), 0.02, 2.0, _neighbour, _coupling),
-            Entry("torque_gain", _drives, 0.15, 0.6, _signed, _gain, inf, _sensed_gain),
-            Entry("torque_bias", _drives, 0.01, 0.8, _signed, _bias, inf, _sensed_bias),
-            Entry("torque_ripple", _motors, 0.01, 0.8, _order, _ripple),
-            Entry("torque_saturation", _motors, 0.1, 0.85, _plain, _saturation),
+            Entry("torque_gain", _torques, 0.15, 0.6, _signed, _gain, inf, _sensed_gain),
+            Entry("torque_bias", _torques, 0.01, 0.8, _signed, _bias, inf, _sensed_bias),
+            Entry("torque_ripple", _drives, 0.01, 0.8, _order, _ripple),
+            Entry("torque_saturation", _drives, 0.1, 0.85, _plain, _saturation),
             Entry("actuator_lag", _torque_command, 0.5e-3, 0.04, _plain, _lag),
             Entry("actuator_delay", _one("command"), 1e-3, 0.04, _plain, _delay),
             Entry("encoder_offset", _encoders, 1e-4, 0.2, _signed, _encoder_offset),

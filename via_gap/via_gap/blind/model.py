@@ -56,7 +56,7 @@ def build(device: Device, physics: Physics, step: float = STEP) -> mujoco.MjMode
         bodies.append(f'<body><joint name="f" type="hinge" axis="0 0 1"/>{_inertial(physics.follower_inertia)}</body>')
     g = G if link.gravity_torque or physics.payload_mass else 0.0
     sign = -1.0 if link.gravity_torque < 0.0 else 1.0
-    motors = "".join(_actuator(device, physics, i, servo, step) for i in range(device.n_motors))
+    motors = "".join(_actuator(device, physics, i, servo, step) for i in range(max(device.n_motors, 1)))
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><compiler angle="radian"/>
 <option timestep="{step!r}" integrator="RK4" gravity="{sign * g * cos(downwards)!r} {sign * g * sin(downwards)!r} 0"
@@ -158,7 +158,8 @@ def _tendons(device: Device, physics: Physics) -> str:
 
 
 def _actuator(device: Device, physics: Physics, i: int, servo: bool, step: float) -> str:
-    motor, more = device.motors[i], ""
+    motor, more = device.motors[i] if device.motors else None, ""
+    joint = f"m{i}" if device.motors else "q"  # the drive of a rigid joint
     if physics.delay > 0.0:
         samples = max(
             round(physics.delay / step), 1
@@ -173,14 +174,14 @@ def _actuator(device: Device, physics: Physics, i: int, servo: bool, step: float
     if physics.limit[i] < inf:
         more += f' forcelimited="true" forcerange="{-physics.limit[i]!r} {physics.limit[i]!r}"'
     return (
-        f'<general joint="m{i}" gainprm="{physics.gain[i]!r}" '
+        f'<general joint="{joint}" gainprm="{physics.gain[i]!r}" '
         f'biastype="affine" biasprm="{physics.bias[i]!r} 0 0"{more}/>'
     )
 
 
 def _winder(device: Device, physics: Physics) -> str:
     """The cord's tension K (A - A0 + r preset); its control is the angle of the preset motor's drum."""
-    spring = device.springs[0]
+    spring = device.springs[0] if device.springs else None
     if not isinstance(spring, Maccepa) or not is_geometric(device, physics, 0):
         return ""
     k = spring.k

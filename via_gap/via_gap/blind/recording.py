@@ -59,11 +59,11 @@ def sense(rng: Generator, device: Device, physics: Physics, drive: Drive, run: R
     gone[:20] = False
     time = run.time + late
     q = read_angles(run.row, 0, _when(run, 0, time - physics.skew[0]) + physics.skipping * slips)
-    theta = np.stack(
-        [read_angles(run.row, 1 + i, _when(run, 1 + i, time - physics.skew[1 + i])) for i in range(motors)], axis=1
-    )
+    theta = np.empty((count, motors))
+    for i in range(motors):
+        theta[:, i] = read_angles(run.row, 1 + i, _when(run, 1 + i, time - physics.skew[1 + i]))
     tau = np.full((count, motors), np.nan)
-    if device.drive == "torque":
+    if device.drive == "torque" and motors:
         shown = np.vstack([np.zeros((1, motors)), run.commands])
         tau = np.array(physics.sensed_gain[:motors]) * shown + np.array(physics.sensed_bias[:motors]) + noise
     keep = ~gone
@@ -94,8 +94,19 @@ def _when(run: Run, axis: int, time: Array) -> Array:
     return x0 + u * (v0 + u * (3.0 * (x1 - x0) - 2.0 * v0 - v1 + u * (2.0 * (x0 - x1) + v0 + v1)))
 
 
-def write_bag(path: Path, device: Device, log: Log) -> None:
-    """The log as a recorder of ROS would have written it."""
+def write_log(path: Path, device: Device, log: Log) -> None:
+    """The log as a recorder of ROS would have written it; as a table where no message holds a rigid joint's torque."""
+    if device.motors:
+        _write_bag(path, device, log)
+        return
+    asked = np.append(log.commands[:, 0], log.commands[-1:, 0])
+    columns, names = [log.time, log.q, asked], ["time", "q", "external_torque"]
+    if np.isfinite(log.neighbour).any():
+        columns, names = [*columns, log.neighbour], [*names, "neighbour"]
+    np.savetxt(path, np.column_stack(columns), fmt="%.12g", delimiter=",", header=",".join(names), comments="")
+
+
+def _write_bag(path: Path, device: Device, log: Log) -> None:
     states = (EPOCH + np.rint(log.time * 1e9).astype(np.int64), _states(device, log))
     asked = (EPOCH + np.rint(log.command_time * 1e9).astype(np.int64), _commands(device, log))
     with BagWriter(path) as bag:

@@ -42,15 +42,16 @@ def residuals(device: Device, log: Log, speed: Array) -> Array:
     damping = np.concatenate([device.damping_of(log.damping), device.damping_of(log.damping[-1:])])
     static = stretched.sum(axis=1) + link.gravity_torque * np.sin(log.q - link.gravity_angle)
     static = static + link.coulomb_friction * np.sign(speed[:, 0]) + damping * speed[:, 0]
+    if not device.motors:
+        static = static - _middle(log.commands[:, 0])
     rows = [link.inertia * over(second, log.q) - link.viscous_friction * over(first, log.q) + over(bump, static)]
     dry = [link.coulomb_friction]
     for i, motor in enumerate(device.motors):
         angle = log.theta[:, i]
         if isinstance(motor, ServoMotor):
             w = motor.bandwidth
-            asked = np.concatenate([log.commands[:1, i], log.commands[:, i]])
-            middle = 0.5 * (asked + np.concatenate([log.commands[:, i], log.commands[-1:, i]]))
-            rows.append(over(second, angle) - 2.0 * w * over(first, angle) + w * w * over(bump, angle - middle))
+            asked = _middle(log.commands[:, i])
+            rows.append(over(second, angle) - 2.0 * w * over(first, angle) + w * w * over(bump, angle - asked))
             dry.append(0.0)
             continue
         torque = 0.5 * (log.tau[:, i] + np.concatenate([log.tau[1:, i], log.tau[-1:, i]]))  # held over each tick
@@ -65,6 +66,11 @@ def residuals(device: Device, log: Log, speed: Array) -> Array:
             slow = np.convolve(np.abs(speed[:, axis]) < SLOW, np.ones(length + 1), mode="valid") > 0.5
             out[axis, slow] = np.nan
     return out
+
+
+def _middle(commands: Array) -> Array:
+    """(N+1,) of commands (N,) held over the ticks: at a sample the mean of before and after."""
+    return 0.5 * (np.concatenate([commands[:1], commands]) + np.concatenate([commands, commands[-1:]]))
 
 
 def ratio(with_effect: Array, without: Array) -> float:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from via_core.errors import ViaError
 
-from via_gap.blind.sealing import BAG, DEVICE, names_in
+from via_gap.blind.sealing import DEVICE, log_in, names_in
 
 RUNS = "runs.json"
 
@@ -63,7 +63,7 @@ def _diagnosed(folder: Path, results: Path, template: str, patience: float) -> R
     name = folder.name
     words = words_of(
         template,
-        bag=(folder / BAG).resolve(),
+        bag=log_in(folder).resolve(),
         device=(folder / DEVICE).resolve(),
         json=(results / f"{name}.json").resolve(),
         effects=(results / f"{name}.yaml").resolve(),

@@ -30,13 +30,15 @@ def scene_of(device: Device, run: Run) -> Scene:
     deflection = run.angle[:, :1] - run.angle[:, 1 : 1 + device.n_transmissions]
     link = torques.sum(axis=1)
     asked = run.commands if device.drive == "torque" else np.zeros_like(run.commands)
+    if not device.motors:  # its drive counts as motor 1, which moves as the link does
+        link = run.commands[:, 0]
     low, high = np.quantile(run.angle[:, 0], [0.05, 0.95])
     return Scene(
         device,
         float(run.time[-1]),
         np.concatenate([[_rms(link)], _rms(asked)]),
         np.concatenate([[np.max(np.abs(link))], np.max(np.abs(asked), axis=0)]),
-        _rms(run.speed),
+        _rms(run.speed if device.motors else np.hstack([run.speed, run.speed])),
         _rms(deflection),
         _rms(torques),
         (float(low), float(high)),

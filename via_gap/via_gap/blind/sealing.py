@@ -3,7 +3,7 @@
 Two folders, neither inside the other:
 
     CASES/seals.txt             SHA-256 of every key, in the form sha256sum -c reads
-    CASES/case_000/bag          the recording
+    CASES/case_000/bag          the recording; log.csv of a rigid joint
     CASES/case_000/joint.yaml   the nominal device file
     CASES/case_000/README.md    what a lab would know
     CASES/case_000/seal.txt     SHA-256 of the key
@@ -23,10 +23,10 @@ from via_core.errors import ViaError
 
 from via_gap.blind.case import Case
 from via_gap.blind.joints import as_yaml, device_of
-from via_gap.blind.recording import write_bag
+from via_gap.blind.recording import write_log
 
 SEALS = "seals.txt"
-SEAL, BAG, DEVICE, README = "seal.txt", "bag", "joint.yaml", "README.md"
+SEAL, BAG, TABLE, DEVICE, README = "seal.txt", "bag", "log.csv", "joint.yaml", "README.md"
 _SIGNALS = {
     "full": "link and motor angles{torque}",
     "no_torque": "link and motor angles; motor torques were not measured",
@@ -58,14 +58,14 @@ def seal(case: Case, name: str, cases: Path, keys: Path) -> str:
     if folder.exists() or key_file.exists():
         raise SealError(f"{folder if folder.exists() else key_file} exists already; choose new folders")
     device = device_of(case.nominal)
-    withheld = keys / f"{name}_withheld"
-    write_bag(withheld, device, case.withheld)
-    key = {"case": name, **case.key(), "withheld_sha256": digest_of_bag(withheld)}
+    withheld = keys / f"{name}_withheld{'' if device.motors else '.csv'}"
+    write_log(withheld, device, case.withheld)
+    key = {"case": name, **case.key(), "withheld": withheld.name, "withheld_sha256": digest_of(withheld)}
     text = json.dumps(key, indent=1, allow_nan=False) + "\n"
     key_file.write_text(text, encoding="utf-8")
     digest = hashlib.sha256(text.encode()).hexdigest()
     folder.mkdir(parents=True)
-    write_bag(folder / BAG, device, case.log)
+    write_log(folder / (BAG if device.motors else TABLE), device, case.log)
     (folder / DEVICE).write_text(as_yaml(case.nominal), encoding="utf-8")
     (folder / README).write_text(_readme(case), encoding="utf-8")
     (folder / SEAL).write_text(digest + "\n", encoding="utf-8")
@@ -97,29 +97,37 @@ def opened(name: str, cases: Path, keys: Path) -> Sealed:
     if marks | {listed.get(f"{name}.json")} != {digest}:
         raise SealError(f"{name}: its key is not the one that was sealed: SHA-256 {digest}")
     key = json.loads(text)
-    withheld = keys / f"{name}_withheld"
-    if digest_of_bag(withheld) != key["withheld_sha256"]:
+    withheld = keys / key["withheld"]
+    if digest_of(withheld) != key["withheld_sha256"]:
         raise SealError(f"{name}: its withheld log is not the one that was sealed")
     return Sealed(name, key, withheld)
 
 
-def digest_of_bag(bag: Path) -> str:
-    """SHA-256 over the recording's files in order of their names."""
+def log_in(folder: Path) -> Path:
+    """The recording in the folder of a case."""
+    return folder / TABLE if (folder / TABLE).exists() else folder / BAG
+
+
+def digest_of(log: Path) -> str:
+    """SHA-256 over the files of a recording in order of their names."""
     whole = hashlib.sha256()
-    for file in sorted(bag.glob("*.mcap")):
-        whole.update(file.read_bytes())
+    for file in sorted(log.glob("*.mcap")) if log.is_dir() else [log]:
+        whole.update(file.read_bytes() if file.exists() else b"")
     return whole.hexdigest()
 
 
 def _readme(case: Case) -> str:
     device = device_of(case.nominal)
-    sensors, torque = device.sensors, device.drive == "torque"
+    sensors, torque = device.sensors, device.drive == "torque" and bool(device.motors)
     signals = _SIGNALS[case.level].format(torque=" and motor torques" if torque else "; the drives tell no torque")
     asked = "motor torques" if torque else "equilibrium, preset and damping"
+    if not device.motors:
+        signals, asked = "the link angle", "`external_torque`, the torque of the drive at the link"
     lines = [
         "# One joint on a test bench",
         "",
-        f"`{BAG}` holds {case.log.time[-1]:.0f} s at {sensors.rate:.0f} Hz: {signals}; and the commands ({asked}).",
+        f"`{BAG if device.motors else TABLE}` holds {case.log.time[-1]:.0f} s at {sensors.rate:.0f} Hz: {signals}; "
+        f"and the commands ({asked}).",
         f"`{DEVICE}` is the joint as its makers describe it; inertias, frictions and stiffnesses are good to 5 %.",
         "",
         "A command holds from its stamp to the next. Stamps of samples are the times of sampling.",

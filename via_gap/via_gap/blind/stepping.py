@@ -35,7 +35,8 @@ NO_LAW, POLYNOMIAL, EXPONENTIAL, MACCEPA = range(4)
 
 # One flat row of numbers for the loop; of three entries each per axis, of two per motor or transmission.
 _SIZES = {
-    "axes": 1, "servo": 1, "serial": 1, "step": 1, "loss": 3, "viscous": 3, "breakaway": 3, "stribeck_velocity": 3,
+    "axes": 1, "first": 1, "servo": 1, "serial": 1,
+    "step": 1, "loss": 3, "viscous": 3, "breakaway": 3, "stribeck_velocity": 3,
     "uneven": 3, "uneven_viscous": 3, "load_friction": 3, "texture": 3, "texture_order": 3, "warm_friction": 3,
     "warming_energy": 3, "bristle": 3, "bristle_length": 3, "law": 2, "native": 2, "spring": 12, "gap": 2, "rest": 2,
     "hardening": 2, "drift": 2, "soften": 2, "relaxing": 2, "relaxation": 2, "ripple": 2, "ripple_order": 2,
@@ -112,20 +113,21 @@ def run(
     references, rates, forward  (N, 2) [rad], [rad/s], [N m]: what the drive's controller is to follow
     damping, push               (N,) [N m s/rad] of the damper, [N m] on the link
     """
-    axes, h, two = int(p[R.axes]), p[R.step], 2
+    axes, first, h = int(p[R.axes]), int(p[R.first]), p[R.step]
+    drives = axes - first  # the drive of a rigid joint is at the link itself
     shown, speed = np.zeros(2), np.zeros(2)
     bristle, relaxed, heat = np.zeros(3), np.zeros(2), np.zeros(3)
     torque, load = np.zeros(3), np.zeros(3)
-    for i in range(two):
-        shown[i] = read_angle(p, 1 + i, qpos[1 + i]) if 1 + i < axes else 0.0
+    for i in range(drives):
+        shown[i] = read_angle(p, first + i, qpos[first + i])
     for k in range(len(references)):
         for i in range(axes):
             motion[k, i], motion[k, 3 + i] = qpos[i], qvel[i]
-        for i in range(axes - 1):
+        for i in range(drives):
             if p[R.servo] != 0.0:
                 commands[k, i] = references[k, i]
             else:
-                now = read_angle(p, 1 + i, qpos[1 + i])
+                now = read_angle(p, first + i, qpos[first + i])
                 speed[i] += p[R.smoothing] * ((now - shown[i]) / (substeps * h) - speed[i])
                 shown[i] = now
                 u = p[R.proportional + i] * (references[k, i] - now) + p[R.derivative + i] * (rates[k, i] - speed[i])
@@ -138,16 +140,17 @@ def run(
                 torque[i] = load[i] = 0.0
             torque[0] = push[k]
             q = qpos[0] + 0.5 * h * qvel[0]
-            for i in range(axes - 1):
+            for i in range(drives):
                 ctrl[i] = commands[k, i]
-                own = qpos[1 + i] + 0.5 * h * qvel[1 + i]
+                own = qpos[first + i] + 0.5 * h * qvel[first + i]
                 if p[R.ripple + i] != 0.0:
-                    torque[1 + i] += p[R.ripple + i] * sin(p[R.ripple_order + i] * own + p[R.ripple_phase + i])
+                    torque[first + i] += p[R.ripple + i] * sin(p[R.ripple_order + i] * own + p[R.ripple_phase + i])
                 if p[R.sag + i] != 0.0:
-                    power = abs(commands[k, i] * qvel[1 + i])
-                    torque[1 + i] -= commands[k, i] * min(p[R.sag + i] * power, 0.9)
+                    power = abs(commands[k, i] * qvel[first + i])
+                    torque[first + i] -= commands[k, i] * min(p[R.sag + i] * power, 0.9)
                 law = int(p[R.law + i])
                 if law == NO_LAW:
+                    load[0] += commands[k, i] if first == 0 else 0.0
                     continue
                 preset = 0.0
                 if p[R.serial] != 0.0:
@@ -168,7 +171,7 @@ def run(
                 if p[R.servo] == 0.0:
                     torque[1 + i] += more
                 if p[R.serial] != 0.0 and p[R.native] != 0.0:
-                    ctrl[axes - 1] = preset
+                    ctrl[drives] = preset
             load[0] = abs(load[0])
             for i in range(axes):
                 v = qvel[i]
@@ -255,7 +258,7 @@ def simulate(
     if not done or not np.all(np.isfinite(motion)):
         return None
     time = np.arange(ticks + 1) / drive.rate
-    return Run(time, motion[:, :axes], motion[:, 3 : 3 + axes], commands[:, : axes - 1], row)
+    return Run(time, motion[:, :axes], motion[:, 3 : 3 + axes], commands[:, : max(axes - 1, 1)], row)
 
 
 def _two(columns: Array) -> Array:
@@ -295,7 +298,8 @@ def _row(device: Device, physics: Physics, drive: Drive, step: float) -> Array:
         if hasattr(physics, name):
             value = getattr(physics, name)
             row[getattr(R, name) : getattr(R, name) + _SIZES[name]] = value
-    row[R.axes], row[R.servo] = 1 + device.n_motors, device.drive == "servo"
+    row[R.axes], row[R.first] = 1 + device.n_motors, device.n_motors > 0
+    row[R.servo] = device.drive == "servo"
     row[R.serial] = device.arrangement == "serial"
     row[R.step], row[R.damping_delay] = step, round(physics.delay / step)
     row[R.loss], row[R.viscous] = device.link.coulomb_friction, device.link.viscous_friction
@@ -307,7 +311,8 @@ def _row(device: Device, physics: Physics, drive: Drive, step: float) -> Array:
         if isinstance(motor, TorqueMotor):
             row[R.loss + 1 + i], row[R.viscous + 1 + i] = motor.coulomb_friction, motor.viscous_friction
             row[R.limit + i] = motor.torque_limit or np.inf
-        row[R.proportional + i], row[R.derivative + i] = drive.proportional[i], drive.derivative[i]
+    row[R.proportional : R.proportional + len(drive.proportional)] = drive.proportional
+    row[R.derivative : R.derivative + len(drive.derivative)] = drive.derivative
     row[R.loss : R.loss + 3] += physics.friction
     row[R.viscous : R.viscous + 3] += physics.viscous
     for i in range(device.n_transmissions):
