@@ -8,7 +8,7 @@ on the true simulation, so that nothing is accepted that does not help.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,8 @@ BATCH = 16  # starts that are simulated at once
 ROUNDS = 10
 SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
 DONE = 2e-3  # share of the loss: a step that gains less is the last with this Jacobian
+LONG = 10.0  # [s] a parameter in seconds that may be longer is a time of the run, not a delay
+TIME_STEPS = (0.1, 0.03, 0.01, 0.003, 0.001)  # of the log's duration
 GIVE_UP = 4.0  # times the best loss so far
 
 
@@ -139,6 +141,27 @@ def _best_amounts(
     return loss, [float(each) for each in amounts]
 
 
+def _settle_times(
+    losses: Callable[[Sequence[Array]], tuple[Array, Array]],
+    at: Array, value: float, residual: Array, which: Sequence[int], low: Array, high: Array,
+) -> tuple[Array, float, Array]:  # fmt: skip
+    """When something begins and ends: no slope says how far off it is, so it is sought by ever smaller steps."""
+    for step in TIME_STEPS:
+        for _ in range(3):
+            tries = []
+            for k in which:
+                for sign in (-1.0, 1.0):
+                    moved = at.copy()
+                    moved[k] = np.clip(moved[k] + sign * step, low[k], high[k])
+                    tries.append(moved)
+            loss, residuals = losses(tries)
+            best = int(np.argmin(loss))
+            if not loss[best] < value:
+                break
+            at, value, residual = tries[best], float(loss[best]), residuals[best]
+    return at, value, residual
+
+
 def refine(
     problem: Problem,
     base: Fit,
@@ -181,15 +204,21 @@ def refine(
     value, residual = float(loss[0]), residuals[0]
     if not np.isfinite(value):
         return None
+    times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters])
     side, fresh, damping = jacobian, False, 0.0
     normal = np.eye(count + many)
     for round_ in range(ROUNDS):
+        if round_ < 2 and times.any():
+            at, value, residual = _settle_times(
+                losses, at, value, residual, [count + int(k) for k in np.flatnonzero(times)], *box
+            )
         steps = np.maximum(0.02, 0.03 * np.abs(at[count:]))
         steps = np.where(at[count:] + steps > high, -steps, steps)
         points = [at + np.append(np.zeros(count), np.where(np.arange(many) == j, steps, 0.0)) for j in range(many)]
         moved = losses(points)[1]
         slopes = (moved - residual).T / steps
         slopes[~np.isfinite(slopes)] = 0.0
+        slopes[:, times] = 0.0
         whole = np.hstack([side, slopes])
         normal = whole.T @ whole
         normal[:count, :count] += np.eye(count)

@@ -18,7 +18,7 @@ from via_gap.calibration import Calibration
 from via_gap.candidates import Fit
 from via_gap.problem import Problem
 
-BLOCK = 4  # shots that are resampled together
+BLOCK = 1.0  # [s] of shots that are resampled together, at least one shot
 RESAMPLES = 300
 
 
@@ -28,11 +28,13 @@ class Judged:
 
     residual  (R,) whitened, held out
     shots     (S,) mean squared whitened error of each shot
+    block     shots that are resampled together
     """
 
     fit: Fit
     residual: Array
     shots: Array
+    block: int
 
     @property
     def logs(self) -> Array:
@@ -52,17 +54,21 @@ def judge(held: Problem, fits: Sequence[Fit]) -> list[Judged]:
     if not fits:
         return []
     residuals = held.residual([held.row(fit.effects, fit.deviations) for fit in fits])
-    return [Judged(fit, residual, held.per_shot(residual)) for fit, residual in zip(fits, residuals, strict=True)]
+    first = held.benches[0].shots
+    block = max(1, round(BLOCK * first.rate / first.ticks))
+    return [
+        Judged(fit, residual, held.per_shot(residual), block) for fit, residual in zip(fits, residuals, strict=True)
+    ]
 
 
 def difference(a: Judged, b: Judged, seed: int = 0) -> tuple[float, float]:
     """How much worse a scores than b, and the standard deviation of that by resampled blocks."""
-    return _resampled(a.logs - b.logs, seed)
+    return _resampled(a.logs - b.logs, a.block, seed)
 
 
-def _resampled(values: Array, seed: int) -> tuple[float, float]:
+def _resampled(values: Array, block: int, seed: int) -> tuple[float, float]:
     """Mean of values (S,) and its standard deviation by resampled blocks."""
-    size = min(BLOCK, max(1, len(values) // 4))
+    size = min(block, max(1, len(values) // 4))
     blocks = [float(np.mean(values[i : i + size])) for i in range(0, len(values), size)]
     pick = np.random.default_rng(seed).integers(0, len(blocks), (RESAMPLES, len(blocks)))
     return float(np.mean(values)), float(np.std(np.array(blocks)[pick].mean(axis=1)))
@@ -73,7 +79,7 @@ def significant(worse: Judged, better: Judged, calibration: Calibration) -> bool
 
     An effect that acts in a few shots only shows in the second, one that acts everywhere a little in the first.
     """
-    for gap, deviation in (difference(worse, better), _resampled(worse.shots - better.shots, 0)):
+    for gap, deviation in (difference(worse, better), _resampled(worse.shots - better.shots, worse.block, 0)):
         if gap > 0.0 and gap >= calibration.significance * deviation:
             return True
     return False

@@ -73,7 +73,8 @@ def descend(normal: Array, gradient: Array, start: Array, low: Array, high: Arra
     """
     x = np.clip(start, low, high)
     diagonal = np.diag(normal)
-    regular = normal + np.diag(1e-10 * diagonal + 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-300))
+    ridge = 1e-10 * diagonal + 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-300)
+    regular, gradient = normal + np.diag(ridge), gradient + ridge * x  # what nothing depends on stays where it is
     slope = gradient - regular @ x
     held = ((x <= low) & (slope <= 0.0)) | ((x >= high) & (slope >= 0.0)) | (low >= high)
     for _ in range(6 * len(x) + 10):

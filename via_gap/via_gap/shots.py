@@ -301,8 +301,9 @@ class Bench:
             at = X.queue + QUEUED * ((tick - back) % length)
             state[at : at + QUEUED] = shots.commands[max(tick - back, 0), :QUEUED]
             if tick < back:  # servos stood where they were before the log began
-                for axis in np.flatnonzero((self.nominal[P.axis_kind : P.axis_kind + 3] == SERVO) & known):
-                    state[at + axis - 1] = shots.rest[axis]
+                for axis in (1, 2):
+                    if known[axis] and self.nominal[P.axis_kind + axis] == SERVO:
+                        state[at + axis - 1] = shots.rest[axis]
         for axis in range(3):
             if axis in shots.axes:
                 state[[axis, 3 + axis]] = shots.start[tick, [axis, 3 + axis]]

@@ -108,7 +108,10 @@ def _alone(whole: Judged, member: int) -> Judged:
     first = sum(len(effect.parameters) for effect in fit.effects[:member])
     spread = fit.spread[first : first + len(fit.effects[member].parameters)]
     return Judged(
-        Fit((fit.effects[member],), fit.deviations, fit.loss, fit.residual, spread), whole.residual, whole.shots
+        Fit((fit.effects[member],), fit.deviations, fit.loss, fit.residual, spread),
+        whole.residual,
+        whole.shots,
+        whole.block,
     )
 
 
