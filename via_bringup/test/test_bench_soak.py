@@ -40,7 +40,9 @@ def test_minutes_at_any_time_are_finite_bounded_and_as_accurate(method):
         assert rows[f"soak.{method}.not_finite"].ok and rows[f"soak.{method}.memory"].ok
         (hour,) = run.hours
         assert hour.samples > 0.9 * SHORT * bench.RATE
-        assert hour.shares["OK"] > 0.7 and hour.shares["NOT_EXCITED"] > 0.02 and hour.shares["BAD_SAMPLE"] > 0.0
+        # A burst in every fifth second costs a filter over equidistant samples its whole window, here a second.
+        assert hour.shares["OK"] > (0.5 if method == "filtered_signal_based" else 0.7)
+        assert hour.shares["NOT_EXCITED"] > 0.02 and hour.shares["BAD_SAMPLE"] > 0.0
         assert np.isfinite(hour.condition)
         # Rounding of stamps: a step at 30 days is wrong by 5e-7 of itself.
         assert hour.error == pytest.approx(first.error, rel=0.01, abs=1e-6)
