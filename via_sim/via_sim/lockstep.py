@@ -2,9 +2,9 @@
 
 Between events the right-hand side is smooth (torques.py), and most ticks of most runs have none. So a block of runs
 takes the same Krogstad step together, every operation a loop over lanes that the compiler turns into vector
-instructions: the link's angle of lane l stands in z[Z.start, l]. A lane in which an axis stands, comes to a stop or
-crosses a flank of its gap takes this tick again on its own (`kernel.advance_tick`), and so does one with terms that are
-not written out here (rare ones, lags, fractions of a tick of dead time, servos). Results differ from those of
+instructions: the link's angle of lane l stands in z[Z.start, l]. A lane in which an axis comes to a stop, breaks away
+or crosses a flank of its gap takes this tick again on its own (`kernel.advance_tick`), and so does one with terms that
+are not written out here (rare ones, lags, fractions of a tick of dead time, servos). Results differ from those of
 `kernel.run` by rounding only: sine and exponential are polynomials here, right to 1e-13, because a call of the
 library's would break the vector loop.
 """
@@ -44,17 +44,20 @@ from via_sim.torques import (
 )
 
 LANES = 32
+_ENOUGH = 1e300  # [N m] margin of what is not watched
 
 # Rows of the block's memory z, LANES numbers each; names in capitals are those of one lane in the scalar kernel.
 #   START 6: state at the beginning of a step; AT 6: where torques are evaluated; N, A, B, D 3 each: torques of the
 #   stages; MIDDLE 3: speeds; INPUT 3: torque on link, motor 1, motor 2; DAMP 1; FACTOR 2: of the springs; SIGN 3:
-#   direction of slip, 0 without friction; MARGIN 1: positive while the lane has kept its modes; FLANK 2; SPRING 2:
-#   torques; PHI, INSIDE, SLOPE, LOADED 1: scratch; WEIGHT 60 as of `weigh`; then what the parameter rows say.
+#   direction of slip, 0 without friction; HELD 3: 1 where an axis stands; MARGIN 1: positive while the lane has kept
+#   its modes; FLANK 2; SPRING 2: torques; PHI, INSIDE, SLOPE, LOADED 1: scratch; WEIGHT 60 as of `weigh`; then what the
+#   parameter rows say.
 _SIZES = {
     "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "middle": 3, "input": 3, "damp": 1, "factor": 2, "sign": 3,
-    "margin": 1, "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1, "loaded": 1, "weight": 3 * PER_AXIS,
-    "kinetic": 3, "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3, "gravity": 1, "angle": 1,
-    "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2, "half": 2, "solid": 2,
+    "held": 3, "margin": 1, "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1, "loaded": 1,
+    "weight": 3 * PER_AXIS, "kinetic": 3, "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3,
+    "gravity": 1, "angle": 1, "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2, "half": 2,
+    "solid": 2,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
@@ -159,8 +162,9 @@ def _springs(z: Array, rows: Array, first: int, terms: int) -> None:
 
 @bare
 def _torques(
-    z: Array, rows: Array, first: int, axes: int, out: int, terms: int, gravity: bool, friction: int, falls: bool
-) -> None:
+    z: Array, rows: Array, first: int, axes: int, out: int, terms: int, gravity: bool, friction: int, falls: bool,
+    holds: bool,
+) -> None:  # fmt: skip
     """Torque on each axis but for its viscous friction, at angles and velocities AT -> three rows from `out` on."""
     p = rows[first]
     for lane in range(z.shape[1]):
@@ -203,6 +207,13 @@ def _torques(
                 ratio = z[Z.at + 3 + here, lane] * z[Z.inverse + here, lane]
                 excess = z[Z.excess + here, lane] * _decay(ratio * ratio)
                 z[out + here, lane] -= z[Z.sign + here, lane] * excess
+        if holds:  # friction takes all of the torque on an axis that stands, as long as it can
+            for lane in range(z.shape[1]):
+                held, torque, skewed = z[Z.held + here, lane], z[out + here, lane], z[Z.asymmetry + here, lane]
+                most = z[Z.kinetic + here, lane] + z[Z.excess + here, lane] + z[Z.load + here, lane] * z[Z.loaded, lane]
+                room = min(most + skewed - torque, most - skewed + torque) + (1.0 - held) * _ENOUGH
+                z[Z.margin, lane] = min(z[Z.margin, lane], room)
+                z[out + here, lane] = (1.0 - held) * torque
 
 
 @bare
@@ -241,28 +252,29 @@ def _check(z: Array, velocity: int, axes: int, friction: int, transmissions: int
 
 @bare
 def _step(
-    z: Array, rows: Array, first: int, axes: int, terms: int, gravity: bool, friction: int, falls: bool, gaps: int
-) -> None:
+    z: Array, rows: Array, first: int, axes: int, terms: int, gravity: bool, friction: int, falls: bool, gaps: int,
+    holds: bool,
+) -> None:  # fmt: skip
     """One Krogstad step of the block, as `kernel._step`: START moves on, MARGIN says which lanes may not.
 
-    axes: there are; friction: bit per axis; gaps: transmissions to watch.
+    axes: there are; friction: bit per axis; gaps: transmissions to watch; holds: whether any axis stands.
     """
     _copy(z, Z.start, Z.at, 6)
-    _torques(z, rows, first, axes, Z.n, terms, gravity, friction, falls)
+    _torques(z, rows, first, axes, Z.n, terms, gravity, friction, falls, holds)
     for axis in range(axes):
         for lane in range(z.shape[1]):
             z[Z.a + axis, lane] = 0.0
     _stage(z, axes, 0, 4, Z.n, 8, Z.a)
     if friction != 0:
         _copy(z, Z.at + 3, Z.middle, axes)
-    _torques(z, rows, first, axes, Z.a, terms, gravity, friction, falls)
+    _torques(z, rows, first, axes, Z.a, terms, gravity, friction, falls, holds)
     _stage(z, axes, 0, 6, Z.n, 8, Z.a)
     if friction != 0:
         _add(z, Z.at + 3, Z.middle, axes)  # twice the speed at the midpoint
         _check(z, Z.middle, axes, friction, 0)
-    _torques(z, rows, first, axes, Z.b, terms, gravity, friction, falls)
+    _torques(z, rows, first, axes, Z.b, terms, gravity, friction, falls, holds)
     _stage(z, axes, 2, 10, Z.n, 12, Z.b)
-    _torques(z, rows, first, axes, Z.d, terms, gravity, friction, falls)
+    _torques(z, rows, first, axes, Z.d, terms, gravity, friction, falls, holds)
     _add(z, Z.b, Z.a, axes)
     _stage(z, axes, 2, 14, Z.n, 16, Z.a)
     for axis in range(axes):
@@ -271,6 +283,8 @@ def _step(
             z[Z.at + axis, lane] += z[w + 19, lane] * z[Z.d + axis, lane]
             z[Z.at + 3 + axis, lane] += z[w + 18, lane] * z[Z.d + axis, lane]
     _check(z, Z.at + 3, axes, friction, gaps)
+    if holds:
+        _torques(z, rows, first, axes, Z.n, terms, gravity, friction, falls, holds)
     _copy(z, Z.at, Z.start, 6)
 
 
@@ -360,20 +374,22 @@ def _note(p: Array, x: Array, command: Array, slot: int, late: int, z: Array, la
 
 @bare
 def _place(p: Array, x: Array, z: Array, lane: int) -> bool:
-    """State x into its lane, and whether it moves on from here without standing anywhere."""
-    free = True
+    """State x into its lane -> whether an axis stands there (friction may still be too weak to hold it)."""
+    stands = False
     for i in range(6):
         z[Z.start + i, lane] = x[i]
     for axis in range(3):
-        sign = 0.0
+        sign = held = 0.0
         if has_friction(p, axis):
-            free &= x[3 + axis] != 0.0
-            sign = 1.0 if x[3 + axis] > 0.0 else -1.0
-        z[Z.sign + axis, lane] = sign
+            if x[3 + axis] == 0.0:
+                held, stands = 1.0, True
+            else:
+                sign = 1.0 if x[3 + axis] > 0.0 else -1.0
+        z[Z.sign + axis, lane], z[Z.held + axis, lane] = sign, held
     for i in range(2):
         phi, half = deflection(p, i, x[0], x[1 + i]), 0.5 * p[P.backlash + i]
         z[Z.flank + i, lane] = 0.0 if half <= 0.0 or abs(phi) < half else (1.0 if phi > 0.0 else -1.0)
-    return free
+    return stands
 
 
 @compiled
@@ -385,7 +401,7 @@ def run_many(rows: Array, states: Array, commands: Array, out: Array) -> None:
     """
     z, u, y = np.zeros((_N_ROWS, LANES)), np.zeros(N_INPUTS), np.zeros(9)
     modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 3, N_WEIGHTS))
-    lanes = np.zeros((4, LANES), np.int64)
+    lanes = np.zeros((5, LANES), np.int64)
     for first in range(0, len(rows), LANES):
         _run_block(rows, states, commands, out, first, z, u, y, modes, weights, lanes)
 
@@ -397,9 +413,10 @@ def _run_block(
 ) -> None:  # fmt: skip
     """The runs from row `first` on, LANES at most; scratch as `run_many` makes it.
 
-    lanes (4, LANES): whether a lane goes in lockstep, is in step now, reads its angles as they are; ticks it is late
+    lanes (5, LANES): whether a lane goes in lockstep, is in step now, reads its angles as they are; ticks it is late;
+    whether an axis of it stands
     """
-    joins, placed, plain, late = lanes[0], lanes[1], lanes[2], lanes[3]
+    joins, placed, plain, late, stands = lanes[0], lanes[1], lanes[2], lanes[3], lanes[4]
     count, lead, head = min(LANES, len(rows) - first), rows[first], states[first]
     number, period, length = int(head[X.tick]), lead[P.tick], (head.size - X.queue) // QUEUED
     gravity = falls = False
@@ -430,15 +447,16 @@ def _run_block(
     h = period / steps
     for tick in range(len(commands)):
         command, slot, last = commands[tick], (number + tick) % length, tick == len(commands) - 1
-        ready = 0
+        ready, holds = 0, False
         if together > 1:
             for lane in range(count):
                 p, x = rows[first + lane], states[first + lane]
                 if placed[lane] == 0 and joins[lane] != 0:
-                    placed[lane] = _place(p, x, z, lane)
+                    placed[lane], stands[lane] = 1, _place(p, x, z, lane)
                 z[Z.margin, lane] = 2.0 * placed[lane] - 1.0
                 if placed[lane] != 0:
                     ready += 1
+                    holds |= stands[lane] != 0
                     _drive(p, x, command, slot, late[lane], p[P.origin] + (number + tick) * period, z, lane)
                     own = weights[lane, 2]
                     if own[N_WEIGHTS - 2] != h or own[N_WEIGHTS - 1] != z[Z.damp, lane]:
@@ -447,7 +465,7 @@ def _run_block(
                             z[Z.weight + k, lane] = own[k]
             if ready > 0:
                 for _ in range(steps):
-                    _step(z, rows, first, axes, terms, gravity, friction, falls, gaps)
+                    _step(z, rows, first, axes, terms, gravity, friction, falls, gaps, holds)
         turn = (number + tick) % stride(period) == 0
         for lane in range(count):
             p, x, motion = rows[first + lane], states[first + lane], out[first + lane, tick + 1]

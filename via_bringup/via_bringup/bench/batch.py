@@ -2,9 +2,9 @@
 
 The joint is that of `bench.simulator` (antagonistic, tau_e = 5 phi + 10 phi^3, held torques at 1 kHz); sets differ in
 inertia, viscous friction, torque gain and, where it says so, dry friction of a motor. MuJoCo gets the same sets without
-dry friction as models of its own, all in one call of its rollout, with the integrator and step that is fastest for it at
-the accuracy reached here, and once more with Euler's method at 1 ms, the cheapest it has. One thread each; what counts
-is the processor's time, least of the turns, which the contenders take one after the other.
+dry friction as models of its own, all in one call of its rollout, with the integrator and step that is fastest for it
+at the accuracy reached here, and once more with Euler's method at 1 ms, the cheapest it has. One thread each; what
+counts is the processor's time, least of the turns, which the contenders take one after the other.
 """
 
 from __future__ import annotations
