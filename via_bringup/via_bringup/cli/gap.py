@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from via_core.devices import load_device
-from via_core.errors import ParameterError, ViaError
+from via_core.errors import ViaError
 from via_gap.diagnose import diagnose as diagnosed
 from via_gap.log import read_log
-from via_gap.replayed import measure_gap
-from via_gap.report import Cause, GapReport
+from via_gap.report import Cause, GapReport, read_report
+from via_gap.withheld import before_and_after
 from via_sim.effects_file import load_effects, save_effects
 
 from via_bringup.cli import gap_blind
@@ -61,16 +63,31 @@ def simulate(
     log: Annotated[Path, typer.Argument(help="Bag folder, .mcap or .csv file.")],
     device: Annotated[str, typer.Option(help="Device name or path to its YAML.")],
     effects: Annotated[Path | None, typer.Option(help="Effects file to add to the nominal model.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Report whose fitted device numbers to use as well.")] = None,
+    out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
 ) -> None:
-    """Run a log's commands on the model with effects and print how far the link angle is from the log's."""
+    """Simulate a log without and with effects and print how far each is from what was measured."""
     described = load_device(device)
     added = load_effects(effects) if effects is not None else ()
-    read = read_log(log, described)
-    if read.commands is None:
-        raise ParameterError(f"{log}: holds no commands to simulate with")
-    before = measure_gap(described, read.measured, read.commands)
-    after = measure_gap(described, read.measured, read.commands, added)
-    answers.print(f"NRMSE of the link angle: {before.nrmse:.4f} nominal, {after.nrmse:.4f} with {len(added)} effects")
+    told = read_report(_text(report), str(report)) if report is not None else None
+    before, after = before_and_after(read_log(log, described), described, added, told)
+    floor = float(np.sqrt(np.mean(before.floors**2)))
+    answers.print(f"gap: {before.overall:.4g} before, {after.overall:.4g} after, floor {floor:.3g}")
+    if out is not None:
+        signals = {
+            name: {"before": float(a), "after": float(b)}
+            for name, a, b in zip(before.names, before.signals, after.signals, strict=True)
+        }
+        content = {"before": before.overall, "after": after.overall, "floor": floor, "signals": signals}
+        _write(out, json.dumps(content, indent=2) + "\n")
+        answers.print(f"wrote {out}")
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ViaError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
 
 
 def _print(report: GapReport) -> None:
