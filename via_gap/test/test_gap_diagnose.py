@@ -1,0 +1,91 @@
+"""The whole diagnosis on planted effects with every number of the device file wrong by up to five percent."""
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of
+from via_core.signals import Signals
+from via_gap.diagnose import diagnose
+from via_gap.localise import localise
+from via_gap.log import JointLog, read_log
+from via_gap.report import GapReport
+from via_gap.residuals import weak_residuals
+from via_gap.shots import cut_log
+from via_gap.withheld import before_and_after
+from via_sim.effects import Effect
+
+COULOMB = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
+BACKLASH = Effect("backlash", "transmission", {"gap": 0.02}, 1)
+LINK = Effect("coulomb_friction", "link", {"torque": 0.02})
+
+
+@pytest.fixture(scope="module")
+def friction() -> GapReport:
+    log = log_of(flexible(), (COULOMB,), seed=21)
+    return diagnose([log], log.device)
+
+
+def test_friction_of_the_motor_is_named_placed_and_measured(friction):
+    assert friction.verdict == "effect"
+    cause = friction.causes[0]
+    assert (cause.effect, cause.site, cause.motor) == ("coulomb_friction", "motor", 1)
+    assert cause.probability > 0.9
+    assert cause.parameters["torque"].value == pytest.approx(0.03, rel=0.02)
+    assert (friction.where[0].site, friction.where[0].motor) == ("motor", 1)
+    assert [place.effect for place in friction.equivalence_set] == ["coulomb_friction"]
+    assert sum(each.probability for each in friction.causes) == pytest.approx(1.0)
+
+
+def test_the_predicted_gap_is_that_of_a_log_never_seen(friction):
+    withheld = log_of(flexible(), (COULOMB,), seed=21, duration=9.0)
+    before, after = before_and_after(withheld, withheld.device, friction.repair(), friction)
+    predicted = 1.0 - friction.gap.after / friction.gap.before
+    assert 1.0 - after.overall / before.overall == pytest.approx(predicted, abs=0.05)
+    assert friction.gap.closes > 0.95
+    assert friction.gap.interval[0] <= friction.gap.after <= friction.gap.interval[1]
+
+
+def test_a_device_within_its_tolerance_has_no_gap():
+    log = log_of(flexible(), (), seed=22)
+    heard = []
+    report = diagnose([log], log.device, progress=lambda what, share: heard.append(share))
+    assert (report.verdict, report.causes, report.where) == ("no_gap", (), ())
+    assert report.gap.before > 5.0 * report.gap.after
+    assert heard == sorted(heard) and heard[-1] == 1.0
+
+
+def test_a_log_that_cannot_be_used_is_answered_not_raised():
+    log = log_of(flexible(), (), seed=22)
+    blind = JointLog("blind", log.device, Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"}), None)
+    report = diagnose([blind], log.device)
+    assert (report.verdict, report.gap) == ("cannot_tell", None)
+    assert any(finding.severity == "refuse" for finding in report.data_check)
+    assert report.not_judged
+
+
+@pytest.mark.parametrize(("effect", "site"), [(COULOMB, "motor"), (BACKLASH, "transmission"), (LINK, "link")])
+def test_equations_alone_say_where(effect, site):
+    log = log_of(flexible(), (effect,), seed=23, tolerance=0.0)
+    shots = cut_log(log)
+    shares = localise([shots], [weak_residuals(shots, log.device)], log.device)
+    assert (shares[0].site, shares[0].share > 0.8) == (site, True)
+
+
+def test_equations_of_the_right_plant_balance_within_the_floor():
+    log = log_of(flexible(), (), seed=23, tolerance=0.0)
+    shots = cut_log(log)
+    for residual in weak_residuals(shots, log.device):
+        assert np.sqrt(np.mean((residual.torque / residual.floor) ** 2)) < 1.5
+
+
+def test_a_csv_file_is_a_log(tmp_path):
+    log = log_of(flexible(), (), seed=24, duration=2.0)
+    path = tmp_path / "run.csv"
+    columns = np.column_stack(
+        [log.measured.time, log.measured["q"], log.measured["theta"], np.append(log.commands["motor"], 0.0)]
+    )
+    np.savetxt(path, columns, delimiter=",", header="t,q,theta_1,motor_1", comments="", fmt="%.17g")
+    device = log.device.model_copy(update={"wire": log.device.wire.model_copy(update={"columns": {"time": "t"}})})
+    read = read_log(path, device)
+    assert read.level == "no torque"
+    assert np.array_equal(read.measured["q"], log.measured["q"])
+    assert np.array_equal(read.commands["motor"][:-1], log.commands["motor"])

@@ -1,0 +1,85 @@
+"""Shots: only a log's own plant explains it, down to the sensors' steps, for every effect that the row can hold."""
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of, servo
+from via_core.errors import SignalError
+from via_core.signals import Signals
+from via_gap.log import JointLog, believed
+from via_gap.problem import Problem
+from via_gap.shots import cut_log
+from via_gap.split import split
+from via_sim.effects import Effect
+
+DELAY = Effect("actuator_delay", "command", {"delay": 0.0043})
+SKEW = Effect("channel_skew", "timing", {"delay": 0.003}, 0)
+OFFSET = Effect("encoder_offset", "sensor", {"offset": 0.02}, 1)
+ECCENTRIC = Effect("encoder_eccentricity", "sensor", {"amplitude": 0.01, "phase": 0.7}, 1)
+BACKLASH = Effect("backlash", "transmission", {"gap": 0.02}, 1)
+PULSE = Effect("external_torque", "environment", {"torque": 0.1, "start": 2.0, "stop": 4.0})
+MAXWELL = Effect("hysteresis", "transmission", {"torque": 0.05, "stiffness": 1.0}, 1)
+
+
+def explained(log: JointLog, effects) -> float:
+    """Median mean squared whitened error of the shots under a plant: 1 is what the sensors leave."""
+    shots = cut_log(log)
+    problem = Problem.of([shots], [np.arange(1, len(shots))])
+    return float(np.median(problem.per_shot(problem.residual([problem.row(effects)])[0])))
+
+
+@pytest.mark.parametrize("effect", [None, DELAY, SKEW, OFFSET, ECCENTRIC, BACKLASH, PULSE, MAXWELL], ids=str)
+def test_only_its_own_plant_explains_a_log(effect):
+    effects = () if effect is None else (effect,)
+    log = log_of(flexible(), effects, seed=5, duration=6.0, tolerance=0.0)
+    assert 0.5 < explained(log, effects) < (3.0 if effect is SKEW else 1.5)  # its past jumps where shots begin
+    if effect is not None and effect is not PULSE:  # which is over in most shots
+        assert explained(log, ()) > 10.0
+
+
+def test_motors_that_nobody_measured_follow_their_commands():
+    log = log_of(servo(), (), seed=5, duration=12.0, tolerance=0.0)
+    blind = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
+    unseen = JointLog("unseen", log.device, blind, log.commands)
+    assert unseen.level == "commands only"
+    assert cut_log(unseen).axes == (0,)
+    assert explained(unseen, ()) < 2.0
+
+
+def test_jitter_does_not_move_commands_off_their_ticks():
+    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
+    shift = 0.2e-3 * np.random.default_rng(1).uniform(-1.0, 1.0, len(log.measured))
+    time = log.measured.time + shift
+    angles = {name: np.empty_like(log.measured[name]) for name in ("q", "theta")}
+    angles["q"] = np.interp(time, log.measured.time, log.measured["q"])
+    angles["theta"] = np.interp(time, log.measured.time, log.measured["theta"][:, 0])[:, None]
+    jittered = JointLog("jittered", log.device, Signals(time, angles, log.measured.units), log.commands)
+    shots = cut_log(jittered)
+    assert np.allclose((shots.origin * shots.rate) % 1.0, [0.0], atol=1e-6) or np.isclose((shots.origin * 1000) % 1, 1)
+    assert explained(jittered, ()) < 2.0
+
+
+def test_a_log_without_a_drive_cannot_be_cut():
+    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
+    blind = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
+    with pytest.raises(SignalError, match="nothing can be simulated"):
+        cut_log(JointLog("blind", log.device, blind, None))
+
+
+def test_fitted_and_judged_shots_are_disjoint_and_all():
+    shots = cut_log(log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0))
+    (train,), (held,), _ = split([shots], [])
+    assert sorted([*train, *held]) == list(range(len(shots)))
+    assert len(held) > 0.25 * len(shots)
+    train, held, logs = split([shots], [shots])
+    assert len(logs) == 2
+    assert (len(train[0]), len(train[1]), len(held[0]), len(held[1])) == (len(shots), 0, 0, len(shots))
+
+
+def test_an_encoder_that_jumps_in_one_log_is_believed_in_none():
+    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
+    theta = log.measured["theta"].copy()
+    theta[50::100] += 1.0
+    wild = Signals(log.measured.time, {**log.measured.channels, "theta": theta}, log.measured.units)
+    first, second = believed([log, JointLog("wild", log.device, wild, log.commands)])
+    assert first.motors_seen == second.motors_seen == (False,)
+    assert believed([log])[0].motors_seen == (True,)
