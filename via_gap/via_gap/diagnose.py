@@ -23,7 +23,7 @@ from via_gap.nuisance import BOUND
 from via_gap.places import Place, places
 from via_gap.problem import Problem
 from via_gap.repaired import repaired_device
-from via_gap.report import Cause, Finding, Gap, GapReport, NuisanceValue, SignalGap, Value, Where
+from via_gap.report import Cause, Finding, Gap, GapReport, NuisanceValue, SignalGap, Value, Verdict, Where
 from via_gap.report import Place as Named
 from via_gap.residuals import weak_residuals
 from via_gap.scales import Scales, scales_of
@@ -104,7 +104,7 @@ def diagnose(
     gap = _gap(device, judged, everything, held, before, tuned, decision)
     report = short.model_copy(
         update={
-            "verdict": decision.verdict,
+            "verdict": _honest(decision.verdict, usable[0].log),
             "where": _where(device, shares, decision, tuned),
             "causes": tuple(_cause(device, each, probability, tuned) for each, probability in decision.ranked),
             "equivalence_set": tuple(_named(device, place) for place in decision.equivalent),
@@ -116,6 +116,12 @@ def diagnose(
     )
     tell("done", 1.0)
     return GapReport.model_validate(report.model_dump())
+
+
+def _honest(verdict: Verdict, log: JointLog) -> Verdict:
+    """'None of these' only where it can be known: motors that were not seen drift between shots whatever the cause."""
+    drifts = log.device.drive == "torque" and not all(log.motors_seen)
+    return "cannot_tell" if verdict == "unknown" and drifts else verdict
 
 
 def _cut(logs: Sequence[JointLog]) -> tuple[list[Shots], list[Finding]]:
