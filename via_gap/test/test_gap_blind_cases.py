@@ -68,6 +68,7 @@ def test_the_same_seed_makes_the_same_bits(made: tuple[Path, Path, list[Made]], 
 def test_keys_lie_apart_and_no_case_names_an_effect(made: tuple[Path, Path, list[Made]]) -> None:
     cases, keys, _ = made
     fields = {"coulomb_friction", "viscous_friction"}  # of every device file
+    column = {b"external_torque"}  # of every rigid joint's table
     words = {word.encode() for word in (*MENU, *STRANGERS)} - {word.encode() for word in fields}
     for name in names_in(cases):
         there = {file.relative_to(cases / name).as_posix() for file in (cases / name).rglob("*") if file.is_file()}
@@ -76,7 +77,7 @@ def test_keys_lie_apart_and_no_case_names_an_effect(made: tuple[Path, Path, list
         for file in (cases / name).rglob("*"):
             if file.is_file():
                 content = file.read_bytes()
-                assert not [word for word in words if word in content]
+                assert not [word for word in words - (column if "log.csv" in there else set()) if word in content]
                 assert str(keys).encode() not in content
         for word in fields:
             assert word.encode() not in (cases / name / "README.md").read_bytes()

@@ -89,7 +89,11 @@ def test_pairs_want_both_in_any_order_and_nothing_else() -> None:
     assert not judge("a", asked, report("effect", (LAG, 0.9), (COULOMB, 0.9)), None, None).both
     bias = {"effect": "torque_bias", "site": "motor", "motor": 1}
     one = judge("a", asked, report("two_effects", (LAG, 0.9), (bias, 0.9), (COULOMB, 0.5)), None, None)
-    assert not one.both and not one.where_right
+    assert not one.both and not one.where_right and not one.in_set
+    tied = judge(
+        "a", asked, report("two_effects", (LAG, 0.9), (bias, 0.9), equivalence_set=[bias, COULOMB]), None, None
+    )
+    assert tied.in_set and not tied.both
 
 
 def test_a_missing_report_is_wrong() -> None:
@@ -131,6 +135,7 @@ def test_numbers_are_those_worked_out_by_hand() -> None:
     assert value("in set") == pytest.approx(3 / 4)
     assert value("mean set size") == pytest.approx((1 + 1 + 2) / 3) and got["mean set size"].kept is True
     assert value("false alarms on no gap") == pytest.approx(1 / 2)
+    assert value("two effects: both named or in the set") == 1.0
     assert value("unknown recognised") == 1.0 and got["unknown recognised"].kept is True
     assert value("two effects: both named") == 1.0
     assert value("link_only: top-1") == pytest.approx(1 / 2)

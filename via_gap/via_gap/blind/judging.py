@@ -109,6 +109,7 @@ def judge(
         where_right = all(any(_same_site(each, truth) for each in places) for truth in truths)
         found = {each.effect for each in named[:2]}
         both = verdict == "two_effects" and {truth.effect for truth in truths} == found
+        in_set = verdict == "two_effects" and {truth.effect for truth in truths} <= found | {p.effect for p in tied}
     return Judged(
         name=name,
         kind=key["kind"],

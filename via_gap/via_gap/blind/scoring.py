@@ -73,6 +73,7 @@ def score(judged: Sequence[Judged]) -> Score:
         _share("no gap recognised", no_gap, lambda each: each.verdict == "no_gap"),
         _share("unknown recognised", unknown, lambda each: each.verdict == "unknown", 0.90),
         _share("two effects: both named", pairs, lambda each: each.both, 0.80),
+        _share("two effects: both named or in the set", pairs, lambda each: each.in_set),
         _share("two effects: one of them first", pairs, _one_of_two),
         *(
             _share(f"{level}: {name}", [each for each in limited if each.level == level], what)
@@ -123,7 +124,7 @@ def _first_right(each: Judged) -> bool:
 
 
 def _alarmed(each: Judged) -> bool:
-    return each.verdict not in ("no_gap", "cannot_tell")
+    return each.verdict in ("effect", "two_effects", "unknown")
 
 
 def _one_of_two(each: Judged) -> bool:

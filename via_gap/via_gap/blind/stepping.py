@@ -91,7 +91,7 @@ def read_angle(p: Array, axis: int, angle: float) -> float:
     seen = angle + p[R.offset + axis]
     seen += p[R.eccentricity + axis] * sin(p[R.eccentric_order + axis] * angle + p[R.eccentric_phase + axis])
     quantum = p[R.quantum + axis]
-    return quantum * np.rint(seen / quantum) if quantum > 0.0 else seen
+    return quantum * np.rint(seen / quantum) + 0.0 if quantum > 0.0 else seen  # no -0
 
 
 @_compiled
