@@ -37,7 +37,7 @@ def make(
     keys: Annotated[Path, typer.Option(help="New folder for the keys, outside the cases.")],
     seed_from: Annotated[int, typer.Option(min=0, help="First seed; below 100000 they are for development.")] = SEED,
     count: Annotated[int, typer.Option(min=1, max=1000, help="How many cases.")] = 240,
-    duration: Annotated[float, typer.Option(min=5.0, max=600.0, help="Length of a recording [s].")] = 40.0,
+    duration: Annotated[float, typer.Option(min=5.0, max=600.0, help="Seconds of a recording.")] = 40.0,
     processes: Processes = 2,
 ) -> None:
     """Draw cases from seeds and seal their keys; prints the SHA-256 of every key."""
@@ -60,7 +60,7 @@ def run(
     command: Annotated[
         str, typer.Option(help="The diagnosis: {bag}, {device}, {json}, {effects} are paths.")
     ] = DIAGNOSE,
-    patience: Annotated[float, typer.Option(min=1.0, help="Longest time for one case [s].")] = 600.0,
+    patience: Annotated[float, typer.Option(min=1.0, help="Most seconds for one case.")] = 600.0,
     processes: Processes = 1,
 ) -> None:
     """Diagnose every case in a process of its own, on the recording alone; goes on where it was interrupted."""
