@@ -50,12 +50,16 @@ def run_cases(
     todo = [name for name in names_in(cases) if not (results / f"{name}.json").exists()]
     with ThreadPoolExecutor(processes) as pool:
         jobs = [pool.submit(_diagnosed, cases / name, results, template, patience) for name in todo]
-        for job in as_completed(jobs):
-            done = job.result()
-            ran[done.name] = done
-            told(done)
-            listed = [asdict(ran[name]) for name in sorted(ran)]
-            runs_file.write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
+        try:
+            for job in as_completed(jobs):
+                done = job.result()
+                ran[done.name] = done
+                told(done)
+                listed = [asdict(ran[name]) for name in sorted(ran)]
+                runs_file.write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)  # those under way end, no other begins
+            raise
     return [ran[name] for name in sorted(ran)]
 
 
