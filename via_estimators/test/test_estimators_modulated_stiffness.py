@@ -222,3 +222,14 @@ def test_deflections_never_visited_are_outside_the_range():
         sample[0] += PERIOD
         sample[1] = sample[2] + share * phi.max()
         assert ONE.step(state, sample)[1].status == status
+
+
+@pytest.mark.parametrize("prior", [1e6, 1e8, 1e10])
+def test_deviations_tell_what_a_narrow_p0_holds_back_and_no_more(prior):
+    """A law of order 2 with N = 4: P(0) holds the estimate off the truth by far more than noise does."""
+    rows, truth = planted(4000)
+    rows[:, 3] += 1e-2 * np.random.default_rng(5).normal(size=len(rows))
+    estimator = ModulatedStiffness(replace(ONE.parameters, initial_covariance=prior, taylor_order=4))
+    value, deviation = estimator.run_rows(rows)[1].column("stiffness_1")
+    ratio = np.sqrt(np.mean(deviation[2000:] ** 2) / np.mean((value - truth)[2000:] ** 2))
+    assert 0.6 < ratio < 2.5

@@ -1,6 +1,7 @@
 """The residual baseline: planted truths, what a wrong motor does to it, and the factor that protects nothing."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -93,3 +94,20 @@ def test_devices_give_the_nominal_motor():
     assert (parameters.inertia, parameters.damping, parameters.quantum) == (7.3e-3, 1e-3, 3.835e-4)
     with pytest.raises(ParameterError, match="no torque-driven transmission"):
         Residual.from_device(load_device("maccepavd"))
+
+
+def test_deviations_are_those_seen_where_motors_are_as_wrong_as_declared():
+    """Tolerances as qbmove_a's device file gives them; inertia and damping off by one of them each, all four ways."""
+    rows, truth = planted(2500)
+    nominal = Residual.from_device(load_device("qbmove_a")).parameters
+    inertia = INERTIA * nominal.inertia_tolerance / nominal.inertia
+    damping = DAMPING * nominal.damping_tolerance / nominal.damping
+    told = replace(ONE, inertia_tolerance=inertia, damping_tolerance=damping)
+    later, promised, missed = slice(1500, None), [], []
+    for sign, other in product((-1.0, 1.0), repeat=2):
+        believed = replace(told, inertia=INERTIA + sign * inertia, damping=DAMPING + other * damping)
+        value, deviation = Residual(believed).run_rows(rows)[1].column("stiffness_1")
+        promised.append(deviation[later])
+        missed.append((value - truth)[later])
+    ratio = np.sqrt(np.mean(np.square(promised)) / np.mean(np.square(missed)))
+    assert 0.8 < ratio < 1.6  # what a wrong motor leaves in the innovations counts as noise as well

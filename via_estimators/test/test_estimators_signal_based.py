@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from via_core.devices import load_device
 from via_core.status import Status
 from via_estimators import integral
 from via_estimators.batch import integral_rows
@@ -150,10 +151,62 @@ def test_a_day_of_motion_leaves_the_state_where_a_minute_left_it():
     q = theta + 0.4 + 0.3 * np.sin(3.0 * t)
     torque = np.gradient(rate, t) * INERTIA + DAMPING * rate - 8.0 * (q - theta)
     day = np.column_stack([t, q, theta, rate, torque])
-    estimator = SignalBased(replace(ONE, sampling=1e-2, horizon=1.005, memory=5.0, terms=1))
+    estimator = SignalBased(replace(ONE, sampling=1e-2, horizon=1.0, memory=5.0, terms=1))
     first, early = estimator.run_rows(day)
     day[:, 0] += 86400.0
     day[:, 1:3] += 3.0 * 86400.0
     again, late = estimator.run_rows(day)
     np.testing.assert_allclose(late.value[-1], early.value[-1], rtol=1e-6)
     assert np.abs(again[-integral.size(4) :]).max() < 1.01 * np.abs(first[-integral.size(4) :]).max()
+
+
+def joint(device, velocity, seconds=8, seed=0):
+    """Rows of a joint of two motors with such springs, moved by tones, its total stiffness (count,)."""
+    law, motor = device.spring_laws[0], device.motors[0]
+    t, sub = 1e-3 * np.arange(1000 * seconds), 8
+    fine = np.arange(-sub, sub * (len(t) - 1) + 1) * (1e-3 / sub)
+
+    def multisine(tones):
+        return [sum(a * (w**k) * np.sin(w * fine + s + 0.5 * np.pi * k) for a, w, s in tones) for k in range(3)]
+
+    q, _, _ = multisine([(0.08, 2.5, 0.0), (0.02, 11.0, 1.0)])
+    rng, columns, truth = np.random.default_rng(seed), [t, q[sub::sub]], 0.0
+    for sign in (1.0, -1.0):
+        theta, rate, bend = multisine([(0.08, 1.7, 0.3), (0.02, 7.0, 2.0), (0.01, 17.0, sign)])
+        phi = q - sign * 0.33 - theta
+        torque = motor.inertia * bend + motor.viscous_friction * rate - law.torque(phi)
+        effort = np.array([0.0, *(0.5 * (torque[1:] + torque[:-1])).reshape(-1, sub).mean(axis=1)[1:]])
+        effort += device.sensors.torque_noise * rng.normal(size=len(t))
+        columns += [(sign * 0.33 + theta)[sub::sub], rate[sub::sub] + velocity * rng.normal(size=len(t)), effort]
+        truth = truth + law.stiffness(phi[sub::sub])
+    return np.column_stack(columns), truth
+
+
+@pytest.mark.parametrize("name", ["qbmove_a", "qbmove_alterego"])
+def test_deviations_are_the_true_error_on_a_qbmove_with_velocity_noise_nobody_declared(name):
+    """Noise of the velocity counts as such, not as 20 times the torque noise; a law cut off by what is cut off."""
+    device = load_device(name)
+    device = device.model_copy(update={"sensors": device.sensors.model_copy(update={"torque_noise": 0.03})})
+    estimator, promised, missed = SignalBased.from_device(device), [], []
+    assert estimator.parameters.velocity_noise == 0.0
+    for seed in range(3):
+        rows, truth = joint(device, 0.02, seed=seed)
+        _, estimates = estimator.run_rows(rows)
+        good = (estimates.status == Status.OK) & (rows[:, 0] > 4.0)
+        assert good.mean() > 0.4
+        promised.append(estimates.standard_deviation[good, 0])
+        missed.append((estimates.value[:, 0] - truth)[good])
+    ratio = np.sqrt(np.mean(np.concatenate(promised) ** 2) / np.mean(np.concatenate(missed) ** 2))
+    assert 0.6 < ratio < 2.0
+
+
+def test_stamps_rounded_to_ten_picoseconds_change_nothing():
+    """An integral ends at the sample nearest to the horizon, not one later where a sum of steps fell short of it."""
+    rows, _ = planted()
+    rows[:, 4] += 0.01 * np.random.default_rng(1).normal(size=len(rows))
+    estimator = SignalBased(replace(ONE, torque_noise=0.01, horizon=0.5))
+    _, exact = estimator.run_rows(rows)
+    rows[:, 0] += 1e-11 * np.random.default_rng(2).uniform(-1.0, 1.0, len(rows))
+    _, rounded = estimator.run_rows(rows)
+    np.testing.assert_allclose(rounded.value[500:], exact.value[500:], rtol=1e-6)
+    np.testing.assert_allclose(rounded.standard_deviation[500:], exact.standard_deviation[500:], rtol=1e-5)

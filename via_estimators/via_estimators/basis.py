@@ -75,3 +75,19 @@ def swing_of_last(kind: int, terms: int, back: int, far: float) -> float:
         for i in range(1, n + 1):
             size *= (2.0 * i - 1.0) / i
     return size
+
+
+@njit(cache=True, error_model="numpy")
+def swing_before(kind: int, terms: int, back: int, far: float) -> float:
+    """How much [-] of the next lower Chebyshev polynomial of its parity, T_(n-2), the slope of a term holds.
+
+    Per unit of `swing_of_last` of the same term; z^n holds n times as much of T_(n-2) as of T_n, half that where n = 2.
+    """
+    j = terms - 1 - back
+    n = 2 * j if kind in (ODD_POWERS, ODD_LEGENDRE) else j
+    if n < 2:
+        return 0.0
+    share = float(n)
+    if kind in (LEGENDRE, ODD_LEGENDRE):  # which go on with -n (n - 1) / (2 (2n - 1)) z^(n-2) per z^n
+        share -= 2.0 * n * (n - 1.0) / ((2.0 * n - 1.0) * far * far)
+    return 0.5 * share if n == 2 else share

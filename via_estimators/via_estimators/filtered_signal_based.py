@@ -15,8 +15,8 @@ directly and need no model. Smoothed noise is no longer white; that the equation
 holds, integrals being longer than the noise's correlation (W / order samples) or not, was measured: reported over
 empirical 0.9-1.3. Noise of the angles acts as torque through the stiffness, and through g at the present deflection
 with the Kalman filters' own variance. What the basis cuts off is told as in `signal_based`. Left out: what the
-smoothing distorts (motion faster than about order / (2 W) per sample), drift of the law, and the pull towards 0 that
-errors in regressors exert.
+smoothing distorts (motion faster than about order / (2 W) per sample: on cubic_demo under a multisine 4 % of stiffness,
+4-5 times what is told), dry friction, drift of the law, and the pull towards 0 that errors in regressors exert.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class FilteredSignalBasedParameters(Parameters):
     order: int = parameter(20, "degree of the polynomial that smoothes", "-", 1, 60)
     basis: str = choice("odd_powers", "functions that make up the torque law", tuple(BASES))
     terms: int = parameter(4, "number of them", "-", 1, MOST_TERMS)
-    truncation: float = parameter(1.0, "share of the last term that a law cut off may hide; 0: none is", "-", 0.0, 10.0)
+    truncation: float = parameter(1.0, "doubt about the law cut off, over what is expected; 0: none is", "-", 0.0, 10.0)
     memory: float = parameter(1e9, "time after which a row counts 1/e", "s", 1e-3, 1e9)
     horizon: float = parameter(0.05, "longest integral before a new one begins", "s", 1e-3, 1e9)
     sampling: float = parameter(1e-3, "sampling interval expected", "s", 1e-5, 1.0)

@@ -22,8 +22,10 @@ older one. With the weighted sum of rows v = R_00 R_0, all of it known, the grad
 
     M <- lambda^2 (S'MS + dt^2 (S'v)(S'v)'),   Cov(x) = P (r^2 M + prior) P,   P = (R'R)^-1
 
-White noise on the velocity sensor enters row by row, V <- lambda^2 S'VS + F F'. r^2 itself is measured on increments of
-the equation, whose errors are white again: N sums their products, so the misfit is that of the present unknowns.
+White noise on the velocity sensor enters row by row, V <- lambda^2 S'VS + F F'. Both are measured on increments of the
+equation: torque noise is white there, and what velocity noise v adds to one it takes from the next, B (v_n - v_(n-1)).
+N sums products of increments, L those of neighbours, so that misfit and its correlation are those of the present
+unknowns: x'Lx tells the velocity noise, x'Nx + x'Lx the torque noise r^2.
 
 Unknowns are scaled, x_j = (a_j - prior_j) / prior_deviation_j, the constant aside, so that the prior is a unit matrix.
 Each step leaks towards the present estimate as much as it forgets (proximal): P <= 1, and without excitation standard
@@ -42,13 +44,14 @@ from via_estimators.qr import rotate_in, solve_transposed, solve_triangular
 
 WEIGHT, TAKEN, HEAD = range(3)  # sum of the weights of increments; rows taken
 PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one increment
+CLEAR = 4.0  # deviations; that of r^2 in velocity noise is sqrt(2 / W) of the increments' variance, W their number
 BASE = 1e-12  # R_00 without any row: the constant has no prior
 
 
 @njit(cache=True, error_model="numpy")
 def size(n: int) -> int:
     """Floats in the state of one equation with n unknowns, the constant among them."""
-    return HEAD + 2 * n + 4 * n * n
+    return HEAD + 3 * n + 5 * n * n
 
 
 @njit(cache=True, error_model="numpy")
@@ -69,8 +72,8 @@ def unknowns(state: Array, n: int) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def matrix(state: Array, n: int, which: int) -> Array:
-    """View (n, n) of R, M, V or N: which = 0, 1, 2, 3."""
-    at = HEAD + 2 * n + which * n * n
+    """View (n, n) of R, M, V, N or L: which = 0, 1, 2, 3, 4."""
+    at = HEAD + 3 * n + which * n * n
     return state[at : at + n * n].reshape(n, n)
 
 
@@ -145,8 +148,8 @@ def forget(state: Array, n: int, keep: float, pull: Array) -> None:
     p *= root
     R *= root
     R[0, 0] = max(R[0, 0], BASE)
-    state[HEAD + 2 * n + n * n : HEAD + 2 * n + 3 * n * n] *= keep * keep
-    matrix(state, n, 3)[:, :] *= keep
+    state[HEAD + 3 * n + n * n : HEAD + 3 * n + 3 * n * n] *= keep * keep
+    state[HEAD + 3 * n + 3 * n * n : HEAD + 3 * n + 5 * n * n] *= keep
     state[WEIGHT] *= keep
     pull[:] = 0.0
     for j in range(1, n):
@@ -156,15 +159,23 @@ def forget(state: Array, n: int, keep: float, pull: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def compare(state: Array, n: int, z: Array) -> None:
-    """Take the increments of one step into N: z (n,) holds dT in place of the constant, then the columns' increments.
+    """Take the increments of one step into N and L: z (n,) holds dT in place of the constant, then the columns' ones.
 
     In units of the torque noise: per step, not per row.
     """
-    N = matrix(state, n, 3)
+    before, N, L = state[HEAD + 2 * n : HEAD + 3 * n], matrix(state, n, 3), matrix(state, n, 4)
     for i in range(n):
         for j in range(n):
             N[i, j] += z[i] * z[j]
+            L[i, j] += z[i] * before[j] + before[i] * z[j]
+    before[:] = z
     state[WEIGHT] += 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def interrupt(state: Array, n: int) -> None:
+    """The next increment has no neighbour before it."""
+    state[HEAD + 2 * n : HEAD + 3 * n] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -180,20 +191,32 @@ def take(state: Array, n: int, row: Array, y: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def noise(state: Array, n: int, known: float) -> float:
-    """Variance r^2 of the torque noise, in units of the declared one.
+def _misfit(x: Array, N: Array) -> float:
+    """Of the unknowns x (n,), whose place 0 the torque takes with the weight -1, in products N (n, n)."""
+    total = N[0, 0]
+    for i in range(1, x.size):
+        total -= 2.0 * x[i] * N[0, i]
+        for j in range(1, x.size):
+            total += x[i] * N[i, j] * x[j]
+    return total
 
-    known  variance of an increment's error that has other, declared causes
+
+@njit(cache=True, error_model="numpy")
+def noise(state: Array, n: int, declared: float) -> tuple[float, float]:
+    """Variances of an increment's error in units of the declared torque noise: r^2, and what the next one takes back.
+
+    declared  the second of them, as far as it was declared: it counts as much as one increment, as r^2 = 1 does
     """
-    x, N = state[HEAD : HEAD + n], matrix(state, n, 3)
-    misfit = N[0, 0]
-    for i in range(1, n):
-        misfit -= 2.0 * x[i] * N[0, i]
-        for j in range(1, n):
-            misfit += x[i] * N[i, j] * x[j]
-    told = 1.0 / (1.0 + known) ** 2  # where torque noise drowns in the rest, the declared one stands
-    unexplained = max(misfit - known * state[WEIGHT], 0.0)
-    return (PRIOR_WEIGHT + told * unexplained) / (PRIOR_WEIGHT + told * state[WEIGHT])
+    x, weight = state[HEAD : HEAD + n], state[WEIGHT]
+    apart = _misfit(x, matrix(state, n, 4))
+    taken_back = (PRIOR_WEIGHT * declared + max(-apart, 0.0)) / (PRIOR_WEIGHT + weight)
+    if weight == 0.0:
+        return 1.0, taken_back
+    unexplained = max(_misfit(x, matrix(state, n, 3)) - taken_back * weight, 0.0) / weight
+    # Where torque noise drowns in the rest, the declared one stands, unless what is found is clear by 4 deviations.
+    clear = max(unexplained - CLEAR * sqrt(2.0 / weight) * taken_back, 1.0)
+    told = weight * (clear / (clear + taken_back)) ** 2
+    return (PRIOR_WEIGHT + told * unexplained) / (PRIOR_WEIGHT + told), taken_back
 
 
 @njit(cache=True, error_model="numpy")

@@ -18,6 +18,14 @@ sum tau_n (psi_n - psi_(n-1)) without error; the recursion runs on the triangula
 estimate (a test shows it against `rls`), so that `coloured` can tell its standard deviation: torque noise comes in
 through psi', position noise through psi'' and psi'''. P(0) is meant for rows in the document's scale, (26) and (27).
 
+P(0) is no belief, and 1e8 of the document's is narrow: on the qbmoves it holds the highest powers at 0 for good, which
+costs 3-20 % of stiffness where noise costs .1 %. Standard deviations tell: with d the way to the estimate that believes
+`stiffness_deviation` in place of P(0), of the same rows, and Cov the covariance of that one,
+
+    d = C (1 - E) (x - x_0),   Cov = C (noise M + E) C,   C = (R'R - 1 + E)^-1,   E = 1 / beliefs,
+
+x_0 being 0 or where the leak pulls to, they are the root of (slope' d)^2 + slope' Cov slope.
+
 What standard deviations leave out: errors of B and D, which are taken for certain, and a law that is no polynomial of
 order N. `modulated_torque` finds B and D itself, tells what its basis cuts off, and is 5-17 times better in noise.
 """
@@ -38,6 +46,7 @@ from via_core.weak_form import fill_third
 
 from via_estimators import coloured, window
 from via_estimators.contract import Estimator, Parameters, expect, parameter
+from via_estimators.qr import solve_transposed, solve_triangular
 
 BEYOND = 100.0  # [rad] deflections larger than that are no deflections
 LENGTH, TRANSMISSIONS, TERMS, ORDER, MEMORY, MAX_GAP, WIDTH, UNKNOWN, TORQUE_NOISE, POSITION_NOISE = range(10)
@@ -200,6 +209,42 @@ def hold_slope(times: Array, newest: int, psi: Array, held: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def _uncertainty(equation: Array, n: int, noise: float, first: float, second: float, slope: Array, T: Array) -> float:
+    """Expected square of the error of slope' x, slope (n,): where P(0) holds x apart from what is believed, and noise.
+
+    noise, first, second  variances of the three colours, as `coloured.covariance` has and takes them
+    T                     (n, n) overwritten
+
+    In units of what is believed, where C^-1 = sqrt(b) (R'R - 1) sqrt(b) + 1 has no pivot below 1, b = beliefs.
+    """
+    R, M, b = coloured.factor(equation, n), coloured.middles(equation, n), coloured.beliefs(equation, n)
+    x, pulled = coloured.unknowns(equation, n), equation[coloured.HEAD + 2 * n : coloured.HEAD + 3 * n]
+    for i in range(n):  # T' T = C^-1
+        for j in range(i, n):
+            total = 0.0
+            for k in range(i + 1):
+                total += R[k, i] * R[k, j]
+            total = sqrt(b[i]) * sqrt(b[j]) * (total - 1.0) + 1.0 if i == j else sqrt(b[i]) * sqrt(b[j]) * total
+            for k in range(i):
+                total -= T[k, i] * T[k, j]
+            T[i, j] = sqrt(max(total, 1.0)) if i == j else total / T[i, i]
+    weights = np.empty(n)
+    for i in range(n):
+        weights[i] = sqrt(b[i]) * slope[i]
+    solve_transposed(T, weights, weights)
+    solve_triangular(T, weights, weights)
+    apart, variance = 0.0, 0.0
+    for i in range(n):
+        variance += weights[i] * weights[i]
+        weights[i] *= sqrt(b[i])
+        apart += weights[i] * (1.0 - 1.0 / b[i]) * (x[i] - pulled[i])
+    for i in range(n):
+        for j in range(n):
+            variance += weights[i] * (noise * M[0, i, j] + first * M[1, i, j] + second * M[2, i, j]) * weights[j]
+    return apart * apart + max(variance, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
 def _advance(
     par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
 ) -> None:
@@ -276,15 +321,14 @@ def _advance(
             if not warming:
                 gain = (blur / noise) ** 2
                 through = 2.0 * gain * visited[SQUARED]  # noise of both angles, a torque by way of the spring
-                coloured.covariance(equation, n, r, gain * (D / span) ** 2, gain * (B / span**2) ** 2, through, P)
+                first, second = gain * (D / span) ** 2, gain * (B / span**2) ** 2
+                found = coloured.covariance(equation, n, r, first, second, through, P)
                 for j in range(n):
                     slope[j] = width * powers[i, j]
                     stiffness += slope[j] * alpha[j]
                     bend += width * powers[i, j - 1] * alpha[j] if j > 0 else 0.0
                 uncertain = 2.0 * (bend * blur) ** 2  # the deflection of this very sample is noisy
-                for j in range(n):
-                    for o in range(n):
-                        uncertain += slope[j] * P[j, o] * slope[o]
+                uncertain += _uncertainty(equation, n, found, first, second, slope, P)
             if moving and not warming:
                 counted = min(equation[coloured.TAKEN] - length + 1.0, equation[coloured.WEIGHT])
                 visited[SQUARED] += (stiffness * stiffness - visited[SQUARED]) / counted

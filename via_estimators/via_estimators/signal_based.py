@@ -7,9 +7,10 @@ torques is the motor's velocity, measured; where there is none, `filtered_signal
 Rules of integration: the effort of a sample is the torque that acted over the interval that ends at its stamp, as in
 `modulated_torque`, so its integral is exact; f_j(phi) is a sampled curve, integrated by trapezoids.
 
-Standard deviations hold the torque noise, which is measured, the declared velocity noise, and what the basis cuts off:
-the last term of the law is a guess at the first one missing (`truncation`), as in `modulated_torque`. They leave out
-drift of the law within the memory, and errors of the angles, but for the newest sample's own in g(phi).
+Standard deviations hold the torque noise and the velocity noise, both measured, and what the basis cuts off: terms are
+taken to go on as they fall from the last but one to the last (`truncation`). They leave out drift of the law within the
+memory, dry friction, errors of the angles, but for the newest sample's own in g(phi), and that a law cut off is worse
+at the ends of a wide range than between: there they were a third of the error.
 
 No integral is longer than `horizon`: then the next begins, with a constant of its own, and what the last one told is
 kept. Rows far from their base err by the whole random walk in between and still count as much as any other, so short
@@ -30,7 +31,7 @@ from via_core.signals import Array
 from via_core.status import Status
 
 from via_estimators import integral, window
-from via_estimators.basis import BASES, LEGENDRE, MOST_TERMS, POWERS, fill_basis, swing_of_last
+from via_estimators.basis import BASES, LEGENDRE, MOST_TERMS, POWERS, fill_basis, swing_before, swing_of_last
 from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
 
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
@@ -49,7 +50,7 @@ class SignalBasedParameters(Parameters):
     window: int = parameter(200, "sampling intervals over which motion is judged", "-", 20, 2000)
     basis: str = choice("odd_legendre", "functions that make up the torque law", tuple(BASES))
     terms: int = parameter(4, "number of them", "-", 1, MOST_TERMS)
-    truncation: float = parameter(1.0, "share of the last term that a law cut off may hide; 0: none is", "-", 0.0, 10.0)
+    truncation: float = parameter(1.0, "doubt about the law cut off, over what is expected; 0: none is", "-", 0.0, 10.0)
     memory: float = parameter(20.0, "time after which a row counts 1/e", "s", 1e-3, 1e9)
     horizon: float = parameter(1.0, "longest integral before a new one begins", "s", 1e-3, 1e9)
     max_gap: float = parameter(0.05, "longest step between samples over which is integrated", "s", 1e-4, 10.0)
@@ -62,7 +63,7 @@ class SignalBasedParameters(Parameters):
     damping_prior: float = parameter(0.0, "motor damping before any data", "N m s/rad", 0.0, 1e4)
     damping_deviation: float = parameter(10.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
     torque_noise: float = parameter(0.1, "standard deviation of torque noise expected", "N m", 1e-12, 1e9)
-    velocity_noise: float = parameter(0.0, "standard deviation of one velocity sample", "rad/s", 0.0, 1e3)
+    velocity_noise: float = parameter(0.0, "standard deviation of one velocity sample expected", "rad/s", 0.0, 1e3)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     minimum_motion: float = parameter(0.01, "range of deflection below which a window tells nothing", "rad", 0.0, 1.0)
     range_margin: float = parameter(0.02, "share of the visited range that counts as visited beyond it", "-", 0.0, 1.0)
@@ -219,7 +220,10 @@ def learn(
             grown[j] *= width[j] / noise
         integral.compare(equation, n, grown)
         kept[AGE] += elapsed
-    if kept[RUNNING] > 0.0 and (not moving or kept[AGE] >= par[HORIZON]):
+    if not moving:
+        integral.interrupt(equation, n)
+    # to the nearest sample, and not one more or less as stamps are rounded
+    if kept[RUNNING] > 0.0 and (not moving or kept[AGE] + 0.5 * elapsed >= par[HORIZON]):
         integral.eliminate(equation, n)
         kept[AGE] = 0.0
     integral.forget(equation, n, keep, row)
@@ -233,14 +237,14 @@ def learn(
 
 @njit(cache=True, error_model="numpy")
 def tell(
-    par: Array, kept: Array, equation: Array, warming: bool, phi: float, torque: float, velocity: float, told: Array,
+    par: Array, kept: Array, equation: Array, warming: bool, phi: float, torque: float, taken_back: float, told: Array,
     work: Array,
 ) -> None:  # fmt: skip
     """What one equation says: stiffness (43), its bend dsigma/dphi, B, D, variances of stiffness, B, D -> told (7,).
 
-    torque    variance of the torque noise in units of the declared one
-    velocity  [(rad/s)^2] variance of the velocity noise
-    work      `scratch`
+    torque      variance of the torque noise in units of the declared one
+    taken_back  the same of velocity noise in increments, as `integral.noise` has it
+    work        `scratch`
     """
     kind, terms = int(par[KIND]), int(par[TERMS])
     n = terms + 3
@@ -262,7 +266,7 @@ def tell(
         told[4] += slope[3 + j] * slope[3 + j]
     told[5], told[6] = width[1] * width[1], width[2] * width[2]
     if not warming:
-        blur = velocity * (told[2] / row_unit(par)) ** 2
+        blur = 0.5 * taken_back / (par[LENGTH] - 1.0)  # in a row, one velocity instead of two, and other units
         told[4] = integral.variance(equation, n, slope, torque, blur, weights)
         for j in (1, 2):
             slope[:] = 0.0
@@ -270,13 +274,20 @@ def tell(
             told[4 + j] = integral.variance(equation, n, slope, torque, blur, weights)
         if par[TRUNCATION] > 0.0:
             far = max(abs(kept[LOW]), abs(kept[HIGH])) / par[SCALE]
-            for back in range(2 if kind in (POWERS, LEGENDRE) else 1):
+            every = 2 if kind in (POWERS, LEGENDRE) else 1  # terms from one to the next of its parity
+            for back in range(every):
                 j = max(n - 1 - back, 3)
                 slope[:] = 0.0
                 slope[j] = width[j]
-                size = par[TRUNCATION] * swing_of_last(kind, terms, back, far)
+                size = swing_of_last(kind, terms, back, far)
                 share, doubt = mean[j] + width[j] * x[j], integral.variance(equation, n, slope, torque, blur, weights)
-                told[4] += size * size * max(share * share - 4.0 * doubt, 0.0)  # noise does not count twice
+                last = size * size * max(share * share - 4.0 * doubt, 0.0)  # noise does not count twice
+                if j - every >= 3 and last > 0.0:
+                    i = j - every
+                    before = swing_of_last(kind, terms, back + every, far) * (mean[i] + width[i] * x[i])
+                    before += size * share * swing_before(kind, terms, back, far)
+                    last *= min(1.0, last / max(before * before, 1e-300))
+                told[4] += par[TRUNCATION] ** 2 * last
 
 
 @njit(cache=True, error_model="numpy")
@@ -324,8 +335,9 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
                 visit(kept, phi)
             warming = equation[integral.TAKEN] < length
             inertia = par[PRIOR + 1] + par[PRIOR + n + 1] * integral.unknowns(equation, n)[1]
-            known = 2.0 * (inertia * jitter / (par[SAMPLING] * par[TORQUE_NOISE])) ** 2
-            tell(par, kept, equation, warming, phi, integral.noise(equation, n, known), jitter * jitter, told, work)
+            declared = 2.0 * (inertia * jitter / (par[SAMPLING] * par[TORQUE_NOISE])) ** 2
+            torque, taken_back = integral.noise(equation, n, declared)
+            tell(par, kept, equation, warming, phi, torque, taken_back, told, work)
             # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
             floor = 0.0 if warming or moving else 1.0
             at_i, at_B, at_D = 1 + i, 1 + m + i, 1 + 2 * m + i
