@@ -29,11 +29,12 @@ from via_gap.residuals import weak_residuals
 from via_gap.scales import Scales, scales_of
 from via_gap.shots import Indices, Shots, cut_log
 from via_gap.split import split
-from via_gap.verdict import Decision, decide, helps
+from via_gap.verdict import Decision, decide, helps, rms
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
 REFINED = 9  # candidates that are fitted to the end
 REFINED_SECOND = 4
+REFINED_SERVO = 10  # fewer places, and published models of servos lack more than one thing
 MOST = 4  # effects that are added one by one
 RIVAL = 0.3  # score within which a second single cause is tried as the first of a pair
 NEAR = 30.0  # times the best predicted loss: candidates beyond it are not refined
@@ -175,6 +176,7 @@ def _more(
     found its way alone comes out of it as good as the pair, and the pair is dropped.
     """
     sets: list[Judged] = []
+    refined = REFINED_SECOND if fitted.device.drive == "torque" else REFINED_SERVO
     leaders = [each for each in causes[:2] if each.score < causes[0].score + RIVAL]
     while leaders and len(leaders[0].fit.effects) < MOST and leaders[0].mean_square > frozen.explained:
         fits: list[Fit] = []
@@ -183,7 +185,7 @@ def _more(
             jacobian = fitted.nuisance_jacobian(first.fit.effects, first.fit.deviations, first.fit.residual)
             others = [place for place in candidates if place not in first.fit.places]
             start = _members(first.fit)
-            for _, place, values in screen(fitted, first.fit, jacobian, others, scales)[:REFINED_SECOND]:
+            for _, place, values in screen(fitted, first.fit, jacobian, others, scales)[:refined]:
                 rival = min((fit.loss for fit in fits), default=0.0)
                 fit = refine(fitted, first.fit, jacobian, [*start, (place, values)], scales, rival)
                 if fit is not None:
@@ -204,7 +206,7 @@ def _more(
                 shorter.append(fit)
         again = judge(judged, shorter)
         (causes if len(best.fit.effects) == 2 else sets).extend(again)
-        if any(not helps(best, each, causes[0], frozen) for each in again):
+        if any(rms(each) - rms(best) < frozen.second_gain * rms(causes[0]) for each in again):
             break
         sets.extend(found)
         leaders = [best]
