@@ -10,7 +10,7 @@ in closed form, the other by bisection of a monotone closed form.
 
 from __future__ import annotations
 
-from math import copysign, exp
+from math import copysign, exp, inf
 
 from via_core.servos import servo_acceleration, servo_step
 from via_core.signals import Array
@@ -60,13 +60,16 @@ def supply(p: Array, modes: Array, x: Array, u: Array, after: float) -> None:
 @bare
 def servo_bandwidth(p: Array, i: int) -> float:
     """w [rad/s] of servo i, lag included."""
-    return p[P.bandwidth + i] / (1.0 + 0.5 * p[P.bandwidth + i] * p[P.lag])
+    w = p[P.bandwidth + i]
+    return w if p[P.lag] <= 0.0 else w / (1.0 + 0.5 * w * p[P.lag])
 
 
 @bare
 def servo_motion(p: Array, i: int, x: float, v: float, u: float, left: float) -> tuple[float, float]:
     """Angle [rad] and velocity [rad/s] of servo i, `left` [s] later, under the held command u [rad]."""
     w, limit = servo_bandwidth(p, i), p[P.saturation + 1 + i]
+    if limit == inf:
+        return servo_step(x, v, u, w, left)
     for _ in range(_PHASES):
         e, b = x - u, v + w * (x - u)
         top = (b + v) / (w * b) if b != 0.0 else 0.0  # when the speed is extreme: -b exp(-w top)

@@ -37,10 +37,11 @@ from via_core.springs import N_COEFFICIENTS
 from via_sim.actuation import couple, lagged, saturated, servo_motion, supply
 from via_sim.parameters import DYNAMIC, NO_DAMPER, SERVO, P
 from via_sim.phi_functions import phi_functions
-from via_sim.readings import observe, record
+from via_sim.readings import observe, record, stride
 from via_sim.torques import (
     BESIDE,
     DAMPING,
+    EVERY,
     EXTERNAL,
     LAGS,
     N_INPUTS,
@@ -245,7 +246,7 @@ def _advance(
 def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weights: Array, y: Array) -> None:
     """State x lives through one tick under `command` (N_COMMANDS,), in place; the rest is scratch that `begin` made."""
     c1, c2 = p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
-    record(p, x)
+    record(x, modes[EVERY])
     tick, length = int(x[X.tick]), (x.size - X.queue) // QUEUED
     now = X.queue + QUEUED * (tick % length)
     for i in range(QUEUED):
@@ -302,6 +303,7 @@ def begin(p: Array, x: Array, u: Array, modes: Array, weights: Array) -> None:
     for i in range(2):
         u[SPRING + i] = spring_factor(p, i, p[P.origin])
     prepare(p, modes)
+    modes[EVERY] = stride(p[P.tick])
     c1, c2 = p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
     settle(p, c1, c2, x, u, modes)
 

@@ -26,6 +26,7 @@ from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, P
 from via_sim.readings import record, sense, stride
 from via_sim.torques import (
     DAMPING,
+    EVERY,
     EXTERNAL,
     LAGS,
     N_INPUTS,
@@ -471,7 +472,7 @@ def _run_block(
             p, x, motion = rows[first + lane], states[first + lane], out[first + lane, tick + 1]
             if ready > 0 and z[Z.margin, lane] > 0.0:
                 if turn:
-                    record(p, x)
+                    record(x, modes[lane, EVERY])
                 for i in range(6):
                     x[i] = z[Z.start + i, lane]
                 x[X.tick] += 1.0

@@ -84,9 +84,9 @@ def stride(period: float) -> int:
 
 
 @bare
-def record(p: Array, x: Array) -> None:
-    """The motion of this tick into the ring of the past, if it is its turn."""
-    tick, every = int(x[X.tick]), stride(p[P.tick])
+def record(x: Array, every: int) -> None:
+    """The motion of this tick into the ring of the past, if it is its turn: every `every`-th is, see `stride`."""
+    tick = int(x[X.tick])
     if tick % every == 0:
         here = X.history + 6 * (tick // every % HISTORY)
         for i in range(6):

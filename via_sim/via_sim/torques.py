@@ -59,9 +59,9 @@ SPRING, TARGET, BESIDE = 4, 6, 9
 
 # Modes: of the three axes STUCK, SMOOTH (no dry friction) or slip direction -1, +1; of the two transmissions the flank
 # they lie on, 0 within the gap; of their Maxwell elements 0 or slip direction; whether the wall is touched; whether
-# anything can switch at all; whether any rare term is there; whether the drives lag.
-STUCK, SMOOTH, FLANK, SLIP, TOUCH, SWITCHES, RARE, LAGS = 0, 2, 3, 5, 7, 8, 9, 10
-N_MODES = 11
+# anything can switch at all; whether any rare term is there; whether the drives lag; ticks between records of the past.
+STUCK, SMOOTH, FLANK, SLIP, TOUCH, SWITCHES, RARE, LAGS, EVERY = 0, 2, 3, 5, 7, 8, 9, 10, 11
+N_MODES = 12
 
 compiled = njit(cache=True, error_model="numpy", nogil=True)
 bare = njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
