@@ -186,3 +186,21 @@ def test_position_noise_that_is_declared_is_not_taken_for_torque_noise():
         blind.append(coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, 0.0, covariance))
     assert np.mean(found) == pytest.approx(0.7**2, rel=0.25)
     assert np.mean(blind) > 2.0 * 0.7**2
+
+
+@pytest.mark.parametrize("keep", [0.9, 0.1, 1e-4])
+def test_noise_is_carried_through_one_large_step_of_forgetting_as_through_many_small_ones(keep):
+    """A gap is one step: A M A', A = lambda + (1 - lambda) P, and never a negative variance."""
+    n, rng = 3, np.random.default_rng(5)
+    state = np.zeros(coloured.size(n, 10))
+    coloured.start(state, n)
+    R = np.triu(rng.normal(size=(n, n))) + 2.0 * np.eye(n)
+    coloured.factor(state, n)[:] = R
+    roots = rng.normal(size=(3, n, 1))  # of rank one: any wrong term shows as a negative eigenvalue
+    coloured.middles(state, n)[:] = roots @ roots.transpose(0, 2, 1)
+    before = coloured.middles(state, n).copy()
+    A = keep * np.eye(n) + (1.0 - keep) * np.linalg.inv(R.T @ R)
+    coloured.forget(state, n, keep)
+    after = coloured.middles(state, n)
+    np.testing.assert_allclose(after, A @ before @ A, rtol=1e-10, atol=1e-12)
+    assert np.linalg.eigvalsh(after).min() > -1e-12

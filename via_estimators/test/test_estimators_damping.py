@@ -46,6 +46,14 @@ def test_planted_constant_damping_comes_back(method):
     np.testing.assert_allclose(value, 3.0, atol=5e-3)
 
 
+def test_least_squares_with_forgetting_follow_a_jump_however_late_it_comes():
+    rows = moved(duration=20.0, law=lambda v, t: np.where(t < 15.0, 1.0, 4.0) * v)
+    estimates = with_terms(DampingRLS, 1, forgetting=0.99).run_rows(rows)[1]
+    value = estimates.column("damping")[0]
+    np.testing.assert_allclose(value[(estimates.time > 14.0) & (estimates.time < 15.0)], 1.0, atol=0.01)
+    np.testing.assert_allclose(value[estimates.time > 16.0], 4.0, atol=0.04)
+
+
 def test_a_planted_cubic_law_comes_back_at_the_velocity_of_the_moment():
     rows = moved(duration=20.0, law=lambda v, _: 2.0 * v + 0.3 * v**3)
     estimator = with_terms(DampingDirectional, 2, velocity_scale=1.0, dry_friction=0.0)

@@ -131,23 +131,29 @@ def _transport(R: Array, keep: float, M: Array) -> None:
     """M (3, n, n) after a step of forgetting and leaking: A M A with A = lambda + (1 - lambda) P, P before that step.
 
     What R'R makes of the error of x is A times what it was, plus the new row's noise. So noise stays in an estimate
-    where the leak holds it (P = 1), and is forgotten only where rows replace it (P = 0). To the second order of
-    1 - lambda, and exactly at both ends, A M A = lambda^2 M + (1 - lambda^2) (P M + M P) / 2.
+    where the leak holds it (P = 1), and is forgotten only where rows replace it (P = 0). Exact for a step of any size,
+    as a gap in the record is one.
     """
     n = R.shape[0]
-    inverse, P, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    inverse_normal(R, inverse, P)
-    faded = keep * keep
+    half, A = np.empty((n, n)), np.empty((n, n))
+    inverse_normal(R, half, A)
+    for i in range(n):
+        for j in range(n):
+            A[i, j] *= 1.0 - keep
+        A[i, i] += keep
     for c in range(COLOURS):
         half[:, :] = 0.0
         for i in range(n):
             for k in range(n):
                 for j in range(n):
-                    half[i, j] += P[i, k] * M[c, k, j]
+                    half[i, j] += A[i, k] * M[c, k, j]
         for i in range(n):
             for j in range(i, n):
-                M[c, i, j] = faded * M[c, i, j] + 0.5 * (1.0 - faded) * (half[i, j] + half[j, i])
-                M[c, j, i] = M[c, i, j]
+                total = 0.0
+                for k in range(n):
+                    total += half[i, k] * A[j, k]
+                M[c, i, j] = total
+                M[c, j, i] = total
 
 
 @njit(cache=True, error_model="numpy")

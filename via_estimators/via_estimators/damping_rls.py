@@ -65,13 +65,17 @@ class DampingRLS(Estimator):
         own, n = self.parameters, self.parameters.terms + 1
         state = np.zeros(damping_equation.size(n, own.window + 1) + n * n)
         damping_equation.start(self._constants[0], state)
-        _covariance(state, n)[:, :] = own.initial_covariance * np.eye(n)
+        P = _covariance(state, n)
+        P[:, :] = own.initial_covariance * np.eye(n)
+        if own.dry_friction == 0.0:  # no row ever tells of it: P there would grow until nothing is forgotten any more
+            P[-1, -1] = 0.0
         state.flags.writeable = False
         return state
 
     def condition(self, state: Array) -> float:
         """Condition number of the triangular root of P."""
-        found = np.linalg.eigvalsh(_covariance(state, self.parameters.terms + 1))
+        live = self.parameters.terms + (self.parameters.dry_friction > 0.0)
+        found = np.linalg.eigvalsh(_covariance(state, self.parameters.terms + 1)[:live, :live])
         return float(np.sqrt(found[-1] / max(found[0], 1e-32 * found[-1], 1e-300)))
 
     def _advance(

@@ -8,7 +8,8 @@ bear, being constant or nearly so. The deflection is not late: kinematic Kalman 
 newest sample, plain or modified for quantised encoders (`kinematic_kalman`).
 
 The filter asks for equidistant samples: a step that is more than half a sampling interval too short or too long counts
-as a gap and restarts the window. The actual mean step of the window scales slope and integrals.
+as a gap and restarts the window, so that one sample lost costs a whole window: not for lossy lines. The actual mean
+step of the window scales slope and integrals.
 
 Standard deviations. What the smoothing takes away from torques and angles is their noise, so its variances are measured
 directly and need no model. Smoothed noise is no longer white; that the equation's covariance for white noise still

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sim_joints import antagonistic, device, flexible, rigid, servo_flexible
 from via_core.devices import device_names, load_device
@@ -255,6 +255,7 @@ REFUSED = ("stribeck_friction", "viscous_friction", "asymmetric_viscous", "quadr
     speeds=st.lists(st.floats(-50.0, 50.0), min_size=3, max_size=3),
     sizes=st.lists(st.floats(0.0, 1.0), min_size=53, max_size=53),
 )
+@example((1.0, 0.03125), (0.0, 0.0), 201.0, [0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 7e-98, *(49 * [0.0])])
 def test_states_stay_finite_for_whatever_joint_effects_and_commands(
     inertias, viscous, stiffness, commands, speeds, sizes
 ):

@@ -150,7 +150,9 @@ def bristle_torque(p: Array, axis: int, mode: int, held: float, travel: float) -
     if level <= 0.0 or abs(mode) != 1:
         return held
     end = mode * level
-    return end + (held - end) * exp(-mode * travel * p[P.bristle_stiffness + axis] / level)
+    # A trial step may run backwards past the reversal that ends it: no further than what keeps numbers small.
+    spent = min(-mode * travel * p[P.bristle_stiffness + axis] / level, 1.0)
+    return end + (held - end) * exp(spent)
 
 
 @bare

@@ -77,7 +77,7 @@ def _methods() -> dict[str, tuple[str, Estimator]]:
         "n1": ("Algorithm 1 made safe, n = 1", _directional(1, dry_friction=0.0)),
         "n2": (
             "Algorithm 1 made safe, n = 2, powers alike at 4 rad/s",
-            _directional(2, dry_friction=0.0, initial_covariance=1.0),
+            _directional(2, dry_friction=0.0),
         ),
         "n2_printed_powers": (
             "Algorithm 1 made safe, n = 2, powers as printed",
@@ -137,7 +137,7 @@ def _experiment(experiment: Experiment, seeds: int, told: Callable[[int], None])
             Row(f"{at}.max", words, "largest error [%]", printed, largest, largest_limit, SETTINGS, seeds, remark)
         )
         if name in JUDGED:
-            out += _deviations(at, words, runs, experiment, judge=name != "n2" and not experiment.friction)
+            out += _deviations(at, words, runs, experiment, judge=not experiment.friction)
     stribeck = experiment.friction
     if not experiment.varying:
         line, value = 2.74 if stribeck else None, PERCENT * float(np.mean(fit))
