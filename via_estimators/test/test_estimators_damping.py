@@ -281,3 +281,11 @@ def test_the_damping_actuator_gets_it_and_others_do_not():
         with pytest.raises(ParameterError, match="'maccepavd' is no rigid joint with a damper and a sensor"):
             method.from_device(load_device("maccepavd"))
     assert DampingDirectionalParameters().terms == DampingRLSParameters().terms == 1
+
+
+def test_errata_78_79_without_any_torque_the_forgetting_factor_is_that_of_a_perfect_fit():
+    """eta of (79) is 0 then and (78) is 0/0: the floor says 'no error', nothing is forgotten in haste."""
+    estimator = with_terms(DampingDirectional, 1, damping_prior=0.0)
+    estimates = estimator.run_rows(moved(law=lambda v, _: 0.0 * v))[1]
+    assert np.all(estimates.value == 0.0)
+    assert estimates.standard_deviation[-1, 0] < 0.015
