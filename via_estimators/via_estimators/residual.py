@@ -16,8 +16,9 @@ comparison of methods. Torques act over the interval that ends at their stamp.
 Being linear in its signals the residual is kept in three parts, r = B r_B + D r_D - r_tau, with a solution of its own
 for each: the gains are the same. That tells what a wrong B or D does to the law, and standard deviations hold it for
 the declared tolerances, of one motor regardless of the other's: where B or D are wrong by more, they are too small;
-where a simulated motor is exactly nominal, 2-8 times too large on the qbmoves, which nobody told the estimator. What a
-wrong motor leaves in the innovations counts as noise besides: up to half too large. The noise is measured as the
+where a simulated motor is exactly nominal, 2-8 times too large on the qbmoves, which nobody told the estimator. With
+motors wrong by just the tolerances they are up to half too large, probably because what a wrong motor leaves in the
+innovations counts as noise besides. The noise is measured as the
 long-run variance of innovations, by means over windows, for what the Kalman filters leave of the encoders' noise is far
 from white. Left out: what the basis cuts off, drift of the law, and errors in the regressors but for the present
 deflection's own.
