@@ -1,0 +1,172 @@
+"""Section 7: closed forms against quadrature, a linear program and collocation; printed forms that lose."""
+
+from itertools import pairwise
+from math import acos, inf, pi, sin, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad, solve_ivp
+from via_controllers import switching_collocation, switching_program
+from via_controllers.motor_models import DrivenJoint
+from via_controllers.visco_elastic import ViscoElasticJoint, bound, performance
+from via_core.errors import ParameterError
+
+OMEGA = 3.0  # [rad/s]
+RATIOS = (0.0, 1e-9, 0.1, 0.4, 0.9, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.5, 20.0)
+
+
+def beyond(joint: ViscoElasticJoint, swings: float) -> float:
+    """A horizon [s] that many swings after the first turn."""
+    return joint.first_turn + swings * min(joint.between_turns, 2.0)
+
+
+@pytest.mark.parametrize("D", RATIOS)
+def test_response_is_what_the_equation_of_motion_does(D):
+    """A step of motor velocity, integrated slowly: qd is the integral of g, for every damping."""
+    joint = ViscoElasticJoint(OMEGA, D)
+
+    def right_hand_side(t, x):
+        return [1.0 - x[1], OMEGA**2 * x[0] + 2.0 * D * OMEGA * (1.0 - x[1])]
+
+    times = np.linspace(0.0, 3.0, 31)
+    slow = solve_ivp(right_hand_side, (0.0, 3.0), [0.0, 0.0], t_eval=times, rtol=1e-10, atol=1e-12, method="LSODA").y[1]
+    assert joint.reached(times) == pytest.approx(slow, abs=2e-8)
+    middle = 0.5 * (times[1:] + times[:-1])
+    slopes = (joint.reached(middle + 1e-5) - joint.reached(middle - 1e-5)) / 2e-5
+    assert joint.response(middle) == pytest.approx(slopes, abs=1e-6)
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 3.0), st.floats(0.05, 4.0))
+def test_fastest_is_the_integral_of_the_response_size(D, swings):
+    joint = ViscoElasticJoint(OMEGA, D)
+    horizon = beyond(joint, swings)
+    ends = [0.0, *(horizon - joint.turns(horizon))[::-1], horizon]
+    slow = sum(
+        abs(quad(lambda t: float(joint.response(t)), a, b, epsabs=1e-13, epsrel=1e-13)[0]) for a, b in pairwise(ends)
+    )
+    assert joint.fastest(horizon) == pytest.approx(slow, rel=1e-9)
+    assert joint.velocity_with(joint.turns(horizon), horizon) == pytest.approx(slow, rel=1e-9)
+
+
+def test_performance_has_the_values_of_the_specification():
+    assert bound(0.1) == pytest.approx(6.49638, abs=5e-6)
+    assert bound(0.4) == pytest.approx(1.97438, abs=5e-6)
+    assert performance(2, 0.1) == pytest.approx(3.969098, abs=5e-7)
+    assert performance(4, 0.4) == pytest.approx(1.971841, abs=5e-7)
+    assert [performance(n, 0.0) for n in range(4)] == pytest.approx([2.0, 4.0, 6.0, 8.0], rel=1e-12)
+    assert bound(1.0) == pytest.approx(1.0 + 2.0 * np.exp(-2.0), rel=1e-12)
+    assert bound(0.0) == inf
+
+
+@pytest.mark.parametrize("D", [0.05, 0.3, 0.7, 0.99])
+@pytest.mark.parametrize("n", [0, 1, 2, 5])
+def test_performance_is_the_fastest_after_n_turns(n, D):
+    joint = ViscoElasticJoint(OMEGA, D)
+    horizon = (2.0 * acos(D) + n * pi) / (OMEGA * sqrt(1.0 - D * D))
+    assert performance(n, D) == pytest.approx(joint.fastest(horizon), rel=1e-12)
+    assert len(joint.turns(horizon * (1.0 + 1e-9))) == n + 1
+
+
+@pytest.mark.parametrize("D", [1.0, 1.5, 6.0])
+def test_strong_damping_turns_once_and_is_bounded(D):
+    joint = ViscoElasticJoint(OMEGA, D)
+    assert len(joint.turns(100.0)) == 1
+    assert joint.fastest(100.0) == pytest.approx(bound(D), rel=1e-9)
+    assert performance(0, D) == pytest.approx(joint.fastest(joint.first_turn), rel=1e-12)
+
+
+def test_bound_is_continuous_through_critical_damping():
+    assert bound(1.0 - 1e-9) == pytest.approx(bound(1.0 + 1e-9), abs=1e-8)
+
+
+def test_turning_uniformly_as_printed_loses_more_than_a_tenth():
+    """'Period of omega_d' holds but for the last stretch; every pi / omega_d from the end loses 15 % at D = .4."""
+    joint = ViscoElasticJoint(OMEGA, 0.4)
+    horizon = joint.first_turn + 4.0 * joint.between_turns
+    uniform = horizon - joint.between_turns * np.arange(1, 5)
+    loss = 1.0 - joint.velocity_with(uniform, horizon) / joint.fastest(horizon)
+    assert 0.10 < loss < 0.20
+    rest = joint.first_turn / joint.between_turns
+    assert rest == pytest.approx(2.0 * acos(0.4) / pi, rel=1e-12)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(0.0, 2.0), st.integers(0, 1000))
+def test_no_other_turns_are_faster(D, seed):
+    joint = ViscoElasticJoint(OMEGA, D)
+    horizon = beyond(joint, 2.4)
+    turns = np.sort(np.random.default_rng(seed).uniform(0.0, horizon, 3))
+    assert abs(joint.velocity_with(turns, horizon)) <= joint.fastest(horizon) + 1e-12
+
+
+@pytest.mark.parametrize("D", [0.0, 0.1, 0.4, 1.0, 1.5])
+def test_linear_program_finds_the_closed_form(D):
+    joint = ViscoElasticJoint(OMEGA, D)
+    horizon = beyond(joint, 1.3)
+    found = switching_program.largest_velocity(DrivenJoint(joint, "velocity", 2.0), horizon, steps=40)
+    assert found.velocity == pytest.approx(2.0 * joint.fastest(horizon), rel=1e-6)
+    turned = found.time[1:-1][np.diff(np.sign(found.control)) != 0]
+    expected = joint.turns(horizon)
+    # A switch inside a step shows as one step of another height: one of its ends is the nearest node.
+    assert all(np.abs(turned - t).min() < 2e-4 * horizon for t in expected)
+
+
+@pytest.mark.parametrize("D", [0.1, 0.4, 1.5])
+def test_collocation_finds_the_closed_form(D):
+    joint = ViscoElasticJoint(OMEGA, D)
+    horizon = beyond(joint, 1.3)
+    found = switching_collocation.largest_velocity(DrivenJoint(joint, "velocity", 2.0), horizon)
+    assert found.velocity == pytest.approx(2.0 * joint.fastest(horizon), rel=3e-4)
+
+
+@pytest.mark.parametrize(
+    "driven",
+    [
+        DrivenJoint(ViscoElasticJoint(OMEGA, 0.3), "acceleration", 20.0, 1.0),
+        DrivenJoint(ViscoElasticJoint(OMEGA, 0.3), "torque", 20.0, 1.0, motor_inertia=0.5),
+    ],
+    ids=lambda driven: driven.drive,
+)
+def test_programs_agree_and_obey_125_with_every_motor(driven):
+    """Two methods that share nothing agree, a real motor is slower than an ideal one, and (125) holds for both."""
+    horizon = beyond(driven.joint, 1.3)
+    program = switching_program.largest_velocity(driven, horizon, steps=400, finest=1e-3)
+    second = switching_collocation.largest_velocity(driven, horizon, intervals=400)
+    assert second.velocity == pytest.approx(program.velocity, rel=3e-4)
+    assert 0.8 < program.velocity / driven.joint.fastest(horizon) < 1.0
+    assert np.abs(program.motor_velocity).max() <= 1.0 + 1e-9
+    fine = np.linspace(0.0, horizon, 200_001)
+    motor = np.interp(fine, program.time, program.motor_velocity)
+    by_125 = np.trapezoid(driven.joint.response(horizon - fine) * motor, fine)
+    assert by_125 == pytest.approx(program.velocity, rel=1e-4)
+
+
+def test_fast_motors_approach_the_velocity_drive():
+    joint = ViscoElasticJoint(OMEGA, 0.3)
+    horizon = beyond(joint, 1.3)
+    found = [
+        switching_program.largest_velocity(DrivenJoint(joint, "acceleration", a, 1.0), horizon, 40, 1e-3).velocity
+        for a in (10.0, 1000.0)
+    ]
+    assert found == sorted(found)
+    assert found[-1] == pytest.approx(joint.fastest(horizon), rel=1e-4)
+
+
+def test_motor_velocity_turns_at_the_turns():
+    joint = ViscoElasticJoint(OMEGA, 0.2)
+    horizon = beyond(joint, 1.5)
+    first, second = joint.turns(horizon)
+    assert joint.motor_velocity(horizon - 1e-9, horizon) == 1.0
+    assert joint.motor_velocity(second - 1e-9, horizon) == -1.0
+    assert joint.motor_velocity(first - 1e-9, horizon) == 1.0
+    assert joint.motor_velocity(horizon, horizon) == joint.motor_velocity(-1e-9, horizon) == 0.0
+    assert second - first == pytest.approx(pi / (OMEGA * sin(acos(0.2))), rel=1e-12)
+
+
+@pytest.mark.parametrize("wrong", [(0.0, 0.1), (-1.0, 0.1), (inf, 0.1), (1.0, -0.1), (1.0, float("nan"))])
+def test_impossible_joints_are_refused(wrong):
+    with pytest.raises(ParameterError):
+        ViscoElasticJoint(*wrong)
