@@ -148,7 +148,7 @@ def test_fast_motors_approach_the_velocity_drive():
     joint = ViscoElasticJoint(OMEGA, 0.3)
     horizon = beyond(joint, 1.3)
     found = [
-        switching_program.largest_velocity(DrivenJoint(joint, "acceleration", a, 1.0), horizon, 40, 1e-3).velocity
+        switching_program.largest_velocity(DrivenJoint(joint, "acceleration", a, 1.0), horizon, 40).velocity
         for a in (10.0, 1000.0)
     ]
     assert found == sorted(found)

@@ -7,6 +7,8 @@ linearity is used.
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi
 import numpy as np
 from via_core.errors import ViaError
@@ -42,8 +44,8 @@ def largest_velocity(driven: DrivenJoint, horizon: float, intervals: int = 200, 
     high = np.concatenate(
         [np.tile(largest, intervals + 1), np.tile(largest, degree * intervals), np.full(intervals, driven.limit)]
     )
-    problem = {"x": unknown, "f": -states[1, -1], "g": equal}
-    quiet = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.tol": 1e-9}
+    problem: dict[str, Any] = {"x": unknown, "f": -states[1, -1], "g": equal}
+    quiet: dict[str, Any] = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.tol": 1e-9}
     solver = casadi.nlpsol("fastest", "ipopt", problem, quiet)
     found = solver(x0=0.0, lbx=-high, ubx=high, lbg=0.0, ubg=0.0)
     if not solver.stats()["success"]:

@@ -13,8 +13,9 @@ the motor turns around at
     t_k = (2 beta + k pi) / omega_d,   k = 0, 1, ...
 
 The time between two turns is pi / omega_d; the last stretch of the motion, 2 beta / omega_d, is shorter as soon as
-there is damping, and a motor that turns every pi / omega_d loses by it. Critical damping turns once, at 2 / omega; stronger
-damping once, at 2 eta / (omega sinh eta), eta = arccosh D. With c = cot(beta), E_0 = exp(-2 beta c), r = exp(-pi c)
+there is damping, and a motor that turns every pi / omega_d loses by it. Critical damping turns once, at 2 / omega;
+stronger damping once, at 2 eta / (omega sinh eta), eta = arccosh D. With c = cot(beta), E_0 = exp(-2 beta c),
+r = exp(-pi c)
 
     epsilon(n, D) = max qd(t_n) / v = 1 + E_0 + E_0 (1 + r) (1 - r^n) / (1 - r),   epsilon(n, 0) = 2 (n + 1)
 
@@ -66,7 +67,7 @@ class ViscoElasticJoint:
             return np.zeros(0)
         more = 0 if self.between_turns == inf else ceil((horizon - self.first_turn) / self.between_turns) - 1
         back = self.first_turn + (np.arange(more + 1) * self.between_turns if more else np.zeros(1))
-        return (horizon - back)[::-1]
+        return np.asarray(horizon - back[::-1], dtype=float)
 
     def motor_velocity(self, time: float, horizon: float) -> float:
         """thetad / v at `time` [s] since the start: +-1 up to `horizon` [s], 0 outside of [0, horizon)."""
