@@ -16,6 +16,8 @@ from via_gap.calibration import Calibration, calibration
 from via_gap.candidates import Fit, fit_base, refine, screen
 from via_gap.data_check import check_log
 from via_gap.evidence import Judged, judge
+from via_gap.evidence_figures import evidence_figures, joint_sketch
+from via_gap.figures import Figures
 from via_gap.localise import SiteShare, localise
 from via_gap.log import JointLog, believed
 from via_gap.measured import Errors, free_errors, shot_errors
@@ -69,7 +71,7 @@ def diagnose(
     short = GapReport(
         joint=device.name, level=logs[0].level, logs=tuple(log.name for log in logs), holdout=names,  # type: ignore[arg-type]
         verdict="cannot_tell", where=(), causes=(), equivalence_set=(), effects=(), gap=None, nuisance=(),
-        data_check=tuple(findings), not_judged=_not_judged(logs[0]),
+        data_check=tuple(findings), not_judged=_not_judged(logs[0]), figures=Figures(joint=joint_sketch(logs[0])),
     )  # fmt: skip
     if not usable or (holdout and not judged_on):
         return short
@@ -103,6 +105,10 @@ def diagnose(
     decision = decide(tuned, causes, pairs, frozen)
     tell("measuring the gap", 0.95)
     gap = _gap(device, judged, everything, held, before, tuned, decision)
+    figures = evidence_figures(
+        device, everything, held, residuals, numbers, judged, before, tuned, decision.chosen, [*causes, *pairs],
+        candidates, gap.by,
+    )  # fmt: skip
     report = short.model_copy(
         update={
             "verdict": _honest(decision.verdict, usable[0].log),
@@ -113,6 +119,7 @@ def diagnose(
             "gap": gap,
             "nuisance": _nuisance(fitted, decision.chosen.fit.deviations),
             "data_check": tuple(findings),
+            "figures": figures,
         }
     )
     tell("done", 1.0)

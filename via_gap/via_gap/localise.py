@@ -17,7 +17,8 @@ from scipy.optimize import nnls
 from via_core.devices import Device
 from via_core.signals import Array
 
-from via_gap.report import Quantity, Region
+from via_gap.figures import Quantity
+from via_gap.report import Region
 from via_gap.residuals import Residual
 from via_gap.shots import Shots
 

@@ -15,10 +15,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from via_core.errors import ParameterError
 from via_sim.effects import Effect
 
+from via_gap.figures import Figures, Quantity
+
 SITES = ("command", "motor", "transmission", "link", "sensor", "timing", "environment")
 Verdict = Literal["effect", "two_effects", "no_gap", "unknown", "cannot_tell"]
 Site = Literal["command", "motor", "transmission", "link", "sensor", "timing", "environment"]
-Quantity = Literal["speed", "deflection", "angle", "motor angle", "torque", "time", "reversal"]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 
@@ -156,6 +157,7 @@ class GapReport(_Part):
     data_check: tuple[Finding, ...]
     not_judged: tuple[str, ...]  # what this log could not show, in plain words
     proposal: Proposal | None = None
+    figures: Figures | None = None
 
     def to_json(self) -> str:
         return self.model_dump_json(indent=2)
