@@ -14,6 +14,7 @@ from via_sim.effects import Effect
 
 from via_gap.calibration import Calibration, calibration
 from via_gap.candidates import Fit, fit_base, refine, screen
+from via_gap.ceiling import flexible, lower
 from via_gap.data_check import check_log
 from via_gap.evidence import Judged, judge
 from via_gap.evidence_figures import evidence_figures, joint_sketch
@@ -104,7 +105,7 @@ def diagnose(
     tell("weighing the evidence", 0.9)
     decision = decide(tuned, causes, pairs, frozen)
     tell("measuring the gap", 0.95)
-    gap = _gap(device, judged, everything, held, before, tuned, decision)
+    gap = _gap(device, fitted, judged, everything, held, before, tuned, decision)
     figures = evidence_figures(
         device, everything, held, residuals, numbers, judged, before, tuned, decision.chosen, [*causes, *pairs],
         candidates, gap.by,
@@ -234,12 +235,15 @@ def _best_of_each(causes: Sequence[Judged]) -> list[Judged]:
 
 
 def _gap(
-    device: Device, judged: Problem, shots: Sequence[Shots], held: Sequence[Indices],
+    device: Device, fitted: Problem, judged: Problem, shots: Sequence[Shots], held: Sequence[Indices],
     before: Judged, tuned: Judged, decision: Decision,
 ) -> Gap:  # fmt: skip
+    chosen = decision.chosen.fit
+    model = flexible(fitted, chosen)
     if device.drive == "torque" or device.n_motors == 0:
         by: Literal["shots", "free run"] = "shots"
         three = [shot_errors(judged, each.residual) for each in (before, tuned, decision.chosen)]
+        reached = shot_errors(judged, model.residual(judged, model.functions(judged)))
     else:
         by = "free run"
 
@@ -247,23 +251,26 @@ def _gap(
             return free_errors(repaired_device(device, judged.nuisances, deviations), effects, shots, held)
 
         three = [free(each.fit.deviations, each.fit.effects) for each in (before, tuned, decision.chosen)]
+        repaired = repaired_device(device, judged.nuisances, chosen.deviations)
+        reached = free_errors(repaired, chosen.effects, [model.driven(each) for each in shots], held)
     first, second, third = three
     low, high = np.quantile(third.resampled(), [0.025, 0.975])
+    ceilings = lower(third, reached)
     signals = {
         name: SignalGap(
             before=float(a),
             after=float(b),
             floor=float(f),
-            ceiling=float(f),
-            closes=_closes(float(a), float(b), float(f)),
+            ceiling=float(c),
+            closes=_closes(float(a), float(b), float(c)),
         )
-        for name, a, b, f in zip(first.names, first.signals, third.signals, first.floors, strict=True)
+        for name, a, b, f, c in zip(first.names, first.signals, third.signals, first.floors, ceilings, strict=True)
     }
     floor = float(np.sqrt(np.mean(first.floors**2)))
-    ends = (first.overall, third.overall, floor)
+    ends = (first.overall, third.overall, float(np.sqrt(np.mean(ceilings**2))))
     return Gap(
         by=by, before=ends[0], tuned=second.overall, after=ends[1], interval=(float(low), float(high)),
-        floor=floor, ceiling=floor, closes=_closes(*ends), signals=signals,
+        floor=floor, ceiling=ends[2], closes=_closes(*ends), signals=signals,
     )  # fmt: skip
 
 

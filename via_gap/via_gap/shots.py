@@ -16,7 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import ceil
 
@@ -250,6 +251,12 @@ class Bench:
     @staticmethod
     def of(shots: Shots, chosen: Indices) -> Bench:
         return Bench(shots, chosen, JointPlant.from_device(shots.log.device).at_rate(shots.rate))
+
+    def driven(self, commands: Array) -> Bench:
+        """The same shots under other commands (T, N_COMMANDS); a wrong start does to them what it did."""
+        other = copy(self)
+        object.__setattr__(other, "shots", replace(self.shots, commands=commands))
+        return other
 
     @property
     def size(self) -> int:

@@ -1,0 +1,85 @@
+"""The ceiling: a flexible torque closes what no name was given to, invents nothing, and simulates as it was fitted."""
+
+import numpy as np
+import pytest
+from gap_logs import flexible as joint
+from gap_logs import log_of, servo
+from via_gap.basis import Basis, ticks_of
+from via_gap.candidates import Fit, fit_base
+from via_gap.ceiling import flexible, lower
+from via_gap.diagnose import diagnose
+from via_gap.evidence import judge
+from via_gap.measured import Errors, free_errors
+from via_gap.problem import Problem
+from via_gap.shots import Shots, cut_log
+from via_gap.split import split
+from via_sim.effects import Effect
+
+DRAG = Effect("quadratic_drag", "link", {"coefficient": 0.01})
+
+
+def prepared(device, effects, duration=12.0) -> tuple[Problem, Problem, Fit, Shots]:
+    shots = cut_log(log_of(device, effects, seed=31, duration=duration))
+    train, held, everything = split([shots], [])
+    fitted, judged = Problem.of(everything, train), Problem.of(everything, held)
+    return fitted, judged, fit_base(fitted)[0], shots
+
+
+def test_a_flexible_torque_closes_a_gap_without_knowing_its_name():
+    fitted, judged, base, _ = prepared(joint(), (DRAG,), 20.0)
+    (left,) = judge(judged, [base])
+    model = flexible(fitted, base)
+    reached = float(np.mean(model.residual(judged, model.functions(judged)) ** 2))
+    assert reached < 1e-3 * left.mean_square
+
+
+def test_it_finds_nothing_where_there_is_nothing():
+    fitted, judged, base, _ = prepared(joint(), ())
+    model = flexible(fitted, base)
+    reached = float(np.mean(model.residual(judged, model.functions(judged)) ** 2))
+    assert 0.8 < reached < 1.3
+
+
+def test_the_torque_found_is_the_one_that_is_missing():
+    fitted, _, base, shots = prepared(joint(), (DRAG,))
+    model = flexible(fitted, base)
+    (values,) = model.functions(fitted)
+    torque = (values @ model.weights.T)[:, 0]
+    speed = shots.start[:: ticks_of(shots), 3]
+    missing = -0.01 * speed * np.abs(speed)
+    fast = np.abs(speed) > 1.0  # elsewhere the tuned viscous friction has taken some of it
+    assert np.corrcoef(torque[fast], missing[fast])[0, 1] > 0.9
+
+
+def test_a_joint_of_servos_is_run_freely_with_it():
+    device = servo()
+    damped = Effect("viscous_friction", "link", {"coefficient": 0.05})
+    fitted, judged, base, shots = prepared(device, (damped, DRAG), 24.0)
+    model = flexible(fitted, base)
+    held = [bench.chosen for bench in judged.benches]
+    plain = free_errors(device, (), [shots], held)
+    reached = free_errors(device, (), [model.driven(shots)], held)
+    assert reached.overall < 0.5 * plain.overall
+
+
+def test_the_ceiling_is_the_lesser_of_both_and_not_below_the_floor():
+    def errors(*sizes: float) -> Errors:
+        squares = np.array([sizes, sizes]) ** 2
+        return Errors(("q", "theta_1", "x"), squares, np.ones(3), np.full(3, 0.01))
+
+    assert lower(errors(0.5, 0.2, 0.01), errors(0.4, 0.3, 0.02)) == pytest.approx([0.4, 0.2, 0.1])
+
+
+def test_what_a_torque_may_depend_on_is_finite_where_nothing_moves():
+    shots = cut_log(log_of(joint(), (), seed=31, duration=12.0))
+    still = Basis(np.zeros(5), np.full(5, 1e-9), np.zeros((5, 7)) + 1e-12 * np.arange(7), 12.0)
+    assert np.isfinite(still.values(shots)).all()
+    assert Basis.of([shots]).values(shots).shape[0] == -(-len(shots.start) // ticks_of(shots))
+
+
+def test_a_report_says_how_much_of_what_can_be_closed_is():
+    log = log_of(joint(), (Effect("coulomb_friction", "motor", {"torque": 0.03}, 1),), seed=21)
+    gap = diagnose([log], log.device).gap
+    assert gap.floor <= gap.ceiling <= max(gap.after, gap.floor)
+    assert gap.closes == pytest.approx((gap.before - gap.after) / (gap.before - gap.ceiling))
+    assert all(each.floor <= each.ceiling for each in gap.signals.values())

@@ -1,0 +1,221 @@
+"""The ceiling: what a flexible model of everything a repair leaves would still close.
+
+Beside the repaired plant acts a torque on every axis that has a torque, a weighted sum of the functions of `Basis` of
+the measured motion. The weights come from the shots that are fitted, by ridge regression on what a pulse of torque does
+to a shot (one simulation per piece of a shot and axis serves every function and all shots at once), with the ridge
+chosen on blocks left out; the torque is then simulated, and the rest fitted again. What it leaves of shots that were
+not fitted is the ceiling, or what the named effects leave where that is less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from via_core.signals import Array, Signals
+from via_sim.parameters import DYNAMIC, P
+from via_sim.torques import EXTERNAL, M1
+
+from via_gap.basis import Basis, ticks_of
+from via_gap.candidates import Fit
+from via_gap.measured import Errors
+from via_gap.problem import Problem
+from via_gap.shots import THREADS, Bench, Shots
+
+PIECES = 10  # of a shot, over which a pulse of torque lasts
+PULSE = 0.01  # of the typical torque: small enough to be linear
+RIDGES = np.geomspace(1e-7, 1e-1, 5)  # of the mean squared size of a function's effect
+FOLDS = 4
+BLOCK = 4  # shots that are left out together
+ROUNDS = 3
+SHARES = (1.0, 0.5, 0.2)
+ENOUGH = 0.01  # share of the loss: a round that gains less is the last
+
+
+@dataclass(frozen=True, eq=False)
+class Flexible:
+    """A torque on every axis as a function of the motion, beside a repaired plant.
+
+    row      (N_PARAMETERS,) of the plant
+    columns  commands by which the torques enter
+    limits   (2,) [N m] of the drives, which act on what is commanded and not on the torques here
+    weights  (columns, K) [N m]
+    """
+
+    basis: Basis
+    row: Array
+    columns: tuple[int, ...]
+    limits: Array
+    weights: Array
+
+    def functions(self, problem: Problem) -> list[Array]:
+        """(steps, K) of the log of each bench."""
+        return [self.basis.values(bench.shots) for bench in problem.benches]
+
+    def residual(self, problem: Problem, functions: Sequence[Array]) -> Array:
+        """Whitened measured minus simulated (R,) of a problem's shots."""
+        parts = []
+        for bench, values in zip(problem.benches, functions, strict=True):
+            commands = _limited(bench.shots.commands, self.limits)
+            commands[:, list(self.columns)] += self._torque(bench.shots, values)
+            parts.append(_run(bench, self.row, commands))
+        return np.concatenate(parts)
+
+    def driven(self, shots: Shots) -> Shots:
+        """The log as if the torques had been commanded, for runs from beginning to end."""
+        log = shots.log
+        assert log.commands is not None
+        held = log.commands.resample(shots.origin + np.arange(len(shots.commands)) / shots.rate)
+        torque = self._torque(shots, self.basis.values(shots))[:, 0]
+        channels = {**held.channels, "external_torque": shots.commands[:, EXTERNAL] + torque}
+        units = {**held.units, "external_torque": "N m"}
+        commands = Signals(held.time, channels, units, held.held | {"external_torque"})
+        return replace(shots, log=replace(log, commands=commands))
+
+    def _torque(self, shots: Shots, values: Array) -> Array:
+        """(T, columns) [N m] on every tick of a log."""
+        return np.repeat(values @ self.weights.T, ticks_of(shots), axis=0)[: len(shots.commands)]
+
+
+def flexible(fitted: Problem, start: Fit) -> Flexible:
+    """The flexible model beside the effects and numbers of `start`, fitted to the shots of `fitted`."""
+    row = fitted.row(start.effects, start.deviations)
+    limits = row[P.torque_limit : P.torque_limit + 2].copy()
+    row[P.torque_limit : P.torque_limit + 2] = np.inf
+    columns = [EXTERNAL]
+    columns += [M1 + i for i in range(2) if row[P.axis_kind + 1 + i] == DYNAMIC]
+    basis = Basis.of([bench.shots for bench in fitted.benches])
+    model = Flexible(basis, row, tuple(columns), limits, np.empty((len(columns), 0)))
+    functions = model.functions(fitted)
+    model = replace(model, weights=np.zeros((len(columns), functions[0].shape[1])))
+    residual = model.residual(fitted, functions)
+    folded = _Folded.of(fitted, model, functions, residual)
+    ridge = folded.ridge()
+    loss = float(residual @ residual)
+    for _ in range(ROUNDS):
+        wanted = folded.weights(ridge).reshape(model.weights.shape)
+        tries = []
+        for share in SHARES:
+            trial = replace(model, weights=model.weights + share * (wanted - model.weights))
+            rest = trial.residual(fitted, functions)
+            tries.append((float(rest @ rest), trial, rest))
+            if tries[-1][0] < loss:
+                break
+        value, trial, rest = min(tries, key=lambda each: each[0])
+        if not value < loss:
+            break
+        gain, loss, model = loss - value, value, trial
+        if gain < ENOUGH * loss:
+            break
+        folded = folded.moved(fitted, model, functions, rest)
+    return model
+
+
+def lower(first: Errors, second: Errors) -> Array:
+    """(n,) gap of each signal: the lesser of two, never less than what the sensors leave."""
+    return np.maximum(np.minimum(first.signals, second.signals), first.floors)
+
+
+def _limited(commands: Array, limits: Array) -> Array:
+    """Commands (T, N_COMMANDS) as the drives pass them on; angles of servos have no limit."""
+    moved = commands.copy()
+    moved[:, M1 : M1 + 2] = np.clip(moved[:, M1 : M1 + 2], -limits, limits)
+    return moved
+
+
+def _run(bench: Bench, row: Array, commands: Array) -> Array:
+    moved = row.copy()
+    moved[P.tick], moved[P.substeps] = bench.nominal[P.tick], bench.nominal[P.substeps]
+    return bench.driven(commands).residual(moved[None]).reshape(-1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Folded:
+    """Normal equations of every fold: normals (F, K, K), and what the residual at hand says, pulls (F, K).
+
+    pulses  per bench (columns, PIECES, C, values): change of a shot's residual by a unit torque over a piece of it
+    """
+
+    pulses: tuple[Array, ...]
+    normals: Array
+    pulls: Array
+
+    @staticmethod
+    def of(problem: Problem, model: Flexible, functions: Sequence[Array], residual: Array) -> _Folded:
+        pulses, begin = [], 0
+        for bench in problem.benches:
+            size = len(bench.chosen) * bench.size
+            pulses.append(_pulses(bench, model, residual[begin : begin + size]))
+            begin += size
+        count = model.weights.size
+        empty = _Folded(tuple(pulses), np.zeros((FOLDS, count, count)), np.empty(0))
+        return empty._filled(problem, functions, residual, True)
+
+    def moved(self, problem: Problem, model: Flexible, functions: Sequence[Array], residual: Array) -> _Folded:
+        """At another residual, the pulses as they were: pull of the total weights, not of a change."""
+        changed = self._filled(problem, functions, residual, False)
+        offset = self.normals @ model.weights.reshape(-1)
+        return replace(changed, pulls=changed.pulls + offset)
+
+    def _filled(self, problem: Problem, functions: Sequence[Array], residual: Array, whole: bool) -> _Folded:
+        normals = np.zeros_like(self.normals) if whole else self.normals
+        pulls, begin = np.zeros((FOLDS, self.normals.shape[1])), 0
+        for bench, values, pulses in zip(problem.benches, functions, self.pulses, strict=True):
+            edges = np.linspace(0, bench.shots.ticks, PIECES + 1).astype(int)
+            size = len(bench.chosen) * bench.size
+            rest = residual[begin : begin + size].reshape(len(bench.chosen), -1)
+            begin += size
+            for first in range(0, len(bench.chosen), BLOCK):
+                block = slice(first, first + BLOCK)
+                ticks = bench.shots.begin[bench.chosen[block]][:, None] + np.arange(bench.shots.ticks)
+                pieces = np.add.reduceat(values[ticks // ticks_of(bench.shots)], edges[:-1], axis=1)
+                pieces /= np.diff(edges)[:, None]  # (C, PIECES, K)
+                there = pulses[:, :, block].transpose(0, 2, 3, 1) @ pieces  # (columns, C, values, K)
+                matrix = there.transpose(1, 2, 0, 3).reshape(-1, self.normals.shape[1])
+                fold = (first // BLOCK) % FOLDS
+                if whole:
+                    normals[fold] += matrix.T @ matrix
+                pulls[fold] -= matrix.T @ rest[block].reshape(-1)
+        return replace(self, normals=normals, pulls=pulls)
+
+    def ridge(self) -> float:
+        """The one of RIDGES with which folds left out are predicted best."""
+        losses = np.zeros(len(RIDGES))
+        for normal, pull in zip(self.normals, self.pulls, strict=True):
+            rest, said = self.normals.sum(axis=0) - normal, self.pulls.sum(axis=0) - pull
+            for k, ridge in enumerate(RIDGES):
+                w = _solved(rest, said, float(ridge))
+                losses[k] += w @ normal @ w - 2.0 * w @ pull
+        return float(RIDGES[int(np.argmin(losses))])
+
+    def weights(self, ridge: float) -> Array:
+        """(columns K,) from all folds."""
+        return _solved(self.normals.sum(axis=0), self.pulls.sum(axis=0), ridge)
+
+
+def _solved(normal: Array, pull: Array, ridge: float) -> Array:
+    """argmin w' N w - 2 p' w + ridge |D w|^2, D^2 the diagonal of N."""
+    scale = np.sqrt(np.diag(normal) + 1e-12 * np.max(np.diag(normal)) + 1e-300)
+    whitened = normal / np.outer(scale, scale) + ridge * np.eye(len(pull))
+    return np.asarray(cho_solve(cho_factor(whitened), pull / scale) / scale)
+
+
+def _pulses(bench: Bench, model: Flexible, residual: Array) -> Array:
+    """(columns, PIECES, C, values) change of each shot's residual by a torque of 1 N m on each axis over each piece."""
+    shots = bench.shots
+    edges = np.linspace(0, shots.ticks, PIECES + 1).astype(int)
+    piece = np.searchsorted(edges, np.arange(len(shots.commands)) % shots.ticks, side="right") - 1
+    commands = _limited(shots.commands, model.limits)
+    typical = max(float(np.std(commands[:, list(model.columns)])), 0.1 * abs(float(model.row[P.gravity_torque])), 0.1)
+
+    def pulse(column: int, k: int) -> Array:
+        moved = commands.copy()
+        moved[:, column] += np.where(piece == k, PULSE * typical, 0.0)
+        return (_run(bench, model.row, moved) - residual).reshape(len(bench.chosen), -1) / (PULSE * typical)
+
+    with ThreadPoolExecutor(THREADS) as pool:  # the kernel releases the GIL
+        jobs = [[pool.submit(pulse, column, k) for k in range(PIECES)] for column in model.columns]
+        return np.stack([np.stack([job.result() for job in row]) for row in jobs])
