@@ -173,6 +173,25 @@ def test_six_seconds_of_rest_are_told_forgotten_slowly_and_survived():
         assert np.linalg.eigvalsh(P)[0] > 0.0 and np.diag(P).max() <= estimator.parameters.covariance_limit
 
 
+def test_after_a_long_rest_the_deviation_is_no_wider_than_the_prior_s():
+    """What may have changed meanwhile counts once, as the prior's width, and not as a lag of all that time besides."""
+    t = np.arange(0.0, 38.0, 1e-3)
+    fade = np.clip(np.maximum(4.0 - t, t - 34.0), 0.0, 1.0)
+    v = fade**2 * (3.0 - 2.0 * fade) * (1.5 * np.sin(np.pi * t) + 0.4 * np.sin(2.6 * np.pi * t + 1.0))
+    estimator, widest, missed = with_terms(DampingDirectional, 1), [], []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        q = QUANTUM * np.rint(1e-3 * np.cumsum(v) / QUANTUM)
+        damping = np.where(t < 20.0, 3.0, 2.0)  # changed at rest, to make it worth the while
+        estimates = estimator.run_rows(np.column_stack([t, q, damping * v + 0.05 * rng.normal(size=len(t))]))[1]
+        value, deviation = estimates.value[:, 0], estimates.standard_deviation[:, 0]
+        widest.append(deviation[10_000:].max())
+        missed.append(np.abs(value - damping)[34_000:] / deviation[34_000:])
+    assert np.min(widest) / estimator.parameters.damping_deviation > 0.9
+    assert np.max(widest) / estimator.parameters.damping_deviation < 1.02
+    assert np.mean(np.array(missed) <= 1.96) >= 0.9
+
+
 def test_motion_and_rest_in_turn_leave_the_state_as_large_and_finite():
     rows = moved(8.0, noise=0.05, quantum=QUANTUM, rest=(4.0, 6.0))
     for method in BOTH:
@@ -230,12 +249,42 @@ def test_errata_73_the_stability_factor_is_another_start_and_protects_nothing():
 
 
 def test_errata_70_p_has_one_row_per_unknown_and_not_per_sample():
-    estimator = with_terms(DampingRLS, 2)
-    before, after = estimator.init(), estimator.run_rows(moved(2.0))[0]
-    assert after.size == before.size  # m x m after m samples would be 4e6 numbers
-    samples = np.eye(3)
-    with pytest.raises(ValueError, match="matmul"):
-        samples @ np.ones(2)  # (67) r = v' P v with v (n,) needs P n x n: m = 3 samples, n = 2 unknowns
+    """P = (P(0)^-1 + V'V)^-1 is n x n; over samples, m x m as printed, (P(0)^-1 + VV')^-1 is another, worse matrix."""
+    count, rows = 12, moved(0.052, noise=0.05)
+    velocity = []
+    for k in range(len(rows) - count, len(rows)):
+        own = rows[k - 40 : k + 1]
+        velocity.append(-window_weights(5, own[:, 0])[1] @ own[:, 1])
+    V = np.column_stack([velocity, np.array(velocity) ** 3])
+    right, printed = (np.linalg.inv(np.eye(len(square)) / 10.0 + square) for square in (V.T @ V, V @ V.T))
+    given = {"velocity_scale": 1.0, "dry_friction": 0.0, "minimum_motion": 0.0}
+    estimator = with_terms(DampingRLS, 2, **given)
+    condition = estimator.condition(estimator.run_rows(rows)[0])
+    assert condition == pytest.approx(np.sqrt(np.linalg.cond(right)), rel=1e-6)
+    assert abs(condition / np.sqrt(np.linalg.cond(printed)) - 1.0) > 1e-3
+    estimator = with_terms(DampingDirectional, 2, least_forgetting=1.0, correction=0.0, **given)
+    P = estimator.covariance(estimator.run_rows(rows)[0])
+    assert P.shape == (3, 3)  # the third unknown is friction
+    np.testing.assert_allclose(P[:2, :2], right, rtol=1e-8)
+
+
+def test_the_prior_s_error_is_not_taken_for_noise():
+    """A prior 2.5 deviations off: innovations of the first rows are its error and tell nothing of the noise."""
+    rows = moved(3.0, noise=0.05)
+    off, on = (
+        with_terms(DampingRLS, 1, damping_prior=prior, damping_deviation=2.0).run_rows(rows)[1] for prior in (8.0, 3.0)
+    )
+    np.testing.assert_allclose(off.standard_deviation[2000:], on.standard_deviation[2000:], rtol=0.3)
+
+
+@pytest.mark.parametrize("declared", [0.02, 0.2])
+def test_noise_is_measured_where_it_is_not_what_was_declared(declared):
+    rows = moved(4.0, noise=0.05)
+    found, right = (
+        with_terms(DampingRLS, 1, torque_noise=noise).run_rows(rows)[1].standard_deviation[-1, 0]
+        for noise in (declared, 0.05)
+    )
+    assert found == pytest.approx(right, rel=0.25)
 
 
 def test_the_error_recursion_is_the_covariance_of_the_estimate_as_a_function_of_raw_noise():

@@ -259,8 +259,7 @@ def rest(par: Array, state: Array) -> None:
     n, length = int(par[TERMS]) + 1, int(par[LENGTH])
     keep = exp(-counters(state)[STEP] / par[REST_MEMORY])
     lag = _lag(state, n)
-    lag[0] += counters(state)[STEP]
-    lag *= keep
+    lag *= keep  # and grows by nothing: what changes meanwhile is the prior's width
     C, Q, _ = _covariances(state, n, length)
     C *= keep
     Q *= keep
