@@ -82,6 +82,20 @@ def test_deviations_hold():
     assert np.mean(naive) < 0.3 * errors[:, -2].std()
 
 
+def test_covariance_is_that_of_an_estimate_linear_in_every_torque_sample():
+    """Brute force on uneven stamps: J_n is what one more N m in sample n does, Cov = r^2 J J'."""
+    rows, _ = record(160)
+    rows = rows[np.sort(np.random.default_rng(4).choice(160, 60, replace=False))]
+    rows[:, 4] += 0.05 * np.random.default_rng(5).normal(size=len(rows))
+    law = batch_law(*rows.T, "odd_powers", 2)
+    J = np.empty((4, len(rows)))
+    for n in range(len(rows)):
+        pushed = rows.copy()
+        pushed[n, 4] += 1.0
+        J[:, n] = batch_law(*pushed.T, "odd_powers", 2).coefficients - law.coefficients
+    np.testing.assert_allclose(law.covariance, law.torque_noise**2 * J @ J.T, rtol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [

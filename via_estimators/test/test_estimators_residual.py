@@ -111,3 +111,41 @@ def test_deviations_are_those_seen_where_motors_are_as_wrong_as_declared():
         missed.append((value - truth)[later])
     ratio = np.sqrt(np.mean(np.square(promised)) / np.mean(np.square(missed)))
     assert 0.8 < ratio < 1.6  # measured 1.46: too wide, see the module's docstring
+
+
+@pytest.mark.parametrize("which", ["inertia", "damping"])
+def test_each_tolerance_is_what_its_own_error_does_to_the_law(which):
+    """The estimate is linear in what the motor is believed to be, so the tolerance's share is that difference."""
+    rows, _ = planted(2000)
+    off = 0.1 * getattr(ONE, which)
+    told = Residual(replace(ONE, **{f"{which}_tolerance": off})).run_rows(rows)[1]
+    wrong = Residual(replace(ONE, **{which: getattr(ONE, which) + off})).run_rows(rows)[1]
+    right = Residual(ONE).run_rows(rows)[1]
+    later = slice(1500, None)
+    share = np.sqrt(told.standard_deviation[later] ** 2 - right.standard_deviation[later] ** 2)
+    np.testing.assert_allclose(share, np.abs(wrong.value - right.value)[later], rtol=1e-6, atol=1e-9)
+    assert share.max() > 0.01
+
+
+def test_devices_are_trusted_to_5_and_10_percent():
+    own = Residual.from_device(load_device("qbmove_a")).parameters
+    assert own.inertia_tolerance == pytest.approx(0.05 * own.inertia)
+    assert own.damping_tolerance == pytest.approx(0.1 * own.damping)
+
+
+def test_the_prior_law_is_no_share_of_the_answer():
+    """A prior far off changes nothing: its torque is taken off the residual and its stiffness put back."""
+    rows, truth = planted()
+    value, _ = Residual(replace(ONE, stiffness_prior=40.0)).run_rows(rows)[1].column("stiffness")
+    assert np.abs(value / truth - 1.0)[1500:].max() < 2e-3
+
+
+def test_after_a_gap_the_low_pass_begins_where_the_joint_is():
+    """Ten time constants later exp(-10) of a deflection before the gap is left, and would be most of a small one."""
+    rows, _ = planted(2500)
+    rows[:, 1:] *= 1e-4
+    late = rows[1000:] + np.array([10.0, 0.0, 0.0, 0.0])
+    held = np.array([[1e-3 * k, 1.0, 0.0, -13.0] for k in range(500)])  # at rest: no row is made of these
+    small = Residual(replace(ONE, bandwidth=30.0, minimum_motion=1e-5))
+    fresh, after = small.run_rows(late)[1], small.run_rows(np.vstack([held, late]))[1]
+    np.testing.assert_allclose(after.value[500:], fresh.value, rtol=1e-9, atol=1e-9)
