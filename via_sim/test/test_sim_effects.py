@@ -25,10 +25,11 @@ def torques(seconds: float = 0.5, motors: int = 2) -> Signals:
 
 
 def commands_of(device, seconds: float = 0.5) -> Signals:
-    """Something for every input of a device, a neighbour that moves included."""
+    """Something for every input of a device, a neighbour that moves and the rest of an arm included."""
     t = np.arange(round(seconds * RATE)) / RATE
     wave = np.sin(7.0 * t)
-    channels = {"neighbour": np.cos(3.0 * t), "external_torque": 0.2 * wave if device.n_motors else wave}
+    channels = {"neighbour": np.cos(3.0 * t), "arm_torque": 0.1 * np.sin(5.0 * t)}
+    channels |= {"external_torque": 0.2 * wave if device.n_motors else wave}
     if device.n_motors:
         channels["motor"] = np.stack([wave, np.sin(7.0 * t + 1.0)][: device.n_motors], axis=1)
     if device.damper is not None:
@@ -139,6 +140,27 @@ def test_torque_gain_scales_the_torque_but_not_its_report():
     run = simulate(plant, commands, 0.5, RATE, [Effect("torque_gain", "motor", {"gain": 0.5}, 2)])
     assert np.array_equal(run.truth["motor_torque"][1:], commands["motor"] * [1.0, 0.5])
     assert np.array_equal(run.measured["tau"][1:], commands["motor"])
+
+
+def test_an_arms_torque_acts_beside_the_drive():
+    """Neither gain nor dead time of the drive touch it, and it is no load on the drive's gear."""
+    t = np.arange(400) / RATE
+    drive, arm = 0.5 * np.sin(20.0 * t), 0.2 * np.cos(13.0 * t)
+
+    def motion(effects, **channels):
+        sent = Signals(t, channels, dict.fromkeys(channels, "N m"), frozenset(channels))
+        return simulate(JointPlant.from_device(rigid()), sent, 0.4, RATE, effects).truth["q"]
+
+    doubled = Effect("torque_gain", "motor", {"gain": 2.0}, 1)
+    whole = motion([], external_torque=2.0 * drive + arm)
+    np.testing.assert_allclose(motion([doubled], external_torque=drive, arm_torque=arm), whole, atol=1e-12)
+    late = Effect("actuator_delay", "command", {"delay": 0.02})
+    behind = np.concatenate((np.full(20, 0.0), drive[:-20]))
+    np.testing.assert_allclose(
+        motion([late], external_torque=drive, arm_torque=arm), motion([], external_torque=behind + arm), atol=1e-12
+    )
+    dragging = Effect("load_dependent_friction", "link", {"coefficient": 0.5})
+    np.testing.assert_array_equal(motion([dragging], arm_torque=arm), motion([], arm_torque=arm))
 
 
 def test_viscous_error_equals_a_device_that_has_it():

@@ -23,7 +23,7 @@ def commands(device, channels=None) -> Signals:
     time = np.arange(round(SECONDS * RATE)) / RATE
     ramp = np.minimum(time / 0.3, 1.0)
     wave = ramp * (1.2 * np.sin(5.0 * time) + 0.6 * np.sin(13.0 * time + 1.0))
-    given = {"neighbour": np.cos(3.0 * time), **(channels or {})}
+    given = {"neighbour": np.cos(3.0 * time), "arm_torque": 0.1 * np.sin(5.0 * time), **(channels or {})}
     if device.damper is not None:
         given["damping"] = 0.5 + 0.3 * wave / 1.8
     if device.n_motors:
@@ -103,11 +103,12 @@ def test_a_nominal_joint_leaves_nothing(joint):
 
 def test_measured_torques_drive_the_equations_as_well():
     plant = JointPlant.from_device(antagonistic())
-    run = simulate(plant, commands(plant.device), 2.0, RATE).measured
+    sent = commands(plant.device, {"arm_torque": np.zeros(round(SECONDS * RATE))})
+    run = simulate(plant, sent, 2.0, RATE).measured
     velocity = np.column_stack([run["q_velocity"], run["theta_velocity"]])
     record = Record.of_torques(plant.device, run, velocity, None)
     assert worst(residual(plant, record)) < 2e-4
-    same = Record.of_commands(plant.device, run, velocity, commands(plant.device))
+    same = Record.of_commands(plant.device, run, velocity, sent)
     assert np.allclose(
         equation_torques(plant.parameters, record).torque[2:-2],
         equation_torques(plant.parameters, same).torque[2:-2],
@@ -119,10 +120,10 @@ def test_measured_torques_drive_the_equations_as_well():
 def test_misuse_is_refused():
     time, three = np.arange(3.0), np.zeros((3, 3))
     with pytest.raises(SignalError, match="'velocity' of a record must have shape"):
-        Record(time, three, np.zeros((3, 2)), time, np.zeros((3, 5)))
+        Record(time, three, np.zeros((3, 2)), time, np.zeros((3, 6)))
     with pytest.raises(SignalError, match="'time' of a record must increase"):
-        Record(time[::-1], three, three, time, np.zeros((3, 5)))
+        Record(time[::-1], three, three, time, np.zeros((3, 6)))
     with pytest.raises(SignalError, match="commands of a record must be finite"):
-        Record(time, three, three, time, np.full((3, 5), np.nan))
+        Record(time, three, three, time, np.full((3, 6), np.nan))
     with pytest.raises(ParameterError, match="a parameter row has shape"):
-        equation_torques(np.zeros(3), Record(time, three, three, time, np.zeros((3, 5))))
+        equation_torques(np.zeros(3), Record(time, three, three, time, np.zeros((3, 6))))

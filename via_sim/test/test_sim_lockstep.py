@@ -31,7 +31,7 @@ JOINTS = (flexible(10.0, GRAVITY), antagonistic(GRAVITY), rigid(GRAVITY), DAMPED
 def commands(ticks: int) -> Array:
     t = np.arange(ticks) / RATE
     waves = [np.sin(7.0 * t), np.cos(11.0 * t), 0.5 + 0.4 * np.sin(3.0 * t), 0.3 * np.sin(5.0 * t), np.cos(2.0 * t)]
-    return np.stack(waves, axis=1)
+    return np.stack([*waves, 0.1 * np.sin(4.0 * t)], axis=1)
 
 
 def alone(row: Array, state: Array, sent: Array) -> Array:

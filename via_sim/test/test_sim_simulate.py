@@ -232,7 +232,7 @@ def test_commands_beyond_all_numbers_are_told():
 def test_a_stepper_refuses_a_command_that_is_no_command():
     simulator = Simulator(JointPlant.from_device(rigid()), RATE)
     for command in ((0.0, 0.0, 0.0), (0.0, np.nan, 0.0, 0.0), (0.0, 0.0, 0.0, np.inf)):
-        with pytest.raises(ParameterError, match="4 or 5 finite numbers"):
+        with pytest.raises(ParameterError, match="4 or 6 finite numbers"):
             simulator.step(simulator.init(), command)
 
 

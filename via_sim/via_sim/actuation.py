@@ -35,10 +35,10 @@ def lagged(p: Array, axis: int, x: Array, u: Array, after: float) -> float:
 
 
 @bare
-def couple(p: Array, neighbour: float, u: Array) -> None:
-    """Torques that the neighbour's angle [rad] puts on the axes beside their drives -> u (N_INPUTS,)."""
+def couple(p: Array, neighbour: float, arm: float, u: Array) -> None:
+    """Torques on the axes beside their drives, of the neighbour's angle [rad] and the arm [N m] -> u (N_INPUTS,)."""
     through1, through2 = p[P.coupling + 1] * neighbour, p[P.coupling + 2] * neighbour
-    u[BESIDE] = p[P.coupling] * neighbour + through1 + through2
+    u[BESIDE] = p[P.coupling] * neighbour + through1 + through2 + arm
     u[BESIDE + 1], u[BESIDE + 2] = -through1, -through2
 
 

@@ -36,6 +36,7 @@ from via_sim.parameters import ABSENT, DYNAMIC, N_PARAMETERS, NO_DAMPER, SERVO, 
 from via_sim.readings import hermite
 from via_sim.simulate import command_rows
 from via_sim.torques import (
+    ARM,
     BESIDE,
     DAMPING,
     EXTERNAL,
@@ -139,7 +140,8 @@ class Record:
         ends, torques = measured.time[seen], tau[seen]
         begins = np.concatenate(([ends[0] - 1.0], ends[:-1])) if len(ends) else ends
         times, rows = begins, np.zeros((len(begins), N_COMMANDS))
-        others = None if commands is None else {"damping", "external_torque", "neighbour"} & commands.channels.keys()
+        beside = {"damping", "external_torque", "neighbour", "arm_torque"}
+        others = None if commands is None else beside & commands.channels.keys()
         if commands is not None and others:
             times = np.union1d(begins, commands.time)
             rows = command_rows(device, commands.select(sorted(others)), times)
@@ -235,7 +237,7 @@ def _driving(p: Array, commands: Array, k: int, column: int, sensed: bool) -> fl
         return damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], value)
     if column == EXTERNAL:
         return saturated(p, 0, value) if p[P.link_drive] != 0.0 else value
-    if column == NEIGHBOUR or p[P.axis_kind + 1 + column] != DYNAMIC:
+    if column >= NEIGHBOUR or p[P.axis_kind + 1 + column] != DYNAMIC:
         return value
     if sensed:
         value = (value - p[P.sensed_bias + 1 + column]) / p[P.sensed_gain + 1 + column]
@@ -245,7 +247,7 @@ def _driving(p: Array, commands: Array, k: int, column: int, sensed: bool) -> fl
 
 @bare
 def _means(p: Array, times: Array, commands: Array, sensed: bool, k: int, a: float, b: float, mean: Array) -> int:
-    """Means over [a, b] [s] of what is held -> mean (5,); k: a command not after a, returned as the one not after b."""
+    """Means over [a, b] [s] of what is held -> mean (N_COMMANDS,); k: a command not after a, returned: not after b."""
     last = times.size - 1
     while k < last and times[k + 1] <= a:
         k += 1
@@ -298,7 +300,6 @@ def _walk(
 ) -> None:  # fmt: skip
     """`walk` with its scratch: modes, inputs, state, angles and velocities of a sample, commands it gets."""
     last, late, prompt = time.size - 1, 0, 0
-    coupled = p[P.coupling] != 0.0 or p[P.coupling + 1] != 0.0 or p[P.coupling + 2] != 0.0
     for n in range(time.size):
         begin = 0.5 * (time[max(n - 1, 0)] + time[n])
         end = 0.5 * (time[n] + time[min(n + 1, last)])
@@ -306,11 +307,11 @@ def _walk(
 
         # what drives the axes
         late = _means(p, command_time, commands, sensed, late, begin - p[P.delay], end - p[P.delay], held)
-        if p[P.delay] > 0.0 and (p[P.link_drive] == 0.0 or coupled):
+        if p[P.delay] > 0.0:
             prompt = _means(p, command_time, commands, sensed, prompt, begin, end, now)
         else:
-            now[EXTERNAL], now[NEIGHBOUR] = held[EXTERNAL], held[NEIGHBOUR]
-        couple(p, now[NEIGHBOUR], u)
+            now[EXTERNAL], now[NEIGHBOUR], now[ARM] = held[EXTERNAL], held[NEIGHBOUR], held[ARM]
+        couple(p, now[NEIGHBOUR], now[ARM], u)
         if p[P.link_drive] == 0.0:
             u[BESIDE] += now[EXTERNAL]
         if p[P.pulse_torque] != 0.0 and width > 0.0:

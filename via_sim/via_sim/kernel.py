@@ -39,6 +39,7 @@ from via_sim.parameters import DYNAMIC, NO_DAMPER, SERVO, P
 from via_sim.phi_functions import phi_functions
 from via_sim.readings import observe, record, stride
 from via_sim.torques import (
+    ARM,
     BESIDE,
     DAMPING,
     EVERY,
@@ -257,7 +258,7 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
     age = p[P.origin] + tick * period
     for i in range(2):
         u[SPRING + i] = spring_factor(p, i, age + 0.5 * period)
-    couple(p, command[NEIGHBOUR] if command.size > NEIGHBOUR else 0.0, u)
+    couple(p, command[NEIGHBOUR], command[ARM], u)
     if p[P.link_drive] == 0.0:
         u[BESIDE] += command[EXTERNAL]
     if p[P.pulse_torque] != 0.0:  # its mean over the tick

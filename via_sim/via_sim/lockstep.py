@@ -25,6 +25,7 @@ from via_sim.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
 from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, P
 from via_sim.readings import record, sense, stride
 from via_sim.torques import (
+    ARM,
     DAMPING,
     EVERY,
     EXTERNAL,
@@ -49,16 +50,16 @@ _ENOUGH = 1e300  # [N m] margin of what is not watched
 
 # Rows of the block's memory z, LANES numbers each; names in capitals are those of one lane in the scalar kernel.
 #   START 6: state at the beginning of a step; AT 6: where torques are evaluated; N, A, B, D 3 each: torques of the
-#   stages; MIDDLE 3: speeds; INPUT 3: torque on link, motor 1, motor 2; DAMP 1; FACTOR 2: of the springs; SIGN 3:
-#   direction of slip, 0 without friction; HELD 3: 1 where an axis stands; MARGIN 1: positive while the lane has kept
-#   its modes; FLANK 2; SPRING 2: torques; PHI, INSIDE, SLOPE, LOADED 1: scratch; WEIGHT 60 as of `weigh`; then what the
-#   parameter rows say.
+#   stages; MIDDLE 3: speeds; INPUT 3: torque on link, motor 1, motor 2; BESIDE 1: what of it is not a drive's;
+#   DAMP 1; FACTOR 2: of the springs; SIGN 3: direction of slip, 0 without friction; HELD 3: 1 where an axis stands;
+#   MARGIN 1: positive while the lane has kept its modes; FLANK 2; SPRING 2: torques; PHI, INSIDE, SLOPE, LOADED 1:
+#   scratch; WEIGHT 60 as of `weigh`; then what the parameter rows say.
 _SIZES = {
-    "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "middle": 3, "input": 3, "damp": 1, "factor": 2, "sign": 3,
-    "held": 3, "margin": 1, "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1, "loaded": 1,
-    "weight": 3 * PER_AXIS, "kinetic": 3, "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3,
-    "gravity": 1, "angle": 1, "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2, "half": 2,
-    "solid": 2,
+    "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "middle": 3, "input": 3, "beside": 1, "damp": 1,
+    "factor": 2, "sign": 3, "held": 3, "margin": 1, "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1,
+    "loaded": 1, "weight": 3 * PER_AXIS, "kinetic": 3, "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3,
+    "load": 3, "gravity": 1, "angle": 1, "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2,
+    "half": 2, "solid": 2,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
@@ -191,7 +192,7 @@ def _torques(
         here = axis
         if count == 0:
             for lane in range(z.shape[1]):
-                z[Z.loaded, lane] = abs(z[Z.input, lane])
+                z[Z.loaded, lane] = abs(z[Z.input, lane] - z[Z.beside, lane])
         elif axis == 0:
             for lane in range(z.shape[1]):
                 z[Z.loaded, lane] = abs(z[Z.spring, lane] + z[Z.spring + 1, lane])
@@ -338,15 +339,16 @@ def _drive(p: Array, x: Array, command: Array, slot: int, late: int, age: float,
     held = _held(x, slot, late)
     for i in range(QUEUED):
         x[X.queue + QUEUED * slot + i] = command[i]
-    neighbour = command[NEIGHBOUR] if command.size > NEIGHBOUR else 0.0
-    link = (p[P.coupling] + p[P.coupling + 1] + p[P.coupling + 2]) * neighbour
-    if p[P.link_drive] != 0.0:
-        link += p[P.torque_gain] * saturated(p, 0, x[held + EXTERNAL]) + p[P.torque_bias]
-    else:
+    neighbour = command[NEIGHBOUR]
+    link = (p[P.coupling] + p[P.coupling + 1] + p[P.coupling + 2]) * neighbour + command[ARM]
+    if p[P.link_drive] == 0.0:
         link += command[EXTERNAL]
     if p[P.pulse_torque] != 0.0:
         overlap = min(age + p[P.tick], p[P.pulse_stop]) - max(age, p[P.pulse_start])
         link += p[P.pulse_torque] * max(overlap, 0.0) / p[P.tick]
+    z[Z.beside, lane] = link
+    if p[P.link_drive] != 0.0:
+        link += p[P.torque_gain] * saturated(p, 0, x[held + EXTERNAL]) + p[P.torque_bias]
     z[Z.input, lane] = link
     for i in range(2):
         if p[P.axis_kind + 1 + i] == DYNAMIC:

@@ -27,7 +27,7 @@ from via_sim.parameters import ABSENT, SERVO, P
 from via_sim.plants import JointPlant
 from via_sim.readings import MEASURED, TRUTH
 from via_sim.sensors import IDEAL, Sensors
-from via_sim.torques import DAMPING, EXTERNAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, QUEUED, X
+from via_sim.torques import ARM, DAMPING, EXTERNAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, QUEUED, X
 
 MAX_SEED = 2**53 - 1
 
@@ -70,10 +70,10 @@ class Simulator:
         return self._run(state.copy(), np.empty((0, N_COMMANDS)))
 
     def step(self, state: Array, command: ArrayLike) -> tuple[Array, Array, Array]:
-        """(next state (n,), measured (9,), truth (16,)) after one tick under command (4,) or (5,).
+        """(next state (n,), measured (9,), truth (16,)) after one tick under command (4,) or (N_COMMANDS,).
 
         command  motor 1, motor 2 [N m or rad], damping command [-], external torque at the link [N m],
-                 and where there is a neighbour its angle [rad]
+                 and of an arm the neighbour's angle [rad] and the torque of its other joints on the link [N m]
 
         Raises ParameterError when the command is not finite or has another shape.
         """
@@ -110,19 +110,21 @@ def initial_state(plant: JointPlant, rate: float, initial: ArrayLike | None, see
 
 
 def passive_command(plant: JointPlant, state: Array) -> Array:
-    """The command (5,) that asks for nothing: zero torque, servos where they are, no damping."""
+    """The command (N_COMMANDS,) that asks for nothing: zero torque, servos where they are, no damping."""
     servo = plant.parameters[P.axis_kind + 1 : P.axis_kind + 3] == SERVO
-    return np.array([*np.where(servo, state[1:3], 0.0), 0.0, 0.0, 0.0])
+    row = np.zeros(N_COMMANDS)
+    row[:2] = np.where(servo, state[1:3], 0.0)
+    return row
 
 
 def command_rows(device: Device, commands: Signals, time: Array) -> Array:
-    """Commands (N, 5) held at `time`, from the channels a device understands.
+    """Commands (N, N_COMMANDS) held at `time`, from the channels a device understands.
 
     `motor` (N, m) torque [N m] or servo position [rad]; servo devices take `equilibrium` and `preset` [rad] instead.
-    `damping` [-], `external_torque` [N m] and `neighbour` [rad] are optional. Raises ParameterError on a channel that
-    does not fit.
+    `damping` [-], `external_torque` [N m], `neighbour` [rad] and `arm_torque` [N m] are optional. Raises ParameterError
+    on a channel that does not fit.
     """
-    known = {"motor", "equilibrium", "preset", "damping", "external_torque", "neighbour"}
+    known = {"motor", "equilibrium", "preset", "damping", "external_torque", "neighbour", "arm_torque"}
     strangers = commands.channels.keys() - known
     if strangers:
         raise ParameterError(f"no command channel '{sorted(strangers)[0]}'; there are: {', '.join(sorted(known))}")
@@ -156,6 +158,8 @@ def command_rows(device: Device, commands: Signals, time: Array) -> Array:
         rows[:, EXTERNAL] = held["external_torque"]
     if "neighbour" in held:
         rows[:, NEIGHBOUR] = held["neighbour"]
+    if "arm_torque" in held:
+        rows[:, ARM] = held["arm_torque"]
     return rows
 
 
@@ -209,7 +213,7 @@ def simulate_many(
     initial: ArrayLike | None = None,
     threads: int = 2,
 ) -> Array:
-    """Motion (K, N+1, 6) of K plants under the same command rows (N, 4) or (N, 5); inf or NaN on overflow."""
+    """Motion (K, N+1, 6) of K plants under the same command rows (N, 4) or (N, N_COMMANDS); inf or NaN on overflow."""
     given = np.asarray(commands, dtype=np.float64)
     if given.ndim != 2 or given.shape[1] not in (NEIGHBOUR, N_COMMANDS) or not np.all(np.isfinite(given)):
         raise ParameterError(

@@ -47,9 +47,9 @@ State = namedtuple(
 X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 17, 19, 22, 22 + 6 * HISTORY)
 
 # Command row, held over a tick: motor 1, motor 2 [N m or rad], damping [-], external torque at the link [N m], angle of
-# the neighbour joint [rad]. The first QUEUED of them wait out the dead time.
-N_COMMANDS, QUEUED = 5, 4
-M1, M2, DAMPING, EXTERNAL, NEIGHBOUR = range(N_COMMANDS)
+# the neighbour joint [rad], torque of the rest of an arm on the link [N m]. The first QUEUED wait out the dead time.
+N_COMMANDS, QUEUED = 6, 4
+M1, M2, DAMPING, EXTERNAL, NEIGHBOUR, ARM = range(N_COMMANDS)
 
 # Inputs u of the equations: torque on motor 1, motor 2 [N m] (position [rad] of a servo), damping [N m s/rad], torque
 # on the link [N m]; factors of the two springs [-]; what the drives of link, motor 1, motor 2 are commanded [N m], and
@@ -200,7 +200,7 @@ def motive_torques(
     drive; on a motor that of its own transmission.
     """
     link, first, second = u[EXTERNAL], u[M1], u[M2]
-    carried, load1, load2 = link, 0.0, 0.0
+    carried, load1, load2 = link - u[BESIDE], 0.0, 0.0
     if p[P.gravity_torque] != 0.0:
         link -= p[P.gravity_torque] * sin(q - p[P.gravity_angle])
     if p[P.transmissions] > 0.0:
