@@ -15,9 +15,11 @@ import pytest
 from via_core.bags import joint_signals, read_bag
 from via_core.devices import load_device
 from via_gap.blind.case import BLOCK, RANGE, SHARES, draw_case, plan
+from via_gap.blind.joints import FAMILIES, believed, draw_joint, scaled
 from via_gap.blind.making import Made, make_cases
 from via_gap.blind.menu import MENU
 from via_gap.blind.recording import LEVELS, limited, neighbour_angle
+from via_gap.blind.residual import left_by_numbers
 from via_gap.blind.sealing import SealError, digest_of, names_in, opened, seal, write_seals
 from via_gap.blind.strangers import STRANGERS
 
@@ -157,6 +159,35 @@ def test_the_effect_acts_with_the_declared_gap_over_noise(made: tuple[Path, Path
             assert key["ratio"] == pytest.approx(1.0, abs=1e-9) and key["effects"] == []
         else:
             assert key["ratio"] >= RANGE[0]
+
+
+def test_what_the_tolerance_explains_is_no_gap() -> None:
+    """Noise and a step along the numbers: gone inside their bounds, what is beyond a bound stays, size by size."""
+    rng = np.random.default_rng(4)
+    noise, slopes = rng.standard_normal((2, 4000)), 10.0 * rng.standard_normal((3, 2, 4000))
+    noise[0, :50] = slopes[0, 1, :9] = np.nan
+    low, high = np.full(3, -0.5), np.full(3, 0.5)
+    inside = noise - np.tensordot([0.4, -0.3, 0.1], slopes, 1)
+    assert left_by_numbers(inside, noise, slopes, low, high) == pytest.approx(1.0, abs=0.01)
+    beyond = noise - np.tensordot([0.9, 0.0, 0.0], slopes, 1)
+    assert left_by_numbers(beyond, noise, slopes, low, high) == pytest.approx(np.sqrt(1.0 + 4.0**2), rel=0.03)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_numbers_are_scaled_as_they_were_put_wrong(family: str) -> None:
+    rng = np.random.default_rng(5)
+    true = draw_joint(rng, family)
+    nominal, errors = believed(rng, true)
+    again = true
+    for where, error in errors.items():
+        again = scaled(again, where, 1.0 + error)
+    assert json.dumps(again) != json.dumps(true)
+    flat = [each for part in ("link", "motors", "springs") for each in np.atleast_1d(again.get(part, []))]
+    asked = [each for part in ("link", "motors", "springs") for each in np.atleast_1d(nominal.get(part, []))]
+    for one, other in zip(flat, asked, strict=True):
+        for key, value in other.items():
+            if key != "law":
+                assert one[key] == pytest.approx(value, rel=1e-5), key
 
 
 def test_a_bag_is_read_back_as_it_was_recorded(made: tuple[Path, Path, list[Made]]) -> None:

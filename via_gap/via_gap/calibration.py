@@ -23,6 +23,8 @@ class Calibration(BaseModel):
     temperature: float
     signature: float
     largest_set: int
+    parsimony: float
+    rare: dict[str, float]
 
 
 @cache

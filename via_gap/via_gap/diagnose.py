@@ -25,6 +25,7 @@ from via_gap.measured import Errors, free_errors, shot_errors
 from via_gap.nuisance import BOUND
 from via_gap.places import Place, places
 from via_gap.problem import Problem
+from via_gap.readings import misreadings, with_misreadings
 from via_gap.repaired import repaired_device
 from via_gap.report import Cause, Finding, Gap, GapReport, NuisanceValue, SignalGap, Value, Verdict, Where
 from via_gap.report import Place as Named
@@ -123,6 +124,7 @@ def diagnose(
             "figures": figures,
         }
     )
+    report = with_misreadings(report, misreadings([each.log for each in usable]))
     tell("done", 1.0)
     return GapReport.model_validate(report.model_dump())
 

@@ -86,11 +86,12 @@ def significant(worse: Judged, better: Judged, calibration: Calibration) -> bool
 
 
 def probabilities(judged: Sequence[Judged], calibration: Calibration) -> Array:
-    """Softmax of held-out scores against the best, each softened by how well the difference is known."""
-    best = min(judged, key=lambda each: each.score)
+    """Softmax of costs against the best, each softened by how well the difference in score is known."""
+    best = min(judged, key=lambda each: cost(each, calibration))
     exponents = []
     for each in judged:
-        gap, deviation = difference(each, best)
+        _, deviation = difference(each, best)
+        gap = cost(each, calibration) - cost(best, calibration)
         exponents.append(-max(gap, 0.0) / (calibration.temperature + deviation))
     weights = np.exp(np.array(exponents) - max(exponents))
     return weights / weights.sum()
@@ -99,6 +100,12 @@ def probabilities(judged: Sequence[Judged], calibration: Calibration) -> Array:
 def freedom(fit: Fit) -> int:
     """Number of parameters of the effects."""
     return sum(len(EFFECTS[effect.name].parameters) for effect in fit.effects)
+
+
+def cost(each: Judged, calibration: Calibration) -> float:
+    """Held-out score, and what it costs to be the less simple or the rarer of two causes that no log tells apart."""
+    rare = sum(calibration.rare.get(effect.name, 0.0) for effect in each.fit.effects)
+    return each.score + calibration.parsimony * freedom(each.fit) + rare
 
 
 def needless(each: Judged, simpler: Judged, calibration: Calibration) -> bool:

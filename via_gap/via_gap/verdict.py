@@ -9,7 +9,7 @@ import numpy as np
 
 from via_gap.calibration import Calibration
 from via_gap.candidates import Fit
-from via_gap.evidence import Judged, difference, needless, probabilities, significant
+from via_gap.evidence import Judged, cost, difference, needless, probabilities, significant
 from via_gap.places import Place
 from via_gap.report import Verdict
 
@@ -48,7 +48,9 @@ def decide(tuned: Judged, causes: Sequence[Judged], sets: Sequence[Judged], froz
         members = tuple((each, 0.95) for each in singles)
         shares = _shares(pair, kept, tuned)
         places = pair.fit.places
-        return Decision("two_effects", pair, members, places, places, tuple(zip(places, shares, strict=True)))
+        alike = [each for each in sets if len(each.fit.places) == len(places) and _ties(each, pair, frozen)]
+        equivalent = tuple(dict.fromkeys((*places, *(place for each in alike for place in each.fit.places))))
+        return Decision("two_effects", pair, members, equivalent, places, tuple(zip(places, shares, strict=True)))
     ranked = tuple(sorted(zip(kept, map(float, weights), strict=True), key=lambda each: -each[1]))
     site_weights = tuple((each.fit.places[-1], weight) for each, weight in ranked)
     gain = 1.0 - (best.mean_square - 1.0) / max(tuned.mean_square - 1.0, 1e-9)
@@ -68,7 +70,7 @@ def decide(tuned: Judged, causes: Sequence[Judged], sets: Sequence[Judged], froz
 def _without_needless(causes: Sequence[Judged], frozen: Calibration) -> list[Judged]:
     """Causes but for those that a simpler one at the same place does as well."""
     kept = [c for c in causes if not any(needless(c, other, frozen) for other in causes if other is not c)]
-    return sorted(kept, key=lambda each: each.score)
+    return sorted(kept, key=lambda each: cost(each, frozen))
 
 
 def _ties(each: Judged, best: Judged, frozen: Calibration) -> bool:
@@ -95,10 +97,12 @@ def helps(larger: Judged, smaller: Judged, single: Judged, frozen: Calibration) 
 
 
 def _accepted(sets: Sequence[Judged], best: Judged, tuned: Judged, frozen: Calibration) -> Judged | None:
-    """The set of effects that leaves least, if it helps beyond the best single cause."""
+    """The set of effects that leaves least, or the simplest that is as good, if it helps beyond the best single cause."""
     if not sets:
         return None
     least = min(sets, key=rms)
+    alike = [each for each in sets if len(each.fit.places) <= len(least.fit.places) and _ties(each, least, frozen)]
+    least = min((least, *alike), key=lambda each: cost(each, frozen))
     return least if helps(least, best, best, frozen) else None
 
 

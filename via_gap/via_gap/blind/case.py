@@ -2,8 +2,9 @@
 
 Seeds come in blocks of BLOCK. Every block holds each named effect once at full signal level, and its shares of joints
 without a gap, of physics outside the catalogue, of pairs and of logs that lack signals, in an order drawn from the
-number of the block. A draw that diverges, that has no place for its effect or that misses the declared range of gap
-over noise is drawn again from the seed and the number of the attempt; attempts are counted in the key.
+number of the block. A draw that diverges, that has no place for its effect, that misses the declared range of gap
+over noise or whose effect is made up for by the joint's own numbers inside the tolerance of its file (then there is no
+gap) is drawn again from the seed and the number of the attempt; attempts are counted in the key.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 
 from via_gap.blind.excitation import excite, start_of
-from via_gap.blind.joints import FAMILIES, Content, believed, device_of, draw_joint
+from via_gap.blind.joints import FAMILIES, TOLERANCE, Content, believed, device_of, draw_joint, scaled
 from via_gap.blind.menu import MENU, Entry, Numbers, Place, Shape
 from via_gap.blind.model import STEP
 from via_gap.blind.physics import Physics
 from via_gap.blind.recording import LEVELS, Log, Wobble, limited, neighbour_angle, sense
-from via_gap.blind.residual import ratio, residuals
+from via_gap.blind.residual import left_by_numbers, ratio, residuals
 from via_gap.blind.scene import Scene, scene_of
 from via_gap.blind.stepping import Drive, Run, simulate
 from via_gap.blind.strangers import STRANGERS
@@ -33,6 +34,7 @@ RANGE = (3.0, 30.0)  # of gap over noise
 AIM = (4.0, 25.0)  # what is drawn, so that the final run stays inside
 NEAR = 0.12  # how close the search comes, as a logarithm
 COARSE = 4.0 * STEP  # [s] of the search
+SLOPE = 0.01  # relative step of a number of the joint
 ATTEMPTS = 200
 MAX_NOISE = 12.0  # times the drawn sensors' noise
 KINDS = ("single", "no_gap", "unknown", "pair", "limited")
@@ -49,6 +51,7 @@ class Truth:
     motor: int
     parameters: Numbers
     ratio: float  # gap over noise, of it alone
+    beyond: float  # the same, once the joint's own numbers have made up for what they can inside their tolerance
 
 
 @dataclass(frozen=True)
@@ -142,8 +145,20 @@ class _Bench:
         return simulate(self.device, physics, self.drive, push, self.initial, step)
 
     def ratio(self, physics: Physics, run: Run) -> float:
-        log = sense(np.random.default_rng(self.noise), self.device, physics, self.drive, run)
-        return ratio(residuals(self.device, log, run.speed), self.floor)
+        return ratio(residuals(self.device, self._log(physics, run), run.speed), self.floor)
+
+    def beyond(self, physics: Physics, run: Run, true: Content, errors: dict[str, float]) -> float:
+        """Gap over noise beyond what the numbers of the nominal file explain inside their tolerance."""
+        log = self._log(physics, run)
+        found = residuals(self.device, log, run.speed)
+        slopes = [
+            (residuals(device_of(scaled(true, where, 1.0 + SLOPE)), log, run.speed) - found) / SLOPE for where in errors
+        ]
+        off = np.array(list(errors.values()))
+        return left_by_numbers(found, self.floor, np.array(slopes), off - TOLERANCE, off + TOLERANCE)
+
+    def _log(self, physics: Physics, run: Run) -> Log:
+        return sense(np.random.default_rng(self.noise), self.device, physics, self.drive, run)
 
 
 def push_of(rng: Generator, physics: Physics, drive: Drive) -> Array:
@@ -216,7 +231,10 @@ def _attempt(rng: Generator, seed: int, attempt: int, wanted: Plan, duration: fl
         there = bench.ratio(alone, final) if final is not None else inf
         if not RANGE[0] <= there <= RANGE[1] or max(map(abs, numbers.values())) > each.entry.most:
             raise _AgainError
-        truths.append(Truth(each.entry.name, *each.place, _rounded(numbers), round(there, 3)))
+        beyond = bench.beyond(alone, final, true, errors) if final is not None else inf
+        if beyond < RANGE[0]:
+            raise _AgainError
+        truths.append(Truth(each.entry.name, *each.place, _rounded(numbers), round(there, 3), round(beyond, 3)))
         try:
             physics = physics.joined(alone)
         except ValueError:

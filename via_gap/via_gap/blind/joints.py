@@ -17,6 +17,7 @@ from via_core.devices import Device, parse_device
 NAME = "joint"
 FAMILIES = ("rigid", "stiff", "series_elastic", "polynomial_pair", "exponential_pair", "variable_damping")
 TOLERANCE = 0.05  # relative, of every inertia, friction and stiffness of the nominal file
+_SPRING = ("stiffness", "coefficient", "odd_coefficients", "k")  # what scales a spring's torque
 Content = dict[str, Any]
 
 
@@ -59,8 +60,21 @@ def believed(rng: Generator, true: Content) -> tuple[Content, dict[str, float]]:
         for i, motor in enumerate(content.get("motors", ())):
             off(motor, f"motors.{i}", key)
     for i, spring in enumerate(content.get("springs", ())):
-        off(spring, f"springs.{i}", "stiffness", "coefficient", "odd_coefficients", "k")
+        off(spring, f"springs.{i}", *_SPRING)
     return content, errors
+
+
+def scaled(content: Content, where: str, factor: float) -> Content:
+    """The device file with one number of `believed` (named as its errors are) scaled; the numbers it stands for too."""
+    moved = deepcopy(content)
+    part_name, _, key = where.rpartition(".")
+    name, _, number = part_name.partition(".")
+    part = moved[name][int(number)] if number else moved[name]
+    for each in _SPRING if name == "springs" else (key,):
+        if part.get(each):
+            value = part[each]
+            part[each] = [v * factor for v in value] if isinstance(value, list) else value * factor
+    return moved
 
 
 def _round(value: float) -> float:

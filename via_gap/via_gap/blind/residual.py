@@ -11,6 +11,7 @@ from __future__ import annotations
 from math import pi
 
 import numpy as np
+from scipy.optimize import lsq_linear
 from via_core.devices import Device, ServoMotor
 from via_core.signals import Array
 
@@ -77,3 +78,16 @@ def ratio(with_effect: Array, without: Array) -> float:
     """Gap over noise of two residuals (1+m, N)."""
     sizes = [np.sqrt(np.nanmean(np.square(each), axis=1)) for each in (with_effect, without)]
     return float(np.nanmax(sizes[0] / sizes[1]))
+
+
+def left_by_numbers(with_effect: Array, without: Array, slopes: Array, low: Array, high: Array) -> float:
+    """Gap over noise that remains once the joint's own numbers have made up for all they can.
+
+    slopes     (J, 1+m, N) change of `with_effect` per number, each number between low and high (J,)
+    """
+    sizes = np.sqrt(np.nanmean(np.square(without), axis=1))[:, None]
+    seen = np.isfinite(with_effect) & np.isfinite(slopes).all(axis=0)
+    columns = (slopes / sizes)[:, seen].T
+    basis, triangle = np.linalg.qr(columns)
+    best = lsq_linear(triangle, -basis.T @ (with_effect / sizes)[seen], (low, high)).x
+    return ratio(with_effect + np.tensordot(best, slopes, 1), without)

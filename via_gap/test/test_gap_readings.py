@@ -1,0 +1,83 @@
+"""What sensors do wrong is read off their readings: planted values come back, and nothing is found where nothing is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of
+from via_core.signals import Signals
+from via_gap.log import JointLog
+from via_gap.readings import misreadings, with_misreadings
+from via_gap.report import Cause, GapReport, Place, Where
+from via_sim.effects import Effect
+
+
+def without(log: JointLog, *names: str) -> JointLog:
+    kept = {name: values for name, values in log.measured.channels.items() if name not in names}
+    return replace(log, measured=Signals(log.measured.time, kept, {name: log.measured.units[name] for name in kept}))
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Effect("encoder_quantisation", "sensor", {"quantum": 4.1e-4}),
+        Effect("encoder_quantisation", "sensor", {"quantum": 2.3e-3}, 1),
+        Effect("torque_gain", "sensor", {"gain": 0.8}, 1),
+        Effect("torque_bias", "sensor", {"torque": -0.004}, 1),
+    ],
+    ids=lambda effect: f"{effect.name}-{effect.motor}",
+)
+def test_a_planted_misreading_is_found_with_its_value(effect: Effect) -> None:
+    (found,) = misreadings([log_of(flexible(), (effect,), seed=31, duration=6.0)])
+    assert (found.effect.name, found.effect.site, found.effect.motor) == (effect.name, "sensor", effect.motor)
+    for name, value in effect.parameters.items():
+        assert found.effect.parameters[name] == pytest.approx(value, rel=0.02)
+    assert found.left < 0.5
+
+
+def test_sound_sensors_and_a_weak_motor_read_right() -> None:
+    assert misreadings([log_of(flexible(), (), seed=32, duration=6.0)]) == ()
+    weak = Effect("torque_gain", "motor", {"gain": 0.8}, 1)
+    assert misreadings([log_of(flexible(), (weak,), seed=32, duration=6.0)]) == ()
+
+
+def test_what_was_not_recorded_shows_nothing() -> None:
+    log = log_of(flexible(), (Effect("torque_gain", "sensor", {"gain": 0.8}, 1),), seed=31, duration=6.0)
+    assert len(misreadings([log])) == 1
+    assert misreadings([without(log, "tau")]) == ()
+    assert misreadings([replace(log, commands=None)]) == ()
+
+
+def report(verdict: str, *causes: Cause) -> GapReport:
+    places = tuple(Place(effect=c.effect, site=c.site, joint=c.joint, motor=c.motor) for c in causes)
+    where = tuple(Where(joint=c.joint, site=c.site, motor=c.motor, equation="link", share=1.0) for c in causes)
+    return GapReport.model_validate(
+        {
+            "joint": "joint", "level": "full", "logs": ("a",), "holdout": ("b",), "verdict": verdict, "where": where,
+            "causes": causes, "equivalence_set": places, "effects": places, "gap": None, "nuisance": (),
+            "data_check": (), "not_judged": (), "figures": None,
+        }
+    )  # fmt: skip
+
+
+def test_it_stands_beside_what_was_named_and_alone_where_there_was_no_gap() -> None:
+    found = misreadings([log_of(flexible(), (Effect("torque_bias", "sensor", {"torque": 0.1}, 1),), seed=31)])
+    alone = with_misreadings(report("no_gap"), found)
+    assert (alone.verdict, alone.causes[0].effect, alone.where[0].site) == ("effect", "torque_bias", "sensor")
+    assert alone.repair()[0].parameters["torque"] == pytest.approx(0.1, rel=0.02)
+    other = Cause(
+        effect="coulomb_friction", site="link", joint="joint", probability=0.9, parameters={}, left=0.1, score=0.7
+    )
+    both = with_misreadings(report("effect", other), found)
+    assert (both.verdict, len(both.effects)) == ("two_effects", 2)
+    assert {(w.site, w.share) for w in both.where} == {("link", 0.5), ("sensor", 0.5)}
+    for verdict in ("unknown", "cannot_tell"):
+        assert with_misreadings(report(verdict), found) == report(verdict)
+
+
+def test_a_torque_that_does_not_follow_its_command_tells_of_no_sensor() -> None:
+    log = log_of(flexible(), (), seed=32, duration=6.0)
+    tau = np.roll(log.measured["tau"], 700, axis=0)
+    channels = {**log.measured.channels, "tau": tau}
+    moved = replace(log, measured=Signals(log.measured.time, channels, log.measured.units))
+    assert misreadings([moved]) == ()
