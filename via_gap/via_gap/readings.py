@@ -23,7 +23,7 @@ SURE = 8.0  # standard deviations from which a gain or a bias is taken for real
 LEAST_GAIN, LEAST_BIAS = 0.02, 0.003  # [-], times the command's standard deviation: what is worth a name
 FOLLOWS = 0.25  # of the variance of a torque that may be left by its command and a straight line
 FULL = 0.98  # of the drive's limit from which its torque is not what was commanded
-LATE = range(0, 6)  # samples by which a reading may follow its command
+LATE = range(6)  # samples by which a reading may follow its command
 PROBABILITY = 0.98  # that such a finding is what it seems
 
 

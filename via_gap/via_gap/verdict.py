@@ -97,7 +97,7 @@ def helps(larger: Judged, smaller: Judged, single: Judged, frozen: Calibration) 
 
 
 def _accepted(sets: Sequence[Judged], best: Judged, tuned: Judged, frozen: Calibration) -> Judged | None:
-    """The set of effects that leaves least, or the simplest that is as good, if it helps beyond the best single cause."""
+    """The set of effects that leaves least, or the simplest as good as it, if it helps beyond the best single cause."""
     if not sets:
         return None
     least = min(sets, key=rms)
