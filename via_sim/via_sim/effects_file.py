@@ -47,8 +47,8 @@ def parse_effects(text: str, file: str) -> tuple[Effect, ...]:
     return tuple(_effect(entry, f"{file}: entry {number}") for number, entry in enumerate(content, 1))
 
 
-def save_effects(path: str | Path, effects: Sequence[Effect]) -> None:
-    """Write `effects`, whole or not at all. Raises ParameterError where the file cannot be written."""
+def effects_text(effects: Sequence[Effect]) -> str:
+    """The YAML of an effects file."""
     entries = []
     for effect in effects:
         entry: dict[str, Any] = {"effect": effect.name, "site": effect.site}
@@ -57,10 +57,15 @@ def save_effects(path: str | Path, effects: Sequence[Effect]) -> None:
         if effect.joint:
             entry["joint"] = effect.joint
         entries.append({**entry, "parameters": dict(effect.parameters)})
+    return yaml.safe_dump(entries, sort_keys=False)
+
+
+def save_effects(path: str | Path, effects: Sequence[Effect]) -> None:
+    """Write `effects`, whole or not at all. Raises ParameterError where the file cannot be written."""
     target = Path(path)
     draft = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        draft.write_text(yaml.safe_dump(entries, sort_keys=False), encoding="utf-8")
+        draft.write_text(effects_text(effects), encoding="utf-8")
         draft.replace(target)
     except OSError as error:
         draft.unlink(missing_ok=True)
