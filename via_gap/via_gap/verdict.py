@@ -120,8 +120,9 @@ def _alone(whole: Judged, member: int) -> Judged:
 
 
 def _shares(whole: Judged, causes: Sequence[Judged], tuned: Judged) -> list[float]:
-    """How much of the gap each member of a set closes alone, as shares of all; none is less than a tenth."""
+    """How much of the gap each member of a set closes alone, as shares of all; none is next to nothing."""
     alone = {each.fit.places[-1]: max(rms(tuned) - rms(each), 0.0) for each in causes}
     sizes = [alone.get(place, 0.0) for place in whole.fit.places]
     total = sum(sizes)
-    return [max(size / total, 0.1) if total > 0.0 else 1.0 / len(sizes) for size in sizes]
+    shares = [max(size / total, 0.1) if total > 0.0 else 1.0 for size in sizes]
+    return [share / sum(shares) for share in shares]
