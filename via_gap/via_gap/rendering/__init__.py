@@ -1,0 +1,1 @@
+"""A GapReport for people: words, a page, pictures. Numbers are made elsewhere."""

@@ -1,0 +1,96 @@
+"""A report as one HTML file that needs nothing else: no network, no library, readable without its script.
+
+write_page(report, path)
+text = page(report)
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+from via_core.errors import ViaError
+from via_sim.effects_file import effects_text
+
+from via_gap.figures import JointSketch
+from via_gap.rendering import words
+from via_gap.rendering.joint_picture import joint_picture
+from via_gap.rendering.numbers import chance, number, percent, with_sd
+from via_gap.rendering.pictures import Drawn, Row, error_rows, gap_ladder, residual_rows, trace_rows
+from via_gap.report import GapReport, Region
+
+LIKELY = 0.01  # probability from which a cause is drawn as one; the others are in the table of what was ruled out
+
+
+def page(report: GapReport) -> str:
+    """The whole page; every text that came with the report is escaped."""
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(
+        number=number, percent=percent, chance=chance, place=words.place_words, effect=words.effect_words,
+        where=words.where_words, listed=words.listed, capital=words.capital, region=_region,
+    )  # fmt: skip
+    environment.globals.update(with_sd=with_sd, site_words=words.site_words)
+    repair = report.repair()
+    return environment.from_string(_shipped("page.html")).render(
+        r=report,
+        style=Markup(_shipped("page.css")),
+        script=Markup(_shipped("page.js")),
+        headline=words.headline(report),
+        cautions=words.cautions(report),
+        picture=Markup(joint_picture(_sketch(report), {(w.site, w.motor): w.share for w in report.where})),
+        residuals=_marked(residual_rows(report)),
+        causes=[cause for i, cause in enumerate(report.causes) if i == 0 or cause.probability >= LIKELY],
+        apart=words.equivalence_words(report),
+        out=words.ruled_out(report),
+        screened=words.screened_words(report),
+        gap_words=words.gap_words(report),
+        findings=words.findings(report),
+        ladder=_markup(gap_ladder(report.gap)) if report.gap is not None else None,
+        traces=_marked(trace_rows(report)),
+        errors=_marked(error_rows(report.figures)),
+        steps=words.next_steps(report),
+        repair=effects_text(repair) if repair else "",
+        level=words.LEVELS[report.level],
+        untried=[words.effect_words(name) for name in report.figures.untried] if report.figures else [],
+    )
+
+
+def write_page(report: GapReport, path: Path) -> None:
+    """The page into a file. Raises ViaError where it cannot be written."""
+    try:
+        path.write_text(page(report), encoding="utf-8")
+    except OSError as error:
+        raise ViaError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _shipped(name: str) -> str:
+    return files("via_gap.rendering").joinpath(name).read_text(encoding="utf-8")
+
+
+def _marked(rows: tuple[Row, ...]) -> list[Row]:
+    return [Row(row.title, tuple(map(_markup, row.charts)), row.leading) for row in rows]
+
+
+def _markup(drawn: Drawn) -> Drawn:
+    return Drawn(drawn.caption, Markup(drawn.svg))
+
+
+def _sketch(report: GapReport) -> JointSketch:
+    """The joint, or what a report without figures lets one guess of it."""
+    if report.figures is not None:
+        return report.figures.joint
+    motors = max([*(each.motor for each in report.where), *(each.motor for each in report.causes)], default=0)
+    seen = (report.level in ("full", "no torque"),) * max(motors, 1)
+    arrangement: Literal["antagonistic", "flexible"] = "antagonistic" if motors > 1 else "flexible"
+    return JointSketch(arrangement=arrangement, drive="torque", motors_seen=seen, torque_seen=report.level == "full")
+
+
+def _region(region: Region) -> str:
+    """speed 0 to 0.46 rad/s: 37 % of the gap in 20 % of the data."""
+    return (
+        f"{region.by} {number(region.low)} to {number(region.high)} {region.unit}: "
+        f"{percent(region.share)} of it in {percent(region.data)} of the data"
+    )

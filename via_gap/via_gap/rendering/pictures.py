@@ -1,0 +1,146 @@
+"""Charts of a report's figures: which curves, over what, in which order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from via_gap.figures import ErrorFigure, Figures, ResidualFigure, TraceFigure
+from via_gap.rendering.chart import Curve, Panel, Rung, chart, ladder
+from via_gap.rendering.words import SIGNALS, capital
+from via_gap.report import Gap, GapReport
+
+OVER = {"speed": "speed |v| of {}", "deflection": "deflection of the transmission", "angle": "link angle q"}
+AXES = {"q": "the link", "theta_1": "motor 1", "theta_2": "motor 2"}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A chart and its caption."""
+
+    caption: str
+    svg: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """Charts that belong together; `leading` ones are shown, the others unfold."""
+
+    title: str
+    charts: tuple[Drawn, ...]
+    leading: bool
+
+
+def residual_rows(report: GapReport) -> tuple[Row, ...]:
+    """One row per equation; leading are those in which the gap was found, else the one that misses most."""
+    figures = report.figures or None
+    each: dict[str, list[ResidualFigure]] = {}
+    for figure in figures.residuals if figures is not None else ():
+        each.setdefault(figure.equation, []).append(figure)
+    if not each:
+        return ()
+    named = report.where[0].equation if report.where else ""
+    leading = {name for name in each if name in named.split(" and ")}
+    leading = leading or {max(each, key=lambda name: max(_excess(figure) for figure in each[name]))}
+    rows = [
+        Row(f"Equation of {'the link' if name == 'link' else name}", tuple(map(_residual, group)), name in leading)
+        for name, group in each.items()
+    ]
+    return tuple(sorted(rows, key=lambda row: not row.leading))
+
+
+def error_rows(figures: Figures | None) -> tuple[Row, ...]:
+    """One row per simulated signal, the link first and shown."""
+    each: dict[str, list[ErrorFigure]] = {}
+    for figure in figures.errors if figures is not None else ():
+        each.setdefault(figure.signal, []).append(figure)
+    return tuple(
+        Row(capital(SIGNALS.get(signal, signal)), tuple(map(_error, group)), signal == "q")
+        for signal, group in each.items()
+    )
+
+
+def trace_rows(report: GapReport) -> tuple[Row, ...]:
+    """One row per stretch, or one of them all where a stretch is a single signal: measured, as filed, as repaired."""
+    each: dict[tuple[str, str, float], list[TraceFigure]] = {}
+    for figure in report.figures.traces if report.figures is not None else ():
+        each.setdefault((figure.log, figure.worst, figure.time[0] if figure.time else 0.0), []).append(figure)
+    repaired = "the repair" if report.effects else "tuning"
+    told = {"before": "the largest error before", "after": f"the largest error that {repaired} leaves"}
+    rows, seen = [], set()
+    for number, ((log, worst, begin), group) in enumerate(each.items()):
+        title = f"{log}, from {begin:.2f} s: {'next to ' if worst in seen else ''}{told[worst]}"
+        seen.add(worst)
+        rows.append(Row(title, tuple(_trace(figure) for figure in group), number == 0))
+    if rows and all(len(row.charts) == 1 for row in rows):
+        return (Row("", tuple(Drawn(row.title, row.charts[0].svg) for row in rows), True),)
+    return tuple(rows)
+
+
+def gap_ladder(gap: Gap) -> Drawn:
+    """How far the gap shrinks, over all and per signal."""
+    rungs = [Rung("over all signals", gap.before, gap.after, gap.floor, gap.ceiling, gap.tuned, gap.interval)]
+    if len(gap.signals) > 1:
+        for name, each in gap.signals.items():
+            rungs.append(Rung(SIGNALS.get(name, name), each.before, each.after, each.floor, each.ceiling))
+    return Drawn("The gap on held-out data", ladder("The gap before and after, with floor and ceiling", rungs))
+
+
+def _residual(figure: ResidualFigure) -> Drawn:
+    x = [0.5 * (b.low + b.high) for b in figure.bins]
+    speed = figure.by == "speed"
+    curves = [
+        Curve("sensors' floor", "floor", x, [b.floor for b in figure.bins], mirrored=True),
+        Curve("mean along v" if speed else "mean", "mean", x, [b.mean for b in figure.bins]),
+        Curve("rms", "rms", x, [b.rms for b in figure.bins]),
+    ]
+    over = OVER.get(figure.by, figure.by).format("the link" if figure.equation == "link" else figure.equation)
+    caption = f"against {over}" + (" (below zero: it brakes)" if speed else "")
+    panel = Panel("missing torque", "N m", curves)
+    return Drawn(caption, chart(f"Missing torque {caption}", over, figure.unit, [panel]))
+
+
+def _error(figure: ErrorFigure) -> Drawn:
+    x = [0.5 * (b.low + b.high) for b in figure.bins]
+    axis = AXES.get(figure.signal, figure.signal)
+    over = OVER.get(figure.by, figure.by).format(axis)
+    curves = [
+        Curve("sensors' floor", "floor", x, [b.floor for b in figure.bins]),
+        Curve("as filed", "before", x, [b.before for b in figure.bins]),
+        Curve("repaired", "after", x, [b.after for b in figure.bins]),
+    ]
+    panel = Panel("rms error", "rad", curves, log=True)
+    return Drawn(f"against {over}", chart(f"Error of {axis} against {over}", over, figure.unit, [panel]))
+
+
+def _trace(figure: TraceFigure) -> Drawn:
+    def curves(columns: Sequence[tuple[str, str, Sequence[float]]]) -> list[Curve]:
+        return [
+            Curve(name, look, figure.time, y, () if look == "measured" else figure.restarts)  # type: ignore[arg-type]
+            for name, look, y in columns
+        ]
+
+    errors = [
+        tuple(s - m for s, m in zip(simulated, figure.measured, strict=True))
+        for simulated in (figure.before, figure.after)
+    ]
+    name = SIGNALS.get(figure.signal, figure.signal)
+    panels = [
+        Panel(
+            name,
+            "rad",
+            curves(
+                [
+                    ("measured", "measured", figure.measured),
+                    ("as filed", "before", figure.before),
+                    ("repaired", "after", figure.after),
+                ]
+            ),
+        ),
+        Panel("error", "rad", curves([("as filed", "before", errors[0]), ("repaired", "after", errors[1])])),
+    ]
+    return Drawn(capital(name), chart(f"{name} measured and simulated", "time", "s", panels))
+
+
+def _excess(figure: ResidualFigure) -> float:
+    return max((b.rms / b.floor for b in figure.bins if b.floor > 0.0), default=0.0)

@@ -1,0 +1,282 @@
+"""What a report says, in sentences: plain text, so that page and terminal tell the same."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+
+from via_sim.catalogue import EFFECTS
+
+from via_gap.figures import Member, Trial
+from via_gap.rendering.numbers import number, percent
+from via_gap.report import Cause, Finding, GapReport, Place, Where
+
+Spot = tuple[str, str, int]  # effect, site, motor
+PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+AT = {
+    "command": "in the command path of motor {}",
+    "motor": "at motor {}",
+    "transmission": "in transmission {}",
+    "sensor": "in the sensor of motor {}",
+    "timing": "in the timing of motor {}'s channel",
+}
+AT_LINK = {
+    "command": "in the command path",
+    "motor": "at the drive",
+    "transmission": "in the transmission",
+    "sensor": "in the link's encoder",
+    "timing": "in the timing of the link's channel",
+    "link": "at the link",
+    "environment": "from the environment",
+}
+LEVELS = {
+    "full": "link, motors and torques were seen: every equation of the model can be looked at",
+    "no torque": "motor angles were seen, torques were not: commands stand for them",
+    "link only": "no motor angle was seen: only the simulated link can be compared",
+    "commands only": "only commands and the link were seen: only the simulated link can be compared",
+}
+SIGNALS = {"q": "link angle q", "theta_1": "motor 1 angle", "theta_2": "motor 2 angle"}
+CLOSE = 0.2  # of a score: a richer effect that comes no further behind is dropped for being needless
+SEVERAL = 3  # logs that are named one by one
+CLOSED = 0.9  # of what can be closed: less is said to leave something
+
+
+def effect_words(name: str) -> str:
+    """coulomb_friction -> Coulomb friction."""
+    return " ".join(PROPER.get(word, word) for word in name.split("_"))
+
+
+def site_words(site: str, motor: int) -> str:
+    """(motor, 1) -> at motor 1."""
+    return AT[site].format(motor) if motor and site in AT else AT_LINK.get(site, site)
+
+
+def place_words(place: Place | Cause | Member) -> str:
+    """backlash in transmission 1."""
+    return f"{effect_words(place.effect)} {site_words(place.site, place.motor)}"
+
+
+def listed(words: Sequence[str], last: str = "and") -> str:
+    """a, b and c."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}" if words else ""
+
+
+def capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def headline(report: GapReport) -> str:
+    """The verdict in one sentence."""
+    verdict, gap = report.verdict, report.gap
+    if verdict == "no_gap":
+        return "No gap: the model explains this log down to what its sensors and its own tolerances allow."
+    if verdict == "cannot_tell":
+        return f"This log cannot tell what causes the gap: {_why_not(report)}."
+    if verdict == "unknown":
+        return f"None of the known effects explains the gap{_best_of_none(report)}."
+    shrinks = f": it closes {percent(gap.closes)} of what can be closed" if gap is not None else ""
+    if verdict == "two_effects":
+        shrinks = shrinks.replace("it closes", "they close")
+        return f"{capital(listed([place_words(p) for p in report.effects]))} together explain the gap{shrinks}."
+    if len(report.equivalence_set) > 1:
+        tied = listed([place_words(p) for p in report.equivalence_set], "or")
+        return f"One effect explains the gap, but this log cannot tell which: {tied}."
+    return f"{capital(place_words(report.effects[0]))} explains the gap{shrinks}."
+
+
+def cautions(report: GapReport) -> tuple[str, ...]:
+    """What must not be overlooked beside the verdict."""
+    said, gap = [], report.gap
+    if gap is not None and report.verdict == "no_gap" and gap.before > 1.5 * max(gap.after, gap.ceiling):
+        said.append(
+            "The device file as it stands is off: the log is explained with the numbers fitted inside their tolerance, "
+            "not with those filed."
+        )
+    if gap is not None and report.verdict in ("effect", "two_effects") and gap.closes < CLOSED:
+        said.append(f"Something else is missing as well: {percent(1.0 - gap.closes)} of what can be closed stays open.")
+    if report.verdict == "effect" and len(report.equivalence_set) > 1:
+        said.append(
+            f"The repaired simulator holds {place_words(report.effects[0])}, the best of them: it may be the wrong one."
+        )
+    if report.verdict == "unknown" and report.effects:
+        named = listed([place_words(p) for p in report.effects])
+        said.append(f"The repair holds {named}: it makes the simulator better, it is not the explanation.")
+    at_bound = [n.name for n in report.nuisance if n.at_bound]
+    if at_bound and report.verdict != "cannot_tell":
+        said.append(f"Fitted to the end of what the device file tolerates: {listed(at_bound)}. Check this first.")
+    return tuple(said)
+
+
+def gap_words(report: GapReport) -> str:
+    """How the gap was measured, and how large it is; empty where it was not."""
+    gap = report.gap
+    if gap is None:
+        return ""
+    how = (
+        "in short runs that start anew from the measured state (errors stay small in them: compare with the floor, "
+        "not with 100 %)"
+        if gap.by == "shots"
+        else "in one free run from the first sample to the last"
+    )
+    found = f", {percent(gap.after)} with those and what was found" if report.effects else ""
+    return (
+        f"The error of the simulated signals on data that was not fitted, relative to how much the measured ones vary, "
+        f"{how}: {percent(gap.before)} with the device file as it stands, {percent(gap.tuned)} with its own numbers "
+        f"moved inside their tolerance{found} (95 % interval {percent(gap.interval[0])} to "
+        f"{percent(gap.interval[1])}). The sensors alone leave {percent(gap.floor)}; the best that a model was seen to "
+        f"reach is {percent(gap.ceiling)}."
+    )
+
+
+def findings(report: GapReport) -> tuple[tuple[str, str, str], ...]:
+    """(severity, logs, text) of the data check; what several logs share is told once."""
+    grouped: dict[tuple[str, str, str], list[Finding]] = {}
+    for finding in report.data_check:
+        grouped.setdefault((finding.severity, finding.check, finding.signal), []).append(finding)
+    found = []
+    for (severity, _, _), group in grouped.items():
+        logs = list(dict.fromkeys(each.log for each in group))
+        same = len({each.text for each in group}) == 1
+        told = group[0].text if same else f"{group[0].text} (the first; others alike)"
+        found.append((severity, listed(logs) if len(logs) <= SEVERAL else f"{len(logs)} logs, {logs[0]} first", told))
+    return tuple(found)
+
+
+def where_words(where: Where) -> str:
+    """transmission 1, link..."""
+    return f"{where.site} {where.motor}" if where.motor else where.site
+
+
+def told_apart(one: str, other: str) -> str:
+    """What separates two effects by the catalogue; empty where it says nothing of the two."""
+    for first, second in ((one, other), (other, one)):
+        if first not in EFFECTS:
+            continue
+        for clause in EFFECTS[first].confused_with.split("; "):
+            names, _, how = clause.partition(": ")
+            if second in names.replace(" ", "").split(","):
+                return how
+    return ""
+
+
+def equivalence_words(report: GapReport) -> tuple[str, ...]:
+    """Why the causes of the set are not told apart, one sentence for each beside the best."""
+    if len(report.equivalence_set) < 2 or report.verdict not in ("effect", "cannot_tell"):
+        return ()
+    best, *others = report.equivalence_set
+    said = []
+    for other in others:
+        how = told_apart(best.effect, other.effect)
+        trial = _trial(report, other)
+        close = (
+            f"on held-out data their scores differ by {number(trial.behind, 2)} ± {number(trial.behind_sd, 1)}, which "
+            f"is no more than chance or errors of the device's numbers make"
+            if trial is not None
+            else "on held-out data both leave the same error"
+        )
+        ask = f" Ask for: {how}." if how else ""
+        moved = "the same effect at another place" if best.effect == other.effect else "both bend this motion alike"
+        said.append(f"This log cannot separate {place_words(best)} from {place_words(other)}: {close}; {moved}.{ask}")
+    return tuple(said)
+
+
+def ruled_out(report: GapReport) -> tuple[tuple[str, str], ...]:
+    """(cause, why) of what was fitted to the end and is not the answer, nearest first."""
+    if report.figures is None or not report.figures.trials:
+        tied = _spots((*report.equivalence_set, *report.effects))
+        return tuple(
+            (place_words(c), f"leaves {percent(c.left)} of the squared error")
+            for c in report.causes
+            if (c.effect, c.site, c.motor) not in tied
+        )
+    named = _spots(report.equivalence_set if report.verdict in ("effect", "cannot_tell") else ())
+    answer, kept = _spots(report.effects), _spots(report.causes)
+    found = []
+    for trial in report.figures.trials:
+        members = _spots(trial.effects)
+        if (members == answer and report.verdict != "unknown") or (len(members) == 1 and members <= named):
+            continue
+        what = listed([place_words(m) for m in trial.effects])
+        behind = f"{number(trial.behind, 2)} ± {number(trial.behind_sd, 1)} behind the best in score"
+        leaves = f"leaves {percent(trial.left)} of the squared error" if trial.left < 0.995 else "does not help"
+        why = f"{leaves}, {behind}"
+        if len(members) == 1 and report.verdict == "two_effects" and members <= answer:
+            why = f"alone {why}"
+        elif members & kept == set() and trial.behind < CLOSE and _same_place(members, kept):
+            why = f"does nothing that a simpler effect at the same place does not: {why}"
+        elif report.verdict != "unknown" and len(members) > len(answer) > 0 and answer <= members:
+            why = f"the added effect closes too little to be believed: {why}"
+        found.append((what, why))
+    return tuple(found)
+
+
+def screened_words(report: GapReport) -> str:
+    """What fell out before it was fitted to the end."""
+    if report.figures is None or not report.figures.screened:
+        return ""
+    places: dict[str, list[str]] = {}
+    for member in report.figures.screened:
+        places.setdefault(effect_words(member.effect), []).append(site_words(member.site, member.motor))
+    named = "; ".join(f"{name} ({listed(at)})" for name, at in sorted(places.items()))
+    count = len(report.figures.screened)
+    return f"{count} more were tried and set aside after a first fit, because they explained far less: {named}."
+
+
+def next_steps(report: GapReport) -> tuple[str, ...]:
+    """What to do now, most useful first."""
+    said = []
+    if report.proposal is not None:
+        apart = listed([place_words(p) for p in report.proposal.separates], "from")
+        said.append(
+            f"Run the proposed motion {report.proposal.file} ({number(report.proposal.duration)} s), record it and "
+            f"diagnose again with both logs: it separates {apart}; their predictions differ there by "
+            f"{number(report.proposal.expected_disagreement, 2)} times the noise."
+        )
+    elif report.verdict in ("effect", "cannot_tell") and len(report.equivalence_set) > 1:
+        hows = {told_apart(report.equivalence_set[0].effect, p.effect) for p in report.equivalence_set[1:]} - {""}
+        wish = f": {listed(sorted(hows))}" if hows else ""
+        said.append(f"Record a motion that separates the tied causes{wish}; then diagnose again with both logs.")
+    refused = [f for f in report.data_check if f.severity == "refuse"]
+    if refused:
+        said.append("Mend what the data check refuses, then record again.")
+    if report.verdict == "cannot_tell" and not refused and report.not_judged:
+        said.append(f"Record what is missing: {report.not_judged[0]}.")
+    if report.verdict == "unknown":
+        said.append("Look where most of the gap lies: an effect outside the catalogue acts there.")
+    if report.verdict == "no_gap" and report.nuisance:
+        said.append("Put the fitted numbers into the device file where they are better known now.")
+    return tuple(said)
+
+
+def _why_not(report: GapReport) -> str:
+    for finding in report.data_check:
+        if finding.severity == "refuse":
+            return f"{finding.log}: {finding.text}"
+    if len(report.equivalence_set) > 1:
+        return f"{len(report.equivalence_set)} causes fit it equally well"
+    return report.not_judged[0] if report.not_judged else "it shows too little of the joint"
+
+
+def _best_of_none(report: GapReport) -> str:
+    if not report.causes:
+        return ""
+    best = min(report.causes, key=lambda cause: cause.left)
+    if best.left >= 1.0:
+        return ": none of them helps on data that was not fitted"
+    return f": the best, {place_words(best)}, leaves {percent(best.left)} of the squared error"
+
+
+def _same_place(members: Collection[Spot], kept: Collection[Spot]) -> bool:
+    return len(members) == 1 and next(iter(members))[1:] in {each[1:] for each in kept}
+
+
+def _spots(places: Iterable[Place | Cause | Member]) -> set[Spot]:
+    return {(place.effect, place.site, place.motor) for place in places}
+
+
+def _trial(report: GapReport, place: Place) -> Trial | None:
+    for trial in report.figures.trials if report.figures is not None else ():
+        if len(trial.effects) == 1 and trial.effects[0] == Member(
+            effect=place.effect, site=place.site, motor=place.motor
+        ):
+            return trial
+    return None
