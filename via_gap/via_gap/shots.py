@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from math import ceil
 
 import numpy as np
@@ -27,7 +26,7 @@ from scipy.signal import savgol_filter
 from via_core.errors import SignalError
 from via_core.signals import Array
 from via_sim.catalogue import MAX_DELAY
-from via_sim.lockstep import run_many
+from via_sim.lockstep import LANES, run_many
 from via_sim.parameters import DYNAMIC, SERVO, P
 from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows
@@ -264,74 +263,91 @@ class Bench:
         return self.shots.measured.shape[1] * len(self.shots.axes)
 
     def motion(self, rows: Array, offset: Array | None = None) -> Array:
-        """Angles as compared (K, C, b, a) [rad] of rows (K, N_PARAMETERS); offset (6,) is added to every start."""
+        """Angles as compared (K, C, b, a) [rad] of rows (K, N_PARAMETERS); offset (6,) is added to every start.
+
+        Every stretch of neighbouring shots with every row is a run of its own; runs of about one length go in lockstep.
+        """
+        stretches = self._stretches()
         out = np.empty((len(rows), len(self.chosen), *self.shots.measured.shape[1:]))
-        edges = np.linspace(0, len(rows), min(THREADS, len(rows)) + 1).astype(int)
-        if len(edges) == 2:
-            self._run(rows, offset, out)
+        order = np.argsort(-stretches[:, 1], kind="stable")
+        runs = np.stack([np.tile(np.arange(len(rows)), len(order)), np.repeat(order, len(rows))], axis=1)
+        size = min(LANES, ceil(len(runs) / THREADS))
+        pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
+        if len(pieces) == 1:
+            self._run(rows, offset, stretches, pieces[0], out)
             return out
-        with ThreadPoolExecutor(len(edges) - 1) as pool:  # the kernel releases the GIL
-            jobs = [pool.submit(self._run, rows[a:b], offset, out[a:b]) for a, b in pairwise(edges)]
-            for job in jobs:
+        with ThreadPoolExecutor(THREADS) as pool:  # the kernel releases the GIL
+            for job in [pool.submit(self._run, rows, offset, stretches, piece, out) for piece in pieces]:
                 job.result()
         return out
 
-    def _run(self, rows: Array, offset: Array | None, out: Array) -> None:
+    def _stretches(self) -> Indices:
+        """(n, 2): place in `chosen` of the first shot of each stretch of neighbours, and how many they are."""
+        first = np.flatnonzero(np.concatenate(([True], np.diff(self.chosen) != 1)))
+        return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
+
+    def _run(self, rows: Array, offset: Array | None, stretches: Indices, runs: Indices, out: Array) -> None:
+        """The `runs` (n, 2), row and stretch each; of one with fewer shots than another the lane ends."""
         shots, axes = self.shots, list(self.shots.axes)
         known = np.array([*axes, *(3 + axis for axis in axes)])
-        moved = np.empty((len(rows), shots.ticks + 1, 6))
-        rows = np.ascontiguousarray(rows)
-        states = np.empty((0, 0))
-        before = -2
-        for j, shot in enumerate(map(int, self.chosen)):
-            if shot != before + 1:  # a new stretch: what is not seen starts from a shot that is not compared
-                warm = max(shot - 1, 0)
-                states = np.repeat(self._fresh(int(shots.begin[warm]))[None], len(rows), axis=0)
-                if warm != shot:
-                    run_many(rows, states, shots.commands[shots.begin[warm] : shots.begin[shot]], moved)
-            begin = int(shots.begin[shot])
-            states[:, known] = self._starts(rows, begin)[:, known]
+        first, count = stretches[runs[:, 1]].T
+        warm = np.maximum(self.chosen[first] - 1, 0)  # what is not seen starts from a shot that is not compared
+        states = self._fresh(shots.begin[warm])
+        moved = np.empty((len(runs), shots.ticks + 1, 6))
+        ahead = np.flatnonzero(warm != self.chosen[first])
+        if ahead.size:
+            begun = states[ahead]
+            run_many(rows[runs[ahead, 0]], begun, shots.commands, shots.begin[warm[ahead]], moved[: len(ahead)])
+            states[ahead] = begun
+        for j in range(int(count.max())):
+            left = int(np.sum(count > j))  # runs come longest first
+            here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
+            begin = shots.begin[self.chosen[here]]
+            state[:, known] = self._starts(run, begin)[:, known]
             if offset is not None:
-                states[:, :6] += offset
-            run_many(rows, states, shots.commands[begin : begin + shots.ticks], moved)
-            out[:, j] = binned(moved[:, :, axes], shots.every, shots.averaged)
-            before = shot
+                state[:, :6] += offset
+            run_many(run, state, shots.commands, begin, moved[:left])
+            out[runs[:left, 0], here] = binned(moved[:left][:, :, axes], shots.every, shots.averaged)
 
-    def _fresh(self, tick: int) -> Array:
-        """State row at a tick: what was seen, commands under way, motors that were not seen at their command."""
+    def _fresh(self, ticks: Indices) -> Array:
+        """State rows (n, .) at ticks: what was seen, commands under way, motors that were not seen at their command."""
         shots = self.shots
         length = ceil(MAX_DELAY * shots.rate) + 2
-        state = np.zeros(X.queue + QUEUED * length)
-        state[X.tick] = float(tick)
+        states = np.zeros((len(ticks), X.queue + QUEUED * length))
+        states[:, X.tick] = ticks
         known = np.isfinite(shots.rest)
+        queue = states[:, X.queue :].reshape(len(ticks), length, QUEUED)
+        each = np.arange(len(ticks))
         for back in range(1, length + 1):
-            at = X.queue + QUEUED * ((tick - back) % length)
-            state[at : at + QUEUED] = shots.commands[max(tick - back, 0), :QUEUED]
-            if tick < back:  # servos stood where they were before the log began
-                for axis in (1, 2):
-                    if known[axis] and self.nominal[P.axis_kind + axis] == SERVO:
-                        state[at + axis - 1] = shots.rest[axis]
+            slot = (ticks - back) % length
+            queue[each, slot] = shots.commands[np.maximum(ticks - back, 0), :QUEUED]
+            early = np.flatnonzero(ticks < back)
+            for axis in (1, 2):  # servos stood where they were before the log began
+                if known[axis] and self.nominal[P.axis_kind + axis] == SERVO:
+                    queue[early, slot[early], axis - 1] = shots.rest[axis]
         for axis in range(3):
             if axis in shots.axes:
-                state[[axis, 3 + axis]] = shots.start[tick, [axis, 3 + axis]]
-            elif tick == 0 and known[axis]:
-                state[axis] = shots.rest[axis]
-            elif self.nominal[P.axis_kind + axis] == SERVO:
-                state[axis] = shots.commands[tick, axis - 1]
+                states[:, [axis, 3 + axis]] = shots.start[ticks][:, [axis, 3 + axis]]
+                continue
+            if self.nominal[P.axis_kind + axis] == SERVO:
+                states[:, axis] = shots.commands[ticks, axis - 1]
             elif self.nominal[P.axis_kind + axis] == DYNAMIC:
-                state[axis] = shots.start[tick, 0]
-        state[X.history : X.queue].reshape(-1, 6)[:, :3] = state[:3]
-        return state
+                states[:, axis] = shots.start[ticks, 0]
+            if known[axis]:
+                states[ticks == 0, axis] = shots.rest[axis]
+        history = states[:, X.history : X.queue].reshape(len(ticks), -1, 6)
+        history[:, :, :3] = states[:, None, :3]
+        return states
 
-    def _starts(self, rows: Array, tick: int) -> Array:
-        """Where a shot starts (K, 6): what was read there, with the errors that a row gives its encoders undone."""
+    def _starts(self, rows: Array, ticks: Indices) -> Array:
+        """Where shots start (n, 6): as read there, errors that a row gives its encoders undone."""
         shots = self.shots
-        states = np.repeat(shots.start[tick][None], len(rows), axis=0)
+        states = shots.start[ticks]
         for axis in shots.axes:
             skew, swing = rows[:, P.skew + axis] * shots.rate, rows[:, P.eccentricity + axis]
             late = np.flatnonzero(skew)
             if late.size:
-                at = np.minimum(tick + skew[late], len(shots.start) - 1.0)
+                at = np.minimum(ticks[late] + skew[late], len(shots.start) - 1.0)
                 low = at.astype(int)
                 share = (at - low)[:, None]
                 high = np.minimum(low + 1, len(shots.start) - 1)

@@ -1,4 +1,4 @@
-"""Many parameter rows of one joint under the same commands, in lockstep: LANES runs side by side in vector registers.
+"""Many parameter rows of one joint under commands of one recording: LANES runs in lockstep, in vector registers.
 
 Between events the right-hand side is smooth (torques.py), and most ticks of most runs have none. So a block of runs
 takes the same Krogstad step together, every operation a loop over lanes that the compiler turns into vector
@@ -46,6 +46,7 @@ from via_sim.torques import (
 )
 
 LANES = 32
+_VECTOR = 8  # lanes come in such groups: what the widest vector registers hold
 _ENOUGH = 1e300  # [N m] margin of what is not watched
 
 # Rows of the block's memory z, LANES numbers each; names in capitals are those of one lane in the scalar kernel.
@@ -396,32 +397,37 @@ def _place(p: Array, x: Array, z: Array, lane: int) -> bool:
 
 
 @compiled
-def run_many(rows: Array, states: Array, commands: Array, out: Array) -> None:
-    """One run per row (K, N_PARAMETERS), states (K, n) in place, commands (N, 5) shared -> motion out (K, N+1, 6).
+def run_many(rows: Array, states: Array, commands: Array, begins: Any, out: Array) -> None:
+    """One run per row (K, N_PARAMETERS) over n ticks, states (K, n) in place -> motion out (K, n+1, 6).
+
+    commands  (N, 5) of a whole recording
+    begins    (K,) where each run stands in it at its first tick: runs that begin apart go side by side all the same
 
     Rows are of one joint (same arrangement), states of one length. Motion is what ideal sensors read: angles with the
     errors that effects give their encoders.
     """
-    z, u, y = np.zeros((_N_ROWS, LANES)), np.zeros(N_INPUTS), np.zeros(9)
+    u, y = np.zeros(N_INPUTS), np.zeros(9)
     modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 3, N_WEIGHTS))
-    lanes = np.zeros((5, LANES), np.int64)
+    lanes = np.zeros((6, LANES), np.int64)
     for first in range(0, len(rows), LANES):
-        _run_block(rows, states, commands, out, first, z, u, y, modes, weights, lanes)
+        wide = (min(LANES, len(rows) - first) + _VECTOR - 1) // _VECTOR * _VECTOR
+        z = np.zeros((_N_ROWS, wide))
+        _run_block(rows, states, commands, begins, out, first, z, u, y, modes, weights, lanes)
 
 
 @bare
 def _run_block(
-    rows: Array, states: Array, commands: Array, out: Array, first: int, z: Array, u: Array, y: Array, modes: Array,
-    weights: Array, lanes: Array,
+    rows: Array, states: Array, commands: Array, begins: Any, out: Array, first: int, z: Array, u: Array, y: Array,
+    modes: Array, weights: Array, lanes: Array,
 ) -> None:  # fmt: skip
     """The runs from row `first` on, LANES at most; scratch as `run_many` makes it.
 
-    lanes (5, LANES): whether a lane goes in lockstep, is in step now, reads its angles as they are; ticks it is late;
-    whether an axis of it stands
+    lanes (6, LANES): whether a lane goes in lockstep, is in step now, reads its angles as they are; ticks it is late;
+    whether an axis of it stands; its tick number at the start
     """
-    joins, placed, plain, late, stands = lanes[0], lanes[1], lanes[2], lanes[3], lanes[4]
-    count, lead, head = min(LANES, len(rows) - first), rows[first], states[first]
-    number, period, length = int(head[X.tick]), lead[P.tick], (head.size - X.queue) // QUEUED
+    joins, placed, plain, late, stands, number = lanes[0], lanes[1], lanes[2], lanes[3], lanes[4], lanes[5]
+    count, lead, ticks = min(LANES, len(rows) - first), rows[first], out.shape[1] - 1
+    period, length = lead[P.tick], (states.shape[1] - X.queue) // QUEUED
     gravity = falls = False
     friction = gaps = terms = together = axes = 0
     z[:, :] = 0.0
@@ -430,7 +436,8 @@ def _run_block(
         begin(p, x, u, modes[lane], weights[lane])
         sense(p, x, out[first + lane, 0])
         _enter(p, z, lane)
-        alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period and int(x[X.tick]) == number
+        alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period
+        number[lane] = int(x[X.tick])
         joins[lane], placed[lane], plain[lane] = alike and _written_out(p, modes[lane]), 0, _reads_true(p)
         late[lane] = int(p[P.delay] / period + 1e-9)
         together += joins[lane]
@@ -446,10 +453,10 @@ def _run_block(
             for k in range(N_COEFFICIENTS):
                 if p[P.spring + i * N_COEFFICIENTS + k] != 0.0:
                     terms = max(terms, k + 1)
-    steps = max(1, int(lead[P.substeps]))
+    steps, every = max(1, int(lead[P.substeps])), stride(period)
     h = period / steps
-    for tick in range(len(commands)):
-        command, slot, last = commands[tick], (number + tick) % length, tick == len(commands) - 1
+    for tick in range(ticks):
+        last = tick == ticks - 1
         ready, holds = 0, False
         if together > 1:
             for lane in range(count):
@@ -460,7 +467,8 @@ def _run_block(
                 if placed[lane] != 0:
                     ready += 1
                     holds |= stands[lane] != 0
-                    _drive(p, x, command, slot, late[lane], p[P.origin] + (number + tick) * period, z, lane)
+                    command, now = commands[begins[first + lane] + tick], number[lane] + tick
+                    _drive(p, x, command, now % length, late[lane], p[P.origin] + now * period, z, lane)
                     own = weights[lane, 2]
                     if own[N_WEIGHTS - 2] != h or own[N_WEIGHTS - 1] != z[Z.damp, lane]:
                         weigh(p, h, z[Z.damp, lane], own)
@@ -469,17 +477,17 @@ def _run_block(
             if ready > 0:
                 for _ in range(steps):
                     _step(z, rows, first, axes, terms, gravity, friction, falls, gaps, holds)
-        turn = (number + tick) % stride(period) == 0
         for lane in range(count):
             p, x, motion = rows[first + lane], states[first + lane], out[first + lane, tick + 1]
+            command, now = commands[begins[first + lane] + tick], number[lane] + tick
             if ready > 0 and z[Z.margin, lane] > 0.0:
-                if turn:
+                if now % every == 0:
                     record(x, modes[lane, EVERY])
                 for i in range(6):
                     x[i] = z[Z.start + i, lane]
                 x[X.tick] += 1.0
                 if last:
-                    _note(p, x, command, slot, late[lane], z, lane)
+                    _note(p, x, command, now % length, late[lane], z, lane)
             else:
                 placed[lane] = 0
                 advance_tick(p, x, command, u, modes[lane], weights[lane], y)

@@ -237,11 +237,13 @@ def simulate_rows(rows: Array, states: Array, commands: Array, threads: int = 2)
 
     For fits, which change numbers of a row and have nothing to check: see `EffectKind.write`.
     """
-    out = np.empty((len(rows), len(commands) + 1, 6))
+    out, begins = np.empty((len(rows), len(commands) + 1, 6)), np.zeros(len(rows), dtype=np.int64)
     blocks = np.linspace(0, ceil(len(rows) / LANES), max(1, min(threads, ceil(len(rows) / LANES))) + 1).astype(int)
     edges = np.minimum(blocks * LANES, len(rows))
     with ThreadPoolExecutor(len(edges) - 1) as pool:  # the kernel releases the GIL
-        jobs = [pool.submit(run_many, rows[a:b], states[a:b], commands, out[a:b]) for a, b in pairwise(edges)]
+        jobs = [
+            pool.submit(run_many, rows[a:b], states[a:b], commands, begins[a:b], out[a:b]) for a, b in pairwise(edges)
+        ]
         for job in jobs:
             job.result()
     return out

@@ -102,7 +102,7 @@ def compared(ticks: int, dry: float) -> dict[str, object]:
     out = np.empty((SETS, ticks + 1, 6))
 
     def batch() -> None:
-        run_many(rows, states.copy(), sent, out)
+        run_many(rows, states.copy(), sent, np.zeros(len(rows), dtype=np.int64), out)
 
     def loop() -> list[Array]:
         return [simulate(plant, held, ticks / RATE, RATE, effects).truth["q"] for effects in each[:LOOPED]]
