@@ -77,6 +77,10 @@ class Signals:
         object.__setattr__(self, "units", MappingProxyType({name: self.units[name] for name in channels}))
         object.__setattr__(self, "held", frozenset(self.held))
 
+    def __reduce__(self) -> tuple[type[Signals], tuple[Array, dict[str, Array], dict[str, str], frozenset[str]]]:
+        """To another process: read-only views of mappings cannot be sent."""
+        return Signals, (self.time, dict(self.channels), dict(self.units), self.held)
+
     def __len__(self) -> int:
         return len(self.time)
 

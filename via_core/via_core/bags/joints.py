@@ -74,14 +74,22 @@ def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") 
             f"no joint '{device.link_joint}' of device '{device.name}' on {joint_topic}; "
             f"there are: {', '.join(names) or 'none'}"
         )
+    there = device.command_topic in bag and len(bag.topic(device.command_topic)) > 0
+    return recorded(states, channels, present, bag[device.command_topic] if there else None, device)
+
+
+def recorded(
+    states: Columns, channels: dict[str, Array], present: NDArray[np.bool_], commands: Columns | None, device: Device
+) -> JointRecording:
+    """The recording of the messages `states`, whose values are `channels`, where they are `present`, and `commands`."""
     origin = int(states.stamp[np.argmax(present)])
     keep, report = _increasing(states, present, origin)
     measured = {name: values[keep] for name, values in channels.items() if np.isfinite(values[keep]).any()}
     signals = Signals(seconds(states.stamp[keep], origin), measured, UNITS)
-    if device.command_topic not in bag or len(bag.topic(device.command_topic)) == 0:
+    if commands is None:
         return JointRecording(signals, None, (report,))
-    commands, command_report = _commands(bag[device.command_topic], device, origin)
-    return JointRecording(signals, commands, (report, command_report))
+    held, command_report = _commands(commands, device, origin)
+    return JointRecording(signals, held, (report, command_report))
 
 
 def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], NDArray[np.bool_]]:
