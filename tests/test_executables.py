@@ -55,6 +55,7 @@ NEEDS = {
         for method in METHODS
     },
     "estimator_bank": Needs((f"device:={DEVICE.name}",), samples=True),
+    "gap_monitor": Needs((f"device:={DEVICE.name}",)),
     "simulator": Needs((f"device:={DEVICE.name}",)),
 }
 
@@ -145,7 +146,8 @@ def until_it_publishes(graph, process, samples):
             pytest.fail(f"ended with {process.returncode}: {process.stderr.read()}")
         for name, types in node.get_topic_names_and_types():
             own = [info for info in node.get_publishers_info_by_topic(name) if info.node_name != "tester"]
-            if own and name not in EVERYBODYS | subscribed and not (samples and name == SAMPLES):
+            hidden = "/_" in name  # what actions tell their clients
+            if own and not hidden and name not in EVERYBODYS | subscribed and not (samples and name == SAMPLES):
                 subscribed.add(name)
                 node.create_subscription(message_class(types[0]), name, heard.append, qos.matching([]), raw=True)
         if stimulus is not None:

@@ -18,4 +18,5 @@ setup(
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
+    entry_points={"console_scripts": ["gap_monitor = via_gap.nodes.monitor:main"]},
 )

@@ -1,0 +1,92 @@
+"""The process that diagnoses: the same answer as here, an end at once when asked, a reason where there is none."""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of
+from via_core.signals import Signals
+from via_gap.diagnose import diagnose
+from via_gap.log import JointLog
+from via_gap.watch import look, rehearse, tuned
+from via_gap.worker import Failed, Finished, Job, Progress, Worker
+from via_sim.effects import Effect
+
+DEADLINE = 60.0  # [s]
+LINK = Effect("coulomb_friction", "link", {"torque": 0.02})
+
+
+@pytest.fixture
+def worker():
+    worker = Worker()
+    yield worker
+    worker.close()
+
+
+def until(worker, kind):
+    """Everything said up to the first of `kind`."""
+    heard, deadline = [], time.monotonic() + DEADLINE
+    while (said := worker.poll(max(deadline - time.monotonic(), 0.0))) is not None:
+        heard.append(said)
+        if isinstance(said, kind):
+            return heard
+    pytest.fail(f"no {kind} within {DEADLINE} s, but {heard}")
+
+
+def ended(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def test_the_report_is_that_of_this_process_and_files_are_read_there(worker, tmp_path):
+    log = log_of(flexible(), (LINK,), seed=31, duration=4.0)
+    expected = diagnose([log], log.device).to_json()
+    worker.begin(Job(log.device, log))
+    heard = until(worker, (Finished, Failed))
+    assert heard[-1].report == expected
+    assert [each.share for each in heard[:-1]] == sorted(each.share for each in heard[:-1])
+    assert {type(each) for each in heard[:-1]} == {Progress} and not worker.busy
+    first = worker.pid
+    worker.begin(Job(log.device, Path(tmp_path / "none.csv")))
+    assert "cannot be read" in until(worker, (Finished, Failed))[-1].reason
+    assert worker.pid == first
+
+
+def test_a_job_ends_when_told_and_the_next_one_is_done(worker):
+    log = log_of(flexible(), (LINK,), seed=31, duration=4.0)
+    worker.begin(Job(log.device, log))
+    until(worker, Progress)
+    pid = worker.pid
+    worker.cancel()
+    assert ended(pid) and worker.poll() is None and not worker.busy
+    worker.begin(Job(log.device, log))
+    until(worker, Progress)
+    os.kill(worker.pid, 9)
+    assert "ended in the middle" in until(worker, Failed)[-1].reason
+
+
+def test_a_look_tells_the_gap_and_its_place_and_the_tuned_device_has_less(worker):
+    log = log_of(flexible(), (LINK,), seed=23, duration=4.0, tolerance=0.0)
+    nominal = log_of(flexible(), (), seed=23, duration=4.0, tolerance=0.0)
+    rehearse(log.device)
+    seen, fine = look(log, log.device), look(nominal, log.device)
+    assert seen.sites[0].site == "link" and seen.sites[0].share > 0.5
+    assert seen.residual_ratio > 5.0 * fine.residual_ratio
+    assert fine.residual_ratio < 1.5
+    assert seen.error > 3.0 * fine.error
+    off = log_of(flexible(), (), seed=23, duration=4.0)
+    report = diagnose([off], off.device)
+    assert report.verdict == "no_gap"
+    assert look(off, tuned(off.device, report)).error < 0.3 * look(off, off.device).error
+
+
+def test_a_link_that_stands_tells_nothing():
+    log = log_of(flexible(), (), seed=23, duration=4.0, tolerance=0.0)
+    still = {name: np.zeros_like(values) for name, values in log.measured.channels.items()}
+    standing = JointLog("", log.device, Signals(log.measured.time, still, log.measured.units), log.commands)
+    assert not look(standing, log.device).moves
