@@ -33,7 +33,7 @@ from via_gap.figures import (
 )
 from via_gap.log import JointLog
 from via_gap.measured import NAMES
-from via_gap.places import Place
+from via_gap.places import OF_READINGS, Place
 from via_gap.problem import Problem
 from via_gap.repaired import repaired_device
 from via_gap.replayed import simulated_log
@@ -252,8 +252,9 @@ def screened_members(candidates: Sequence[Place], judged: Sequence[Judged]) -> t
 
 
 def untried_effects(candidates: Sequence[Place]) -> tuple[str, ...]:
-    """Effects of the catalogue that are no candidate at all."""
-    return tuple(name for name in EFFECTS if name not in {place.name for place in candidates})
+    """Effects of the catalogue that are no candidate at all, nor seen in the readings."""
+    told = {*OF_READINGS, *(place.name for place in candidates)}
+    return tuple(name for name in EFFECTS if name not in told)
 
 
 def _member(place: Place) -> Member:

@@ -32,7 +32,7 @@ def page(report: GapReport) -> str:
         number=number, percent=percent, chance=chance, place=words.place_words, effect=words.effect_words,
         where=words.where_words, listed=words.listed, capital=words.capital, region=_region,
     )  # fmt: skip
-    environment.globals.update(with_sd=with_sd, site_words=words.site_words)
+    environment.globals.update(with_sd=with_sd, evidence=words.evidence, seen_in=words.seen_in)
     repair = report.repair()
     return environment.from_string(_shipped("page.html")).render(
         r=report,

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Sequence
 from via_sim.catalogue import EFFECTS
 
 from via_gap.figures import Member, Trial
+from via_gap.places import OF_READINGS
 from via_gap.rendering.numbers import number, percent
 from via_gap.report import Cause, Finding, GapReport, Place, Where
 
@@ -73,14 +74,27 @@ def headline(report: GapReport) -> str:
         return f"This log cannot tell what causes the gap: {_why_not(report)}."
     if verdict == "unknown":
         return f"None of the known effects explains the gap{_best_of_none(report)}."
-    shrinks = f": it closes {percent(gap.closes)} of what can be closed" if gap is not None else ""
-    if verdict == "two_effects":
-        shrinks = shrinks.replace("it closes", "they close")
-        return f"{capital(listed([place_words(p) for p in report.effects]))} together explain the gap{shrinks}."
-    if len(report.equivalence_set) > 1:
-        tied = listed([place_words(p) for p in report.equivalence_set], "or")
-        return f"One effect explains the gap, but this log cannot tell which: {tied}."
-    return f"{capital(place_words(report.effects[0]))} explains the gap{shrinks}."
+    read = [place_words(p) for p in report.effects if of_readings(p)]
+    moved = [place_words(p) for p in report.effects if not of_readings(p)]
+    shown = f"{listed(read)} {'differ' if len(read) > 1 else 'differs'} from the device file, as the readings show"
+    if not moved:
+        return f"{capital(shown)}; the motion itself shows no gap."
+    closed = f"{percent(gap.closes)} of what can be closed" if gap is not None else ""
+    besides = f"; besides, {shown}" if read else ""
+    tied = [place_words(p) for p in report.equivalence_set if p not in report.effects]
+    if len(moved) > 1:
+        closes = f": they close {closed}" if closed else ""
+        return f"{capital(listed(moved))} together explain the gap{closes}{besides}."
+    if tied:
+        return f"One effect explains the gap, but this log cannot tell which: {listed([*moved, *tied], 'or')}{besides}."
+    closes = f": it closes {closed}" if closed else ""
+    return f"{capital(moved[0])} explains the gap{closes}{besides}."
+
+
+def of_readings(place: Place | Cause) -> bool:
+    """Whether an effect is seen in a sensor's readings and not in the motion."""
+    drives = place.effect in EFFECTS and EFFECTS[place.effect].of_drive
+    return place.site == "sensor" and (place.effect in OF_READINGS or drives)
 
 
 def cautions(report: GapReport) -> tuple[str, ...]:
@@ -93,9 +107,9 @@ def cautions(report: GapReport) -> tuple[str, ...]:
         )
     if gap is not None and report.verdict in ("effect", "two_effects") and gap.closes < CLOSED:
         said.append(f"Something else is missing as well: {percent(1.0 - gap.closes)} of what can be closed stays open.")
-    if report.verdict == "effect" and len(report.equivalence_set) > 1:
+    if report.verdict in ("effect", "two_effects") and any(p not in report.effects for p in report.equivalence_set):
         said.append(
-            f"The repaired simulator holds {place_words(report.effects[0])}, the best of them: it may be the wrong one."
+            f"The repair holds {place_words(report.effects[0])}, the best of the tied causes: it may be the wrong one."
         )
     if report.verdict == "unknown" and report.effects:
         named = listed([place_words(p) for p in report.effects])
@@ -146,6 +160,23 @@ def where_words(where: Where) -> str:
     return f"{where.site} {where.motor}" if where.motor else where.site
 
 
+def seen_in(where: Where) -> str:
+    """What shows that the gap lies there."""
+    told = {"simulation": "the simulation only", "readings": "the readings themselves"}
+    return told.get(where.equation, f"equation: {where.equation}")
+
+
+def evidence(report: GapReport, cause: Cause) -> str:
+    """What speaks for a cause."""
+    if of_readings(cause):
+        return f"Evidence: the readings alone; put right, {percent(cause.left)} of their squared error is left."
+    together = len([p for p in report.effects if not of_readings(p)]) > 1 and any(
+        (p.effect, p.site, p.motor) == (cause.effect, cause.site, cause.motor) for p in report.effects
+    )
+    what = "all effects named together leave" if together else "it leaves"
+    return f"Evidence: on data not fitted {what} {percent(cause.left)} of the squared error that tuning leaves."
+
+
 def told_apart(one: str, other: str) -> str:
     """What separates two effects by the catalogue; empty where it says nothing of the two."""
     for first, second in ((one, other), (other, one)):
@@ -160,11 +191,13 @@ def told_apart(one: str, other: str) -> str:
 
 def equivalence_words(report: GapReport) -> tuple[str, ...]:
     """Why the causes of the set are not told apart, one sentence for each beside the best."""
-    if len(report.equivalence_set) < 2 or report.verdict not in ("effect", "cannot_tell"):
+    if report.verdict not in ("effect", "two_effects", "cannot_tell") or not report.equivalence_set:
         return ()
-    best, *others = report.equivalence_set
+    best = (*report.effects, *report.equivalence_set)[0]
     said = []
-    for other in others:
+    for other in report.equivalence_set:
+        if other == best or other in report.effects:
+            continue
         how = told_apart(best.effect, other.effect)
         trial = _trial(report, other)
         close = (
@@ -188,7 +221,7 @@ def ruled_out(report: GapReport) -> tuple[tuple[str, str], ...]:
             for c in report.causes
             if (c.effect, c.site, c.motor) not in tied
         )
-    named = _spots(report.equivalence_set if report.verdict in ("effect", "cannot_tell") else ())
+    named = _spots(report.equivalence_set if report.verdict != "unknown" else ())
     answer, kept = _spots(report.effects), _spots(report.causes)
     found = []
     for trial in report.figures.trials:
@@ -231,8 +264,9 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
             f"diagnose again with both logs: it separates {apart}; their predictions differ there by "
             f"{number(report.proposal.expected_disagreement, 2)} times the noise."
         )
-    elif report.verdict in ("effect", "cannot_tell") and len(report.equivalence_set) > 1:
-        hows = {told_apart(report.equivalence_set[0].effect, p.effect) for p in report.equivalence_set[1:]} - {""}
+    elif equivalence_words(report):
+        best, *others = (*report.effects, *report.equivalence_set)
+        hows = {told_apart(best.effect, p.effect) for p in others if p not in report.effects} - {""}
         wish = f": {listed(sorted(hows))}" if hows else ""
         said.append(f"Record a motion that separates the tied causes{wish}; then diagnose again with both logs.")
     refused = [f for f in report.data_check if f.severity == "refuse"]
