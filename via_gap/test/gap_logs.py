@@ -106,7 +106,7 @@ def _controlled(plant: JointPlant, sensors: Sensors, rate: float, time: np.ndarr
         if k:
             speed += 0.25 * ((rows[k, 1] - rows[k - 1, 1]) * rate - speed)
         torque[k] = np.clip(-0.4 * speed - 8.0 * (rows[k, 1] - wish[k]), -8.0, 8.0)
-        command = np.zeros(5)
+        command = np.zeros(4)
         command[0] = torque[k]
         state, rows[k + 1], _ = simulator.step(state, command)
     measured = Signals(
