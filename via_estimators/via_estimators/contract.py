@@ -30,6 +30,8 @@ from via_core.status import Status
 
 from via_estimators import window
 
+STATUSES = tuple(Status)  # by number: looking one up by its value costs as much as copying a small state
+
 
 def parameter(default: float | int, description: str, unit: str, low: float, high: float) -> Any:
     """A dataclass field with what a ROS parameter needs: description, unit and closed range."""
@@ -155,8 +157,8 @@ class Estimator(ABC):
     def step(self, state: Array, sample: ArrayLike) -> tuple[Array, Estimate]:
         """One sample (1 + k,), time first; the given state is left as it is."""
         new, time, status, value, deviation = self._fold(state, np.array(sample, dtype=np.float64).reshape(1, -1))
-        new.flags.writeable = False
-        return new, Estimate(time.item(), Status(status.item()), value[0], deviation[0])
+        new.setflags(write=False)
+        return new, Estimate(time.item(), STATUSES[status.item()], value[0], deviation[0])
 
     def run_rows(self, rows: ArrayLike, state: Array | None = None) -> tuple[Array, Estimates]:
         """Fold `step` over rows (N, 1 + k) from `state`, or from the start; returns the last state too."""

@@ -42,7 +42,7 @@ from via_core.devices import Device, TorqueMotor
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.status import Status
-from via_core.weak_form import fill_third
+from via_core.weak_form import fill_third, fill_weights
 
 from via_estimators import coloured, window
 from via_estimators.contract import Estimator, Parameters, expect, parameter
@@ -190,22 +190,18 @@ class ModulatedStiffness(Estimator):
 
 
 @njit(cache=True, error_model="numpy")
-def hold_slope(times: Array, newest: int, psi: Array, held: Array) -> None:
+def hold_slope(times: Array, newest: int, weights: Array, held: Array) -> None:
     """Weights (L,) for <f, psi'> of values held over the interval that ends at their stamp: psi_n - psi_(n-1), by slot.
 
-    psi  (L,) weights of <f, psi> for sampled curves, that is psi_n times half the two steps at n
+    weights  (L,) of <f, psi> for sampled curves, that is psi_n times half the two steps at n
     """
-    length = times.size
-    oldest = newest + 1 if newest + 1 < length else 0
-    held[oldest] = 0.0
-    at, density = oldest, 0.0
-    for _ in range(length - 1):
-        before = at
-        at = at + 1 if at + 1 < length else 0
-        following = at + 1 if at + 1 < length else 0
-        density_at = 2.0 * psi[at] / (times[following] - times[before]) if at != newest else 0.0
-        held[at] = density_at - density
-        density = density_at
+    last = times.size - 1
+    window.densities(times, newest, weights, held)
+    across = held[last]
+    for n in range(last, 0, -1):
+        held[n] = 2.0 * (held[n] - held[n - 1])
+    held[0] = 2.0 * (held[0] - across)
+    held[newest + 1 if newest < last else 0] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -283,8 +279,10 @@ def _advance(
         elapsed = rows[k, 0] - before if state[window.SAMPLES] > 1.0 else 0.0
         keep = exp(-max(elapsed, 0.0) / par[MEMORY])  # time in a gap, or until a window is full, counts like any other
         if full:
-            span = window.weigh(order, times, slot, psi, held)
-            fill_third(order, times, slot + 1 if slot + 1 < length else 0, psi)
+            oldest = slot + 1 if slot + 1 < length else 0
+            span = times[slot] - times[oldest]
+            fill_weights(order, times, oldest, psi)
+            fill_third(order, times, oldest, psi)
             hold_slope(times, slot, psi[0], held)
             coloured.lags(r, slot, keep, lagged)
         middle = slot + length // 2 + 1

@@ -70,6 +70,20 @@ def admit(state: Array, times: Array, row: Array, required: int, max_gap: float)
     return answer
 
 
+@njit(cache=True, error_model="numpy")
+def densities(times: Array, newest: int, weights: Array, out: Array) -> None:
+    """psi_n / 2 into out (L,), psi_n being the weight (L,) of <f, psi> over what the sample stands for; 0 at both ends.
+
+    All in the order of storage, so that the compiler can make vector instructions of it.
+    """
+    last = times.size - 1
+    for n in range(1, last):
+        out[n] = weights[n] / (times[n + 1] - times[n - 1])
+    out[0] = weights[0] / (times[1] - times[last])
+    out[last] = weights[last] / (times[0] - times[last - 1])
+    out[newest] = out[newest + 1 if newest < last else 0] = 0.0
+
+
 @njit(cache=True, error_model="numpy", fastmath=VECTOR)
 def weigh(order: int, times: Array, newest: int, psi: Array, held: Array) -> float:
     """Weights of the full window that ends in slot `newest`, by slot; returns its span T [s].
@@ -77,32 +91,18 @@ def weigh(order: int, times: Array, newest: int, psi: Array, held: Array) -> flo
     order  h of the modulating function w_hh
     psi    (3, L) for <f, psi>, <f, psi'>, <f, psi''> of sampled curves
     held   (L,) for <f, psi> of values held over the interval that ends at their stamp: half of that step times the
-           values of psi at both its ends, psi_n being the weight psi[0, n] over what the sample stands for
+           values of psi at both its ends
     """
-    length, weights = times.size, psi[0]
-    oldest = newest + 1 if newest + 1 < length else 0
+    last = times.size - 1
+    oldest = newest + 1 if newest < last else 0
     fill_weights(order, times, oldest, psi)
-    for n in range(2, length - 1):
-        before, here = times[n] - times[n - 2], times[n + 1] - times[n - 1]
-        held[n] = (times[n] - times[n - 1]) * (weights[n - 1] / before + weights[n] / here)
-    # Where the ring's storage begins and ends, and where the window does
-    for n in (0, 1, length - 1, oldest + 1, oldest + 2, newest):
-        _hold(times, newest, weights, held, n if n < length else n - length)
+    densities(times, newest, psi[0], held)
+    across = held[last]
+    for n in range(last, 0, -1):
+        held[n] = (times[n] - times[n - 1]) * (held[n - 1] + held[n])
+    held[0] = (times[0] - times[last]) * (across + held[0])
     held[oldest] = 0.0
     return times[newest] - times[oldest]
-
-
-@njit(cache=True, error_model="numpy")
-def _hold(times: Array, newest: int, weights: Array, held: Array, n: int) -> None:
-    """One of the weights `held` of `weigh`, wherever it lies; that of the oldest sample means nothing."""
-    length = times.size
-    oldest = newest + 1 if newest + 1 < length else 0
-    last = n - 1 if n > 0 else length - 1
-    start = last - 1 if last > 0 else length - 1
-    end = n + 1 if n + 1 < length else 0
-    before = times[n] - times[start if last != oldest else oldest]
-    here = times[end if n != newest else newest] - times[last]
-    held[n] = (times[n] - times[last]) * (weights[last] / before + weights[n] / here)
 
 
 @njit(cache=True, error_model="numpy")
