@@ -138,7 +138,9 @@ class Proposal(_Part):
     separates: tuple[Place, ...]
     expected_disagreement: Number  # [-] of their predictions, in units of the noise
     duration: Number  # [s]
-    file: str
+    file: str  # of its commands, empty until one is written
+    motion: str = ""  # its name
+    text: str = ""  # which, why, and what the log must hold, in one sentence
 
 
 class GapReport(_Part):

@@ -13,17 +13,19 @@ from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_gap.diagnose import diagnose as diagnosed
 from via_gap.log import read_log
+from via_gap.proposal import with_proposal
 from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
 from via_gap.report import read_report
 from via_gap.withheld import before_and_after
 from via_sim.effects_file import load_effects, save_effects
 
-from via_bringup.cli import gap_blind
+from via_bringup.cli import gap_blind, gap_propose
 from via_bringup.cli.console import answers, errors
 
 app = typer.Typer(help="Diagnose the gap between a log and its model.", no_args_is_help=True)
 app.add_typer(gap_blind.app, name="blind")
+app.command("propose")(gap_propose.command)
 
 
 @app.command("diagnose")
@@ -45,6 +47,8 @@ def diagnose(
         report = diagnosed(
             read, described, held or None, lambda what, share: bar.update(task, description=what, completed=share)
         )
+        bar.update(task, description="looking for a motion that decides")
+        report = with_proposal(report, described)
     answers.print(text(report), soft_wrap=True)
     if out is not None:
         _write(out, report.to_json())

@@ -1,0 +1,114 @@
+"""The proposed motion: it breaks the tie it was made for, keeps within limits, survives its file, or says it cannot."""
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of, servo, wrong_plant
+from via_core.bags import read_bag
+from via_core.devices import Device
+from via_core.errors import ParameterError, SignalError
+from via_gap.diagnose import diagnose
+from via_gap.motion_file import read_motion, write_motion
+from via_gap.motions import DURATION, MOTIONS
+from via_gap.nuisance import nuisances
+from via_gap.proposal import ENOUGH, commands_of, propose, rate_of, recorded, tied, with_proposal
+from via_gap.report import Cause, GapReport, NuisanceValue, Place, Value
+from via_sim.effects import Effect
+from via_sim.plants import JointPlant
+
+COULOMB = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
+STRIBECK = Effect("stribeck_friction", "motor", {"breakaway": 0.045, "kinetic": 0.03, "velocity": 0.05}, 1)
+DAHL = Effect("presliding_friction", "link", {"torque": 0.02, "stiffness": 3.0})
+BACKLASH = Effect("backlash", "transmission", {"gap": 0.02}, 1)
+BIAS = Effect("torque_bias", "motor", {"torque": -0.004}, 1)
+SKEWED = Effect("asymmetric_coulomb", "motor", {"forward": 0.008, "backward": 0.0}, 1)
+
+
+def undecided(device: Device, *effects: Effect) -> GapReport:
+    """A report that ties these causes, as a diagnosis would write it."""
+    places = tuple(Place(effect=e.name, site=e.site, joint=device.name, motor=e.motor) for e in effects)
+    causes = tuple(
+        Cause(
+            effect=e.name, site=e.site, joint=device.name, motor=e.motor, probability=1.0 / len(effects), left=0.0,
+            score=0.7,
+            parameters={p.name: Value(value=e.parameters[p.name], sd=0.0, unit=p.unit) for p in e.kind.parameters},
+        )
+        for e in effects
+    )  # fmt: skip
+    numbers = tuple(
+        NuisanceValue(name=n.name, unit=n.unit, filed=n.value, fitted=n.value, deviations=0.0, at_bound=False)
+        for n in nuisances(JointPlant.from_device(device))
+    )
+    return GapReport(
+        joint=device.name, level="full", logs=("a",), holdout=("blocks of the same logs",), verdict="effect", where=(),
+        causes=causes, equivalence_set=places, effects=places[:1], gap=None, nuisance=numbers, data_check=(),
+        not_judged=(),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("truth", "rivals"),
+    [(STRIBECK, (COULOMB, STRIBECK)), (COULOMB, (COULOMB, STRIBECK)), (BACKLASH, (DAHL, BACKLASH))],
+    ids=["Stribeck", "Coulomb", "backlash"],
+)
+def test_the_motion_breaks_the_tie(truth, rivals):
+    device = flexible()
+    proposed = propose(undecided(device, *rivals), device)
+    assert proposed.score > ENOUGH
+    plant = wrong_plant(device, (truth,), np.random.default_rng(41), 0.05)
+    answer = recorded(plant, proposed.commands, np.zeros(6), 7)
+    report = diagnose([log_of(device, (truth,), seed=41, duration=6.0), answer], device)
+    assert report.verdict == "effect"
+    assert [place.effect for place in report.equivalence_set] == [truth.name]
+
+
+def test_what_is_the_same_torque_in_every_motion_is_said_to_be():
+    device = flexible()
+    dry = device.model_copy(
+        update={"motors": (device.motors[0].model_copy(update={"coulomb_friction": 0.08}),)}
+    )  # 5 % of it and one-sided friction make a bias
+    proposed = propose(undecided(dry, BIAS, SKEWED), dry)
+    assert proposed.score < ENOUGH
+    assert "no motion" in proposed.text and "hold" in proposed.text
+
+
+def test_nothing_is_proposed_where_nothing_is_open():
+    device = flexible()
+    decided = undecided(device, COULOMB)
+    assert propose(decided, device) is None
+    assert with_proposal(decided, device).proposal is None
+    both = undecided(device, COULOMB, BACKLASH)
+    assert tied(both.model_copy(update={"verdict": "two_effects"})) == ()
+    assert len(tied(both.model_copy(update={"verdict": "cannot_tell", "equivalence_set": ()}))) == 2
+
+
+def test_a_report_of_another_device_is_refused():
+    report = undecided(flexible(), COULOMB, BACKLASH)
+    with pytest.raises(ParameterError, match="not those of"):
+        propose(report, servo())
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: motion.name)
+def test_every_motion_begins_and_ends_at_rest_within_its_size(motion):
+    time = np.arange(round(DURATION * 1000.0)) / 1000.0
+    angle = motion.reference(time)
+    assert angle[[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert np.max(np.abs(angle)) <= 1.0 + 1e-9
+    assert np.max(np.abs(angle)) >= 0.1
+    assert np.max(np.abs(np.diff(angle))) < 0.05
+    assert np.all((motion.load(time) >= 0.0) & (motion.load(time) <= 1.0))
+
+
+@pytest.mark.parametrize("device", [flexible(), servo()], ids=["torque", "servo"])
+def test_commands_survive_their_file(tmp_path, device):
+    commands, _ = commands_of(JointPlant.from_device(device), MOTIONS[2], 0.3)
+    write_motion(tmp_path / "motion.csv", device, commands)
+    again = read_motion(tmp_path / "motion.csv", device)
+    assert again.channels.keys() == commands.channels.keys()
+    for name, values in commands.channels.items():
+        assert again[name] == pytest.approx(values, rel=1e-8, abs=1e-12)
+    write_motion(tmp_path / "motion", device, commands)
+    topic = read_bag(tmp_path / "motion")[device.command_topic]
+    assert len(topic) == len(commands) == round(DURATION * rate_of(device))
+    write_motion(tmp_path / "empty.csv", device, commands.select([]))
+    with pytest.raises(SignalError, match="no column of commands"):
+        read_motion(tmp_path / "empty.csv", device)

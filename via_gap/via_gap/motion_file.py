@@ -1,0 +1,101 @@
+"""Commands as a file: columns that a log has too, or a bag whose commands simulator and robot understand when played.
+
+A table has `time` [s] and motor_1, motor_2 [N m], or equilibrium, preset [rad] and damping [-], or external_torque
+[N m] for a rigid joint. Each row holds until the next.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from via_core.bags import BagWriter
+from via_core.bags.definitions import typestore_of
+from via_core.bags.layout import filled
+from via_core.devices import Device
+from via_core.errors import SignalError, ViaError
+from via_core.signals import Array, Signals
+from via_core.wire import EQUILIBRIUM_PRESET, MOTOR_TORQUE, VSA_COMMAND
+
+_UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "external_torque": "N m", "motor": "N m"}
+
+
+def columns_of(signals: Signals) -> dict[str, Array]:
+    """Columns by header: a channel of several motors becomes name_1, name_2."""
+    columns: dict[str, Array] = {}
+    for name, values in signals.channels.items():
+        if values.ndim == 1:
+            columns[name] = values
+        else:
+            columns |= {f"{name}_{i + 1}": column for i, column in enumerate(values.T)}
+    return columns
+
+
+def write_motion(path: Path, device: Device, commands: Signals) -> None:
+    """A table for `.csv`, else a new bag folder. Raises ViaError where it cannot be written."""
+    if path.suffix.lower() == ".csv":
+        write_table(path, commands.time, columns_of(commands))
+    elif device.n_motors == 0:
+        raise SignalError(f"{path}: no message commands a rigid joint's torque; name a .csv file")
+    else:
+        _write_bag(path, device, commands)
+
+
+def write_table(path: Path, time: Array, columns: dict[str, Array]) -> None:
+    """Columns of numbers with a header. Raises SignalError where it cannot be written."""
+    try:
+        with path.open("w", encoding="utf-8") as file:
+            file.write(",".join(["time", *columns]) + "\n")
+            np.savetxt(file, np.column_stack([time, *columns.values()]), fmt="%.9g", delimiter=",")
+    except OSError as error:
+        raise SignalError(f"cannot write {path}: {error.strerror}") from None
+
+
+def read_motion(path: Path, device: Device) -> Signals:
+    """Commands of a table. Raises SignalError in one line for what is none."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            header = [name.strip() for name in next(csv.reader(file), [])]
+        table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2, encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SignalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
+    except ValueError as error:
+        raise SignalError(f"{path}: {' '.join(str(error).split())[:120]}") from None
+    columns = {name: table[:, i] for i, name in enumerate(header) if i < table.shape[1]}
+    if "time" not in columns or not len(table):
+        raise SignalError(f"{path}: no column 'time' with numbers; there are: {', '.join(header) or 'none'}")
+    motors = [columns[f"motor_{i + 1}"] for i in range(device.n_motors) if f"motor_{i + 1}" in columns]
+    channels = {name: columns[name] for name in _UNITS if name in columns}
+    if motors:
+        channels["motor"] = np.column_stack(motors)
+    if not channels:
+        raise SignalError(f"{path}: no column of commands; there are: {', '.join(header)}")
+    try:
+        return Signals(columns["time"], channels, _UNITS, frozenset(channels))
+    except ViaError as error:
+        raise SignalError(f"{path}: {error}") from None
+
+
+def _write_bag(path: Path, device: Device, commands: Signals) -> None:
+    torque = "motor" in commands
+    stamp = np.rint(commands.time * 1e9).astype(np.int64)
+    seconds, nanoseconds = np.divmod(stamp, 1_000_000_000)
+    columns = {"header.stamp.sec": seconds, "header.stamp.nanosec": nanoseconds, "sequence": np.arange(len(stamp))}
+    columns |= {name: commands[name] for name in commands.channels if name in ("equilibrium", "preset", "damping")}
+    if torque:
+        columns["motor"] = commands["motor"]
+    store = typestore_of(VSA_COMMAND)
+    template = store.types[VSA_COMMAND](
+        header=store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](0, 0), device.name),
+        sequence=0,
+        mode=MOTOR_TORQUE if torque else EQUILIBRIUM_PRESET,
+        equilibrium=np.nan,
+        preset=np.nan,
+        damping=0.0,
+        motor=np.zeros(device.n_motors if torque else 0),
+    )
+    with BagWriter(path) as bag:
+        bag.add_topic(device.command_topic, VSA_COMMAND)
+        for when, message in zip(stamp, filled(store, VSA_COMMAND, template, len(stamp), columns), strict=True):
+            bag.write(device.command_topic, message, int(when))

@@ -1,0 +1,116 @@
+"""Short motions that show one effect more than another, as references of the motors around a place of rest.
+
+Every motion begins and ends at rest. They differ in what they ask of the joint: speeds from creep to fast strokes,
+reversals that begin smaller than any bristle or gap, standstill approached from both sides, jumps, a climbing
+frequency, the same strokes under another load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from scipy.signal import fftconvolve
+from via_core.signals import Array
+
+DURATION = 12.0  # [s]
+REST = 0.5  # [s] before and after
+ROUNDED = 0.05  # [s] over which corners are rounded
+
+
+@dataclass(frozen=True)
+class Motion:
+    """name, what it is good for, and the share -1..1 of the largest angle at times (N,) [s] in 0..DURATION.
+
+    loaded  share of the largest preset or load at the same times, 0 where it does not matter
+    """
+
+    name: str
+    shows: str
+    at: Callable[[Array], Array]
+    loaded: Callable[[Array], Array]
+
+    def reference(self, time: Array) -> Array:
+        """(N,) shares, corners rounded, at rest in the beginning and at the end."""
+        half = max(1, round(0.5 * ROUNDED / (time[1] - time[0])))
+        window = np.hanning(2 * half + 3)[1:-1]
+        inside = np.clip(time - REST, 0.0, DURATION - 2.0 * REST) / (DURATION - 2.0 * REST)
+        padded = np.pad(self.at(inside), half, mode="edge")
+        return np.asarray(fftconvolve(padded, window / window.sum(), mode="valid"))
+
+    def load(self, time: Array) -> Array:
+        """(N,) shares."""
+        return self.loaded(np.clip(time / DURATION, 0.0, 1.0))
+
+
+def _never(share: Array) -> Array:
+    return np.zeros_like(share)
+
+
+def _strokes(*stops: tuple[float, float]) -> Callable[[Array], Array]:
+    """Straight lines through (share of the time, angle)."""
+    at, angle = zip(*stops, strict=True)
+    return lambda share: np.interp(share, at, angle)
+
+
+def _triangle(cycles: float) -> Callable[[Array], Array]:
+    return lambda share: np.asarray(2.0 / pi * np.arcsin(np.sin(2.0 * pi * cycles * share)))
+
+
+def _slow(size: float) -> Callable[[Array], Array]:
+    """There and back on both sides at one speed."""
+    return lambda share: size * _triangle(1.0)(share)
+
+
+def _ladder(share: Array) -> Array:
+    """There and back at six speeds, each twice the one before."""
+    speeds = 2.0 ** np.arange(6)
+    reach = np.minimum(speeds / speeds[-2], 1.0)
+    spans = np.repeat(reach / speeds, 2)
+    edges = np.concatenate([[0.0], np.cumsum(spans)]) / spans.sum()
+    angles = np.zeros(len(edges))
+    angles[1::2] = reach
+    return np.interp(share, edges, angles)
+
+
+def _growing(cycles: float) -> Callable[[Array], Array]:
+    """Reversals whose amplitude grows from a two-hundredth to the whole; ends at rest."""
+    return lambda share: 0.005 ** (1.0 - share) * np.sin(2.0 * pi * cycles * share)
+
+
+def _chirp(share: Array) -> Array:
+    climb = np.log(20.0)
+    fade = np.minimum(1.0, 20.0 * (1.0 - share))
+    return np.sin(2.0 * pi * 3.0 * (np.exp(climb * share) - 1.0) / climb) * np.exp(-0.7 * climb * share) * fade
+
+
+def _holds(share: Array) -> Array:
+    """Places approached from below and from above, and held."""
+    goals = [0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0]
+    edges = np.linspace(0.0, 1.0, len(goals) + 1)
+    at = np.sort(np.concatenate([edges[:-1] + 0.03, edges[1:] - 0.005]))
+    return np.interp(share, at, np.repeat(goals, 2))
+
+
+def _steps(share: Array) -> Array:
+    return np.tanh(8.0 * np.sin(2.0 * pi * 5.0 * share))
+
+
+MOTIONS = (
+    Motion("slow creep", "friction far below the speed of ordinary motion", _slow(0.15), _never),
+    Motion("slow strokes", "friction at low speed, loading against unloading", _slow(0.6), _never),
+    Motion("ladder of speeds", "how friction depends on speed", _ladder, _never),
+    Motion("growing reversals", "what happens within the first way after a reversal", _growing(12.0), _never),
+    Motion("slow growing reversals", "what happens within the first way after a reversal", _growing(5.0), _never),
+    Motion("holds", "standstill approached from both sides", _holds, _never),
+    Motion("steps", "high torque, impacts, and what is late", _steps, _never),
+    Motion("rising frequency", "what is late, resonance, damping", _chirp, _never),
+    Motion(
+        "strokes under two loads",
+        "the same speeds with little and with much torque in the transmission",
+        lambda s: 0.3 * _triangle(6.0)(s) + _strokes((0.0, 0.0), (0.45, 0.0), (0.55, 0.7), (0.9, 0.7), (1.0, 0.0))(s),
+        _strokes((0.0, 0.0), (0.45, 0.0), (0.55, 1.0), (1.0, 1.0)),
+    ),
+)  # fmt: skip
