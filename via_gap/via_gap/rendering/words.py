@@ -37,6 +37,7 @@ LEVELS = {
 }
 SIGNALS = {"q": "link angle q", "theta_1": "motor 1 angle", "theta_2": "motor 2 angle"}
 CLOSE = 0.2  # of a score: a richer effect that comes no further behind is dropped for being needless
+HELPS = 0.95  # of the squared error: a cause that leaves more is said not to help
 SEVERAL = 3  # logs that are named one by one
 CLOSED = 0.9  # of what can be closed: less is said to leave something
 
@@ -230,7 +231,7 @@ def ruled_out(report: GapReport) -> tuple[tuple[str, str], ...]:
             continue
         what = listed([place_words(m) for m in trial.effects])
         behind = f"{number(trial.behind, 2)} ± {number(trial.behind_sd, 1)} behind the best in score"
-        leaves = f"leaves {percent(trial.left)} of the squared error" if trial.left < 0.995 else "does not help"
+        leaves = f"leaves {percent(trial.left)} of the squared error" if trial.left < HELPS else "does not help"
         why = f"{leaves}, {behind}"
         if len(members) == 1 and report.verdict == "two_effects" and members <= answer:
             why = f"alone {why}"
@@ -294,7 +295,7 @@ def _best_of_none(report: GapReport) -> str:
     if not report.causes:
         return ""
     best = min(report.causes, key=lambda cause: cause.left)
-    if best.left >= 1.0:
+    if best.left >= HELPS:
         return ": none of them helps on data that was not fitted"
     return f": the best, {place_words(best)}, leaves {percent(best.left)} of the squared error"
 

@@ -1,0 +1,108 @@
+"""Reports of every verdict for the tests of words and pages: the figures of a small real diagnosis, planted answers."""
+
+from functools import cache
+
+from gap_logs import flexible, log_of
+from via_gap.diagnose import diagnose
+from via_gap.figures import Member, Trial
+from via_gap.report import Cause, Finding, Gap, GapReport, Place, Proposal, SignalGap, Value, Where
+
+HOSTILE = "<script>document.title='taken'</script> & \"run\" 1.csv"  # a file may be called that
+VERDICTS = ("effect", "tied", "two_effects", "no_gap", "unknown", "cannot_tell", "refused", "readings")
+
+
+def place(effect: str, site: str, motor: int = 0) -> Place:
+    return Place(effect=effect, site=site, joint="joint", motor=motor)
+
+
+BACKLASH, COULOMB = place("backlash", "transmission", 1), place("coulomb_friction", "motor", 1)
+VISCOUS, STEPS = place("viscous_friction", "motor", 1), place("encoder_quantisation", "sensor")
+VALUES = {
+    "backlash": {"gap": Value(value=0.02, sd=1e-4, unit="rad")},
+    "coulomb_friction": {"torque": Value(value=0.0301, sd=4e-4, unit="N m")},
+    "viscous_friction": {"coefficient": Value(value=0.05, sd=1e12, unit="N m s/rad")},
+    "encoder_quantisation": {"quantum": Value(value=1e-3, sd=0.0, unit="rad")},
+}
+
+
+def cause(at: Place, probability: float, left: float = 0.01) -> Cause:
+    return Cause(**at.model_dump(), probability=probability, parameters=VALUES[at.effect], left=left, score=left)
+
+
+def trial(*places: Place, left: float, behind: float) -> Trial:
+    members = tuple(Member(effect=p.effect, site=p.site, motor=p.motor) for p in places)
+    return Trial(effects=members, left=left, behind=behind, behind_sd=0.03)
+
+
+def where(at: Place, share: float, equation: str) -> Where:
+    return Where(joint="joint", site=at.site, motor=at.motor, equation=equation, share=share)
+
+
+GAP = Gap(
+    by="shots", before=0.2, tuned=0.1, after=0.02, interval=(0.018, 0.023), floor=0.01, ceiling=0.015, closes=0.973,
+    signals={
+        "q": SignalGap(before=0.2, after=0.02, floor=0.01, ceiling=0.015, closes=0.973),
+        "theta_1": SignalGap(before=0.1, after=0.02, floor=0.0, ceiling=0.01, closes=0.889),
+    },
+)  # fmt: skip
+
+
+@cache
+def healthy() -> GapReport:
+    """A real report: no gap, which takes no candidate and so next to no time."""
+    log = log_of(flexible(), (), seed=22)
+    return diagnose([log], log.device)
+
+
+@cache
+def report_of(verdict: str) -> GapReport:
+    """A report for each of VERDICTS; all but 'no_gap' hold planted answers beside real figures."""
+    base = healthy().model_copy(update={"logs": (HOSTILE,)})
+    if verdict == "no_gap":
+        return base
+    figures = base.figures
+    assert figures is not None
+    noticed = Finding(log=HOSTILE, check="jitter", signal="time", severity="note", value=0.1, text="stamps wobble")
+    alone = trial(BACKLASH, left=0.01, behind=0.0)
+    trials = (alone, trial(COULOMB, left=0.02, behind=0.02), trial(VISCOUS, left=1.1, behind=3.0))
+    found = {
+        "verdict": "effect", "gap": GAP, "data_check": (noticed,), "not_judged": ("no motor torque was measured",),
+        "where": (where(BACKLASH, 0.9, "link and motor 1"), where(COULOMB, 0.1, "motor 1")),
+        "causes": (cause(BACKLASH, 0.97), cause(COULOMB, 0.02, 0.3), cause(VISCOUS, 0.001, 1.1)),
+        "equivalence_set": (BACKLASH,), "effects": (BACKLASH,),
+        "figures": figures.model_copy(update={"trials": trials, "screened": (trials[-1].effects[0],)}),
+    }  # fmt: skip
+    changes = {
+        "effect": {},
+        "tied": {
+            "causes": (cause(COULOMB, 0.6), cause(VISCOUS, 0.4)),
+            "equivalence_set": (COULOMB, VISCOUS),
+            "effects": (COULOMB,),
+            "proposal": Proposal(
+                separates=(COULOMB, VISCOUS), expected_disagreement=12.0, duration=8.0, file="motion.csv"
+            ),
+        },
+        "two_effects": {
+            "verdict": "two_effects",
+            "causes": (cause(BACKLASH, 0.95), cause(COULOMB, 0.95)),
+            "equivalence_set": (BACKLASH, COULOMB),
+            "effects": (BACKLASH, COULOMB),
+        },
+        "unknown": {
+            "verdict": "unknown",
+            "causes": (cause(COULOMB, 0.2, 0.7), cause(BACKLASH, 0.1, 0.6)),
+            "effects": (),
+            "gap": GAP.model_copy(update={"after": 0.1, "interval": (0.09, 0.12), "closes": 0.54}),
+        },
+        "cannot_tell": {"verdict": "cannot_tell", "equivalence_set": (BACKLASH, COULOMB, VISCOUS), "where": ()},
+        "refused": {
+            "verdict": "cannot_tell", "where": (), "causes": (), "equivalence_set": (), "effects": (), "gap": None,
+            "nuisance": (), "figures": None,
+            "data_check": (noticed.model_copy(update={"severity": "refuse", "text": "neither commands nor torques"}),),
+        },
+        "readings": {
+            "where": (where(STEPS, 1.0, "readings"),), "causes": (cause(STEPS, 0.98),),
+            "equivalence_set": (STEPS,), "effects": (STEPS,),
+        },
+    }[verdict]  # fmt: skip
+    return GapReport.model_validate(base.model_copy(update={**found, **changes}).model_dump())
