@@ -38,13 +38,12 @@ from math import exp, factorial, sqrt
 
 import numpy as np
 from numba import njit
-from via_core.devices import Device, TorqueMotor
-from via_core.errors import ParameterError
+from via_core.devices import Device
 from via_core.signals import Array
 from via_core.status import Status
 from via_core.weak_form import fill_third, fill_weights
 
-from via_estimators import coloured, window
+from via_estimators import coloured, transmissions, window
 from via_estimators.contract import Estimator, Parameters, expect, parameter
 from via_estimators.qr import solve_transposed, solve_triangular
 
@@ -91,15 +90,10 @@ class ModulatedStiffness(Estimator):
     @classmethod
     def from_device(cls, device: Device) -> ModulatedStiffness:
         """Motors and sensors from a device file; the document's window of half a second, and N = 4."""
-        motors = [motor for motor in device.motors if isinstance(motor, TorqueMotor)]
-        if not device.n_transmissions or len(motors) < device.n_transmissions:
-            raise ParameterError(f"'{device.name}' has no torque-driven transmission; its torque equation is not known")
-        law = device.spring_laws[0]
-        stop = law.max_deflection
-        quantum = max(device.sensors.link_quantum or 0.0, device.sensors.motor_quantum or 0.0)
+        motors, law = transmissions.motors_of(device), device.spring_laws[0]
         return cls(
             ModulatedStiffnessParameters(
-                transmissions=device.n_transmissions,
+                **transmissions.known_of(device),
                 window=int(np.clip(round(0.5 * device.sensors.rate), 20, 2000)),
                 taylor_order=4,
                 sampling=1.0 / device.sensors.rate,
@@ -107,11 +101,7 @@ class ModulatedStiffness(Estimator):
                 motor_inertia_2=motors[-1].inertia,
                 motor_damping_1=motors[0].viscous_friction,
                 motor_damping_2=motors[-1].viscous_friction,
-                stiffness_deviation=3.0 * float(law.stiffness(np.linspace(0.0, stop, 65)).max()),
-                deflection_scale=stop,
-                torque_noise=device.sensors.torque_noise or 1e-3 * float(law.torque(stop)),
-                position_noise=quantum / sqrt(12.0),
-                minimum_motion=max(0.001 * stop, 4.0 * quantum),
+                stiffness_deviation=3.0 * float(law.stiffness(np.linspace(0.0, law.max_deflection, 65)).max()),
             )
         )
 
@@ -120,12 +110,11 @@ class ModulatedStiffness(Estimator):
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        pairs = [(f"theta_{i}", f"tau_{i}") for i in range(1, self.parameters.transmissions + 1)]
-        return ("q", *(name for pair in pairs for name in pair))
+        return transmissions.inputs_of(self.parameters.transmissions)
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
-        return ("stiffness", *(f"stiffness_{i}" for i in range(1, self.parameters.transmissions + 1)))
+        return transmissions.outputs_of(self.parameters.transmissions)
 
     @property
     def _terms(self) -> int:
@@ -259,10 +248,7 @@ def _advance(
     row, slope, P, powers = np.empty(n), np.empty(n), np.empty((n, n)), np.ones((m, n + 1))  # powers: phi^j / j!
     for k in range(rows.shape[0]):
         before = state[window.LAST]
-        absurd = False
-        for i in range(m):
-            absurd = absurd or abs(rows[k, 1] - rows[k, 2 + 2 * i]) > BEYOND
-        entered = window.refuse(state) if absurd else window.admit(state, times, rows[k], 2 + 2 * m, par[MAX_GAP])
+        entered = transmissions.enter(state, times, rows[k], m, BEYOND, par[MAX_GAP])
         time[k] = state[window.LAST]
         if entered == window.SKIPPED:
             status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread

@@ -31,13 +31,12 @@ from math import exp, sqrt
 
 import numpy as np
 from numba import njit
-from via_core.devices import Device, TorqueMotor
-from via_core.errors import ParameterError
+from via_core.devices import Device
 from via_core.signals import Array
 from via_core.springs import SpringLaw
 from via_core.status import Status
 
-from via_estimators import coloured, window
+from via_estimators import coloured, transmissions, window
 from via_estimators.contract import Estimator, Parameters, expect, parameter
 
 MOST_TERMS = 6
@@ -83,29 +82,20 @@ class ModulatedTorque(Estimator):
     @classmethod
     def from_device(cls, device: Device) -> ModulatedTorque:
         """Scales and priors from a device file: its numbers say the order of magnitude, not the answer."""
-        motor = device.motors[0] if device.n_transmissions else None
-        if not isinstance(motor, TorqueMotor):
-            raise ParameterError(f"'{device.name}' has no torque-driven transmission; its torque equation is not known")
-        law = device.spring_laws[0]
-        stop = law.max_deflection
-        stiffness = law.stiffness(np.linspace(0.0, stop, 65))
+        motor, law = transmissions.motors_of(device)[0], device.spring_laws[0]
+        stiffness = law.stiffness(np.linspace(0.0, law.max_deflection, 65))
         order, even = _terms_for(device.spring_laws)
-        quantum = max(device.sensors.link_quantum or 0.0, device.sensors.motor_quantum or 0.0)
         return cls(
             ModulatedTorqueParameters(
-                transmissions=device.n_transmissions,
+                **transmissions.known_of(device),
                 order=order,
                 even_terms=even,
-                deflection_scale=stop,
                 stiffness_prior=float(stiffness.mean()),
                 stiffness_deviation=3.0 * float(stiffness.max()),
                 inertia_prior=motor.inertia,
                 inertia_deviation=motor.inertia,
                 damping_prior=motor.viscous_friction,
                 damping_deviation=max(motor.viscous_friction, 1e-6),
-                torque_noise=device.sensors.torque_noise or 1e-3 * float(law.torque(stop)),
-                position_noise=quantum / sqrt(12.0),
-                minimum_motion=max(0.001 * stop, 4.0 * quantum),
             )
         )
 
@@ -114,18 +104,11 @@ class ModulatedTorque(Estimator):
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        pairs = [(f"theta_{i}", f"tau_{i}") for i in range(1, self.parameters.transmissions + 1)]
-        return ("q", *(name for pair in pairs for name in pair))
+        return transmissions.inputs_of(self.parameters.transmissions)
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
-        each = range(1, self.parameters.transmissions + 1)
-        return (
-            "stiffness",
-            *(f"stiffness_{i}" for i in each),
-            *(f"motor_inertia_{i}" for i in each),
-            *(f"motor_damping_{i}" for i in each),
-        )
+        return transmissions.outputs_of(self.parameters.transmissions, "motor_inertia", "motor_damping")
 
     @cached_property
     def _constants(self) -> tuple[Array, Array]:
@@ -231,10 +214,7 @@ def _advance(
     row, slope, P, powers = np.empty(n), np.zeros(n), np.empty((n, n)), np.ones((m, 2 * MOST_TERMS))
     for k in range(rows.shape[0]):
         before = state[window.LAST]
-        absurd = False
-        for i in range(m):
-            absurd = absurd or abs(rows[k, 1] - rows[k, 2 + 2 * i]) > BEYOND * scale
-        entered = window.refuse(state) if absurd else window.admit(state, times, rows[k], 2 + 2 * m, par[MAX_GAP])
+        entered = transmissions.enter(state, times, rows[k], m, BEYOND * scale, par[MAX_GAP])
         time[k] = state[window.LAST]
         if entered == window.SKIPPED:
             status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread

@@ -37,7 +37,7 @@ from via_core.signals import Array
 from via_core.status import Status
 
 from via_estimators import kinematic_kalman as kalman
-from via_estimators import rls, window
+from via_estimators import rls, transmissions, window
 from via_estimators.basis import BASES, MOST_TERMS, fill_basis
 from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
 from via_estimators.signal_based import ANY, BEYOND, SignalBased, visit, visited
@@ -113,12 +113,11 @@ class Residual(Estimator):
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
-        each = range(1, self.parameters.transmissions + 1)
-        return ("q", *(name for i in each for name in (f"theta_{i}", f"tau_{i}")))
+        return transmissions.inputs_of(self.parameters.transmissions)
 
     @cached_property
     def outputs(self) -> tuple[str, ...]:
-        return ("stiffness", *(f"stiffness_{i}" for i in range(1, self.parameters.transmissions + 1)))
+        return transmissions.outputs_of(self.parameters.transmissions)
 
     @cached_property
     def _constants(self) -> Array:
@@ -219,10 +218,7 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
     parts = np.empty(PARTS)
     for k in range(rows.shape[0]):
         before = state[window.LAST]
-        absurd = False
-        for i in range(m):
-            absurd = absurd or abs(rows[k, 1] - rows[k, 2 + 2 * i]) > BEYOND * scale
-        entered = window.refuse(state) if absurd else window.admit(state, times, rows[k], 2 + 2 * m, par[MAX_GAP])
+        entered = transmissions.enter(state, times, rows[k], m, BEYOND * scale, par[MAX_GAP])
         time[k] = state[window.LAST]
         if entered == window.SKIPPED:
             status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
