@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import Legendre, Polynomial
-from via_estimators.basis import BASES, fill_basis, swing_of_last
+from via_estimators.basis import BASES, fill_basis, swing_before, swing_of_last
 
 SLOPES = {
     "powers": lambda j: Polynomial.basis(j),
@@ -72,3 +72,6 @@ def test_swing_of_the_last_term_is_what_no_lower_power_can_take(name, back):
     chebyshev = np.polynomial.chebyshev.Chebyshev.fit(z, slope(z), degree, domain=[-far, far])
     size = swing_of_last(BASES[name], terms, back, far)
     assert size == pytest.approx(abs(chebyshev.coef[degree]), rel=1e-9)
+    for steps in (1, 2):
+        held = chebyshev.coef[degree - 2 * steps] / chebyshev.coef[degree] if degree >= 2 * steps else 0.0
+        assert swing_before(BASES[name], terms, back, far, steps) == pytest.approx(held, rel=1e-6, abs=1e-9)

@@ -71,11 +71,11 @@ def test_the_moving_base_is_least_squares_from_a_fixed_one():
         b = keep * b + (1.0 - keep) * pull @ x + y * row
         x = np.linalg.solve(A, b)
     np.testing.assert_allclose(estimates.value[-1, 2:], (x * widths)[1:3], rtol=1e-5)
-    equation = state[len(state) - integral.size(5) :]
+    equation = state[len(state) - integral.size(5, 1) :]
     np.testing.assert_allclose(integral.unknowns(equation, 5)[1:], x[1:], rtol=1e-5)
     assert weights[0] < 0.5  # forgetting had something to do
     # and the factor: R'R of the moving base is S'AS for a constant's column moved by what the integrals grew
-    R = integral.factor(equation, 5)
+    R = integral.factor(equation, 5)[:5, :5]
     moved = np.eye(5)
     moved[0, 2:] = -scaled[-1, 2:] / scaled[-1, 0]
     units = np.diag([1.0 / scaled[-1, 0], 1.0, 1.0, 1.0, 1.0])
@@ -84,17 +84,17 @@ def test_the_moving_base_is_least_squares_from_a_fixed_one():
 
 def test_eliminating_the_constant_keeps_what_is_known_of_the_rest():
     rng = np.random.default_rng(5)
-    n, state = 4, np.zeros(integral.size(4))
-    integral.start(state, n)
+    n, state = 4, np.zeros(integral.size(4, 0))
+    integral.start(state, n, 0)
     for _ in range(30):
         row = np.concatenate([[1.0], rng.normal(size=3)])
         integral.rebase(state, n, np.concatenate([[0.0], rng.normal(size=3)]), rng.normal(), 0.1)
         integral.take(state, n, row, rng.normal())
     x, work = integral.unknowns(state, n).copy(), np.empty(n)
     slope = np.array([0.0, 0.3, -1.0, 0.5])
-    before = integral.variance(state, n, slope, 1.3, 0.7, work)
+    before = integral.variance(state, n, slope, 1.3, 0.7, np.full(n, 0.6), work)
     integral.eliminate(state, n)
-    assert integral.variance(state, n, slope, 1.3, 0.7, work) == pytest.approx(before, rel=1e-9)
+    assert integral.variance(state, n, slope, 1.3, 0.7, np.full(n, 0.6), work) == pytest.approx(before, rel=1e-9)
     integral.take(state, n, np.array([1.0, 0.0, 0.0, 0.0]), 5.0)  # a row that only tells the new constant
     np.testing.assert_allclose(integral.unknowns(state, n), [5.0, *x[1:]], rtol=1e-9)
 
@@ -157,7 +157,7 @@ def test_a_day_of_motion_leaves_the_state_where_a_minute_left_it():
     day[:, 1:3] += 3.0 * 86400.0
     again, late = estimator.run_rows(day)
     np.testing.assert_allclose(late.value[-1], early.value[-1], rtol=1e-6)
-    assert np.abs(again[-integral.size(4) :]).max() < 1.01 * np.abs(first[-integral.size(4) :]).max()
+    assert np.abs(again[-integral.size(4, 1) :]).max() < 1.01 * np.abs(first[-integral.size(4, 1) :]).max()
 
 
 def joint(device, velocity, seconds=8, seed=0):
@@ -210,3 +210,19 @@ def test_stamps_rounded_to_ten_picoseconds_change_nothing():
     _, rounded = estimator.run_rows(rows)
     np.testing.assert_allclose(rounded.value[500:], exact.value[500:], rtol=1e-6)
     np.testing.assert_allclose(rounded.standard_deviation[500:], exact.standard_deviation[500:], rtol=1e-5)
+
+
+@pytest.mark.parametrize("memory", [1e9, 0.5])
+def test_what_a_term_cut_off_does_to_the_others_is_known(memory):
+    """5 phi^3 of the law left to one term: the column considered tells what that puts inertia, damping and k off."""
+    rows, _ = planted()
+    estimator = SignalBased(replace(ONE, terms=1, memory=memory, horizon=0.05))
+    own = estimator.parameters
+    state, estimates = estimator.run_rows(rows)
+    off = integral.considered(state[len(state) - integral.size(4, 1) :], 4)[0]
+    widths = np.array([own.inertia_deviation, own.damping_deviation, own.stiffness_deviation])
+    told = off[1:] * widths * 15.0 / own.stiffness_deviation  # g_2 = phi^2 at scale 1, of which the law has 15
+    found = np.array([estimates.value[-1, 2], estimates.value[-1, 3], estimates.value[-1, 1]])
+    found -= (INERTIA, DAMPING, 8.0)
+    assert abs(found[2]) > 0.3
+    np.testing.assert_allclose(told, found, rtol=0.02, atol=1e-5)

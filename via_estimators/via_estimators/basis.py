@@ -78,16 +78,24 @@ def swing_of_last(kind: int, terms: int, back: int, far: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def swing_before(kind: int, terms: int, back: int, far: float) -> float:
-    """How much [-] of the next lower Chebyshev polynomial of its parity, T_(n-2), the slope of a term holds.
+def swing_before(kind: int, terms: int, back: int, far: float, steps: int) -> float:
+    """How much [-] of a lower Chebyshev polynomial of its parity, T_(n - 2 steps), the slope of a term holds.
 
-    Per unit of `swing_of_last` of the same term; z^n holds n times as much of T_(n-2) as of T_n, half that where n = 2.
+    Per unit of `swing_of_last` of the same term, z^n = 2^(1-n) (T_n + n T_(n-2) + n (n - 1) / 2 T_(n-4) + ..), T_0
+    halved.
+
+    steps  1 or 2
     """
     j = terms - 1 - back
     n = 2 * j if kind in (ODD_POWERS, ODD_LEGENDRE) else j
-    if n < 2:
+    if n < 2 * steps:
         return 0.0
-    share = float(n)
-    if kind in (LEGENDRE, ODD_LEGENDRE):  # which go on with -n (n - 1) / (2 (2n - 1)) z^(n-2) per z^n
-        share -= 2.0 * n * (n - 1.0) / ((2.0 * n - 1.0) * far * far)
-    return 0.5 * share if n == 2 else share
+    share = float(n) if steps == 1 else 0.5 * n * (n - 1.0)
+    if kind in (LEGENDRE, ODD_LEGENDRE):  # which go on with -n (n - 1) / (2 (2n - 1)) z^(n-2) per z^n, and so forth
+        second = -n * (n - 1.0) / (2.0 * (2.0 * n - 1.0)) * 4.0 / (far * far)
+        if steps == 1:
+            share += second
+        else:
+            third = -(n - 2.0) * (n - 3.0) / (4.0 * (2.0 * n - 3.0)) * 4.0 / (far * far) * second
+            share += second * (n - 2.0) + third
+    return 0.5 * share if n == 2 * steps else share

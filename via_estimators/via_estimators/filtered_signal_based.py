@@ -2,10 +2,11 @@
 
 Source: SAPHARI deliverable, Sections 4.3, 4.4 and eq. (55). The equation is that of `signal_based`, with all of its
 signals smoothed by the same Savitzky-Golay filter over W = window + 1 samples (`savitzky_golay`; W is odd, which 1000
-is not). Being linear, the filter leaves the equation true; only f(phi) of the smoothed deflection is not quite the
-smoothed f. The motor's velocity is the filter's slope of theta. Parameters are thus (W - 1)/2 samples late, which they
-bear, being constant or nearly so. The deflection is not late: kinematic Kalman filters of q and theta give it at the
-newest sample, plain or modified for quantised encoders (`kinematic_kalman`).
+is not). Being linear, the filter leaves the equation true, which is linear in torque, angle and f_j(phi): so smoothed
+are the f_j, not phi, of which f_j is no linear function. The motor's velocity is the filter's slope of theta.
+Parameters are thus (W - 1)/2 samples late, which they bear, being constant or nearly so. The deflection is not late:
+kinematic Kalman filters of q and theta give it at the newest sample, plain or modified for quantised encoders
+(`kinematic_kalman`).
 
 The filter asks for equidistant samples: a step that is more than half a sampling interval too short or too long counts
 as a gap and restarts the window, so that one sample lost costs a whole window: not for lossy lines. The actual mean
@@ -15,9 +16,9 @@ Standard deviations. What the smoothing takes away from torques and angles is th
 directly and need no model. Smoothed noise is no longer white; that the equation's covariance for white noise still
 holds, integrals being longer than the noise's correlation (W / order samples) or not, was measured: reported over
 empirical 0.9-1.3. Noise of the angles acts as torque through the stiffness, and through g at the present deflection
-with the Kalman filters' own variance. What the basis cuts off is told as in `signal_based`. Left out: what the
-smoothing distorts (motion faster than about order / (2 W) per sample: on cubic_demo under a multisine 4 % of stiffness,
-4-5 times what is told), dry friction, drift of the law, and the pull towards 0 that errors in regressors exert.
+with the Kalman filters' own variance. What the basis cuts off is told as in `signal_based`. Left out: a slope of theta
+that is not quite the slope of the smoothed theta (motion faster than about order / (2 W) per sample), dry friction,
+drift of the law, and the pull towards 0 that errors in regressors exert.
 """
 
 from __future__ import annotations
@@ -35,12 +36,13 @@ from via_core.status import Status
 
 from via_estimators import integral, window
 from via_estimators import kinematic_kalman as kalman
-from via_estimators.basis import BASES, MOST_TERMS
+from via_estimators.basis import BASES, MOST_TERMS, fill_basis
 from via_estimators.coloured import dot
 from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
 from via_estimators.savitzky_golay import savitzky_golay
 from via_estimators.signal_based import (
     BEYOND,
+    KIND,
     LENGTH,
     MARGIN,
     MEMORY,
@@ -53,6 +55,7 @@ from via_estimators.signal_based import (
     TORQUE_NOISE,
     TRANSMISSIONS,
     SignalBased,
+    cut_off,
     learn,
     scratch,
     tell,
@@ -166,9 +169,9 @@ class FilteredSignalBased(Estimator):
 
     def init(self) -> Array:
         own = self.parameters
-        m, n, length = own.transmissions, own.terms + 3, own.window + 1
-        each = N_KEPT + N_ROUGH + integral.size(n)
-        rings = length * (2 + 2 * m)
+        m, n, length, cut = own.transmissions, own.terms + 3, own.window + 1, cut_off(BASES[own.basis])
+        each = N_KEPT + own.terms + cut + N_ROUGH + integral.size(n, cut)
+        rings = length * (2 + m * (2 + own.terms + cut))
         state = np.zeros(window.HEADER + 2 * len(self.outputs) + rings + (1 + m) * kalman.SIZE + m * each)
         window.start(state)
         held = (
@@ -178,19 +181,21 @@ class FilteredSignalBased(Estimator):
         )  # fmt: skip
         state[window.HEADER : window.HEADER + len(held)] = held
         for i in range(m):
-            integral.start(self._equation(state, i), n)
+            integral.start(self._equation(state, i), n, cut)
         state.flags.writeable = False
         return state
 
     def condition(self, state: Array) -> float:
         n = self.parameters.terms + 3
         factors = [integral.factor(self._equation(state, i), n) for i in range(self.parameters.transmissions)]
-        return max(float(np.linalg.cond(R[1:, 1:])) for R in factors)
+        return max(float(np.linalg.cond(R[1:n, 1:n])) for R in factors)
 
     def _equation(self, state: Array, i: int) -> Array:
         """The view into transmission i's equation, i from 0."""
-        size = integral.size(self.parameters.terms + 3)
-        end = len(state) - (self.parameters.transmissions - 1 - i) * (N_KEPT + N_ROUGH + size)
+        own = self.parameters
+        cut = cut_off(BASES[own.basis])
+        size = integral.size(own.terms + 3, cut)
+        end = len(state) - (own.transmissions - 1 - i) * (N_KEPT + own.terms + cut + N_ROUGH + size)
         return state[end - size : end]
 
     def _advance(
@@ -222,19 +227,22 @@ def _advance(
     deviation: Array,
 ) -> None:  # fmt: skip
     length, m, terms = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[TERMS])
-    n, outputs, half = terms + 3, 1 + 3 * m, length // 2
+    kind, n, outputs, half = int(par[KIND]), terms + 3, 1 + 3 * m, length // 2
+    functions = terms + cut_off(kind)
     interval, scale = par[SAMPLING], par[SCALE]
     at = window.HEADER
     now, spread = state[at : at + outputs], state[at + outputs : at + 2 * outputs]
     at += 2 * outputs
     times = state[at : at + length]
     at += length
-    ring = state[at : at + length * (1 + 2 * m)].reshape(1 + 2 * m, length)  # q, then theta, tau per transmission
-    at += length * (1 + 2 * m)
+    channels = 2 + functions  # of a transmission: theta, tau, f_j(phi)
+    ring = state[at : at + length * (1 + channels * m)].reshape(1 + channels * m, length)  # q, then those
+    at += length * (1 + channels * m)
     filters = state[at : at + (1 + m) * kalman.SIZE].reshape(1 + m, kalman.SIZE)
     at += (1 + m) * kalman.SIZE
-    each = N_KEPT + N_ROUGH + integral.size(n)
-    told, late, work = np.empty(7), np.empty(3), scratch(n)
+    own = N_KEPT + functions
+    each = own + N_ROUGH + integral.size(n, functions - terms)
+    told, late, basis, work = np.empty(7), np.empty(3), np.empty((3, functions)), scratch(3 + functions)
     fitted = 1.0 - weights[0, half]  # share of the variance of white noise that smoothing takes away
     for k in range(rows.shape[0]):
         before = state[window.LAST]
@@ -259,7 +267,10 @@ def _advance(
         keep = exp(-elapsed / par[MEMORY])  # time in a gap, or until a window is full, counts like any other
         ring[0, slot] = q
         for i in range(m):
-            ring[1 + 2 * i, slot], ring[2 + 2 * i, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
+            c = 1 + channels * i
+            ring[c, slot], ring[c + 1, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
+            fill_basis(kind, q - rows[k, 2 + 2 * i], scale, basis[0], basis[1], basis[2])
+            ring[c + 2 : c + channels, slot] = basis[0]
         for i in range(1 + m):
             reading = q if i == 0 else rows[k, 2 * i]
             if entered == window.RESTARTED:
@@ -274,10 +285,11 @@ def _advance(
         link = filters[0]
         worst, motion, total, doubt, bends = OK, np.inf, 0.0, 0.0, 0.0
         for i in range(m):
-            kept = state[at + i * each : at + i * each + N_KEPT]
-            rough = state[at + i * each + N_KEPT : at + i * each + N_KEPT + N_ROUGH]
-            equation = state[at + i * each + N_KEPT + N_ROUGH : at + (i + 1) * each]
-            angles, efforts = ring[1 + 2 * i], ring[2 + 2 * i]
+            kept = state[at + i * each : at + i * each + own]
+            rough = state[at + i * each + own : at + i * each + own + N_ROUGH]
+            equation = state[at + i * each + own + N_ROUGH : at + (i + 1) * each]
+            c = 1 + channels * i
+            angles, efforts = ring[c], ring[c + 1]
             swing = _swing(ring[0], angles) if full else 0.0
             motion = min(motion, swing)
             moving = full and swing >= par[MINIMUM_MOTION]
@@ -289,8 +301,10 @@ def _advance(
                 rough[WEIGHT] += fitted
                 rough[ROUGH_TORQUE] += (efforts[middle] - late[2]) ** 2
                 rough[ROUGH_ANGLE] += (ring[0, middle] - angles[middle] - late_q + late[0]) ** 2
+                for j in range(functions):
+                    basis[0, j] = _smooth(weights[0], ring[c + 2 + j], oldest)
                 visit(kept, late_q - late[0])
-            learn(par, kept, equation, step, keep, moving, late[0], late[1], late[2], late_q - late[0], work)
+            learn(par, kept, equation, step, keep, moving, late[0], late[1], late[2], basis[0], work)
             warming = equation[integral.TAKEN] < length
             motor = filters[1 + i]
             phi = link[kalman.ANGLE] - motor[kalman.ANGLE]

@@ -31,6 +31,10 @@ Unknowns are scaled, x_j = (a_j - prior_j) / prior_deviation_j, the constant asi
 Each step leaks towards the present estimate as much as it forgets (proximal): P <= 1, and without excitation standard
 deviations grow back to those of the prior, no further. Errors of the angles are not in these equations beyond what they
 look like on the torque: noise on phi and theta also pulls estimates towards 0, which no covariance tells.
+
+**What the basis cuts off.** Columns of terms that are not solved for ride along behind the n unknowns: rotations put
+them beside R as R_c, so that R x = p with R x* + R_c t = p, and the estimate is off by R^-1 R_c t where they are t
+(Schmidt's 'considered' parameters). That holds for whatever was visited and however often, and says what B and D take.
 """
 
 from __future__ import annotations
@@ -42,22 +46,23 @@ from via_core.signals import Array
 
 from via_estimators.qr import rotate_in, solve_transposed, solve_triangular
 
-WEIGHT, TAKEN, HEAD = range(3)  # sum of the weights of increments; rows taken
+WEIGHT, TAKEN, CUT, HEAD = range(4)  # sum of the weights of increments; rows taken; columns considered only
 PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one increment
 CLEAR = 4.0  # deviations; that of r^2 in velocity noise is sqrt(2 / W) of the increments' variance, W their number
 BASE = 1e-12  # R_00 without any row: the constant has no prior
 
 
 @njit(cache=True, error_model="numpy")
-def size(n: int) -> int:
-    """Floats in the state of one equation with n unknowns, the constant among them."""
-    return HEAD + 3 * n + 5 * n * n
+def size(n: int, cut: int) -> int:
+    """Floats in the state of one equation with n unknowns, the constant among them, and `cut` columns considered."""
+    return HEAD + 2 * n + 4 * n * n + n * cut + (n + cut) * (n + cut + 1)
 
 
 @njit(cache=True, error_model="numpy")
-def start(state: Array, n: int) -> None:
+def start(state: Array, n: int, cut: int) -> None:
     """Overwrite one equation's state with the prior: x = 0, R = 1 but for the constant, no rows."""
     state[:] = 0.0
+    state[CUT] = cut
     R = factor(state, n)
     R[0, 0] = BASE
     for j in range(1, n):
@@ -71,22 +76,45 @@ def unknowns(state: Array, n: int) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
+def _before(state: Array, n: int) -> Array:
+    """The view (n,) of the increments before."""
+    return state[HEAD + n : HEAD + 2 * n]
+
+
+@njit(cache=True, error_model="numpy")
 def matrix(state: Array, n: int, which: int) -> Array:
-    """View (n, n) of R, M, V, N or L: which = 0, 1, 2, 3, 4."""
-    at = HEAD + 3 * n + which * n * n
+    """View (n, n) of M, V, N or L: which = 0, 1, 2, 3."""
+    at = HEAD + 2 * n + which * n * n
     return state[at : at + n * n].reshape(n, n)
 
 
 @njit(cache=True, error_model="numpy")
+def considered(state: Array, n: int) -> Array:
+    """The view R^-1 R_c (cut, n), by which unit coefficients of the columns considered put x off."""
+    at = HEAD + 2 * n + 4 * n * n
+    cut = int(state[CUT])
+    return state[at : at + cut * n].reshape(cut, n)
+
+
+@njit(cache=True, error_model="numpy")
+def _right(state: Array, n: int) -> Array:
+    """The view p (n + cut,); only the first n are solved for."""
+    all_ = n + int(state[CUT])
+    at = state.size - all_ * (all_ + 1)
+    return state[at : at + all_]
+
+
+@njit(cache=True, error_model="numpy")
 def factor(state: Array, n: int) -> Array:
-    """The view R (n, n), the triangular factor of the scaled normal equations."""
-    return matrix(state, n, 0)
+    """The view (n + cut, n + cut) whose first n rows are R (n, n), triangular, with R_c (n, cut) beside it."""
+    all_ = n + int(state[CUT])
+    return state[state.size - all_ * all_ :].reshape(all_, all_)
 
 
 @njit(cache=True, error_model="numpy")
 def _move(M: Array, s: Array) -> None:
-    """M (n, n) <- S'MS with S = 1 + e_0 s', s_0 = 0."""
-    n = s.size
+    """M (n, n) <- S'MS with S = 1 + e_0 s', s_0 = 0; s (n,) or longer."""
+    n = M.shape[0]
     corner = M[0, 0]
     for i in range(1, n):
         for j in range(1, n):
@@ -100,14 +128,14 @@ def _move(M: Array, s: Array) -> None:
 def rebase(state: Array, n: int, s: Array, pushed: float, step: float) -> None:
     """Move the base of all rows taken to now.
 
-    s       (n,) what is added to each column per unit of the constant's column, s_0 = 0
+    s       (n + cut,) what is added to each column per unit of the constant's column, s_0 = 0
     pushed  dT, the integral of the torque over the step, in the units of y
     step    [s] its duration over the torque noise's unit: the error of dT per unit of noise
     """
-    p, R = state[HEAD + n : HEAD + 2 * n], factor(state, n)
-    M, V = matrix(state, n, 1), matrix(state, n, 2)
+    p, R = _right(state, n), factor(state, n)
+    M, V = matrix(state, n, 0), matrix(state, n, 1)
     base = R[0, 0]
-    for j in range(1, n):
+    for j in range(1, s.size):
         R[0, j] += base * s[j]
     p[0] -= base * pushed
     _move(M, s)
@@ -120,8 +148,8 @@ def rebase(state: Array, n: int, s: Array, pushed: float, step: float) -> None:
 @njit(cache=True, error_model="numpy")
 def eliminate(state: Array, n: int) -> None:
     """Drop the constant: rows to come have another one. Everything known about the rest stays."""
-    p, R = state[HEAD + n : HEAD + 2 * n], factor(state, n)
-    for which in (1, 2):
+    p, R = _right(state, n), factor(state, n)
+    for which in (0, 1):
         M = matrix(state, n, which)
         for i in range(1, n):  # G M G', G = (-R_0j / R_00, 1)
             for j in range(1, n):
@@ -133,27 +161,31 @@ def eliminate(state: Array, n: int) -> None:
     R[0, 0] = BASE
     p[0] = 0.0
     state[HEAD] = 0.0
+    considered(state, n)[:, 0] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def forget(state: Array, n: int, keep: float, pull: Array) -> None:
     """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it.
 
-    pull  (n,) overwritten
+    pull  (n + cut,) overwritten
     """
     if keep == 1.0:
         return
-    x, p, R = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], factor(state, n)
+    x, p, R, off = unknowns(state, n), _right(state, n), factor(state, n), considered(state, n)
     root, leak = sqrt(keep), sqrt(1.0 - keep)
     p *= root
     R *= root
     R[0, 0] = max(R[0, 0], BASE)
-    state[HEAD + 3 * n + n * n : HEAD + 3 * n + 3 * n * n] *= keep * keep
-    state[HEAD + 3 * n + 3 * n * n : HEAD + 3 * n + 5 * n * n] *= keep
+    at = HEAD + 2 * n
+    state[at : at + 2 * n * n] *= keep * keep
+    state[at + 2 * n * n : at + 4 * n * n] *= keep
     state[WEIGHT] *= keep
     pull[:] = 0.0
     for j in range(1, n):
         pull[j] = leak
+        for c in range(off.shape[0]):  # the estimate that is pulled to is off itself
+            pull[n + c] = leak * off[c, j]
         rotate_in(R, p, pull, leak * x[j], j)
 
 
@@ -163,7 +195,7 @@ def compare(state: Array, n: int, z: Array) -> None:
 
     In units of the torque noise: per step, not per row.
     """
-    before, N, L = state[HEAD + 2 * n : HEAD + 3 * n], matrix(state, n, 3), matrix(state, n, 4)
+    before, N, L = _before(state, n), matrix(state, n, 2), matrix(state, n, 3)
     for i in range(n):
         for j in range(n):
             N[i, j] += z[i] * z[j]
@@ -175,18 +207,23 @@ def compare(state: Array, n: int, z: Array) -> None:
 @njit(cache=True, error_model="numpy")
 def interrupt(state: Array, n: int) -> None:
     """The next increment has no neighbour before it."""
-    state[HEAD + 2 * n : HEAD + 3 * n] = 0.0
+    _before(state, n)[:] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def take(state: Array, n: int, row: Array, y: float) -> None:
-    """Take the newest row' x = y and solve; `row` (n,), its constant first, is overwritten."""
-    x, p, R, V = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], factor(state, n), matrix(state, n, 2)
+    """Take the newest row' x = y and solve; `row` (n + cut,), its constant first, is overwritten."""
+    x, p, R, V = unknowns(state, n), _right(state, n), factor(state, n), matrix(state, n, 1)
     for i in range(n):
         for j in range(n):
             V[i, j] += row[i] * row[j]
     rotate_in(R, p, row, y, 0)
-    solve_triangular(R, p, x)
+    solve_triangular(R, p[:n], x)
+    off = considered(state, n)
+    for c in range(off.shape[0]):
+        for j in range(n):
+            off[c, j] = R[j, n + c]
+        solve_triangular(R, off[c], off[c])
     state[TAKEN] += 1.0
 
 
@@ -207,12 +244,12 @@ def noise(state: Array, n: int, declared: float) -> tuple[float, float]:
 
     declared  the second of them, as far as it was declared: it counts as much as one increment, as r^2 = 1 does
     """
-    x, weight = state[HEAD : HEAD + n], state[WEIGHT]
-    apart = _misfit(x, matrix(state, n, 4))
+    x, weight = unknowns(state, n), state[WEIGHT]
+    apart = _misfit(x, matrix(state, n, 3))
     taken_back = (PRIOR_WEIGHT * declared + max(-apart, 0.0)) / (PRIOR_WEIGHT + weight)
     if weight == 0.0:
         return 1.0, taken_back
-    unexplained = max(_misfit(x, matrix(state, n, 3)) - taken_back * weight, 0.0) / weight
+    unexplained = max(_misfit(x, matrix(state, n, 2)) - taken_back * weight, 0.0) / weight
     # Where torque noise drowns in the rest, the declared one stands, unless what is found is clear by 4 deviations.
     clear = max(unexplained - CLEAR * sqrt(2.0 / weight) * taken_back, 1.0)
     told = weight * (clear / (clear + taken_back)) ** 2
@@ -220,20 +257,43 @@ def noise(state: Array, n: int, declared: float) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def variance(state: Array, n: int, slope: Array, torque: float, velocity: float, work: Array) -> float:
+def spread_of(state: Array, n: int, first: int, work: Array) -> float:
+    """Variance of the unknowns from `first` on about their prior, in units of the declared one, as they show it.
+
+    Each unknown that rows determine is one draw from the prior, sum of (1 - P_jj) of them there are (MacKay's number of
+    well-determined parameters); the declared width counts as much as one.
+
+    work  (n,) overwritten
+    """
+    x, R = unknowns(state, n), factor(state, n)
+    drawn, squares = PRIOR_WEIGHT, PRIOR_WEIGHT
+    for j in range(first, n):
+        work[:] = 0.0
+        work[j] = 1.0
+        solve_transposed(R, work, work)
+        drawn += 1.0
+        for i in range(j, n):
+            drawn -= work[i] * work[i]
+        squares += x[j] * x[j]
+    return squares / drawn
+
+
+@njit(cache=True, error_model="numpy")
+def variance(state: Array, n: int, slope: Array, torque: float, velocity: float, prior: Array, work: Array) -> float:
     """Variance of slope' x, slope (n,) with slope_0 = 0.
 
     torque    r^2, as `noise` has it
     velocity  variance of the velocity noise's share of a row
+    prior     (n,) variances of the prior, and of what has leaked since
     work      (n,) overwritten
     """
-    R, M, V = factor(state, n), matrix(state, n, 1), matrix(state, n, 2)
+    R, M, V = factor(state, n), matrix(state, n, 0), matrix(state, n, 1)
     solve_transposed(R, slope, work)
     solve_triangular(R, work, work)
     total = 0.0
     for i in range(n):
         if i > 0:
-            total += work[i] * work[i]  # the prior, and what has leaked since
+            total += prior[i] * work[i] * work[i]
         for j in range(n):
             total += work[i] * (torque * M[i, j] + velocity * V[i, j]) * work[j]
     return max(total, 0.0)

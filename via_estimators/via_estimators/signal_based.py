@@ -7,10 +7,11 @@ torques is the motor's velocity, measured; where there is none, `filtered_signal
 Rules of integration: the effort of a sample is the torque that acted over the interval that ends at its stamp, as in
 `modulated_torque`, so its integral is exact; f_j(phi) is a sampled curve, integrated by trapezoids.
 
-Standard deviations hold the torque noise and the velocity noise, both measured, and what the basis cuts off: terms are
-taken to go on as they fall from the last but one to the last (`truncation`). They leave out drift of the law within the
-memory, dry friction, and errors of the angles, but for the newest sample's own in g(phi). On one qbmove in wide motion
-(.7 rad) they were a third of the error: probably a law cut off is worst at the ends of its range. Not proved.
+Standard deviations hold the torque noise and the velocity noise, both measured; the prior, as wide as the law's
+coefficients found so far show it (`integral.spread_of`); and what the basis cuts off: how far the first term cut off
+puts stiffness, B and D is known, visit by visit (`integral.considered`), how large that term is is expected from how
+the terms fall (`first_cut`). Where the law really ends with the basis that is too much. They leave out drift of the law
+within the memory, dry friction, and errors of the angles, but for the newest sample's own in g(phi).
 
 No integral is longer than `horizon`: then the next begins, with a constant of its own, and what the last one told is
 kept. Rows far from their base err by the whole random walk in between and still count as much as any other, so short
@@ -21,7 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import exp, sqrt
+from math import exp, log, sqrt
 
 import numpy as np
 from numba import njit
@@ -35,10 +36,12 @@ from via_estimators.basis import BASES, LEGENDRE, MOST_TERMS, POWERS, fill_basis
 from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
 
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
+ROUNDS = 5  # of looking for the first term cut off; each is closer by half or better
 LENGTH, TRANSMISSIONS, KIND, TERMS, MEMORY, MAX_GAP, SAMPLING, TORQUE_NOISE, VELOCITY_NOISE = range(9)
 POSITION_NOISE, SCALE, MINIMUM_MOTION, MARGIN, HORIZON, TRUNCATION, PRIOR = range(9, 16)
-# of a transmission, before its equation: deflections visited, whether any; whether integrals run; the last sample
-LOW, HIGH, ANY, RUNNING, AGE, VELOCITY, ANGLE, DEFLECTION, N_KEPT = range(9)
+# of a transmission, before its equation: deflections visited, whether any; whether integrals run; the last sample, of
+# which the basis follows
+LOW, HIGH, ANY, RUNNING, AGE, VELOCITY, ANGLE, N_KEPT = range(8)
 OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
 
 
@@ -141,8 +144,7 @@ class SignalBased(Estimator):
     def init(self) -> Array:
         own = self.parameters
         m, n, length = own.transmissions, own.terms + 3, own.window + 1
-        each = N_KEPT + integral.size(n)
-        state = np.zeros(window.HEADER + 2 * len(self.outputs) + length * (1 + m) + m * each)
+        state = np.zeros(window.HEADER + 2 * len(self.outputs) + length * (1 + m) + m * self._each)
         window.start(state)
         held = (
             m * own.stiffness_prior, *(m * (own.stiffness_prior,)), *(m * (own.inertia_prior,)),
@@ -151,20 +153,27 @@ class SignalBased(Estimator):
         )  # fmt: skip
         state[window.HEADER : window.HEADER + len(held)] = held
         for i in range(m):
-            integral.start(self._equation(state, i), n)
+            integral.start(self._equation(state, i), n, cut_off(BASES[own.basis]))
         state.flags.writeable = False
         return state
 
     def condition(self, state: Array) -> float:
         n = self.parameters.terms + 3
         factors = [integral.factor(self._equation(state, i), n) for i in range(self.parameters.transmissions)]
-        return max(float(np.linalg.cond(R[1:, 1:])) for R in factors)
+        return max(float(np.linalg.cond(R[1:n, 1:n])) for R in factors)
 
     def _equation(self, state: Array, i: int) -> Array:
         """The view into transmission i's equation, i from 0."""
-        each = N_KEPT + integral.size(self.parameters.terms + 3)
-        end = len(state) - (self.parameters.transmissions - 1 - i) * each
-        return state[end - each + N_KEPT : end]
+        own = self.parameters
+        end = len(state) - (own.transmissions - 1 - i) * self._each
+        return state[end - integral.size(own.terms + 3, cut_off(BASES[own.basis])) : end]
+
+    @cached_property
+    def _each(self) -> int:
+        """Floats per transmission."""
+        own = self.parameters
+        cut = cut_off(BASES[own.basis])
+        return N_KEPT + own.terms + cut + integral.size(own.terms + 3, cut)
 
     def _advance(
         self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
@@ -179,46 +188,52 @@ def row_unit(par: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def cut_off(kind: int) -> int:
+    """How many terms beyond the last are considered: the next one of either parity that the basis has."""
+    return 2 if kind in (POWERS, LEGENDRE) else 1
+
+
+@njit(cache=True, error_model="numpy")
 def scratch(n: int) -> Array:
-    """Room (6, n) for `learn` and `tell`, made once: an allocation per sample would cost more than the sums in it."""
+    """Room (6, n) for `learn` and `tell`, made once: an allocation per sample would cost more than the sums in it.
+
+    n  unknowns and columns considered
+    """
     return np.empty((6, n))
 
 
 @njit(cache=True, error_model="numpy")
 def learn(
     par: Array, kept: Array, equation: Array, elapsed: float, keep: float, moving: bool,
-    angle: float, velocity: float, effort: float, phi: float, work: Array,
+    angle: float, velocity: float, effort: float, basis: Array, work: Array,
 ) -> None:  # fmt: skip
     """One sample into the equation of one transmission; `kept` remembers it for the next; `work` is `scratch`.
 
     elapsed  [s] since the sample before
     keep     lambda over that time
     moving   whether this sample tells anything; the integrals pause where it does not
+    basis    (terms + cut,) f_j(phi) [rad] of the terms solved for and of those considered
     """
-    kind, terms, scale = int(par[KIND]), int(par[TERMS]), par[SCALE]
+    terms = int(par[TERMS])
     n, unit = terms + 3, row_unit(par)
     mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
-    f, g, bend = work[0, :terms], work[1, :terms], work[2, :terms]
     row, grown, moved = work[3], work[4], work[5]
     if moving and kept[RUNNING] > 0.0:
+        noise = elapsed * par[TORQUE_NOISE]
         moved[0] = moved[1] = 0.0
         grown[1], grown[2] = velocity - kept[VELOCITY], angle - kept[ANGLE]
-        fill_basis(kind, phi, scale, f, g, bend)
-        for j in range(terms):
-            grown[3 + j] = -0.5 * elapsed * f[j]
-        fill_basis(kind, kept[DEFLECTION], scale, f, g, bend)
-        for j in range(terms):
-            grown[3 + j] -= 0.5 * elapsed * f[j]
+        for j in range(basis.size):
+            grown[3 + j] = -0.5 * elapsed * (kept[N_KEPT + j] + basis[j])
         pushed = elapsed * effort
         for j in range(2, n):
             pushed -= grown[j] * mean[j]
-            moved[j] = -grown[j] * width[j] / unit
-        noise = elapsed * par[TORQUE_NOISE]
+        for j in range(2, grown.size):
+            moved[j] = -grown[j] * width[min(j, n - 1)] / unit
         integral.rebase(equation, n, moved, pushed / unit, noise / unit)
         grown[0] = (pushed - grown[1] * mean[1]) / noise
         for j in range(1, n):
             grown[j] *= width[j] / noise
-        integral.compare(equation, n, grown)
+        integral.compare(equation, n, grown[:n])
         kept[AGE] += elapsed
     if not moving:
         integral.interrupt(equation, n)
@@ -232,7 +247,8 @@ def learn(
         row[0], row[1] = 1.0, velocity * width[1] / unit
         integral.take(equation, n, row, -velocity * mean[1] / unit)
     kept[RUNNING] = 1.0 if moving else 0.0
-    kept[VELOCITY], kept[ANGLE], kept[DEFLECTION] = velocity, angle, phi
+    kept[VELOCITY], kept[ANGLE] = velocity, angle
+    kept[N_KEPT : N_KEPT + basis.size] = basis
 
 
 @njit(cache=True, error_model="numpy")
@@ -247,10 +263,11 @@ def tell(
     work        `scratch`
     """
     kind, terms = int(par[KIND]), int(par[TERMS])
-    n = terms + 3
+    n, cut = terms + 3, cut_off(kind)
     mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
     x = integral.unknowns(equation, n)
-    f, g, bend, slope, weights = work[0, :terms], work[1, :terms], work[2, :terms], work[3], work[4]
+    f, g, bend = work[0, : terms + cut], work[1, : terms + cut], work[2, : terms + cut]
+    slope, weights, prior = work[3, :n], work[4, :n], work[5, :n]
     fill_basis(kind, phi, par[SCALE], f, g, bend)
     told[:] = 0.0
     slope[:] = 0.0
@@ -267,33 +284,83 @@ def tell(
     told[5], told[6] = width[1] * width[1], width[2] * width[2]
     if not warming:
         blur = 0.5 * taken_back / (par[LENGTH] - 1.0)  # in a row, one velocity instead of two, and other units
-        told[4] = integral.variance(equation, n, slope, torque, blur, weights)
+        prior[:] = 1.0
+        prior[3:] = integral.spread_of(equation, n, 3, weights)
+        told[4] = integral.variance(equation, n, slope, torque, blur, prior, weights)
         for j in (1, 2):
             slope[:] = 0.0
             slope[j] = width[j]
-            told[4 + j] = integral.variance(equation, n, slope, torque, blur, weights)
+            told[4 + j] = integral.variance(equation, n, slope, torque, blur, prior, weights)
         if par[TRUNCATION] > 0.0:
-            far = max(abs(kept[LOW]), abs(kept[HIGH])) / par[SCALE]
-            every = 2 if kind in (POWERS, LEGENDRE) else 1  # terms from one to the next of its parity
-            for back in range(every):
-                j = max(n - 1 - back, 3)
+            off = integral.considered(equation, n)
+            for c in range(cut):
+                last = max(n + c - cut, 3)
                 slope[:] = 0.0
-                slope[j] = width[j]
-                size = swing_of_last(kind, terms, back, far)
-                share, doubt = mean[j] + width[j] * x[j], integral.variance(equation, n, slope, torque, blur, weights)
-                last = size * size * max(share * share - 4.0 * doubt, 0.0)  # noise does not count twice
-                if j - every >= 3 and last > 0.0:
-                    i = j - every
-                    before = swing_of_last(kind, terms, back + every, far) * (mean[i] + width[i] * x[i])
-                    before += size * share * swing_before(kind, terms, back, far)
-                    last *= min(1.0, last / max(before * before, 1e-300))
-                told[4] += par[TRUNCATION] ** 2 * last
+                slope[last] = width[last]
+                doubt = integral.variance(equation, n, slope, torque, blur, prior, weights)
+                size = par[TRUNCATION] * first_cut(par, kept, x, off[c], c, doubt)
+                missed = g[terms + c]
+                for j in range(terms):
+                    missed -= g[j] * off[c, 3 + j]
+                told[4] += (size * missed) ** 2
+                for j in (1, 2):
+                    told[4 + j] += (size * off[c, j] * width[j] / width[n - 1]) ** 2
+
+
+@njit(cache=True, error_model="numpy")
+def first_cut(par: Array, kept: Array, x: Array, off: Array, c: int, doubt: float) -> float:
+    """Coefficient [N m/rad] expected of the first term cut off, one of either parity for bases that have both.
+
+    Chebyshev coefficients c_n of a stiffness over the range visited are taken to fall as laws do, c_n / c_(n-2) ~ n^-p
+    with the p of the last three of its parity: p = 0 near a singularity, 2 for entire functions such as sinh. Of a law
+    that goes on, what is fitted is not its own: the term cut off puts k t and h t into the last two, through the fit
+    and through Chebyshev polynomials that it holds. So t is where both agree, sought from below.
+
+    x      (n,) estimates
+    off    (n,) by what a unit of that term puts them off
+    c      which of the terms cut off
+    doubt  [(N m/rad)^2] variance of the last coefficient fitted
+    """
+    kind, terms, cut = int(par[KIND]), int(par[TERMS]), cut_off(int(par[KIND]))
+    n = terms + 3
+    mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
+    far = max(abs(kept[LOW]), abs(kept[HIGH])) / par[SCALE]
+    j = max(n + c - cut, 3)
+    share = mean[j] + width[j] * x[j]
+    if share == 0.0 or far == 0.0:
+        return 0.0
+    clear = share * share / sqrt(share * share + 4.0 * doubt)  # noise does not count twice
+    size, next_size = swing_of_last(kind, terms, n - 1 - j, far), swing_of_last(kind, terms, -1 - c, far)
+    i = j - cut
+    if i < 3 or j + cut != n + c:
+        return size * clear / next_size
+    sign = 1.0 if share > 0.0 else -1.0
+    before, lower = swing_of_last(kind, terms, n - 1 - i, far), swing_before(kind, terms, n - 1 - j, far, 1)
+    a, b = sign * size * clear, before * (mean[i] + width[i] * x[i]) + lower * size * share
+    k = size * off[j] / next_size - swing_before(kind, terms, -1 - c, far, 1)
+    h = (before * off[i] + lower * size * off[j]) / next_size - swing_before(kind, terms, -1 - c, far, 2)
+    first, slower, degree = 0.0, 0.0, (3 - cut) * (j - 3)
+    if i - cut >= 3:
+        first = swing_of_last(kind, terms, n - 1 - i + cut, far) * (mean[i - cut] + width[i - cut] * x[i - cut])
+        first += swing_before(kind, terms, n - 1 - i, far, 1) * before * (mean[i] + width[i] * x[i])
+        first += swing_before(kind, terms, n - 1 - j, far, 2) * size * share
+        slower = log((degree + 2.0) / degree) / log(degree / (degree - 2.0))
+    t, ratio = 0.0, 0.0
+    for _ in range(ROUNDS):
+        top = a - min(max(k * t, -abs(a)), 0.5 * abs(a))  # no more than a law that is seen at all can hide
+        below = b - min(max(h * t, -abs(b)), 0.5 * abs(b))
+        ratio = top / below if below != 0.0 else 1.0
+        ratio = min(max(ratio, -1.0), 1.0) * min(abs(ratio * first / below), 1.0) ** slower
+        t = top * ratio
+    tail = 1.0 / (1.0 - min(abs(ratio), 0.5))  # at the ends of the range all of those cut off add up
+    return tail * min(abs(t), abs(a)) / next_size
 
 
 @njit(cache=True, error_model="numpy")
 def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array) -> None:
     length, m, terms = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[TERMS])
-    n, outputs = terms + 3, 1 + 3 * m
+    kind, n, outputs = int(par[KIND]), terms + 3, 1 + 3 * m
+    cut = cut_off(kind)
     scale, blur, jitter = par[SCALE], par[POSITION_NOISE], par[VELOCITY_NOISE]
     at = window.HEADER
     now, spread = state[at : at + outputs], state[at + outputs : at + 2 * outputs]
@@ -302,8 +369,9 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
     at += length
     ring = state[at : at + length * m].reshape(m, length)  # deflections
     at += length * m
-    each = N_KEPT + integral.size(n)
-    told, work = np.empty(7), scratch(n)
+    own = N_KEPT + terms + cut
+    each = own + integral.size(n, cut)
+    told, work, basis = np.empty(7), scratch(n + cut), np.empty((3, terms + cut))
     for k in range(rows.shape[0]):
         before = state[window.LAST]
         absurd = False
@@ -320,16 +388,18 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
         keep = exp(-elapsed / par[MEMORY])  # time in a gap, or until a window is full, counts like any other
         worst, motion, total, doubt, bends = OK, np.inf, 0.0, 0.0, 0.0
         for i in range(m):
-            kept = state[at + i * each : at + i * each + N_KEPT]
-            equation = state[at + i * each + N_KEPT : at + (i + 1) * each]
+            kept = state[at + i * each : at + i * each + own]
+            equation = state[at + i * each + own : at + (i + 1) * each]
             phi = q - rows[k, 2 + 3 * i]
             ring[i, slot] = phi
             swing = window.spread(ring[i]) if full else 0.0
             motion = min(motion, swing)
             moving = full and swing >= par[MINIMUM_MOTION]
+            if moving:
+                fill_basis(kind, phi, scale, basis[0], basis[1], basis[2])
             learn(
                 par, kept, equation, elapsed, keep, moving, rows[k, 2 + 3 * i], rows[k, 3 + 3 * i], rows[k, 4 + 3 * i],
-                phi, work,
+                basis[0], work,
             )  # fmt: skip
             if moving:
                 visit(kept, phi)
