@@ -129,7 +129,11 @@ def _experiment(experiment: Experiment, seeds: int, told: Callable[[int], None])
         remark = ""
         if experiment.friction and name in ("n1", "n2"):
             remark = "friction is no part of this model; the printed errors belong to a friction nobody printed"
-        out.append(Row(f"{at}.mean", words, "mean error [%]", None, mean, mean_limit, SETTINGS, seeds))
+        swings = remark and (
+            "the error is no noise: friction reads as damping where the motion reverses, twice per period. The smaller "
+            "delta and the larger the velocity at which the powers count alike, the less of it is followed"
+        )
+        out.append(Row(f"{at}.mean", words, "mean error [%]", None, mean, mean_limit, SETTINGS, seeds, swings))
         printed = PRINTED.get(experiment.name) if name in JUDGED else None
         if name == "default":
             largest_limit = largest_limit or printed  # no worse than what the document had
