@@ -190,7 +190,7 @@ def _tried(
         score = float(np.mean(np.log1p(wrong) - np.log1p(own)))
         if score < hardest:
             hardest, pair = score, (causes[true].place, causes[other].place)
-            apart = float(np.sqrt(max(np.mean(wrong) - np.mean(own), 0.0)))
+            apart = float(np.sqrt(max(float(np.mean(wrong) - np.mean(own)), 0.0)))
     return Proposed(motion, size, commands, tuple(c.place for c in causes), pair, apart, hardest)
 
 
@@ -265,7 +265,7 @@ def commands_of(plant: JointPlant, motion: Motion, size: float) -> tuple[Signals
         raised = np.clip(time / REST, 0.0, 1.0)
         preset = raised * (0.25 + 0.15 * load) * device.spring_laws[0].max_deflection
     wanted = device.motor_angles(equilibrium, preset) if device.n_motors else equilibrium[:, None]
-    torque = _following(plant, wanted, equilibrium, start, rate)
+    torque = following(plant, wanted, equilibrium, start, rate)
     if not device.n_motors:
         return Signals(
             time, {"external_torque": torque[:, 0]}, {"external_torque": "N m"}, frozenset({"external_torque"})
@@ -273,7 +273,7 @@ def commands_of(plant: JointPlant, motion: Motion, size: float) -> tuple[Signals
     return Signals(time, {"motor": torque}, {"motor": "N m"}, frozenset({"motor"})), start
 
 
-def _following(plant: JointPlant, wanted: Array, equilibrium: Array, start: Array, rate: float) -> Array:
+def following(plant: JointPlant, wanted: Array, equilibrium: Array, start: Array, rate: float) -> Array:
     """Torques (N, m) [N m] with which a position loop takes the motors (or a rigid link) along `wanted` (N, m)."""
     device = plant.device
     driven = max(device.n_motors, 1)

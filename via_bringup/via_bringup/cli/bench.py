@@ -45,6 +45,22 @@ def sim() -> None:
 
 
 @app.command()
+def batch() -> None:
+    """A thousand parameter sets of one joint at once, beside a loop and MuJoCo's rollout."""
+    from via_bringup.bench import batch as parameter_sets
+
+    parameter_sets.main()
+
+
+@app.command()
+def gap(turns: Annotated[int, typer.Option(min=1, max=100, help="Repeats, of which the least counts.")] = 3) -> None:
+    """One parameter fit beside scipy and MuJoCo; a diagnosis of a log ten times as long."""
+    from via_bringup.bench import gap as fits
+
+    fits.main(turns)
+
+
+@app.command()
 def estimators(turns: Turns = 15, as_rows: Json = None) -> None:
     """Estimators beside C++ with Eigen, padasip and numpy; full steps, memory, growth."""
     from via_bringup.bench.estimators import estimator_rows
@@ -129,6 +145,8 @@ def everything(turns: Turns = 15) -> None:
     """All of them, one after the other."""
     core()
     sim()
+    batch()
+    gap()
     estimators(turns)
     node()
 
