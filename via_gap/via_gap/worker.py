@@ -12,7 +12,6 @@ A thread here waits for what the process says; the process runs at a lower prior
 from __future__ import annotations
 
 import os
-import signal
 import threading
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -26,6 +25,7 @@ from via_core.errors import ViaError
 
 from via_gap.diagnose import diagnose
 from via_gap.log import JointLog, read_log
+from via_gap.undisturbed import undisturbed
 
 NICE = 10  # how much the process gives way to others
 PATIENCE = 1.0  # [s] that an ended process is waited for
@@ -112,12 +112,8 @@ class Worker:
     def _start(self) -> None:
         here, there = self._context.Pipe()
         process = self._context.Process(target=_work, args=(there,), name="via_gap diagnosis", daemon=True)
-        # What the terminal sends to all (Ctrl-C) is for the parent, which then ends this one: blocked from its birth.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with undisturbed():
             process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         there.close()
         self._process, self._connection = process, here
 
