@@ -1,0 +1,100 @@
+"""`via gap fleet`: many logs diagnosed by many processes, and what was found in one table."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from via_core.devices import load_device
+from via_core.errors import ViaError
+
+from via_bringup.cli.console import answers, errors, table
+
+if TYPE_CHECKING:
+    from via_gap.fleet import Row
+
+HEAD = ("log", "verdict", "where", "causes", "probability", "gap before", "after", "closes")
+
+
+def fleet(
+    logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files of joints of one kind.")],
+    device: Annotated[str, typer.Option(help="Device name (see `via devices`) or path to its YAML.")],
+    results: Annotated[Path, typer.Option(help="Folder for reports and table; another run goes on from there.")],
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a dask scheduler, e.g. tcp://host:8786, instead of this machine.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes here; default: one per core.")] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Also write the table to this Markdown file.")] = None,
+) -> None:
+    """Diagnose many logs and print one table; also as fleet.csv and fleet.json in the folder of results."""
+    from via_gap.fleet import run_fleet  # dask takes a second to load
+
+    described = load_device(device)
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=errors, transient=True) as bar:
+        task = bar.add_task("starting", total=len(logs))
+
+        def told(done: int, of: int, path: Path | None) -> None:
+            said = f"{done} done before" if path is None and done else path.name if path is not None else "starting"
+            bar.update(task, completed=done, total=of, description=said)
+
+        rows = run_fleet(logs, described, results, told, scheduler, workers)
+    _print(rows)
+    _write(results / "fleet.csv", as_csv(rows))
+    _write(results / "fleet.json", json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+    written = [results / "fleet.csv", results / "fleet.json"]
+    if markdown is not None:
+        _write(markdown, as_markdown(rows))
+        written.append(markdown)
+    answers.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True)
+    failed = sum(not row.verdict for row in rows)
+    if failed:
+        errors.print(f"{failed} of {len(rows)} logs have no report")
+    if failed == len(rows):
+        raise typer.Exit(2)
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """What a row shows under HEAD."""
+    share = "" if row.share is None else f" {100.0 * row.share:.0f} %"
+    percent = ["" if value is None else f"{100.0 * value:.0f} %" for value in (row.probability, row.closes)]
+    gaps = ["" if value is None else f"{value:.4g}" for value in (row.before, row.after)]
+    return (row.log, row.verdict or "-", row.where + share, row.reason or row.causes, percent[0], *gaps, percent[1])
+
+
+def as_csv(rows: Sequence[Row]) -> str:
+    """Every number of every row, with a header."""
+    from via_gap.fleet import Row
+
+    out = io.StringIO()
+    writer = csv.writer(out)
+    writer.writerow([each.name for each in fields(Row)])
+    writer.writerows([["" if value is None else value for value in asdict(row).values()] for row in rows])
+    return out.getvalue()
+
+
+def as_markdown(rows: Sequence[Row]) -> str:
+    """The table as Markdown."""
+    lines = [HEAD, tuple("---" for _ in HEAD), *(cells(row) for row in rows)]
+    return "".join(f"| {' | '.join(each.replace('|', chr(92) + '|') for each in line)} |\n" for line in lines)
+
+
+def _print(rows: Sequence[Row]) -> None:
+    shown = table(f"{len(rows)} logs", *HEAD)
+    for row in rows:
+        shown.add_row(*cells(row))
+    answers.print(shown)
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ViaError(f"cannot write {path}: {error.strerror}") from None
