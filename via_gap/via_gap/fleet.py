@@ -111,13 +111,15 @@ def _diagnosed(
         for future in as_completed(list(futures), loop=client.loop):
             key = futures.pop(future)
             path = todo[key]
-            error = future.exception()
-            if error is None:
-                yield key, _keep(results, path, key, future.result())
-            elif isinstance(error, KilledWorker):
-                yield key, Row(str(path), key, "the processes that diagnosed it died, again and again")
-            else:  # a fault of the diagnosis; not kept, so that the next run tries again
-                yield key, Row(str(path), key, f"{type(error).__name__}: {' '.join(str(error).split())[:200]}")
+            try:
+                outcome = future.result()
+            except KilledWorker:
+                row = Row(str(path), key, "the processes that diagnosed it died, again and again")
+            except Exception as error:  # a fault of the diagnosis; not kept, so that the next run tries again
+                row = Row(str(path), key, f"{type(error).__name__}: {' '.join(str(error).split())[:200]}")
+            else:
+                row = _keep(results, path, key, outcome)
+            yield key, row
     finally:
         client.cancel(list(futures))
 
