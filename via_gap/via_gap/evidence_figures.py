@@ -134,8 +134,8 @@ def residual_figures(
         for by, (unit, values) in _quantities(states, time, first.axis, device.n_transmissions).items():
             along = torque * np.sign(states[:, 3 + first.axis]) if by == "speed" else torque
             bins = tuple(
-                ResidualBin(low=_six(low), high=_six(high), mean=_six(np.mean(along[inside])),
-                            rms=_rms(torque[inside]), floor=_rms(floor[inside]))
+                ResidualBin(low=_six(low), high=_six(high), centre=_six(np.median(values[inside])),
+                            mean=_six(np.mean(along[inside])), rms=_rms(torque[inside]), floor=_rms(floor[inside]))
                 for low, high, inside in _bins(by, values)
             )  # fmt: skip
             found.append(ResidualFigure(equation=first.name, by=by, unit=unit, bins=bins))
@@ -206,8 +206,8 @@ def error_figures(stretches: Sequence[Stretch], n_transmissions: int) -> tuple[E
         floor = np.concatenate([np.full(len(each.time), each.floor[column]) for each in stretches])
         for by, (unit, values) in _quantities(states, time, axis, n_transmissions).items():
             bins = tuple(
-                ErrorBin(low=_six(low), high=_six(high), before=_rms(before[inside]), after=_rms(after[inside]),
-                         floor=_rms(floor[inside]))
+                ErrorBin(low=_six(low), high=_six(high), centre=_six(np.median(values[inside])),
+                         before=_rms(before[inside]), after=_rms(after[inside]), floor=_rms(floor[inside]))
                 for low, high, inside in _bins(by, values)
             )  # fmt: skip
             found.append(ErrorFigure(signal=NAMES[axis], by=by, unit=unit, bins=bins))
@@ -265,7 +265,7 @@ def _quantities(states: Array, time: Array, axis: int, n_transmissions: int) -> 
     """Unit and values (N,) of what residuals and errors are held against; only what was seen throughout."""
     against: dict[Quantity, tuple[str, Array]] = {
         "speed": ("rad/s", np.abs(states[:, 3 + axis])),
-        "deflection": ("rad", states[:, 0] - states[:, max(axis, 1)]),
+        "deflection": ("rad", states[:, 0] - states[:, min(max(axis, 1), max(n_transmissions, 1))]),
         "angle": ("rad", states[:, 0]),
         "time": ("s", time),
     }

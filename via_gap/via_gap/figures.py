@@ -38,6 +38,7 @@ class JointSketch(_Part):
 class ResidualBin(_Part):
     """Windows whose quantity lies in [low, high]: torque that acts on the axis and is not in the model.
 
+    centre median of the quantity
     mean   [N m]; against the speed it counts along the motion: what brakes is negative
     rms    [N m]
     floor  [N m] rms that the sensors explain
@@ -45,6 +46,7 @@ class ResidualBin(_Part):
 
     low: Number
     high: Number
+    centre: Number
     mean: Number
     rms: NotNegative
     floor: NotNegative
@@ -54,16 +56,17 @@ class ResidualFigure(_Part):
     """Residual of one equation of the device, its numbers tuned inside their tolerance, against one quantity."""
 
     equation: str  # link, motor 1, motor 2
-    by: Quantity
+    by: Quantity  # deflection: of the transmission between link and that motor, of the first for the link
     unit: str  # of the quantity
     bins: tuple[ResidualBin, ...]
 
 
 class ErrorBin(_Part):
-    """Held-out samples whose quantity lies in [low, high]: rms of simulated minus measured [rad]."""
+    """Held-out samples whose quantity lies in [low, high], median `centre`: rms of simulated minus measured [rad]."""
 
     low: Number
     high: Number
+    centre: Number
     before: NotNegative
     after: NotNegative
     floor: NotNegative

@@ -86,8 +86,8 @@ class Rung:
         return [value for value in every if value > 0.0]
 
 
-def ladder(title: str, rungs: Sequence[Rung]) -> str:
-    """Every rung on one logarithmic axis, from before to after, with floor and ceiling."""
+def ladder(title: str, rungs: Sequence[Rung], repaired: str) -> str:
+    """Every rung on one logarithmic axis, from before to after, with floor and ceiling; `repaired` is what after is."""
     seen = [value for rung in rungs for value in rung.seen]
     largest = max(seen, default=1.0)
     low = max(min(seen, default=0.1), largest * 10.0**-EXTREME)
@@ -96,7 +96,7 @@ def ladder(title: str, rungs: Sequence[Rung]) -> str:
     base = top + step * len(rungs)
     parts = [
         f'<svg class="chart ladder" role="img" aria-label="{escape(title)}" viewBox="0 0 {WIDTH:g} {base + 40:g}">',
-        _ladder_legend(),
+        _ladder_legend(repaired),
     ]
     for value in axis.ticks:
         x = axis(value)
@@ -248,9 +248,9 @@ def _marker(look: str, x: float, y: float, said: str) -> str:
     return f'<path class="marker {look}" d="{shapes[look]}"><title>{escape(said)}</title></path>'
 
 
-def _ladder_legend() -> str:
+def _ladder_legend(repaired: str) -> str:
     parts, x = [], 18.0
-    for look, name in (("before", "as filed"), ("tuned", "numbers tuned"), ("after", "repaired")):
+    for look, name in (("before", "as filed"), ("tuned", "numbers tuned"), ("after", repaired)):
         parts.append(_marker(look, x, 10.0, name) + f'<text class="tick" x="{x + 10:g}" y="14">{name}</text>')
         x += 28.0 + 6.0 * len(name)
     parts.append(f'<path class="ceiling" d="M{x:g} 3v14"/><text class="tick" x="{x + 5:g}" y="14">ceiling</text>')

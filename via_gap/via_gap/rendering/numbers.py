@@ -30,6 +30,10 @@ def with_sd(value: float, sd: float, unit: str) -> str:
     if sd <= 0.0 or value == 0.0:
         return f"{number(value)}{shown_unit}" if sd <= 0.0 else f"0 ± {number(sd, 1)}{shown_unit}"
     digits = min(max(floor(log10(abs(value))) - floor(log10(sd)) + 1, 1), 5)
+    decimals = digits - 1 - floor(log10(abs(value)))
+    if 0 <= decimals <= 7 and abs(value) >= 1e-4:
+        least = 10.0**-decimals
+        return f"{value:.{decimals}f} ± {f'{sd:.{decimals}f}' if sd >= least else number(sd, 1)}{shown_unit}"
     return f"{number(value, digits)} ± {number(sd, 1)}{shown_unit}"
 
 

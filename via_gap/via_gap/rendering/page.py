@@ -19,7 +19,7 @@ from via_gap.figures import JointSketch
 from via_gap.rendering import words
 from via_gap.rendering.joint_picture import joint_picture
 from via_gap.rendering.numbers import chance, number, percent, with_sd
-from via_gap.rendering.pictures import Drawn, Row, error_rows, gap_ladder, residual_rows, trace_rows
+from via_gap.rendering.pictures import Drawn, Row, after_words, error_rows, gap_ladder, residual_rows, trace_rows
 from via_gap.report import GapReport, Region
 
 LIKELY = 0.01  # probability from which a cause is drawn as one; the others are in the table of what was ruled out
@@ -32,8 +32,8 @@ def page(report: GapReport) -> str:
         number=number, percent=percent, chance=chance, place=words.place_words, effect=words.effect_words,
         where=words.where_words, listed=words.listed, capital=words.capital, region=_region,
     )  # fmt: skip
-    environment.globals.update(with_sd=with_sd, evidence=words.evidence, seen_in=words.seen_in)
-    repair = report.repair()
+    environment.globals.update(with_sd=with_sd, evidence=words.evidence, seen_in=words.seen_in, boxes=words.boxes)
+    repair, trials = report.repair(), words.ruled_out(report)
     return environment.from_string(_shipped("page.html")).render(
         r=report,
         style=Markup(_shipped("page.css")),
@@ -44,13 +44,14 @@ def page(report: GapReport) -> str:
         residuals=_marked(residual_rows(report)),
         causes=[cause for i, cause in enumerate(report.causes) if i == 0 or cause.probability >= LIKELY],
         apart=words.equivalence_words(report),
-        out=words.ruled_out(report),
+        out=[each for each in trials if each.decided],
+        doubtful=[each for each in trials if not each.decided],
         screened=words.screened_words(report),
         gap_words=words.gap_words(report),
         findings=words.findings(report),
-        ladder=_markup(gap_ladder(report.gap)) if report.gap is not None else None,
+        ladder=_markup(gap_ladder(report.gap, after_words(report))) if report.gap is not None else None,
         traces=_marked(trace_rows(report)),
-        errors=_marked(error_rows(report.figures)),
+        errors=_marked(error_rows(report)),
         steps=words.next_steps(report),
         repair=effects_text(repair) if repair else "",
         level=words.LEVELS[report.level],

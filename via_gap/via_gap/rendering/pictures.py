@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from via_gap.figures import ErrorFigure, Figures, ResidualFigure, TraceFigure
+from via_gap.figures import ErrorFigure, Quantity, ResidualFigure, TraceFigure
 from via_gap.rendering.chart import Curve, Panel, Rung, chart, ladder
 from via_gap.rendering.words import SIGNALS, capital
 from via_gap.report import Gap, GapReport
 
-OVER = {"speed": "speed |v| of {}", "deflection": "deflection of the transmission", "angle": "link angle q"}
 AXES = {"q": "the link", "theta_1": "motor 1", "theta_2": "motor 2"}
 
 
@@ -33,9 +32,8 @@ class Row:
 
 def residual_rows(report: GapReport) -> tuple[Row, ...]:
     """One row per equation; leading are those in which the gap was found, else the one that misses most."""
-    figures = report.figures or None
     each: dict[str, list[ResidualFigure]] = {}
-    for figure in figures.residuals if figures is not None else ():
+    for figure in report.figures.residuals if report.figures is not None else ():
         each.setdefault(figure.equation, []).append(figure)
     if not each:
         return ()
@@ -43,19 +41,32 @@ def residual_rows(report: GapReport) -> tuple[Row, ...]:
     leading = {name for name in each if name in named.split(" and ")}
     leading = leading or {max(each, key=lambda name: max(_excess(figure) for figure in each[name]))}
     rows = [
-        Row(f"Equation of {'the link' if name == 'link' else name}", tuple(map(_residual, group)), name in leading)
+        Row(
+            f"Equation of {'the link' if name == 'link' else name}",
+            tuple(_residual(figure, _antagonistic(report)) for figure in group),
+            name in leading,
+        )
         for name, group in each.items()
     ]
     return tuple(sorted(rows, key=lambda row: not row.leading))
 
 
-def error_rows(figures: Figures | None) -> tuple[Row, ...]:
+def after_words(report: GapReport) -> str:
+    """What the simulator that is compared with the device as filed is."""
+    return "repaired" if report.effects else "tuned"
+
+
+def error_rows(report: GapReport) -> tuple[Row, ...]:
     """One row per simulated signal, the link first and shown."""
     each: dict[str, list[ErrorFigure]] = {}
-    for figure in figures.errors if figures is not None else ():
+    for figure in report.figures.errors if report.figures is not None else ():
         each.setdefault(figure.signal, []).append(figure)
     return tuple(
-        Row(capital(SIGNALS.get(signal, signal)), tuple(map(_error, group)), signal == "q")
+        Row(
+            capital(SIGNALS.get(signal, signal)),
+            tuple(_error(figure, _antagonistic(report), after_words(report)) for figure in group),
+            signal == "q",
+        )
         for signal, group in each.items()
     )
 
@@ -71,49 +82,62 @@ def trace_rows(report: GapReport) -> tuple[Row, ...]:
     for number, ((log, worst, begin), group) in enumerate(each.items()):
         title = f"{log}, from {begin:.2f} s: {'next to ' if worst in seen else ''}{told[worst]}"
         seen.add(worst)
-        rows.append(Row(title, tuple(_trace(figure) for figure in group), number == 0))
+        rows.append(Row(title, tuple(_trace(figure, after_words(report)) for figure in group), number == 0))
     if rows and all(len(row.charts) == 1 for row in rows):
         return (Row("", tuple(Drawn(row.title, row.charts[0].svg) for row in rows), True),)
     return tuple(rows)
 
 
-def gap_ladder(gap: Gap) -> Drawn:
+def gap_ladder(gap: Gap, repaired: str) -> Drawn:
     """How far the gap shrinks, over all and per signal."""
     rungs = [Rung("over all signals", gap.before, gap.after, gap.floor, gap.ceiling, gap.tuned, gap.interval)]
     if len(gap.signals) > 1:
         for name, each in gap.signals.items():
             rungs.append(Rung(SIGNALS.get(name, name), each.before, each.after, each.floor, each.ceiling))
-    return Drawn("The gap on held-out data", ladder("The gap before and after, with floor and ceiling", rungs))
+    return Drawn(
+        "The gap on held-out data", ladder("The gap before and after, with floor and ceiling", rungs, repaired)
+    )
 
 
-def _residual(figure: ResidualFigure) -> Drawn:
-    x = [0.5 * (b.low + b.high) for b in figure.bins]
+def _over(by: Quantity, axis: str, antagonistic: bool) -> str:
+    """What a figure is held against, in words."""
+    spring = f" {2 if axis == 'motor 2' else 1}" if antagonistic else ""
+    told = {
+        "speed": f"speed |v| of {axis}",
+        "deflection": f"deflection of transmission{spring}",
+        "angle": "link angle q",
+    }
+    return told.get(by, by)
+
+
+def _residual(figure: ResidualFigure, antagonistic: bool) -> Drawn:
+    x = [b.centre for b in figure.bins]
     speed = figure.by == "speed"
     curves = [
         Curve("sensors' floor", "floor", x, [b.floor for b in figure.bins], mirrored=True),
         Curve("mean along v" if speed else "mean", "mean", x, [b.mean for b in figure.bins]),
         Curve("rms", "rms", x, [b.rms for b in figure.bins]),
     ]
-    over = OVER.get(figure.by, figure.by).format("the link" if figure.equation == "link" else figure.equation)
+    over = _over(figure.by, "the link" if figure.equation == "link" else figure.equation, antagonistic)
     caption = f"against {over}" + (" (below zero: it brakes)" if speed else "")
     panel = Panel("missing torque", "N m", curves)
     return Drawn(caption, chart(f"Missing torque {caption}", over, figure.unit, [panel]))
 
 
-def _error(figure: ErrorFigure) -> Drawn:
-    x = [0.5 * (b.low + b.high) for b in figure.bins]
+def _error(figure: ErrorFigure, antagonistic: bool, repaired: str) -> Drawn:
+    x = [b.centre for b in figure.bins]
     axis = AXES.get(figure.signal, figure.signal)
-    over = OVER.get(figure.by, figure.by).format(axis)
+    over = _over(figure.by, axis, antagonistic)
     curves = [
         Curve("sensors' floor", "floor", x, [b.floor for b in figure.bins]),
         Curve("as filed", "before", x, [b.before for b in figure.bins]),
-        Curve("repaired", "after", x, [b.after for b in figure.bins]),
+        Curve(repaired, "after", x, [b.after for b in figure.bins]),
     ]
     panel = Panel("rms error", "rad", curves, log=True)
     return Drawn(f"against {over}", chart(f"Error of {axis} against {over}", over, figure.unit, [panel]))
 
 
-def _trace(figure: TraceFigure) -> Drawn:
+def _trace(figure: TraceFigure, repaired: str) -> Drawn:
     def curves(columns: Sequence[tuple[str, str, Sequence[float]]]) -> list[Curve]:
         return [
             Curve(name, look, figure.time, y, () if look == "measured" else figure.restarts)  # type: ignore[arg-type]
@@ -133,13 +157,17 @@ def _trace(figure: TraceFigure) -> Drawn:
                 [
                     ("measured", "measured", figure.measured),
                     ("as filed", "before", figure.before),
-                    ("repaired", "after", figure.after),
+                    (repaired, "after", figure.after),
                 ]
             ),
         ),
-        Panel("error", "rad", curves([("as filed", "before", errors[0]), ("repaired", "after", errors[1])])),
+        Panel("error", "rad", curves([("as filed", "before", errors[0]), (repaired, "after", errors[1])])),
     ]
     return Drawn(capital(name), chart(f"{name} measured and simulated", "time", "s", panels))
+
+
+def _antagonistic(report: GapReport) -> bool:
+    return report.figures is not None and report.figures.joint.arrangement == "antagonistic"
 
 
 def _excess(figure: ResidualFigure) -> float:

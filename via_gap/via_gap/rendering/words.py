@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
 
 from via_sim.catalogue import EFFECTS
 
@@ -38,6 +39,8 @@ LEVELS = {
 SIGNALS = {"q": "link angle q", "theta_1": "motor 1 angle", "theta_2": "motor 2 angle"}
 CLOSE = 0.2  # of a score: a richer effect that comes no further behind is dropped for being needless
 HELPS = 0.95  # of the squared error: a cause that leaves more is said not to help
+DECIDED = 2.0  # standard deviations by which a cause must be behind to be ruled out
+ABOVE = 3.0  # times the sensors' floor: an error that is said to stay
 SEVERAL = 3  # logs that are named one by one
 CLOSED = 0.9  # of what can be closed: less is said to leave something
 
@@ -111,6 +114,11 @@ def cautions(report: GapReport) -> tuple[str, ...]:
     if report.verdict in ("effect", "two_effects") and any(p not in report.effects for p in report.equivalence_set):
         said.append(
             f"The repair holds {place_words(report.effects[0])}, the best of the tied causes: it may be the wrong one."
+        )
+    elif gap is not None and report.verdict in ("effect", "two_effects") and gap.after > ABOVE * gap.floor > 0.0:
+        said.append(
+            f"The error that stays, {percent(gap.after)}, is {number(gap.after / gap.floor, 2)} times what the sensors "
+            "explain; no model tried on this log does better."
         )
     if report.verdict == "unknown" and report.effects:
         named = listed([place_words(p) for p in report.effects])
@@ -213,12 +221,21 @@ def equivalence_words(report: GapReport) -> tuple[str, ...]:
     return tuple(said)
 
 
-def ruled_out(report: GapReport) -> tuple[tuple[str, str], ...]:
-    """(cause, why) of what was fitted to the end and is not the answer, nearest first."""
+@dataclass(frozen=True)
+class Dismissed:
+    """A cause that was fitted to the end and is not the answer; `decided`: by more than chance makes."""
+
+    what: str
+    why: str
+    decided: bool
+
+
+def ruled_out(report: GapReport) -> tuple[Dismissed, ...]:
+    """What was fitted to the end and is not the answer, nearest first."""
     if report.figures is None or not report.figures.trials:
         tied = _spots((*report.equivalence_set, *report.effects))
         return tuple(
-            (place_words(c), f"leaves {percent(c.left)} of the squared error")
+            Dismissed(place_words(c), f"leaves {percent(c.left)} of the squared error", True)
             for c in report.causes
             if (c.effect, c.site, c.motor) not in tied
         )
@@ -227,20 +244,32 @@ def ruled_out(report: GapReport) -> tuple[tuple[str, str], ...]:
     found = []
     for trial in report.figures.trials:
         members = _spots(trial.effects)
-        if (members == answer and report.verdict != "unknown") or (len(members) == 1 and members <= named):
+        if (members == answer and report.verdict != "unknown") or (len(members) == 1 and members <= named - answer):
             continue
-        what = listed([place_words(m) for m in trial.effects])
         behind = f"{number(trial.behind, 2)} ± {number(trial.behind_sd, 1)} behind the best in score"
         leaves = f"leaves {percent(trial.left)} of the squared error" if trial.left < HELPS else "does not help"
         why = f"{leaves}, {behind}"
-        if len(members) == 1 and report.verdict == "two_effects" and members <= answer:
+        if len(members) < len(answer) and members <= answer:
             why = f"alone {why}"
         elif members & kept == set() and trial.behind < CLOSE and _same_place(members, kept):
             why = f"does nothing that a simpler effect at the same place does not: {why}"
         elif report.verdict != "unknown" and len(members) > len(answer) > 0 and answer <= members:
             why = f"the added effect closes too little to be believed: {why}"
-        found.append((what, why))
+        decided = report.verdict == "unknown" or trial.behind > DECIDED * trial.behind_sd
+        found.append(Dismissed(listed([place_words(m) for m in trial.effects]), why, decided))
     return tuple(found)
+
+
+def boxes(report: GapReport) -> tuple[tuple[str, str], ...]:
+    """(what, number) of the gap at a glance; what is closed only where a cause is named."""
+    gap = report.gap
+    if gap is None:
+        return ()
+    named = report.verdict in ("effect", "two_effects") and not all(map(of_readings, report.effects))
+    after = "gap with the repair" if named else "gap, best attempt" if report.effects else "gap, numbers tuned"
+    closed = (("closed of what can be", percent(gap.closes)),) if named else ()
+    ends = (("gap as filed", percent(gap.before)), (after, percent(gap.after)), ("sensors alone", percent(gap.floor)))
+    return ends + closed
 
 
 def screened_words(report: GapReport) -> str:

@@ -1,0 +1,122 @@
+"""The numbers behind the pictures: planted friction is read off the residual, and errors are those of the gap."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of, servo
+from via_gap.evidence_figures import (
+    BINS,
+    POINTS,
+    STRETCH,
+    Stretch,
+    error_figures,
+    free_stretches,
+    residual_figures,
+    shot_stretches,
+    trace_figures,
+)
+from via_gap.measured import free_errors, shot_errors
+from via_gap.problem import Problem
+from via_gap.residuals import weak_residuals
+from via_gap.shots import cut_log
+from via_sim.effects import Effect
+
+COULOMB = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
+
+
+@cache
+def friction():
+    """Shots of a joint whose every number is right but for friction at its motor."""
+    return cut_log(log_of(flexible(), (COULOMB,), seed=23, tolerance=0.0))
+
+
+@cache
+def two_residuals():
+    """A problem of every third pair of shots, with the residuals of the nominal device and of the true one."""
+    shots = friction()
+    chosen = np.flatnonzero(shots.valid)
+    problem = Problem.of([shots], [chosen[chosen % 3 < 2]])
+    return problem, *problem.residual([problem.row(()), problem.row((COULOMB,))])
+
+
+def stretch(error, restarts=None, begin=0.0) -> Stretch:
+    """A link that stands at zero, simulated `error` beside it, every 10 ms."""
+    n = len(error)
+    time = begin + 0.01 * np.arange(n)
+    states = np.zeros((n, 6))
+    marks = np.zeros(n, dtype=bool) if restarts is None else np.asarray(restarts)
+    nothing = np.zeros((n, 1))
+    return Stretch("log", (0,), time, states, nothing, np.asarray(error)[:, None], nothing, marks, np.array([1e-3]))
+
+
+def test_missing_friction_brakes_at_every_speed_and_nowhere_else():
+    shots = friction()
+    residuals = weak_residuals(shots, shots.log.device)
+    figures = {(f.equation, f.by): f for f in residual_figures([shots], [residuals], shots.log.device)}
+    assert {by for _, by in figures} == {"speed", "deflection", "angle", "time"}
+    moving = [b for b in figures["motor 1", "speed"].bins if b.low > 0.2]
+    assert len(moving) >= BINS // 2
+    for each in moving:
+        assert each.low <= each.centre <= each.high
+        assert each.mean == pytest.approx(-0.03, rel=0.05)
+        assert each.rms >= abs(each.mean) and each.floor < 0.01
+    assert all(abs(b.mean) < 3.0 * b.floor for b in figures["link", "speed"].bins)
+
+
+def test_bins_hold_every_window_once():
+    shots = friction()
+    residuals = weak_residuals(shots, shots.log.device)
+    figures = residual_figures([shots], [residuals], shots.log.device)
+    whole = float(np.mean(residuals[0].torque ** 2))
+    (angle,) = (f for f in figures if f.equation == "link" and f.by == "angle")
+    assert np.mean([b.rms**2 for b in angle.bins]) == pytest.approx(whole, rel=0.02)  # bins of equal count
+    assert all(a.high == b.low for a, b in zip(angle.bins, angle.bins[1:], strict=False))
+
+
+def test_errors_of_shots_are_those_of_the_gap():
+    problem, before, after = two_residuals()
+    stretches = shot_stretches(problem, before, after)
+    for which, residual in (("before", before), ("after", after)):
+        gap = shot_errors(problem, residual)
+        error = np.concatenate([getattr(s, which) - s.measured for s in stretches])
+        assert np.sqrt(np.mean(error**2, axis=0) / gap.variance) == pytest.approx(gap.signals, rel=1e-9)
+    assert sum(s.restarts.sum() for s in stretches) == len(problem.benches[0].chosen)
+    assert len(stretches) > 3 and all(s.restarts[0] for s in stretches)
+
+
+def test_error_figures_fall_where_the_effect_is_added():
+    problem, before, after = two_residuals()
+    figures = error_figures(shot_stretches(problem, before, after), 1)
+    assert {(f.signal, f.by) for f in figures} == {
+        (s, by) for s in ("q", "theta_1") for by in ("speed", "deflection", "angle", "time")
+    }
+    assert all(b.after < 0.2 * b.before for f in figures for b in f.bins)
+
+
+def test_errors_of_a_free_run_are_those_of_the_gap():
+    shots = cut_log(log_of(servo(), (Effect("coulomb_friction", "link", {"torque": 0.02}),), seed=5, duration=5.9))
+    every = [np.flatnonzero(shots.valid)]
+    device = shots.log.device
+    stretches = free_stretches(device, device, (), [shots], every)
+    gap = free_errors(device, (), [shots], every)
+    error = np.concatenate([s.before - s.measured for s in stretches])
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(float(gap.signals[0] * np.sqrt(gap.variance[0])), rel=0.03)
+    assert all(np.array_equal(s.before, s.after) for s in stretches)
+    assert {f.by for f in error_figures(stretches, 1)} >= {"speed", "angle", "time"}
+
+
+def test_the_worst_stretch_is_drawn_first_and_in_few_points():
+    quiet, loud = 0.001 * np.ones(3000), 0.5 * np.ones(3000)
+    figures = trace_figures([stretch(quiet), stretch(loud, begin=100.0)], 5.0)
+    assert [f.worst for f in figures] == ["after", "before", "after"]
+    assert figures[1].time[0] >= 100.0  # the largest error before
+    assert all(len(f.time) <= POINTS and f.time[-1] - f.time[0] <= 5.0 for f in figures)
+
+
+def test_a_stretch_of_shots_is_cut_where_a_shot_begins():
+    restarts = np.arange(1000) % 25 == 0
+    (first, *_) = trace_figures([stretch(np.ones(1000), restarts)], STRETCH)
+    assert first.time[-1] - first.time[0] <= STRETCH
+    begins = np.array(first.time)[list(first.restarts)]
+    assert np.allclose(np.diff(begins), 0.25) and len(begins) >= 6
