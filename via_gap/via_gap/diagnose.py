@@ -32,7 +32,7 @@ from via_gap.report import Place as Named
 from via_gap.residuals import weak_residuals
 from via_gap.scales import Scales, scales_of
 from via_gap.shots import Indices, Shots, cut_log
-from via_gap.split import split
+from via_gap.split import one_sided, split, split_finely
 from via_gap.verdict import Decision, decide, helps, rms
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
@@ -90,6 +90,11 @@ def diagnose(
     base, jacobian = fit_base(fitted)
     nominal = Fit((), np.zeros_like(base.deviations), 0.0, np.empty(0), np.empty(0))
     before, tuned = judge(judged, [nominal, base])
+    if not judged_on and one_sided(fitted.per_shot(base.residual), tuned.shots, frozen.no_gap):
+        train, held = split_finely(everything)
+        fitted, judged = Problem.of(everything, train), Problem.of(everything, held)
+        base, jacobian = fit_base(fitted)
+        before, tuned = judge(judged, [nominal, base])
     tell("localising", 0.15)
     numbers = repaired_device(device, fitted.nuisances, base.deviations)
     residuals = [weak_residuals(each, numbers) for each in everything]

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from via_core.signals import Array
 
 from via_gap.shots import Indices, Shots
 
 BLOCK = 2.0  # [s] at least
 SHOTS = 6  # of a block at least
+LEAST = 0.02  # of the error of one side that the other has to have
 PATTERN = (True, True, False, True, False)  # which of five neighbouring blocks are fitted
 
 
@@ -26,11 +28,27 @@ def split(shots: Sequence[Shots], holdout: Sequence[Shots]) -> tuple[list[Indice
         third = [i % 3 == 2 for i in range(len(everything))]  # of many short logs every third is judged
         train = [none if h else v for v, h in zip(valid, third, strict=True)]
         return train, [v if h else none for v, h in zip(valid, third, strict=True)], everything
-    train = []
+    train, held = _by_blocks(valid, size)
+    return train, held, everything
+
+
+def split_finely(shots: Sequence[Shots]) -> tuple[list[Indices], list[Indices]]:
+    """Indices of the shots to fit and to judge, of blocks of one shot: for what happens in one place of a log only."""
+    return _by_blocks([np.flatnonzero(each.valid) for each in shots], [1] * len(shots))
+
+
+def one_sided(fitted: Array, judged: Array, noise: float) -> bool:
+    """Whether what is unexplained, as mean squared errors (S,) of shots, is seen by one side only."""
+    sizes = [float(np.mean(np.maximum(each - noise, 0.0))) for each in (fitted, judged)]
+    return max(sizes) > noise and min(sizes) < LEAST * max(sizes)
+
+
+def _by_blocks(valid: Sequence[Indices], size: Sequence[int]) -> tuple[list[Indices], list[Indices]]:
+    train: list[Indices] = []
     held: list[Indices] = []
     for which, n in zip(valid, size, strict=True):
         n = max(1, min(n, len(which) // len(PATTERN)))
         fitted = np.array([PATTERN[int(k) // n % len(PATTERN)] for k in which], dtype=bool)
         train.append(which[fitted])
         held.append(which[~fitted])
-    return train, held, everything
+    return train, held
