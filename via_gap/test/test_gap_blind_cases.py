@@ -15,13 +15,14 @@ import pytest
 from via_core.bags import joint_signals, read_bag
 from via_core.devices import load_device
 from via_gap.blind.case import BLOCK, RANGE, SHARES, draw_case, plan
-from via_gap.blind.joints import FAMILIES, believed, draw_joint, scaled
+from via_gap.blind.joints import FAMILIES, believed, device_of, draw_joint, scaled
 from via_gap.blind.making import Made, make_cases
 from via_gap.blind.menu import MENU
-from via_gap.blind.recording import LEVELS, limited, neighbour_angle
+from via_gap.blind.recording import LEVELS, limited, neighbour_angle, write_log
 from via_gap.blind.residual import left_by_numbers
 from via_gap.blind.sealing import SealError, digest_of, names_in, opened, seal, write_seals
 from via_gap.blind.strangers import STRANGERS
+from via_gap.log import read_log
 
 DURATION = 5.0  # [s]
 NEIGHBOUR_AND_NONE = (13, 3)  # development seeds of joints without a gap
@@ -241,3 +242,17 @@ def test_nothing_of_the_simulator_under_test_is_loaded() -> None:
     script = f"import sys, {names}; print([name for name in sys.modules if name.split('.')[0] in {strangers}])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_neighbour_in_a_bag_is_an_input_of_the_diagnosis(tmp_path: Path) -> None:
+    for seed in NEIGHBOUR_AND_NONE:
+        case = draw_case(seed, DURATION)
+        device = device_of(case.true)
+        write_log(tmp_path / f"{seed}", device, case.log)
+        commands = read_log(tmp_path / f"{seed}", device).commands
+        assert commands is not None
+        if np.isfinite(case.log.neighbour).all():
+            expected = np.interp(commands.time, case.log.time - case.log.time[0], case.log.neighbour)
+            assert np.abs(commands["neighbour"] - expected).max() < 1e-9
+        else:
+            assert "neighbour" not in commands

@@ -28,7 +28,8 @@ class Calibration(BaseModel):
 
 
 @cache
-def calibration() -> Calibration:
-    """The numbers that ship."""
+def calibration(arrangement: str) -> Calibration:
+    """The numbers that ship, for a device of this arrangement."""
     text = resources.files("via_gap").joinpath("calibration.yaml").read_text(encoding="utf-8")
-    return Calibration.model_validate(yaml.safe_load(text))
+    content = yaml.safe_load(text)
+    return Calibration.model_validate(content | {"rare": content["rare"].get(arrangement, {})})

@@ -24,6 +24,7 @@ from via_gap.log import JointLog, believed
 from via_gap.measured import Errors, free_errors, shot_errors
 from via_gap.nuisance import BOUND
 from via_gap.places import Place, places
+from via_gap.probability import shipped_numbers, with_probabilities
 from via_gap.problem import Problem
 from via_gap.readings import misreadings, with_misreadings
 from via_gap.repaired import repaired_device
@@ -59,7 +60,7 @@ def diagnose(
     """
     if not logs:
         raise SignalError("no log to diagnose")
-    frozen = calibration()
+    frozen = calibration(device.arrangement)
     every = believed([*logs, *(holdout or ())])
     logs, holdout = every[: len(logs)], every[len(logs) :] or None
     tell = progress or (lambda _what, _share: None)
@@ -129,6 +130,7 @@ def diagnose(
             "figures": figures,
         }
     )
+    report = with_probabilities(report, shipped_numbers())
     report = with_misreadings(report, misreadings([each.log for each in usable]))
     tell("done", 1.0)
     return GapReport.model_validate(report.model_dump())

@@ -15,6 +15,8 @@ from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
 
+from via_gap.neighbour import beside
+
 LEVELS = ("full", "no torque", "link only", "commands only")
 ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not believed
 FAR = 8.0  # times the 90 % quantile of the steps between samples
@@ -27,7 +29,14 @@ _MEASURED = {
     "theta_velocity": "rad/s",
     "tau": "N m",
 }
-_COMMANDED = {"equilibrium": "rad", "preset": "rad", "damping": "-", "motor": "", "external_torque": "N m"}
+_COMMANDED = {
+    "equilibrium": "rad",
+    "preset": "rad",
+    "damping": "-",
+    "motor": "",
+    "external_torque": "N m",
+    "neighbour": "rad",
+}
 _HEADER = re.compile(rf"({'|'.join((*_MEASURED, *_COMMANDED))})(?:_([12]))?")
 
 
@@ -38,7 +47,8 @@ class JointLog:
     name      what to call it: a file, a run
     device    the nominal device
     measured  q (N,) [rad] and what else there is of theta (N, m), tau (N, m), q_velocity, theta_velocity; NaN: not seen
-    commands  held: motor (N, m), or equilibrium and preset [rad]; damping [-]; external_torque [N m]; None without any
+    commands  held: motor (N, m), or equilibrium and preset [rad]; damping [-]; external_torque [N m],
+              neighbour [rad]; None without any
     dropped   samples that the reading left out: (repeated stamps, stamps that ran backward)
     disbelieved  motors whose encoder jumps about: their angles count as not measured
     """
@@ -128,7 +138,10 @@ def read_log(path: str | Path, device: Device, joint_topic: str = "/joint_states
     where = Path(path)
     if where.suffix.lower() == ".csv":
         return _from_csv(where, device)
-    measured, commands, reports = joint_signals(read_bag(where), device, joint_topic)
+    bag = read_bag(where)
+    measured, commands, reports = joint_signals(bag, device, joint_topic)
+    if commands is not None:
+        commands = beside(commands, bag, device, joint_topic)
     dropped = (sum(report.repeated for report in reports), sum(report.backward for report in reports))
     return JointLog(where.name, device, measured, commands, dropped)
 

@@ -216,7 +216,8 @@ def _drive(log: JointLog, grid: Array) -> Array:
     if log.commands is not None and len(log.commands):
         whole = log.commands
         if not log.motors_commanded:
-            whole = whole.select([name for name in whole.channels if name in ("damping", "external_torque")])
+            beside = ("damping", "external_torque", "neighbour")
+            whole = whole.select([name for name in whole.channels if name in beside])
         if whole.channels:
             rows = command_rows(device, whole, grid)
     if device.n_motors and not log.motors_commanded:

@@ -8,12 +8,14 @@ from typing import Annotated
 
 import numpy as np
 import typer
+import yaml
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_gap.log import JointLog, read_log
 from via_gap.measured import Errors, free_errors, shot_errors
+from via_gap.probability import answer_of, fit_numbers
 from via_gap.problem import Problem
 from via_gap.repaired import repaired_device
 from via_gap.report import GapReport, read_report
@@ -118,6 +120,37 @@ def score(
             raise ViaError(f"{write} cannot be written: {error.strerror}") from None
     if any(number.kept is False for number in scored.numbers):
         raise typer.Exit(1)
+
+
+@app.command()
+def calibrate(
+    cases: Cases,
+    keys: Annotated[Path, typer.Option(help="Folder of the keys.")],
+    results: Annotated[Path, typer.Option(help="Folder of the reports.")],
+    write: Annotated[Path, typer.Option(help="File for the numbers that turn evidence into a probability.")],
+) -> None:
+    """Learn from judged development cases how often an answer with such evidence is right."""
+    from via_gap.blind.sealing import names_in, opened
+
+    answers_given, right, seeds = [], [], []
+    for name in names_in(cases):
+        file = results / f"{name}.json"
+        if not file.exists():
+            continue
+        report = read_report(_text(file), str(file))
+        answer, key = answer_of(report), opened(name, cases, keys).key
+        if key["seed"] >= SEED:
+            raise ViaError(f"{name}: seed {key['seed']} is of the set that judges, not one to learn from")
+        if answer is not None:
+            answers_given.append(answer)
+            right.append(report.causes[0].effect in {each["effect"] for each in key["effects"]})
+            seeds.append(int(key["seed"]))
+    if not seeds:
+        raise ViaError(f"no report in {results} names a cause")
+    spoken = f"{len(seeds)} of {min(seeds)} to {max(seeds)}"
+    numbers = fit_numbers(answers_given, right, spoken, str(provenance("via gap blind calibrate")))
+    write.write_text(yaml.safe_dump(numbers.model_dump(), sort_keys=False), encoding="utf-8")
+    answers.print(f"{numbers.right} of {numbers.answers} answers were right; numbers in {write}")
 
 
 @app.command()

@@ -1,0 +1,36 @@
+"""The joint before this one: its angle, where a bag holds it, is an input that may pull at this joint."""
+
+from __future__ import annotations
+
+import numpy as np
+from via_core.bags import Bag, joint_signals
+from via_core.devices import Device
+from via_core.errors import ViaError
+from via_core.signals import Signals
+
+LINK = "_shaft_joint"  # how the name of a link ends, and of no motor
+
+
+def beside(commands: Signals, bag: Bag, device: Device, joint_topic: str) -> Signals:
+    """The commands with the angle [rad] of the neighbour as channel `neighbour`, held; unchanged where there is none.
+
+    The neighbour is the one other link in the messages of joint states. Of several links nobody knows which one it is.
+    """
+    names = {name for names in bag[joint_topic]["name"].tolist() for name in names}
+    own = {device.link_joint, *device.motor_joints}
+    others = [name for name in names - own if name.endswith(LINK)]
+    if len(others) != 1:
+        return commands
+    wire = device.wire.model_copy(update={"link": others[0]})
+    try:
+        other, _, _ = joint_signals(bag, device.model_copy(update={"wire": wire}), joint_topic)
+    except ViaError:
+        return commands
+    seen = np.isfinite(other["q"]) if "q" in other else np.zeros(0, dtype=np.bool_)
+    if seen.sum() < 2:
+        return commands
+    angle = np.interp(commands.time, other.time[seen], other["q"][seen])
+    return Signals(
+        commands.time, {**commands.channels, "neighbour": angle}, {**commands.units, "neighbour": "rad"},
+        frozenset({*commands.held, "neighbour"}),
+    )  # fmt: skip
