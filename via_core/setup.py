@@ -10,7 +10,7 @@ setup(
     maintainer="VIA maintainers",
     maintainer_email="maintainers@via.example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
-    package_data={package: ["**/*.yaml", "**/*.csv", "samples/*/LICENSE", "samples/*/README.md"]},
+    package_data={package: ["**/*.yaml", "**/*.csv", "**/*.urdf", "samples/*/LICENSE", "samples/*/README.md"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

@@ -73,6 +73,8 @@ class ServoMotor(_Part):
     """A motor angle that follows its command as a critically damped second-order lag and is not driven back."""
 
     bandwidth: Positive  # w [rad/s]
+    # relative standard deviation: a lag that stands for dead time as well is known to its order only
+    bandwidth_tolerance: Annotated[float, Field(strict=True, gt=0.0, le=0.75)] = 0.05
 
 
 def _motor_kind(motor: Any) -> str:

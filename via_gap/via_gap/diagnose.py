@@ -16,23 +16,24 @@ from via_gap.calibration import Calibration, calibration
 from via_gap.candidates import Fit, fit_base, refine, screen
 from via_gap.ceiling import flexible, lower
 from via_gap.data_check import check_log
+from via_gap.equation_bench import EquationBench
 from via_gap.evidence import Judged, judge
 from via_gap.evidence_figures import evidence_figures, joint_sketch
 from via_gap.figures import Figures
 from via_gap.localise import SiteShare, localise
 from via_gap.log import JointLog, believed
-from via_gap.measured import Errors, free_errors, shot_errors
+from via_gap.measured import Errors, equation_errors, free_errors, shot_errors
 from via_gap.nuisance import BOUND
 from via_gap.places import Place, places
 from via_gap.probability import shipped_numbers, with_probabilities
-from via_gap.problem import Problem
+from via_gap.problem import AnyBench, Problem
 from via_gap.readings import misreadings, with_misreadings
 from via_gap.repaired import repaired_device
 from via_gap.report import Cause, Finding, Gap, GapReport, NuisanceValue, SignalGap, Value, Verdict, Where
 from via_gap.report import Place as Named
 from via_gap.residuals import weak_residuals
 from via_gap.scales import Scales, scales_of
-from via_gap.shots import Indices, Shots, cut_log
+from via_gap.shots import Bench, Indices, Shots, cut_log
 from via_gap.split import one_sided, split, split_finely
 from via_gap.verdict import Decision, decide, helps, rms
 
@@ -50,11 +51,13 @@ def diagnose(
     device: Device,
     holdout: Sequence[JointLog] | None = None,
     progress: Progress | None = None,
+    bench: Callable[[Shots, Indices], AnyBench] = Bench.of,
 ) -> GapReport:
     """Where the gap between `logs` and the nominal `device` lies, what causes it, and how far it shrinks.
 
     holdout   logs to judge on; without them blocks of `logs` are held out
     progress  is told what is being done and how much is done
+    bench     how shots are judged: simulated from measured states, or EquationBench.of by their equation
 
     Raises SignalError where there is no log at all. A log that cannot be used is a finding in the report.
     """
@@ -87,13 +90,13 @@ def diagnose(
         return short.model_copy(update={"data_check": (*findings, few)})
 
     tell("fitting the device's own numbers", 0.05)
-    fitted, judged = Problem.of(everything, train), Problem.of(everything, held)
+    fitted, judged = Problem.of(everything, train, bench), Problem.of(everything, held, bench)
     base, jacobian = fit_base(fitted)
     nominal = Fit((), np.zeros_like(base.deviations), 0.0, np.empty(0), np.empty(0))
     before, tuned = judge(judged, [nominal, base])
     if not judged_on and one_sided(fitted.per_shot(base.residual), tuned.shots, frozen.no_gap):
         train, held = split_finely(everything)
-        fitted, judged = Problem.of(everything, train), Problem.of(everything, held)
+        fitted, judged = Problem.of(everything, train, bench), Problem.of(everything, held, bench)
         base, jacobian = fit_base(fitted)
         before, tuned = judge(judged, [nominal, base])
     tell("localising", 0.15)
@@ -113,10 +116,12 @@ def diagnose(
     decision = decide(tuned, causes, pairs, frozen)
     tell("measuring the gap", 0.95)
     gap = _gap(device, fitted, judged, everything, held, before, tuned, decision)
-    figures = evidence_figures(
-        device, everything, held, residuals, numbers, judged, before, tuned, decision.chosen, [*causes, *pairs],
-        candidates, gap.by,
-    )  # fmt: skip
+    figures = short.figures
+    if gap.by != "equations":
+        figures = evidence_figures(
+            device, everything, held, residuals, numbers, judged, before, tuned, decision.chosen, [*causes, *pairs],
+            candidates, gap.by,
+        )  # fmt: skip
     report = short.model_copy(
         update={
             "verdict": _honest(decision.verdict, usable[0].log),
@@ -248,6 +253,9 @@ def _gap(
     before: Judged, tuned: Judged, decision: Decision,
 ) -> Gap:  # fmt: skip
     chosen = decision.chosen.fit
+    if isinstance(judged.benches[0], EquationBench):
+        errors = (equation_errors(judged, each.residual) for each in (before, tuned, decision.chosen))
+        return _told("equations", *errors)
     model = flexible(fitted, chosen)
     if device.drive == "torque" or device.n_motors == 0:
         by: Literal["shots", "free run"] = "shots"
@@ -262,9 +270,16 @@ def _gap(
         three = [free(each.fit.deviations, each.fit.effects) for each in (before, tuned, decision.chosen)]
         repaired = repaired_device(device, judged.nuisances, chosen.deviations)
         reached = free_errors(repaired, chosen.effects, [model.driven(each) for each in shots], held)
-    first, second, third = three
+    return _told(by, *three, reached)
+
+
+def _told(
+    by: Literal["shots", "free run", "equations"], first: Errors, second: Errors, third: Errors,
+    reached: Errors | None = None,
+) -> Gap:  # fmt: skip
+    """The gap of errors before, tuned and after; without a flexible model the sensors' floor is the ceiling."""
     low, high = np.quantile(third.resampled(), [0.025, 0.975])
-    ceilings = lower(third, reached)
+    ceilings = first.floors if reached is None else lower(third, reached)
     signals = {
         name: SignalGap(
             before=float(a),

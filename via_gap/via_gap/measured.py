@@ -13,7 +13,9 @@ import numpy as np
 from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.effects import Effect
+from via_sim.torques import EXTERNAL
 
+from via_gap.equation_bench import EquationBench
 from via_gap.problem import Problem
 from via_gap.replayed import simulated_log
 from via_gap.shots import Indices, Shots
@@ -55,6 +57,21 @@ class Errors:
         pick = np.random.default_rng(seed).integers(0, len(self.squares), (RESAMPLES, len(self.squares)))
         means = self.squares[pick].mean(axis=1) / self.variance
         return np.sqrt(means.mean(axis=1))
+
+
+def equation_errors(problem: Problem, residual: Array) -> Errors:
+    """Errors from what equations lack (R,) in units of their floors: squares and variance of torques [N m]."""
+    squares, torques, floors, begin = [], [], [], 0
+    for bench in problem.benches:
+        assert isinstance(bench, EquationBench)
+        size = bench.first.size
+        each = residual[begin : begin + size].reshape(bench.first.shape)
+        squares.append(np.mean(each**2, axis=1) * bench.floor**2)
+        torques.append(bench.shots.commands[bench.first.ravel(), EXTERNAL])
+        floors.append(bench.floor**2)
+        begin += size
+    variance = max(float(np.var(np.concatenate(torques))), 1e-12)
+    return Errors(("tau",), np.concatenate(squares)[:, None], np.array([variance]), np.array([np.mean(floors)]))
 
 
 NAMES = ("q", "theta_1", "theta_2")

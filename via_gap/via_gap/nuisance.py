@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from via_core.devices import ServoMotor
 from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL
 from via_sim.parameters import DYNAMIC, NO_DAMPER, SERVO, P
@@ -56,7 +57,16 @@ def nuisances(plant: JointPlant, tolerance: float = TOLERANCE) -> tuple[Nuisance
     found.append(("gravity torque", "N m", row[P.gravity_torque], (P.gravity_torque,)))
     if row[P.damper_site] != NO_DAMPER:
         found.append(("damper", "-", 1.0, (P.damper, P.damper + 1)))
-    return tuple(Nuisance(n, unit, float(value), tolerance, slots) for n, unit, value, slots in found if value != 0.0)
+    loose = {
+        f"{name} bandwidth": motor.bandwidth_tolerance
+        for name, motor in zip(AXES[1:], device.motors)
+        if isinstance(motor, ServoMotor)
+    }
+    return tuple(
+        Nuisance(name, unit, float(value), loose.get(name, tolerance), slots)
+        for name, unit, value, slots in found
+        if value != 0.0
+    )
 
 
 def apply_all(row: Array, each: tuple[Nuisance, ...], deviations: Array) -> None:

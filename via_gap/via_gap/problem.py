@@ -5,7 +5,7 @@ values = problem.residual([problem.row(effects, deviations)])     # (K, R) white
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +15,11 @@ from via_sim.effects import Effect
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 
+from via_gap.equation_bench import EquationBench
 from via_gap.nuisance import BOUND, Nuisance, apply_all, descend, nuisances
 from via_gap.shots import Bench, Indices, Shots
 
+AnyBench = Bench | EquationBench
 STEP = 0.2  # standard deviations: step of the finite differences of a nuisance parameter
 
 
@@ -25,15 +27,17 @@ STEP = 0.2  # standard deviations: step of the finite differences of a nuisance 
 class Problem:
     """Benches (shots of one log each) that share one device."""
 
-    benches: tuple[Bench, ...]
+    benches: tuple[AnyBench, ...]
     plant: JointPlant  # nominal
     nuisances: tuple[Nuisance, ...]
 
     @staticmethod
-    def of(shots: Sequence[Shots], chosen: Sequence[Indices]) -> Problem:
-        """The shots `chosen` (indices, one array per log)."""
+    def of(
+        shots: Sequence[Shots], chosen: Sequence[Indices], bench: Callable[[Shots, Indices], AnyBench] = Bench.of
+    ) -> Problem:
+        """The shots `chosen` (indices, one array per log), simulated or judged by their equation."""
         plant = JointPlant.from_device(shots[0].log.device)
-        benches = tuple(Bench.of(each, which) for each, which in zip(shots, chosen, strict=True) if len(which))
+        benches = tuple(bench(each, which) for each, which in zip(shots, chosen, strict=True) if len(which))
         return Problem(benches, plant, nuisances(plant))
 
     @property

@@ -96,10 +96,11 @@ class Gap(_Part):
     floor     what the sensors alone leave
     ceiling   what is left by the best this diagnosis reaches: a flexible model of each equation, or the named effects
     closes    (before - after) / (before - ceiling)
-    by        'shots': short runs from measured states; 'free run': one run over the whole log
+    by        'shots': short runs from measured states; 'free run': one run over the whole log;
+              'equations': torque that the link's equation lacks, against the drive's
     """
 
-    by: Literal["shots", "free run"]
+    by: Literal["shots", "free run", "equations"]
     before: Number
     tuned: Number
     after: Number

@@ -43,6 +43,7 @@ SLOWEST = 500.0  # [Hz] ticks; a slower log is simulated with several ticks per 
 BIN = 0.004  # [s] over which angles are averaged before they are compared
 START, START_SPEED = 2.0, 0.03  # times the sensor's noise; [rad/s]: how well a smoothed start is known, bias included
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
+BESIDE_MOTORS = ("damping", "external_torque", "neighbour", "arm_torque")  # commands that do not drive motors
 RESTS = 0.01  # [rad] within which an axis rests when a log begins
 THREADS = 2
 
@@ -216,8 +217,7 @@ def _drive(log: JointLog, grid: Array) -> Array:
     if log.commands is not None and len(log.commands):
         whole = log.commands
         if not log.motors_commanded:
-            beside = ("damping", "external_torque", "neighbour")
-            whole = whole.select([name for name in whole.channels if name in beside])
+            whole = whole.select([name for name in whole.channels if name in BESIDE_MOTORS])
         if whole.channels:
             rows = command_rows(device, whole, grid)
     if device.n_motors and not log.motors_commanded:

@@ -1,0 +1,162 @@
+"""Arms of rigid joints: torques of the bodies in closed form, planted friction found at each joint, what is refused."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+import via_core
+from via_core.devices import load_device
+from via_core.errors import DeviceError, SignalError
+from via_core.signals import Array, Signals
+from via_gap.arms import Arm, arm_logs, diagnose_arm, load_arm, read_arm_log
+from via_gap.equation_bench import EquationBench
+from via_gap.log import JointLog
+from via_gap.problem import Problem
+from via_gap.shots import cut_log
+from via_sim.effects import Effect
+
+RATE, FINE = 300.0, 10  # [Hz] of the log; steps of the integration per sample
+FRICTION = (0.3, 0.12)  # [N m] planted
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return load_arm("dfki_double_pendulum")
+
+
+def pendulum(q: Array, v: Array, a: Array) -> Array:
+    """Torques [N m] of the shipped arm, written out (Spong, Robot modeling and control, planar elbow manipulator)."""
+    m1, m2, l1, r1, r2, i1, i2, g = 0.608, 0.63, 0.3, 0.275, 0.166, 0.05472, 0.02522, 9.81
+    h = m2 * l1 * r2
+    c, s = np.cos(q[:, 1]), np.sin(q[:, 1])
+    inner = i2 + h * c
+    first = (i1 + i2 + m2 * l1**2 + 2.0 * h * c + 0.0022466) * a[:, 0] + inner * a[:, 1]
+    first += -2.0 * h * s * v[:, 0] * v[:, 1] - h * s * v[:, 1] ** 2
+    far = m2 * g * r2 * np.sin(q[:, 0] + q[:, 1])
+    first += (m1 * r1 + m2 * l1) * g * np.sin(q[:, 0]) + far
+    return np.stack([first, inner * a[:, 0] + (i2 + 0.00218588) * a[:, 1] + h * s * v[:, 0] ** 2 + far], axis=1)
+
+
+def moved(arm: Arm, seconds: float, phase: float = 0.0) -> list[JointLog]:
+    """The arm with dry friction follows waves under a controller, recorded with the encoders' steps."""
+    data, dt = arm.model.createData(), 1.0 / (RATE * FINE)
+    viscous = np.array([device.link.viscous_friction for device in arm.devices])
+    q, v = np.zeros(2), np.zeros(2)
+    angles, torques = [], []
+    for k in range(round(seconds * RATE)):
+        t = k / RATE + phase
+        wanted = np.array(
+            [1.5 * np.sin(1.1 * t) + 0.5 * np.sin(2.9 * t), 1.2 * np.sin(1.7 * t) + 0.4 * np.sin(4.3 * t)]
+        )
+        tau = np.array([30.0, 8.0]) * (wanted - q) - np.array([3.0, 0.6]) * v
+        angles.append(q.copy())
+        torques.append(tau)
+        for _ in range(FINE):
+            friction = viscous * v + np.array(FRICTION) * np.tanh(v / 1e-3)
+            configuration = np.array([np.cos(q[0]), np.sin(q[0]), np.cos(q[1]), np.sin(q[1])])
+            v = v + dt * pinocchio.aba(arm.model, data, configuration, v, tau - friction)
+            q = q + dt * v
+    time, read, sent = np.arange(len(angles)) / RATE, np.array(angles), np.array(torques)
+    quantum = 3.8148e-4
+    logs = []
+    for i, device in enumerate(arm.devices):
+        measured = Signals(time, {"q": quantum * np.rint(read[:, i] / quantum)}, {"q": "rad"})
+        drive = Signals(
+            time, {"external_torque": sent[:, i]}, {"external_torque": "N m"}, frozenset({"external_torque"})
+        )
+        logs.append(JointLog(f"wave {phase:g}", device, measured, drive))
+    return arm_logs(logs, arm)
+
+
+def test_torques_of_the_bodies_are_those_written_out(arm: Arm) -> None:
+    q, v, a = np.random.default_rng(1).normal(size=(3, 40, 2))
+    np.testing.assert_allclose(arm.torques(q, v, a), pendulum(q, v, a), atol=1e-6)
+
+
+def test_friction_withheld_is_found_at_each_joint_on_a_log_not_fitted(arm: Arm) -> None:
+    reports = diagnose_arm(arm, [moved(arm, 12.0)], [moved(arm, 8.0, 20.0)])
+    for report, planted in zip(reports, FRICTION, strict=True):
+        assert report.verdict == "effect"
+        assert (report.causes[0].effect, report.causes[0].site) == ("coulomb_friction", "link")
+        assert report.causes[0].parameters["torque"].value == pytest.approx(planted, rel=0.1)
+        assert report.gap is not None
+        assert report.gap.by == "equations"
+        assert report.gap.after < 0.5 * report.gap.before
+        assert report.where[0].equation == "link"
+
+
+def test_the_equation_needs_the_friction_that_was_there_and_counts_none_where_it_stands(arm: Arm) -> None:
+    """Along a log with friction the missing torque is that friction with the sign of the motion, whatever the pose."""
+    log = moved(arm, 8.0)[0]
+    shots = cut_log(log)
+    problem = Problem.of([shots], [np.flatnonzero(shots.valid)], EquationBench.of)
+    bench = problem.benches[0]
+    assert isinstance(bench, EquationBench)
+    missing = problem.residual([problem.row([])])[0].reshape(bench.first.shape) * bench.floor
+    speed = np.abs(bench.shots.start[bench.first + 18, 3])
+    fast = speed > 0.4
+    assert np.median(np.abs(missing[fast])) == pytest.approx(FRICTION[0], rel=0.05)
+    right = Effect("coulomb_friction", "link", {"torque": FRICTION[0]})
+    left = problem.residual([problem.row([right])])[0].reshape(bench.first.shape) * bench.floor
+    assert np.sqrt(np.mean(left**2)) < 0.25 * np.sqrt(np.mean(missing**2))
+
+
+def test_logs_that_are_not_of_one_recording_are_refused(arm: Arm) -> None:
+    first, second = moved(arm, 1.0)
+    late = replace(second, measured=Signals(second.measured.time + 0.1, {"q": second.measured["q"]}, {"q": "rad"}))
+    with pytest.raises(SignalError, match="not recorded with the rest of the arm"):
+        arm_logs([first, late], arm)
+    with pytest.raises(SignalError, match="what the drive of 'dfki_elbow' was commanded"):
+        arm_logs([first, replace(second, commands=None)], arm)
+
+
+def test_a_table_of_the_whole_arm_becomes_one_log_per_joint(arm: Arm, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    time = np.arange(200) / RATE
+    table = np.column_stack([time, np.sin(time), np.cos(time), 0.1 * time, 0.2 * time])
+    np.savetxt(path, table, delimiter=",", header="time,pos1,pos2,tau1,tau2", comments="")
+    logs = read_arm_log(path, arm)
+    assert [log.device.name for log in logs] == ["dfki_shoulder", "dfki_elbow"]
+    for i, log in enumerate(logs):
+        assert log.commands is not None
+        np.testing.assert_allclose(log.measured["q"], table[:, 1 + i])
+        np.testing.assert_allclose(log.commands["external_torque"], table[:, 3 + i])
+        np.testing.assert_allclose(log.commands["neighbour"], table[:, 2 - i], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            ("joints: [dfki_shoulder, dfki_elbow]", "joints: [dfki_shoulder, maccepavd]"),
+            "an arm's joints must be rigid",
+        ),
+        (
+            ("joints: [dfki_shoulder, dfki_elbow]", "joints: [dfki_shoulder, compact_vpda]"),
+            "no joint 'compact_vpda_shaft",
+        ),
+        (("rotors: [0.0022466, 0.00218588]", "rotors: [0.1]"), "rotors needs 0 or 2 numbers, got 1"),
+        (("title:", "tiddle:"), "arm.yaml: title: Field required"),
+    ],
+)
+def test_arm_files_that_cannot_be_are_refused(change: tuple[str, str], message: str, tmp_path: Path) -> None:
+    folder = Path(via_core.__file__).parent / "arms"
+    for name in ("dfki_double_pendulum.yaml", "dfki_double_pendulum.urdf"):
+        text = (folder / name).read_text()
+        (tmp_path / name.replace("dfki_double_pendulum.yaml", "arm.yaml")).write_text(text.replace(*change))
+    with pytest.raises(DeviceError, match=message):
+        load_arm(tmp_path / "arm.yaml")
+    with pytest.raises(DeviceError, match="no arm 'nobody'; there are: dfki_double_pendulum"):
+        load_arm("nobody")
+
+
+def test_a_joint_with_motors_of_its_own_has_no_such_bench() -> None:
+    device = load_device("cubic_demo")
+    time = np.arange(2000) / 1000.0
+    channels = {"q": np.sin(time), "theta": np.zeros((2000, device.n_motors))}
+    sent = Signals(time, {"motor": np.zeros((2000, device.n_motors))}, {"motor": "N m"}, frozenset({"motor"}))
+    shots = cut_log(JointLog("free", device, Signals(time, channels, {"q": "rad", "theta": "rad"}), sent))
+    with pytest.raises(SignalError, match="equation of a rigid joint"):
+        EquationBench.of(shots, np.arange(2))
