@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from math import ceil, floor, isfinite, log10
 
@@ -24,7 +25,7 @@ def number(value: float, digits: int = 3) -> str:
 
 def with_sd(value: float, sd: float, unit: str) -> str:
     """0.02997 ± 0.00009 N m: as many digits as the standard deviation allows, five at most."""
-    shown_unit = "" if unit in ("", "-") else f" {unit}"
+    shown_unit = "" if unit in ("", "-") else f" {raised(unit)}"
     if sd >= UNKNOWN:
         return f"{number(value)}{shown_unit}, not determined by this log"
     if sd <= 0.0 or value == 0.0:
@@ -35,6 +36,11 @@ def with_sd(value: float, sd: float, unit: str) -> str:
         least = 10.0**-decimals
         return f"{value:.{decimals}f} ± {f'{sd:.{decimals}f}' if sd >= least else number(sd, 1)}{shown_unit}"
     return f"{number(value, digits)} ± {number(sd, 1)}{shown_unit}"
+
+
+def raised(unit: str) -> str:
+    """kg m^2 -> kg m²."""
+    return re.sub(r"\^(-?[0-9]+)", lambda power: power[1].translate(RAISED), unit)
 
 
 def percent(value: float) -> str:

@@ -6,19 +6,21 @@ text = page(report)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
+from via_core.devices import device_names
 from via_core.errors import ViaError
 from via_sim.effects_file import effects_text
 
 from via_gap.figures import JointSketch
 from via_gap.rendering import words
 from via_gap.rendering.joint_picture import joint_picture
-from via_gap.rendering.numbers import chance, number, percent, with_sd
+from via_gap.rendering.numbers import chance, number, percent, raised, with_sd
 from via_gap.rendering.pictures import Drawn, Row, after_words, error_rows, gap_ladder, residual_rows, trace_rows
 from via_gap.report import GapReport, Region
 
@@ -29,8 +31,8 @@ def page(report: GapReport) -> str:
     """The whole page; every text that came with the report is escaped."""
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters.update(
-        number=number, percent=percent, chance=chance, place=words.place_words, effect=words.effect_words,
-        where=words.where_words, listed=words.listed, capital=words.capital, region=_region,
+        number=number, percent=_kept(percent), chance=_kept(chance), raised=raised, region=_region,
+        place=words.place_words, where=words.where_words, listed=words.listed, capital=words.capital,
     )  # fmt: skip
     environment.globals.update(with_sd=with_sd, evidence=words.evidence, seen_in=words.seen_in, boxes=words.boxes)
     repair, trials = report.repair(), words.ruled_out(report)
@@ -39,6 +41,8 @@ def page(report: GapReport) -> str:
         style=Markup(_shipped("page.css")),
         script=Markup(_shipped("page.js")),
         headline=words.headline(report),
+        named=report.verdict in ("effect", "two_effects"),
+        device=report.joint if report.joint in device_names() else f"{report.joint}.yaml",
         cautions=words.cautions(report),
         picture=Markup(joint_picture(_sketch(report), {(w.site, w.motor): w.share for w in report.where})),
         residuals=_marked(residual_rows(report)),
@@ -65,6 +69,11 @@ def write_page(report: GapReport, path: Path) -> None:
         path.write_text(page(report), encoding="utf-8")
     except OSError as error:
         raise ViaError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _kept(written: Callable[[float], str]) -> Callable[[float], str]:
+    """A number whose unit stays on its line."""
+    return lambda value: written(value).replace(" ", "\u00a0")
 
 
 def _shipped(name: str) -> str:

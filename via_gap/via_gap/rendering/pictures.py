@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from via_gap.figures import ErrorFigure, Quantity, ResidualFigure, TraceFigure
 from via_gap.rendering.chart import Curve, Panel, Rung, chart, ladder
@@ -111,12 +112,12 @@ def _over(by: Quantity, axis: str, antagonistic: bool) -> str:
 
 
 def _residual(figure: ResidualFigure, antagonistic: bool) -> Drawn:
-    x = [b.centre for b in figure.bins]
+    x, apart = [b.centre for b in figure.bins], _apart([(b.low, b.high) for b in figure.bins])
     speed = figure.by == "speed"
     curves = [
         Curve("sensors' floor", "floor", x, [b.floor for b in figure.bins], mirrored=True),
-        Curve("mean along v" if speed else "mean", "mean", x, [b.mean for b in figure.bins]),
-        Curve("rms", "rms", x, [b.rms for b in figure.bins]),
+        Curve("mean along v" if speed else "mean", "mean", x, [b.mean for b in figure.bins], apart),
+        Curve("rms", "rms", x, [b.rms for b in figure.bins], apart),
     ]
     over = _over(figure.by, "the link" if figure.equation == "link" else figure.equation, antagonistic)
     caption = f"against {over}" + (" (below zero: it brakes)" if speed else "")
@@ -125,16 +126,21 @@ def _residual(figure: ResidualFigure, antagonistic: bool) -> Drawn:
 
 
 def _error(figure: ErrorFigure, antagonistic: bool, repaired: str) -> Drawn:
-    x = [b.centre for b in figure.bins]
+    x, apart = [b.centre for b in figure.bins], _apart([(b.low, b.high) for b in figure.bins])
     axis = AXES.get(figure.signal, figure.signal)
     over = _over(figure.by, axis, antagonistic)
     curves = [
         Curve("sensors' floor", "floor", x, [b.floor for b in figure.bins]),
-        Curve("as filed", "before", x, [b.before for b in figure.bins]),
-        Curve(repaired, "after", x, [b.after for b in figure.bins]),
+        Curve("as filed", "before", x, [b.before for b in figure.bins], apart),
+        Curve(repaired, "after", x, [b.after for b in figure.bins], apart),
     ]
     panel = Panel("rms error", "rad", curves, log=True)
     return Drawn(f"against {over}", chart(f"Error of {axis} against {over}", over, figure.unit, [panel]))
+
+
+def _apart(ranges: Sequence[tuple[float, float]]) -> list[int]:
+    """Ranges that do not begin where the one before ends: no line goes where there are no data."""
+    return [i + 1 for i, (a, b) in enumerate(pairwise(ranges)) if b[0] > a[1] + 1e-6 * (b[1] - a[0])]
 
 
 def _trace(figure: TraceFigure, repaired: str) -> Drawn:

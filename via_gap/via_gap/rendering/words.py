@@ -41,6 +41,7 @@ CLOSE = 0.2  # of a score: a richer effect that comes no further behind is dropp
 HELPS = 0.95  # of the squared error: a cause that leaves more is said not to help
 DECIDED = 2.0  # standard deviations by which a cause must be behind to be ruled out
 ABOVE = 3.0  # times the sensors' floor: an error that is said to stay
+OFF = 1.5  # times what tuned numbers leave: filed ones are said to be off
 SEVERAL = 3  # logs that are named one by one
 CLOSED = 0.9  # of what can be closed: less is said to leave something
 
@@ -72,6 +73,11 @@ def capital(text: str) -> str:
 def headline(report: GapReport) -> str:
     """The verdict in one sentence."""
     verdict, gap = report.verdict, report.gap
+    if verdict == "no_gap" and _off(report):
+        return (
+            "No effect is missing: with its own numbers moved inside their tolerance, the model explains this log down "
+            "to its sensors."
+        )
     if verdict == "no_gap":
         return "No gap: the model explains this log down to what its sensors and its own tolerances allow."
     if verdict == "cannot_tell":
@@ -104,11 +110,8 @@ def of_readings(place: Place | Cause) -> bool:
 def cautions(report: GapReport) -> tuple[str, ...]:
     """What must not be overlooked beside the verdict."""
     said, gap = [], report.gap
-    if gap is not None and report.verdict == "no_gap" and gap.before > 1.5 * max(gap.after, gap.ceiling):
-        said.append(
-            "The device file as it stands is off: the log is explained with the numbers fitted inside their tolerance, "
-            "not with those filed."
-        )
+    if report.verdict == "no_gap" and _off(report):
+        said.append("With the device file as it stands the simulator is off: use the fitted numbers, not those filed.")
     if gap is not None and report.verdict in ("effect", "two_effects") and gap.closes < CLOSED:
         said.append(f"Something else is missing as well: {percent(1.0 - gap.closes)} of what can be closed stays open.")
     if report.verdict in ("effect", "two_effects") and any(p not in report.effects for p in report.equivalence_set):
@@ -303,12 +306,18 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
     if refused:
         said.append("Mend what the data check refuses, then record again.")
     if report.verdict == "cannot_tell" and not refused and report.not_judged:
-        said.append(f"Record what is missing: {report.not_judged[0]}.")
+        said.append(f"Record what is missing: {report.not_judged[0].split(':')[0]}.")
     if report.verdict == "unknown":
         said.append("Look where most of the gap lies: an effect outside the catalogue acts there.")
     if report.verdict == "no_gap" and report.nuisance:
         said.append("Put the fitted numbers into the device file where they are better known now.")
     return tuple(said)
+
+
+def _off(report: GapReport) -> bool:
+    """Whether the device's numbers as filed leave clearly more than the fitted ones."""
+    gap = report.gap
+    return gap is not None and gap.before > OFF * max(gap.after, gap.ceiling)
 
 
 def _why_not(report: GapReport) -> str:
@@ -317,7 +326,7 @@ def _why_not(report: GapReport) -> str:
             return f"{finding.log}: {finding.text}"
     if len(report.equivalence_set) > 1:
         return f"{len(report.equivalence_set)} causes fit it equally well"
-    return report.not_judged[0] if report.not_judged else "it shows too little of the joint"
+    return report.not_judged[0].split(":")[0] if report.not_judged else "it shows too little of the joint"
 
 
 def _best_of_none(report: GapReport) -> str:
