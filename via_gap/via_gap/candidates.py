@@ -27,6 +27,7 @@ REACH = 12.0  # times its start: how far the screen extrapolates an effect
 LEAST = 0.02  # times its start: with less of an effect a fit would not find its way
 BATCH = 16  # starts that are simulated at once
 ROUNDS = 10
+SPARSE = 6  # two of so many neighbouring shots are enough to come near the device's own numbers
 SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
 DONE = 2e-3  # share of the loss: a step that gains less is the last with this Jacobian
 LONG = 10.0  # [s] a parameter in seconds that may be longer is a time of the run, not a delay
@@ -80,19 +81,27 @@ def row_or_none(problem: Problem, effects: Sequence[Effect | None], deviations: 
 
 def fit_base(problem: Problem, effects: Sequence[Effect] = ()) -> tuple[Fit, Array]:
     """The device's own numbers alone (with effects already accepted) -> fit and Jacobian (R, J)."""
-    deviations, residual, jacobian = problem.fit_nuisances(effects)
+    few = problem.part([np.flatnonzero(np.arange(len(bench.chosen)) % SPARSE < 2) for bench in problem.benches])[0]
+    begin = few.fit_nuisances(effects, np.zeros(len(problem.nuisances)))[0]
+    deviations, residual, jacobian = problem.fit_nuisances(effects, begin, 2)
     loss = float(residual @ residual + deviations @ deviations)
     return Fit(tuple(effects), deviations, loss, residual, np.empty(0)), jacobian
 
 
-def screen(
-    problem: Problem, base: Fit, jacobian: Array, candidates: Sequence[Place], scales: Scales
-) -> list[tuple[float, Place, list[float]]]:
-    """(predicted loss, place, values to start from) of every candidate, best first.
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """What one start of a candidate does: change (R, k) of a residual by each of its directions."""
 
-    A start of several directions is tried with the amounts that fit best; where the effect is not linear in them, the
-    true simulation of the result would be better or worse than predicted, which `refine` finds out.
-    """
+    place: Place
+    start: Start
+    moved: Array
+
+
+Ranked = list[tuple[float, Place, list[float]]]  # predicted loss, place, values to start from; best first
+
+
+def directions(problem: Problem, base: Fit, candidates: Sequence[Place], scales: Scales) -> list[Direction]:
+    """Every start of every candidate beside the effects of `base`, simulated once."""
     tried: list[tuple[Place, Start, list[Array]]] = []
     for place in candidates:
         for start in starts(place, scales, problem.device):
@@ -103,19 +112,30 @@ def screen(
             there = [row for row in rows if row is not None]
             if len(there) == len(start.directions):
                 tried.append((place, start, there))
-    found: dict[Place, tuple[float, list[float]]] = {}
-    own = jacobian.T @ jacobian + np.eye(len(base.deviations))
-    pull = jacobian.T @ base.residual + base.deviations
+    found = []
     for first in range(0, len(tried), BATCH):
         batch = tried[first : first + BATCH]
         moved = problem.residual([row for _, _, rows in batch for row in rows]) - base.residual
         at = 0
         for place, start, made in batch:
-            directions = moved[at : at + len(made)].T
+            found.append(Direction(place, start, moved[at : at + len(made)].T))
             at += len(made)
-            loss, amounts = _best_amounts(base, jacobian, own, pull, directions, place, start)
-            if place not in found or loss < found[place][0]:
-                found[place] = (loss, combined(place, start, amounts))
+    return found
+
+
+def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> Ranked:
+    """Candidates by the loss that the best amounts of their directions would leave of `base`'s residual (R,).
+
+    Where an effect is not linear in its amounts, the true simulation of the result would be better or worse than
+    predicted, which `refine` finds out. Directions simulated beside other effects than those of `base` tell roughly.
+    """
+    found: dict[Place, tuple[float, list[float]]] = {}
+    own = jacobian.T @ jacobian + np.eye(len(base.deviations))
+    pull = jacobian.T @ base.residual + base.deviations
+    for each in tried:
+        loss, amounts = _best_amounts(base, jacobian, own, pull, each.moved, each.place, each.start)
+        if each.place not in found or loss < found[each.place][0]:
+            found[each.place] = (loss, combined(each.place, each.start, amounts))
     return sorted(((loss, place, values) for place, (loss, values) in found.items()), key=lambda each: each[0])
 
 
@@ -165,14 +185,16 @@ def _settle_times(
 def refine(
     problem: Problem,
     base: Fit,
-    jacobian: Array,
+    jacobian: Array | None,
     members: Sequence[tuple[Place, Sequence[float]]],
     scales: Scales,
     rival: float = 0.0,
+    rounds: int = ROUNDS,
 ) -> Fit | None:
     """Gauss-Newton on all effects `members` (with the values they start from) and the nuisance parameters together.
 
-    rival  loss of the best fit so far: one that is far above it and no longer falls is given up. None: never valid.
+    jacobian  (R, J) of the nuisances near there; None: made here
+    rival     loss of the best fit so far: one that is far above it and no longer falls is given up. None: never valid.
     """
     kinds = [EFFECTS[place.name] for place, _ in members]
     parameters = [(place, p) for (place, _), kind in zip(members, kinds) for p in kind.parameters]
@@ -191,7 +213,7 @@ def refine(
 
     def losses(points: Sequence[Array]) -> tuple[Array, Array]:
         rows = [row_or_none(problem, effects_at(point), point[:count]) for point in points]
-        residuals = np.full((len(points), len(base.residual)), np.inf)
+        residuals = np.full((len(points), problem.size), np.inf)
         there = [row for row in rows if row is not None]
         if there:
             residuals[[row is not None for row in rows]] = problem.residual(there)
@@ -205,9 +227,11 @@ def refine(
     if not np.isfinite(value):
         return None
     times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters])
-    side, fresh, damping = jacobian, False, 0.0
+    side, fresh, damping = jacobian, jacobian is None, 0.0
+    if side is None:
+        side = problem.nuisance_jacobian([e for e in effects_at(at) if e is not None], at[:count], residual)
     normal = np.eye(count + many)
-    for round_ in range(ROUNDS):
+    for round_ in range(rounds):
         if round_ < 2 and times.any():
             at, value, residual = _settle_times(
                 losses, at, value, residual, [count + int(k) for k in np.flatnonzero(times)], *box

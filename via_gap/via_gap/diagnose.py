@@ -12,8 +12,8 @@ from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
-from via_gap.calibration import Calibration, calibration
-from via_gap.candidates import Fit, fit_base, refine, screen
+from via_gap.calibration import calibration
+from via_gap.candidates import Fit, fit_base
 from via_gap.ceiling import flexible, lower
 from via_gap.data_check import check_log
 from via_gap.equation_bench import EquationBench
@@ -32,18 +32,11 @@ from via_gap.repaired import repaired_device
 from via_gap.report import Cause, Finding, Gap, GapReport, NuisanceValue, SignalGap, Value, Verdict, Where
 from via_gap.report import Place as Named
 from via_gap.residuals import weak_residuals
-from via_gap.scales import Scales, scales_of
+from via_gap.scales import scales_of
+from via_gap.search import Progress, Search
 from via_gap.shots import Bench, Indices, Shots, cut_log
 from via_gap.split import one_sided, split, split_finely
-from via_gap.verdict import Decision, decide, helps, rms
-
-Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
-REFINED = 9  # candidates that are fitted to the end
-REFINED_SECOND = 4
-REFINED_SERVO = 10  # fewer places, and published models of servos lack more than one thing
-MOST = 4  # effects that are added one by one
-RIVAL = 0.3  # score within which a second single cause is tried as the first of a pair
-NEAR = 30.0  # times the best predicted loss: candidates beyond it are not refined
+from via_gap.verdict import Decision, decide
 
 
 def diagnose(
@@ -110,8 +103,8 @@ def diagnose(
     candidates = places(device, everything[0].log)
     if tuned.mean_square > frozen.no_gap:
         tell("trying every effect at every place", 0.2)
-        causes = _single(fitted, judged, base, jacobian, candidates, scales, tell)
-        causes, pairs = _more(fitted, judged, causes, candidates, scales, frozen, tell)
+        search = Search.of(fitted, judged, base, jacobian, candidates, scales)
+        causes, pairs = search.more(search.single(tell), frozen, tell)
     tell("weighing the evidence", 0.9)
     decision = decide(tuned, causes, pairs, frozen)
     tell("measuring the gap", 0.95)
@@ -157,95 +150,6 @@ def _cut(logs: Sequence[JointLog]) -> tuple[list[Shots], list[Finding]]:
                 Finding(log=log.name, check="usable", signal="all", severity="refuse", value=0.0, text=str(error))
             )
     return shots, findings
-
-
-def _single(
-    fitted: Problem,
-    judged: Problem,
-    base: Fit,
-    jacobian: Array,
-    candidates: Sequence[Place],
-    scales: Scales,
-    tell: Progress,
-) -> list[Judged]:
-    """The best candidates, refined and judged, best held-out score first."""
-    ranked = screen(fitted, base, jacobian, candidates, scales)
-    fits: list[Fit] = []
-    best = 0.0
-    for number, (loss, place, values) in enumerate(ranked[:REFINED]):
-        if best and loss > NEAR * max(best, 1.0 * len(base.residual)) and number > 2:
-            break
-        tell(f"fitting {place}", 0.25 + 0.3 * number / REFINED)
-        fit = refine(fitted, base, jacobian, [(place, values)], scales, best)
-        if fit is not None:
-            fits.append(fit)
-            best = min(best, fit.loss) if best else fit.loss
-    return sorted(judge(judged, fits), key=lambda each: each.score)
-
-
-def _more(
-    fitted: Problem,
-    judged: Problem,
-    causes: list[Judged],
-    candidates: Sequence[Place],
-    scales: Scales,
-    frozen: Calibration,
-    tell: Progress,
-) -> tuple[list[Judged], list[Judged]]:
-    """Effects added one by one to the best so far, as long as they help -> (single causes, pairs and larger sets).
-
-    Of every set that helps, each member is also left out and the rest fitted again: a single cause whose fit had not
-    found its way alone comes out of it as good as the pair, and the pair is dropped.
-    """
-    sets: list[Judged] = []
-    refined = REFINED_SECOND if fitted.device.drive == "torque" else REFINED_SERVO
-    leaders = [each for each in causes[:2] if each.score < causes[0].score + RIVAL]
-    while leaders and len(leaders[0].fit.effects) < MOST and leaders[0].mean_square > frozen.explained:
-        fits: list[Fit] = []
-        for number, first in enumerate(leaders):
-            tell(f"adding to {first.fit.places[-1]}", 0.55 + 0.1 * number)
-            jacobian = fitted.nuisance_jacobian(first.fit.effects, first.fit.deviations, first.fit.residual)
-            others = [place for place in candidates if place not in first.fit.places]
-            start = _members(first.fit)
-            for _, place, values in screen(fitted, first.fit, jacobian, others, scales)[:refined]:
-                rival = min((fit.loss for fit in fits), default=0.0)
-                fit = refine(fitted, first.fit, jacobian, [*start, (place, values)], scales, rival)
-                if fit is not None:
-                    fits.append(fit)
-        if not fits:
-            break
-        found = sorted(judge(judged, fits), key=lambda each: each.mean_square)
-        best, before = found[0], min(leaders, key=lambda each: each.mean_square)
-        if not helps(best, before, causes[0], frozen):
-            break
-        shorter = []
-        for left_out in range(len(best.fit.effects) - 1):
-            members = _members(best.fit)
-            del members[left_out]
-            jacobian = fitted.nuisance_jacobian(best.fit.effects, best.fit.deviations, best.fit.residual)
-            fit = refine(fitted, best.fit, jacobian, members, scales)
-            if fit is not None:
-                shorter.append(fit)
-        again = judge(judged, shorter)
-        (causes if len(best.fit.effects) == 2 else sets).extend(again)
-        if any(rms(each) - rms(best) < frozen.second_gain * rms(causes[0]) for each in again):
-            break
-        sets.extend(found)
-        leaders = [best]
-    return _best_of_each(causes), sorted(sets, key=lambda each: each.score)
-
-
-def _members(fit: Fit) -> list[tuple[Place, list[float]]]:
-    return [(p, list(e.parameters.values())) for p, e in zip(fit.places, fit.effects, strict=True)]
-
-
-def _best_of_each(causes: Sequence[Judged]) -> list[Judged]:
-    """The best fit of every place, best score first."""
-    best: dict[tuple[Place, ...], Judged] = {}
-    for each in causes:
-        if each.fit.places not in best or each.score < best[each.fit.places].score:
-            best[each.fit.places] = each
-    return sorted(best.values(), key=lambda each: each.score)
 
 
 def _gap(

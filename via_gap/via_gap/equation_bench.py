@@ -65,6 +65,10 @@ class EquationBench:
     def of(shots: Shots, chosen: Indices) -> EquationBench:
         return EquationBench(shots, chosen, JointPlant.from_device(shots.log.device).at_rate(shots.rate))
 
+    def part(self, which: Indices) -> EquationBench:
+        """Some of the shots, by their places in `chosen`."""
+        return EquationBench(self.shots, self.chosen[which], self.nominal)
+
     @property
     def size(self) -> int:
         """Whitened values per shot."""

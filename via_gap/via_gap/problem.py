@@ -44,6 +44,11 @@ class Problem:
     def device(self) -> Device:
         return self.plant.device
 
+    @property
+    def size(self) -> int:
+        """Values of a residual, R."""
+        return sum(len(bench.chosen) * bench.size for bench in self.benches)
+
     def row(self, effects: Sequence[Effect], deviations: Array | None = None) -> Array:
         """Parameter row (N_PARAMETERS,) of the device with its numbers moved by `deviations` [sd] and effects added."""
         row = self.plant.parameters.copy()
@@ -62,6 +67,15 @@ class Problem:
             each[:, P.tick], each[:, P.substeps] = bench.nominal[P.tick], bench.nominal[P.substeps]
             parts.append(bench.residual(each).reshape(len(each), -1))
         return np.concatenate(parts, axis=1)
+
+    def part(self, kept: Sequence[Indices]) -> tuple[Problem, Indices]:
+        """Some shots of each bench, by their places in `chosen` -> the problem of those, its values' places in (R,)."""
+        places, begin = [], 0
+        for bench, which in zip(self.benches, kept, strict=True):
+            places.append((begin + which[:, None] * bench.size + np.arange(bench.size)).ravel())
+            begin += len(bench.chosen) * bench.size
+        benches = tuple(b.part(which) for b, which in zip(self.benches, kept, strict=True) if len(which))
+        return Problem(benches, self.plant, self.nuisances), np.concatenate(places)
 
     def per_shot(self, residual: Array) -> Array:
         """Mean square (..., S) of a residual (..., R) in each shot; 1 is what the sensors explain."""
@@ -85,9 +99,10 @@ class Problem:
         signs = np.where(deviations <= 0.0, STEP, -STEP)
         return ((self.residual(rows) - residual) / signs[:, None]).T
 
-    def fit_nuisances(self, effects: Sequence[Effect] = (), rounds: int = 3) -> tuple[Array, Array, Array]:
-        """Device numbers fitted inside their tolerance -> deviations (J,), residual (R,), Jacobian (R, J)."""
-        deviations = np.zeros(len(self.nuisances))
+    def fit_nuisances(
+        self, effects: Sequence[Effect], deviations: Array, rounds: int = 3
+    ) -> tuple[Array, Array, Array]:
+        """Device numbers fitted inside their tolerance from `deviations` on -> (J,), residual (R,), Jacobian (R, J)."""
         residual = self.residual([self.row(effects, deviations)])[0]
         jacobian = self.nuisance_jacobian(effects, deviations, residual)
         for round_ in range(rounds):

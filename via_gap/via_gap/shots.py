@@ -45,6 +45,7 @@ START, START_SPEED = 2.0, 0.03  # times the sensor's noise; [rad/s]: how well a 
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
 BESIDE_MOTORS = ("damping", "external_torque", "neighbour", "arm_torque")  # commands that do not drive motors
 RESTS = 0.01  # [rad] within which an axis rests when a log begins
+LEAD = 0.06  # [s] longer than any lag between channels
 THREADS = 2
 
 
@@ -242,8 +243,10 @@ class Bench:
     nominal: Array  # (N_PARAMETERS,) row for this rate
     basis: Array = field(init=False)
     shrink: Array = field(init=False)
+    lead: int = field(init=False)  # ticks that are simulated before the first shot of a stretch
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "lead", self.shots.ticks)
         basis, shrink = self._sensitivity(self.nominal)
         object.__setattr__(self, "basis", basis)
         object.__setattr__(self, "shrink", shrink)
@@ -256,6 +259,16 @@ class Bench:
         """The same shots under other commands (T, N_COMMANDS); a wrong start does to them what it did."""
         other = copy(self)
         object.__setattr__(other, "shots", replace(self.shots, commands=commands))
+        return other
+
+    def part(self, which: Indices) -> Bench:
+        """Some of the shots, by their places in `chosen`; where all axes were seen, a short lead is enough for them."""
+        other = copy(self)
+        object.__setattr__(other, "chosen", self.chosen[which])
+        object.__setattr__(other, "basis", self.basis[which])
+        object.__setattr__(other, "shrink", self.shrink[which])
+        if all(self.shots.log.motors_seen):
+            object.__setattr__(other, "lead", min(round(LEAD * self.shots.rate), self.shots.ticks))
         return other
 
     @property
@@ -292,14 +305,14 @@ class Bench:
         shots, axes = self.shots, list(self.shots.axes)
         known = np.array([*axes, *(3 + axis for axis in axes)])
         first, count = stretches[runs[:, 1]].T
-        warm = np.maximum(self.chosen[first] - 1, 0)  # what is not seen starts from a shot that is not compared
-        states = self._fresh(shots.begin[warm])
-        moved = np.empty((len(runs), shots.ticks + 1, 6))
-        ahead = np.flatnonzero(warm != self.chosen[first])
+        warm = np.maximum(shots.begin[self.chosen[first]] - self.lead, 0)  # before that, nobody knows what is not seen
+        states = self._fresh(warm)
+        ahead = np.flatnonzero(self.chosen[first] > 0)
         if ahead.size:
-            begun = states[ahead]
-            run_many(rows[runs[ahead, 0]], begun, shots.commands, shots.begin[warm[ahead]], moved[: len(ahead)])
+            begun, moved = states[ahead], np.empty((len(ahead), self.lead + 1, 6))
+            run_many(rows[runs[ahead, 0]], begun, shots.commands, warm[ahead], moved)
             states[ahead] = begun
+        moved = np.empty((len(runs), shots.ticks + 1, 6))
         for j in range(int(count.max())):
             left = int(np.sum(count > j))  # runs come longest first
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]

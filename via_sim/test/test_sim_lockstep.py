@@ -10,7 +10,7 @@ from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
 from via_sim.kernel import run
-from via_sim.lockstep import LANES, _decay, _sine
+from via_sim.lockstep import LANES, _decay, _sine, run_many
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
 from via_sim.simulate import initial_state, simulate_rows
@@ -77,7 +77,20 @@ def test_pieces_of_a_run_give_the_whole_run():
     assert np.all(states[:, X.tick] == 300.0)
 
 
-def test_lanes_with_other_clocks_or_steps_run_alone():
+def test_runs_that_begin_apart_in_a_recording_go_side_by_side():
+    plant = JointPlant.from_device(flexible(10.0, GRAVITY))
+    plants = [plant, plant.with_effects([Effect("actuator_delay", "command", {"delay": 0.005})])] * 4
+    rows, sent, begins = np.stack([each.at_rate(RATE) for each in plants]), commands(400), 40 * np.arange(8)
+    states = np.repeat(initial_state(plant, RATE, (0.1, 0, 0, 0.5, 0, 0), 0)[None], 8, axis=0)
+    states[:, X.tick] = begins
+    own, out = states.copy(), np.empty((8, 101, 6))
+    run_many(rows, states, sent, begins, out)
+    for k, begin in enumerate(begins):
+        assert np.max(np.abs(out[k] - alone(rows[k], own[k], sent[begin : begin + 100]))) < 1e-12
+        assert np.max(np.abs(states[k] - own[k])) < 1e-12
+
+
+def test_lanes_with_other_clocks_or_steps():
     nominal = JointPlant.from_device(flexible(10.0, GRAVITY))
     rows = np.repeat(nominal.at_rate(RATE)[None], 4, axis=0)
     rows[1, -1] = 3.0

@@ -1,0 +1,175 @@
+"""The search for causes: single effects, then effects added one by one as long as they help.
+
+Everything is tried on few shots first (`thinned`), and only what comes near the best is fitted to all of them. What
+effects do to a residual is simulated once, for all of them, and used again when a second one is sought: beside another
+effect it does much the same, so that it says which few are worth a simulation of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.signals import Array
+
+from via_gap.calibration import Calibration
+from via_gap.candidates import Direction, Fit, directions, ranked, refine
+from via_gap.evidence import Judged, judge
+from via_gap.places import Place
+from via_gap.problem import Problem
+from via_gap.scales import Scales
+from via_gap.thinned import thinned
+from via_gap.verdict import helps, rms
+
+Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
+REFINED = 9  # candidates that are fitted
+REFINED_SECOND = 4
+REFINED_SERVO = 10  # fewer places, and published models of servos lack more than one thing
+AGAIN = 2  # times as many are simulated beside the effect they are to join
+HOPE = 0.5  # share of the gain asked of a set on held-out shots, that one must reach on those it is fitted to
+MOST = 4  # effects that are added one by one
+RIVAL = 0.3  # score within which a second single cause is tried as the first of a pair
+NEAR = 30.0  # times the best predicted loss: candidates beyond it are not refined
+CLOSE, CLOSEST = 2.0, 3  # times the best loss on few shots, and how many at least: these are fitted to all shots
+CLOSE_SECOND, CLOSEST_SECOND = 1.3, 2
+FINISHING = 3  # rounds from the best on few shots to the best on all
+
+Members = list[tuple[Place, list[float]]]
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Problems to fit, all shots and few, and to judge; what `base`, the device's own numbers, leaves of both."""
+
+    whole: Problem
+    few: Problem
+    judged: Problem
+    base: Fit
+    start: Fit  # base on few shots
+    jacobian: Array  # (R, J) of base on few shots
+    tried: list[Direction]
+    candidates: tuple[Place, ...]
+    scales: Scales
+
+    @staticmethod
+    def of(
+        whole: Problem, judged: Problem, base: Fit, jacobian: Array, candidates: Sequence[Place], scales: Scales
+    ) -> Search:
+        """Simulates every effect at every place."""
+        few, which = thinned(whole, base.residual)
+        start = base if few is whole else _on(few, base)
+        tried = directions(few, start, candidates, scales)
+        return Search(whole, few, judged, base, start, jacobian[which], tried, tuple(candidates), scales)
+
+    def single(self, tell: Progress) -> list[Judged]:
+        """The best candidates, fitted and judged, best held-out score first."""
+        fits: list[Fit] = []
+        best = 0.0
+        for number, (loss, place, values) in enumerate(ranked(self.start, self.jacobian, self.tried)[:REFINED]):
+            if best and loss > NEAR * max(best, 1.0 * self.few.size) and number > 2:
+                break
+            tell(f"fitting {place}", 0.25 + 0.2 * number / REFINED)
+            fit = refine(self.few, self.start, self.jacobian, [(place, values)], self.scales, best)
+            if fit is not None:
+                fits.append(fit)
+                best = min(best, fit.loss) if best else fit.loss
+        tell("fitting the best", 0.45)
+        return sorted(judge(self.judged, self._finished(fits, CLOSE, CLOSEST)), key=lambda each: each.score)
+
+    def more(self, causes: list[Judged], frozen: Calibration, tell: Progress) -> tuple[list[Judged], list[Judged]]:
+        """Effects added one by one to the best so far, as long as they help -> (single causes, pairs and larger sets).
+
+        Of every set that helps, each member is also left out and the rest fitted again: a single cause whose fit had
+        not found its way alone comes out of it as good as the pair, and the pair is dropped.
+        """
+        sets: list[Judged] = []
+        leaders = [each for each in causes[:2] if each.score < causes[0].score + RIVAL]
+        while leaders and len(leaders[0].fit.effects) < MOST and leaders[0].mean_square > frozen.explained:
+            fits: list[Fit] = []
+            for number, first in enumerate(leaders):
+                tell(f"adding to {first.fit.places[-1]}", 0.55 + 0.1 * number)
+                fits += self._joined(first.fit, min((fit.loss for fit in fits), default=0.0))
+            if not fits or not self._worth(min(fits, key=lambda fit: fit.loss), leaders, causes[0], frozen):
+                break
+            fits = self._finished(fits, CLOSE_SECOND, CLOSEST_SECOND)
+            found = sorted(judge(self.judged, fits), key=lambda each: each.mean_square)
+            best, before = found[0], min(leaders, key=lambda each: each.mean_square)
+            if not helps(best, before, causes[0], frozen):
+                break
+            again = judge(self.judged, self._shorter(best.fit))
+            (causes if len(best.fit.effects) == 2 else sets).extend(again)
+            if any(rms(each) - rms(best) < frozen.second_gain * rms(causes[0]) for each in again):
+                break
+            sets.extend(found)
+            leaders = [best]
+        return _best_of_each(causes), sorted(sets, key=lambda each: each.score)
+
+    def _worth(self, larger: Fit, leaders: Sequence[Judged], single: Judged, frozen: Calibration) -> bool:
+        """Whether a set closes on the few shots it was fitted to at least part of what it would have to on others."""
+        smaller, alone = min([self._left(each.fit) for each in leaders]), self._left(single.fit)
+        return smaller - self._left(larger) >= HOPE * frozen.second_gain * alone
+
+    def _left(self, fit: Fit) -> float:
+        """Root mean square whitened error beyond the noise on the few shots."""
+        residual = _on(self.few, fit).residual
+        return float(np.sqrt(max(float(np.mean(self.few.per_shot(residual))) - 1.0, 0.0)))
+
+    def _joined(self, first: Fit, rival: float) -> list[Fit]:
+        """Fits on few shots of `first` with one effect more."""
+        refined = REFINED_SECOND if self.whole.device.drive == "torque" else REFINED_SERVO
+        here = _on(self.few, first)
+        jacobian = self.few.nuisance_jacobian(here.effects, here.deviations, here.residual)
+        known = [each for each in self.tried if each.place not in first.places]
+        hopeful = [place for _, place, _ in ranked(here, jacobian, known)[: AGAIN * refined]]
+        fits = []
+        for _, place, values in ranked(here, jacobian, directions(self.few, here, hopeful, self.scales))[:refined]:
+            fit = refine(self.few, here, jacobian, [*_members(first), (place, values)], self.scales, rival)
+            if fit is not None:
+                fits.append(fit)
+                rival = min(rival, fit.loss) if rival else fit.loss
+        return fits
+
+    def _shorter(self, fit: Fit) -> list[Fit]:
+        """All but the newest effect left out in turn, the rest fitted again."""
+        found = []
+        for left_out in range(len(fit.effects) - 1):
+            members = _members(fit)
+            del members[left_out]
+            shorter = refine(self.few, fit, None, members, self.scales)
+            if shorter is not None:
+                found.append(shorter)
+        return self._finished(found, np.inf, len(found))
+
+    def _finished(self, fits: Sequence[Fit], close: float, closest: int) -> list[Fit]:
+        """Those near the best fitted to all shots, the others as they are."""
+        if self.few is self.whole:
+            return list(fits)
+        order = sorted(fits, key=lambda fit: fit.loss)
+        done = []
+        for number, fit in enumerate(order):
+            best = None
+            if number < closest or fit.loss < close * order[0].loss:
+                best = refine(self.whole, fit, None, _members(fit), self.scales, rounds=FINISHING)
+            done.append(best or fit)
+        return done
+
+
+def _on(problem: Problem, fit: Fit) -> Fit:
+    """A fit as it stands on the shots of `problem`."""
+    residual = problem.residual([problem.row(fit.effects, fit.deviations)])[0]
+    loss = float(residual @ residual + fit.deviations @ fit.deviations)
+    return Fit(fit.effects, fit.deviations, loss, residual, fit.spread)
+
+
+def _members(fit: Fit) -> Members:
+    return [(p, list(e.parameters.values())) for p, e in zip(fit.places, fit.effects, strict=True)]
+
+
+def _best_of_each(causes: Sequence[Judged]) -> list[Judged]:
+    """The best fit of every place, best score first."""
+    best: dict[tuple[Place, ...], Judged] = {}
+    for each in causes:
+        if each.fit.places not in best or each.score < best[each.fit.places].score:
+            best[each.fit.places] = each
+    return sorted(best.values(), key=lambda each: each.score)
