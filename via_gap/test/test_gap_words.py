@@ -66,7 +66,11 @@ def test_tied_causes_come_with_why_and_with_what_to_ask_for():
     (said,) = equivalence_words(report)
     assert "Coulomb friction at motor 1 from viscous friction at motor 1" in said
     assert "a ladder of speeds" in said
-    assert any("motion.csv" in step and "8 s" in step for step in next_steps(report))
+    (step,) = next_steps(report)
+    assert "8 s" in step and "12 times the noise" in step and "commands are in motion.csv" in step
+    told = report.proposal.model_copy(update={"file": "", "text": "run 'slow ladder' for 8 s"})
+    (step,) = next_steps(report.model_copy(update={"proposal": told}))
+    assert step.startswith("Run 'slow ladder' for 8 s; via gap propose REPORT.json")
     assert equivalence_words(report_of("effect")) == equivalence_words(report_of("unknown")) == ()
 
 

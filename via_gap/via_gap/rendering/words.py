@@ -10,7 +10,7 @@ from via_sim.catalogue import EFFECTS
 from via_gap.figures import Member, Trial
 from via_gap.places import OF_READINGS
 from via_gap.rendering.numbers import number, percent
-from via_gap.report import Cause, Finding, GapReport, Place, Where
+from via_gap.report import Cause, Finding, GapReport, Place, Proposal, Where
 
 Spot = tuple[str, str, int]  # effect, site, motor
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
@@ -291,12 +291,7 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
     """What to do now, most useful first."""
     said = []
     if report.proposal is not None:
-        apart = listed([place_words(p) for p in report.proposal.separates], "from")
-        said.append(
-            f"Run the proposed motion {report.proposal.file} ({number(report.proposal.duration)} s), record it and "
-            f"diagnose again with both logs: it separates {apart}; their predictions differ there by "
-            f"{number(report.proposal.expected_disagreement, 2)} times the noise."
-        )
+        said.append(_proposed(report.proposal))
     elif equivalence_words(report):
         best, *others = (*report.effects, *report.equivalence_set)
         hows = {told_apart(best.effect, p.effect) for p in others if p not in report.effects} - {""}
@@ -312,6 +307,21 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
     if report.verdict == "no_gap" and report.nuisance:
         said.append("Put the fitted numbers into the device file where they are better known now.")
     return tuple(said)
+
+
+def _proposed(proposal: Proposal) -> str:
+    """The motion to record next, and where its commands are."""
+    apart = listed([place_words(p) for p in proposal.separates], "from")
+    shown = proposal.text or (
+        f"run a motion of {number(proposal.duration)} s that separates {apart}: their predictions differ there by "
+        f"{number(proposal.expected_disagreement, 2)} times the noise"
+    )
+    commands = (
+        f"its commands are in {proposal.file}"
+        if proposal.file
+        else "via gap propose REPORT.json --out motion.csv writes its commands"
+    )
+    return f"{capital(shown)}; {commands}. Then diagnose again with both logs."
 
 
 def _off(report: GapReport) -> bool:
