@@ -204,8 +204,16 @@ def _solved(normal: Array, pull: Array, ridge: float) -> Array:
 
 
 def _pulses(bench: Bench, model: Flexible, residual: Array) -> Array:
-    """(columns, PIECES, C, values) change of each shot's residual by a torque of 1 N m on each axis over each piece."""
-    shots = bench.shots
+    """(columns, PIECES, C, values) change of each shot's residual by a torque of 1 N m on each axis over each piece.
+
+    A change does not depend on a fraction of a tick of dead time, with which runs cannot go in lockstep.
+    """
+    shots, row = bench.shots, model.row
+    whole = round(row[P.delay] * shots.rate) / shots.rate
+    if abs(row[P.delay] - whole) > 1e-9:
+        row = row.copy()
+        row[P.delay] = whole
+        residual = _run(bench, row, _limited(shots.commands, model.limits))
     edges = np.linspace(0, shots.ticks, PIECES + 1).astype(int)
     piece = np.searchsorted(edges, np.arange(len(shots.commands)) % shots.ticks, side="right") - 1
     commands = _limited(shots.commands, model.limits)
@@ -214,7 +222,7 @@ def _pulses(bench: Bench, model: Flexible, residual: Array) -> Array:
     def pulse(column: int, k: int) -> Array:
         moved = commands.copy()
         moved[:, column] += np.where(piece == k, PULSE * typical, 0.0)
-        return (_run(bench, model.row, moved) - residual).reshape(len(bench.chosen), -1) / (PULSE * typical)
+        return (_run(bench, row, moved) - residual).reshape(len(bench.chosen), -1) / (PULSE * typical)
 
     with ThreadPoolExecutor(THREADS) as pool:  # the kernel releases the GIL
         jobs = [[pool.submit(pulse, column, k) for k in range(PIECES)] for column in model.columns]

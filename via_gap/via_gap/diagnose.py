@@ -24,7 +24,7 @@ from via_gap.localise import SiteShare, localise
 from via_gap.log import JointLog, believed
 from via_gap.measured import Errors, equation_errors, free_errors, shot_errors
 from via_gap.nuisance import BOUND
-from via_gap.places import Place, places
+from via_gap.places import Place, places, unjudged
 from via_gap.probability import shipped_numbers, with_probabilities
 from via_gap.problem import AnyBench, Problem
 from via_gap.readings import misreadings, with_misreadings
@@ -278,4 +278,4 @@ def _not_judged(log: JointLog) -> tuple[str, ...]:
         said.append("no motor torque was measured: commands stand for it, a torque sensor cannot be judged")
     if log.device.drive == "servo":
         said.append("motors are position servos: their torques and their friction are not in the model")
-    return tuple(said)
+    return (*said, *unjudged(log.device, log))

@@ -46,3 +46,16 @@ def places(device: Device, log: JointLog) -> tuple[Place, ...]:
                 continue
             found.append(Place(kind.name, site, motor))
     return tuple(found)
+
+
+def unjudged(device: Device, log: JointLog) -> tuple[str, ...]:
+    """Why effects of the catalogue can be no answer on this log: a sentence for each reason that there is."""
+    offered = {place.name for place in places(device, log)} | set(OF_READINGS)
+    absent = [kind for kind in EFFECTS.values() if kind.name not in offered]
+    nowhere = [kind.name for kind in absent if not places_of(kind, device)]
+    said = []
+    if any(kind.name == "joint_coupling" and kind.name not in nowhere for kind in absent):
+        said.append("the angle of no neighbour was recorded: joint_coupling cannot be judged")
+    if nowhere:
+        said.append(f"'{device.name}' has no place for {', '.join(nowhere)}")
+    return tuple(said)
