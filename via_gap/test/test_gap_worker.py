@@ -10,6 +10,7 @@ from gap_logs import flexible, log_of
 from via_core.signals import Signals
 from via_gap.diagnose import diagnose
 from via_gap.log import JointLog
+from via_gap.proposal import with_proposal
 from via_gap.watch import look, rehearse, tuned
 from via_gap.worker import Failed, Finished, Job, Progress, Worker
 from via_sim.effects import Effect
@@ -45,7 +46,7 @@ def ended(pid):
 
 def test_the_report_is_that_of_this_process_and_files_are_read_there(worker, tmp_path):
     log = log_of(flexible(), (LINK,), seed=31, duration=4.0)
-    expected = diagnose([log], log.device).to_json()
+    expected = with_proposal(diagnose([log], log.device), log.device).to_json()
     worker.begin(Job(log.device, log))
     heard = until(worker, (Finished, Failed))
     assert heard[-1].report == expected

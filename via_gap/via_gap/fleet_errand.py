@@ -51,12 +51,14 @@ def diagnose_file(path: str, device: str, joint_topic: str) -> Outcome:
 
     from via_gap.diagnose import diagnose
     from via_gap.log import read_log
+    from via_gap.proposal import with_proposal
 
     begin = time.perf_counter()
     described = Device.model_validate_json(device)
     report = reason = ""
     try:
-        report = diagnose([read_log(path, described, joint_topic)], described).to_json()
+        found = diagnose([read_log(path, described, joint_topic)], described)
+        report = with_proposal(found, described).to_json()
     except (ViaError, OSError) as error:
         reason = " ".join(str(error).split())
     return Outcome(report, reason, time.perf_counter() - begin, os.getpid())

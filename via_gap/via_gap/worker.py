@@ -25,6 +25,7 @@ from via_core.errors import ViaError
 
 from via_gap.diagnose import diagnose
 from via_gap.log import JointLog, read_log
+from via_gap.proposal import with_proposal
 from via_gap.undisturbed import undisturbed
 
 NICE = 10  # how much the process gives way to others
@@ -145,7 +146,7 @@ def _done(job: Job, connection: Connection) -> Said:
     try:
         log = job.source if isinstance(job.source, JointLog) else read_log(job.source, job.device, job.joint_topic)
         report = diagnose([log], job.device, progress=lambda doing, share: connection.send(Progress(doing, share)))
-        return Finished(report.to_json())
+        return Finished(with_proposal(report, job.device).to_json())
     except (ViaError, OSError) as error:
         if isinstance(error, BrokenPipeError):
             raise

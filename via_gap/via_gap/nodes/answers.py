@@ -1,4 +1,4 @@
-"""What a diagnosis found, as messages and in one line."""
+"""What a diagnosis found, as messages."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from via_interfaces.msg import Effect, EffectHypothesis
 from via_interfaces.msg import SiteShare as SiteMessage
 
 from via_gap.localise import SiteShare
+from via_gap.rendering.words import headline
 from via_gap.report import Cause, GapReport, Where
 
 LEAST = 0.01  # probability of a cause that is worth telling
@@ -46,20 +47,9 @@ def _hypothesis(cause: Cause, report: GapReport) -> EffectHypothesis:
     )
 
 
-def summary(report: GapReport) -> str:
-    """The verdict and its leading cause in one line."""
-    if report.verdict == "no_gap" or not report.causes:
-        return report.verdict.replace("_", " ")
-    named = [
-        f"{cause.effect} at {cause.site}{f' {cause.motor}' if cause.motor else ''} ({100.0 * cause.probability:.0f} %)"
-        for cause in report.causes[:1]
-    ]
-    return f"{report.verdict.replace('_', ' ')}: {', '.join(named)}"
-
-
 def result_of(report: GapReport) -> DiagnoseGap.Result:
     """The answer to a goal."""
-    result = failure(summary(report))
+    result = failure(headline(report))
     result.success, result.verdict, result.report = True, report.verdict, report.to_json()
     result.sites, result.hypotheses = sites_of(report.where), hypotheses_of(report)
     if report.gap is not None:

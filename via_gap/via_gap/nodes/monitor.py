@@ -46,7 +46,8 @@ from via_ros.serialised import JointStateDecoder
 from via_ros.spin import STEADY, run
 
 from via_gap.log import JointLog
-from via_gap.nodes.answers import failure, hypotheses_of, result_of, sites_of, summary
+from via_gap.nodes.answers import failure, hypotheses_of, result_of, sites_of
+from via_gap.rendering.words import headline
 from via_gap.report import GapReport, read_report
 from via_gap.rolling import RollingLog, columns_of
 from via_gap.watch import Look, look, rehearse, tuned
@@ -299,7 +300,7 @@ class MonitorNode(Node):
         set_stamp(message.diagnosed, self._diagnosed if report is not None else 0)
         age = (newest - self._diagnosed) / SECOND
         if report is not None:
-            said = f"{said}; {age:.0f} s ago {summary(report)}"
+            said = f"{said}; {age:.0f} s ago: {headline(report)}"
         message.message = said
         self._gap.publish(message)
         self._reports.publish(self._diagnostics(status, said, age))
