@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench results clean
+.PHONY: help setup demo test check bench blind results clean
 
 ENV := source ros2_ws/env.sh;
 WORKERS ?= 2
@@ -25,6 +25,12 @@ check: setup ## style, types, import rules
 
 bench: setup ## speed against MuJoCo, scipy, mcap-ros2-support, Eigen and padasip, each in one run
 	@$(ENV) via bench all
+
+blind: setup ## 30 joints of a second simulator, diagnosed without their keys and scored (development seeds; ten minutes)
+	@$(ENV) rm -rf out/blind && mkdir -p out/blind && cd out/blind && \
+		via gap blind make --out cases --keys keys --seed-from 2000 --count 30 --processes $(WORKERS) && \
+		via gap blind run cases --results results --processes $(WORKERS) && \
+		via gap blind score cases --keys keys --results results --processes $(WORKERS) --write .
 
 results: setup ## docs/results anew: the document's tables and ours, the comparison (about a quarter of an hour)
 	@$(ENV) via tables --write docs/results && via compare --write docs/results

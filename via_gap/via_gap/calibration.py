@@ -17,6 +17,8 @@ class Calibration(BaseModel):
     no_gap_gain: float
     explained: float
     explained_share: float
+    explained_most: float
+    explained_nearly: float
     second_gain: float
     significance: float
     margin: float

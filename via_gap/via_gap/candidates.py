@@ -57,6 +57,13 @@ class Fit:
         return tuple(Place(effect.name, effect.site, effect.motor) for effect in self.effects)
 
 
+def timed(fit: Fit) -> bool:
+    """Whether the last effect begins or ends at a time of the run."""
+    effect = fit.effects[-1]
+    return any(p.unit == "s" and p.high > LONG and effect.parameters[p.name] != p.neutral
+               for p in EFFECTS[effect.name].parameters)  # fmt: skip
+
+
 def make(place: Place, values: Sequence[float]) -> Effect | None:
     """The effect, or None where these values together make none."""
     kind = EFFECTS[place.name]

@@ -13,7 +13,7 @@ from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
 from via_gap.calibration import calibration
-from via_gap.candidates import Fit, fit_base
+from via_gap.candidates import Fit, fit_base, timed
 from via_gap.ceiling import flexible, lower
 from via_gap.data_check import check_log
 from via_gap.equation_bench import EquationBench
@@ -83,15 +83,10 @@ def diagnose(
         return short.model_copy(update={"data_check": (*findings, few)})
 
     tell("fitting the device's own numbers", 0.05)
-    fitted, judged = Problem.of(everything, train, bench), Problem.of(everything, held, bench)
-    base, jacobian = fit_base(fitted)
-    nominal = Fit((), np.zeros_like(base.deviations), 0.0, np.empty(0), np.empty(0))
-    before, tuned = judge(judged, [nominal, base])
+    fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
     if not judged_on and one_sided(fitted.per_shot(base.residual), tuned.shots, frozen.no_gap):
         train, held = split_finely(everything)
-        fitted, judged = Problem.of(everything, train, bench), Problem.of(everything, held, bench)
-        base, jacobian = fit_base(fitted)
-        before, tuned = judge(judged, [nominal, base])
+        fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
     tell("localising", 0.15)
     numbers = repaired_device(device, fitted.nuisances, base.deviations)
     residuals = [weak_residuals(each, numbers) for each in everything]
@@ -104,7 +99,13 @@ def diagnose(
     if tuned.mean_square > frozen.no_gap:
         tell("trying every effect at every place", 0.2)
         search = Search.of(fitted, judged, base, jacobian, candidates, scales)
-        causes, pairs = search.more(search.single(tell), frozen, tell)
+        causes = search.single(tell)
+        if not judged_on and causes and timed(causes[0].fit):  # when it begins is seen in one shot
+            train, held = split_finely(everything)
+            fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
+            search = Search.of(fitted, judged, base, jacobian, candidates, scales)
+            causes = search.single(tell)
+        causes, pairs = search.more(causes, frozen, tell)
     tell("weighing the evidence", 0.9)
     decision = decide(tuned, causes, pairs, frozen)
     tell("measuring the gap", 0.95)
@@ -132,6 +133,20 @@ def diagnose(
     report = with_misreadings(report, misreadings([each.log for each in usable]))
     tell("done", 1.0)
     return GapReport.model_validate(report.model_dump())
+
+
+def _two_sides(
+    everything: Sequence[Shots],
+    train: Sequence[Indices],
+    held: Sequence[Indices],
+    bench: Callable[[Shots, Indices], AnyBench],
+) -> tuple[Problem, Problem, Fit, Array, Judged, Judged]:
+    """The shots to fit and to judge, the device's own numbers fitted, and what is wrong before and after that."""
+    fitted, judged = Problem.of(everything, train, bench), Problem.of(everything, held, bench)
+    base, jacobian = fit_base(fitted)
+    nominal = Fit((), np.zeros_like(base.deviations), 0.0, np.empty(0), np.empty(0))
+    before, tuned = judge(judged, [nominal, base])
+    return fitted, judged, base, jacobian, before, tuned
 
 
 def _honest(verdict: Verdict, log: JointLog) -> Verdict:

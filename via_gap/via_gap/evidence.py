@@ -20,6 +20,7 @@ from via_gap.problem import Problem
 
 BLOCK = 1.0  # [s] of shots that are resampled together, at least one shot
 RESAMPLES = 300
+NOISE = float(np.log(2.0))  # score of an error that is the sensors' own
 
 
 @dataclass(frozen=True, eq=False)

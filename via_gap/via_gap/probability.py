@@ -21,9 +21,9 @@ from pydantic import BaseModel, ConfigDict
 from scipy.optimize import minimize
 from via_core.signals import Array
 
+from via_gap.evidence import NOISE
 from via_gap.report import GapReport
 
-NOISE = float(np.log(2.0))  # score of an error that is the sensors' own
 MOST_MARGIN, MOST_LEFT = 1.0, 3.0
 PRIOR = (2.0, 1.0, 1.0, 0.5)  # where the fit begins
 STIFF = 0.5  # of the pull towards it: a handful of cases moves no number far

@@ -9,7 +9,7 @@ import numpy as np
 
 from via_gap.calibration import Calibration
 from via_gap.candidates import Fit
-from via_gap.evidence import Judged, cost, difference, needless, probabilities, significant
+from via_gap.evidence import NOISE, Judged, cost, difference, needless, probabilities, significant
 from via_gap.places import Place
 from via_gap.report import Verdict
 
@@ -84,10 +84,18 @@ def rms(each: Judged) -> float:
 
 
 def _explained(tuned: Judged, after: Judged, frozen: Calibration) -> bool:
-    """Whether next to nothing is left, or enough of what the tuned device leaves beyond the noise."""
+    """Whether next to nothing is left, or enough of what the tuned device leaves beyond the noise.
+
+    Where nearly every shot is at the noise again, a few may stick out more: those in which something begins or ends,
+    which no other shot could tell to the millisecond.
+    """
     if after.mean_square <= frozen.explained:
         return True
-    return rms(tuned) - rms(after) >= frozen.explained_share * rms(tuned)
+    closed = 1.0 - rms(after) / max(rms(tuned), 1e-9)
+    everywhere = 1.0 - (after.score - NOISE) / max(tuned.score - NOISE, 1e-9)
+    return closed >= frozen.explained_share or (
+        closed >= frozen.explained_most and everywhere >= frozen.explained_nearly
+    )
 
 
 def helps(larger: Judged, smaller: Judged, single: Judged, frozen: Calibration) -> bool:
