@@ -46,6 +46,7 @@ class Judged:
     measured_closes: float | None
     seconds: float | None
     trouble: str = ""
+    seed: int | None = None
 
     @property
     def answered(self) -> bool:
@@ -133,6 +134,7 @@ def judge(
         measured_closes=withheld.closes if withheld is not None else None,
         seconds=seconds,
         trouble=trouble,
+        seed=key.get("seed"),
     )
 
 
