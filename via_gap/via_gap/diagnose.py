@@ -189,7 +189,8 @@ def _gap(
         three = [free(each.fit.deviations, each.fit.effects) for each in (before, tuned, decision.chosen)]
         repaired = repaired_device(device, judged.nuisances, chosen.deviations)
         reached = free_errors(repaired, chosen.effects, [model.driven(each) for each in shots], held)
-    return _told(by, *three, reached)
+    first, second, third = three
+    return _told(by, first, second, third, reached)
 
 
 def _told(
