@@ -22,8 +22,9 @@ from via_gap.rendering import words
 from via_gap.rendering.joint_picture import joint_picture
 from via_gap.rendering.numbers import chance, number, percent, raised, with_sd
 from via_gap.rendering.pictures import Drawn, Row, after_words, error_rows, gap_ladder, residual_rows, trace_rows
-from via_gap.report import GapReport, Region
+from via_gap.report import Cause, GapReport, Region
 
+NEAREST = 3  # causes that are drawn where none is the answer
 LIKELY = 0.01  # probability from which a cause is drawn as one; the others are in the table of what was ruled out
 
 
@@ -32,7 +33,8 @@ def page(report: GapReport) -> str:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters.update(
         number=number, percent=_kept(percent), chance=_kept(chance), raised=raised, region=_region,
-        place=words.place_words, where=words.where_words, listed=words.listed, capital=words.capital,
+        place=words.place_words, where=words.where_words, logs=words.log_words, listed=words.listed,
+        capital=words.capital,
     )  # fmt: skip
     environment.globals.update(with_sd=with_sd, evidence=words.evidence, seen_in=words.seen_in, boxes=words.boxes)
     repair, trials = report.repair(), words.ruled_out(report)
@@ -46,7 +48,7 @@ def page(report: GapReport) -> str:
         cautions=words.cautions(report),
         picture=Markup(joint_picture(_sketch(report), {(w.site, w.motor): w.share for w in report.where})),
         residuals=_marked(residual_rows(report)),
-        causes=[cause for i, cause in enumerate(report.causes) if i == 0 or cause.probability >= LIKELY],
+        causes=_drawn(report),
         apart=words.equivalence_words(report),
         out=[each for each in trials if each.decided],
         doubtful=[each for each in trials if not each.decided],
@@ -69,6 +71,12 @@ def write_page(report: GapReport, path: Path) -> None:
         path.write_text(page(report), encoding="utf-8")
     except OSError as error:
         raise ViaError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _drawn(report: GapReport) -> list[Cause]:
+    """The causes that are drawn one by one; of those that explain nothing only the nearest few."""
+    likely = [cause for i, cause in enumerate(report.causes) if i == 0 or cause.probability >= LIKELY]
+    return likely[:NEAREST] if report.verdict == "unknown" else likely
 
 
 def _kept(written: Callable[[float], str]) -> Callable[[float], str]:

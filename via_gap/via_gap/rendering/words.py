@@ -163,8 +163,13 @@ def findings(report: GapReport) -> tuple[tuple[str, str, str], ...]:
         logs = list(dict.fromkeys(each.log for each in group))
         same = len({each.text for each in group}) == 1
         told = group[0].text if same else f"{group[0].text} (the first; others alike)"
-        found.append((severity, listed(logs) if len(logs) <= SEVERAL else f"{len(logs)} logs, {logs[0]} first", told))
+        found.append((severity, log_words(logs), told))
     return tuple(found)
+
+
+def log_words(names: Sequence[str]) -> str:
+    """Logs by name, or how many there are."""
+    return listed(names) if len(names) <= SEVERAL else f"{len(names)} logs, {names[0]} first"
 
 
 def where_words(where: Where) -> str:
@@ -249,12 +254,17 @@ def ruled_out(report: GapReport) -> tuple[Dismissed, ...]:
         members = _spots(trial.effects)
         if (members == answer and report.verdict != "unknown") or (len(members) == 1 and members <= named - answer):
             continue
-        behind = f"{number(trial.behind, 2)} ± {number(trial.behind_sd, 1)} behind the best in score"
+        behind = f", {number(trial.behind, 2)} ± {number(trial.behind_sd, 1)} behind the best in score"
         leaves = f"leaves {percent(trial.left)} of the squared error" if trial.left < HELPS else "does not help"
-        why = f"{leaves}, {behind}"
+        why = f"{leaves}{behind if trial.behind > 0.0 else ''}"
         if len(members) < len(answer) and members <= answer:
             why = f"alone {why}"
-        elif members & kept == set() and trial.behind < CLOSE and _same_place(members, kept):
+        elif (
+            report.verdict != "unknown"
+            and members & kept == set()
+            and trial.behind < CLOSE
+            and _same_place(members, kept)
+        ):
             why = f"does nothing that a simpler effect at the same place does not: {why}"
         elif report.verdict != "unknown" and len(members) > len(answer) > 0 and answer <= members:
             why = f"the added effect closes too little to be believed: {why}"
