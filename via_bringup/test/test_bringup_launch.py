@@ -8,12 +8,20 @@ import pytest
 import yaml
 from via_controllers.nodes.excitation import ExcitationParameters
 from via_estimators.nodes.estimator import EstimatorParameters
+from via_gap.nodes.monitor import MonitorParameters
 from via_sim.nodes.simulator import SimulatorParameters
 
 PACKAGE = Path(__file__).resolve().parent.parent
 ROOT = PACKAGE.parent
 LAUNCH_FILES = sorted((PACKAGE / "launch").glob("*.launch.py"))
-PARAMETERS = {"simulator": SimulatorParameters, "excitation": ExcitationParameters, "estimator": EstimatorParameters}
+PARAMETERS = {
+    "joint.yaml": {
+        "simulator": SimulatorParameters,
+        "excitation": ExcitationParameters,
+        "estimator": EstimatorParameters,
+    },
+    "gap.yaml": {"gap_monitor": MonitorParameters},
+}
 
 
 def calls(file: Path, name: str) -> list[ast.Call]:
@@ -52,11 +60,12 @@ def test_every_configuration_is_declared_with_a_description(file):
     assert all(given(call, "description") for call in calls(file, "DeclareLaunchArgument"))
 
 
-def test_parameter_file_names_parameters_that_exist():
-    content = yaml.safe_load((PACKAGE / "config" / "joint.yaml").read_text(encoding="utf-8"))
-    assert content.keys() == PARAMETERS.keys()
+@pytest.mark.parametrize("file", PARAMETERS)
+def test_parameter_file_names_parameters_that_exist(file):
+    content = yaml.safe_load((PACKAGE / "config" / file).read_text(encoding="utf-8"))
+    assert content.keys() == PARAMETERS[file].keys()
     for node, section in content.items():
-        kind = PARAMETERS[node]
+        kind = PARAMETERS[file][node]
         known = {item.name: item for item in fields(kind)}
         values = section["ros__parameters"]
         assert values.keys() <= known.keys()

@@ -1,5 +1,7 @@
 """Signals: locked copies, one time base, hold against interpolation, and every misuse refused."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,6 +18,16 @@ def example() -> Signals:
         units={"q": "rad", "theta": "rad", "preset": "rad"},
         held=frozenset({"preset"}),
     )
+
+
+def test_they_reach_another_process_as_they_are() -> None:
+    sent, came = example(), pickle.loads(pickle.dumps(example()))
+    np.testing.assert_array_equal(came.time, sent.time)
+    assert came.channels.keys() == sent.channels.keys()
+    for name, values in sent.channels.items():
+        np.testing.assert_array_equal(came[name], values)
+        assert not came[name].flags.writeable
+    assert (dict(came.units), came.held) == (dict(sent.units), sent.held)
 
 
 def test_arrays_are_copies_and_locked() -> None:
