@@ -10,7 +10,6 @@ not fitted is the ceiling, or what the named effects leave where that is less.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +22,7 @@ from via_gap.basis import Basis, ticks_of
 from via_gap.candidates import Fit
 from via_gap.measured import Errors
 from via_gap.problem import Problem
-from via_gap.shots import THREADS, Bench, Shots
+from via_gap.shots import Bench, Shots
 
 PIECES = 10  # of a shot, over which a pulse of torque lasts
 PULSE = 0.01  # of the typical torque: small enough to be linear
@@ -61,7 +60,7 @@ class Flexible:
         for bench, values in zip(problem.benches, functions, strict=True):
             commands = _limited(bench.shots.commands, self.limits)
             commands[:, list(self.columns)] += self._torque(bench.shots, values)
-            parts.append(_run(bench, self.row, commands))
+            parts.append(_run(bench, self.row, commands[None])[0])
         return np.concatenate(parts)
 
     def driven(self, shots: Shots) -> Shots:
@@ -127,9 +126,10 @@ def _limited(commands: Array, limits: Array) -> Array:
 
 
 def _run(bench: Bench, row: Array, commands: Array) -> Array:
-    moved = row.copy()
-    moved[P.tick], moved[P.substeps] = bench.nominal[P.tick], bench.nominal[P.substeps]
-    return bench.driven(commands).residual(moved[None]).reshape(-1)
+    """Residuals (n, C values) of one row under each of commands (n, T, N_COMMANDS)."""
+    rows = np.repeat(row[None], len(commands), axis=0)
+    rows[:, P.tick], rows[:, P.substeps] = bench.nominal[P.tick], bench.nominal[P.substeps]
+    return bench.residual(rows, commands).reshape(len(commands), -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,17 +213,16 @@ def _pulses(bench: Bench, model: Flexible, residual: Array) -> Array:
     if abs(row[P.delay] - whole) > 1e-9:
         row = row.copy()
         row[P.delay] = whole
-        residual = _run(bench, row, _limited(shots.commands, model.limits))
+        residual = _run(bench, row, _limited(shots.commands, model.limits)[None])[0]
     edges = np.linspace(0, shots.ticks, PIECES + 1).astype(int)
     piece = np.searchsorted(edges, np.arange(len(shots.commands)) % shots.ticks, side="right") - 1
     commands = _limited(shots.commands, model.limits)
     typical = max(float(np.std(commands[:, list(model.columns)])), 0.1 * abs(float(model.row[P.gravity_torque])), 0.1)
 
-    def pulse(column: int, k: int) -> Array:
-        moved = commands.copy()
-        moved[:, column] += np.where(piece == k, PULSE * typical, 0.0)
-        return (_run(bench, row, moved) - residual).reshape(len(bench.chosen), -1) / (PULSE * typical)
-
-    with ThreadPoolExecutor(THREADS) as pool:  # the kernel releases the GIL
-        jobs = [[pool.submit(pulse, column, k) for k in range(PIECES)] for column in model.columns]
-        return np.stack([np.stack([job.result() for job in row]) for row in jobs])
+    found = []
+    for column in model.columns:
+        moved = np.repeat(commands[None], PIECES, axis=0)
+        moved[:, :, column] += np.where(piece == np.arange(PIECES)[:, None], PULSE * typical, 0.0)
+        change = (_run(bench, row, moved) - residual) / (PULSE * typical)
+        found.append(change.reshape(PIECES, len(bench.chosen), -1))
+    return np.stack(found)

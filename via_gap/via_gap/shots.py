@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import ceil
 
 import numpy as np
@@ -255,12 +255,6 @@ class Bench:
     def of(shots: Shots, chosen: Indices) -> Bench:
         return Bench(shots, chosen, JointPlant.from_device(shots.log.device).at_rate(shots.rate))
 
-    def driven(self, commands: Array) -> Bench:
-        """The same shots under other commands (T, N_COMMANDS); a wrong start does to them what it did."""
-        other = copy(self)
-        object.__setattr__(other, "shots", replace(self.shots, commands=commands))
-        return other
-
     def part(self, which: Indices) -> Bench:
         """Some of the shots, by their places in `chosen`; where all axes were seen, a short lead is enough for them."""
         other = copy(self)
@@ -276,8 +270,11 @@ class Bench:
         """Whitened values per shot."""
         return self.shots.measured.shape[1] * len(self.shots.axes)
 
-    def motion(self, rows: Array, offset: Array | None = None) -> Array:
-        """Angles as compared (K, C, b, a) [rad] of rows (K, N_PARAMETERS); offset (6,) is added to every start.
+    def motion(self, rows: Array, offset: Array | None = None, commands: Array | None = None) -> Array:
+        """Angles as compared (K, C, b, a) [rad] of rows (K, N_PARAMETERS).
+
+        offset    (6,) is added to every start
+        commands  (K, T, N_COMMANDS) of each row, instead of the log's
 
         Every stretch of neighbouring shots with every row is a run of its own; runs of about one length go in lockstep.
         """
@@ -287,11 +284,12 @@ class Bench:
         runs = np.stack([np.tile(np.arange(len(rows)), len(order)), np.repeat(order, len(rows))], axis=1)
         size = min(LANES, ceil(len(runs) / THREADS))
         pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
+        drive = self.shots.commands[None] if commands is None else commands
         if len(pieces) == 1:
-            self._run(rows, offset, stretches, pieces[0], out)
+            self._run(rows, offset, drive, stretches, pieces[0], out)
             return out
         with ThreadPoolExecutor(THREADS) as pool:  # the kernel releases the GIL
-            for job in [pool.submit(self._run, rows, offset, stretches, piece, out) for piece in pieces]:
+            for job in [pool.submit(self._run, rows, offset, drive, stretches, piece, out) for piece in pieces]:
                 job.result()
         return out
 
@@ -300,17 +298,21 @@ class Bench:
         first = np.flatnonzero(np.concatenate(([True], np.diff(self.chosen) != 1)))
         return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
 
-    def _run(self, rows: Array, offset: Array | None, stretches: Indices, runs: Indices, out: Array) -> None:
+    def _run(
+        self, rows: Array, offset: Array | None, drive: Array, stretches: Indices, runs: Indices, out: Array
+    ) -> None:
         """The `runs` (n, 2), row and stretch each; of one with fewer shots than another the lane ends."""
         shots, axes = self.shots, list(self.shots.axes)
         known = np.array([*axes, *(3 + axis for axis in axes)])
         first, count = stretches[runs[:, 1]].T
         warm = np.maximum(shots.begin[self.chosen[first]] - self.lead, 0)  # before that, nobody knows what is not seen
-        states = self._fresh(warm)
+        sent = drive.reshape(-1, drive.shape[2])
+        under = runs[:, 0] % len(drive) * drive.shape[1]  # where each run's commands begin in all that were sent
+        states = self._fresh(warm, sent, under)
         ahead = np.flatnonzero(self.chosen[first] > 0)
         if ahead.size:
             begun, moved = states[ahead], np.empty((len(ahead), self.lead + 1, 6))
-            run_many(rows[runs[ahead, 0]], begun, shots.commands, warm[ahead], moved)
+            run_many(rows[runs[ahead, 0]], begun, sent, under[ahead] + warm[ahead], moved)
             states[ahead] = begun
         moved = np.empty((len(runs), shots.ticks + 1, 6))
         for j in range(int(count.max())):
@@ -320,10 +322,10 @@ class Bench:
             state[:, known] = self._starts(run, begin)[:, known]
             if offset is not None:
                 state[:, :6] += offset
-            run_many(run, state, shots.commands, begin, moved[:left])
+            run_many(run, state, sent, under[:left] + begin, moved[:left])
             out[runs[:left, 0], here] = binned(moved[:left][:, :, axes], shots.every, shots.averaged)
 
-    def _fresh(self, ticks: Indices) -> Array:
+    def _fresh(self, ticks: Indices, sent: Array, under: Indices) -> Array:
         """State rows (n, .) at ticks: what was seen, commands under way, motors that were not seen at their command."""
         shots = self.shots
         length = ceil(MAX_DELAY * shots.rate) + 2
@@ -334,7 +336,7 @@ class Bench:
         each = np.arange(len(ticks))
         for back in range(1, length + 1):
             slot = (ticks - back) % length
-            queue[each, slot] = shots.commands[np.maximum(ticks - back, 0), :QUEUED]
+            queue[each, slot] = sent[under + np.maximum(ticks - back, 0), :QUEUED]
             early = np.flatnonzero(ticks < back)
             for axis in (1, 2):  # servos stood where they were before the log began
                 if known[axis] and self.nominal[P.axis_kind + axis] == SERVO:
@@ -344,7 +346,7 @@ class Bench:
                 states[:, [axis, 3 + axis]] = shots.start[ticks][:, [axis, 3 + axis]]
                 continue
             if self.nominal[P.axis_kind + axis] == SERVO:
-                states[:, axis] = shots.commands[ticks, axis - 1]
+                states[:, axis] = sent[under + ticks, axis - 1]
             elif self.nominal[P.axis_kind + axis] == DYNAMIC:
                 states[:, axis] = shots.start[ticks, 0]
             if known[axis]:
@@ -390,10 +392,10 @@ class Bench:
         basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
         return basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
 
-    def residual(self, rows: Array) -> Array:
-        """Whitened measured minus simulated (K, C, b a); what overflowed is huge."""
+    def residual(self, rows: Array, commands: Array | None = None) -> Array:
+        """Whitened measured minus simulated (K, C, b a), under commands as of `motion`; what overflowed is huge."""
         shots = self.shots
-        error = (shots.measured[self.chosen] - self.motion(rows)) / shots.noise
+        error = (shots.measured[self.chosen] - self.motion(rows, commands=commands)) / shots.noise
         flat = error.reshape(len(rows), len(self.chosen), self.size)
         flat = np.clip(np.nan_to_num(flat, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
