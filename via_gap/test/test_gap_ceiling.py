@@ -72,7 +72,7 @@ def test_the_ceiling_is_the_lesser_of_both_and_not_below_the_floor():
 
 def test_what_a_torque_may_depend_on_is_finite_where_nothing_moves():
     shots = cut_log(log_of(joint(), (), seed=31, duration=12.0))
-    still = Basis(np.zeros(5), np.full(5, 1e-9), np.zeros((5, 7)) + 1e-12 * np.arange(7), 12.0)
+    still = Basis(np.zeros(5), np.full(5, 1e-9), np.zeros((5, 7)) + 1e-12 * np.arange(7), 12.0, (0,))
     assert np.isfinite(still.values(shots)).all()
     assert Basis.of([shots]).values(shots).shape[0] == -(-len(shots.start) // ticks_of(shots))
 

@@ -33,24 +33,28 @@ class Basis:
     mean, scale  (n,) of each quantity
     knots        (n, KNOTS) where the hats stand
     duration     [s] of the longest log
+    moving       columns of the commands that change within a log or from one to another
     """
 
     mean: Array
     scale: Array
     knots: Array
     duration: float
+    moving: tuple[int, ...]
 
     @staticmethod
     def of(shots: Sequence[Shots]) -> Basis:
-        values = np.concatenate([_quantities(each)[0] for each in shots])
+        commands = np.concatenate([each.commands for each in shots])
+        moving = tuple(int(column) for column in np.flatnonzero(np.ptp(commands, axis=0) > 0.0))
+        values = np.concatenate([_quantities(each, moving)[0] for each in shots])
         scale = np.maximum(values.std(axis=0), 1e-9)
         knots = np.quantile(values, np.linspace(0.02, 0.98, KNOTS), axis=0).T
         knots += 1e-9 * scale[:, None] * np.arange(KNOTS)  # a quantity that never moves has them all in one place
-        return Basis(values.mean(axis=0), scale, knots, max(len(each.start) / each.rate for each in shots))
+        return Basis(values.mean(axis=0), scale, knots, max(len(each.start) / each.rate for each in shots), moving)
 
     def values(self, shots: Shots) -> Array:
         """(steps, K) along a log, each held over `ticks_of` ticks."""
-        raw, speeds, angles, drives = _quantities(shots)
+        raw, speeds, angles, drives = _quantities(shots, self.moving)
         z = np.clip((raw - self.mean) / self.scale, -FAR, FAR)
         count = z.shape[1]
         first, second = np.triu_indices(count)
@@ -76,7 +80,7 @@ def ticks_of(shots: Shots) -> int:
     return max(1, round(STEP * shots.rate))
 
 
-def _quantities(shots: Shots) -> tuple[Array, list[int], list[int], list[int]]:
+def _quantities(shots: Shots, moving: Sequence[int]) -> tuple[Array, list[int], list[int], list[int]]:
     """(steps, n) angle, speed, deflections, motor speeds, commands; which are speeds, angles, commands."""
     every = ticks_of(shots)
     state, command = shots.start[::every], shots.commands[::every]
@@ -85,10 +89,9 @@ def _quantities(shots: Shots) -> tuple[Array, list[int], list[int], list[int]]:
         angles.append(len(columns))
         speeds.append(len(columns) + 1)
         columns += [state[:, 0] - state[:, axis], state[:, 3 + axis]]
-    for column in command.T:
-        if np.ptp(column) > 0.0:
-            drives.append(len(columns))
-            columns.append(column)
+    for column in moving:
+        drives.append(len(columns))
+        columns.append(command[:, column])
     return np.stack(columns, axis=1), speeds, angles, drives
 
 

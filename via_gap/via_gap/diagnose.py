@@ -96,6 +96,8 @@ def diagnose(
     begins = [s.time[which] - s.log.measured.time[0] for s, which in zip(everything, train, strict=True)]
     scales = scales_of(everything, residuals, np.concatenate(begins), fitted.per_shot(base.residual))
     candidates = places(device, everything[0].log)
+    if len(everything) > 1:  # what came and went at one time of one run is not the cause of the gap of several
+        candidates = tuple(place for place in candidates if place.name != "external_torque")
     if tuned.mean_square > frozen.no_gap:
         tell("trying every effect at every place", 0.2)
         search = Search.of(fitted, judged, base, jacobian, candidates, scales)
