@@ -20,13 +20,14 @@ from via_gap.report import read_report
 from via_gap.withheld import before_and_after
 from via_sim.effects_file import load_effects, save_effects
 
-from via_bringup.cli import gap_blind, gap_fleet, gap_propose
+from via_bringup.cli import gap_blind, gap_fleet, gap_propose, gap_real
 from via_bringup.cli.console import answers, errors
 
 app = typer.Typer(help="Diagnose the gap between a log and its model.", no_args_is_help=True)
 app.add_typer(gap_blind.app, name="blind")
 app.command("propose")(gap_propose.command)
 app.command("fleet")(gap_fleet.fleet)
+app.command("real")(gap_real.real)
 
 
 @app.command("diagnose")

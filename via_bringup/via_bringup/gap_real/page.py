@@ -1,0 +1,79 @@
+"""The page of the two real robots, from its template and the reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+
+from jinja2 import Environment, StrictUndefined
+from via_gap.replayed import pooled
+from via_gap.report import GapReport
+
+from via_bringup.gap_real.pictures import draw_arm, draw_joint
+from via_bringup.gap_real.run import ArmJoint, Joint
+from via_bringup.provenance import Provenance
+
+PAGE = "gap-real.md"
+SAID = {
+    "effect": "One effect explains it",
+    "two_effects": "Two or more effects together explain it",
+    "no_gap": "No gap",
+    "unknown": "None of the known effects alone explains it",
+    "cannot_tell": "These logs cannot tell",
+}
+
+
+def write(joint: Joint, arm: Sequence[ArmJoint], source: Provenance, folder: Path) -> Path:
+    """The page and its pictures in `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    draw_joint(joint, folder / "gap-real-maccepavd.png")
+    draw_arm(arm, folder / "gap-real-dfki.png")
+    environment = Environment(
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    environment.globals.update(verdict=verdict, causes=causes, numbers=numbers)
+    template = environment.from_string(files("via_bringup.gap_real").joinpath("page.md").read_text("utf-8"))
+    text = template.render(joint=joint, arm=arm, source=source, strategies=_strategies(joint))
+    (folder / PAGE).write_text(text, encoding="utf-8")
+    return folder / PAGE
+
+
+def verdict(report: GapReport) -> str:
+    """One sentence: the answer, what was added to the simulator, and what this log does not tell apart."""
+    named = ", ".join(f"{place.effect} ({place.site})" for place in report.effects)
+    sentence = f"**{SAID[report.verdict]}**" + (f"; in the repair: {named}." if named else "; nothing is repaired.")
+    if len(report.equivalence_set) > 1 and report.verdict != "two_effects":
+        tied = ", ".join(place.effect for place in report.equivalence_set)
+        sentence += f" Not told apart: {tied}."
+    return sentence
+
+
+def causes(report: GapReport) -> str:
+    """The leading causes as a table."""
+    rows = ["| cause | where | probability | squared error left | parameters |", "|---|---|---|---|---|"]
+    for cause in report.causes[:6]:
+        values = ", ".join(f"{name} {v.value:.3g} +- {v.sd:.1g} {v.unit}" for name, v in cause.parameters.items())
+        place = f"{cause.site} {cause.motor or ''}".strip()
+        rows.append(f"| {cause.effect} | {place} | {cause.probability:.2f} | {100 * cause.left:.3g} % | {values} |")
+    return "\n".join(rows) if report.causes else "No cause was tried."
+
+
+def numbers(report: GapReport) -> str:
+    """The device's numbers, filed and fitted, as a table."""
+    rows = ["| number | filed | fitted | |", "|---|---|---|---|"]
+    for each in report.nuisance:
+        end = "at the end of its tolerance" if each.at_bound else ""
+        rows.append(f"| {each.name} [{each.unit}] | {each.filed:.4g} | {each.fitted:.4g} | {end} |")
+    return "\n".join(rows)
+
+
+def _strategies(joint: Joint) -> list[tuple[str, int, float, float]]:
+    """(name, runs, NRMSE before, after) of each damping strategy."""
+    names = sorted({name.split("_")[0] for name, _, _ in joint.held})
+    rows = []
+    for strategy in names:
+        runs = [(before, after) for name, before, after in joint.held if name.startswith(strategy)]
+        before, after = (pooled([pair[i] for pair in runs]) for i in (0, 1))
+        rows.append((strategy, len(runs), before, after))
+    return rows
