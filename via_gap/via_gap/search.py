@@ -8,7 +8,7 @@ effect it does much the same, so that it says which few are worth a simulation o
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from via_core.signals import Array
@@ -33,6 +33,7 @@ RIVAL = 0.3  # score within which a second single cause is tried as the first of
 NEAR = 30.0  # times the best predicted loss: candidates beyond it are not refined
 CLOSE, CLOSEST = 2.0, 3  # times the best loss on few shots, and how many at least: these are fitted to all shots
 CLOSE_SECOND, CLOSEST_SECOND = 1.3, 2
+ELSEWHERE = 1.5  # times what is left on few shots: more on all of them is left where the few do not look
 FINISHING = 3  # rounds from the best on few shots to the best on all
 
 Members = list[tuple[Place, list[float]]]
@@ -86,24 +87,38 @@ class Search:
         sets: list[Judged] = []
         leaders = [each for each in causes[:2] if each.score < causes[0].score + RIVAL]
         while leaders and len(leaders[0].fit.effects) < MOST and leaders[0].mean_square > frozen.explained:
+            here = self._seeing(leaders[0].fit)
             fits: list[Fit] = []
             for number, first in enumerate(leaders):
                 tell(f"adding to {first.fit.places[-1]}", 0.55 + 0.1 * number)
-                fits += self._joined(first.fit, min((fit.loss for fit in fits), default=0.0))
-            if not fits or not self._worth(min(fits, key=lambda fit: fit.loss), leaders, causes[0], frozen):
+                fits += here._joined(first.fit, min((fit.loss for fit in fits), default=0.0))
+            if not fits or not here._worth(min(fits, key=lambda fit: fit.loss), leaders, causes[0], frozen):
                 break
-            fits = self._finished(fits, CLOSE_SECOND, CLOSEST_SECOND)
+            fits = here._finished(fits, CLOSE_SECOND, CLOSEST_SECOND)
             found = sorted(judge(self.judged, fits), key=lambda each: each.mean_square)
             best, before = found[0], min(leaders, key=lambda each: each.mean_square)
             if not helps(best, before, causes[0], frozen):
                 break
-            again = judge(self.judged, self._shorter(best.fit))
+            again = judge(self.judged, here._shorter(best.fit))
             (causes if len(best.fit.effects) == 2 else sets).extend(again)
             if any(rms(each) - rms(best) < frozen.second_gain * rms(causes[0]) for each in again):
                 break
             sets.extend(found)
             leaders = [best]
         return _best_of_each(causes), sorted(sets, key=lambda each: each.score)
+
+    def _seeing(self, fit: Fit) -> Search:
+        """The same on other few shots, where what `fit` leaves is in shots that these few do not hold."""
+        if self.few is self.whole:
+            return self
+        left = _on(self.whole, fit).residual
+        if float(np.mean(left**2)) < ELSEWHERE * float(np.mean(_on(self.few, fit).residual ** 2)):
+            return self
+        few, _ = thinned(self.whole, left)
+        start = _on(few, self.base)
+        jacobian = few.nuisance_jacobian(start.effects, start.deviations, start.residual)
+        tried = directions(few, start, self.candidates, self.scales)
+        return replace(self, few=few, start=start, jacobian=jacobian, tried=tried)
 
     def _worth(self, larger: Fit, leaders: Sequence[Judged], single: Judged, frozen: Calibration) -> bool:
         """Whether a set closes on the few shots it was fitted to at least part of what it would have to on others."""
