@@ -34,6 +34,12 @@ NEAR = 30.0  # times the best predicted loss: candidates beyond it are not refin
 CLOSE, CLOSEST = 2.0, 3  # times the best loss on few shots, and how many at least: these are fitted to all shots
 CLOSE_SECOND, CLOSEST_SECOND = 1.3, 2
 ELSEWHERE = 1.5  # times what is left on few shots: more on all of them is left where the few do not look
+PLAINER = {  # of effects that hold another: its name, and the parameters whose mean is where it starts
+    "asymmetric_coulomb": ("coulomb_friction", (0, 1)),
+    "stribeck_friction": ("coulomb_friction", (1,)),
+    "presliding_friction": ("coulomb_friction", (0,)),
+    "asymmetric_viscous": ("viscous_friction", (0, 1)),
+}
 FINISHING = 3  # rounds from the best on few shots to the best on all
 
 Members = list[tuple[Place, list[float]]]
@@ -95,6 +101,7 @@ class Search:
             if not fits or not here._worth(min(fits, key=lambda fit: fit.loss), leaders, causes[0], frozen):
                 break
             fits = here._finished(fits, CLOSE_SECOND, CLOSEST_SECOND)
+            fits += here._plainer(min(fits, key=lambda fit: fit.loss))
             found = sorted(judge(self.judged, fits), key=lambda each: each.mean_square)
             best, before = found[0], min(leaders, key=lambda each: each.mean_square)
             if not helps(best, before, causes[0], frozen):
@@ -144,6 +151,19 @@ class Search:
                 fits.append(fit)
                 rival = min(rival, fit.loss) if rival else fit.loss
         return fits
+
+    def _plainer(self, fit: Fit) -> list[Fit]:
+        """The same with one member replaced by the plainer effect it contains, which few starts may have hidden."""
+        found = []
+        for number, (place, values) in enumerate(_members(fit)):
+            if place.name in PLAINER:
+                name, which = PLAINER[place.name]
+                members = _members(fit)
+                members[number] = (Place(name, place.site, place.motor), [float(np.mean([values[i] for i in which]))])
+                plain = refine(self.few, fit, None, members, self.scales)
+                if plain is not None:
+                    found.append(plain)
+        return self._finished(found, np.inf, len(found))
 
     def _shorter(self, fit: Fit) -> list[Fit]:
         """All but the newest effect left out in turn, the rest fitted again."""
