@@ -1,5 +1,7 @@
 """The ceiling: a flexible torque closes what no name was given to, invents nothing, and simulates as it was fitted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_logs import flexible as joint
@@ -55,7 +57,7 @@ def test_a_joint_of_servos_is_run_freely_with_it():
     device = servo()
     damped = Effect("viscous_friction", "link", {"coefficient": 0.05})
     fitted, judged, base, shots = prepared(device, (damped, DRAG), 24.0)
-    model = flexible(fitted, base)
+    model = flexible(fitted, replace(base, deviations=np.zeros_like(base.deviations)))
     held = [bench.chosen for bench in judged.benches]
     plain = free_errors(device, (), [shots], held)
     reached = free_errors(device, (), [model.driven(shots)], held)
@@ -83,3 +85,14 @@ def test_a_report_says_how_much_of_what_can_be_closed_is():
     assert gap.floor <= gap.ceiling <= max(gap.after, gap.floor)
     assert gap.closes == pytest.approx((gap.before - gap.after) / (gap.before - gap.ceiling))
     assert all(each.floor <= each.ceiling for each in gap.signals.values())
+
+
+def test_a_torque_that_repeats_along_the_way_is_found_by_its_waves():
+    ripple = Effect("torque_ripple", "motor", {"amplitude": 0.02, "order": 9.0, "phase": 0.3}, 1)
+    fitted, judged, base, shots = prepared(joint(), (ripple,), 20.0)
+    model = flexible(fitted, base)
+    assert 9 in {wave.order for wave in model.basis.waves}
+    (left,) = judge(judged, [base])
+    reached = float(np.mean(model.residual(judged, model.functions(judged)) ** 2))
+    assert reached < 0.05 * left.mean_square
+    assert Basis.of([shots]).waves == ()

@@ -26,6 +26,15 @@ TIME_KNOTS = 10
 FAR = 3.0  # standard deviations beyond which a quantity counts as there
 
 
+@dataclass(frozen=True)
+class Wave:
+    """Sine and cosine of `order` times the angle of an axis that was seen, times the sign of its speed if `signed`."""
+
+    place: int  # of the axis in `Shots.axes`
+    order: int  # per turn
+    signed: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Basis:
     """Functions of a motion, scaled by what the quantities were like in the logs they were made from.
@@ -34,6 +43,7 @@ class Basis:
     knots        (n, KNOTS) where the hats stand
     duration     [s] of the longest log
     moving       columns of the commands that change within a log or from one to another
+    waves        what is added to the rest
     """
 
     mean: Array
@@ -41,6 +51,7 @@ class Basis:
     knots: Array
     duration: float
     moving: tuple[int, ...]
+    waves: tuple[Wave, ...] = ()
 
     @staticmethod
     def of(shots: Sequence[Shots]) -> Basis:
@@ -72,7 +83,16 @@ class Basis:
                 columns.append((z[:, i] - behind)[:, None])
         time = np.arange(len(z)) * ticks_of(shots) / shots.rate / self.duration
         columns += [_hats(time, np.linspace(0.0, 1.0, TIME_KNOTS)), time[:, None] * z]
+        columns += [wave_values(shots, wave) for wave in self.waves]
         return np.hstack(columns)
+
+
+def wave_values(shots: Shots, wave: Wave) -> Array:
+    """(steps, 2) along a log, each held over `ticks_of` ticks."""
+    state, axis = shots.start[:: ticks_of(shots)], shots.axes[wave.place]
+    phase = wave.order * state[:, axis]
+    sign = np.tanh(state[:, 3 + axis] / SOFT[1]) if wave.signed else np.ones(len(state))
+    return np.stack([np.cos(phase) * sign, np.sin(phase) * sign], axis=1)
 
 
 def ticks_of(shots: Shots) -> int:

@@ -9,7 +9,7 @@ not fitted is the ceiling, or what the named effects leave where that is less.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from via_core.signals import Array, Signals
 from via_sim.parameters import DYNAMIC, P
 from via_sim.torques import EXTERNAL, M1
 
-from via_gap.basis import Basis, ticks_of
+from via_gap.basis import Basis, Wave, ticks_of, wave_values
 from via_gap.candidates import Fit
 from via_gap.measured import Errors
 from via_gap.problem import Problem
@@ -30,6 +30,8 @@ RIDGES = np.geomspace(1e-7, 1e-1, 5)  # of the mean squared size of a function's
 FOLDS = 4
 BLOCK = 4  # shots that are left out together
 ROUNDS = 3
+ORDERS = range(3, 33)  # waves per turn that are looked for in what the rest leaves
+WAVES = 6  # of them that are taken
 SHARES = (1.0, 0.5, 0.2)
 ENOUGH = 0.01  # share of the loss: a round that gains less is the last
 
@@ -91,10 +93,28 @@ def flexible(fitted: Problem, start: Fit) -> Flexible:
     functions = model.functions(fitted)
     model = replace(model, weights=np.zeros((len(columns), functions[0].shape[1])))
     residual = model.residual(fitted, functions)
-    folded = _Folded.of(fitted, model, functions, residual)
-    ridge = folded.ridge()
+    pulses = _all_pulses(fitted, model, residual)
+    model, residual = _descended(fitted, model, functions, pulses, residual)
+    waves = _waves(fitted, pulses, residual)
+    richer = replace(model, basis=replace(basis, waves=waves))
+    richer = replace(richer, weights=np.pad(model.weights, ((0, 0), (0, 2 * len(waves)))))
+    more = richer.functions(fitted)
+    without = _Folded.of(fitted, pulses, functions, residual, model.weights).ridge()[1]
+    if _Folded.of(fitted, pulses, more, residual, richer.weights).ridge()[1] < without:
+        model, _ = _descended(fitted, richer, more, pulses, residual)
+    return model
+
+
+def _descended(
+    fitted: Problem, model: Flexible, functions: Sequence[Array], pulses: Sequence[Array], residual: Array
+) -> tuple[Flexible, Array]:
+    """Weights fitted to what is left and simulated, a few times -> model, residual (R,)."""
+    folded = _Folded.of(fitted, pulses, functions, residual, model.weights)
+    ridge, _ = folded.ridge()
     loss = float(residual @ residual)
-    for _ in range(ROUNDS):
+    for round_ in range(ROUNDS):
+        if round_:
+            folded = folded.moved(fitted, pulses, functions, residual, model.weights)
         wanted = folded.weights(ridge).reshape(model.weights.shape)
         tries = []
         for share in SHARES:
@@ -106,11 +126,10 @@ def flexible(fitted: Problem, start: Fit) -> Flexible:
         value, trial, rest = min(tries, key=lambda each: each[0])
         if not value < loss:
             break
-        gain, loss, model = loss - value, value, trial
+        gain, loss, model, residual = loss - value, value, trial, rest
         if gain < ENOUGH * loss:
             break
-        folded = folded.moved(fitted, model, functions, rest)
-    return model
+    return model, residual
 
 
 def lower(first: Errors, second: Errors) -> Array:
@@ -134,66 +153,90 @@ def _run(bench: Bench, row: Array, commands: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Folded:
-    """Normal equations of every fold: normals (F, K, K), and what the residual at hand says, pulls (F, K).
+    """Normal equations of every fold: normals (F, K, K), and what the residual at hand says, pulls (F, K)."""
 
-    pulses  per bench (columns, PIECES, C, values): change of a shot's residual by a unit torque over a piece of it
-    """
-
-    pulses: tuple[Array, ...]
     normals: Array
     pulls: Array
 
     @staticmethod
-    def of(problem: Problem, model: Flexible, functions: Sequence[Array], residual: Array) -> _Folded:
-        pulses, begin = [], 0
-        for bench in problem.benches:
-            size = len(bench.chosen) * bench.size
-            pulses.append(_pulses(bench, model, residual[begin : begin + size]))
-            begin += size
-        count = model.weights.size
-        empty = _Folded(tuple(pulses), np.zeros((FOLDS, count, count)), np.empty(0))
-        return empty._filled(problem, functions, residual, True)
+    def of(
+        problem: Problem, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weights: Array
+    ) -> _Folded:
+        """At a residual that already has a torque of `weights` in it: the pull is that of the total."""
+        normals, pulls = np.zeros((FOLDS, weights.size, weights.size)), np.zeros((FOLDS, weights.size))
+        for fold, matrix, rest in _blocks(problem, pulses, functions, residual):
+            normals[fold] += matrix.T @ matrix
+            pulls[fold] -= matrix.T @ rest
+        return _Folded(normals, pulls + normals @ weights.reshape(-1))
 
-    def moved(self, problem: Problem, model: Flexible, functions: Sequence[Array], residual: Array) -> _Folded:
-        """At another residual, the pulses as they were: pull of the total weights, not of a change."""
-        changed = self._filled(problem, functions, residual, False)
-        offset = self.normals @ model.weights.reshape(-1)
-        return replace(changed, pulls=changed.pulls + offset)
+    def moved(
+        self, problem: Problem, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weights: Array
+    ) -> _Folded:
+        """The same pulses at another residual."""
+        pulls = self.normals @ weights.reshape(-1)
+        for fold, matrix, rest in _blocks(problem, pulses, functions, residual):
+            pulls[fold] -= matrix.T @ rest
+        return replace(self, pulls=pulls)
 
-    def _filled(self, problem: Problem, functions: Sequence[Array], residual: Array, whole: bool) -> _Folded:
-        normals = np.zeros_like(self.normals) if whole else self.normals
-        pulls, begin = np.zeros((FOLDS, self.normals.shape[1])), 0
-        for bench, values, pulses in zip(problem.benches, functions, self.pulses, strict=True):
-            edges = np.linspace(0, bench.shots.ticks, PIECES + 1).astype(int)
-            size = len(bench.chosen) * bench.size
-            rest = residual[begin : begin + size].reshape(len(bench.chosen), -1)
-            begin += size
-            for first in range(0, len(bench.chosen), BLOCK):
-                block = slice(first, first + BLOCK)
-                ticks = bench.shots.begin[bench.chosen[block]][:, None] + np.arange(bench.shots.ticks)
-                pieces = np.add.reduceat(values[ticks // ticks_of(bench.shots)], edges[:-1], axis=1)
-                pieces /= np.diff(edges)[:, None]  # (C, PIECES, K)
-                there = pulses[:, :, block].transpose(0, 2, 3, 1) @ pieces  # (columns, C, values, K)
-                matrix = there.transpose(1, 2, 0, 3).reshape(-1, self.normals.shape[1])
-                fold = (first // BLOCK) % FOLDS
-                if whole:
-                    normals[fold] += matrix.T @ matrix
-                pulls[fold] -= matrix.T @ rest[block].reshape(-1)
-        return replace(self, normals=normals, pulls=pulls)
-
-    def ridge(self) -> float:
-        """The one of RIDGES with which folds left out are predicted best."""
+    def ridge(self) -> tuple[float, float]:
+        """The one of RIDGES with which folds left out are predicted best, and the loss of them, up to a constant."""
         losses = np.zeros(len(RIDGES))
         for normal, pull in zip(self.normals, self.pulls, strict=True):
             rest, said = self.normals.sum(axis=0) - normal, self.pulls.sum(axis=0) - pull
             for k, ridge in enumerate(RIDGES):
                 w = _solved(rest, said, float(ridge))
                 losses[k] += w @ normal @ w - 2.0 * w @ pull
-        return float(RIDGES[int(np.argmin(losses))])
+        best = int(np.argmin(losses))
+        return float(RIDGES[best]), float(losses[best])
 
     def weights(self, ridge: float) -> Array:
         """(columns K,) from all folds."""
         return _solved(self.normals.sum(axis=0), self.pulls.sum(axis=0), ridge)
+
+
+def _blocks(
+    problem: Problem, pulses: Sequence[Array], functions: Sequence[Array], residual: Array
+) -> Iterator[tuple[int, Array, Array]]:
+    """Fold, what the functions do (r, columns K) and the residual (r,) of each block of neighbouring shots."""
+    begin = 0
+    for bench, values, each in zip(problem.benches, functions, pulses, strict=True):
+        size = len(bench.chosen) * bench.size
+        rest = residual[begin : begin + size].reshape(len(bench.chosen), -1)
+        begin += size
+        for first in range(0, len(bench.chosen), BLOCK):
+            block = slice(first, first + BLOCK)
+            there = each[:, :, block].transpose(0, 2, 3, 1) @ _pieces(bench, values, block)  # (columns, C, values, K)
+            count = there.shape[0] * there.shape[3]
+            matrix = there.transpose(1, 2, 0, 3).reshape(-1, count)
+            yield (first // BLOCK) % FOLDS, matrix, rest[block].reshape(-1)
+
+
+def _pieces(bench: Bench, values: Array, block: slice) -> Array:
+    """(C, PIECES, K) mean of functions (steps, K) over each piece of the shots of a block."""
+    edges = np.linspace(0, bench.shots.ticks, PIECES + 1).astype(int)
+    ticks = bench.shots.begin[bench.chosen[block]][:, None] + np.arange(bench.shots.ticks)
+    sums = np.add.reduceat(values[ticks // ticks_of(bench.shots)], edges[:-1], axis=1)
+    return np.asarray(sums / np.diff(edges)[:, None])
+
+
+def _waves(problem: Problem, pulses: Sequence[Array], residual: Array) -> tuple[Wave, ...]:
+    """Of all waves those of which a torque would close most, each alone."""
+    axes = problem.benches[0].shots.axes
+    every = [Wave(place, order, signed) for place in range(len(axes)) for order in ORDERS for signed in (False, True)]
+    functions = [np.hstack([wave_values(bench.shots, wave) for wave in every]) for bench in problem.benches]
+    slope = np.zeros((len(pulses[0]), 2 * len(every)))
+    curve, begin = np.full_like(slope, 1e-300), 0
+    for bench, values, each in zip(problem.benches, functions, pulses, strict=True):
+        size = len(bench.chosen) * bench.size
+        rest = residual[begin : begin + size].reshape(len(bench.chosen), -1)
+        begin += size
+        pieces = _pieces(bench, values, slice(None))
+        along = np.einsum("apcr,cr->acp", each, rest)
+        size_of = np.einsum("apcr,apcr->acp", each, each)
+        slope += np.einsum("acp,cpk->ak", along, pieces)
+        curve += np.einsum("acp,cpk->ak", size_of, pieces**2)
+    worth = np.max((slope**2 / curve).reshape(len(slope), len(every), 2).sum(axis=2), axis=0)
+    return tuple(every[k] for k in np.argsort(-worth)[:WAVES])
 
 
 def _solved(normal: Array, pull: Array, ridge: float) -> Array:
@@ -201,6 +244,16 @@ def _solved(normal: Array, pull: Array, ridge: float) -> Array:
     scale = np.sqrt(np.diag(normal) + 1e-12 * np.max(np.diag(normal)) + 1e-300)
     whitened = normal / np.outer(scale, scale) + ridge * np.eye(len(pull))
     return np.asarray(cho_solve(cho_factor(whitened), pull / scale) / scale)
+
+
+def _all_pulses(problem: Problem, model: Flexible, residual: Array) -> list[Array]:
+    """Of every bench, see `_pulses`."""
+    found, begin = [], 0
+    for bench in problem.benches:
+        size = len(bench.chosen) * bench.size
+        found.append(_pulses(bench, model, residual[begin : begin + size]))
+        begin += size
+    return found
 
 
 def _pulses(bench: Bench, model: Flexible, residual: Array) -> Array:
