@@ -59,7 +59,7 @@ class Flexible:
     def residual(self, problem: Problem, functions: Sequence[Array]) -> Array:
         """Whitened measured minus simulated (R,) of a problem's shots."""
         parts = []
-        for bench, values in zip(problem.benches, functions, strict=True):
+        for bench, values in zip(_simulated(problem), functions, strict=True):
             commands = _limited(bench.shots.commands, self.limits)
             commands[:, list(self.columns)] += self._torque(bench.shots, values)
             parts.append(_run(bench, self.row, commands[None])[0])
@@ -137,6 +137,13 @@ def lower(first: Errors, second: Errors) -> Array:
     return np.maximum(np.minimum(first.signals, second.signals), first.floors)
 
 
+def _simulated(problem: Problem) -> list[Bench]:
+    """The benches of a problem; all run, for a torque can be added only to what is run."""
+    benches = [bench for bench in problem.benches if isinstance(bench, Bench)]
+    assert len(benches) == len(problem.benches)
+    return benches
+
+
 def _limited(commands: Array, limits: Array) -> Array:
     """Commands (T, N_COMMANDS) as the drives pass them on; angles of servos have no limit."""
     moved = commands.copy()
@@ -199,7 +206,7 @@ def _blocks(
 ) -> Iterator[tuple[int, Array, Array]]:
     """Fold, what the functions do (r, columns K) and the residual (r,) of each block of neighbouring shots."""
     begin = 0
-    for bench, values, each in zip(problem.benches, functions, pulses, strict=True):
+    for bench, values, each in zip(_simulated(problem), functions, pulses, strict=True):
         size = len(bench.chosen) * bench.size
         rest = residual[begin : begin + size].reshape(len(bench.chosen), -1)
         begin += size
@@ -226,7 +233,7 @@ def _waves(problem: Problem, pulses: Sequence[Array], residual: Array) -> tuple[
     functions = [np.hstack([wave_values(bench.shots, wave) for wave in every]) for bench in problem.benches]
     slope = np.zeros((len(pulses[0]), 2 * len(every)))
     curve, begin = np.full_like(slope, 1e-300), 0
-    for bench, values, each in zip(problem.benches, functions, pulses, strict=True):
+    for bench, values, each in zip(_simulated(problem), functions, pulses, strict=True):
         size = len(bench.chosen) * bench.size
         rest = residual[begin : begin + size].reshape(len(bench.chosen), -1)
         begin += size
@@ -249,7 +256,7 @@ def _solved(normal: Array, pull: Array, ridge: float) -> Array:
 def _all_pulses(problem: Problem, model: Flexible, residual: Array) -> list[Array]:
     """Of every bench, see `_pulses`."""
     found, begin = [], 0
-    for bench in problem.benches:
+    for bench in _simulated(problem):
         size = len(bench.chosen) * bench.size
         found.append(_pulses(bench, model, residual[begin : begin + size]))
         begin += size
