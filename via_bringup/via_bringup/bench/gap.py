@@ -9,8 +9,8 @@ within the same bounds and from the device file's values. Contenders:
                   optimiser and threads; a joint of MuJoCo's, implicitfast at 1 ms
 
 mujoco.sysid runs the whole log in one go from rest, which suits this joint (gravity and friction keep a free run near
-the log) and suits it: every sequence is rolled out by a call of its own, so that shots would cost it several times as
-much. Cutting a log counts for those who cut it. The log comes from via_sim, whose dry friction sticks: MuJoCo's, as set
+the log) and the program: every sequence is rolled out by a call of its own, so shots would cost it several times more.
+Cutting a log counts for those who cut it. The log comes from via_sim, whose dry friction sticks: MuJoCo's, as set
 by default, is a soft constraint, and most of its parameter error is that (a stiff one brings the inertia right). Two
 logs of 400 and 40 s (the beginning of the longer one) then go through the whole diagnosis.
 
@@ -32,6 +32,7 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 from scipy.optimize import least_squares
 from via_core.devices import Device, parse_device
@@ -258,10 +259,9 @@ def main(turns: int = TURNS) -> None:
     long = log_of(LONG)
     short = beginning(long, SHORT)
     results = fitted(short, turns)
-    table = Table(
-        title=f"{', '.join(NAMES)} from {SHORT:g} s at {RATE:g} Hz; true: {', '.join(f'{v:g}' for v in totals(TRUE))}"
-    )
-    for heading in ("fit by", "wall [s]", "processor [s]", "x via_gap", "found", "error [% of the true value]"):
+    true = ", ".join(f"{value:g}" for value in totals(TRUE))
+    table = Table(title=escape(f"{', '.join(NAMES)} from {SHORT:g} s at {RATE:g} Hz; true: {true}"))
+    for heading in ("fit by", "wall [s]", "processor [s]", "x via_gap", "found", "error [%]"):
         table.add_column(heading, justify="left" if heading == "fit by" else "right")
     for name, each in results.items():
         table.add_row(
@@ -271,7 +271,7 @@ def main(turns: int = TURNS) -> None:
         )  # fmt: skip
     console.print(table)
     if "mujoco.sysid" not in results:
-        console.print("mujoco.sysid does not load: one of its own dependencies is not installed (extra mujoco[sysid])")
+        console.print("mujoco.sysid does not load: one of its own dependencies is not installed")
     console.print(f"{os.cpu_count()} cores; diagnosis with the whole catalogue:")
     diagnosed(short)  # what is loaded on first use does not count
     costs = {log.name: diagnosed(log) for log in (short, long)}

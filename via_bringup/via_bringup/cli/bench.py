@@ -54,7 +54,7 @@ def batch() -> None:
 
 @app.command()
 def gap(turns: Annotated[int, typer.Option(min=1, max=100, help="Repeats, of which the least counts.")] = 3) -> None:
-    """One parameter fit beside scipy and MuJoCo; a diagnosis of a log ten times as long."""
+    """One parameter fit beside scipy and mujoco.sysid; a diagnosis of a log ten times as long."""
     from via_bringup.bench import gap as fits
 
     fits.main(turns)
