@@ -98,6 +98,15 @@ def test_stiffness_is_the_slope_of_the_torque(law, energy) -> None:
 
 
 @EVERY_LAW
+def test_stiffness_slope_is_the_slope_of_the_stiffness(law, energy) -> None:
+    phi, h = np.linspace(-0.9, 0.9, 41) * law.max_deflection, 1e-5
+    for preset in PRESETS:
+        slope = (law.stiffness(phi + h, preset) - law.stiffness(phi - h, preset)) / (2.0 * h)
+        scale = float(np.max(np.abs(slope)))
+        np.testing.assert_allclose(law.stiffness_slope(phi, preset), slope, rtol=1e-6, atol=1e-6 * scale)
+
+
+@EVERY_LAW
 def test_oddness_is_as_declared(law, energy) -> None:
     phi = inside(law)
     mirrored = np.allclose(law.torque(-phi, 0.7), -law.torque(phi, 0.7), rtol=1e-12, atol=1e-15)

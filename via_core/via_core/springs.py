@@ -1,6 +1,6 @@
 """Spring laws: flexibility torque tau_e(phi) and stiffness sigma(phi) = d tau_e / d phi, phi = q - theta (eqs. 1-8).
 
-Each law is a pair of compiled scalar functions of (coefficients, deflection, preset), written once and used by plants,
+Each law is a few compiled scalar functions of (coefficients, deflection, preset), written once and used by plants,
 estimators and pictures alike. A law is data on the compiled side: a `kind` and a row of coefficients, so that one
 compiled kernel serves every law.
 
@@ -102,6 +102,41 @@ def spring_stiffness(kind: int, c: Array, phi: float, preset: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def spring_stiffness_slope(kind: int, c: Array, phi: float, preset: float) -> float:
+    """d sigma / d phi [N m/rad^2] of law `kind` with coefficients c (8,)."""
+    if kind == ODD_POLYNOMIAL:
+        square = phi * phi
+        total = 0.0
+        for p in range(N_COEFFICIENTS - 1, 0, -1):
+            total = total * square + 2 * p * (2 * p + 1) * c[p]
+        return total * phi
+    if kind == SINH:
+        return c[0] * c[1] * c[1] * sinh(c[1] * phi)
+    if kind == FOUR_BAR:  # 2 k (3 slope bend + beta third), the first three derivatives of beta
+        s = c[1] * sin(0.5 * phi)
+        d = 0.5 * c[1] * cos(0.5 * phi)
+        root = sqrt(1.0 - s * s)
+        beta = asin(s) - 0.5 * phi
+        slope = d / root - 0.5
+        bend = -0.25 * s / root + s * d * d / root**3
+        third = -0.25 * d / root + (d * d - 0.75 * s * s) * d / root**3 + 3.0 * s * s * d**3 / root**5
+        return 2.0 * c[0] * (3.0 * slope * bend + beta * third)
+    if kind == MACCEPA:
+        kbc, b2_c2, two_bc, r, a0 = c[0], c[1], c[2], c[3], c[4]
+        length = sqrt(b2_c2 - two_bc * cos(phi))
+        pull = r * preset - a0
+        lean = 0.5 * two_bc * sin(phi) / (length * length)
+        bent = 3.0 * pull / length * lean * (lean * sin(phi) - cos(phi))
+        return kbc * (bent - sin(phi) * (1.0 + pull / length))
+    if kind == EXPONENTIAL:
+        return c[2] * c[2] * (c[0] * exp(c[2] * phi) - c[1] * exp(-c[2] * phi))
+    k, s0, a, side = c[0], c[1], c[3], c[6]
+    length, across, along = _between_levers(c, phi, preset)
+    bent = 3.0 * s0 * a / length**3 * (along - a * across * across / (length * length))
+    return side * k * a * across * (bent - (1.0 - s0 / length))
+
+
+@njit(cache=True, error_model="numpy")
 def _torque_each(kind: int, c: Array, phi: Array, preset: Array, out: Array) -> None:
     for n in range(phi.size):
         out[n] = spring_torque(kind, c, phi[n], preset[n])
@@ -111,6 +146,12 @@ def _torque_each(kind: int, c: Array, phi: Array, preset: Array, out: Array) -> 
 def _stiffness_each(kind: int, c: Array, phi: Array, preset: Array, out: Array) -> None:
     for n in range(phi.size):
         out[n] = spring_stiffness(kind, c, phi[n], preset[n])
+
+
+@njit(cache=True, error_model="numpy")
+def _slope_each(kind: int, c: Array, phi: Array, preset: Array, out: Array) -> None:
+    for n in range(phi.size):
+        out[n] = spring_stiffness_slope(kind, c, phi[n], preset[n])
 
 
 Kernel = Callable[[int, Array, Array, Array, Array], None]
@@ -150,6 +191,10 @@ class SpringLaw(ABC):
     def stiffness(self, phi: ArrayLike, preset: ArrayLike = 0.0) -> Array:
         """sigma [N m/rad] at deflection phi [rad] and preset [rad], broadcast together."""
         return self._each(_stiffness_each, phi, preset)
+
+    def stiffness_slope(self, phi: ArrayLike, preset: ArrayLike = 0.0) -> Array:
+        """d sigma / d phi [N m/rad^2] at deflection phi [rad] and preset [rad], broadcast together."""
+        return self._each(_slope_each, phi, preset)
 
     def inverse(self, torque: float, preset: float = 0.0) -> float:
         """A deflection [rad] within the stops at which the law gives `torque` [N m]; the only one if the law increases.
