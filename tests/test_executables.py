@@ -23,6 +23,7 @@ from via_core.bags import BagWriter
 from via_core.devices import device_names, load_device
 from via_estimators.contract import Live
 from via_estimators.methods import METHODS, estimator_for, methods_for
+from via_gap.watch import rehearse
 from via_ros import qos
 from via_ros.conversions import JointStateWriter
 from via_ros.interfaces import message_class
@@ -103,6 +104,7 @@ def _compiled():
     for method in METHODS:
         estimator = estimator_for(next(each for each in DEVICES if method in methods_for(each)), method)
         Live(estimator).take(np.full((1, 1 + len(estimator.inputs)), np.nan))
+    rehearse(DEVICE)
 
 
 @pytest.fixture

@@ -32,7 +32,7 @@ def test_friction_of_the_motor_is_named_placed_and_measured(friction):
     assert cause.parameters["torque"].value == pytest.approx(0.03, rel=0.02)
     assert (friction.where[0].site, friction.where[0].motor) == ("motor", 1)
     assert [place.effect for place in friction.equivalence_set] == ["coulomb_friction"]
-    assert sum(each.probability for each in friction.causes) == pytest.approx(1.0)
+    assert 0.9 < sum(each.probability for each in friction.causes) < 1.0  # the rest: an answer that is wrong
 
 
 def test_the_predicted_gap_is_that_of_a_log_never_seen(friction):

@@ -12,15 +12,16 @@ from via_sim.parameters import P
 from via_sim.plants import JointPlant, substeps_for
 from via_sim.sensors import IDEAL
 from via_sim.simulate import initial_state, simulate
+from via_sim.torques import N_COMMANDS
 
 RATE = 1000.0
 
 
 def excitation(ticks: int) -> np.ndarray:
-    """E1 of the cubic joint (N, 5) with its .3 s ramp."""
+    """E1 of the cubic joint (N, N_COMMANDS) with its .3 s ramp."""
     t = np.arange(ticks) / RATE
     ramp = np.where(t < 0.3, 0.5 - 0.5 * np.cos(np.pi * t / 0.3), 1.0)
-    rows = np.zeros((ticks, 5))
+    rows = np.zeros((ticks, N_COMMANDS))
     rows[:, 0] = ramp * (60.0 + 20.0 * np.sin(2.0 * np.pi * 0.5 * t))
     rows[:, 1] = -ramp * (60.0 + 20.0 * np.sin(2.0 * np.pi * 0.8 * t))
     return rows
@@ -79,7 +80,7 @@ def test_stiff_cubic_joint_agrees_with_an_independent_implicit_integrator():
 
 def test_error_falls_with_the_fourth_power_of_the_step():
     plant = JointPlant.from_device(flexible(200.0))
-    commands, start = np.zeros((200, 5)), (0.5, -0.5, 0.0, 0.0, 0.0, 0.0)
+    commands, start = np.zeros((200, N_COMMANDS)), (0.5, -0.5, 0.0, 0.0, 0.0, 0.0)
     fine = motion(plant, commands, 64, start)
     errors = [np.max(np.abs(motion(plant, commands, finer, start) - fine)) for finer in (1, 2, 4)]
     assert 13.0 < errors[0] / errors[1] < 20.0
@@ -94,7 +95,7 @@ def test_energy_is_conserved_without_friction():
         "springs: [{law: cubic, coefficient: 10.0, max_deflection: 2.0}, "
         "{law: sinh, k: 0.02, a: 6.0, max_deflection: 1.0}]",
     )
-    x = motion(JointPlant.from_device(joint), np.zeros((5000, 5)), 4, (0.4, -0.2, 0.1, 0.0, 1.0, -1.0))
+    x = motion(JointPlant.from_device(joint), np.zeros((5000, N_COMMANDS)), 4, (0.4, -0.2, 0.1, 0.0, 1.0, -1.0))
     q, th1, th2, v, w1, w2 = x.T
     kinetic = 0.5 * (0.02 * v**2 + 0.01 * w1**2 + 0.02 * w2**2)
     stored = 2.5 * (q - th1) ** 4 + 0.02 / 6.0 * np.cosh(6.0 * (q - th2)) - 0.4 * np.cos(q - 0.3)
@@ -107,7 +108,9 @@ def test_energy_is_conserved_without_friction():
 def test_linear_oscillator_follows_its_closed_form(viscous):
     """A link on a spring whose servo motor holds still: underdamped to overdamped."""
     link = f"{{inertia: 0.02, viscous_friction: {viscous}}}"
-    x = motion(JointPlant.from_device(servo_flexible(10.0, link)), np.zeros((2000, 5)), initial=(0.3, 0, 0, 0, 0, 0))
+    x = motion(
+        JointPlant.from_device(servo_flexible(10.0, link)), np.zeros((2000, N_COMMANDS)), initial=(0.3, 0, 0, 0, 0, 0)
+    )
     t = np.arange(2001) / RATE
     r = np.roots([0.02, viscous, 10.0]).astype(complex)  # q = A e^(r1 t) + B e^(r2 t), q(0) = .3, qd(0) = 0
     exact = 0.3 * (r[1] * np.exp(r[0] * t) - r[0] * np.exp(r[1] * t)) / (r[1] - r[0])
@@ -118,7 +121,7 @@ def test_linear_flexible_joint_follows_the_matrix_exponential():
     from scipy.linalg import expm
 
     joint = flexible(10.0, "{inertia: 0.02, viscous_friction: 0.01}", "{inertia: 0.01, viscous_friction: 0.2}")
-    commands = np.zeros((500, 5))
+    commands = np.zeros((500, N_COMMANDS))
     commands[:, 0] = np.sin(np.arange(500) * 0.02)
     commands[:, 3] = 0.1
     x = motion(JointPlant.from_device(joint), commands)
@@ -138,7 +141,7 @@ def test_rigid_pendulum_has_the_period_of_the_elliptic_integral():
     from scipy.special import ellipk
 
     plant = JointPlant.from_device(rigid("{inertia: 0.02, viscous_friction: 0.0, gravity_torque: 2.0}"))
-    x = motion(plant, np.zeros((3000, 5)), initial=(1.5, 0, 0, 0, 0, 0))
+    x = motion(plant, np.zeros((3000, N_COMMANDS)), initial=(1.5, 0, 0, 0, 0, 0))
     period = 4.0 / np.sqrt(2.0 / 0.02) * ellipk(np.sin(0.75) ** 2)
     v = x[:, 3]
     up = np.flatnonzero((v[:-1] < 0.0) & (v[1:] >= 0.0))  # the speed turns positive: once per period, at q = -1.5
@@ -187,7 +190,7 @@ def test_damper_in_the_transmission_couples_link_and_motor_and_keeps_momentum():
         "springs: [{law: linear, stiffness: 10.0, max_deflection: 3.0}]\n"
         "damper: {site: transmission, map: linear, minimum: 0.0, maximum: 2.0}",
     )
-    commands = np.zeros((1000, 5))
+    commands = np.zeros((1000, N_COMMANDS))
     commands[:, 2] = 0.5
     x = motion(JointPlant.from_device(joint), commands, initial=(0.0, 0.0, 0.0, 3.0, 0.0, 0.0))
     momentum = 0.02 * x[:, 3] + 0.01 * x[:, 4]
@@ -204,7 +207,7 @@ def test_a_strong_damper_in_the_transmission_gets_the_substeps_that_resolve_it()
         "springs: [{law: linear, stiffness: 1.0e-6, max_deflection: 3.0}]\n"
         "damper: {site: transmission, map: linear, minimum: 0.0, maximum: 13.333333333333334}",
     )
-    commands = np.zeros((10, 5))
+    commands = np.zeros((10, N_COMMANDS))
     commands[:, 2] = 1.0
     x = motion(JointPlant.from_device(joint), commands, initial=(0.0, 0.0, 0.0, 3.0, 0.0, 0.0))
     assert x[:, 3] - x[:, 4] == pytest.approx(3.0 * np.exp(-2.0 * np.arange(11)), abs=2e-4)
@@ -214,7 +217,7 @@ def test_right_hand_side_is_pure_and_what_the_integrator_follows():
     plant = JointPlant.from_device(antagonistic())
     state, inputs = np.array([0.1, 0.3, -0.2, 0.5, 1.0, -1.0]), np.array([0.5, -0.3, 0.0, 0.2])
     rate = plant.derivative(state, inputs)
-    commands = np.tile([0.5, -0.3, 0.0, 0.2, 0.0], (1, 1))
+    commands = np.array([[0.5, -0.3, 0.0, 0.2, 0.0, 0.0]])
     row = plant.at_rate(1e6)
     x = initial_state(plant, 1e6, state, 0)
     run(row, IDEAL.row(), x, commands, np.empty((2, 9)), np.empty((2, 16)))
@@ -239,7 +242,7 @@ def test_laws_go_on_along_their_tangent_beyond_the_stop(name):
     for side in (-1.0, 1.0):
         stop, beyond = side * law.max_deflection, side * 0.5
         truth = np.empty((1, 16))
-        run(row, IDEAL.row(), initial_state(plant, RATE, (stop + beyond, 0, 0, 0, 0, 0), 0), np.empty((0, 5)),
+        run(row, IDEAL.row(), initial_state(plant, RATE, (stop + beyond, 0, 0, 0, 0, 0), 0), np.empty((0, N_COMMANDS)),
             np.empty((1, 9)), truth)  # fmt: skip
         slope = float(law.stiffness(stop))
         assert truth[0, 14] == pytest.approx(float(law.torque(stop)) + slope * beyond, rel=1e-12)
