@@ -1,0 +1,222 @@
+"""Serial arms of flexible joints: rigid bodies of a URDF, a motor and a nonlinear spring per joint, eqs. (9)-(11).
+
+    link    M(q) qdd + C(q, qd) qd + g(q) + tau_e(phi) = tau_ext,   phi = q - theta
+    motor   B thdd + D thd - tau_e(phi)                = tau
+
+m = n: of a serial device the principal motor; its preset motor stands still and is a number of the joint. The rotors'
+kinetic energy is that of their own spinning. Bodies by pinocchio, with C such that Mdot = C + C'.
+
+    arm = load_vsa_arm("reference_4dof")         # a shipped file, see vsa_arm_names()
+    arm = load_vsa_arm("my_robot/arm.yaml")      # or your own
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import resources
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pinocchio
+import yaml
+from numba import njit
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from via_core.devices import Number, Spring, Text, TorqueMotor
+from via_core.errors import DeviceError, ParameterError
+from via_core.signals import Array, locked
+from via_core.springs import SpringLaw, spring_stiffness, spring_stiffness_slope, spring_torque
+
+
+class VsaJoint(BaseModel):
+    """What drives one joint of the URDF."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: Text  # of the joint in the URDF
+    motor: TorqueMotor
+    spring: Spring
+    preset: Number = 0.0  # [rad] of the preset motor
+
+
+class VsaArmFile(BaseModel):
+    """One YAML per arm: its joints base first, and the rigid bodies between them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    title: Text
+    source: Annotated[tuple[Text, ...], Field(min_length=1)]
+    confidence: Literal["measured", "published", "identified", "copied", "assumed"]
+    remark: str = ""
+    urdf: Text  # beside this file
+    joints: Annotated[tuple[VsaJoint, ...], Field(min_length=1)]
+
+
+@njit(cache=True, error_model="numpy")
+def _springs(kinds: Array, c: Array, phi: Array, presets: Array, out: Array) -> None:
+    """Torque, stiffness and its slope of every joint into out (3, n)."""
+    for i in range(phi.size):
+        out[0, i] = spring_torque(kinds[i], c[i], phi[i], presets[i])
+        out[1, i] = spring_stiffness(kinds[i], c[i], phi[i], presets[i])
+        out[2, i] = spring_stiffness_slope(kinds[i], c[i], phi[i], presets[i])
+
+
+@njit(cache=True, error_model="numpy")
+def _mirrored(upper: Array) -> Array:
+    """The symmetric matrix that has this upper triangle; pinocchio promises no more."""
+    out = upper.copy()
+    for i in range(len(out)):
+        for j in range(i):
+            out[i, j] = out[j, i]
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class VsaArm:
+    """An arm of n flexible joints, base first; every vector (n,) in that order, SI units.
+
+    model           pinocchio's rigid bodies, joints of one angle each
+    springs         one law per joint
+    presets         [rad] angles of the preset motors
+    motor_inertia   B [kg m^2], seen at the joints
+    motor_friction  D [N m s/rad]
+    torque_limit    [N m], infinite where none is known
+    speed_limit     [rad/s], infinite where none is known
+
+    Not to be used by two threads at once: pinocchio's workspace belongs to the arm.
+    """
+
+    name: str
+    model: pinocchio.Model
+    springs: tuple[SpringLaw, ...]
+    presets: Array
+    motor_inertia: Array
+    motor_friction: Array
+    torque_limit: Array
+    speed_limit: Array
+    _data: pinocchio.Data = field(init=False, repr=False)
+    _kinds: Array = field(init=False, repr=False)
+    _rows: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        n = len(self.springs)
+        if self.model.nq != n or self.model.nv != n:
+            raise ParameterError(f"model has {self.model.nv} joints that move and {self.model.nq} angles, springs {n}")
+        for name in ("presets", "motor_inertia", "motor_friction", "torque_limit", "speed_limit"):
+            values = locked(getattr(self, name), name)
+            if values.shape != (n,) or np.isnan(values).any():
+                raise ParameterError(f"{name} must hold {n} numbers, got {values}")
+            if name != "presets" and (values.min() < 0.0 or (name != "motor_friction" and values.min() == 0.0)):
+                raise ParameterError(f"{name} must be positive, got {values}")
+            object.__setattr__(self, name, values)
+        object.__setattr__(self, "_data", self.model.createData())
+        object.__setattr__(self, "_kinds", np.array([law.kind for law in self.springs]))
+        object.__setattr__(self, "_rows", np.array([law.coefficients() for law in self.springs]))
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.springs)
+
+    def inertia(self, q: Array) -> Array:
+        """M(q) (n, n) [kg m^2], symmetric to the last bit."""
+        return _mirrored(np.ascontiguousarray(pinocchio.crba(self.model, self._data, q)))
+
+    def coriolis(self, q: Array, velocity: Array) -> Array:
+        """C(q, qd) (n, n) [N m s/rad] with which Mdot - 2 C is skew."""
+        return np.array(pinocchio.computeCoriolisMatrix(self.model, self._data, q, velocity))
+
+    def inertia_rate(self, q: Array, velocity: Array) -> Array:
+        """Mdot (n, n) = C + C' [kg m^2/s]; with a unit vector for `velocity` the derivative of M by that angle."""
+        C = self.coriolis(q, velocity)
+        return C + C.T
+
+    def gravity(self, q: Array) -> Array:
+        """g(q) (n,) [N m]."""
+        return np.array(pinocchio.computeGeneralizedGravity(self.model, self._data, q))
+
+    def link_torque(self, q: Array, velocity: Array, acceleration: Array) -> Array:
+        """M qdd + C qd + g (n,) [N m]: what must drive the links for this motion."""
+        return np.array(pinocchio.rnea(self.model, self._data, q, velocity, acceleration))
+
+    def link_acceleration(self, q: Array, velocity: Array, torque: Array) -> Array:
+        """qdd (n,) [rad/s^2] under `torque` (n,) [N m] on the links: -tau_e + tau_ext, or a rigid arm's motors."""
+        return np.array(pinocchio.aba(self.model, self._data, q, velocity, torque))
+
+    def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
+        """tau_e [N m], sigma [N m/rad] and its slope [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
+        out = np.empty((3, self.n))
+        _springs(self._kinds, self._rows, deflection, self.presets, out)
+        return out[0], out[1], out[2]
+
+    def deflection(self, spring_torque: Array) -> Array:
+        """phi (n,) [rad] at which the springs give tau_e (n,) [N m]; ParameterError where one cannot."""
+        each = zip(self.springs, spring_torque, self.presets, strict=True)
+        return np.array([law.inverse(float(torque), float(preset)) for law, torque, preset in each])
+
+    def accelerations(
+        self, q: Array, velocity: Array, theta: Array, motor_velocity: Array, torque: Array, external: Array
+    ) -> tuple[Array, Array]:
+        """qdd and thdd (n,) [rad/s^2] under motor torques `torque` and `external` (n,) [N m] on the links."""
+        tau_e, _, _ = self.spring_state(q - theta)
+        motor = (torque + tau_e - self.motor_friction * motor_velocity) / self.motor_inertia
+        return self.link_acceleration(q, velocity, external - tau_e), motor
+
+    def rest(self, q: Array) -> Array:
+        """Motor angles (n,) [rad] that hold the links still at `q` (n,) [rad] against gravity."""
+        return q - self.deflection(-self.gravity(q))
+
+
+def vsa_arm_names() -> tuple[str, ...]:
+    """Names of the shipped arms, sorted."""
+    return tuple(sorted(file.stem for file in _shipped().glob("*.yaml")))
+
+
+def load_vsa_arm(name_or_path: str | Path) -> VsaArm:
+    """The shipped arm of that name, or the one a YAML file describes. Raises DeviceError in one line."""
+    path = Path(name_or_path)
+    if path.suffix not in (".yaml", ".yml"):
+        path = _shipped() / f"{name_or_path}.yaml"
+        if not path.is_file():
+            raise DeviceError(f"no arm '{name_or_path}'; there are: {', '.join(vsa_arm_names())}")
+    try:
+        file = VsaArmFile.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+        model = pinocchio.buildModelFromXML((path.parent / file.urdf).read_text(encoding="utf-8"))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise DeviceError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    except (OSError, yaml.YAMLError, ValueError) as error:
+        raise DeviceError(f"{path.name}: {' '.join(str(error).split())[:120]}") from None
+    return _built(path.name, file, model)
+
+
+def _shipped() -> Path:
+    return Path(str(resources.files("via_core").joinpath("vsa_arms")))
+
+
+def _built(shown: str, file: VsaArmFile, model: pinocchio.Model) -> VsaArm:
+    found, wanted = list(model.names)[1:], [joint.name for joint in file.joints]
+    if found != wanted:
+        raise DeviceError(f"{shown}: joints: {file.urdf} has {found} in this order, described are {wanted}")
+    if model.nq != model.nv:
+        raise DeviceError(f"{shown}: {file.urdf} has joints without end stops, which springs cannot drive")
+    motors = [joint.motor for joint in file.joints]
+    if any(motor.coulomb_friction for motor in motors):
+        raise DeviceError(f"{shown}: joints: dry friction of motors is not modelled here")
+
+    def limit(name: str) -> Any:
+        return [inf if getattr(motor, name) is None else getattr(motor, name) for motor in motors]
+
+    return VsaArm(
+        name=file.name,
+        model=model,
+        springs=tuple(joint.spring.built for joint in file.joints),
+        presets=np.array([joint.preset for joint in file.joints]),
+        motor_inertia=np.array([motor.inertia for motor in motors]),
+        motor_friction=np.array([motor.viscous_friction for motor in motors]),
+        torque_limit=np.array(limit("torque_limit")),
+        speed_limit=np.array(limit("speed_limit")),
+    )
