@@ -1,0 +1,154 @@
+"""Modal coordinates of an arm: W(q) and lambda(q) of eqs. (84)-(89), and how fast they change, in closed form.
+
+    W' M W = I,   W' K_d W = diag(lambda),   z = W^-1 (q - q_d),   W^-1 = W' M
+
+With K_d constant and N = W' Mdot W the derivatives of both conditions leave one matrix A = W^-1 Wdot and no choice:
+
+    A_ij = lambda_j N_ij / (lambda_i - lambda_j),   A_ii = -N_ii / 2,   lambdad_i = -lambda_i N_ii
+    Wdot = W A,   Wdd = W (A A + Ad),   Nd = A' N + N A + W' Mdd W
+
+written below as A = N o (F - 1/2), entry by entry, F_ij = m g / (g^2 + (TINY m)^2) with g = lambda_i - lambda_j and
+m their mean: F is what the formula says until two eigenvalues agree to a millionth, where nothing says which way to
+turn and F = 0 turns not at all. W is never differenced in time.
+
+Eigenvectors know neither order nor sign: each is the one closest, by the inner product of M, to one of a basis known
+from just before, so that modes keep their names through crossings. Where eigenvalues agree so well that the
+decomposition may mix their vectors at will, the mixture closest to that basis is taken, pair by pair.
+Source: the document's Section 6.1; the derivatives follow from (88) and (89).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from via_core.signals import Array
+
+TINY = 1e-6  # of an eigenvalue: a gap that tells nothing about the way eigenvectors turn
+MIXED = 1e-8  # of an eigenvalue: a gap at which the decomposition's choice of vectors is one among many
+
+
+@dataclass(frozen=True)
+class ModalBasis:
+    """W (n, n) [1/sqrt(kg m^2)] of one configuration, modes as columns, and lambda (n,) [1/s^2]."""
+
+    W: Array
+    eigenvalues: Array
+
+
+@dataclass(frozen=True)
+class ModalRates:
+    """A = W^-1 Wdot (n, n) [1/s] and lambdad (n,) [1/s^3] along one motion."""
+
+    A: Array
+    eigenvalue_rates: Array
+
+
+@njit(cache=True, error_model="numpy")
+def _basis(M: Array, K: Array) -> tuple[Array, Array]:
+    """W and lambda in rising order, by Cholesky: M = L L', L^-1 K L^-T = U diag(lambda) U', W = L^-T U."""
+    L = np.linalg.cholesky(M)
+    inner = np.linalg.solve(L, np.ascontiguousarray(np.linalg.solve(L, K).T))
+    values, U = np.linalg.eigh(0.5 * (inner + inner.T))
+    return np.linalg.solve(np.ascontiguousarray(L.T), np.ascontiguousarray(U)), values
+
+
+@njit(cache=True, error_model="numpy")
+def _tracked(W: Array, values: Array, near: Array, M: Array) -> tuple[Array, Array]:
+    """The columns of W and lambda in the order, with the signs, and where values agree in the mixture, of `near`."""
+    n = len(values)
+    product = W.T @ (M @ near)
+    free = np.abs(product)
+    out, order = np.empty_like(W), np.empty_like(values)
+    for _ in range(n):  # the surest pair first
+        best = np.argmax(free)
+        row, column = best // n, best % n
+        sign = 1.0 if product[row, column] >= 0.0 else -1.0
+        for i in range(n):
+            out[i, column] = sign * W[i, row]
+        order[column] = values[row]
+        free[row, :] = -1.0
+        free[:, column] = -1.0
+    for i in range(n):
+        for j in range(i + 1, n):
+            if abs(order[i] - order[j]) > MIXED * (order[i] + order[j]):
+                continue
+            G = out.T @ (M @ near)
+            angle = np.arctan2(G[j, i] - G[i, j], G[i, i] + G[j, j])
+            first, second = out[:, i].copy(), out[:, j].copy()
+            out[:, i] = np.cos(angle) * first + np.sin(angle) * second
+            out[:, j] = np.cos(angle) * second - np.sin(angle) * first
+    return out, order
+
+
+@njit(cache=True, error_model="numpy")
+def _turning(values: Array) -> Array:
+    """F (n, n) [-]."""
+    n = len(values)
+    F = np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            g, m = values[i] - values[j], 0.5 * (values[i] + values[j])
+            F[i, j] = m * g / (g * g + (TINY * m) ** 2)
+    return F
+
+
+@njit(cache=True, error_model="numpy")
+def _turning_rate(values: Array, rates: Array) -> Array:
+    """Fdot (n, n) [1/s]."""
+    n = len(values)
+    out = np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            g, m = values[i] - values[j], 0.5 * (values[i] + values[j])
+            gd, md = rates[i] - rates[j], 0.5 * (rates[i] + rates[j])
+            below = g * g + (TINY * m) ** 2
+            out[i, j] = (md * g + m * gd) / below - 2.0 * m * g * (g * gd + TINY**2 * m * md) / below**2
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _rates(W: Array, values: Array, Mdot: Array) -> tuple[Array, Array]:
+    """A and lambdad."""
+    N = W.T @ (Mdot @ W)
+    return N * (_turning(values) - 0.5), -values * np.diag(N)
+
+
+@njit(cache=True, error_model="numpy")
+def _second(W: Array, values: Array, Mdot: Array, Mdd: Array) -> Array:
+    """A A + Ad."""
+    N = W.T @ (Mdot @ W)
+    F = _turning(values) - 0.5
+    A = N * F
+    Nd = A.T @ N + N @ A + W.T @ (Mdd @ W)
+    return A @ A + Nd * F + N * _turning_rate(values, -values * np.diag(N))
+
+
+def first_basis(inertia: Array, stiffness: Array) -> ModalBasis:
+    """W and lambda with the softest mode first, each mode's largest component positive.
+
+    inertia    M (n, n) [kg m^2], symmetric and positive definite
+    stiffness  K_d (n, n) [N m/rad], likewise
+    """
+    W, values = _basis(np.ascontiguousarray(inertia), np.ascontiguousarray(stiffness))
+    largest = W[np.argmax(np.abs(W), axis=0), np.arange(len(values))]
+    return ModalBasis(W * np.sign(largest), values)
+
+
+def next_basis(near: ModalBasis, inertia: Array, stiffness: Array) -> ModalBasis:
+    """W and lambda whose modes are named as in `near`, a basis from just before; arguments as for `first_basis`."""
+    M = np.ascontiguousarray(inertia)
+    W, values = _basis(M, np.ascontiguousarray(stiffness))
+    return ModalBasis(*_tracked(W, values, near.W, M))
+
+
+def modal_rates(basis: ModalBasis, inertia_rate: Array) -> ModalRates:
+    """A and lambdad of a motion under which M changes at `inertia_rate` Mdot (n, n) [kg m^2/s]."""
+    return ModalRates(*_rates(basis.W, basis.eigenvalues, np.ascontiguousarray(inertia_rate)))
+
+
+def modal_second(basis: ModalBasis, inertia_rate: Array, inertia_second: Array) -> Array:
+    """W^-1 Wdd (n, n) [1/s^2] from Mdot [kg m^2/s] and Mdd [kg m^2/s^2], (n, n) each."""
+    arrays = np.ascontiguousarray(inertia_rate), np.ascontiguousarray(inertia_second)
+    return _second(basis.W, basis.eigenvalues, *arrays)
