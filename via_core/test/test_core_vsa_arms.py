@@ -57,11 +57,20 @@ def test_bodies_fit_together(arm, seed):
     assert np.linalg.eigvalsh(M).min() > 0.0
     rate = (arm.inertia(q + h * v) - arm.inertia(q - h * v)) / (2.0 * h)
     assert arm.inertia_rate(q, v) == pytest.approx(rate, abs=1e-8)
+    assert np.tensordot(v, arm.inertia_slopes(q), 1) == pytest.approx(arm.inertia_rate(q, v), abs=1e-12)
+    d = 1e-3
+    second = (arm.inertia(q + d * v) - 2.0 * M + arm.inertia(q - d * v)) / d**2
+    assert arm.inertia_second(q, v) == pytest.approx(second, abs=1e-4)
     skew = rate - 2.0 * C
     assert skew == pytest.approx(-skew.T, abs=1e-8)
     torque = arm.link_torque(q, v, a)
     assert torque == pytest.approx(M @ a + C @ v + arm.gravity(q), abs=1e-11)
     assert arm.link_acceleration(q, v, torque) == pytest.approx(a, abs=1e-9)
+
+
+@EVERY_ARM
+def test_an_arm_at_rest_keeps_its_inertia(arm):
+    assert np.array_equal(arm.inertia_second(np.ones(arm.n), np.zeros(arm.n)), np.zeros((arm.n, arm.n)))
 
 
 @EVERY_ARM

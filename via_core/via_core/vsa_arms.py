@@ -29,6 +29,8 @@ from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw, spring_stiffness, spring_stiffness_slope, spring_torque
 
+LINE = 1e-4  # [rad] to either side: second derivatives of M are then good to a billionth
+
 
 class VsaJoint(BaseModel):
     """What drives one joint of the URDF."""
@@ -133,6 +135,19 @@ class VsaArm:
         """Mdot (n, n) = C + C' [kg m^2/s]; with a unit vector for `velocity` the derivative of M by that angle."""
         C = self.coriolis(q, velocity)
         return C + C.T
+
+    def inertia_slopes(self, q: Array) -> Array:
+        """dM/dq_k (n, n, n) [kg m^2/rad], k first."""
+        return np.array([self.inertia_rate(q, along) for along in np.eye(self.n)])
+
+    def inertia_second(self, q: Array, velocity: Array) -> Array:
+        """Mdd (n, n) [kg m^2/s^2] of a motion without acceleration: exact Mdot, differenced along a straight line."""
+        fastest = float(np.abs(velocity).max())
+        if fastest == 0.0:
+            return np.zeros((self.n, self.n))
+        h = LINE / fastest
+        ahead, behind = (self.inertia_rate(q + s * velocity, velocity) for s in (h, -h))
+        return (ahead - behind) / (2.0 * h)
 
     def gravity(self, q: Array) -> Array:
         """g(q) (n,) [N m]."""
