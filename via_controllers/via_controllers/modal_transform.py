@@ -83,8 +83,8 @@ def _tracked(W: Array, values: Array, near: Array, M: Array) -> tuple[Array, Arr
 
 
 @njit(cache=True, error_model="numpy")
-def _turning(values: Array) -> Array:
-    """F (n, n) [-]."""
+def turning(values: Array) -> Array:
+    """F (n, n) [-] of eigenvalues (n,): A = N o (F - 1/2)."""
     n = len(values)
     F = np.zeros((n, n))
     for i in range(n):
@@ -112,14 +112,14 @@ def _turning_rate(values: Array, rates: Array) -> Array:
 def _rates(W: Array, values: Array, Mdot: Array) -> tuple[Array, Array]:
     """A and lambdad."""
     N = W.T @ (Mdot @ W)
-    return N * (_turning(values) - 0.5), -values * np.diag(N)
+    return N * (turning(values) - 0.5), -values * np.diag(N)
 
 
 @njit(cache=True, error_model="numpy")
 def _second(W: Array, values: Array, Mdot: Array, Mdd: Array) -> Array:
     """A A + Ad."""
     N = W.T @ (Mdot @ W)
-    F = _turning(values) - 0.5
+    F = turning(values) - 0.5
     A = N * F
     Nd = A.T @ N + N @ A + W.T @ (Mdd @ W)
     return A @ A + Nd * F + N * _turning_rate(values, -values * np.diag(N))

@@ -1,0 +1,168 @@
+"""Limit cycle on one mode of a rigid arm: what must be reached, and forms that do not reach it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from via_controllers import modal_limit_cycle
+from via_controllers.modal_limit_cycle import ModalLimitCycle
+from via_controllers.modal_transform import first_basis, next_basis
+from via_core.errors import ParameterError
+from via_core.vsa_arms import load_vsa_arm
+
+ARM = load_vsa_arm("reference_4dof")
+REST = np.array([0.2, 0.4, 0.3, 1.2])
+K = np.diag([100.0, 100.0, 60.0, 60.0])
+XI, GAIN, LEVEL = 0.7, 3.0, 0.02
+STEP = 2e-3  # [s] of the integrator
+
+
+def cycle(mode: int) -> ModalLimitCycle:
+    return ModalLimitCycle(ARM, REST, K, mode, XI, GAIN, LEVEL)
+
+
+def run(law: ModalLimitCycle, duration: float, others: float = 0.03) -> tuple[np.ndarray, np.ndarray]:
+    """H / H_d - 1 (N,) and the other modes' z over mode k's amplitude (N, n), from half of that amplitude at rest.
+
+    Classical Runge-Kutta steps in which the law is asked at every stage, as a law in continuous time.
+    """
+    z = np.full(4, others)
+    z[law.mode] = 0.1
+    q, v, h = REST + first_basis(ARM.inertia(REST), K).W @ z, np.zeros(4), STEP
+    basis, H, leak = law.init(q), [], []
+    for _ in range(round(duration / h)):
+        motion = law.at(basis, q, v)
+        basis = motion.basis
+        H.append(motion.H / law.level - 1.0)
+        leak.append(np.delete(motion.z, law.mode) / np.sqrt(2.0 * law.level))
+
+        def pulled(q, v, near=basis):
+            return ARM.link_acceleration(q, v, law.at(near, q, v).torque)
+
+        a1 = ARM.link_acceleration(q, v, motion.torque)
+        a2 = pulled(q + 0.5 * h * v, v + 0.5 * h * a1)
+        a3 = pulled(q + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2)
+        a4 = pulled(q + h * v + 0.5 * h * h * a2, v + h * a3)
+        q, v = q + h * v + h * h / 6.0 * (a1 + a2 + a3), v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    return np.array(H), np.array(leak)
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_the_cycle_is_reached_and_nothing_leaks(mode):
+    """Number 1: after a start beside the mode, H within 1e-4 and the other modes within 1e-6."""
+    H, leak = run(cycle(mode), 3.0)
+    late = len(H) * 2 // 3
+    assert abs(H[0]) > 0.5 and np.abs(leak[0]).max() > 0.1
+    assert np.abs(H[late:]).max() < 1e-4
+    assert np.abs(leak[late:]).max() < 1e-6
+
+
+@pytest.mark.parametrize(("mode", "left"), [(0, 0.09), (1, 0.07)])
+def test_the_printed_input_leaves_h_swinging(mode, left, monkeypatch):
+    """(102) as printed, with zd^2 for zd."""
+
+    def printed(eigenvalue, rate, pull, z_velocity):
+        return eigenvalue * (-pull * z_velocity + rate / (2.0 * eigenvalue**2) * z_velocity**2)
+
+    monkeypatch.setattr(modal_limit_cycle, "orbit_input", printed)
+    H, _ = run(cycle(mode), 3.0)
+    assert left < np.abs(H[len(H) * 2 // 3 :]).max() < 0.25
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_without_the_algebraic_loop_the_modes_leak(mode, monkeypatch):
+    """Wdd taken at qdd = 0: the acceleration's own share of it is no detail."""
+    solved = modal_limit_cycle._solved
+
+    def open_loop(W, F, slopes, *rest):
+        return solved(W, F, 0.0 * slopes, *rest)
+
+    monkeypatch.setattr(modal_limit_cycle, "_solved", open_loop)
+    H, leak = run(cycle(mode), 3.0)
+    late = len(H) * 2 // 3
+    assert max(np.abs(H[late:]).max(), np.abs(leak[late:]).max()) > 0.02
+
+
+def states(count: int):
+    random = np.random.default_rng(5)
+    for _ in range(count):
+        yield REST + random.uniform(-0.3, 0.3, 4), random.uniform(-2.0, 2.0, 4)
+
+
+@pytest.mark.parametrize("mode", [0, 1, 3])
+def test_torque_is_that_of_82_90_and_91(mode):
+    """Every matrix of the document assembled, Wdd differenced along the motion that the torque brings about."""
+    law = cycle(mode)
+    for q, v in states(5):
+        motion = law.at(law.init(q), q, v)
+        W, values, M = motion.basis.W, motion.basis.eigenvalues, ARM.inertia(q)
+        along, near = motion.acceleration, motion.basis
+
+        def W_at(s, q=q, v=v, along=along, near=near):
+            return next_basis(near, ARM.inertia(q + s * v + 0.5 * s * s * along), K).W
+
+        Wd = (W_at(1e-5) - W_at(-1e-5)) / 2e-5
+        Wdd = (W_at(2e-4) - 2.0 * W + W_at(-2e-4)) / 4e-8
+        xi = np.full(4, XI)
+        xi[mode] = 0.0
+        inverse = np.linalg.inv(W)
+        D = inverse.T @ np.diag(2.0 * xi * np.sqrt(values)) @ inverse
+        z, zd = inverse @ (q - REST), inverse @ (v - Wd @ inverse @ (q - REST))
+        u = np.zeros(4)
+        k = mode
+        H = 0.5 * zd[k] ** 2 / values[k] + 0.5 * z[k] ** 2
+        rate = motion.eigenvalue_rates[k]
+        u[k] = values[k] * (-GAIN * (H - LEVEL) * zd[k] + rate / (2.0 * values[k] ** 2) * zd[k])
+        gamma = (M @ Wdd + D @ Wd) @ z + 2.0 * M @ Wd @ zd
+        torque = inverse.T @ u + gamma + ARM.coriolis(q, v) @ v + ARM.gravity(q) - D @ v - K @ (q - REST)
+        assert_allclose(motion.torque, torque, atol=2e-4 * np.abs(torque).max())
+        assert_allclose([motion.H, motion.V], [H, 0.5 * (H - LEVEL) ** 2], rtol=1e-6)
+
+
+def test_h_changes_as_103_says():
+    law = cycle(0)
+    for q, v in states(5):
+        motion = law.at(law.init(q), q, v)
+        h = 1e-5
+        ahead, behind = (
+            law.at(motion.basis, q + s * v + 0.5 * s * s * motion.acceleration, v + s * motion.acceleration).H
+            for s in (h, -h)
+        )
+        expected = -GAIN * (motion.H - LEVEL) * motion.z_velocity[0] ** 2
+        assert (ahead - behind) / (2.0 * h) == pytest.approx(expected, rel=1e-5, abs=1e-7)
+
+
+def test_at_the_equilibrium_it_stays():
+    law = cycle(0)
+    motion = law.at(law.init(REST), REST, np.zeros(4))
+    assert motion.torque == pytest.approx(ARM.gravity(REST), abs=1e-12)
+    assert motion.H == 0.0 and motion.V == 0.5 * LEVEL**2
+
+
+def test_modes_are_named_at_the_equilibrium_and_followed_from_there():
+    law = cycle(2)
+    far = REST + np.array([0.3, -0.5, -1.2, -1.0])
+    slow = first_basis(ARM.inertia(REST), K)
+    for share in np.linspace(0.0, 1.0, 400):
+        slow = next_basis(slow, ARM.inertia(REST + share * (far - REST)), K)
+    assert_allclose(law.init(far).W, slow.W, atol=1e-12)
+    assert_allclose(law.init(REST).W, first_basis(ARM.inertia(REST), K).W, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"mode": 4},
+        {"mode": -1},
+        {"damping_ratio": 0.0},
+        {"gain": -1.0},
+        {"level": float("nan")},
+        {"equilibrium": [0.0, 0.0]},
+        {"stiffness": np.diag([1.0, 1.0, 1.0, -1.0])},
+        {"stiffness": K + np.triu(np.ones((4, 4)), 1)},
+    ],
+)
+def test_silly_parameters_are_refused(change):
+    with pytest.raises(ParameterError):
+        replace(cycle(0), **change)

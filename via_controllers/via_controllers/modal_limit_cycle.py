@@ -1,0 +1,130 @@
+"""A limit cycle on one mode of an arm, the other modes damped out: eqs. (81)-(104), for a rigid arm.
+
+In modal coordinates of M(q) and a constant K_d the closed loop is to be, mode by mode,
+
+    i != k   zdd_i + 2 xi sqrt(lambda_i) zd_i + lambda_i z_i = 0                                      (93), D_d by (86)
+    i == k   zdd_k + lambda_k z_k = u_k,   H = zd_k^2 / (2 lambda_k) + z_k^2 / 2                      (99), (100)
+             u_k = lambda_k (-k_V (H - H_d) zd_k + lambdad_k / (2 lambda_k^2) zd_k)                   (102) corrected
+             Hd = -k_V (H - H_d) zd_k^2,   V = (H - H_d)^2 / 2                                        (103), (104)
+
+(102) is printed with zd_k^2 in its last term, which does not cancel (101)'s: H then swings by a tenth of H_d and more.
+The torque is that of (82), (90) and (91). Its gamma holds Wdd and with it the acceleration that the torque is to bring
+about; this loop is closed by solving for the acceleration first, A_k = W^-1 dW/dq_k:
+
+    (I - W [A_1 z ... A_n z]) qdd = (Wdd z at qdd = 0) + 2 Wdot zd + W zdd,   tau = M qdd + C qd + g
+
+z = 0 is an equilibrium, if an unstable one: somebody must push.
+Source: the document's Section 6.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from via_core.signals import Array, locked
+from via_core.vsa_arms import VsaArm
+
+from via_controllers.contract import require
+from via_controllers.modal_transform import (
+    ModalBasis,
+    ModalRates,
+    first_basis,
+    modal_rates,
+    modal_second,
+    next_basis,
+    turning,
+)
+
+WALK = 0.02  # [rad] between configurations on the way along which modes get their names
+
+
+@dataclass(frozen=True)
+class ModalMotion:
+    """What the law saw and wants at one instant."""
+
+    basis: ModalBasis
+    z: Array  # (n,) modal coordinates [sqrt(kg m^2) rad]
+    z_velocity: Array  # (n,)
+    eigenvalue_rates: Array  # (n,) lambdad [1/s^3]
+    H: float  # of mode k, (100)
+    V: float  # (104)
+    acceleration: Array  # qdd (n,) [rad/s^2] that it brings about
+    torque: Array  # (n,) [N m] on the links
+
+
+@dataclass(frozen=True, eq=False)
+class ModalLimitCycle:
+    """The law of this file. Raises ParameterError for parameters outside of what is said here."""
+
+    arm: VsaArm
+    equilibrium: Array  # q_d (n,) [rad]
+    stiffness: Array  # K_d (n, n) [N m/rad], symmetric and positive definite
+    mode: int  # k, 0 the softest at the equilibrium
+    damping_ratio: float  # xi > 0 of the other modes
+    gain: float  # k_V > 0 [s/(kg m^2)]
+    level: float  # H_d > 0 [kg m^2]: half the squared amplitude of z_k
+
+    def __post_init__(self) -> None:
+        n = self.arm.n
+        for name, shape in (("equilibrium", (n,)), ("stiffness", (n, n))):
+            values = locked(getattr(self, name), name)
+            require(values.shape == shape and bool(np.isfinite(values).all()), f"{name} must be finite {shape}")
+            object.__setattr__(self, name, values)
+        K = self.stiffness
+        definite = np.array_equal(K, K.T) and np.linalg.eigvalsh(K).min() > 0.0
+        require(definite, "stiffness must be symmetric and positive definite")
+        require(0 <= self.mode < n, f"mode must be 0 to {n - 1}, got {self.mode}")
+        for name in ("damping_ratio", "gain", "level"):
+            value = getattr(self, name)
+            require(np.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
+
+    def init(self, q: Array) -> ModalBasis:
+        """The basis at `q` (n,) [rad], whose modes have the order that they have at the equilibrium."""
+        way = q - self.equilibrium
+        basis = first_basis(self.arm.inertia(self.equilibrium), self.stiffness)
+        for share in np.linspace(0.0, 1.0, 2 + int(np.abs(way).max() / WALK))[1:]:
+            basis = next_basis(basis, self.arm.inertia(self.equilibrium + share * way), self.stiffness)
+        return basis
+
+    def at(self, near: ModalBasis, q: Array, velocity: Array) -> ModalMotion:
+        """What the law wants at `q`, `velocity` (n,) [rad, rad/s]; `near` is the basis of the instant before."""
+        arm, k = self.arm, self.mode
+        M, Mdot = arm.inertia(q), arm.inertia_rate(q, velocity)
+        basis = next_basis(near, M, self.stiffness)
+        rates = modal_rates(basis, Mdot)
+        z, zd = modal_state(basis, rates, M, q - self.equilibrium, velocity)
+        values = basis.eigenvalues
+        zdd = -2.0 * self.damping_ratio * np.sqrt(values) * zd - values * z
+        H = 0.5 * float(zd[k] ** 2 / values[k] + z[k] ** 2)
+        push = orbit_input(float(values[k]), float(rates.eigenvalue_rates[k]), self.gain * (H - self.level), zd[k])
+        zdd[k] = -values[k] * z[k] + push
+        second = modal_second(basis, Mdot, arm.inertia_second(q, velocity))
+        acceleration = _solved(basis.W, turning(values), arm.inertia_slopes(q), rates.A, second, z, zd, zdd)
+        torque = arm.link_torque(q, velocity, acceleration)
+        V = 0.5 * (H - self.level) ** 2
+        return ModalMotion(basis, z, zd, rates.eigenvalue_rates, H, V, acceleration, torque)
+
+
+def orbit_input(eigenvalue: float, rate: float, pull: float, z_velocity: float) -> float:
+    """u_k of (102) corrected; `pull` = k_V (H - H_d) [1/s]."""
+    return eigenvalue * (-pull * z_velocity + rate / (2.0 * eigenvalue**2) * z_velocity)
+
+
+def modal_state(basis: ModalBasis, rates: ModalRates, M: Array, error: Array, velocity: Array) -> tuple[Array, Array]:
+    """z = W^-1 (q - q_d) and zd = W^-1 qd - A z, (n,) each, from q - q_d [rad] and qd [rad/s]."""
+    inverse = basis.W.T @ M
+    z = inverse @ error
+    return z, inverse @ velocity - rates.A @ z
+
+
+@njit(cache=True, error_model="numpy")
+def _solved(W: Array, F: Array, slopes: Array, A: Array, second: Array, z: Array, zd: Array, zdd: Array) -> Array:
+    """qdd that closes the algebraic loop; `F` (n, n) of `turning`, `second` = W^-1 Wdd at qdd = 0."""
+    n = len(z)
+    loop = np.eye(n)
+    for k in range(n):
+        N = W.T @ (np.ascontiguousarray(slopes[k]) @ W)
+        loop[:, k] -= W @ ((N * (F - 0.5)) @ z)
+    return np.asarray(np.linalg.solve(loop, W @ (second @ z + 2.0 * (A @ zd) + zdd)))
