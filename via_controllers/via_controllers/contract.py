@@ -23,6 +23,18 @@ class JointSample:
 
 
 @dataclass(frozen=True)
+class ArmSample:
+    """What the sensors of an arm of n flexible joints said at one stamp; NaN where nothing was measured."""
+
+    time: float  # [s]
+    q: Array  # (n,) [rad] link angles
+    q_velocity: Array  # (n,) [rad/s]
+    theta: Array  # (n,) [rad] motor angles
+    theta_velocity: Array  # (n,) [rad/s]
+    spring_torque: Array  # (n,) [N m] tau_e of a torque sensor; NaN where there is none
+
+
+@dataclass(frozen=True)
 class Torques:
     """What a law commands: motor torques that already respect the limits."""
 

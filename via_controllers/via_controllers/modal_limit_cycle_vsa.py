@@ -1,0 +1,78 @@
+"""The modal limit cycle on an arm of flexible joints: the rigid arm's torque is what the springs are made to give.
+
+`modal_limit_cycle` says what must drive the links, tau(q, qd); tau_ed = -tau is the reference of `flexibility_torque`,
+which also needs its derivatives by time. They are those of the law along the motion to come, which is known well:
+
+    M qdd + C qd + g = -tau_e,   M qddd + (d/dt of the left side at constant qdd) = -tau_e',   q(t + s) to third order
+
+with tau_e and its rate measured; the law is evaluated `spread` before and after and differenced.
+Source: the document's Section 6.1, (107), which leaves the derivatives to the reader.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.signals import Array
+
+from via_controllers.contract import ArmSample, Torques, require
+from via_controllers.flexibility_torque import FlexibilityState, FlexibilityTorque, TorqueReference
+from via_controllers.modal_limit_cycle import ModalLimitCycle, ModalMotion
+from via_controllers.modal_transform import ModalBasis
+
+ALONG = 1e-5  # [s] to either side: derivative of the links' equation along the motion
+
+
+@dataclass(frozen=True, eq=False)
+class VsaModalLimitCycle:
+    """The law of this file. Raises ParameterError for a bandwidth or spread <= 0."""
+
+    cycle: ModalLimitCycle
+    bandwidth: float  # omega_tau [rad/s] of the springs' torques
+    spread: float = 2e-3  # [s]
+
+    def __post_init__(self) -> None:
+        require(self.spread > 0.0, f"spread must be > 0 s, got {self.spread}")
+        _ = self.tracking
+
+    @property
+    def tracking(self) -> FlexibilityTorque:
+        """The law of the springs' torques."""
+        return FlexibilityTorque(self.cycle.arm, self.bandwidth)
+
+    def init(self, q: Array) -> ModalBasis:
+        """The state at link angles `q` (n,) [rad]: the basis there."""
+        return self.cycle.init(q)
+
+    def step(self, state: ModalBasis, sample: ArmSample) -> tuple[ModalBasis, Torques, ModalMotion]:
+        """Motor torques, the modal motion at the sample, and the next state.
+
+        A sample that is not finite leaves motors passive; the motion is then that of the equilibrium at rest.
+        """
+        arm = self.cycle.arm
+        known = (sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
+        if not np.isfinite(known).all():
+            return state, Torques(np.zeros(arm.n), False), self.cycle.at(state, self.cycle.equilibrium, np.zeros(arm.n))
+        motion = self.cycle.at(state, sample.q, sample.q_velocity)
+        seen = self.tracking.observed(sample)
+        reference = self.reference(motion, sample, seen)
+        return motion.basis, self.tracking.torques(sample, seen, reference), motion
+
+    def reference(self, motion: ModalMotion, sample: ArmSample, seen: FlexibilityState) -> TorqueReference:
+        """tau_ed and its derivatives at the sample, where the law wants `motion`."""
+        q, v, a, jerk = sample.q, sample.q_velocity, seen.acceleration, self.link_jerk(sample, seen)
+        around = []
+        for s in (-self.spread, self.spread):
+            there = q + s * (v + s * (a / 2.0 + s * jerk / 6.0))
+            around.append(-self.cycle.at(motion.basis, there, v + s * (a + s * jerk / 2.0)).torque)
+        behind, ahead = around
+        rate, second = (ahead - behind) / (2.0 * self.spread), (ahead + 2.0 * motion.torque + behind) / self.spread**2
+        return TorqueReference(-motion.torque, rate, second)
+
+    def link_jerk(self, sample: ArmSample, seen: FlexibilityState) -> Array:
+        """qddd (n,) [rad/s^3] of the links."""
+        arm, v, a = self.cycle.arm, sample.q_velocity, seen.acceleration
+        ahead, behind = (arm.link_torque(sample.q + s * v, v + s * a, a) for s in (ALONG, -ALONG))
+        change = -seen.rate - (ahead - behind) / (2.0 * ALONG)
+        return np.asarray(np.linalg.solve(arm.inertia(sample.q), change))
