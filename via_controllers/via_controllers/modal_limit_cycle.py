@@ -27,15 +27,7 @@ from via_core.signals import Array, locked
 from via_core.vsa_arms import VsaArm
 
 from via_controllers.contract import require
-from via_controllers.modal_transform import (
-    ModalBasis,
-    ModalRates,
-    first_basis,
-    modal_rates,
-    modal_second,
-    next_basis,
-    turning,
-)
+from via_controllers.modal_transform import ModalBasis, first_basis, next_basis, rates_along, second_along
 
 WALK = 0.02  # [rad] between configurations on the way along which modes get their names
 
@@ -91,20 +83,18 @@ class ModalLimitCycle:
     def at(self, near: ModalBasis, q: Array, velocity: Array) -> ModalMotion:
         """What the law wants at `q`, `velocity` (n,) [rad, rad/s]; `near` is the basis of the instant before."""
         arm, k = self.arm, self.mode
-        M, Mdot = arm.inertia(q), arm.inertia_rate(q, velocity)
+        M, slopes = arm.inertia(q), arm.inertia_slopes(q)
         basis = next_basis(near, M, self.stiffness)
-        rates = modal_rates(basis, Mdot)
-        z, zd = modal_state(basis, rates, M, q - self.equilibrium, velocity)
-        values = basis.eigenvalues
+        W, values = basis.W, basis.eigenvalues
+        z, zd, rates, drift, loop = _modal(
+            W, values, M, slopes, arm.inertia_second(q, velocity), q - self.equilibrium, np.ascontiguousarray(velocity)
+        )
         zdd = -2.0 * self.damping_ratio * np.sqrt(values) * zd - values * z
         H = 0.5 * float(zd[k] ** 2 / values[k] + z[k] ** 2)
-        push = orbit_input(float(values[k]), float(rates.eigenvalue_rates[k]), self.gain * (H - self.level), zd[k])
-        zdd[k] = -values[k] * z[k] + push
-        second = modal_second(basis, Mdot, arm.inertia_second(q, velocity))
-        acceleration = _solved(basis.W, turning(values), arm.inertia_slopes(q), rates.A, second, z, zd, zdd)
+        zdd[k] = -values[k] * z[k] + orbit_input(values[k], rates[k], self.gain * (H - self.level), zd[k])
+        acceleration = np.linalg.solve(loop, drift + W @ zdd)
         torque = arm.link_torque(q, velocity, acceleration)
-        V = 0.5 * (H - self.level) ** 2
-        return ModalMotion(basis, z, zd, rates.eigenvalue_rates, H, V, acceleration, torque)
+        return ModalMotion(basis, z, zd, rates, H, 0.5 * (H - self.level) ** 2, acceleration, torque)
 
 
 def orbit_input(eigenvalue: float, rate: float, pull: float, z_velocity: float) -> float:
@@ -112,19 +102,21 @@ def orbit_input(eigenvalue: float, rate: float, pull: float, z_velocity: float) 
     return eigenvalue * (-pull * z_velocity + rate / (2.0 * eigenvalue**2) * z_velocity)
 
 
-def modal_state(basis: ModalBasis, rates: ModalRates, M: Array, error: Array, velocity: Array) -> tuple[Array, Array]:
-    """z = W^-1 (q - q_d) and zd = W^-1 qd - A z, (n,) each, from q - q_d [rad] and qd [rad/s]."""
-    inverse = basis.W.T @ M
-    z = inverse @ error
-    return z, inverse @ velocity - rates.A @ z
-
-
 @njit(cache=True, error_model="numpy")
-def _solved(W: Array, F: Array, slopes: Array, A: Array, second: Array, z: Array, zd: Array, zdd: Array) -> Array:
-    """qdd that closes the algebraic loop; `F` (n, n) of `turning`, `second` = W^-1 Wdd at qdd = 0."""
-    n = len(z)
+def _modal(
+    W: Array, values: Array, M: Array, slopes: Array, Mdd: Array, error: Array, velocity: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """z, zd and lambdad (n,); W (W^-1 Wdd z + 2 A zd) at qdd = 0 (n,); I - W [A_1 z ... A_n z] (n, n)."""
+    n = len(values)
+    Mdot = np.zeros((n, n))
+    for k in range(n):
+        Mdot += slopes[k] * velocity[k]
+    A, rates = rates_along(W, values, Mdot)
+    inverse = W.T @ M
+    z = inverse @ error
+    zd = inverse @ velocity - A @ z
+    drift = W @ (second_along(W, values, Mdot, Mdd) @ z + 2.0 * (A @ zd))
     loop = np.eye(n)
     for k in range(n):
-        N = W.T @ (np.ascontiguousarray(slopes[k]) @ W)
-        loop[:, k] -= W @ ((N * (F - 0.5)) @ z)
-    return np.asarray(np.linalg.solve(loop, W @ (second @ z + 2.0 * (A @ zd) + zdd)))
+        loop[:, k] -= W @ (rates_along(W, values, slopes[k])[0] @ z)
+    return z, zd, rates, drift, loop

@@ -75,4 +75,5 @@ class VsaModalLimitCycle:
         arm, v, a = self.cycle.arm, sample.q_velocity, seen.acceleration
         ahead, behind = (arm.link_torque(sample.q + s * v, v + s * a, a) for s in (ALONG, -ALONG))
         change = -seen.rate - (ahead - behind) / (2.0 * ALONG)
-        return np.asarray(np.linalg.solve(arm.inertia(sample.q), change))
+        # M^-1 of a torque is what it does to the arm at rest, gravity held
+        return arm.link_acceleration(sample.q, np.zeros(arm.n), change + arm.gravity(sample.q))

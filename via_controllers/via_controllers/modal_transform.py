@@ -109,15 +109,15 @@ def _turning_rate(values: Array, rates: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _rates(W: Array, values: Array, Mdot: Array) -> tuple[Array, Array]:
-    """A and lambdad."""
+def rates_along(W: Array, values: Array, Mdot: Array) -> tuple[Array, Array]:
+    """A (n, n) and lambdad (n,): compiled form of `modal_rates`."""
     N = W.T @ (Mdot @ W)
     return N * (turning(values) - 0.5), -values * np.diag(N)
 
 
 @njit(cache=True, error_model="numpy")
-def _second(W: Array, values: Array, Mdot: Array, Mdd: Array) -> Array:
-    """A A + Ad."""
+def second_along(W: Array, values: Array, Mdot: Array, Mdd: Array) -> Array:
+    """A A + Ad (n, n): compiled form of `modal_second`."""
     N = W.T @ (Mdot @ W)
     F = turning(values) - 0.5
     A = N * F
@@ -145,10 +145,10 @@ def next_basis(near: ModalBasis, inertia: Array, stiffness: Array) -> ModalBasis
 
 def modal_rates(basis: ModalBasis, inertia_rate: Array) -> ModalRates:
     """A and lambdad of a motion under which M changes at `inertia_rate` Mdot (n, n) [kg m^2/s]."""
-    return ModalRates(*_rates(basis.W, basis.eigenvalues, np.ascontiguousarray(inertia_rate)))
+    return ModalRates(*rates_along(basis.W, basis.eigenvalues, np.ascontiguousarray(inertia_rate)))
 
 
 def modal_second(basis: ModalBasis, inertia_rate: Array, inertia_second: Array) -> Array:
     """W^-1 Wdd (n, n) [1/s^2] from Mdot [kg m^2/s] and Mdd [kg m^2/s^2], (n, n) each."""
     arrays = np.ascontiguousarray(inertia_rate), np.ascontiguousarray(inertia_second)
-    return _second(basis.W, basis.eigenvalues, *arrays)
+    return second_along(basis.W, basis.eigenvalues, *arrays)

@@ -138,7 +138,10 @@ class VsaArm:
 
     def inertia_slopes(self, q: Array) -> Array:
         """dM/dq_k (n, n, n) [kg m^2/rad], k first."""
-        return np.array([self.inertia_rate(q, along) for along in np.eye(self.n)])
+        C = np.empty((self.n, self.n, self.n))
+        for k, along in enumerate(np.eye(self.n)):
+            C[k] = pinocchio.computeCoriolisMatrix(self.model, self._data, q, along)
+        return C + C.transpose(0, 2, 1)
 
     def inertia_second(self, q: Array, velocity: Array) -> Array:
         """Mdd (n, n) [kg m^2/s^2] of a motion without acceleration: exact Mdot, differenced along a straight line."""
