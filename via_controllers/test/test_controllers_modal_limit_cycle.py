@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from via_controllers import modal_limit_cycle
-from via_controllers.modal_limit_cycle import ModalLimitCycle
+from via_controllers.modal_limit_cycle import ModalLimitCycle, orbit_input
 from via_controllers.modal_transform import first_basis, next_basis
 from via_core.errors import ParameterError
 from via_core.vsa_arms import load_vsa_arm
@@ -131,6 +131,35 @@ def test_h_changes_as_103_says():
         )
         expected = -GAIN * (motion.H - LEVEL) * motion.z_velocity[0] ** 2
         assert (ahead - behind) / (2.0 * h) == pytest.approx(expected, rel=1e-5, abs=1e-7)
+
+
+def test_second_derivative_of_v_is_the_corrected_one():
+    """Printed as -2 k_V (H - H_d)^2 (k_V zd + zd zdd); right is Vdd = -2 k_V (H - H_d)^2 (zd zdd - k_V zd^4)."""
+
+    def eigenvalue(t):
+        return 100.0 * (1.0 + 0.2 * np.sin(3.0 * t)), 60.0 * np.cos(3.0 * t)
+
+    def off_level(t, x):
+        value, _ = eigenvalue(t)
+        return 0.5 * (x[1] ** 2 / value + x[0] ** 2) - LEVEL
+
+    def slope(t, x):
+        value, rate = eigenvalue(t)
+        return np.array([x[1], -value * x[0] + orbit_input(value, rate, GAIN * off_level(t, x), x[1])])
+
+    def V_at(t, x, h):
+        k1 = slope(t, x)
+        k2 = slope(t + 0.5 * h, x + 0.5 * h * k1)
+        k3 = slope(t + 0.5 * h, x + 0.5 * h * k2)
+        k4 = slope(t + h, x + h * k3)
+        return 0.5 * off_level(t + h, x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)) ** 2
+
+    t, x, h = 0.4, np.array([0.12, 0.9]), 1e-4
+    found = (V_at(t, x, h) - 2.0 * V_at(t, x, 0.0) + V_at(t, x, -h)) / h**2
+    speed, change = slope(t, x)
+    common = -2.0 * GAIN * off_level(t, x) ** 2
+    assert found == pytest.approx(common * (speed * change - GAIN * speed**4), rel=1e-4)
+    assert found != pytest.approx(common * (GAIN * speed + speed * change), rel=0.1)
 
 
 def test_at_the_equilibrium_it_stays():
