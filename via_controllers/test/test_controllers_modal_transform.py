@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from via_controllers.modal_transform import ModalBasis, first_basis, modal_rates, modal_second, next_basis
@@ -20,6 +20,11 @@ def path(seed: int):
     random = np.random.default_rng(seed)
     q, v, a = random.uniform([-1.0, -1.0, -1.0, 0.2], [1.0, 1.0, 1.0, 2.2]), *random.uniform(-2.0, 2.0, (2, 4))
     return lambda t: q + v * t + 0.5 * a * t * t, q, v, a
+
+
+def apart(basis: ModalBasis) -> bool:
+    """Whether vectors turn slowly enough for differences over 2 H to be good to a millionth."""
+    return bool(np.diff(np.sort(basis.eigenvalues)).min() > 30.0)
 
 
 def inertia_second(q, v, a):
@@ -41,8 +46,7 @@ def test_basis_solves_the_generalized_eigenvalue_problem():
 def test_rates_are_the_finite_differences(seed):
     at, q, v, _ = path(seed)
     basis = first_basis(ARM.inertia(q), K)
-    if np.diff(basis.eigenvalues).min() < 5.0:
-        return  # the differences, not the formula, are inaccurate there
+    assume(apart(basis))
     rates = modal_rates(basis, ARM.inertia_rate(q, v))
     ahead, behind = (next_basis(basis, ARM.inertia(at(s)), K) for s in (H, -H))
     Wdot = (ahead.W - behind.W) / (2.0 * H)
@@ -56,8 +60,7 @@ def test_rates_are_the_finite_differences(seed):
 def test_second_derivative_is_the_finite_difference_of_the_first(seed):
     at, q, v, a = path(seed)
     basis = first_basis(ARM.inertia(q), K)
-    if np.diff(basis.eigenvalues).min() < 5.0:
-        return
+    assume(apart(basis))
     second = basis.W @ modal_second(basis, ARM.inertia_rate(q, v), inertia_second(q, v, a))
     first = []
     for s in (H, -H):
