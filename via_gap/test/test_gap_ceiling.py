@@ -8,7 +8,7 @@ from gap_logs import flexible as joint
 from gap_logs import log_of, servo
 from via_gap.basis import Basis, ticks_of
 from via_gap.candidates import Fit, fit_base
-from via_gap.ceiling import flexible, lower
+from via_gap.ceiling import flexible, lower, solved
 from via_gap.diagnose import diagnose
 from via_gap.evidence import judge
 from via_gap.measured import Errors, free_errors
@@ -96,3 +96,16 @@ def test_a_torque_that_repeats_along_the_way_is_found_by_its_waves():
     reached = float(np.mean(model.residual(judged, model.functions(judged)) ** 2))
     assert reached < 0.05 * left.mean_square
     assert Basis.of([shots]).waves == ()
+
+
+def test_functions_that_a_log_cannot_tell_apart_are_solved_for():
+    """A normal matrix with eigenvalues that rounding has made negative: finite, and the plain solution where it is."""
+    rng = np.random.default_rng(0)
+    half = rng.normal(size=(400, 60))
+    columns = np.hstack([half, half @ rng.normal(size=(60, 60))])
+    normal, pull = columns.T @ columns, columns.T @ rng.normal(size=400)
+    plain = np.linalg.solve(normal + 1e-3 * np.diag(np.diag(normal)), pull)
+    assert solved(normal, pull, 1e-3) == pytest.approx(plain, rel=1e-6, abs=1e-9)
+    negative = normal - 1e-9 * np.abs(normal).max() * np.eye(120)
+    assert np.linalg.eigvalsh(negative)[0] < 0.0
+    assert np.isfinite(solved(negative, pull, 1e-10)).all()

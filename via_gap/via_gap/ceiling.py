@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import eigh
 from via_core.signals import Array, Signals
 from via_sim.parameters import DYNAMIC, P
 from via_sim.torques import EXTERNAL, M1
@@ -191,14 +191,14 @@ class _Folded:
         for normal, pull in zip(self.normals, self.pulls, strict=True):
             rest, said = self.normals.sum(axis=0) - normal, self.pulls.sum(axis=0) - pull
             for k, ridge in enumerate(RIDGES):
-                w = _solved(rest, said, float(ridge))
+                w = solved(rest, said, float(ridge))
                 losses[k] += w @ normal @ w - 2.0 * w @ pull
         best = int(np.argmin(losses))
         return float(RIDGES[best]), float(losses[best])
 
     def weights(self, ridge: float) -> Array:
         """(columns K,) from all folds."""
-        return _solved(self.normals.sum(axis=0), self.pulls.sum(axis=0), ridge)
+        return solved(self.normals.sum(axis=0), self.pulls.sum(axis=0), ridge)
 
 
 def _blocks(
@@ -246,11 +246,12 @@ def _waves(problem: Problem, pulses: Sequence[Array], residual: Array) -> tuple[
     return tuple(every[k] for k in np.argsort(-worth)[:WAVES])
 
 
-def _solved(normal: Array, pull: Array, ridge: float) -> Array:
+def solved(normal: Array, pull: Array, ridge: float) -> Array:
     """argmin w' N w - 2 p' w + ridge |D w|^2, D^2 the diagonal of N."""
     scale = np.sqrt(np.diag(normal) + 1e-12 * np.max(np.diag(normal)) + 1e-300)
-    whitened = normal / np.outer(scale, scale) + ridge * np.eye(len(pull))
-    return np.asarray(cho_solve(cho_factor(whitened), pull / scale) / scale)
+    # Of functions that the log hardly tells apart rounding makes eigenvalues below zero, which no factor would take.
+    curves, axes = eigh(normal / np.outer(scale, scale))
+    return np.asarray(axes @ ((pull / scale @ axes) / (np.maximum(curves, 0.0) + ridge)) / scale)
 
 
 def _all_pulses(problem: Problem, model: Flexible, residual: Array) -> list[Array]:
