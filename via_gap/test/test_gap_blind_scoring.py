@@ -17,7 +17,7 @@ from via_bringup.cli.gap_blind import app
 from via_core.errors import ViaError
 from via_gap.blind.judging import Judged, Place, Shrinkage, judge
 from via_gap.blind.measuring import shrinkage_of
-from via_gap.blind.page import as_json, markdown, picture, write_page
+from via_gap.blind.page import as_json, markdown, picture, reason, write_page
 from via_gap.blind.running import run_cases, words_of
 from via_gap.blind.scoring import Bin, Score, calibration_error, reliability, score
 
@@ -265,3 +265,11 @@ def test_make_run_and_score_from_the_command(tmp_path: Path) -> None:
     (keys / "case_000.json").write_text("{}")
     done = runner.invoke(app, words)
     assert isinstance(done.exception, ViaError) and "not the one that was sealed" in str(done.exception)
+
+
+def test_a_crash_is_told_by_its_last_words():
+    trace = (
+        'line 3, in solve\n    a\n  File \n"some/where.py"\n    raise LinAlgError(\nnumpy.LinAlgError: not \ndefinite'
+    )
+    assert reason(trace) == "numpy.LinAlgError: not definite"
+    assert reason("no log to diagnose") == "no log to diagnose"

@@ -129,7 +129,7 @@ def _case(each: Judged) -> tuple[str, ...]:
     told = f" ({each.probability:.2f})" if each.probability is not None else ""
     where = ", ".join(f"{site}{f' {number}' if number else ''}" for site, number in each.where[:2]) or "-"
     shrinks = f"{_percent(each.predicted)}, {_percent(each.measured)}"
-    answered = each.verdict.replace("_", " ") or f"no report: {each.trouble}"
+    answered = each.verdict.replace("_", " ") or f"no report: {reason(each.trouble)}"
     asked = asked if each.kind != "unknown" else f"outside the catalogue: {asked}"
     return each.name, f"{asked} ({each.family}{signals})", f"{each.ratio:.1f}", answered, first + told, where, shrinks
 
@@ -179,3 +179,10 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     cells = [[str(cell).replace("|", "/").replace("\n", " ") for cell in row] for row in (head, *rows)]
     lines = [f"| {' | '.join(row)} |" for row in cells]
     return [lines[0], "|" + "---|" * len(head), *lines[1:]]
+
+
+def reason(trouble: str) -> str:
+    """What an exception said of itself, without where in which file; what came without one, as it is."""
+    lines = trouble.splitlines()
+    last = max((k for k, line in enumerate(lines) if "Error" in line and not line.startswith(" ")), default=0)
+    return " ".join(line.strip() for line in lines[last:])
