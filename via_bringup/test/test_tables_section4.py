@@ -27,7 +27,6 @@ def test_every_number_to_reach_is_judged_and_reached(found):
         "4.noisy.v1.mse_2": 100.0,
         "4.noisy.v2.mse_2": 20.0,
         "4.noisy.v3.mse_2": 80.0,
-        "4.noisy.ratio": 1.25,
         "4.hold.98.ours": 1.0,
         "4.hold.995.ours": 1.0,
         "4.savitzky_golay.ours": 1e-12,

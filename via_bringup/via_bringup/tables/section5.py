@@ -55,7 +55,6 @@ LIMITS: dict[str, tuple[float | None, float | None]] = {
 # The document's largest error [%]; 10 to 30 % are printed for (80).
 PRINTED = {"constant_stribeck": 5.0, "varying_stribeck": 30.0}
 JUDGED = ("default", "n1", "n2")
-DELTA_N2 = 3e-4  # of (75): two powers make twice as much of what friction adds; the document prints only [0, .01]
 PRINTED_NRMSE = {"constant_stribeck": 2.89, "varying_stribeck": 3.17}
 NRMSE = "NRMSE [% of the torque's range]"
 RESTLESS = {"error_forgetting": 0.99, "least": 0.9, "sensitivity": 100.0, "delta": 1e-3}  # forgets at every sample
@@ -77,11 +76,7 @@ def _methods() -> dict[str, tuple[str, Estimator]]:
         "default": ("VIA's default, n = 1 and dry friction", _directional(1)),
         "n1": ("Algorithm 1 made safe, n = 1", _directional(1, dry_friction=0.0)),
         "n2": (
-            "Algorithm 1 made safe, n = 2, powers alike at 4 rad/s, delta = 3e-4",
-            _directional(2, dry_friction=0.0, correction=DELTA_N2),
-        ),
-        "n2_stock": (
-            "Algorithm 1 made safe, n = 2, powers alike at 4 rad/s, delta = 1e-3 as with n = 1",
+            "Algorithm 1 made safe, n = 2, powers alike at 4 rad/s",
             _directional(2, dry_friction=0.0),
         ),
         "n2_printed_powers": (
@@ -132,7 +127,7 @@ def _experiment(experiment: Experiment, seeds: int, told: Callable[[int], None])
         at = f"5.{experiment.name}.{name}"
         mean, largest = (PERCENT * float(np.mean([getattr(run, key) for run in runs])) for key in ("mean", "largest"))
         remark = ""
-        if experiment.friction and name in ("n1", "n2", "n2_stock"):
+        if experiment.friction and name in ("n1", "n2"):
             remark = "friction is no part of this model; the printed errors belong to a friction nobody printed"
         swings = remark and (
             "the error is no noise: friction reads as damping where the motion reverses, twice per period. The smaller "
@@ -205,7 +200,7 @@ def _standstill(seeds: int) -> list[Row]:
     cases = {
         "default": ("default", _directional(1)),
         "n1": ("n = 1", _directional(1, dry_friction=0.0)),
-        "n2": ("n = 2", _directional(2, dry_friction=0.0, correction=DELTA_N2)),
+        "n2": ("n = 2", _directional(2, dry_friction=0.0)),
         "n2_restless": (
             "n = 2, powers as printed, lambda_min .9, rho 100",
             _directional(2, velocity_scale=1.0, dry_friction=0.0, **restless),
