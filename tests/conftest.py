@@ -28,7 +28,7 @@ from via_ros.spin import close_all, make_executor, spin_until
 
 middleware.prepare()
 
-DEADLINE = 60.0  # [s] a graph may take for anything at all
+DEADLINE = 30.0  # [s] a graph may take for anything at all
 
 
 @pytest.fixture(scope="session")
