@@ -55,17 +55,20 @@ def start(law: VsaModalLimitCycle) -> ArmState:
     return loaded_state(ARM, q, STILL, -motion.torque, -(ahead - behind) / (2.0 * h))
 
 
+def sample_of(body: ArmState, time: float = 0.0, told: np.ndarray = NO_SENSOR) -> ArmSample:
+    return ArmSample(time, body.q, body.velocity, body.theta, body.motor_velocity, told)
+
+
 def run(law: VsaModalLimitCycle, duration: float, noise: float = 0.0) -> Course:
     """The law on the arm; `noise` [N m] is the standard deviation of its torque sensors."""
     random, body = np.random.default_rng(1), start(law)
-    basis, motions, saturated = law.init(body.q), list[ModalMotion](), False
+    state, motions, saturated = law.init(sample_of(body)), list[ModalMotion](), False
     for tick in range(round(duration / PERIOD)):
         told = NO_SENSOR
         if noise:
             told = ARM.spring_state(body.q - body.theta)[0] + random.normal(0.0, noise, 4)
-        sample = ArmSample(tick * PERIOD, body.q, body.velocity, body.theta, body.motor_velocity, told)
-        basis, out, motion = law.step(basis, sample)
-        motions.append(motion)
+        state, out = law.step(state, sample_of(body, tick * PERIOD, told))
+        motions.append(state)
         saturated |= out.saturated
         body = arm_step(ARM, body, out.torque, STILL, PERIOD, substeps=2)
     z = np.array([motion.z for motion in motions])
@@ -116,8 +119,7 @@ def test_derivatives_of_the_reference_are_those_along_the_motion():
     law, h = law_of(0), 1e-4
 
     def seen(body):
-        sample = ArmSample(0.0, body.q, body.velocity, body.theta, body.motor_velocity, NO_SENSOR)
-        return sample, law.cycle.at(law.init(body.q), body.q, body.velocity)
+        return sample_of(body), law.cycle.at(law.cycle.init(body.q), body.q, body.velocity)
 
     bodies = [start(law)]
     for _ in range(2):
@@ -133,10 +135,20 @@ def test_derivatives_of_the_reference_are_those_along_the_motion():
 
 def test_blind_samples_are_answered_with_nothing():
     law = law_of(0)
-    state = law.init(REST)
-    sample = ArmSample(0.0, REST, STILL, np.array([0.2, np.nan, 0.3, 1.2]), STILL, NO_SENSOR)
-    after, out, motion = law.step(state, sample)
-    assert after is state and np.array_equal(out.torque, STILL) and motion.H == 0.0
+    sample = ArmSample(0.0, REST, STILL, REST, STILL, NO_SENSOR)
+    state = law.init(sample)
+    for broken in ({"theta": np.array([0.2, np.nan, 0.3, 1.2])}, {"time": np.nan}):
+        after, out = law.step(state, replace(sample, **broken))
+        assert after is state and np.array_equal(out.torque, STILL)
+
+
+def test_what_the_law_tells_has_names():
+    law = law_of(1)
+    state = law.init(sample_of(start(law)))
+    told = dict(zip([each.name for each in law.quantities], law.told(state), strict=True))
+    assert told["z_2"] == pytest.approx(0.1, rel=0.02) and told["H"] == pytest.approx(0.5 * told["z_2"] ** 2)
+    assert told["V"] == pytest.approx(0.5 * (told["H"] - LEVEL) ** 2)
+    assert told["frequency_2"] > told["frequency_1"] > 0.3
 
 
 @pytest.mark.parametrize("change", [{"spread": 0.0}, {"bandwidth": 0.0}])

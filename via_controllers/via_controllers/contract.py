@@ -1,7 +1,12 @@
-"""What every control law of this package looks like: frozen parameters, pure `init` and `step`, limited torque out."""
+"""What every control law of this package looks like: frozen parameters, pure `init` and `step`, limited torque out.
+
+Controller     a law of one joint
+ArmController  a law of an arm of n flexible joints: all of them in one sample, all torques in one answer
+"""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -52,6 +57,44 @@ class Controller(ABC, Generic[State]):
     @abstractmethod
     def step(self, state: State, sample: JointSample) -> tuple[State, Torques]:
         """The torques that answer `sample`, and the next state; `state` stays as it was."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Something that a law knows and others want to see."""
+
+    name: str  # what plots and messages call it: H, z_1
+    unit: str  # SI, '-' for none
+
+
+class ArmController(ABC, Generic[State]):
+    """A control law of a whole arm; its parameters are its fields."""
+
+    @property
+    @abstractmethod
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What `told` tells, always the same k quantities in the same order."""
+
+    @abstractmethod
+    def init(self, sample: ArmSample) -> State:
+        """The state before the first sample, which is this one and not `blind`."""
+
+    @abstractmethod
+    def step(self, state: State, sample: ArmSample) -> tuple[State, Torques]:
+        """The torques that answer `sample`, and the next state; `state` stays as it was.
+
+        A `blind` sample leaves motors passive and the state as it is.
+        """
+
+    @abstractmethod
+    def told(self, state: State) -> Array:
+        """Values (k,) of `quantities` at the last sample that was not blind."""
+
+
+def blind(sample: ArmSample) -> bool:
+    """Whether an angle or a velocity of the arm is unknown; a torque sensor may be missing."""
+    known = (sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
+    return not (math.isfinite(sample.time) and bool(np.isfinite(known).all()))
 
 
 def limited(torque: Array, limit: Array) -> Torques:

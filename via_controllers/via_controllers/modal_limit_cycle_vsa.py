@@ -16,16 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.signals import Array
 
-from via_controllers.contract import ArmSample, Torques, require
+from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind, require
 from via_controllers.flexibility_torque import FlexibilityState, FlexibilityTorque, TorqueReference
 from via_controllers.modal_limit_cycle import ModalLimitCycle, ModalMotion
-from via_controllers.modal_transform import ModalBasis
 
 ALONG = 1e-5  # [s] to either side: derivative of the links' equation along the motion
 
 
 @dataclass(frozen=True, eq=False)
-class VsaModalLimitCycle:
+class VsaModalLimitCycle(ArmController[ModalMotion]):
     """The law of this file. Raises ParameterError for a bandwidth or spread <= 0."""
 
     cycle: ModalLimitCycle
@@ -41,23 +40,28 @@ class VsaModalLimitCycle:
         """The law of the springs' torques."""
         return FlexibilityTorque(self.cycle.arm, self.bandwidth)
 
-    def init(self, q: Array) -> ModalBasis:
-        """The state at link angles `q` (n,) [rad]: the basis there."""
-        return self.cycle.init(q)
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        modes = range(1, self.cycle.arm.n + 1)
+        return (
+            Quantity("H", "kg m^2"),
+            Quantity("V", "kg^2 m^4"),
+            *(Quantity(f"z_{mode}", "sqrt(kg m^2) rad") for mode in modes),
+            *(Quantity(f"frequency_{mode}", "Hz") for mode in modes),
+        )
 
-    def step(self, state: ModalBasis, sample: ArmSample) -> tuple[ModalBasis, Torques, ModalMotion]:
-        """Motor torques, the modal motion at the sample, and the next state.
+    def told(self, state: ModalMotion) -> Array:
+        return np.array([state.H, state.V, *state.z, *(np.sqrt(state.basis.eigenvalues) / (2.0 * np.pi))])
 
-        A sample that is not finite leaves motors passive; the motion is then that of the equilibrium at rest.
-        """
-        arm = self.cycle.arm
-        known = (sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
-        if not np.isfinite(known).all():
-            return state, Torques(np.zeros(arm.n), False), self.cycle.at(state, self.cycle.equilibrium, np.zeros(arm.n))
-        motion = self.cycle.at(state, sample.q, sample.q_velocity)
+    def init(self, sample: ArmSample) -> ModalMotion:
+        return self.cycle.at(self.cycle.init(sample.q), sample.q, sample.q_velocity)
+
+    def step(self, state: ModalMotion, sample: ArmSample) -> tuple[ModalMotion, Torques]:
+        if blind(sample):
+            return state, Torques(np.zeros(self.cycle.arm.n), False)
+        motion = self.cycle.at(state.basis, sample.q, sample.q_velocity)
         seen = self.tracking.observed(sample)
-        reference = self.reference(motion, sample, seen)
-        return motion.basis, self.tracking.torques(sample, seen, reference), motion
+        return motion, self.tracking.torques(sample, seen, self.reference(motion, sample, seen))
 
     def reference(self, motion: ModalMotion, sample: ArmSample, seen: FlexibilityState) -> TorqueReference:
         """tau_ed and its derivatives at the sample, where the law wants `motion`."""
