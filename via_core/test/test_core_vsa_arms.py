@@ -69,6 +69,15 @@ def test_bodies_fit_together(arm, seed):
 
 
 @EVERY_ARM
+def test_the_tip_is_at_the_end_of_the_forearm(arm):
+    """Stretched at zero angles; its Jacobian against finite differences."""
+    assert arm.tip_position(np.zeros(arm.n)) == pytest.approx([0.85, 0.0, 0.0], abs=1e-12)
+    (q, v, _), h = motion(arm, 6), 1e-6
+    velocity = (arm.tip_position(q + h * v) - arm.tip_position(q - h * v)) / (2.0 * h)
+    assert arm.tip_jacobian(q) @ v == pytest.approx(velocity, abs=1e-8)
+
+
+@EVERY_ARM
 def test_an_arm_at_rest_keeps_its_inertia(arm):
     assert np.array_equal(arm.inertia_second(np.ones(arm.n), np.zeros(arm.n)), np.zeros((arm.n, arm.n)))
 
@@ -92,9 +101,12 @@ def test_springs_are_those_of_the_joints_and_invert(arm):
 def test_accelerations_are_equations_9_and_10(arm):
     (q, v, _), (theta, thd, torque) = motion(arm, 4), motion(arm, 5)
     theta, external = q + 0.2 * theta, np.linspace(1.0, 2.0, arm.n)
-    arm = replace(arm, motor_friction=np.full(arm.n, 0.4))
+    arm = replace(arm, motor_friction=np.full(arm.n, 0.4), link_friction=np.full(arm.n, 0.3))
     qdd, thdd = arm.accelerations(q, v, theta, thd, torque, external)
     tau_e = np.array([float(law.torque(d)) for law, d in zip(arm.springs, q - theta, strict=True)])
+    assert arm.inertia(q) @ qdd + arm.coriolis(q, v) @ v + arm.gravity(q) + 0.3 * v == pytest.approx(
+        external - tau_e, abs=1e-9
+    )
     assert arm.link_torque(q, v, qdd) == pytest.approx(external - tau_e, abs=1e-9)
     assert arm.motor_inertia * thdd == pytest.approx(torque + tau_e - 0.4 * thd)
 
@@ -125,6 +137,8 @@ def test_unknown_limits_are_none(tmp_path):
         ("law: sinh", "law: sine", "joints.0.spring"),
         ("viscous_friction: 0.0", "viscous_friction: 0.0, coulomb_friction: 0.1", "dry friction"),
         ("urdf: reference_2dof.urdf", "urdf: none.urdf", "none.urdf"),
+        ("tip: tip", "tip: hand", "no link 'hand'"),
+        ("- name: elbow", "- link_friction: -1.0\n    name: elbow", "joints.1.link_friction"),
         ("joints:", "joints: [", "mine.yaml"),
         ('type="revolute"', 'type="continuous"', "end stops"),
         ("<robot name", "<rabbit name", "mine.yaml"),
@@ -147,7 +161,13 @@ def test_an_unknown_name_is_told_the_shipped_ones():
 
 @pytest.mark.parametrize(
     "change",
-    [{"motor_inertia": [0.5, 0.0]}, {"torque_limit": [1.0]}, {"presets": [0.0, np.nan]}, {"springs": ()}],
+    [
+        {"motor_inertia": [0.5, 0.0]},
+        {"torque_limit": [1.0]},
+        {"presets": [0, np.nan]},
+        {"tip": "hand"},
+        {"springs": ()},
+    ],
 )
 def test_silly_arms_are_refused(change):
     with pytest.raises(ParameterError):

@@ -1,7 +1,7 @@
 """Serial arms of flexible joints: rigid bodies of a URDF, a motor and a nonlinear spring per joint, eqs. (9)-(11).
 
-    link    M(q) qdd + C(q, qd) qd + g(q) + tau_e(phi) = tau_ext,   phi = q - theta
-    motor   B thdd + D thd - tau_e(phi)                = tau
+    link    M(q) qdd + C(q, qd) qd + Dq qd + g(q) + tau_e(phi) = tau_ext,   phi = q - theta
+    motor   B thdd + D thd - tau_e(phi)                        = tau
 
 m = n: of a serial device the principal motor; its preset motor stands still and is a number of the joint. The rotors'
 kinetic energy is that of their own spinning. Bodies by pinocchio, with C such that Mdot = C + C'.
@@ -41,6 +41,7 @@ class VsaJoint(BaseModel):
     motor: TorqueMotor
     spring: Spring
     preset: Number = 0.0  # [rad] of the preset motor
+    link_friction: Annotated[Number, Field(ge=0.0)] = 0.0  # [N m s/rad] viscous
 
 
 class VsaArmFile(BaseModel):
@@ -54,6 +55,7 @@ class VsaArmFile(BaseModel):
     confidence: Literal["measured", "published", "identified", "copied", "assumed"]
     remark: str = ""
     urdf: Text  # beside this file
+    tip: Text  # link of the URDF whose origin is the end effector
     joints: Annotated[tuple[VsaJoint, ...], Field(min_length=1)]
 
 
@@ -64,6 +66,18 @@ def _springs(kinds: Array, c: Array, phi: Array, presets: Array, out: Array) -> 
         out[0, i] = spring_torque(kinds[i], c[i], phi[i], presets[i])
         out[1, i] = spring_stiffness(kinds[i], c[i], phi[i], presets[i])
         out[2, i] = spring_stiffness_slope(kinds[i], c[i], phi[i], presets[i])
+
+
+@njit(cache=True, error_model="numpy")
+def _torques(
+    kinds: Array, c: Array, presets: Array, friction: Array, q: Array, theta: Array, w: Array, tau: Array, load: Array
+) -> tuple[Array, Array]:
+    """What drives links and motors (n,) [N m]: load - tau_e and tau + tau_e - D w."""
+    links, motors = np.empty(q.size), np.empty(q.size)
+    for i in range(q.size):
+        tau_e = spring_torque(kinds[i], c[i], q[i] - theta[i], presets[i])
+        links[i], motors[i] = load[i] - tau_e, tau[i] + tau_e - friction[i] * w[i]
+    return links, motors
 
 
 @njit(cache=True, error_model="numpy")
@@ -81,10 +95,12 @@ class VsaArm:
     """An arm of n flexible joints, base first; every vector (n,) in that order, SI units.
 
     model           pinocchio's rigid bodies, joints of one angle each
+    tip             name of the frame of `model` that is the end effector
     springs         one law per joint
     presets         [rad] angles of the preset motors
     motor_inertia   B [kg m^2], seen at the joints
     motor_friction  D [N m s/rad]
+    link_friction   Dq [N m s/rad]
     torque_limit    [N m], infinite where none is known
     speed_limit     [rad/s], infinite where none is known
 
@@ -93,29 +109,36 @@ class VsaArm:
 
     name: str
     model: pinocchio.Model
+    tip: str
     springs: tuple[SpringLaw, ...]
     presets: Array
     motor_inertia: Array
     motor_friction: Array
+    link_friction: Array
     torque_limit: Array
     speed_limit: Array
     _data: pinocchio.Data = field(init=False, repr=False)
     _kinds: Array = field(init=False, repr=False)
     _rows: Array = field(init=False, repr=False)
+    _tip: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         n = len(self.springs)
         if self.model.nq != n or self.model.nv != n:
             raise ParameterError(f"model has {self.model.nv} joints that move and {self.model.nq} angles, springs {n}")
-        for name in ("presets", "motor_inertia", "motor_friction", "torque_limit", "speed_limit"):
+        if not self.model.existFrame(self.tip):
+            raise ParameterError(f"tip: no frame '{self.tip}'")
+        for name in ("presets", "motor_inertia", "motor_friction", "link_friction", "torque_limit", "speed_limit"):
             values = locked(getattr(self, name), name)
             if values.shape != (n,) or np.isnan(values).any():
                 raise ParameterError(f"{name} must hold {n} numbers, got {values}")
-            if name != "presets" and (values.min() < 0.0 or (name != "motor_friction" and values.min() == 0.0)):
+            friction = name.endswith("friction")
+            if name != "presets" and (values.min() < 0.0 or (not friction and values.min() == 0.0)):
                 raise ParameterError(f"{name} must be positive, got {values}")
             object.__setattr__(self, name, values)
         object.__setattr__(self, "_data", self.model.createData())
         object.__setattr__(self, "_kinds", np.array([law.kind for law in self.springs]))
+        object.__setattr__(self, "_tip", self.model.getFrameId(self.tip))
         object.__setattr__(self, "_rows", np.array([law.coefficients() for law in self.springs]))
 
     @property
@@ -157,12 +180,23 @@ class VsaArm:
         return np.array(pinocchio.computeGeneralizedGravity(self.model, self._data, q))
 
     def link_torque(self, q: Array, velocity: Array, acceleration: Array) -> Array:
-        """M qdd + C qd + g (n,) [N m]: what must drive the links for this motion."""
-        return np.array(pinocchio.rnea(self.model, self._data, q, velocity, acceleration))
+        """M qdd + C qd + Dq qd + g (n,) [N m]: what must drive the links for this motion."""
+        rigid = pinocchio.rnea(self.model, self._data, q, velocity, acceleration)
+        return np.asarray(rigid + self.link_friction * velocity)
 
     def link_acceleration(self, q: Array, velocity: Array, torque: Array) -> Array:
         """qdd (n,) [rad/s^2] under `torque` (n,) [N m] on the links: -tau_e + tau_ext, or a rigid arm's motors."""
-        return np.array(pinocchio.aba(self.model, self._data, q, velocity, torque))
+        return np.array(pinocchio.aba(self.model, self._data, q, velocity, torque - self.link_friction * velocity))
+
+    def tip_position(self, q: Array) -> Array:
+        """Of the end effector in the base (3,) [m]."""
+        pinocchio.framesForwardKinematics(self.model, self._data, q)
+        return np.array(self._data.oMf[self._tip].translation)
+
+    def tip_jacobian(self, q: Array) -> Array:
+        """J (3, n) [m/rad]: the end effector moves at J qd in the base, a force F on it loads links by J' F."""
+        aligned = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        return np.array(pinocchio.computeFrameJacobian(self.model, self._data, q, self._tip, aligned)[:3])
 
     def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
         """tau_e [N m], sigma [N m/rad] and its slope [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
@@ -179,9 +213,10 @@ class VsaArm:
         self, q: Array, velocity: Array, theta: Array, motor_velocity: Array, torque: Array, external: Array
     ) -> tuple[Array, Array]:
         """qdd and thdd (n,) [rad/s^2] under motor torques `torque` and `external` (n,) [N m] on the links."""
-        tau_e, _, _ = self.spring_state(q - theta)
-        motor = (torque + tau_e - self.motor_friction * motor_velocity) / self.motor_inertia
-        return self.link_acceleration(q, velocity, external - tau_e), motor
+        links, motors = _torques(
+            self._kinds, self._rows, self.presets, self.motor_friction, q, theta, motor_velocity, torque, external
+        )
+        return self.link_acceleration(q, velocity, links), motors / self.motor_inertia
 
     def rest(self, q: Array) -> Array:
         """Motor angles (n,) [rad] that hold the links still at `q` (n,) [rad] against gravity."""
@@ -222,6 +257,8 @@ def _built(shown: str, file: VsaArmFile, model: pinocchio.Model) -> VsaArm:
     if model.nq != model.nv:
         raise DeviceError(f"{shown}: {file.urdf} has joints without end stops, which springs cannot drive")
     motors = [joint.motor for joint in file.joints]
+    if not model.existFrame(file.tip):
+        raise DeviceError(f"{shown}: tip: {file.urdf} has no link '{file.tip}'")
     if any(motor.coulomb_friction for motor in motors):
         raise DeviceError(f"{shown}: joints: dry friction of motors is not modelled here")
 
@@ -231,10 +268,12 @@ def _built(shown: str, file: VsaArmFile, model: pinocchio.Model) -> VsaArm:
     return VsaArm(
         name=file.name,
         model=model,
+        tip=file.tip,
         springs=tuple(joint.spring.built for joint in file.joints),
         presets=np.array([joint.preset for joint in file.joints]),
         motor_inertia=np.array([motor.inertia for motor in motors]),
         motor_friction=np.array([motor.viscous_friction for motor in motors]),
+        link_friction=np.array([joint.link_friction for joint in file.joints]),
         torque_limit=np.array(limit("torque_limit")),
         speed_limit=np.array(limit("speed_limit")),
     )

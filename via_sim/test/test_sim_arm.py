@@ -8,7 +8,8 @@ import pytest
 from scipy.integrate import quad
 from via_core.errors import ParameterError
 from via_core.vsa_arms import load_vsa_arm
-from via_sim.arm import ArmState, arm_step, loaded_state
+from via_sim.arm import ArmState, arm_step, contact_force, loaded_state
+from via_sim.contacts import Hand, Wall
 
 ARM = load_vsa_arm("reference_4dof")
 REST, STILL = np.array([0.2, 0.4, 0.3, 1.2]), np.zeros(4)
@@ -89,3 +90,65 @@ def test_a_loaded_start_has_the_torque_and_the_rate_asked_for():
     found, stiffness, _ = ARM.spring_state(state.q - state.theta)
     assert found == pytest.approx(torque, abs=1e-10)
     assert stiffness * (state.velocity - state.motor_velocity) == pytest.approx(rate)
+
+
+def test_a_wall_pushes_and_never_pulls():
+    wall = Wall(np.array([0.0, 0.1, 0.0]), np.array([0.0, 1.0, 0.0]), stiffness=1000.0, damping=10.0)
+    still, inside = np.zeros(3), np.array([5.0, 0.08, -3.0])
+    assert wall.force(inside, still) == pytest.approx([0.0, 20.0, 0.0])
+    assert wall.force(inside, np.array([1.0, -1.0, 1.0])) == pytest.approx([0.0, 30.0, 0.0])
+    assert np.array_equal(wall.force(inside, np.array([0.0, 3.0, 0.0])), still)
+    assert np.array_equal(wall.force(np.array([0.0, 0.1 + 1e-9, 0.0]), np.array([0.0, -9.0, 0.0])), still)
+
+
+def test_a_wall_holds_the_arm_up():
+    """The arm sinks until the wall carries what its motors do not: J' F is the whole of it."""
+    state, load = start(0.0), ARM.gravity(REST) + np.array([0.0, 6.0, 0.0, 0.0])
+    floor = Wall(ARM.tip_position(REST) - np.array([0.0, 0.0, 0.01]), np.array([0.0, 0.0, 1.0]))
+    arm = replace(ARM, link_friction=np.full(4, 3.0), motor_friction=np.full(4, 6.0))
+    for _ in range(1500):
+        state = arm_step(arm, state, load - 50.0 * (state.theta - ARM.rest(REST)), STILL, 1e-3, contacts=(floor,))
+    force = contact_force(arm, state.q, state.velocity, (floor,))
+    assert force[2] > 3.0 and force[:2] == pytest.approx([0.0, 0.0])
+    depth = floor.point[2] - arm.tip_position(state.q)[2]
+    assert force[2] == pytest.approx(5e4 * depth, rel=1e-3)
+    tau_e, _, _ = arm.spring_state(state.q - state.theta)
+    assert tau_e + arm.gravity(state.q) == pytest.approx(arm.tip_jacobian(state.q).T @ force, abs=1e-2)
+
+
+def test_stiff_contact_is_integrated():
+    """One impact with the default four steps a millisecond against forty."""
+
+    def after(substeps: int) -> tuple[np.ndarray, float]:
+        state, most = replace(start(0.0), velocity=np.array([0.0, 1.0, 0.0, 0.5])), 0.0
+        floor = Wall(ARM.tip_position(REST) - np.array([0.0, 0.0, 0.01]), np.array([0.0, 0.0, 1.0]))
+        for _ in range(60):
+            state = arm_step(ARM, state, ARM.gravity(REST), STILL, 1e-3, substeps, (floor,))
+            most = max(most, contact_force(ARM, state.q, state.velocity, (floor,))[2])
+        return state.velocity, most
+
+    (velocity, force), (exact, _) = after(4), after(40)
+    assert force > 50.0
+    assert velocity == pytest.approx(exact, abs=0.005 * np.abs(exact).max())
+
+
+def test_a_hand_holds_the_tip():
+    state = start(0.0)
+    hand = Hand(ARM.tip_position(REST) + np.array([0.0, 0.05, 0.0]))
+    for _ in range(800):
+        state = arm_step(ARM, state, ARM.gravity(REST) - 30.0 * state.motor_velocity, STILL, 1e-3, contacts=(hand,))
+    assert ARM.tip_position(state.q) == pytest.approx(hand.point, abs=5e-3)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: Wall(np.zeros(3), np.array([0.0, 0.0, 2.0])),
+        lambda: Wall(np.zeros(2), np.array([0.0, 0.0, 1.0])),
+        lambda: Wall(np.zeros(3), np.array([0.0, 0.0, 1.0]), stiffness=-1.0),
+        lambda: Hand(np.full(3, np.nan)),
+    ],
+)
+def test_silly_contacts_are_refused(wrong):
+    with pytest.raises(ParameterError):
+        wrong()

@@ -1,13 +1,16 @@
-"""A flexible arm in motion: classical Runge-Kutta steps of its links and motors under held torques, limits applied."""
+"""A flexible arm in motion: Runge-Kutta steps of links and motors under held torques, with limits and contacts."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
+
+from via_sim.contacts import Contact
 
 
 @dataclass(frozen=True)
@@ -27,36 +30,57 @@ def loaded_state(arm: VsaArm, q: Array, velocity: Array, spring_torque: Array, s
     return ArmState(q, velocity, q - phi, velocity - spring_rate / stiffness)
 
 
-def arm_step(arm: VsaArm, state: ArmState, torque: Array, external: Array, step: float, substeps: int = 4) -> ArmState:
+def arm_step(
+    arm: VsaArm,
+    state: ArmState,
+    torque: Array,
+    external: Array,
+    step: float,
+    substeps: int = 4,
+    contacts: Sequence[Contact] = (),
+) -> ArmState:
     """The state `step` [s] later under held motor torques and torques on the links, (n,) each [N m].
 
-    A motor gives no more than its torque limit, and nothing that drives it beyond its speed limit.
+    A motor gives no more than its torque limit, and nothing that drives it beyond its speed limit. `contacts` act on
+    the tip along the way; a wall of 5e4 N/m wants substeps of .25 ms.
     Raises ParameterError where a spring is deflected beyond its stop.
     """
     n, h = arm.n, step / substeps
     given = np.clip(torque, -arm.torque_limit, arm.torque_limit)
 
-    def rate(x: Array) -> Array:
-        q, v, theta, w = x[:n], x[n : 2 * n], x[2 * n : 3 * n], x[3 * n :]
-        held = np.where((np.abs(w) >= arm.speed_limit) & (given * w > 0.0), 0.0, given)
-        return np.concatenate([v, *_accelerated(arm, q, v, theta, w, held, external)])
+    def rate(x: Array, held: Array) -> Array:
+        q, v, theta, w = x
+        load = external + contact_torque(arm, q, v, contacts) if contacts else external
+        out = np.empty((4, n))
+        out[0], out[2] = v, w
+        out[1], out[3] = arm.accelerations(q, v, theta, w, held, load)
+        return out
 
-    x = np.concatenate([state.q, state.velocity, state.theta, state.motor_velocity])
+    x = np.stack([state.q, state.velocity, state.theta, state.motor_velocity])
     for _ in range(substeps):
-        k1 = rate(x)
-        k2 = rate(x + 0.5 * h * k1)
-        k3 = rate(x + 0.5 * h * k2)
-        k4 = rate(x + h * k3)
-        x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    q, v, theta, w = x.reshape(4, n)
-    stops = np.array([law.max_deflection for law in arm.springs])
-    if not (np.abs(q - theta) <= stops).all():
+        held = np.where((np.abs(x[3]) >= arm.speed_limit) & (given * x[3] > 0.0), 0.0, given)
+        k1 = rate(x, held)
+        k2 = rate(x + 0.5 * h * k1, held)
+        k3 = rate(x + 0.5 * h * k2, held)
+        k4 = rate(x + h * k3, held)
+        x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    q, v, theta, w = x
+    if not all(abs(float(phi)) <= law.max_deflection for phi, law in zip(q - theta, arm.springs, strict=True)):
         raise ParameterError(f"springs reach their stops: deflections {q - theta} rad")
     return ArmState(q, v, theta, w)
 
 
-def _accelerated(
-    arm: VsaArm, q: Array, v: Array, theta: Array, w: Array, torque: Array, external: Array
-) -> tuple[Array, Array, Array]:
-    links, motors = arm.accelerations(q, v, theta, w, torque, external)
-    return links, w, motors
+def contact_force(arm: VsaArm, q: Array, velocity: Array, contacts: Sequence[Contact]) -> Array:
+    """What `contacts` do to the tip (3,) [N] at `q`, `velocity` (n,) [rad, rad/s]."""
+    position = arm.tip_position(q)
+    touching = [contact for contact in contacts if contact.touches(position)]
+    if not touching:
+        return np.zeros(3)
+    moving = arm.tip_jacobian(q) @ velocity
+    return np.sum([contact.force(position, moving) for contact in touching], axis=0)
+
+
+def contact_torque(arm: VsaArm, q: Array, velocity: Array, contacts: Sequence[Contact]) -> Array:
+    """What `contacts` on the tip do to the links (n,) [N m]."""
+    force = contact_force(arm, q, velocity, contacts)
+    return np.asarray(arm.tip_jacobian(q).T @ force) if force.any() else np.zeros(arm.n)
