@@ -4,67 +4,41 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from via_bringup.control.throw import RATE, law_of, throw
 from via_controllers.contract import JointSample
 from via_controllers.max_velocity import MaxVelocity, joint_of
 from via_core.devices import load_device
 from via_core.errors import ParameterError
-from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
-from via_sim.simulate import Simulator
 
 DEVICE = load_device("visco_elastic_demo")
-RATE = 1000.0
-
-
-def link_velocity(law: MaxVelocity, damper: float, sensors: Sensors = IDEAL, more: float = 0.0) -> np.ndarray:
-    """True link velocity (N,) [rad/s] up to t_f and `more` [s] under the law."""
-    simulator = Simulator(JointPlant.from_device(DEVICE), RATE, sensors)
-    body, state, found = simulator.init(seed=1), law.init(), []
-    measured, _ = simulator.sample(body)
-    for tick in range(round((law.horizon + more) * RATE)):
-        state, out = law.step(state, JointSample(tick / RATE, measured[0], measured[1:2]))
-        body, measured, _ = simulator.step(body, [out.torque[0], 0.0, damper, 0.0])
-        found.append(body[3])
-    return np.array(found)
-
-
-def law_of(damper: float, turns: int) -> tuple[MaxVelocity, float]:
-    """The law over t_n, n = `turns`, and the link velocity [rad/s] of an ideal motor."""
-    joint = joint_of(DEVICE, damper)
-    law = MaxVelocity.from_device(DEVICE, joint.first_turn + turns * joint.between_turns, damper)
-    return law, law.velocity * joint.fastest(law.horizon)
 
 
 @pytest.mark.parametrize(("damper", "turns"), [(0.0, 0), (0.0, 3), (0.5, 2), (1.0, 1)])
 def test_the_link_is_as_fast_as_the_closed_form_says(damper, turns):
-    law, ideal = law_of(damper, turns)
+    law, ideal = law_of(DEVICE, damper, turns)
     for sensors in (IDEAL, Sensors.of_device(DEVICE)):
-        assert link_velocity(law, damper, sensors)[-1] == pytest.approx(ideal, rel=5e-3)
+        assert throw(DEVICE, law, damper, sensors).velocity[-1] == pytest.approx(ideal, rel=5e-3)
 
 
 def test_turning_uniformly_is_slower_on_the_joint_too():
     """The printed 'period of omega_d' for the last stretch as well, on the simulated joint with D = .4."""
-    law, ideal = law_of(1.0, 2)
+    law, ideal = law_of(DEVICE, 1.0, 2)
     between = joint_of(DEVICE, 1.0).between_turns
     uniform = replace(law, turns=tuple(law.horizon - between * np.arange(2, 0, -1)))
-    assert link_velocity(uniform, 1.0)[-1] < 0.9 * ideal
+    assert throw(DEVICE, uniform, 1.0).velocity[-1] < 0.9 * ideal
 
 
 def test_after_the_horizon_the_motor_holds_still():
-    law, _ = law_of(1.0, 2)
-    simulator = Simulator(JointPlant.from_device(DEVICE), RATE, IDEAL)
-    body, state = simulator.init(), law.init()
-    measured, _ = simulator.sample(body)
-    for tick in range(round((law.horizon + 3.0) * RATE)):
-        state, out = law.step(state, JointSample(tick / RATE, measured[0], measured[1:2]))
-        body, measured, _ = simulator.step(body, [out.torque[0], 0.0, 1.0, 0.0])
+    law, _ = law_of(DEVICE, 1.0, 2)
+    after = throw(DEVICE, law, 1.0, more=3.0)
     there, rate = law.reference(law.horizon + 3.0)
-    assert measured[1] == pytest.approx(there, abs=1e-3)
-    assert rate == 0.0 and abs(body[3]) < 0.01
+    assert after.theta[-1] == pytest.approx(there, abs=1e-3)
+    assert rate == 0.0 and abs(after.velocity[-1]) < 0.01
 
 
 def test_the_motor_never_gets_more_than_its_torque():
-    law, _ = law_of(0.0, 3)
+    law, _ = law_of(DEVICE, 0.0, 3)
     law = replace(law, torque_limit=3.0)
     state = law.init()
     for tick in range(500):
@@ -74,7 +48,7 @@ def test_the_motor_never_gets_more_than_its_torque():
 
 
 def test_blind_samples_are_answered_with_nothing():
-    law, _ = law_of(0.0, 1)
+    law, _ = law_of(DEVICE, 0.0, 1)
     state, _ = law.step(law.init(), JointSample(0.0, 0.0, np.zeros(1)))
     after, out = law.step(state, JointSample(1e-3, np.nan, np.zeros(1)))
     assert after is state and out.torque == [0.0]

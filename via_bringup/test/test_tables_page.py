@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -103,7 +104,7 @@ def test_the_folder_of_recordings_goes_to_those_that_take_one(module, tmp_path):
 def test_sections_by_name():
     assert chosen([]) == SECTIONS
     assert [section.name for section in chosen(["5", "3"])] == ["5", "3"]
-    with pytest.raises(ParameterError, match="no section '6'; there are: 3, 4, 5, robot"):
+    with pytest.raises(ParameterError, match="no section '6'; there are: 3, 4, 5, robot, 7"):
         chosen(["6"])
 
 
@@ -125,9 +126,14 @@ def test_json_holds_every_row_and_no_nan(report):
 
 
 def test_the_markdown_page_has_all_rows_marks_misses_and_brings_small_pictures(report, tmp_path):
-    page = tmp_path / "docs" / "estimation.md"
-    write_markdown(report[0], page)
-    write_markdown(report[0], page)  # and again over itself
+    told = report[0]
+    other = Finished(replace(FAKE, page="control"), told.sections[0].rows[:1])
+    told = replace(told, sections=(*told.sections, other))
+    write_markdown(told, tmp_path / "docs")
+    page, second = write_markdown(told, tmp_path / "docs")  # and again over itself
+    assert page == tmp_path / "docs" / "estimation.md"
+    control = second.read_text(encoding="utf-8")
+    assert control.startswith("# Control: ") and "1 rows, 1 of them with a limit to keep, 0 missed." in control
     text = page.read_text(encoding="utf-8")
     for row in report[0].rows:
         assert f"| `{row.id}` |" in text

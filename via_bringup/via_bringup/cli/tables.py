@@ -17,7 +17,7 @@ from via_bringup.tables.page import Report, as_json, number, verdict, write_html
 from via_bringup.tables.run import SECTIONS, Finished, chosen, run_sections
 
 STYLES = {"ok": "green", "MISSED": "bold red"}
-PAGE = "estimation.md"
+PAGES = " and ".join(dict.fromkeys(f"{each.page}.md" for each in SECTIONS))
 
 
 def tables(
@@ -34,7 +34,9 @@ def tables(
     as_rows: Annotated[
         Path | None, typer.Option("--json", help="Write the rows to this file; -: to stdout, and nothing else.")
     ] = None,
-    write: Annotated[Path | None, typer.Option(help=f"Also write {PAGE} with small pictures into this folder.")] = None,
+    write: Annotated[
+        Path | None, typer.Option(help=f"Also write {PAGES} with small pictures into this folder.")
+    ] = None,
 ) -> None:
     """Reproduce the tables and figures of the document: its numbers, ours, and the limits to keep."""
     sections = chosen(section or [])
@@ -61,7 +63,7 @@ def tables(
     report = Report(finished, seeds, provenance(" ".join(words)))
     write_html(report, out / "index.html")
     if write is not None:
-        write_markdown(report, write / PAGE)
+        write_markdown(report, write)
     objects = json.dumps(as_json(report.rows), indent=1, allow_nan=False) + "\n"
     if as_rows == Path("-"):
         print(objects, end="")

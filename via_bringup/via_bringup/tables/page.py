@@ -32,6 +32,10 @@ class Report:
     def rows(self) -> tuple[Row, ...]:
         return tuple(row for section in self.sections for row in section.rows)
 
+    def of_page(self, name: str) -> tuple[Finished, ...]:
+        """The sections that stand on this page."""
+        return tuple(each for each in self.sections if each.section.page == name)
+
     @property
     def missed(self) -> tuple[Row, ...]:
         return tuple(row for row in self.rows if row.ok is False)
@@ -70,8 +74,16 @@ def write_html(report: Report, path: Path) -> None:
     path.write_text(_rendered("page.html", report, path.parent, escape=True), encoding="utf-8")
 
 
-def write_markdown(report: Report, path: Path) -> None:
-    """The page for a repository, with copies of the pictures, small enough for one, in a folder of the page's name."""
+def write_markdown(report: Report, folder: Path) -> list[Path]:
+    """A repository's pages, <page>.md of every page that sections of the report stand on; returns their paths.
+
+    Each has copies of its pictures, small enough for a repository, in a folder of the page's name.
+    """
+    names = dict.fromkeys(each.section.page for each in report.sections)
+    return [_write_page(replace(report, sections=report.of_page(name)), folder / f"{name}.md") for name in names]
+
+
+def _write_page(report: Report, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     pictures = path.parent / path.stem
     shutil.rmtree(pictures, ignore_errors=True)
@@ -84,6 +96,7 @@ def write_markdown(report: Report, path: Path) -> None:
         copied.append(replace(section, pictures=targets))
     text = _rendered("page.md", replace(report, sections=tuple(copied)), path.parent, escape=False)
     path.write_text(text, encoding="utf-8")
+    return path
 
 
 def small_copy(picture: Path, target: Path) -> None:

@@ -25,11 +25,12 @@ LEFT = {"start": "its process ended early", "rows": "its process ended before th
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the document and the module that reproduces it."""
+    """A section of the document and the module that reproduces it."""
 
     name: str
     title: str
     module: str
+    page: str = "estimation"  # of the repository, on which its rows stand
     recordings: bool = False  # whether its functions take the folder of recordings as a third argument
 
 
@@ -49,6 +50,7 @@ SECTIONS = (
     Section("4", "Stiffness from signals, without derivatives", "via_bringup.tables.section4"),
     Section("5", "Variable physical damping", "via_bringup.tables.section5"),
     Section("robot", "A real robot: the MACCEPA-VD", "via_bringup.tables.robot", recordings=True),
+    Section("7", "The fastest link of a visco-elastic joint", "via_bringup.tables.section7", "control"),
 )
 
 
