@@ -1,0 +1,73 @@
+"""The modal limit cycle of Section 6.1 on the simulated arm: the reference set-up, and what a run of it was like."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from via_controllers.modal_limit_cycle import ModalLimitCycle, ModalMotion
+from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
+from via_controllers.modal_transform import first_basis
+from via_core.signals import Array
+from via_core.vsa_arms import load_vsa_arm
+from via_sim.arm import ArmState, loaded_state
+
+from via_bringup.control.arm import PERIOD, ArmCourse
+
+ARM = load_vsa_arm("reference_4dof")
+EQUILIBRIUM = np.array([0.2, 0.4, 0.3, 1.2])  # q_d [rad]
+STIFFNESS = np.diag([100.0, 100.0, 60.0, 60.0])  # K_d [N m/rad], of the springs at rest
+DAMPING_RATIO, GAIN, LEVEL, BANDWIDTH = 0.7, 3.0, 0.02, 100.0  # xi, k_V [s/(kg m^2)], H_d [kg m^2], omega_tau [rad/s]
+ALONG = 1e-5  # [s] to either side, over which the start's torque is differenced
+
+
+def law_of(mode: int, gain: float = GAIN, damping_ratio: float = DAMPING_RATIO) -> VsaModalLimitCycle:
+    """The law on mode k = `mode`, 0 the softest."""
+    cycle = ModalLimitCycle(ARM, EQUILIBRIUM, STIFFNESS, mode, damping_ratio, gain, LEVEL)
+    return VsaModalLimitCycle(cycle, BANDWIDTH)
+
+
+def start(law: VsaModalLimitCycle, share: float = 0.5) -> ArmState:
+    """At rest, by `share` of the cycle's amplitude beside the equilibrium, the springs as the law wants them."""
+    cycle, arm = law.cycle, law.cycle.arm
+    z, still = np.zeros(arm.n), np.zeros(arm.n)
+    z[cycle.mode] = share * np.sqrt(2.0 * cycle.level)
+    q = cycle.equilibrium + first_basis(arm.inertia(cycle.equilibrium), cycle.stiffness).W @ z
+    motion = cycle.at(cycle.init(q), q, still)
+    ahead, behind = (cycle.at(motion.basis, q, s * motion.acceleration).torque for s in (ALONG, -ALONG))
+    return loaded_state(arm, q, still, -motion.torque, -(ahead - behind) / (2.0 * ALONG))
+
+
+@dataclass(frozen=True)
+class CycleCourse:
+    """A run of the law in its own terms, N samples."""
+
+    H: Array  # (N,) H / H_d - 1 [-]
+    leak: Array  # (N,) the largest of the other modes, over mode k's amplitude [-]
+    z: Array  # (N,) mode k
+    eigenvalue: Array  # (N,) mode k's [1/s^2]
+
+    @property
+    def late(self) -> slice:
+        """The second half of the run."""
+        return slice(len(self.H) // 2, None)
+
+    def frequencies(self) -> tuple[float, float]:
+        """Of z_k's upward zeros, and sqrt(mean lambda_k) / 2 pi over the same cycles [Hz]; late half."""
+        z, values = self.z[self.late], self.eigenvalue[self.late]
+        up = np.flatnonzero((z[:-1] < 0.0) & (z[1:] >= 0.0))
+        zeros = (up + z[up] / (z[up] - z[up + 1])) * PERIOD
+        return 1.0 / float(np.diff(zeros).mean()), float(np.sqrt(values[up[0] : up[-1]].mean())) / (2.0 * np.pi)
+
+
+def in_modes(law: VsaModalLimitCycle, course: ArmCourse[ModalMotion]) -> CycleCourse:
+    """What the law told of a run."""
+    k, level = law.cycle.mode, law.cycle.level
+    z = np.stack([course.quantity(f"z_{i + 1}") for i in range(law.cycle.arm.n)], axis=1)
+    frequency = course.quantity(f"frequency_{k + 1}")
+    return CycleCourse(
+        H=course.quantity("H") / level - 1.0,
+        leak=np.abs(np.delete(z, k, axis=1)).max(axis=1) / np.sqrt(2.0 * level),
+        z=z[:, k],
+        eigenvalue=(2.0 * np.pi * frequency) ** 2,
+    )
