@@ -22,10 +22,10 @@ def commands(start: float = 0.0) -> Signals:
     return Signals(time, {"equilibrium": swing, "preset": 0.5 * steady, "damping": 0.3 * steady}, UNITS, HELD)
 
 
-def log_of(effects=(), start: float = 0.0, early: float = 0.0) -> Signals:
-    """A log at 250 Hz of the MACCEPA-VD model that starts `early` [s] before the first command, at rest at q = .1."""
+def log_of(effects=(), start: float = 0.0, early: float = 0.0, read: bool = False) -> Signals:
+    """What was, or is `read`, at 250 Hz of the MACCEPA-VD model from `early` [s] before the first command, at rest."""
     device = load_device("maccepavd")
-    truth = simulate(
+    run = simulate(
         JointPlant.from_device(device),
         commands(start),
         1.48,
@@ -33,7 +33,8 @@ def log_of(effects=(), start: float = 0.0, early: float = 0.0) -> Signals:
         effects=effects,
         initial=[0.1, 0.1, 0.5, 0.0, 0.0, 0.0],
         start=start - early,
-    ).truth
+    )
+    truth = run.measured if read else run.truth
     theta = truth["theta"].copy()
     theta[:, 1] = np.nan  # the preset motor is not measured: its first command says where it starts
     return Signals(truth.time[::4], {"q": truth["q"][::4], "theta": theta[::4]}, UNITS)
@@ -53,6 +54,21 @@ def test_a_withheld_effect_shows_and_goes_when_it_is_added():
     after = measure_gap(device, real, commands(), effects=[FRICTION]).nrmse
     assert before > 0.1
     assert after < 0.02
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        Effect("encoder_offset", "sensor", {"offset": 0.1}),
+        Effect("encoder_eccentricity", "sensor", {"amplitude": 0.2, "phase": 0.3}),
+        Effect("channel_skew", "timing", {"delay": 0.05}),
+    ],
+    ids=lambda effect: effect.name,
+)
+def test_what_an_encoder_reads_is_compared_not_what_was(error):
+    device, real = load_device("maccepavd"), log_of(effects=[error], read=True)
+    assert measure_gap(device, real, commands()).nrmse > 0.05
+    assert measure_gap(device, real, commands(), effects=[error]).nrmse < 0.02
 
 
 def test_nrmse_is_that_of_a_planted_offset():

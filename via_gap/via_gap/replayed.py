@@ -16,6 +16,7 @@ from via_core.metrics import nrmse
 from via_core.signals import Array, Signals
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
+from via_sim.readings import true_angle
 from via_sim.simulate import simulate
 
 TICK_RATE = 1000.0  # [Hz] of the simulation; commands of logs change on whole milliseconds
@@ -33,7 +34,9 @@ class Gap:
 
 
 def simulated_log(device: Device, measured: Signals, commands: Signals, effects: Sequence[Effect] = ()) -> Signals:
-    """True signals of the device's model under the commands of a log, on a grid that covers `measured`.
+    """Signals of the device's model under the commands of a log, on a grid that covers `measured`.
+
+    Angles are what encoders without noise or steps read, the effects' errors included: a log holds readings.
 
     measured  has `q` (N,) and, where the device has motors, `theta` (N, m); the log starts at rest where its first
               samples say, a motor that is not measured where its first command says
@@ -47,15 +50,11 @@ def simulated_log(device: Device, measured: Signals, commands: Signals, effects:
     early = ceil(max(origin - float(measured.time[0]), 0.0) * TICK_RATE) / TICK_RATE
     start = origin - early if early else float(measured.time[0])
     duration = ceil((float(measured.time[-1]) - start) * TICK_RATE) / TICK_RATE
-    return simulate(
-        JointPlant.from_device(device),
-        commands,
-        duration,
-        TICK_RATE,
-        effects=effects,
-        initial=_initial(device, measured, commands),
-        start=start,
-    ).truth
+    plant = JointPlant.from_device(device).with_effects(effects)
+    initial = _initial(device, measured, commands, plant.parameters)
+    run = simulate(plant, commands, duration, TICK_RATE, initial=initial, start=start)
+    read = {name: run.measured[name] for name in ("q", "theta") if name in run.measured}
+    return Signals(run.truth.time, {**run.truth.channels, **read}, run.truth.units)
 
 
 def measure_gap(device: Device, measured: Signals, commands: Signals, effects: Sequence[Effect] = ()) -> Gap:
@@ -83,10 +82,10 @@ def pooled(gaps: Sequence[Gap]) -> float:
     return sqrt(error / spread)
 
 
-def _initial(device: Device, measured: Signals, commands: Signals) -> Array:
-    """(6,) q, theta_1, theta_2 [rad] and zero velocities."""
+def _initial(device: Device, measured: Signals, commands: Signals, row: Array) -> Array:
+    """(6,) q, theta_1, theta_2 [rad] and zero velocities; errors that `row` (N_PARAMETERS,) gives encoders undone."""
     state = np.zeros(6)
-    state[0] = _first(measured["q"])
+    state[0] = true_angle(row, 0, _first(measured["q"]))
     if np.isnan(state[0]):
         raise SignalError(f"no finite link angle among the first {FIRST_SAMPLES} samples of the log")
     asked = np.full(device.n_motors, np.nan)
@@ -95,7 +94,7 @@ def _initial(device: Device, measured: Signals, commands: Signals) -> Array:
         asked = device.motor_angles(commands["equilibrium"][0], preset)
     for motor in range(device.n_motors):
         angle = _first(measured["theta"][:, motor]) if "theta" in measured else np.nan
-        state[1 + motor] = angle if np.isfinite(angle) else asked[motor]
+        state[1 + motor] = true_angle(row, 1 + motor, angle) if np.isfinite(angle) else asked[motor]
         if np.isnan(state[1 + motor]):
             raise SignalError(f"motor {motor + 1} is neither measured nor commanded at the start of the log")
     return state

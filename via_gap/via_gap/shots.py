@@ -29,6 +29,7 @@ from via_sim.catalogue import MAX_DELAY
 from via_sim.lockstep import LANES, run_many
 from via_sim.parameters import DYNAMIC, SERVO, P
 from via_sim.plants import JointPlant
+from via_sim.readings import true_angle
 from via_sim.simulate import command_rows
 from via_sim.torques import N_COMMANDS, QUEUED, X
 
@@ -370,12 +371,9 @@ class Bench:
                 both = [axis, 3 + axis]
                 moved = (1.0 - share) * shots.start[low][:, both] + share * shots.start[high][:, both]
                 states[late, axis], states[late, 3 + axis] = moved[:, 0], moved[:, 1]
-            states[:, axis] -= rows[:, P.encoder_offset + axis]
+            states[:, axis] = true_angle(rows, axis, states[:, axis])
             if swing.any():
-                read, phase = states[:, axis].copy(), rows[:, P.eccentricity_phase + axis]
-                for _ in range(4):  # a contraction by the swing, which is small
-                    states[:, axis] = read - swing * np.sin(states[:, axis] + phase)
-                states[:, 3 + axis] /= 1.0 + swing * np.cos(states[:, axis] + phase)
+                states[:, 3 + axis] /= 1.0 + swing * np.cos(states[:, axis] + rows[:, P.eccentricity_phase + axis])
         return states
 
     def _sensitivity(self, row: Array) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from math import ceil, cos, log, nan, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from via_core.signals import Array
 
 from via_sim.parameters import DYNAMIC, P
@@ -29,6 +30,7 @@ from via_sim.torques import (
 )
 
 MAX_SKEW = 0.05  # [s] by which an encoder may be late
+INVERSIONS = 4  # of a contraction by an encoder's swing [rad], which is small
 
 # Measured row and truth row of one tick.
 MEASURED = (
@@ -133,6 +135,17 @@ def read_motion(p: Array, axis: int, angle: float, velocity: float) -> tuple[flo
         angle += swing * sin(turned)
         velocity += swing * cos(turned) * velocity
     return angle + p[P.encoder_offset + axis], velocity
+
+
+def true_angle(p: Array, axis: int, read: ArrayLike) -> Array:
+    """Angle [rad] (n,) at which the encoder of an axis reads `read` (n,): `read_motion` undone; p (n, N_PARAMETERS)."""
+    swing, phase = p[..., P.eccentricity + axis], p[..., P.eccentricity_phase + axis]
+    shifted = np.asarray(read, dtype=np.float64) - p[..., P.encoder_offset + axis]
+    angle = shifted
+    if np.any(swing):
+        for _ in range(INVERSIONS):
+            angle = shifted - swing * np.sin(angle + phase)
+    return angle
 
 
 @bare
