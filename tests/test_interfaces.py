@@ -9,7 +9,7 @@ from via_core.status import Status
 from via_interfaces import action, msg, srv
 
 WITH_STATUS = ["StiffnessEstimate", "DampingEstimate", "MotorEstimate", "ModalState", "GapStatus"]
-EXPECTED = {*WITH_STATUS, "VsaCommand", "Effect", "EffectHypothesis", "SiteShare"}
+EXPECTED = {*WITH_STATUS, "ControlState", "VsaCommand", "Effect", "EffectHypothesis", "SiteShare"}
 
 
 @pytest.mark.parametrize("name", WITH_STATUS)
@@ -28,13 +28,19 @@ def test_estimates_carry_stamp_number_and_method(name):
 
 def test_nothing_is_missing():
     assert {name for name in vars(msg) if name[0].isupper()} >= EXPECTED
-    assert {name for name in vars(srv) if name[0].isupper()} >= {"SetEffects", "ClearEffects", "ResetEstimator"}
+    assert {name for name in vars(srv) if name[0].isupper()} >= {
+        "SetEffects",
+        "ClearEffects",
+        "ResetEstimator",
+        "Push",
+        "Hold",
+    }
     assert "DiagnoseGap" in vars(action)
 
 
 def test_every_field_is_documented_and_every_number_has_a_unit(root):
     files = sorted((root / "via_interfaces").glob("*/*.*"))
-    assert len(files) == 13
+    assert len(files) == 16
     for path in files:
         for line in path.read_text(encoding="utf-8").splitlines():
             field = re.match(r"([\w/\[\]]+)\s+(\w+)\s*(#.*)?$", line)

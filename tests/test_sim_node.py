@@ -17,7 +17,8 @@ from via_ros import qos
 from via_ros.conversions import Command, CommandWriter, nanoseconds
 from via_sim.effects import Effect
 from via_sim.effects_file import save_effects
-from via_sim.nodes.simulator import EPOCH, SimulatorNode
+from via_sim.nodes.simulation import EPOCH
+from via_sim.nodes.simulator import SimulatorNode
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import simulate
@@ -183,6 +184,21 @@ def test_effects_file_and_realtime_answer_at_the_rate_until_nobody_commands(grap
     graph.until(lambda: bench.samples[-1][2][1] == 0.0)  # the watchdog
     graph.until(lambda: any("passive" in report.status[0].message for report in bench.reports))
     assert bench.clocks == []
+
+
+def test_a_command_holds_for_20_ms_after_its_sample_however_often_it_is_said(graph):
+    """In stamps: what a controller that died knew is not made younger by a message that was under way."""
+    bench = Bench(graph, device="cubic_aa_vsa", mode="realtime", rate=200.0)
+    asked = []
+
+    def repeat(_):
+        asked[:] = asked or [bench.samples[-1][0]]
+        bench.send(asked[0], (5.0, 5.0))
+
+    bench.answers = repeat
+    graph.until(lambda: bench.samples and bench.samples[-1][0] > asked[0] + 100 * PERIOD)
+    driven = [stamp - asked[0] for stamp, _, effort in bench.samples if effort[1] != 0.0]
+    assert driven and max(driven) <= 20 * PERIOD
 
 
 def test_silly_commands_are_ignored_and_counted(graph):

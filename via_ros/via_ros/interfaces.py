@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 from via_core.errors import BagError
 
 # These begin with `std_msgs/Header header` and `uint64 sequence`.
-NUMBERED = frozenset(
-    f"via_interfaces/msg/{name}"
-    for name in ("StiffnessEstimate", "DampingEstimate", "MotorEstimate", "VsaCommand", "ModalState", "GapStatus")
+NUMBERED = frozenset(f"via_interfaces/msg/{name}Estimate" for name in ("Stiffness", "Damping", "Motor")) | frozenset(
+    f"via_interfaces/msg/{name}" for name in ("VsaCommand", "ModalState", "GapStatus", "ControlState")
 )
 ENCAPSULATION = 4  # [bytes] before the content of a serialised message; offsets within count from its end
 
