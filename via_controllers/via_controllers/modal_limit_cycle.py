@@ -13,13 +13,17 @@ about; this loop is closed by solving for the acceleration first, A_k = W^-1 dW/
 
     (I - W [A_1 z ... A_n z]) qdd = (Wdd z at qdd = 0) + 2 Wdot zd + W zdd,   tau = M qdd + C qd + g
 
-z = 0 is an equilibrium, if an unstable one: somebody must push.
+z = 0 is an equilibrium, if an unstable one: somebody must push. How long the way is follows from (103): over a cycle
+zd_k^2 is lambda_k H on average, so that with h = H / H_d
+
+    hd = k_V lambda_k H_d h (1 - h),   1 / h(t) - 1 = (1 / h(0) - 1) exp(-k_V lambda_k H_d t)
 Source: the document's Section 6.1.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import exp
 
 import numpy as np
 from numba import njit
@@ -95,6 +99,16 @@ class ModalLimitCycle:
         acceleration = np.linalg.solve(loop, drift + W @ zdd)
         torque = arm.link_torque(q, velocity, acceleration)
         return ModalMotion(basis, z, zd, rates, H, 0.5 * (H - self.level) ** 2, acceleration, torque)
+
+
+def approach(share: float, gain: float, level: float, eigenvalue: float, time: float) -> float:
+    """h = H / H_d [-], averaged over a cycle, `time` [s] after it was `share` > 0 (head of this file)."""
+    return 1.0 / (1.0 + (1.0 / share - 1.0) * exp(-gain * eigenvalue * level * time))
+
+
+def least_share(after: float, gain: float, level: float, eigenvalue: float, time: float) -> float:
+    """The least h(0) [-] from which h is `after` within `time` [s]: `approach` backwards in time."""
+    return approach(after, gain, level, eigenvalue, -time)
 
 
 def orbit_input(eigenvalue: float, rate: float, pull: float, z_velocity: float) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from via_controllers.modal_limit_cycle import ModalLimitCycle, ModalMotion
 from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
-from via_controllers.modal_transform import first_basis
+from via_controllers.modal_transform import ModalBasis, first_basis
 from via_core.signals import Array
 from via_core.vsa_arms import load_vsa_arm
 from via_sim.arm import ArmState, loaded_state
@@ -70,4 +70,36 @@ def in_modes(law: VsaModalLimitCycle, course: ArmCourse[ModalMotion]) -> CycleCo
         leak=np.abs(np.delete(z, k, axis=1)).max(axis=1) / np.sqrt(2.0 * level),
         z=z[:, k],
         eigenvalue=(2.0 * np.pi * frequency) ** 2,
+    )
+
+
+def rigid(cycle: ModalLimitCycle, duration: float, step: float = 2e-3, others: float = 0.03) -> CycleCourse:
+    """The law of a rigid arm as one in continuous time: asked at every stage of classical Runge-Kutta steps [s].
+
+    From half of the amplitude at rest, the other modes `others` off [sqrt(kg m^2) rad].
+    """
+    arm, k, n = cycle.arm, cycle.mode, cycle.arm.n
+    z0 = np.full(n, others)
+    z0[k] = 0.5 * np.sqrt(2.0 * cycle.level)
+    q = cycle.equilibrium + first_basis(arm.inertia(cycle.equilibrium), cycle.stiffness).W @ z0
+    v, h, basis, seen = np.zeros(n), step, cycle.init(q), []
+    for _ in range(round(duration / step)):
+        motion = cycle.at(basis, q, v)
+        basis = motion.basis
+        seen.append(motion)
+
+        def pulled(q: Array, v: Array, near: ModalBasis = basis) -> Array:
+            return arm.link_acceleration(q, v, cycle.at(near, q, v).torque)
+
+        a1 = arm.link_acceleration(q, v, motion.torque)
+        a2 = pulled(q + 0.5 * h * v, v + 0.5 * h * a1)
+        a3 = pulled(q + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2)
+        a4 = pulled(q + h * v + 0.5 * h * h * a2, v + h * a3)
+        q, v = q + h * v + h * h / 6.0 * (a1 + a2 + a3), v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    z = np.array([motion.z for motion in seen])
+    return CycleCourse(
+        H=np.array([motion.H for motion in seen]) / cycle.level - 1.0,
+        leak=np.abs(np.delete(z, k, axis=1)).max(axis=1) / np.sqrt(2.0 * cycle.level),
+        z=z[:, k],
+        eigenvalue=np.array([motion.basis.eigenvalues[k] for motion in seen]),
     )

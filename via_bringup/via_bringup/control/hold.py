@@ -1,0 +1,59 @@
+"""The end effector of an arm on its limit cycle held and released, at phases all around the cycle: Section 6.3.
+
+A hand holds the tip where it is; z_k is then what it is there, nothing moves, and H at release is z_k^2 / 2. Held near
+z_k = 0 the arm is let go without a push, and takes its time (`approach`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from via_sim.arm import ArmState
+from via_sim.contacts import Contact, Hand
+
+from via_bringup.control.arm import PERIOD, ArmLoop
+from via_bringup.control.limit_cycle import GAIN, CycleCourse, in_modes, law_of, start
+
+SETTLING, AFTER = 2.5, 2.5  # [s] before the first hold, after a release
+
+
+@dataclass(frozen=True)
+class Released:
+    """What came of one hold."""
+
+    phase: float  # [rad] on the cycle when it was held: z_k ~ cos(phase)
+    share: float  # H / H_d at release [-]
+    period: float  # [s] of the cycle
+    eigenvalue: float  # lambda_k [1/s^2], mean over a cycle
+    course: CycleCourse  # from the release on
+    saturated: bool  # while held
+
+    def error(self, periods: float) -> float:
+        """The largest |H / H_d - 1| from so many periods after the release on."""
+        return float(np.abs(self.course.H[round(periods * self.period / PERIOD) :]).max())
+
+
+def held_and_released(mode: int, phases: int, duration: float = 1.0, gain: float = GAIN) -> Iterator[Released]:
+    """Mode `mode` held for `duration` [s], at that many phases evenly around the cycle."""
+    law = law_of(mode, gain)
+    loop, holding = ArmLoop(law.cycle.arm, law), ArmLoop(law.cycle.arm, law, substeps=4)
+    course = loop.run(start(law, 1.0), SETTLING)
+    steady = in_modes(law, course)
+    period = 1.0 / steady.frequencies()[0]
+    eigenvalue = float(steady.eigenvalue[-round(period / PERIOD) :].mean())
+    body, state = course.body, course.state
+    for _ in range(phases):
+        there = loop.run(body, period / phases, state=state)
+        body, state = there.body, there.state
+        z, speed = state.z[mode], state.z_velocity[mode] / np.sqrt(state.basis.eigenvalues[mode])
+        hand = (Hand(law.cycle.arm.tip_position(body.q)),)
+
+        def grip(time: float, body: ArmState, hand: Sequence[Contact] = hand) -> Sequence[Contact]:
+            return hand
+
+        held = holding.run(body, duration, grip, state)
+        after = in_modes(law, loop.run(held.body, AFTER, state=held.state))
+        phase = float(np.arctan2(-speed, z))
+        yield Released(phase, float(after.H[0]) + 1.0, period, eigenvalue, after, held.saturated)
