@@ -2,9 +2,10 @@
 
 A torque-driven joint run freely under recorded torques drifts off for any small error, and says nothing after a second.
 Restarted every quarter of a second it says what the model lacks *there*. Between two shots only angles and velocities
-of the axes that were seen are set anew; what else the state holds (commands under way, bristles, angles that nobody
-measured) goes on. Where a shot starts is known only as well as the sensors tell: what a wrong start does (to first
-order, by runs that start beside it) is correlated noise of the shot, and every comparison is whitened by it,
+of the axes that were seen are set anew, and what bristles and slipping springs hold after such a motion (memory.py);
+what else the state holds (commands under way, angles that nobody measured) goes on. Where a shot starts is known only
+as well as the sensors tell: what a wrong start does (to first order, by runs that start beside it) is correlated noise
+of the shot, and every comparison is whitened by it,
 
     e' (1 + A S A')^-1 e = |w|^2,   w = e - U (1 - 1 / sqrt(1 + s^2)) U' e,   U s V' = A S^1/2
 
@@ -35,6 +36,7 @@ from via_sim.torques import N_COMMANDS, QUEUED, X
 
 from via_gap.data_check import step_of
 from via_gap.log import JointLog
+from via_gap.memory import HELD, held_along, with_memory
 from via_gap.replayed import FIRST_SAMPLES
 
 Indices = NDArray[np.intp]
@@ -286,11 +288,14 @@ class Bench:
         size = min(LANES, ceil(len(runs) / THREADS))
         pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
         drive = self.shots.commands[None] if commands is None else commands
+        held = None  # by elements with memory, where every angle they hang on was seen
+        if with_memory(rows).any() and all(self.shots.log.motors_seen):
+            held = held_along(rows, self.shots.start[:, :3], self.shots.begin[self.chosen])
         if len(pieces) == 1:
-            self._run(rows, offset, drive, stretches, pieces[0], out)
+            self._run(rows, offset, drive, held, stretches, pieces[0], out)
             return out
         with ThreadPoolExecutor(THREADS) as pool:  # the kernel releases the GIL
-            for job in [pool.submit(self._run, rows, offset, drive, stretches, piece, out) for piece in pieces]:
+            for job in [pool.submit(self._run, rows, offset, drive, held, stretches, piece, out) for piece in pieces]:
                 job.result()
         return out
 
@@ -300,8 +305,9 @@ class Bench:
         return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
 
     def _run(
-        self, rows: Array, offset: Array | None, drive: Array, stretches: Indices, runs: Indices, out: Array
-    ) -> None:
+        self, rows: Array, offset: Array | None, drive: Array, held: Array | None, stretches: Indices, runs: Indices,
+        out: Array,
+    ) -> None:  # fmt: skip
         """The `runs` (n, 2), row and stretch each; of one with fewer shots than another the lane ends."""
         shots, axes = self.shots, list(self.shots.axes)
         known = np.array([*axes, *(3 + axis for axis in axes)])
@@ -321,6 +327,8 @@ class Bench:
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
             begin = shots.begin[self.chosen[here]]
             state[:, known] = self._starts(run, begin)[:, known]
+            if held is not None:
+                state[:, X.bristle : X.bristle + HELD] = held[runs[:left, 0], here]
             if offset is not None:
                 state[:, :6] += offset
             run_many(run, state, sent, under[:left] + begin, moved[:left])

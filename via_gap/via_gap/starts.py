@@ -7,7 +7,7 @@ effect is linear in them. What is not linear (a speed, an order, a gap's place) 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, hypot, pi
 
 import numpy as np
@@ -26,11 +26,13 @@ class Start:
     """directions  parameter sets, all of the effect's parameters each
     scaled      names whose distance from neutral grows with the amount; the others keep the first direction's value
     wave        the directions are sine and cosine of `phase` with one `amplitude`
+    through     names that are the amount times the first direction's value, neutral or not
     """
 
     directions: tuple[Values, ...]
     scaled: tuple[str, ...]
     wave: bool = False
+    through: tuple[str, ...] = ()
 
 
 def starts(place: Place, scales: Scales, device: Device) -> tuple[Start, ...]:
@@ -44,7 +46,7 @@ def starts(place: Place, scales: Scales, device: Device) -> tuple[Start, ...]:
             {p.name: float(np.clip(d.get(p.name, p.neutral), p.low, p.high)) for p in parameters}
             for d in start.directions
         )
-        clipped.append(Start(directions, start.scaled, start.wave))
+        clipped.append(replace(start, directions=directions))
     return tuple(clipped)
 
 
@@ -63,6 +65,8 @@ def combined(place: Place, start: Start, amounts: Sequence[float]) -> list[float
                 values[p.name] = p.neutral + sum(
                     a * (d[p.name] - p.neutral) for a, d in zip(amounts, start.directions, strict=True)
                 )
+            elif p.name in start.through:
+                values[p.name] = amounts[0] * first[p.name]
     return [float(np.clip(values[p.name], p.low, p.high)) for p in parameters]
 
 
@@ -147,13 +151,18 @@ def _stribeck(here: _Here) -> list[Start]:
 def _presliding(here: _Here) -> list[Start]:
     torque = 0.1 * here.torque
     ways = [share * here.scales.angle for share in (0.01, 0.05, 0.2)]
-    return [Start(({"torque": torque, "stiffness": torque / way},), ("torque",)) for way in ways]
+    return [_sliding(torque, way) for way in ways]
 
 
 def _hysteresis(here: _Here) -> list[Start]:
     torque = 0.1 * float(max(here.scales.torque[0], here.torque))
-    ways = [share * here.scales.deflection for share in (0.05, 0.25, 0.8)]
-    return [Start(({"torque": torque, "stiffness": torque / way},), ()) for way in ways]
+    ways = [share * here.scales.deflection for share in (0.05, 0.2, 0.8)]
+    return [_sliding(torque, way) for way in ways]
+
+
+def _sliding(torque: float, way: float) -> Start:
+    """An element that slips after `way` [rad], however strong it is: what it does along a motion grows with both."""
+    return Start(({"torque": torque, "stiffness": torque / way},), ("torque",), through=("stiffness",))
 
 
 def _ripple(here: _Here) -> list[Start]:
