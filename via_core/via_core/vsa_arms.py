@@ -23,12 +23,14 @@ import pinocchio
 import yaml
 from numba import njit
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from scipy.optimize import root
 
 from via_core.devices import Number, Spring, Text, TorqueMotor
 from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw, spring_stiffness, spring_stiffness_slope, spring_torque
 
+BALANCE = 1e-9  # [N m] that an arm at rest may lack
 LINE = 1e-4  # [rad] to either side: second derivatives of M are then good to a billionth
 
 
@@ -217,6 +219,28 @@ class VsaArm:
             self._kinds, self._rows, self.presets, self.motor_friction, q, theta, motor_velocity, torque, external
         )
         return self.link_acceleration(q, velocity, links), motors / self.motor_inertia
+
+    def gravity_slope(self, q: Array) -> Array:
+        """dg/dq (n, n) [N m/rad], symmetric."""
+        slope = np.array(pinocchio.computeGeneralizedGravityDerivatives(self.model, self._data, q))
+        return 0.5 * (slope + slope.T)
+
+    def hanging(self, theta: Array) -> Array:
+        """Link angles (n,) [rad] at rest with the motors at `theta` (n,) [rad]: the ones found from q = theta.
+
+        Raises ParameterError where none is found, as with springs too soft for the arm's weight.
+        """
+
+        def forces(q: Array) -> tuple[Array, Array]:
+            tau_e, stiffness, _ = self.spring_state(q - theta)
+            return self.gravity(q) + tau_e, self.gravity_slope(q) + np.diag(stiffness)
+
+        found = root(forces, theta, jac=True, options={"xtol": 1e-14})
+        q = np.asarray(found.x)
+        stops = np.array([law.max_deflection for law in self.springs])
+        if np.abs(forces(q)[0]).max() > BALANCE or not (np.abs(q - theta) <= stops).all():
+            raise ParameterError(f"no rest with the motors at {theta} rad")
+        return q
 
     def rest(self, q: Array) -> Array:
         """Motor angles (n,) [rad] that hold the links still at `q` (n,) [rad] against gravity."""

@@ -1,1 +1,1 @@
-"""The laws of Sections 6 and 7 in closed loop with simulated robots: what tables, scenes and tests share."""
+"""The experiments of Section 6 in simulation, without ROS: one file per experiment, each returns its figures."""

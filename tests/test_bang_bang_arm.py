@@ -1,0 +1,100 @@
+"""Numbers 5 and 6: the modal bang-bang law on the simulated 4-dof arm, free and against a wall; misprints stop it."""
+
+import numpy as np
+import pytest
+from via_bringup.control.arm_run import Phase, run_arm
+from via_bringup.control.bang_bang import damped_arm, free_motion, linear_modes, pushed, reference_law
+from via_bringup.control.cycles import Cycles, spread
+from via_bringup.control.hitting import TURNING, hitting
+from via_controllers.bang_bang import BangBangState, ModalBangBang
+
+ARM = damped_arm()
+
+
+@pytest.mark.parametrize("mode", [1, 2])
+def test_the_law_finds_a_mode_and_swings_regularly(mode):
+    """Number 5, from a w_1(0) that names joints and knows no mode."""
+    found = free_motion(mode, 9.0)
+    assert found.angle < 3.0
+    assert found.period_spread < 1e-3
+    assert 1.03 < found.ratio < 1.15
+    assert found.cycles >= 8 and found.run.saturated == 0.0
+
+
+def test_linear_modes_are_those_of_the_held_arm():
+    """(K + dg) w = omega^2 M w, dg by differences."""
+    motors = np.array([0.2, 0.5, 0.3, 1.3])
+    found, h = linear_modes(ARM, motors), 1e-6
+    q = found.rest
+
+    def force(at):
+        return ARM.gravity(at) + ARM.spring_state(at - motors)[0]
+
+    assert force(q) == pytest.approx(np.zeros(4), abs=1e-9)
+    stiffness = np.column_stack([(force(q + h * e) - force(q - h * e)) / (2.0 * h) for e in np.eye(4)])
+    for w, f in zip(found.directions.T, found.frequencies, strict=True):
+        assert stiffness @ w == pytest.approx((2.0 * np.pi * f) ** 2 * ARM.inertia(q) @ w, abs=1e-4)
+
+
+def test_with_the_printed_force_the_motion_dies(monkeypatch):
+    """(122) with both terms at the same q; about the static equilibrium it lives."""
+    whole = ModalBangBang._after
+
+    def printed(self, sample, time, direction):
+        here = whole(self, sample, time, direction)
+        hold = self.motors
+        torque = float(
+            direction
+            @ (
+                hold.drives.spring_state(sample.q - hold.motors)[0]
+                - hold.drives.spring_state(sample.q - sample.theta)[0]
+            )
+        )
+        switch = int(np.sign(torque)) if abs(torque) > self.threshold else 0
+        return BangBangState(here.time, here.direction, here.y, torque, switch)
+
+    def swing(duration):
+        law = reference_law(ARM, np.array([0.0, 1.0, 0.0, 1.0]))
+        late = run_arm(ARM, law, pushed(law), (Phase(duration),)).since(duration - 0.6)
+        return np.ptp(late.told[:, 0])
+
+    assert swing(2.0) > 0.2
+    monkeypatch.setattr(ModalBangBang, "_after", printed)
+    assert swing(4.0) < 0.03
+
+
+def test_an_offset_turns_the_direction():
+    """C of q about another point than the static equilibrium: its first component is none of the motion."""
+    law = reference_law(ARM, np.array([0.0, 1.0, 0.0, 1.0]))
+    run = run_arm(ARM, law, pushed(law), (Phase(4.0),))
+    motion = run.since(2.0).q - law.motors.equilibrium
+
+    def first(offset):
+        data = motion + offset
+        return np.linalg.eigh(data.T @ data)[1][:, -1]
+
+    def turned(a, b):
+        return np.degrees(np.arccos(min(1.0, abs(a @ b))))
+
+    about_rest, mode = first(np.zeros(4)), linear_modes(ARM, law.motors.motors).directions[:, 0]
+    assert turned(about_rest, mode) < 5.0
+    assert turned(first(np.array([0.1, 0.0, 0.0, 0.0])), about_rest) > 20.0
+
+
+@pytest.mark.parametrize(("wall", "hold", "duration"), [(0.3, 1.2, 5.0), (0.7, 0.9, 7.0)])
+def test_hitting_is_steady_from_the_second_cycle(wall, hold, duration):
+    """Number 6 on the two cases that differ most; the tables have all of them."""
+    case = hitting(wall, hold, duration)
+    assert case.second < 0.05
+    assert case.steady_spread < 5e-3
+    assert case.least_force > 20.0
+    assert np.abs(case.run.told[:1000, 0]).max() == pytest.approx(hold * TURNING, rel=0.2)
+
+
+def test_cycles_are_counted_at_their_rises():
+    time = 1e-3 * np.arange(3000)
+    cycles = Cycles(time, 0.5 + np.sin(2.0 * np.pi * 3.3 * (time - 0.05)), 0.5)
+    assert cycles.periods == pytest.approx(np.full(len(cycles.periods), 1.0 / 3.3), abs=1e-6)
+    assert cycles.rises[0] == pytest.approx(0.05, abs=1e-6)
+    assert cycles.swings == pytest.approx(np.full(len(cycles.periods), 2.0), abs=1e-3)
+    assert spread(np.array([1.0, 3.0])) == pytest.approx(0.5)

@@ -1,0 +1,105 @@
+"""Section 6.2 in free motion on the 4-dof arm: does the law find a mode of the arm, and how regular is its cycle?
+
+The arm hangs at theta_0 and is linearised there: (K + dg/dq, M), K the springs' stiffness under gravity. Its links have
+the viscous friction d_i = 2 zeta sqrt(K_i M_ii) at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from scipy.linalg import eigh
+from via_controllers.bang_bang import ModalBangBang
+from via_controllers.motor_pd import MotorPd
+from via_core.signals import Array
+from via_core.vsa_arms import VsaArm, load_vsa_arm
+from via_sim.arm import ArmState
+
+from via_bringup.control.arm_run import ArmRun, Phase, run_arm
+from via_bringup.control.cycles import Cycles, spread
+
+MOTORS = (0.2, 0.5, 0.3, 1.3)  # theta_0 [rad]
+DAMPING = 0.05  # zeta [-]
+BANDWIDTH = 60.0  # omega_m [rad/s]
+AMPLITUDE = 0.03  # theta_hat [rad]
+THRESHOLD = 0.5  # epsilon [N m]
+ADAPTATION = 50.0  # gamma [1/(rad^2 s)]: .05 per sample of a millisecond
+PUSH = 0.1  # [rad] along w_1(0), from which the arm is let go
+# w_1(0) that a user would write down: which joints are to swing together.
+DIRECTIONS = {1: (0.0, 1.0, 0.0, 1.0), 2: (1.0, 0.0, 1.0, 0.0), 3: (-0.5, 0.0, 1.0, 1.0), 4: (0.0, 0.0, -0.5, 1.0)}
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Modes of the arm at rest, softest first."""
+
+    rest: Array  # q_0 (n,) [rad]
+    frequencies: Array  # (n,) [Hz]
+    directions: Array  # (n, n) [-], unit columns
+
+
+@dataclass(frozen=True)
+class FreeMotion:
+    """Figures of number 5, over the second half of a run."""
+
+    mode: int  # 1 the softest
+    angle: float  # [deg] between w_1 and the mode
+    frequency: float  # [Hz]
+    ratio: float  # f / f_lin
+    period_spread: float  # std / mean
+    swing: float  # [rad] peak to peak of w_1' (q - q_0)
+    cycles: int
+    run: ArmRun
+
+
+@cache
+def damped_arm() -> VsaArm:
+    """The 4-dof reference arm with friction of its links."""
+    arm, motors = load_vsa_arm("reference_4dof"), np.array(MOTORS)
+    q = arm.hanging(motors)
+    _, stiffness, _ = arm.spring_state(q - motors)
+    return replace(arm, link_friction=2.0 * DAMPING * np.sqrt(stiffness * np.diag(arm.inertia(q))))
+
+
+def linear_modes(arm: VsaArm, motors: Array) -> Linear:
+    """Of small swings about rest with the motors held at `motors` (n,) [rad]."""
+    q = arm.hanging(motors)
+    _, stiffness, _ = arm.spring_state(q - motors)
+    values, modes = eigh(np.diag(stiffness) + arm.gravity_slope(q), arm.inertia(q))
+    return Linear(q, np.sqrt(values) / (2.0 * np.pi), modes / np.linalg.norm(modes, axis=0))
+
+
+def reference_law(arm: VsaArm, direction: Array) -> ModalBangBang:
+    """The law with the reference set-up; `direction` is w_1(0) (n,)."""
+    motors = np.array(MOTORS)
+    hold = MotorPd(arm, motors, arm.hanging(motors), BANDWIDTH)
+    return ModalBangBang(hold, direction, AMPLITUDE, THRESHOLD, ADAPTATION)
+
+
+def pushed(law: ModalBangBang) -> ArmState:
+    """Links at rest, `PUSH` along w_1(0) off where they hang."""
+    still = np.zeros(law.motors.drives.n)
+    return ArmState(law.motors.equilibrium + PUSH * law.direction, still, law.motors.motors, still)
+
+
+def free_motion(mode: int, duration: float = 20.0) -> FreeMotion:
+    """Number 5 from the w_1(0) of `DIRECTIONS`, for `duration` [s]."""
+    arm = damped_arm()
+    law = reference_law(arm, np.array(DIRECTIONS[mode]))
+    whole = run_arm(arm, law, pushed(law), (Phase(duration),))
+    late, linear = whole.since(0.5 * duration), linear_modes(arm, law.motors.motors)
+    w = late.told[-1, 3:] / np.linalg.norm(late.told[-1, 3:])
+    cycles = Cycles(late.time, late.told[:, 0])
+    frequency, nearest = 1.0 / float(cycles.periods.mean()), linear.directions[:, mode - 1]
+    return FreeMotion(
+        mode=mode,
+        angle=float(np.degrees(np.arccos(min(1.0, float(abs(w @ nearest)))))),
+        frequency=frequency,
+        ratio=frequency / float(linear.frequencies[mode - 1]),
+        period_spread=spread(cycles.periods),
+        swing=float(cycles.swings.mean()),
+        cycles=len(cycles.periods),
+        run=whole,
+    )
