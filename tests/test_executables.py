@@ -56,6 +56,8 @@ NEEDS = {
     "estimator_bank": Needs((f"device:={DEVICE.name}",), samples=True),
     "gap_monitor": Needs((f"device:={DEVICE.name}",)),
     "simulator": Needs((f"device:={DEVICE.name}",)),
+    "arm_simulator": Needs(("arm:=reference_2dof",)),
+    "modal_limit_cycle": Needs(("arm:=reference_2dof", "equilibrium:=[0.3, 0.9]")),
 }
 
 
@@ -112,6 +114,13 @@ from via_core.devices import load_device
 from via_gap.watch import rehearse
 rehearse(load_device("{DEVICE.name}"))
 """
+
+ARM_LOADED = """
+from via_bringup.control.arm import ArmLoop
+from via_bringup.control.limit_cycle import ARM, law_of, start
+ArmLoop(ARM, law_of(0)).run(start(law_of(0)), 0.002)
+"""
+LOADED = {"gap_monitor": MONITOR_LOADED, "arm_simulator": ARM_LOADED, "modal_limit_cycle": ARM_LOADED}
 
 
 def compiled(script):
@@ -188,8 +197,8 @@ CASES = [
 
 @pytest.mark.parametrize(("package", "executable", "number"), CASES)
 def test_starts_publishes_and_ends_cleanly(graph, folder, package, executable, number):
-    if executable == "gap_monitor":
-        compiled(MONITOR_LOADED)
+    if executable in LOADED:
+        compiled(LOADED[executable])
     process = started(package, executable, folder)
     try:
         until_it_publishes(graph, process, NEEDS.get(executable, Needs()).samples)

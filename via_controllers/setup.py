@@ -17,5 +17,10 @@ setup(
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
-    entry_points={"console_scripts": ["excitation = via_controllers.nodes.excitation:main"]},
+    entry_points={
+        "console_scripts": [
+            "excitation = via_controllers.nodes.excitation:main",
+            "modal_limit_cycle = via_controllers.nodes.modal_limit_cycle:main",
+        ]
+    },
 )

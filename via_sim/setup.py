@@ -18,5 +18,10 @@ setup(
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
-    entry_points={"console_scripts": ["simulator = via_sim.nodes.simulator:main"]},
+    entry_points={
+        "console_scripts": [
+            "simulator = via_sim.nodes.simulator:main",
+            "arm_simulator = via_sim.nodes.arm_simulator:main",
+        ]
+    },
 )

@@ -35,6 +35,7 @@ from via_core.springs import (
     cubic_spring,
     linear_spring,
 )
+from via_core.wire import command_topic, link_name, motor_name
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
@@ -321,16 +322,16 @@ class Device(_Part):
     @property
     def link_joint(self) -> str:
         """Name of the link in sensor_msgs/JointState."""
-        return self.wire.link or f"{self.name}_shaft_joint"
+        return self.wire.link or link_name(self.name)
 
     @property
     def motor_joints(self) -> tuple[str, ...]:
         """Names of the motors in sensor_msgs/JointState."""
-        return self.wire.motors or tuple(f"{self.name}_motor_{i}_joint" for i in range(1, self.n_motors + 1))
+        return self.wire.motors or tuple(motor_name(self.name, i) for i in range(1, self.n_motors + 1))
 
     @property
     def command_topic(self) -> str:
-        return self.wire.command or f"/{self.name}/command"
+        return self.wire.command or command_topic(self.name)
 
     def motor_angles(self, equilibrium: ArrayLike, preset: ArrayLike = 0.0) -> Array:
         """Motor angles (..., m) [rad] at rest: antagonistic eq +- preset, serial (eq, preset), flexible (eq,)."""

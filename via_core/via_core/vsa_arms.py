@@ -148,6 +148,16 @@ class VsaArm:
         """Number of joints."""
         return len(self.springs)
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, base first."""
+        return tuple(self.model.names)[1:]
+
+    @property
+    def deflection_limit(self) -> Array:
+        """Deflections (n,) [rad] at which springs meet their stops; infinite where there is none."""
+        return np.array([law.max_deflection for law in self.springs])
+
     def inertia(self, q: Array) -> Array:
         """M(q) (n, n) [kg m^2], symmetric to the last bit."""
         return _mirrored(np.ascontiguousarray(pinocchio.crba(self.model, self._data, q)))

@@ -37,3 +37,18 @@ def seconds(time: int | NDArray[np.int64], origin: int = 0) -> float | Array:
     A float holds stamps of this century only to 240 ns; relative to the first stamp of a stream it is exact for days.
     """
     return (time - origin) / SECOND
+
+
+def link_name(device: str) -> str:
+    """Name of a device's link in a JointState, where its file does not say otherwise."""
+    return f"{device}_shaft_joint"
+
+
+def motor_name(device: str, number: int) -> str:
+    """Name of its motor `number`, counted from 1."""
+    return f"{device}_motor_{number}_joint"
+
+
+def command_topic(name: str) -> str:
+    """Where a device or an arm is commanded."""
+    return f"/{name}/command"

@@ -11,7 +11,7 @@ import array
 import re
 from collections.abc import Sequence
 from struct import Struct
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -39,6 +39,13 @@ def set_stamp(stamp: Time, time: int) -> None:
 def to_nanoseconds(time: float, origin: int = 0) -> int:
     """The stamp [ns] nearest to `time` [s] after `origin` [ns]; the inverse of `seconds` for up to 20 days."""
     return origin + round(time * SECOND)
+
+
+class Named(Protocol):
+    """A device or an arm."""
+
+    @property
+    def name(self) -> str: ...
 
 
 class Command(NamedTuple):
@@ -239,17 +246,16 @@ def joints_of(message: JointState, last: Names) -> Joints:
     )
 
 
-class JointStateWriter:
-    """One reused JointState of a device; write into the views, then publish `stamped(time)`.
+class StateWriter:
+    """One reused JointState; write into the views, then publish `stamped(time)`.
 
-    position, velocity, effort  (1 + m,) [rad], [rad/s], [N m]: link first, then the motors; NaN until written.
+    position, velocity, effort  one per name [rad], [rad/s], [N m]; NaN until written.
     Views over the message's own buffers: fifty times cheaper than assigning arrays.
     """
 
-    def __init__(self, device: Device) -> None:
-        names = [device.link_joint, *device.motor_joints]
-        self._message = JointState(name=names)
-        self._message.header.frame_id = device.name
+    def __init__(self, frame: str, names: Sequence[str]) -> None:
+        self._message = JointState(name=list(names))
+        self._message.header.frame_id = frame
         for field in FIELDS:
             setattr(self._message, field, array.array("d", [np.nan] * len(names)))
         self.position: Array = np.frombuffer(self._message.position)
@@ -262,10 +268,17 @@ class JointStateWriter:
         return self._message
 
 
-class CommandWriter:
-    """One reused VsaCommand of a device, numbered from 0."""
+class JointStateWriter(StateWriter):
+    """The message of a device: link first, then the motors, (1 + m,) each."""
 
     def __init__(self, device: Device) -> None:
+        super().__init__(device.name, [device.link_joint, *device.motor_joints])
+
+
+class CommandWriter:
+    """One reused VsaCommand of a device or an arm, numbered from 0."""
+
+    def __init__(self, device: Named) -> None:
         self._message = VsaCommand()
         self._message.header.frame_id = device.name
         self._sequence = 0

@@ -46,7 +46,6 @@ def arm_step(
     Raises ParameterError where a spring is deflected beyond its stop.
     """
     n, h = arm.n, step / substeps
-    given = np.clip(torque, -arm.torque_limit, arm.torque_limit)
 
     def rate(x: Array, held: Array) -> Array:
         q, v, theta, w = x
@@ -58,7 +57,7 @@ def arm_step(
 
     x = np.stack([state.q, state.velocity, state.theta, state.motor_velocity])
     for _ in range(substeps):
-        held = np.where((np.abs(x[3]) >= arm.speed_limit) & (given * x[3] > 0.0), 0.0, given)
+        held = given_torque(arm, x[3], torque)
         k1 = rate(x, held)
         k2 = rate(x + 0.5 * h * k1, held)
         k3 = rate(x + 0.5 * h * k2, held)
@@ -68,6 +67,12 @@ def arm_step(
     if not all(abs(float(phi)) <= law.max_deflection for phi, law in zip(q - theta, arm.springs, strict=True)):
         raise ParameterError(f"springs reach their stops: deflections {q - theta} rad")
     return ArmState(q, v, theta, w)
+
+
+def given_torque(arm: VsaArm, motor_velocity: Array, torque: Array) -> Array:
+    """What motors at `motor_velocity` (n,) [rad/s] give when asked for `torque` (n,) [N m]."""
+    given = np.clip(torque, -arm.torque_limit, arm.torque_limit)
+    return np.where((np.abs(motor_velocity) >= arm.speed_limit) & (given * motor_velocity > 0.0), 0.0, given)
 
 
 def contact_force(arm: VsaArm, q: Array, velocity: Array, contacts: Sequence[Contact]) -> Array:

@@ -1,0 +1,73 @@
+"""An arm of flexible joints held where it is: motors on springs and dampers, the static torques known.
+
+    tau = g(q_0) + K_P (theta_0 - theta) - K_D thd,   theta_0 = q_0 + what the springs give way under g(q_0)
+
+q_0 is where the links are when it begins. Nothing but motors is fed back: links that swing are braked through their
+springs, so that K_P is not larger than the springs' stiffness. Passive, and stable about q_0 however far that is wrong.
+Source: Tomei, A simple PD controller for robots with elastic joints, IEEE Trans. Automatic Control 36 (1991).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.signals import Array
+from via_core.vsa_arms import VsaArm
+
+from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind, limited, require
+
+REACH = 0.9  # of a spring's deflection to its stop: gravity beyond that is not carried
+
+
+@dataclass(frozen=True)
+class Held:
+    """What is held, (n,) each."""
+
+    theta: Array  # theta_0 [rad]
+    torque: Array  # g(q_0) [N m]
+    proportional: Array  # K_P [N m/rad]
+    derivative: Array  # K_D [N m s/rad]
+
+
+@dataclass(frozen=True, eq=False)
+class HoldStill(ArmController[Held]):
+    """The law of this file. Raises ParameterError for gains that are not positive."""
+
+    arm: VsaArm
+    stiffness: float = 1.0  # K_P over the springs' stiffness at theta_0 [-]
+    damping: float = 2.0  # K_D over sqrt(stiffness inertia) of motor and spring [-]; swings die out fastest so
+
+    def __post_init__(self) -> None:
+        for name in ("stiffness", "damping"):
+            value = getattr(self, name)
+            require(np.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        return ()
+
+    def told(self, state: Held) -> Array:
+        return np.empty(0)
+
+    def init(self, sample: ArmSample) -> Held:
+        arm = self.arm
+        reach = np.minimum(REACH * arm.deflection_limit, 1.0)
+        most = np.minimum(np.abs(arm.spring_state(reach)[0]), np.abs(arm.spring_state(-reach)[0]))
+        torque = np.clip(arm.gravity(sample.q), -most, most)
+        phi = arm.deflection(-torque)
+        _, stiffness, _ = arm.spring_state(phi)
+        return Held(
+            theta=sample.q - phi,
+            torque=torque,
+            proportional=self.stiffness * stiffness,
+            derivative=self.damping * np.sqrt(stiffness * arm.motor_inertia),
+        )
+
+    def step(self, state: Held, sample: ArmSample) -> tuple[Held, Torques]:
+        if blind(sample):
+            return state, Torques(np.zeros(self.arm.n), False)
+        torque = (
+            state.torque + state.proportional * (state.theta - sample.theta) - state.derivative * sample.theta_velocity
+        )
+        return state, limited(torque, self.arm.torque_limit)

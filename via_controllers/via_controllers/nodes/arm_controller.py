@@ -1,0 +1,265 @@
+"""What every node that controls an arm shares: its lifecycle, samples in, limited torques out, and what is told.
+
+subscribes  /joint_states     sensor_msgs/JointState with all links and motors of the arm
+publishes   /<arm>/command    via_interfaces/VsaCommand, motor torques, stamped with the sample they answer
+            /<arm>/control    via_interfaces/ControlState, what the law sees, and the limits
+            /diagnostics      once per second of wall time
+
+unconfigured  silent: nothing drives the arm
+inactive      holds the arm still where it was
+active        the law decides
+
+With `autostart` the node configures and activates itself, so that `ros2 run` alone does. Samples that are missing for
+20 ms are answered with zero torque, once; drivers and simulators have a watchdog of their own for when it is gone.
+A new law is a dataclass of parameters and a function that makes the law of them: see `modal_limit_cycle`.
+"""
+
+from __future__ import annotations
+
+import array
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+from via_core.errors import ParameterError, ViaError
+from via_core.signals import Array
+from via_core.vsa_arms import VsaArm, load_vsa_arm
+from via_core.wire import command_topic
+from via_interfaces.msg import ControlState, VsaCommand
+from via_ros import qos
+from via_ros.arms import ArmReader, ArmRow
+from via_ros.conversions import Command, CommandWriter, set_stamp
+from via_ros.parameters import declare
+from via_ros.spin import STEADY
+
+from via_controllers.arm_limits import ArmLimits, Limit
+from via_controllers.contract import ArmController, ArmSample
+from via_controllers.hold_still import HoldStill
+from via_controllers.supervision import Activity, Answer, Supervisor
+
+REPORT = 1.0  # [s] between two diagnostics
+SILENCE = 0.02  # [s] without a sample before a zero is sent
+LOOK = 0.004  # [s] between two looks for it
+WARM_UP = 3  # steps before anybody waits for one: what is compiled is loaded
+
+
+@dataclass(frozen=True)
+class ArmParameters:
+    """Parameters of every node that controls an arm."""
+
+    arm: str = field(default="reference_4dof", metadata={"description": "arm name or path to its YAML"})
+    autostart: bool = field(default=True, metadata={"description": "configure and activate without being asked"})
+
+
+Parameters = TypeVar("Parameters", bound=ArmParameters)
+
+
+class ArmControllerNode(LifecycleNode):
+    """A law of an arm in ROS.
+
+    name   of the node, and `method` of what it tells
+    kind   the dataclass of its parameters
+    make   the law of an arm and parameters; raises ParameterError
+    """
+
+    def __init__(
+        self,
+        name: str,
+        kind: type[Parameters],
+        make: Callable[[VsaArm, Parameters], ArmController[Any]],
+        **options: Any,
+    ) -> None:
+        super().__init__(name, **options)
+        self._chosen = declare(self, kind)
+        self._make: Callable[[VsaArm, Any], ArmController[Any]] = make
+        self._active = False
+        self._entities: list[tuple[Callable[[Any], Any], Any]] = []  # how to destroy what configuring made
+        if self._chosen.autostart:
+            self._set_up()  # raises what is wrong, in one line
+            self._tear_down()
+            self.trigger_configure()
+            self.trigger_activate()
+
+    # ---- lifecycle
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        try:
+            self._set_up()
+        except ViaError as error:
+            self.get_logger().error(str(error))
+            self._tear_down()
+            return TransitionCallbackReturn.FAILURE
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._active = True
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._active = False
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._tear_down()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._active = False
+        self._tear_down()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self.on_shutdown(state)
+
+    def _set_up(self) -> None:
+        arm = load_vsa_arm(self._chosen.arm)
+        law = self._make(arm, self._chosen)
+        self._supervisor = Supervisor(law, HoldStill(arm), ArmLimits(arm))
+        self._state = self._supervisor.init()
+        _warm_up(self._supervisor, arm)
+        self._reader, self._writer = ArmReader(arm.joints), CommandWriter(arm)
+        self._told = _Told(arm, law, self.get_name())
+        self._name, self._count = arm.name, arm.n
+        self._answered = self._unusable = self._reported = self._silences = 0
+        self._limited = Limit.NONE  # since the last report
+        self._heard: float | None = None  # [s] steady clock; None: nothing to miss
+        self._commands = self._made(self.create_publisher, self.destroy_publisher)(
+            VsaCommand, command_topic(arm.name), qos.CONTROL
+        )
+        self._states = self._made(self.create_publisher, self.destroy_publisher)(
+            ControlState, f"/{arm.name}/control", qos.SAMPLES
+        )
+        self._reports = self._made(self.create_publisher, self.destroy_publisher)(
+            DiagnosticArray, "/diagnostics", qos.CONTROL
+        )
+        timer = self._made(self.create_timer, self.destroy_timer)
+        timer(REPORT, self._report, clock=STEADY)
+        timer(LOOK, self._look, clock=STEADY)
+        self._made(self.create_subscription, self.destroy_subscription)(
+            JointState, "/joint_states", self._answer, qos.CONTROL
+        )
+
+    def _made(self, create: Callable[..., Any], destroy: Callable[[Any], Any]) -> Callable[..., Any]:
+        def made(*args: Any, **options: Any) -> Any:
+            self._entities.append((destroy, create(*args, **options)))
+            return self._entities[-1][1]
+
+        return made
+
+    def _tear_down(self) -> None:
+        while self._entities:
+            destroy, entity = self._entities.pop()
+            destroy(entity)
+
+    # ---- samples
+
+    @property
+    def answered(self) -> int:
+        """Samples answered since it was configured."""
+        return self._answered
+
+    def _answer(self, message: JointState) -> None:
+        row = self._reader.read(message)
+        if row is None:
+            return
+        self._state, answer = self._supervisor.step(self._state, _sample(row), self._active)
+        self._send(row.stamp, answer.torque)
+        self._heard = time.monotonic()
+        self._answered += 1
+        self._unusable += answer.activity is Activity.PASSIVE
+        self._limited |= answer.limited
+        self._states.publish(self._told.at(row.stamp, answer, self._supervisor.told(self._state)))
+
+    def _send(self, stamp: int, torque: Array) -> None:
+        command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, 0.0, torque)
+        self._commands.publish(self._writer.numbered(stamp, command))
+
+    def _look(self) -> None:
+        """Nobody tells where the arm is: whatever it was told last is no good any more."""
+        if self._heard is not None and time.monotonic() - self._heard > SILENCE - LOOK:
+            self._heard = None
+            self._silences += 1
+            self._send(self.get_clock().now().nanoseconds, np.zeros(self._count))
+
+    def _report(self) -> None:
+        malformed, silent = self._reader.malformed, self._answered == self._reported
+        rate, self._reported = (self._answered - self._reported) / REPORT, self._answered
+        troubles = {
+            "no samples": silent,
+            "unusable samples": self._unusable > 0,
+            "malformed messages": malformed > 0,
+            "at a limit": self._limited != Limit.NONE,
+        }
+        told = [text for text, holds in troubles.items() if holds]
+        values = {
+            "samples": self._answered, "rate [Hz]": f"{rate:g}", "unusable samples": self._unusable,
+            "malformed messages": malformed, "silences": self._silences, "limits": _names(self._limited),
+            **self._told.limits,
+        }  # fmt: skip
+        self._limited = Limit.NONE
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.WARN if told else DiagnosticStatus.OK,
+            name=f"{self.get_name()}: {'active' if self._active else 'holding still'}",
+            message=", ".join(told) or "running",
+            hardware_id=self._name,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        report = DiagnosticArray(status=[status])
+        report.header.stamp = self.get_clock().now().to_msg()
+        self._reports.publish(report)
+
+
+class _Told:
+    """One reused ControlState of an arm and its law, numbered from 0."""
+
+    def __init__(self, arm: VsaArm, law: ArmController[Any], method: str) -> None:
+        limits = {
+            "torque_limit": arm.torque_limit,
+            "speed_limit": arm.speed_limit,
+            "deflection_limit": arm.deflection_limit,
+        }
+        self.limits = {name: " ".join(f"{value:g}" for value in values) for name, values in limits.items()}
+        self._message = ControlState(
+            method=method,
+            name=[each.name for each in law.quantities],
+            unit=[each.unit for each in law.quantities],
+            value=array.array("d", [np.nan] * len(law.quantities)),
+            **{name: array.array("d", values) for name, values in limits.items()},
+        )
+        self._message.header.frame_id = arm.name
+        self._value: Array = np.frombuffer(self._message.value)
+        self._sequence = 0
+
+    def at(self, stamp: int, answer: Answer, told: Array) -> ControlState:
+        """The message about the sample of this stamp [ns]."""
+        message = self._message
+        set_stamp(message.header.stamp, stamp)
+        message.sequence, self._sequence = self._sequence, self._sequence + 1
+        message.activity, message.limited = int(answer.activity), int(answer.limited)
+        self._value[:] = told
+        return message
+
+
+def _sample(row: ArmRow) -> ArmSample:
+    return ArmSample(row.time, row.q, row.q_velocity, row.theta, row.theta_velocity, row.spring_torque)
+
+
+def _names(limits: Limit) -> str:
+    return ", ".join(each.name.lower() for each in Limit if each and each in limits and each.name) or "none"
+
+
+def _warm_up(supervisor: Supervisor, arm: VsaArm) -> None:
+    """Raises ParameterError where a law cannot live with its arm."""
+    still = np.zeros(arm.n)
+    for active in (False, True):
+        state = supervisor.init()
+        for step in range(WARM_UP):
+            sample = ArmSample(1e-3 * step, still, still, still, still, still)
+            state, answer = supervisor.step(state, sample, active)
+            if len(answer.torque) != arm.n:
+                raise ParameterError(f"the law answers {len(answer.torque)} torques to an arm of {arm.n} motors")

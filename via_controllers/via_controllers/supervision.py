@@ -1,0 +1,91 @@
+"""What stands between a law and an arm's motors: when the law decides, when the arm is held, when nothing drives it.
+
+    active, usable sample      the law                       ACTIVE
+    inactive, usable sample    the arm held where it was     HOLDING
+    anything else              no torque                     PASSIVE
+
+Limits are kept in every case. A law starts anew with its first sample, when it becomes active, after stamps that go
+backward and after a gap: what it knew of the motion is then wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from via_core.signals import Array
+
+from via_controllers.arm_limits import ArmLimits, Limit
+from via_controllers.contract import ArmController, ArmSample, blind
+
+GAP = 0.02  # [s] between two samples after which a law starts anew
+FURTHEST, FASTEST = 1e2, 1e3  # [rad], [rad/s]: no joint is there, a sample that says so is wrong
+
+
+class Activity(IntEnum):
+    """Who decides."""
+
+    PASSIVE = 0
+    HOLDING = 1
+    ACTIVE = 2
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What goes to the motors after a sample."""
+
+    torque: Array  # (n,) [N m]
+    activity: Activity
+    limited: Limit
+
+
+@dataclass(frozen=True)
+class Supervised:
+    """`deciding` is who decided last, `inner` that law's state."""
+
+    deciding: Activity = Activity.PASSIVE
+    inner: Any = None
+    time: float = -np.inf  # [s] of the last usable sample
+
+
+@dataclass(frozen=True, eq=False)
+class Supervisor:
+    """A law, what holds the arm in its place, and the limits."""
+
+    law: ArmController[Any]
+    still: ArmController[Any]
+    limits: ArmLimits
+
+    def init(self) -> Supervised:
+        """Before the first sample."""
+        return Supervised()
+
+    def step(self, state: Supervised, sample: ArmSample, active: bool) -> tuple[Supervised, Answer]:
+        """The answer to `sample`, and the next state."""
+        nothing = np.zeros(len(sample.q))
+        if not _usable(sample):
+            return state, Answer(nothing, Activity.PASSIVE, Limit.NONE)
+        deciding, law = (Activity.ACTIVE, self.law) if active else (Activity.HOLDING, self.still)
+        goes_on = state.deciding is deciding and 0.0 <= sample.time - state.time <= GAP
+        inner = state.inner if goes_on else law.init(sample)
+        inner, out = law.step(inner, sample)
+        torque, changed = self.limits.kept(sample, out.torque)
+        if out.saturated:
+            changed |= Limit.TORQUE
+        return Supervised(deciding, inner, sample.time), Answer(torque, deciding, changed)
+
+    def told(self, state: Supervised) -> Array:
+        """What the law tells (k,), NaN while it does not decide."""
+        if state.deciding is Activity.ACTIVE:
+            return self.law.told(state.inner)
+        return np.full(len(self.law.quantities), np.nan)
+
+
+def _usable(sample: ArmSample) -> bool:
+    if blind(sample):
+        return False
+    angles = max(np.abs(sample.q).max(), np.abs(sample.theta).max())
+    speeds = max(np.abs(sample.q_velocity).max(), np.abs(sample.theta_velocity).max())
+    return bool(angles <= FURTHEST and speeds <= FASTEST)

@@ -1,0 +1,84 @@
+"""Messages of whole arms and what they say: one JointState with all links and motors, joint by joint, base first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from sensor_msgs.msg import JointState
+from via_core.signals import Array
+from via_core.wire import FIELDS, link_name, motor_name, seconds
+
+from via_ros.conversions import Names, StateWriter, joints_of
+
+
+class ArmRow(NamedTuple):
+    """What one JointState says of an arm of n joints; NaN where it says nothing. Arrays (n,), the caller's to keep."""
+
+    time: float  # [s] since the first one
+    stamp: int  # [ns]
+    q: Array  # [rad]
+    q_velocity: Array  # [rad/s]
+    theta: Array  # [rad]
+    theta_velocity: Array  # [rad/s]
+    spring_torque: Array  # [N m]
+
+
+class ArmStateWriter(StateWriter):
+    """The message of an arm: views links and motors apart, (n,) each, e.g. `position[links]`."""
+
+    links = slice(0, None, 2)
+    motors = slice(1, None, 2)
+
+    def __init__(self, name: str, joints: Sequence[str]) -> None:
+        super().__init__(name, [each for joint in joints for each in (link_name(joint), motor_name(joint, 1))])
+
+
+class ArmReader:
+    """Finds an arm's joints in JointStates by their names.
+
+    malformed  arrays that did not fit their names, so far
+    """
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        self._links = [link_name(joint) for joint in joints]
+        self._motors = [motor_name(joint, 1) for joint in joints]
+        self._names = Names(())
+        self._places: tuple[np.ndarray, np.ndarray] | None = None
+        self._origin: int | None = None
+        self.malformed = 0
+
+    def read(self, message: JointState) -> ArmRow | None:
+        """What a message says; None where it does not name every link and motor of the arm."""
+        joints = joints_of(message, self._names)
+        if joints.names is not self._names:
+            self._names, self._places = joints.names, self._found(joints.names.joints)
+        if self._places is None:
+            return None
+        if self._origin is None:
+            self._origin = joints.stamp
+        links, motors = self._places
+        there = []
+        for field in FIELDS:
+            values = getattr(joints, field)
+            if len(values) != len(joints.names.joints):
+                self.malformed += len(values) > 0
+                values = np.full(len(joints.names.joints), np.nan)
+            there.append(values)
+        position, velocity, effort = there
+        return ArmRow(
+            seconds(joints.stamp, self._origin),
+            joints.stamp,
+            position[links],
+            velocity[links],
+            position[motors],
+            velocity[motors],
+            effort[links],
+        )
+
+    def _found(self, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray] | None:
+        first = {name: at for at, name in reversed(list(enumerate(names)))}
+        if not all(name in first for name in (*self._links, *self._motors)):
+            return None
+        return np.array([first[name] for name in self._links]), np.array([first[name] for name in self._motors])
