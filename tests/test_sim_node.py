@@ -19,6 +19,7 @@ from via_sim.effects import Effect
 from via_sim.effects_file import save_effects
 from via_sim.nodes.simulation import EPOCH
 from via_sim.nodes.simulator import SimulatorNode
+from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import simulate
@@ -171,8 +172,10 @@ def test_impossible_effects_are_refused_and_change_nothing(graph, effect, messag
 
 
 def test_effects_file_and_realtime_answer_at_the_rate_until_nobody_commands(graph, tmp_path):
-    save_effects(tmp_path / "effects.yaml", [Effect("torque_gain", "motor", {"gain": 0.0}, 2)])
+    heavier = Effect("device_numbers", "device", {"link inertia": 1.5})
+    save_effects(tmp_path / "effects.yaml", [Effect("torque_gain", "motor", {"gain": 0.0}, 2), heavier])
     bench = Bench(graph, device="cubic_aa_vsa", mode="realtime", rate=200.0, effects=str(tmp_path / "effects.yaml"))
+    assert bench.node._simulator.plant.parameters[P.inertia] == 1.5 * bench.node.device.link.inertia
     bench.answers = lambda _: (5.0, 5.0)
     graph.until(lambda: len(bench.samples) > 60 and bench.samples[-1][2][1] == 5.0)
     stamps = np.array([stamp for stamp, _, _ in bench.samples])

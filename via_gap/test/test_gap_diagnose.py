@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of
+from via_core.errors import SignalError
 from via_core.signals import Signals
 from via_gap.diagnose import diagnose
 from via_gap.localise import localise
 from via_gap.log import JointLog, read_log
-from via_gap.report import GapReport
+from via_gap.report import GapReport, save_repair
 from via_gap.residuals import weak_residuals
 from via_gap.shots import cut_log
 from via_gap.withheld import before_and_after
 from via_sim.effects import Effect
+from via_sim.effects_file import load_effects
 
 COULOMB = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
 BACKLASH = Effect("backlash", "transmission", {"gap": 0.02}, 1)
@@ -37,11 +39,27 @@ def test_friction_of_the_motor_is_named_placed_and_measured(friction):
 
 def test_the_predicted_gap_is_that_of_a_log_never_seen(friction):
     withheld = log_of(flexible(), (COULOMB,), seed=21, duration=9.0)
-    before, after = before_and_after(withheld, withheld.device, friction.repair(), friction)
+    before, after = before_and_after([withheld], withheld.device, friction.repaired())
     predicted = 1.0 - friction.gap.after / friction.gap.before
     assert 1.0 - after.overall / before.overall == pytest.approx(predicted, abs=0.05)
     assert friction.gap.closes > 0.95
     assert friction.gap.interval[0] <= friction.gap.after <= friction.gap.interval[1]
+
+
+def test_the_claimed_gap_comes_again_from_the_effects_file(friction, tmp_path):
+    save_repair(friction, tmp_path / "repair.yaml")
+    log, repair = log_of(flexible(), (COULOMB,), seed=21), load_effects(tmp_path / "repair.yaml")
+    assert [effect.name for effect in repair] == ["coulomb_friction", "device_numbers"]
+    before, after = before_and_after([log], log.device, repair, friction.held_out)
+    assert (before.overall, after.overall) == pytest.approx((friction.gap.before, friction.gap.after), rel=1e-9)
+    assert dict(zip(after.names, after.signals, strict=True)) == pytest.approx(
+        {name: signal.after for name, signal in friction.gap.signals.items()}, rel=1e-9
+    )
+    _, without = before_and_after([log], log.device, friction.repair(), friction.held_out)
+    assert without.overall > 1.5 * after.overall  # the numbers were off: the effects alone do not give the claimed gap
+    elsewhere = [each.model_copy(update={"log": "another"}) for each in friction.held_out]
+    with pytest.raises(SignalError, match="not what the report held out"):
+        before_and_after([log], log.device, repair, elsewhere)
 
 
 def test_a_device_within_its_tolerance_has_no_gap():

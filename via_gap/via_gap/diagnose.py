@@ -37,6 +37,7 @@ from via_gap.search import Progress, Search
 from via_gap.shots import Bench, Indices, Shots, cut_log
 from via_gap.split import one_sided, split, split_finely
 from via_gap.verdict import Decision, decide
+from via_gap.withheld import stretches
 
 
 def diagnose(
@@ -129,6 +130,7 @@ def diagnose(
             "nuisance": _nuisance(fitted, decision.chosen.fit.deviations),
             "data_check": tuple(findings),
             "figures": figures,
+            "held_out": stretches(everything, held),
         }
     )
     report = with_probabilities(report, shipped_numbers())

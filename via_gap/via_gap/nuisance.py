@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.devices import ServoMotor
 from via_core.signals import Array
-from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL
-from via_sim.parameters import DYNAMIC, NO_DAMPER, SERVO, P
+from via_sim.device_numbers import AXES, numbers_of
 from via_sim.plants import JointPlant
 
 TOLERANCE = 0.05  # relative standard deviation of a device's number
 BOUND = 1.3  # standard deviations to which a number may go
-AXES = ("link", "motor 1", "motor 2")
 
 
 @dataclass(frozen=True)
@@ -37,35 +35,16 @@ class Nuisance:
 
 def nuisances(plant: JointPlant, tolerance: float = TOLERANCE) -> tuple[Nuisance, ...]:
     """The numbers of a nominal plant that are not zero: inertias, frictions, springs, gravity, servos, damper."""
-    row, device = plant.parameters, plant.device
-    found: list[tuple[str, str, float, tuple[int, ...]]] = []
-    for axis, name in enumerate(AXES):
-        if row[P.axis_kind + axis] == DYNAMIC:
-            found.append((f"{name} inertia", "kg m^2", row[P.inertia + axis], (P.inertia + axis,)))
-            slot = P.viscous_friction + axis
-            found.append((f"{name} viscous friction", "N m s/rad", row[slot], (slot,)))
-            dry = (P.breakaway_friction + axis, P.kinetic_friction + axis)
-            found.append((f"{name} dry friction", "N m", row[dry[0]], dry))
-        if row[P.axis_kind + axis] == SERVO:
-            slot = P.bandwidth + axis - 1
-            found.append((f"{name} bandwidth", "rad/s", row[slot], (slot,)))
-    for i in range(device.n_transmissions):
-        start = P.spring + i * N_COEFFICIENTS
-        kind = int(row[P.spring_kind + i])
-        scaled = {ODD_POLYNOMIAL: range(N_COEFFICIENTS), EXPONENTIAL: range(2)}.get(kind, range(1))
-        found.append((f"spring {i + 1} torque", "-", 1.0, tuple(start + k for k in scaled)))
-    found.append(("gravity torque", "N m", row[P.gravity_torque], (P.gravity_torque,)))
-    if row[P.damper_site] != NO_DAMPER:
-        found.append(("damper", "-", 1.0, (P.damper, P.damper + 1)))
+    device = plant.device
     loose = {
         f"{name} bandwidth": motor.bandwidth_tolerance
         for name, motor in zip(AXES[1:], device.motors)
         if isinstance(motor, ServoMotor)
     }
     return tuple(
-        Nuisance(name, unit, float(value), loose.get(name, tolerance), slots)
-        for name, unit, value, slots in found
-        if value != 0.0
+        Nuisance(each.name, each.unit, each.value, loose.get(each.name, tolerance), each.slots)
+        for each in numbers_of(plant.parameters)
+        if each.value != 0.0
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.devices import Device
 from via_core.signals import Array
-from via_sim.effects import Effect
+from via_sim.effects import Effect, in_order
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 
@@ -54,7 +54,7 @@ class Problem:
         row = self.plant.parameters.copy()
         if deviations is not None:
             apply_all(row, self.nuisances, deviations)
-        for effect in effects:
+        for effect in in_order(effects):
             effect.write(row)
         return row
 

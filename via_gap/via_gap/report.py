@@ -9,14 +9,18 @@ from __future__ import annotations
 
 import json
 from importlib import resources
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 from via_core.errors import ParameterError
+from via_sim.catalogue import DEVICE_NUMBERS
 from via_sim.effects import Effect
+from via_sim.effects_file import save_effects
 
 from via_gap.figures import Figures, Quantity
 
+DEVIATIONS = 1.96  # of a normal distribution to either side hold 95 %
 SITES = ("command", "motor", "transmission", "link", "sensor", "timing", "environment")
 Verdict = Literal["effect", "two_effects", "no_gap", "unknown", "cannot_tell"]
 Site = Literal["command", "motor", "transmission", "link", "sensor", "timing", "environment"]
@@ -122,6 +126,14 @@ class NuisanceValue(_Part):
     at_bound: bool
 
 
+class Stretch(_Part):
+    """Part of a log that was judged and not fitted; [s] since its first sample."""
+
+    log: str
+    begin: Number
+    end: Number
+
+
 class Finding(_Part):
     """One thing the data check noticed."""
 
@@ -161,6 +173,7 @@ class GapReport(_Part):
     not_judged: tuple[str, ...]  # what this log could not show, in plain words
     proposal: Proposal | None = None
     figures: Figures | None = None
+    held_out: tuple[Stretch, ...] = ()  # where `gap` was measured
 
     def to_json(self) -> str:
         return self.model_dump_json(indent=2)
@@ -174,6 +187,28 @@ class GapReport(_Part):
             values = {name: value.value for name, value in cause.parameters.items()}
             found.append(Effect(cause.effect, cause.site, values, cause.motor))
         return tuple(found)
+
+    def repaired(self) -> tuple[Effect, ...]:
+        """The named effects and the device numbers fitted beside them: a simulator with these has the gap `after`."""
+        moved = {n.name: n.fitted / n.filed for n in self.nuisance if n.fitted != n.filed}
+        return (*self.repair(), *((Effect(DEVICE_NUMBERS.name, "device", moved),) if moved else ()))
+
+    def intervals(self) -> tuple[dict[str, tuple[float, float]], ...]:
+        """95 % of the parameters of each effect in `repair`, within their bounds."""
+        known = {(c.effect, str(c.site), c.motor): c.parameters for c in self.causes}
+        return tuple(
+            {
+                p.name: (max(p.low, v.value - DEVIATIONS * v.sd), min(p.high, v.value + DEVIATIONS * v.sd))
+                for p in effect.kind.parameters
+                for v in (known[effect.name, effect.site, effect.motor][p.name],)
+            }
+            for effect in self.repair()
+        )
+
+
+def save_repair(report: GapReport, path: str | Path) -> None:
+    """The effects file that repairs the simulator. Raises ParameterError where it cannot be written."""
+    save_effects(path, report.repaired(), report.intervals())
 
 
 def read_report(text: str, file: str) -> GapReport:

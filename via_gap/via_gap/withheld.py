@@ -1,4 +1,4 @@
-"""The gap of one log before and after a repair: what a diagnosis predicted, measured on a log it never saw."""
+"""The gap of logs before and after a repair: what a diagnosis claims, measured again from its effects file."""
 
 from __future__ import annotations
 
@@ -6,44 +6,56 @@ from collections.abc import Sequence
 
 import numpy as np
 from via_core.devices import Device
-from via_core.errors import ParameterError
+from via_core.errors import SignalError
 from via_sim.effects import Effect
-from via_sim.plants import JointPlant
 
-from via_gap.candidates import Fit
-from via_gap.evidence import judge
 from via_gap.log import JointLog, believed
 from via_gap.measured import Errors, free_errors, shot_errors
-from via_gap.nuisance import nuisances
 from via_gap.problem import Problem
-from via_gap.repaired import repaired_device
-from via_gap.report import GapReport
-from via_gap.shots import cut_log
+from via_gap.report import Stretch
+from via_gap.shots import Indices, Shots, cut_log
 
 
 def before_and_after(
-    log: JointLog, device: Device, effects: Sequence[Effect], report: GapReport | None = None
+    logs: Sequence[JointLog], device: Device, effects: Sequence[Effect], held_out: Sequence[Stretch] = ()
 ) -> tuple[Errors, Errors]:
-    """Errors of the nominal device, and of the one with `effects` and, where a report is given, its fitted numbers.
+    """Errors of the nominal device, and of the one with `effects` and what device numbers stand among them.
 
-    Measured as in the report: in short shots where motors are driven by torque, else in one free run.
-    Raises ParameterError where the report is of another device; SignalError where the log cannot be simulated.
+    Measured as in the report: in short shots where motors are driven by torque, else in one free run; over the whole
+    logs, or over the stretches that a report held out. Raises SignalError where nothing can be simulated.
     """
-    (log,) = believed([log])
-    each = nuisances(JointPlant.from_device(device))
-    deviations = np.zeros(len(each))
-    if report is not None:
-        told = {value.name: value.deviations for value in report.nuisance}
-        if told.keys() != {nuisance.name for nuisance in each}:
-            raise ParameterError(f"the report's numbers are not those of '{device.name}'")
-        deviations = np.array([told[nuisance.name] for nuisance in each])
-    shots = cut_log(log)
-    chosen = [np.flatnonzero(shots.valid)]
-    if device.drive == "servo" and device.n_motors:
-        nominal = free_errors(device, (), [shots], chosen)
-        return nominal, free_errors(repaired_device(device, each, deviations), effects, [shots], chosen)
-    problem = Problem.of([shots], chosen)
-    nothing = np.empty(0)
-    fits = [Fit((), np.zeros(len(each)), 0.0, nothing, nothing), Fit(tuple(effects), deviations, 0.0, nothing, nothing)]
-    first, second = judge(problem, fits)
-    return shot_errors(problem, first.residual), shot_errors(problem, second.residual)
+    shots = [cut_log(log) for log in believed(logs)]
+    chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in shots]
+    if not any(map(len, chosen)):
+        raise SignalError(f"{logs[0].name}: {'not what the report held out' if held_out else 'too short to compare'}")
+    if _runs_free(device):
+        return free_errors(device, (), shots, chosen), free_errors(device, effects, shots, chosen)
+    problem = Problem.of(shots, chosen)
+    before, after = problem.residual([problem.row(()), problem.row(effects)])
+    return shot_errors(problem, before), shot_errors(problem, after)
+
+
+def _runs_free(device: Device) -> bool:
+    """Whether the gap is that of one free run: where motors follow their commands."""
+    return device.drive == "servo" and device.n_motors > 0
+
+
+def stretches(shots: Sequence[Shots], held: Sequence[Indices]) -> tuple[Stretch, ...]:
+    """The shots `held` (indices, one array per log), neighbours joined."""
+    found = []
+    for each, which in zip(shots, held, strict=True):
+        begins = each.time - each.log.measured.time[0]
+        for run in np.split(which, np.flatnonzero(np.diff(which) != 1) + 1):
+            if len(run):
+                end = begins[run[-1]] + each.ticks / each.rate
+                if run[-1] == len(each) - 1 and _runs_free(each.log.device):
+                    end = each.log.duration  # what is left after the last shot counts there
+                found.append(Stretch(log=each.log.name, begin=float(begins[run[0]]), end=float(end)))
+    return tuple(found)
+
+
+def _held(shots: Shots, held_out: Sequence[Stretch]) -> Indices:
+    """Shots of one log whose middle lies in a stretch of it."""
+    middle = shots.time - shots.log.measured.time[0] + 0.5 * shots.ticks / shots.rate
+    inside = [(s.begin < middle) & (middle < s.end) for s in held_out if s.log == shots.log.name]
+    return np.flatnonzero(shots.valid & np.any(inside, axis=0)) if inside else np.empty(0, dtype=np.intp)

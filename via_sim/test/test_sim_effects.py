@@ -8,9 +8,11 @@ from sim_joints import SIZES, antagonistic, device, flexible, rigid, serial_serv
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
+from via_core.springs import N_COEFFICIENTS
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
-from via_sim.effects_file import load_effects, parse_effects, save_effects
+from via_sim.effects_file import effects_text, load_effects, parse_effects, save_effects
+from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.simulate import Simulator, simulate
 from via_sim.torques import X
@@ -238,6 +240,30 @@ def test_effects_files_round_trip(tmp_path_factory, chosen):
     file = tmp_path_factory.mktemp("effects") / "effects.yaml"
     save_effects(file, chosen)
     assert load_effects(file) == tuple(chosen)
+
+
+def test_factors_on_the_devices_numbers_are_written_before_what_is_added():
+    """Whatever their place in the list; intervals beside the values are read over."""
+    numbers = Effect("device_numbers", "device", {"link viscous friction": 2.0, "spring 1 torque": 0.5})
+    added = Effect("viscous_friction", "link", {"coefficient": 0.01})
+    nominal = JointPlant.from_device(flexible()).parameters
+    text = effects_text([added, numbers], [{"coefficient": (0.009, 0.011)}])
+    assert "intervals:\n    coefficient:\n    - 0.009\n    - 0.011\n" in text
+    row = JointPlant.from_device(flexible()).with_effects(parse_effects(text, "x")).parameters
+    assert row[P.viscous_friction] == pytest.approx(2.0 * nominal[P.viscous_friction] + 0.01)
+    spring = slice(P.spring, P.spring + N_COEFFICIENTS)
+    assert np.any(nominal[spring]) and row[spring] == pytest.approx(0.5 * nominal[spring])
+    changed = np.flatnonzero(row != nominal)
+    assert {int(k) for k in changed} <= {P.viscous_friction, *range(spring.start, spring.stop)}
+
+
+def test_a_number_that_the_device_lacks_is_refused():
+    other = Effect("device_numbers", "device", {"motor 2 inertia": 1.1})
+    with pytest.raises(ParameterError, match="'motor 2 inertia' is no number of this joint; it has link inertia, link"):
+        JointPlant.from_device(flexible()).with_effects([other])
+    for name, value, message in (("colour", 1.0, "is no known key"), ("link inertia", 0.0, "must be 0.1 to 10 -")):
+        with pytest.raises(ParameterError, match=message):
+            Effect("device_numbers", "device", {name: value})
 
 
 @pytest.mark.parametrize(

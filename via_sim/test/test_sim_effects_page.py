@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from via_sim.catalogue import EFFECTS
+from via_sim.catalogue import DEVICE_NUMBERS, EFFECTS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
 HEAD = """# Effects
@@ -21,11 +21,24 @@ One piece of unmodelled physics each. An effects file lists those a joint has; t
 motor of its own; what its drive does wrong stands at motor 1, and its drive's command is the external torque. Values
 outside the bounds are refused. At its neutral values an effect is absent to the last bit. `linear` marks numbers in
 which the torques of the joint's equations are linear. In formulas v is the speed of the axis, s its sign, phi the
-deflection of the transmission, u a command. This page is written from the registry by
-`python via_sim/test/test_sim_effects_page.py`.
+deflection of the transmission, u a command. An entry may have `intervals` beside its parameters, which nothing reads.
+This page is written from the registry by `python via_sim/test/test_sim_effects_page.py`.
 
 | Effect | Sites | What it adds | Most like, told apart by |
 |---|---|---|---|
+"""
+NUMBERS = """Not an effect, but what a diagnosis fitted beside its effects: factors (0.1 to 10) on numbers of
+the device file. They are written before the effects, wherever they stand in the file; with them a simulation has the
+gap that the report claims, without them another.
+
+```yaml
+- effect: device_numbers
+  site: device
+  parameters: {link inertia: 1.03, spring 1 torque: 0.98}
+```
+
+Any of those that the joint has:
+
 """
 
 
@@ -46,6 +59,8 @@ def page() -> str:
             lines.append(
                 f"| {p.name} | {p.unit} | {p.low:.6g} | {p.high:.6g} | {p.neutral:.6g} | {linear} | {p.text} |\n"
             )
+    lines.append(f"\n## {DEVICE_NUMBERS.name}\n\n{NUMBERS}")
+    lines += [f"- `{p.name}`\n" for p in DEVICE_NUMBERS.parameters]
     return "".join(lines)
 
 

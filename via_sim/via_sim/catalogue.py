@@ -15,6 +15,7 @@ from types import MappingProxyType
 from via_core.errors import ParameterError
 from via_core.signals import Array
 
+from via_sim.device_numbers import NAMES, numbers_of
 from via_sim.parameters import LINK, MOTOR_1, P
 from via_sim.readings import MAX_SKEW
 
@@ -54,11 +55,20 @@ class EffectKind:
     needs_torque_drive: bool = False  # at a motor: means nothing where a servo imposes the angle
     of_drive: bool = False  # at a motor: of the path of the torque, which a rigid joint has too (its motor 1)
     adds: bool = False  # several at one place add up
+    partial: bool = False  # parameters that are left out are neutral
 
 
 def _coulomb(row: Array, axis: int, _site: str, value: Values) -> None:
     row[P.breakaway_friction + axis] += value["torque"]
     row[P.kinetic_friction + axis] += value["torque"]
+
+
+def _numbers(row: Array, _axis: int, _site: str, value: Values) -> None:
+    slots = {number.name: number.slots for number in numbers_of(row)}
+    for name, factor in value.items():
+        if name not in slots:
+            raise ParameterError(f"'{name}' is no number of this joint; it has {', '.join(slots)}")
+        row[list(slots[name])] *= factor
 
 
 def _asymmetric_coulomb(row: Array, axis: int, _site: str, value: Values) -> None:
@@ -497,3 +507,13 @@ _KINDS = (
 )
 
 EFFECTS: Mapping[str, EffectKind] = MappingProxyType({kind.name: kind for kind in _KINDS})
+DEVICE_NUMBERS = EffectKind(
+    "device_numbers",
+    ("device",),
+    "not an effect but what it was fitted with: factors on numbers of the device file, written before all effects",
+    "factor times the number",
+    "",
+    tuple(EffectParameter(name, "-", 0.1, 10.0, 1.0, "factor") for name in NAMES),
+    _numbers,
+    partial=True,
+)

@@ -4,7 +4,10 @@
     Effect("torque_gain", site="motor", motor=2, parameters={"gain": 0.95})
 
 A list of them composes: dry frictions and viscous errors add up, a second one of any other kind at the same place is
-refused. `EFFECTS` is the registry: what there is, where it may sit, what its parameters mean and how far they go.
+refused. `EFFECTS` is the registry: what there is, where it may sit, what its parameters mean and how far they go. In a
+list may also stand what the effects were fitted with, factors on the device file's own numbers:
+
+    Effect("device_numbers", site="device", parameters={"link inertia": 1.03})
 """
 
 from __future__ import annotations
@@ -19,9 +22,10 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.springs import MACCEPA, TWO_LEVER
 
-from via_sim.catalogue import EFFECTS, EffectKind
+from via_sim.catalogue import DEVICE_NUMBERS, EFFECTS, EffectKind
 from via_sim.parameters import LINK, MOTOR_1, P
 
+_KINDS: Mapping[str, EffectKind] = {**EFFECTS, DEVICE_NUMBERS.name: DEVICE_NUMBERS}
 _NUMBERED = {"motor": (1, 2), "transmission": (1, 2), "sensor": (0, 1, 2), "timing": (0, 1, 2)}
 
 
@@ -29,9 +33,9 @@ _NUMBERED = {"motor": (1, 2), "transmission": (1, 2), "sensor": (0, 1, 2), "timi
 class Effect:
     """One effect at one place.
 
-    name        key of EFFECTS
+    name        key of EFFECTS, or 'device_numbers'
     site        where: one of the kind's sites
-    parameters  name -> value, all of the kind's parameters, inside their bounds
+    parameters  name -> value, all of the kind's parameters (of device_numbers: some), inside their bounds
     motor       1 or 2: which motor or transmission, at a sensor whose (0: the link's); else 0
     joint       name of the device it belongs to; empty means whichever it is given to
 
@@ -45,9 +49,9 @@ class Effect:
     joint: str = ""
 
     def __post_init__(self) -> None:
-        kind = EFFECTS.get(self.name)
+        kind = _KINDS.get(self.name)
         if kind is None:
-            raise ParameterError(f"effect: must be one of {', '.join(EFFECTS)}, got '{self.name}'")
+            raise ParameterError(f"effect: must be one of {', '.join(_KINDS)}, got '{self.name}'")
         if self.site not in kind.sites:
             raise ParameterError(f"{self.name}.site: must be one of {', '.join(kind.sites)}, got '{self.site}'")
         allowed = _NUMBERED.get(self.site, (0,))
@@ -64,6 +68,8 @@ class Effect:
             key = f"{self.name}.{parameter.name}"
             reach = f"{parameter.low:g} to {parameter.high:g} {parameter.unit}"
             if parameter.name not in self.parameters:
+                if kind.partial:
+                    continue
                 raise ParameterError(f"{key}: is missing, {reach}")
             value = self.parameters[parameter.name]
             whole = type(value) is int  # finite, however many digits it has
@@ -71,12 +77,12 @@ class Effect:
                 raise ParameterError(f"{key}: must be a finite number, {reach}, got {value!r}")
             if not parameter.low <= value <= parameter.high:
                 raise ParameterError(f"{key}: must be {reach}, got {value!r}")
-        values = {name: float(self.parameters[name]) for name in names}
+        values = {name: float(self.parameters[name]) for name in names if name in self.parameters}
         object.__setattr__(self, "parameters", MappingProxyType(values))
 
     @property
     def kind(self) -> EffectKind:
-        return EFFECTS[self.name]
+        return _KINDS[self.name]
 
     def write(self, row: Array) -> None:
         """This effect into a row (N_PARAMETERS,) of a joint in which its place has a meaning, in place."""
@@ -115,10 +121,15 @@ def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
     return ""
 
 
+def in_order(effects: Sequence[Effect]) -> list[Effect]:
+    """As they are written into a row: the device's own numbers are scaled before anything is added to them."""
+    return sorted(effects, key=lambda effect: effect.name != DEVICE_NUMBERS.name)
+
+
 def write_effects(row: Array, device: Device, effects: Sequence[Effect]) -> None:
     """All effects into the row of a nominal device, in place. Raises ParameterError where one does not fit."""
     seen: set[tuple[str, str, int]] = set()
-    for effect in effects:
+    for effect in in_order(effects):
         where = f"{effect.name} at {effect.site}{f' {effect.motor}' if effect.motor else ''}"
         if effect.joint not in ("", device.name):
             raise ParameterError(f"{where}: joint is '{effect.joint}', but this is '{device.name}'")

@@ -4,12 +4,17 @@
   site: motor
   motor: 1
   parameters: {torque: 0.02}     # [N m], 0 to 1000
+  intervals: {torque: [0.018, 0.022]}     # 95 %, for whoever reads the file; the simulator needs none
+- effect: device_numbers         # what the effects were fitted with: factors on numbers of the device file
+  site: device
+  parameters: {link inertia: 1.03}
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +23,8 @@ from via_core.errors import ParameterError
 
 from via_sim.effects import Effect
 
-KEYS = ("effect", "site", "motor", "joint", "parameters")
+KEYS = ("effect", "site", "motor", "joint", "parameters", "intervals")
+Intervals = Mapping[str, tuple[float, float]]
 
 
 def load_effects(path: str | Path) -> tuple[Effect, ...]:
@@ -47,25 +53,28 @@ def parse_effects(text: str, file: str) -> tuple[Effect, ...]:
     return tuple(_effect(entry, f"{file}: entry {number}") for number, entry in enumerate(content, 1))
 
 
-def effects_text(effects: Sequence[Effect]) -> str:
-    """The YAML of an effects file."""
+def effects_text(effects: Sequence[Effect], intervals: Sequence[Intervals] = ()) -> str:
+    """The YAML of an effects file; `intervals` of the parameters of the first effects, as they are known."""
     entries = []
-    for effect in effects:
+    for effect, known in zip_longest(effects, intervals):
         entry: dict[str, Any] = {"effect": effect.name, "site": effect.site}
         if effect.motor:
             entry["motor"] = effect.motor
         if effect.joint:
             entry["joint"] = effect.joint
-        entries.append({**entry, "parameters": dict(effect.parameters)})
+        entry["parameters"] = dict(effect.parameters)
+        if known:
+            entry["intervals"] = {name: list(ends) for name, ends in known.items()}
+        entries.append(entry)
     return yaml.safe_dump(entries, sort_keys=False)
 
 
-def save_effects(path: str | Path, effects: Sequence[Effect]) -> None:
+def save_effects(path: str | Path, effects: Sequence[Effect], intervals: Sequence[Intervals] = ()) -> None:
     """Write `effects`, whole or not at all. Raises ParameterError where the file cannot be written."""
     target = Path(path)
     draft = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        draft.write_text(effects_text(effects), encoding="utf-8")
+        draft.write_text(effects_text(effects, intervals), encoding="utf-8")
         draft.replace(target)
     except OSError as error:
         draft.unlink(missing_ok=True)

@@ -16,9 +16,9 @@ from via_gap.log import read_log
 from via_gap.proposal import with_proposal
 from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
-from via_gap.report import read_report
+from via_gap.report import read_report, save_repair
 from via_gap.withheld import before_and_after
-from via_sim.effects_file import load_effects, save_effects
+from via_sim.effects_file import load_effects
 
 from via_bringup.cli import gap_blind, gap_fleet, gap_propose, gap_real
 from via_bringup.cli.console import answers, errors
@@ -37,7 +37,9 @@ def diagnose(
     holdout: Annotated[list[Path] | None, typer.Option(help="Log to judge on instead of blocks of the others.")] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the report to this file.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write the report as one HTML page to this file.")] = None,
-    effects_out: Annotated[Path | None, typer.Option(help="Write the named effects for the simulator.")] = None,
+    effects_out: Annotated[
+        Path | None, typer.Option(help="Write the named effects, and the numbers fitted with them, for the simulator.")
+    ] = None,
 ) -> None:
     """Say where the gap between logs and model lies, which effect causes it and how far it shrinks."""
     described = load_device(device)
@@ -59,7 +61,7 @@ def diagnose(
         write_page(report, html)
         answers.print(f"wrote {html}")
     if effects_out is not None:
-        save_effects(effects_out, report.repair())
+        save_repair(report, effects_out)
         answers.print(f"wrote {effects_out}")
 
 
@@ -78,17 +80,21 @@ def render(
 
 @app.command("simulate")
 def simulate(
-    log: Annotated[Path, typer.Argument(help="Bag folder, .mcap or .csv file.")],
+    logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files.")],
     device: Annotated[str, typer.Option(help="Device name or path to its YAML.")],
     effects: Annotated[Path | None, typer.Option(help="Effects file to add to the nominal model.")] = None,
-    report: Annotated[Path | None, typer.Option(help="Report whose fitted device numbers to use as well.")] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="Report of these logs: only what it held out counts; its repair, without a file."),
+    ] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
 ) -> None:
-    """Simulate a log without and with effects and print how far each is from what was measured."""
+    """Simulate logs without and with effects and print how far each is from what was measured."""
     described = load_device(device)
-    added = load_effects(effects) if effects is not None else ()
     told = read_report(_text(report), str(report)) if report is not None else None
-    before, after = before_and_after(read_log(log, described), described, added, told)
+    added = load_effects(effects) if effects is not None else told.repaired() if told is not None else ()
+    read = [read_log(path, described) for path in logs]
+    before, after = before_and_after(read, described, added, told.held_out if told is not None else ())
     floor = float(np.sqrt(np.mean(before.floors**2)))
     answers.print(f"gap: {before.overall:.4g} before, {after.overall:.4g} after, floor {floor:.3g}")
     if out is not None:

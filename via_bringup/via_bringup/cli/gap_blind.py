@@ -13,13 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 from via_core.devices import load_device
 from via_core.errors import ViaError
-from via_gap.log import JointLog, read_log
-from via_gap.measured import Errors, free_errors, shot_errors
+from via_gap.log import read_log
 from via_gap.probability import answer_of, fit_numbers
-from via_gap.problem import Problem
-from via_gap.repaired import repaired_device
-from via_gap.report import GapReport, read_report
-from via_gap.shots import cut_log
+from via_gap.report import read_report
+from via_gap.withheld import before_and_after
 
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.provenance import provenance
@@ -161,25 +158,11 @@ def measure(
     as_file: Annotated[Path, typer.Option("--json", help="Write `before`, `after` and `floor` to this file.")],
 ) -> None:
     """Measure the gap of a log that a report never saw, before and after its repair."""
-    before, after = _repaired(read_log(log, load_device(device)), read_report(_text(report), str(report)))
+    told_of, described = read_report(_text(report), str(report)), load_device(device)
+    before, after = before_and_after([read_log(log, described)], described, told_of.repaired())
     told = {"before": before.overall, "after": after.overall, "floor": float(np.sqrt(np.mean(after.floors**2)))}
     as_file.write_text(json.dumps(told, allow_nan=False) + "\n", encoding="utf-8")
     answers.print(f"gap {before.overall:.4g} before, {after.overall:.4g} after")
-
-
-def _repaired(log: JointLog, report: GapReport) -> tuple[Errors, Errors]:
-    """Errors of the nominal device and of the repaired one, over the whole log, as the report's own gap is measured."""
-    shots = cut_log(log)
-    every = [np.flatnonzero(shots.valid)]
-    problem = Problem.of([shots], every)
-    fitted = {each.name: each.deviations for each in report.nuisance}
-    deviations = np.array([fitted.get(each.name, 0.0) for each in problem.nuisances])
-    effects = report.repair()
-    if report.gap is not None and report.gap.by == "free run":
-        moved = repaired_device(log.device, problem.nuisances, deviations)
-        return free_errors(log.device, (), [shots], every), free_errors(moved, effects, [shots], every)
-    before, after = problem.residual([problem.row(()), problem.row(effects, deviations)])
-    return shot_errors(problem, before), shot_errors(problem, after)
 
 
 def _text(file: Path) -> str:

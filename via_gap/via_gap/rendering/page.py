@@ -37,7 +37,7 @@ def page(report: GapReport) -> str:
         capital=words.capital,
     )  # fmt: skip
     environment.globals.update(with_sd=with_sd, evidence=words.evidence, seen_in=words.seen_in, boxes=words.boxes)
-    repair, trials = report.repair(), words.ruled_out(report)
+    repair, trials = report.repaired(), words.ruled_out(report)
     return environment.from_string(_shipped("page.html")).render(
         r=report,
         style=Markup(_shipped("page.css")),
@@ -59,7 +59,7 @@ def page(report: GapReport) -> str:
         traces=_marked(trace_rows(report)),
         errors=_marked(error_rows(report)),
         steps=words.next_steps(report),
-        repair=effects_text(repair) if repair else "",
+        repair=effects_text(repair, report.intervals()) if repair else "",
         level=words.LEVELS[report.level],
         untried=[words.effect_words(name) for name in report.figures.untried] if report.figures else [],
     )

@@ -1,0 +1,58 @@
+"""The numbers of a device file by name, and where the parameter row holds each.
+
+A diagnosis moves them inside their tolerance; as the entry `device_numbers` of an effects file, factors on them travel
+with the effects that were fitted beside them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from via_core.signals import Array
+from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL
+
+from via_sim.parameters import DYNAMIC, NO_DAMPER, SERVO, P
+
+AXES = ("link", "motor 1", "motor 2")
+NAMES = (
+    *(f"{axis} {what}" for axis in AXES for what in ("inertia", "viscous friction", "dry friction")),
+    *(f"{axis} bandwidth" for axis in AXES[1:]),
+    *(f"spring {i} torque" for i in (1, 2)),
+    "gravity torque",
+    "damper",
+)
+
+
+@dataclass(frozen=True)
+class DeviceNumber:
+    """One number; a factor on it multiplies `slots` of the row. Springs and dampers, maps, count as 1."""
+
+    name: str  # of NAMES
+    unit: str
+    value: float
+    slots: tuple[int, ...]
+
+
+def numbers_of(row: Array) -> tuple[DeviceNumber, ...]:
+    """The numbers that a row (N_PARAMETERS,) of a device has, whatever their values."""
+    found = []
+
+    def add(name: str, unit: str, value: float, *slots: int) -> None:
+        found.append(DeviceNumber(name, unit, float(value), slots))
+
+    for axis, name in enumerate(AXES):
+        if row[P.axis_kind + axis] == DYNAMIC:
+            add(f"{name} inertia", "kg m^2", row[P.inertia + axis], P.inertia + axis)
+            add(f"{name} viscous friction", "N m s/rad", row[P.viscous_friction + axis], P.viscous_friction + axis)
+            dry = (P.breakaway_friction + axis, P.kinetic_friction + axis)
+            add(f"{name} dry friction", "N m", row[dry[0]], *dry)
+        if row[P.axis_kind + axis] == SERVO:
+            add(f"{name} bandwidth", "rad/s", row[P.bandwidth + axis - 1], P.bandwidth + axis - 1)
+    for i in range(int(row[P.transmissions])):
+        start = P.spring + i * N_COEFFICIENTS
+        scaled = {ODD_POLYNOMIAL: N_COEFFICIENTS, EXPONENTIAL: 2}.get(int(row[P.spring_kind + i]), 1)
+        add(f"spring {i + 1} torque", "-", 1.0, *(start + k for k in range(scaled)))
+    add("gravity torque", "N m", row[P.gravity_torque], P.gravity_torque)
+    if row[P.damper_site] != NO_DAMPER:
+        add("damper", "-", 1.0, P.damper, P.damper + 1)
+    return tuple(found)
