@@ -1,0 +1,142 @@
+"""A planar robot that hops: a trunk on two legs of two segments, knees mirrored, a motor and a spring per joint.
+
+Joints in this order: front hip, front knee, rear hip, rear knee; the front is where x points. At zero angles both legs
+hang straight down; a positive hip moves its leg forward, a positive knee its shank:
+
+    thigh at q_hip from the vertical, shank at q_hip + q_knee,   spring  tau_e = K (q - theta)
+
+Springs and motors as in `vsa_arms`; what the ground does is the simulator's business. MuJoCo reads `mjcf()`: there the
+motors are hinges of their own beside the robot, pulled at by the springs as tendons are, since rotors spin and do not
+swing along.
+Source: set-up of the checks of Section 6.2, after Figure 18 of the document.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import cos, pi, sin
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import numpy as np
+from scipy.optimize import brentq
+
+from via_core.errors import ParameterError
+from via_core.signals import Array
+
+GRAVITY = 9.81  # [m/s^2]
+UPRIGHT = 0.5 * pi  # [rad] of a thigh: it lies on the ground
+JOINTS = ("front_hip", "front_knee", "rear_hip", "rear_knee")
+
+
+@dataclass(frozen=True)
+class Hopper:
+    """Masses, lengths, springs, motors. Raises ParameterError for what is not positive."""
+
+    trunk_mass: float = 10.0  # [kg]
+    trunk_length: float = 0.5  # [m], hips at its ends
+    trunk_height: float = 0.08  # [m] of the box that it is
+    payload: float = 0.0  # [kg] on the trunk, spread like it
+    thigh_mass: float = 0.8  # [kg]
+    shank_mass: float = 0.45  # [kg]
+    segment_length: float = 0.25  # [m] of thighs and shanks
+    foot_radius: float = 0.015  # [m] of the balls that touch the ground
+    foot_friction: float = 1.0  # [-]
+    hip_stiffness: float = 150.0  # K [N m/rad]
+    knee_stiffness: float = 80.0
+    joint_damping: float = 0.3  # [N m s/rad] of the links
+    rotor_inertia: float = 0.02  # B [kg m^2], seen at the joint
+    strongest: float = 60.0  # [N m] of each motor
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            may_be_zero = each.name in ("payload", "joint_damping", "foot_friction")
+            if not (np.isfinite(value) and (value > 0.0 or (may_be_zero and value == 0.0))):
+                raise ParameterError(f"{each.name} must be {'>=' if may_be_zero else '>'} 0, got {value}")
+
+    @property
+    def n(self) -> int:
+        """Number of joints with a motor."""
+        return len(JOINTS)
+
+    @property
+    def stiffness(self) -> Array:
+        """K (n,) [N m/rad]."""
+        return np.array([self.hip_stiffness, self.knee_stiffness] * 2)
+
+    @property
+    def motor_inertia(self) -> Array:
+        """B (n,) [kg m^2]."""
+        return np.full(self.n, self.rotor_inertia)
+
+    @property
+    def torque_limit(self) -> Array:
+        """(n,) [N m] of the motors."""
+        return np.full(self.n, self.strongest)
+
+    def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
+        """tau_e [N m], sigma [N m/rad] and its slope [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
+        return self.stiffness * deflection, self.stiffness, np.zeros(self.n)
+
+    def crouched(self, angle: float) -> Array:
+        """Motor angles (n,) [rad]: feet below the hips, thighs at `angle` [rad] from the vertical, mirrored."""
+        return angle * np.array([1.0, -2.0, -1.0, 2.0])
+
+    def standing(self, angle: float) -> Array:
+        """Joint angles (n,) [rad] at rest with the motors `crouched` at `angle` [rad]: feet stay below the hips.
+
+        Friction keeps them there. Raises ParameterError where the springs do not carry the robot.
+        """
+        half, low = 0.5 * (self.trunk_mass + self.payload), self.segment_length * GRAVITY
+        # by how much potential energy falls where hips sink: trunk by two sines, thigh by one and a half, shank by half
+        weight = (2.0 * half + 1.5 * self.thigh_mass + 0.5 * self.shank_mass) * low
+        stiffness = self.hip_stiffness + 4.0 * self.knee_stiffness
+
+        def moment(a: float) -> float:
+            return stiffness * (a - angle) - weight * sin(a)
+
+        if not 0.0 < angle < UPRIGHT or moment(UPRIGHT) <= 0.0:
+            raise ParameterError(f"the springs do not carry the robot crouched at {angle} rad")
+        return self.crouched(brentq(moment, angle, UPRIGHT, xtol=1e-14))
+
+    def leg_height(self, leg: Array) -> float:
+        """Of the hip above the sole [m] at hip and knee angles `leg` (2,) [rad]."""
+        return self.segment_length * (cos(leg[0]) + cos(leg[0] + leg[1])) + self.foot_radius
+
+    def mjcf(self, step: float) -> str:
+        """The robot above flat ground as MuJoCo reads it, integrated at `step` [s]; motors' order is that of JOINTS."""
+        top = Element("mujoco", model="hopper")
+        option = {"integrator": "implicitfast", "cone": "elliptic", "impratio": "20"}  # feet that hardly creep
+        SubElement(top, "option", attrib=option, timestep=f"{step}", gravity=f"0 0 -{GRAVITY}")
+        world = SubElement(top, "worldbody")
+        ball = {"friction": f"{self.foot_friction} 0.005 0.0001", "solref": "0.004 1"}
+        SubElement(world, "geom", name="ground", type="plane", size="10 1 .1", attrib=ball)
+        trunk = SubElement(world, "body", name="trunk")
+        for name, axis, kind in (("x", "1 0 0", "slide"), ("z", "0 0 1", "slide"), ("pitch", "0 1 0", "hinge")):
+            SubElement(trunk, "joint", name=name, type=kind, axis=axis)
+        half = f"{0.5 * self.trunk_length} .1 {0.5 * self.trunk_height}"
+        free = {"contype": "0", "conaffinity": "0"}
+        SubElement(trunk, "geom", type="box", size=half, mass=f"{self.trunk_mass + self.payload}", attrib=free)
+        for side, x in (("front", 0.5 * self.trunk_length), ("rear", -0.5 * self.trunk_length)):
+            parent, at = trunk, f"{x} 0 0"
+            for part, joint, mass in (("thigh", "hip", self.thigh_mass), ("shank", "knee", self.shank_mass)):
+                body = SubElement(parent, "body", name=f"{side}_{part}", pos=at)
+                name = f"{side}_{joint}"
+                # a turn about -y moves what hangs down forward
+                SubElement(body, "joint", name=name, type="hinge", axis="0 -1 0", damping=f"{self.joint_damping}")
+                ends = f"0 0 0 0 0 -{self.segment_length}"
+                SubElement(body, "geom", type="capsule", fromto=ends, size=".01", mass=f"{mass}", attrib=free)
+                parent, at = body, f"0 0 -{self.segment_length}"
+            foot = {"name": f"{side}_foot", "pos": at, "size": f"{self.foot_radius}", "mass": "0"}
+            SubElement(parent, "geom", type="sphere", attrib=foot | ball)
+        tendons, actuators = SubElement(top, "tendon"), SubElement(top, "actuator")
+        for name, stiffness in zip(JOINTS, self.stiffness, strict=True):
+            rotor, about = SubElement(world, "body", name=f"{name}_rotor", pos="0 1 0"), f"{self.rotor_inertia}"
+            SubElement(rotor, "inertial", pos="0 0 0", mass="1", diaginertia=" ".join([about] * 3))
+            SubElement(rotor, "joint", name=f"{name}_motor", type="hinge", axis="0 -1 0")
+            spring = SubElement(tendons, "fixed", name=f"{name}_spring", stiffness=f"{stiffness}", springlength="0")
+            SubElement(spring, "joint", joint=name, coef="1")
+            SubElement(spring, "joint", joint=f"{name}_motor", coef="-1")
+            limit = f"-{self.strongest} {self.strongest}"
+            SubElement(actuators, "motor", name=name, joint=f"{name}_motor", ctrlrange=limit, ctrllimited="true")
+        return tostring(top, encoding="unicode")
