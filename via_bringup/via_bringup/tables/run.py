@@ -50,6 +50,7 @@ SECTIONS = (
     Section("4", "Stiffness from signals, without derivatives", "via_bringup.tables.section4"),
     Section("5", "Variable physical damping", "via_bringup.tables.section5"),
     Section("robot", "A real robot: the MACCEPA-VD", "via_bringup.tables.robot", recordings=True),
+    Section("6", "Cyclic motions of arms with flexible joints", "via_bringup.tables.section6", "control"),
     Section("7", "The fastest link of a visco-elastic joint", "via_bringup.tables.section7", "control"),
 )
 
