@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_bringup.control.arm import PERIOD, ArmLoop
-from via_bringup.control.limit_cycle import ARM, LEVEL, CycleCourse, in_modes, law_of, start
+from via_bringup.control.arm_run import PERIOD
+from via_bringup.control.limit_cycle import ARM, LEVEL, CycleCourse, cycling, in_modes, law_of, start
 from via_bringup.control.limit_cycle import EQUILIBRIUM as REST
 from via_controllers.contract import ArmSample
 from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
@@ -21,8 +21,8 @@ def sample_of(body: ArmState) -> ArmSample:
 
 def run(law: VsaModalLimitCycle, duration: float, noise: float = 0.0) -> CycleCourse:
     """The law on the arm; `noise` [N m] is the standard deviation of its torque sensors."""
-    course = ArmLoop(ARM, law, noise).run(start(law), duration)
-    assert not course.saturated
+    course = cycling(law, duration, torque_noise=noise)
+    assert course.saturated == 0.0
     return in_modes(law, course)
 
 

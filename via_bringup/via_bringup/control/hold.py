@@ -6,15 +6,14 @@ z_k = 0 the arm is let go without a push, and takes its time (`approach`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from via_sim.arm import ArmState
-from via_sim.contacts import Contact, Hand
+from via_sim.contacts import Hand
 
-from via_bringup.control.arm import PERIOD, ArmLoop
-from via_bringup.control.limit_cycle import GAIN, CycleCourse, in_modes, law_of, start
+from via_bringup.control.arm_run import PERIOD, Phase, run_arm
+from via_bringup.control.limit_cycle import GAIN, CycleCourse, cycling, in_modes, law_of
 
 SETTLING, AFTER = 2.5, 2.5  # [s] before the first hold, after a release
 
@@ -38,22 +37,16 @@ class Released:
 def held_and_released(mode: int, phases: int, duration: float = 1.0, gain: float = GAIN) -> Iterator[Released]:
     """Mode `mode` held for `duration` [s], at that many phases evenly around the cycle."""
     law = law_of(mode, gain)
-    loop, holding = ArmLoop(law.cycle.arm, law), ArmLoop(law.cycle.arm, law, substeps=4)
-    course = loop.run(start(law, 1.0), SETTLING)
-    steady = in_modes(law, course)
+    arm = law.cycle.arm
+    run = cycling(law, SETTLING, share=1.0)
+    steady = in_modes(law, run)
     period = 1.0 / steady.frequencies()[0]
     eigenvalue = float(steady.eigenvalue[-round(period / PERIOD) :].mean())
-    body, state = course.body, course.state
     for _ in range(phases):
-        there = loop.run(body, period / phases, state=state)
-        body, state = there.body, there.state
-        z, speed = state.z[mode], state.z_velocity[mode] / np.sqrt(state.basis.eigenvalues[mode])
-        hand = (Hand(law.cycle.arm.tip_position(body.q)),)
-
-        def grip(time: float, body: ArmState, hand: Sequence[Contact] = hand) -> Sequence[Contact]:
-            return hand
-
-        held = holding.run(body, duration, grip, state)
-        after = in_modes(law, loop.run(held.body, AFTER, state=held.state))
+        run = run_arm(arm, law, run.body, (Phase(period / phases),), state=run.state)
+        z, speed = run.state.z[mode], run.state.z_velocity[mode] / np.sqrt(run.state.basis.eigenvalues[mode])
+        hand = Hand(arm.tip_position(run.body.q))
+        held = run_arm(arm, law, run.body, (Phase(duration, (hand,)),), 4, run.state)
+        after = in_modes(law, run_arm(arm, law, held.body, (Phase(AFTER),), state=held.state))
         phase = float(np.arctan2(-speed, z))
-        yield Released(phase, float(after.H[0]) + 1.0, period, eigenvalue, after, held.saturated)
+        yield Released(phase, float(after.H[0]) + 1.0, period, eigenvalue, after, held.saturated > 0.0)

@@ -12,7 +12,7 @@ from via_core.signals import Array
 from via_core.vsa_arms import load_vsa_arm
 from via_sim.arm import ArmState, loaded_state
 
-from via_bringup.control.arm import PERIOD, ArmCourse
+from via_bringup.control.arm_run import PERIOD, ArmRun, Phase, run_arm
 
 ARM = load_vsa_arm("reference_4dof")
 EQUILIBRIUM = np.array([0.2, 0.4, 0.3, 1.2])  # q_d [rad]
@@ -60,13 +60,21 @@ class CycleCourse:
         return 1.0 / float(np.diff(zeros).mean()), float(np.sqrt(values[up[0] : up[-1]].mean())) / (2.0 * np.pi)
 
 
-def in_modes(law: VsaModalLimitCycle, course: ArmCourse[ModalMotion]) -> CycleCourse:
+def cycling(
+    law: VsaModalLimitCycle, duration: float, share: float = 0.5, torque_noise: float = 0.0, seed: int = 1
+) -> ArmRun[ModalMotion]:
+    """The law on its arm from `start`, for `duration` [s]; the rest as for `run_arm`."""
+    phases = (Phase(duration),)
+    return run_arm(law.cycle.arm, law, start(law, share), phases, torque_noise=torque_noise, seed=seed)
+
+
+def in_modes(law: VsaModalLimitCycle, run: ArmRun[ModalMotion]) -> CycleCourse:
     """What the law told of a run."""
     k, level = law.cycle.mode, law.cycle.level
-    z = np.stack([course.quantity(f"z_{i + 1}") for i in range(law.cycle.arm.n)], axis=1)
-    frequency = course.quantity(f"frequency_{k + 1}")
+    z = np.stack([run.quantity(f"z_{i + 1}") for i in range(law.cycle.arm.n)], axis=1)
+    frequency = run.quantity(f"frequency_{k + 1}")
     return CycleCourse(
-        H=course.quantity("H") / level - 1.0,
+        H=run.quantity("H") / level - 1.0,
         leak=np.abs(np.delete(z, k, axis=1)).max(axis=1) / np.sqrt(2.0 * level),
         z=z[:, k],
         eigenvalue=(2.0 * np.pi * frequency) ** 2,

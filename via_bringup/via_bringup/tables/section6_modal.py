@@ -6,7 +6,7 @@ reference set-up of the specification, its limits beside them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -26,10 +26,9 @@ from via_controllers.modal_transform import first_basis, modal_rates, next_basis
 from via_core.signals import Array
 from via_core.springs import SinhSpring
 from via_core.vsa_arms import VsaArm
-from via_sim.arm import ArmState
-from via_sim.contacts import Contact, Hand
+from via_sim.contacts import Hand
 
-from via_bringup.control.arm import PERIOD, ArmCourse, ArmLoop
+from via_bringup.control.arm_run import PERIOD, ArmRun, Phase, run_arm
 from via_bringup.control.hold import Released, held_and_released
 from via_bringup.control.limit_cycle import (
     ARM,
@@ -38,10 +37,10 @@ from via_bringup.control.limit_cycle import (
     GAIN,
     LEVEL,
     STIFFNESS,
+    cycling,
     in_modes,
     law_of,
     rigid,
-    start,
 )
 from via_bringup.demo.pictures import FAINT, MODEL, STYLE
 from via_bringup.tables.rows import Row
@@ -95,7 +94,7 @@ def _flexible() -> list[Row]:
     found = []
     for mode in MODES:
         law = law_of(mode)
-        course = ArmLoop(ARM, law).run(start(law), 3.0)
+        course = cycling(law, 3.0)
         seen = in_modes(law, course)
         outside = np.flatnonzero(np.abs(seen.H) > 0.02)
         frequency, linear = seen.frequencies()
@@ -107,8 +106,8 @@ def _flexible() -> list[Row]:
                 float((outside[-1] + 1) * PERIOD), 1.2, FLEXIBLE),
             Row(f"{at}.frequency", f"{words}: {frequency:.3f} Hz beside sqrt(mean lambda) / 2 pi",
                 "relative difference [-]", None, abs(frequency / linear - 1.0), 5e-3, FLEXIBLE),
-            Row(f"{at}.saturated", f"{words}: samples with a motor at its limit", "any [-]", None,
-                float(course.saturated), 0.0, FLEXIBLE),
+            Row(f"{at}.saturated", f"{words}: samples with a motor at its limit", "share [-]", None,
+                course.saturated, 0.0, FLEXIBLE),
         ]  # fmt: skip
     return found
 
@@ -119,7 +118,7 @@ def _noisy(seeds: int) -> list[Row]:
         law = law_of(mode)
         leaks = []
         for seed in range(seeds):
-            seen = in_modes(law, ArmLoop(ARM, law, NOISE).run(start(law), 3.0, seed=seed))
+            seen = in_modes(law, cycling(law, 3.0, torque_noise=NOISE, seed=seed))
             leaks.append(float(seen.leak[seen.late].max()))
         found.append(Row(f"6.1.noise.mode{mode + 1}.leak", f"torque sensors with {NOISE:g} N m noise, mode {mode + 1}",
                          LEAK, None, max(leaks), 2e-3, FLEXIBLE, seeds, "the largest of all seeds"))  # fmt: skip
@@ -275,21 +274,17 @@ def _on(arm: VsaArm, stiffness: Array, mode: int) -> VsaModalLimitCycle:
     return replace(law, cycle=replace(law.cycle, arm=arm, stiffness=stiffness))
 
 
-def _phase_plot(law: VsaModalLimitCycle, held: bool) -> tuple[ArmCourse[ModalMotion], Array, Array]:
+def _phase_plot(law: VsaModalLimitCycle, held: bool) -> tuple[ArmRun[ModalMotion], Array, Array]:
     """A run from a tenth of the amplitude, or one that begins on the cycle and is held; z and zd (N, n)."""
-    loop, modes = ArmLoop(law.cycle.arm, law, substeps=4 if held else 2), range(1, law.cycle.arm.n + 1)
+    arm = law.cycle.arm
     if held:
-        before = loop.run(start(law, 1.0), 1.1)
-        hand = (Hand(law.cycle.arm.tip_position(before.body.q)),)
-
-        def grip(time: float, body: ArmState) -> Sequence[Contact]:
-            return hand if time < 1.0 else ()
-
-        course = loop.run(before.body, 4.0, grip, before.state)
+        before = cycling(law, 1.1, share=1.0)
+        hand = Hand(arm.tip_position(before.body.q))
+        run = run_arm(arm, law, before.body, (Phase(1.0, (hand,)), Phase(3.0)), 4, before.state)
     else:
-        course = loop.run(start(law, 0.1), 4.0)
-    z = np.stack([course.quantity(f"z_{mode}") for mode in modes], axis=1)
-    return course, z, np.gradient(z, PERIOD, axis=0)
+        run = cycling(law, 4.0, share=0.1)
+    z = np.stack([run.quantity(f"z_{mode + 1}") for mode in range(arm.n)], axis=1)
+    return run, z, np.gradient(z, PERIOD, axis=0)
 
 
 def _releases(path: Path) -> Path:
