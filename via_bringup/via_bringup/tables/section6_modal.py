@@ -161,7 +161,7 @@ def _held() -> list[Row]:
                     float(np.mean(errors > limit)), None, settings),
             ]  # fmt: skip
         pushed = [run for run in runs if run.share > needed]
-        worst = max(run.error(periods) / limit for run in pushed for periods, limit in ERRORS)
+        worst = max((run.error(periods) / limit for run in pushed for periods, limit in ERRORS), default=np.nan)
         found += [
             Row(f"{at}.pushed", f"{words}: {len(pushed)} of {PHASES} phases with h > {needed:.3f} at release",
                 "largest error over its limit [-]", None, worst, None, settings),
