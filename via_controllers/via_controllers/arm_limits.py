@@ -2,13 +2,15 @@
 
 With phi = q - theta and B thdd = tau + tau_e - D thd every limit is a window for a motor's torque:
 
-    speed       (-v - thd) / T <= thdd <= (v - thd) / T          thd closes up to v like exp(-t / T)
+    speed       (-v - thd) / T <= thdd <= (v - thd) / T              thd closes up to v like exp(-t / T)
     deflection  |phi| stays below p where  phidd + 2 k phid + k^2 phi <= k^2 p,  and the same to the other side
     torque      |tau| <= tau_max
 
-p and v lie `margin` inside the limits, for torques are held between samples and loads on the links, which qdd of the
-model does not know, push springs further than it says. Where windows exclude each other, speed goes before deflection
-and torque before both: a link that is thrown harder than its motor can follow bends its spring all the same.
+A law may drive its motors up to `drive_share` of their speed limit: the rest is there to follow links that are thrown,
+and is needed, for a spring at its stop throws its link as fast as such motors go. p is `deflection_share` of the stop,
+v in the end `speed_share` of the limit: torques are held between samples, and loads on the links, which qdd of the
+model does not know, bend springs further than it says. Where windows exclude each other, speed goes before deflection
+and torque before both: a link that a blow makes faster than its motor bends its spring all the same.
 Source: exponential control barrier functions (Nguyen and Sreenath, ACC 2016), of relative degree one and two.
 """
 
@@ -16,11 +18,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntFlag
+from typing import Protocol
 
 import numpy as np
 from numba import njit
 from via_core.signals import Array
-from via_core.vsa_arms import VsaArm
 
 from via_controllers.contract import ArmSample, require
 
@@ -34,20 +36,45 @@ class Limit(IntFlag):
     DEFLECTION = 4
 
 
+class LimitedArm(Protocol):
+    """What must be known of n flexible joints; `via_core.vsa_arms.VsaArm` knows it."""
+
+    @property
+    def n(self) -> int: ...
+    @property
+    def motor_inertia(self) -> Array: ...  # B (n,) [kg m^2]
+    @property
+    def motor_friction(self) -> Array: ...  # D (n,) [N m s/rad]
+    @property
+    def torque_limit(self) -> Array: ...  # (n,) [N m], infinite where there is none, as those that follow
+    @property
+    def speed_limit(self) -> Array: ...  # (n,) [rad/s] of the motors
+    @property
+    def deflection_limit(self) -> Array: ...  # (n,) [rad] of the springs
+
+    def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
+        """tau_e [N m], sigma [N m/rad] and its slope [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
+
+    def link_acceleration(self, q: Array, velocity: Array, torque: Array) -> Array:
+        """qdd (n,) [rad/s^2] under `torque` (n,) [N m] on the links."""
+
+
 @dataclass(frozen=True, eq=False)
 class ArmLimits:
     """The limits of this file. Raises ParameterError for times or margins outside of what is said here."""
 
-    arm: VsaArm
+    arm: LimitedArm
     speed_time: float = 0.005  # T > 0 [s]
     deflection_rate: float = 60.0  # k > 0 [1/s]
-    margin: float = 0.05  # [-] of a limit, 0 to .5
+    drive_share: float = 0.5  # of the speed limit, 0 to 1
+    speed_share: float = 0.95  # likewise
+    deflection_share: float = 0.7  # of the springs' stops, 0 to 1
 
     def __post_init__(self) -> None:
-        for name in ("speed_time", "deflection_rate"):
+        for name in ("speed_time", "deflection_rate", "drive_share", "speed_share", "deflection_share"):
             value = getattr(self, name)
             require(np.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
-        require(0.0 <= self.margin <= 0.5, f"margin must be 0 to .5, got {self.margin}")
+            require(not name.endswith("share") or value <= 1.0, f"{name} must be <= 1, got {value}")
 
     def kept(self, sample: ArmSample, torque: Array) -> tuple[Array, Limit]:
         """The torques (n,) [N m] nearest to `torque` that keep the limits, and which ones changed them."""
@@ -60,8 +87,8 @@ class ArmLimits:
         changed = _kept(
             out, sample.q - sample.theta, sample.q_velocity - sample.theta_velocity, acceleration,
             sample.theta_velocity, arm.motor_friction * sample.theta_velocity - tau_e, arm.motor_inertia,
-            arm.torque_limit, arm.speed_limit * (1.0 - self.margin), arm.deflection_limit * (1.0 - self.margin),
-            self.speed_time, self.deflection_rate,
+            arm.torque_limit, self.drive_share * arm.speed_limit, self.speed_share * arm.speed_limit,
+            self.deflection_share * arm.deflection_limit, self.speed_time, self.deflection_rate,
         )  # fmt: skip
         return out, Limit(changed)
 
@@ -69,28 +96,25 @@ class ArmLimits:
 @njit(cache=True, error_model="numpy")
 def _kept(
     torque: Array, phi: Array, phi_rate: Array, acceleration: Array, speed: Array, load: Array, inertia: Array,
-    torque_limit: Array, speed_limit: Array, deflection_limit: Array, T: float, k: float,
+    torque_limit: Array, drive_limit: Array, speed_limit: Array, deflection_limit: Array, T: float, k: float,
 ) -> int:  # fmt: skip
     """`torque` (n,) brought within its windows; the bits of Limit that did it. `load` = D thd - tau_e (n,) [N m]."""
     changed = 0
     for i in range(torque.size):
+        middle = acceleration[i] + 2.0 * k * phi_rate[i] + k * k * phi[i]
+        room = k * k * deflection_limit[i]
+        windows = (
+            (2, (-drive_limit[i] - speed[i]) / T, (drive_limit[i] - speed[i]) / T),
+            (4, middle - room, middle + room),
+            (2, (-speed_limit[i] - speed[i]) / T, (speed_limit[i] - speed[i]) / T),
+        )
+        for bit, low, high in windows:
+            before = torque[i]
+            torque[i] = min(max(before, inertia[i] * low + load[i]), inertia[i] * high + load[i])
+            if torque[i] != before:
+                changed |= bit
         before = torque[i]
-        bending = acceleration[i] + 2.0 * k * phi_rate[i]
-        # thdd at which phi only just stays within its limits
-        low = inertia[i] * (bending - k * k * (deflection_limit[i] - phi[i])) + load[i]
-        high = inertia[i] * (bending + k * k * (deflection_limit[i] + phi[i])) + load[i]
-        after = min(max(before, low), high)
-        if after != before:
-            changed |= 4
-        before = after
-        low = inertia[i] * (-speed_limit[i] - speed[i]) / T + load[i]
-        high = inertia[i] * (speed_limit[i] - speed[i]) / T + load[i]
-        after = min(max(before, low), high)
-        if after != before:
-            changed |= 2
-        before = after
-        after = min(max(before, -torque_limit[i]), torque_limit[i])
-        if after != before:
+        torque[i] = min(max(before, -torque_limit[i]), torque_limit[i])
+        if torque[i] != before:
             changed |= 1
-        torque[i] = after
     return changed

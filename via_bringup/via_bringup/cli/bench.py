@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, track
 from rich.text import Text
 from via_core.errors import ViaError
 from via_estimators.methods import method_for
@@ -66,6 +66,17 @@ def estimators(turns: Turns = 15, as_rows: Json = None) -> None:
     from via_bringup.bench.estimators import estimator_rows
 
     shown("Estimators", estimator_rows(turns, errors.print), as_rows)
+
+
+@app.command()
+def limits(
+    starts: Annotated[int, typer.Option(min=1, max=100_000, help="Random courses; a thousand take half an hour.")] = 30,
+    as_rows: Json = None,
+) -> None:
+    """Limits of an arm under random starts, blows, holds, lost samples and a law out of its mind."""
+    from via_bringup.bench.limits import limit_rows
+
+    shown("Limits", limit_rows(track(range(starts), "courses", console=errors)), as_rows)
 
 
 @app.command()

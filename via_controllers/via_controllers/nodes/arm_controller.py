@@ -11,7 +11,7 @@ active        the law decides
 
 With `autostart` the node configures and activates itself, so that `ros2 run` alone does. Samples that are missing for
 20 ms are answered with zero torque, once; drivers and simulators have a watchdog of their own for when it is gone.
-A new law is a dataclass of parameters and a function that makes the law of them: see `modal_limit_cycle`.
+A new node is a dataclass of parameters and a function that makes a law of them: see `modal_limit_cycle`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
 from via_core.signals import Array
-from via_core.vsa_arms import VsaArm, load_vsa_arm
+from via_core.vsa_arms import VsaArm
 from via_core.wire import command_topic
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
@@ -59,24 +59,38 @@ class ArmParameters:
 Parameters = TypeVar("Parameters", bound=ArmParameters)
 
 
+@dataclass(frozen=True, eq=False)
+class Equipment:
+    """What a node controls and how."""
+
+    name: str  # of the arm, as in topics
+    joints: tuple[str, ...]  # base first
+    supervisor: Supervisor
+
+
+def equipped(arm: VsaArm, law: ArmController[Any]) -> Equipment:
+    """An arm and its law, with the usual limits and the usual way to hold it still."""
+    return Equipment(arm.name, arm.joints, Supervisor(law, HoldStill(arm), ArmLimits(arm)))
+
+
 class ArmControllerNode(LifecycleNode):
     """A law of an arm in ROS.
 
     name   of the node, and `method` of what it tells
     kind   the dataclass of its parameters
-    make   the law of an arm and parameters; raises ParameterError
+    make   what such parameters mean; raises ParameterError
     """
 
     def __init__(
         self,
         name: str,
         kind: type[Parameters],
-        make: Callable[[VsaArm, Parameters], ArmController[Any]],
+        make: Callable[[Parameters], Equipment],
         **options: Any,
     ) -> None:
         super().__init__(name, **options)
         self._chosen = declare(self, kind)
-        self._make: Callable[[VsaArm, Any], ArmController[Any]] = make
+        self._make: Callable[[Any], Equipment] = make
         self._active = False
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []  # how to destroy what configuring made
         if self._chosen.autostart:
@@ -117,22 +131,20 @@ class ArmControllerNode(LifecycleNode):
         return self.on_shutdown(state)
 
     def _set_up(self) -> None:
-        arm = load_vsa_arm(self._chosen.arm)
-        law = self._make(arm, self._chosen)
-        self._supervisor = Supervisor(law, HoldStill(arm), ArmLimits(arm))
+        equipment = self._make(self._chosen)
+        self._name, self._count, self._supervisor = equipment.name, len(equipment.joints), equipment.supervisor
         self._state = self._supervisor.init()
-        _warm_up(self._supervisor, arm)
-        self._reader, self._writer = ArmReader(arm.joints), CommandWriter(arm)
-        self._told = _Told(arm, law, self.get_name())
-        self._name, self._count = arm.name, arm.n
+        _warm_up(self._supervisor, self._count)
+        self._reader, self._writer = ArmReader(equipment.joints), CommandWriter(equipment)
+        self._told = _Told(equipment, self.get_name())
         self._answered = self._unusable = self._reported = self._silences = 0
         self._limited = Limit.NONE  # since the last report
         self._heard: float | None = None  # [s] steady clock; None: nothing to miss
         self._commands = self._made(self.create_publisher, self.destroy_publisher)(
-            VsaCommand, command_topic(arm.name), qos.CONTROL
+            VsaCommand, command_topic(self._name), qos.CONTROL
         )
         self._states = self._made(self.create_publisher, self.destroy_publisher)(
-            ControlState, f"/{arm.name}/control", qos.SAMPLES
+            ControlState, f"/{self._name}/control", qos.SAMPLES
         )
         self._reports = self._made(self.create_publisher, self.destroy_publisher)(
             DiagnosticArray, "/diagnostics", qos.CONTROL
@@ -217,7 +229,8 @@ class ArmControllerNode(LifecycleNode):
 class _Told:
     """One reused ControlState of an arm and its law, numbered from 0."""
 
-    def __init__(self, arm: VsaArm, law: ArmController[Any], method: str) -> None:
+    def __init__(self, equipment: Equipment, method: str) -> None:
+        arm, law = equipment.supervisor.limits.arm, equipment.supervisor.law
         limits = {
             "torque_limit": arm.torque_limit,
             "speed_limit": arm.speed_limit,
@@ -231,7 +244,7 @@ class _Told:
             value=array.array("d", [np.nan] * len(law.quantities)),
             **{name: array.array("d", values) for name, values in limits.items()},
         )
-        self._message.header.frame_id = arm.name
+        self._message.header.frame_id = equipment.name
         self._value: Array = np.frombuffer(self._message.value)
         self._sequence = 0
 
@@ -253,13 +266,13 @@ def _names(limits: Limit) -> str:
     return ", ".join(each.name.lower() for each in Limit if each and each in limits and each.name) or "none"
 
 
-def _warm_up(supervisor: Supervisor, arm: VsaArm) -> None:
-    """Raises ParameterError where a law cannot live with its arm."""
-    still = np.zeros(arm.n)
+def _warm_up(supervisor: Supervisor, n: int) -> None:
+    """Raises ParameterError where a law cannot live with its arm of n joints."""
+    still = np.zeros(n)
     for active in (False, True):
         state = supervisor.init()
         for step in range(WARM_UP):
             sample = ArmSample(1e-3 * step, still, still, still, still, still)
             state, answer = supervisor.step(state, sample, active)
-            if len(answer.torque) != arm.n:
-                raise ParameterError(f"the law answers {len(answer.torque)} torques to an arm of {arm.n} motors")
+            if len(answer.torque) != n:
+                raise ParameterError(f"the law answers {len(answer.torque)} torques to an arm of {n} motors")

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 from via_core.errors import ParameterError
-from via_core.vsa_arms import VsaArm
+from via_core.vsa_arms import load_vsa_arm
 from via_ros import spin
 
 from via_controllers.modal_limit_cycle import ModalLimitCycle
 from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
-from via_controllers.nodes.arm_controller import ArmControllerNode, ArmParameters
+from via_controllers.nodes.arm_controller import ArmControllerNode, ArmParameters, Equipment, equipped
 
 
 @dataclass(frozen=True)
@@ -49,23 +49,23 @@ class ModalLimitCycleParameters(ArmParameters):
     )
 
 
-def law_of(arm: VsaArm, parameters: ModalLimitCycleParameters) -> VsaModalLimitCycle:
-    """The law of the node; raises ParameterError."""
-    p = parameters
+def equipment_of(parameters: ModalLimitCycleParameters) -> Equipment:
+    """The arm and the law of the node; raises ParameterError or DeviceError."""
+    p, arm = parameters, load_vsa_arm(parameters.arm)
     stiffness = np.array(p.stiffness or arm.spring_state(np.zeros(arm.n))[1], dtype=float)
     equilibrium = np.array(p.equilibrium, dtype=float)
     for name, values in (("equilibrium", equilibrium), ("stiffness", stiffness)):
         if values.shape != (arm.n,):
             raise ParameterError(f"parameter {name} must hold {arm.n} numbers, got {values.tolist()}")
     cycle = ModalLimitCycle(arm, equilibrium, np.diag(stiffness), p.mode - 1, p.damping_ratio, p.gain, p.level)
-    return VsaModalLimitCycle(cycle, p.bandwidth)
+    return equipped(arm, VsaModalLimitCycle(cycle, p.bandwidth))
 
 
 class ModalLimitCycleNode(ArmControllerNode):
     """The node of this file."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__("modal_limit_cycle", ModalLimitCycleParameters, law_of, **options)
+        super().__init__("modal_limit_cycle", ModalLimitCycleParameters, equipment_of, **options)
 
 
 def main() -> int:

@@ -1,0 +1,162 @@
+"""Limits of an arm kept in closed loop, an arm held still, and who decides when."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from via_bringup.bench.limits import Wild, course, limit_rows, supervisor_of
+from via_bringup.control.limit_cycle import ARM, EQUILIBRIUM, law_of
+from via_controllers.arm_limits import ArmLimits, Limit
+from via_controllers.contract import ArmController, ArmSample, Torques
+from via_controllers.hold_still import HoldStill
+from via_controllers.supervision import Activity, Supervisor
+from via_core.errors import ParameterError
+from via_sim.arm import ArmState, arm_step
+
+STILL = np.zeros(4)
+UNKNOWN = np.full(4, np.nan)
+
+
+def sample_of(body: ArmState, time: float = 0.0) -> ArmSample:
+    return ArmSample(time, body.q, body.velocity, body.theta, body.motor_velocity, UNKNOWN)
+
+
+def at_rest(q=EQUILIBRIUM) -> ArmState:
+    return ArmState(q, STILL, ARM.rest(q), STILL)
+
+
+# ---- limits
+
+
+def test_limits_hold_in_random_courses():
+    """A thousand: `via bench limits --starts 1000`."""
+    rows = limit_rows(range(6))
+    assert len(rows) == 12 and all(row.ok for row in rows if row.limit is not None), rows
+
+
+def test_without_limits_a_wild_law_bends_springs_to_their_stops():
+    class Loose(ArmLimits):
+        def kept(self, sample, torque):
+            return np.clip(torque, -ARM.torque_limit, ARM.torque_limit), Limit.NONE
+
+    seeds = (2, 5, 8)
+    assert not all(course(seed, replace(supervisor_of(seed), limits=Loose(ARM))).within for seed in seeds)
+    assert all(course(seed, supervisor_of(seed)).within for seed in seeds)
+
+
+def test_nothing_is_changed_where_no_limit_is_near():
+    wanted = ARM.gravity(EQUILIBRIUM) + np.array([1.0, -2.0, 0.5, 0.2])
+    torque, changed = ArmLimits(ARM).kept(sample_of(at_rest()), wanted)
+    assert np.array_equal(torque, wanted) and changed == Limit.NONE
+
+
+@pytest.mark.parametrize(
+    ("motion", "limit"),
+    [
+        ({}, Limit.TORQUE),
+        ({"motor_velocity": np.array([7.0, 0.0, 0.0, 0.0]), "velocity": np.array([7.0, 0.0, 0.0, 0.0])}, Limit.SPEED),
+        (
+            {"theta": ARM.rest(EQUILIBRIUM) - [0.5, 0.0, 0.0, 0.0], "velocity": np.array([3.0, 0.0, 0.0, 0.0])},
+            Limit.DEFLECTION,
+        ),
+    ],
+)
+def test_each_limit_is_told(motion, limit):
+    """The first joint, which carries no weight: driven on to a limit it is driven less, or back."""
+    push = np.array([140.0 if limit is not Limit.TORQUE else 160.0, 0.0, 0.0, 0.0])
+    if limit is Limit.DEFLECTION:
+        push = -push
+    torque, changed = ArmLimits(ARM).kept(sample_of(replace(at_rest(), **motion)), push)
+    assert limit in changed and torque[0] * np.sign(push[0]) < abs(push[0])
+
+
+def test_a_law_that_says_nothing_sensible_leaves_motors_passive():
+    torque, changed = ArmLimits(ARM).kept(sample_of(at_rest()), np.array([np.nan, 0.0, 0.0, 0.0]))
+    assert np.array_equal(torque, STILL) and changed
+
+
+@pytest.mark.parametrize("change", [{"drive_share": 1.1}, {"speed_time": 0.0}, {"deflection_rate": np.nan}])
+def test_silly_limits_are_refused(change):
+    with pytest.raises(ParameterError):
+        ArmLimits(ARM, **change)
+
+
+# ---- held still
+
+
+def test_an_arm_in_motion_comes_to_rest_where_it_was():
+    law, body = HoldStill(ARM), replace(at_rest(), velocity=np.array([0.5, -0.5, 1.0, 1.0]))
+    state = law.init(sample_of(body))
+    for _ in range(3000):
+        state, out = law.step(state, sample_of(body))
+        body = arm_step(ARM, body, out.torque, STILL, 1e-3, substeps=2)
+    assert body.q == pytest.approx(EQUILIBRIUM, abs=0.02)
+    assert np.abs(body.velocity).max() < 0.05
+
+
+def test_what_springs_cannot_carry_is_held_as_far_as_they_can():
+    heavy = replace(ARM, springs=tuple(replace(law, max_deflection=0.05) for law in ARM.springs))
+    q = np.array([0.0, np.pi / 2, 0.0, 0.0])
+    state = HoldStill(heavy).init(sample_of(ArmState(q, STILL, q, STILL)))
+    assert np.abs(q - state.theta).max() <= 0.05
+
+
+# ---- who decides
+
+
+class Constant(ArmController[int]):
+    """Counts its samples; its torque is their number."""
+
+    quantities = ()
+
+    def told(self, state):
+        return np.empty(0)
+
+    def init(self, sample):
+        return 0
+
+    def step(self, state, sample):
+        return state + 1, Torques(np.full(4, 1e-3 * (state + 1)), False)
+
+
+def test_laws_start_anew_where_what_they_knew_is_wrong():
+    supervisor, body = Supervisor(Constant(), HoldStill(ARM), ArmLimits(ARM)), at_rest()
+    state, counted = supervisor.init(), []
+
+    def at(time, active=True, **change):
+        nonlocal state
+        state, answer = supervisor.step(state, replace(sample_of(body, time), **change), active)
+        counted.append((answer.activity, state.inner if answer.activity is Activity.ACTIVE else None))
+
+    for time in (0.0, 0.001, 0.002):
+        at(time)
+    at(0.003, q=UNKNOWN)  # nothing is known
+    at(0.004, theta=np.full(4, 1e3))  # nothing sensible is said
+    at(0.005)  # and goes on
+    at(0.006, active=False)
+    at(0.007)
+    at(0.003)  # backward
+    at(0.050)  # a gap
+    active, passive, holding = Activity.ACTIVE, Activity.PASSIVE, Activity.HOLDING
+    assert counted == [
+        (active, 1), (active, 2), (active, 3), (passive, None), (passive, None), (active, 4), (holding, None),
+        (active, 1), (active, 1), (active, 1),
+    ]  # fmt: skip
+
+
+def test_the_supervised_law_is_the_law():
+    """In the middle of its motion no limit changes anything."""
+    law = law_of(0)
+    supervisor = Supervisor(law, HoldStill(ARM), ArmLimits(ARM))
+    body = replace(at_rest(), velocity=np.array([0.1, 0.2, 0.1, 0.3]))
+    state, answer = supervisor.step(supervisor.init(), sample_of(body), True)
+    motion, out = law.step(law.init(sample_of(body)), sample_of(body))
+    assert np.array_equal(answer.torque, out.torque) and answer.limited == Limit.NONE
+    assert np.array_equal(supervisor.told(state), law.told(motion))
+    held, _ = supervisor.step(state, sample_of(body, 1e-3), False)
+    assert np.isnan(supervisor.told(held)).all()
+
+
+def test_a_wild_law_is_the_same_twice():
+    wild, sample = Wild(ARM, 3), sample_of(at_rest(), 0.5)
+    assert np.array_equal(wild.step(STILL, sample)[0], wild.step(STILL, sample)[0])
