@@ -1,5 +1,6 @@
 """Arms of rigid joints: torques of the bodies in closed form, planted friction found at each joint, what is refused."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,13 +8,16 @@ import numpy as np
 import pinocchio
 import pytest
 import via_core
+from typer.testing import CliRunner
+from via_bringup.cli.gap import app
 from via_core.devices import load_device
-from via_core.errors import DeviceError, SignalError
+from via_core.errors import DeviceError, SignalError, ViaError
 from via_core.signals import Array, Signals
-from via_gap.arms import Arm, arm_logs, diagnose_arm, load_arm, read_arm_log
+from via_gap.arms import Arm, arm_logs, load_arm, read_arm_log
 from via_gap.equation_bench import EquationBench
 from via_gap.log import JointLog
 from via_gap.problem import Problem
+from via_gap.report import read_report
 from via_gap.shots import cut_log
 from via_sim.effects import Effect
 
@@ -75,9 +79,27 @@ def test_torques_of_the_bodies_are_those_written_out(arm: Arm) -> None:
     np.testing.assert_allclose(arm.torques(q, v, a), pendulum(q, v, a), atol=1e-6)
 
 
-def test_friction_withheld_is_found_at_each_joint_on_a_log_not_fitted(arm: Arm) -> None:
-    reports = diagnose_arm(arm, [moved(arm, 12.0)], [moved(arm, 8.0, 20.0)])
-    for report, planted in zip(reports, FRICTION, strict=True):
+@pytest.fixture(scope="module")
+def answered(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of two runs and what `via gap diagnose --arm` made of them: a report, a page and a repair per joint."""
+    here = tmp_path_factory.mktemp("arm")
+    for name, logs in (("run.csv", moved(arm, 12.0)), ("held.csv", moved(arm, 8.0, 20.0))):
+        columns = [logs[0].measured.time, *(log.measured["q"] for log in logs)]
+        columns += [log.commands["external_torque"] for log in logs if log.commands is not None]
+        header = "time,pos1,pos2,tau1,tau2"
+        np.savetxt(here / name, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.12g")
+    asked = ["--json", str(here / "report.json"), "--html", str(here / "page.html")]
+    asked += ["--effects-out", str(here / "repair.yaml")]
+    done = CliRunner().invoke(
+        app, ["diagnose", str(here / "run.csv"), "--arm", arm.name, "--holdout", str(here / "held.csv"), *asked]
+    )
+    assert done.exit_code == 0, done.output
+    return here
+
+
+def test_friction_withheld_is_found_at_each_joint_on_a_log_not_fitted(arm: Arm, answered: Path) -> None:
+    for device, planted in zip(arm.devices, FRICTION, strict=True):
+        report = read_report((answered / f"report_{device.name}.json").read_text(), "report")
         assert report.verdict == "effect"
         assert (report.causes[0].effect, report.causes[0].site) == ("coulomb_friction", "link")
         assert report.causes[0].parameters["torque"].value == pytest.approx(planted, rel=0.1)
@@ -85,6 +107,47 @@ def test_friction_withheld_is_found_at_each_joint_on_a_log_not_fitted(arm: Arm) 
         assert report.gap.by == "equations"
         assert report.gap.after < 0.5 * report.gap.before
         assert report.where[0].equation == "link"
+        assert report.figures is not None
+        (against_speed,) = (figure for figure in report.figures.residuals if figure.by == "speed")
+        fast = [each.mean for each in against_speed.bins if each.low > 0.4]
+        assert fast == pytest.approx([-planted] * len(fast), rel=0.2)  # the residual brakes as the friction does
+        traces = [figure for figure in report.figures.traces if figure.signal == "tau"]
+        assert traces and all(len(figure.time) > 20 for figure in traces)
+
+
+def test_an_arms_page_draws_torques_in_their_unit(arm: Arm, answered: Path) -> None:
+    page = (answered / f"page_{arm.devices[1].name}.html").read_text()
+    assert "The torque that the joint&#39;s equation lacks" in page
+    assert 'data-y-unit="N m"' in page and 'data-y-unit="rad"' not in page
+    assert page.count("<svg") >= 8
+
+
+def test_the_gap_claimed_of_an_arms_joint_comes_again_from_its_files(arm: Arm, answered: Path) -> None:
+    name = arm.devices[1].name
+    report = read_report((answered / f"report_{name}.json").read_text(), "report")
+    words = ["simulate", str(answered / "held.csv"), "--arm", arm.name, "--device", name]
+    words += ["--effects", str(answered / f"repair_{name}.yaml"), "--json", str(answered / "again.json")]
+    assert CliRunner().invoke(app, [*words, "--report", str(answered / f"report_{name}.json")]).exit_code == 0
+    again = json.loads((answered / "again.json").read_text())
+    assert report.gap is not None
+    assert (again["before"], again["after"]) == pytest.approx((report.gap.before, report.gap.after), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["diagnose", "run.csv"], "name either a --device or an --arm"),
+        (["diagnose", "run.csv", "--arm", "nobody"], "no arm 'nobody'"),
+        (
+            ["simulate", "run.csv", "--arm", "dfki_double_pendulum", "--device", "maccepavd"],
+            "'maccepavd' is no joint of 'dfki_double_pendulum', whose are dfki_shoulder, dfki_elbow",
+        ),
+    ],
+)
+def test_a_question_about_no_joint_is_refused(words: list[str], message: str) -> None:
+    done = CliRunner().invoke(app, words)
+    assert isinstance(done.exception, ViaError)
+    assert message in str(done.exception)
 
 
 def test_the_equation_needs_the_friction_that_was_there_and_counts_none_where_it_stands(arm: Arm) -> None:

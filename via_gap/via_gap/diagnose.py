@@ -113,12 +113,10 @@ def diagnose(
     decision = decide(tuned, causes, pairs, frozen)
     tell("measuring the gap", 0.95)
     gap = _gap(device, fitted, judged, everything, held, before, tuned, decision)
-    figures = short.figures
-    if gap.by != "equations":
-        figures = evidence_figures(
-            device, everything, held, residuals, numbers, judged, before, tuned, decision.chosen, [*causes, *pairs],
-            candidates, gap.by,
-        )  # fmt: skip
+    figures = evidence_figures(
+        device, everything, held, residuals, numbers, judged, before, tuned, decision.chosen, [*causes, *pairs],
+        candidates, gap.by,
+    )  # fmt: skip
     report = short.model_copy(
         update={
             "verdict": _honest(decision.verdict, usable[0].log),

@@ -81,14 +81,14 @@ class EquationBench:
     def _missing(self, row: Array) -> Array:
         """(C, w) [N m]; where the link nearly stands, dry friction takes what it can."""
         told = equation_torques(row, self.record)
-        gliding = self._over(told.torque[:, LINK] + told.friction[:, LINK], 0)
-        missing = told.inertia[LINK] * self._over(told.angle[:, LINK], 2) - gliding
-        slipping = missing + self._over(told.friction[:, LINK], 0)
+        gliding = self.over(told.torque[:, LINK] + told.friction[:, LINK], 0)
+        missing = told.inertia[LINK] * self.over(told.angle[:, LINK], 2) - gliding
+        slipping = missing + self.over(told.friction[:, LINK], 0)
         standing = sliding_window_view(told.standing[:, LINK], self.weights.shape[1])[self.first].any(axis=-1)
-        capacity = self._over(told.capacity[:, LINK], 0)
+        capacity = self.over(told.capacity[:, LINK], 0)
         held = np.sign(missing) * np.maximum(np.abs(missing) - capacity, 0.0)
         return np.where(standing, held, slipping)
 
-    def _over(self, values: Array, derivative: int) -> Array:
+    def over(self, values: Array, derivative: int) -> Array:
         """Integral of values (T,) against a derivative of psi, over each window (C, w)."""
         return sliding_window_view(values, self.weights.shape[1])[self.first] @ self.weights[derivative]

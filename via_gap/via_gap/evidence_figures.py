@@ -17,7 +17,9 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
+from via_sim.torques import EXTERNAL
 
+from via_gap.equation_bench import EquationBench
 from via_gap.evidence import Judged, difference
 from via_gap.figures import (
     ErrorBin,
@@ -56,9 +58,10 @@ class Stretch:
 
     time      (N,) [s] since the log began
     states    (N, 6) [rad, rad/s] smoothed, NaN: not seen
-    measured, before, after  (N, a) [rad] of `axes`
+    measured, before, after  (N, a) [rad] of `axes`; of equations the drive's torque [N m] as sent and as a model needs
     restarts  (N,) whether the simulation starts anew at a sample
-    floor     (a,) [rad] rms that the sensors explain
+    floor     (a,) rms that the sensors explain, in the same unit
+    torque    whether it is of an equation
     """
 
     log: str
@@ -70,6 +73,7 @@ class Stretch:
     after: Array
     restarts: NDArray[np.bool_]
     floor: Array
+    torque: bool = False
 
 
 def evidence_figures(
@@ -84,7 +88,7 @@ def evidence_figures(
     chosen: Judged,
     trials: Sequence[Judged],
     candidates: Sequence[Place],
-    by: Literal["shots", "free run"],
+    by: Literal["shots", "free run", "equations"],
 ) -> Figures:
     """All pictures of one diagnosis.
 
@@ -95,6 +99,8 @@ def evidence_figures(
     """
     if by == "shots":
         longest, stretches = STRETCH, shot_stretches(judged, before.residual, chosen.residual)
+    elif by == "equations":
+        longest, stretches = FREE_STRETCH, equation_stretches(judged, before.residual, chosen.residual)
     else:
         moved = repaired_device(device, judged.nuisances, chosen.fit.deviations)
         longest, stretches = FREE_STRETCH, free_stretches(device, moved, chosen.fit.effects, shots, held)
@@ -164,6 +170,26 @@ def shot_stretches(problem: Problem, before: Array, after: Array) -> list[Stretc
     return found
 
 
+def equation_stretches(problem: Problem, before: Array, after: Array) -> list[Stretch]:
+    """Neighbouring shots of a problem of equations, with what two models lack (R,), window by window."""
+    found, begin = [], 0
+    for bench in problem.benches:
+        assert isinstance(bench, EquationBench)
+        shots, size = bench.shots, bench.first.size
+        missing = [each[begin : begin + size].reshape(bench.first.shape) * bench.floor for each in (before, after)]
+        begin += size
+        sent = bench.over(shots.commands[:, EXTERNAL], 0)
+        for run in np.split(np.arange(len(bench.chosen)), np.flatnonzero(np.diff(bench.chosen) > 1) + 1):
+            ticks = (bench.first[run] + bench.weights.shape[1] // 2).ravel()
+            flat = sent[run].reshape(-1, 1)
+            first, second = (flat + each[run].reshape(-1, 1) for each in missing)
+            found.append(
+                Stretch(shots.log.name, (0,), ticks / shots.rate, shots.start[ticks], flat, first, second,
+                        np.zeros(len(ticks), dtype=bool), np.array([bench.floor]), True)
+            )  # fmt: skip
+    return found
+
+
 def free_stretches(
     nominal: Device, repaired: Device, effects: Sequence[Effect], shots: Sequence[Shots], chosen: Sequence[Indices]
 ) -> list[Stretch]:
@@ -210,7 +236,7 @@ def error_figures(stretches: Sequence[Stretch], n_transmissions: int) -> tuple[E
                          before=_rms(before[inside]), after=_rms(after[inside]), floor=_rms(floor[inside]))
                 for low, high, inside in _bins(by, values)
             )  # fmt: skip
-            found.append(ErrorFigure(signal=NAMES[axis], by=by, unit=unit, bins=bins))
+            found.append(ErrorFigure(signal=_signal(stretches[0], axis), by=by, unit=unit, bins=bins))
     return tuple(found)
 
 
@@ -298,7 +324,7 @@ def _pieces(stretch: Stretch, longest: float) -> list[Stretch]:
             begins.append(int(this))
     return [
         Stretch(stretch.log, stretch.axes, stretch.time[a:b], stretch.states[a:b], stretch.measured[a:b],
-                stretch.before[a:b], stretch.after[a:b], stretch.restarts[a:b], stretch.floor)
+                stretch.before[a:b], stretch.after[a:b], stretch.restarts[a:b], stretch.floor, stretch.torque)
         for a, b in pairwise([*begins, len(stretch.time)])
     ]  # fmt: skip
 
@@ -317,11 +343,16 @@ def _traces(piece: Stretch, by: Literal["after", "before"]) -> list[TraceFigure]
     columns = {"measured": piece.measured, "before": piece.before, "after": piece.after}
     return [
         TraceFigure(
-            log=piece.log, signal=NAMES[axis], worst=by, time=tuple(map(_six, piece.time[kept])), restarts=restarts,
+            log=piece.log, signal=_signal(piece, axis), worst=by, time=tuple(map(_six, piece.time[kept])),
+            restarts=restarts,
             **{name: tuple(map(_six, values[kept, column])) for name, values in columns.items()},
         )
         for column, axis in enumerate(piece.axes)
     ]  # fmt: skip
+
+
+def _signal(stretch: Stretch, axis: int) -> str:
+    return "tau" if stretch.torque else NAMES[axis]
 
 
 def _rms(values: Array) -> float:

@@ -62,7 +62,10 @@ class ResidualFigure(_Part):
 
 
 class ErrorBin(_Part):
-    """Held-out samples whose quantity lies in [low, high], median `centre`: rms of simulated minus measured [rad]."""
+    """Held-out samples whose quantity lies in [low, high], median `centre`: rms of simulated minus measured.
+
+    [rad], of signal tau [N m].
+    """
 
     low: Number
     high: Number
@@ -83,6 +86,8 @@ class ErrorFigure(_Part):
 
 class TraceFigure(_Part):
     """One signal over a held-out stretch [rad]: measured, and simulated by the device as filed and as repaired.
+
+    Signal tau [N m]: the drive's torque as it was sent, and as the motion needs it by the two models.
 
     worst     what this stretch is the worst of: the error before, or what the repair leaves
     time      (N,) [s] since the log began

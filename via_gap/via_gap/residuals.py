@@ -3,10 +3,11 @@
     link     <tau_ext, psi> - M <q, psi''> - Dq <qd, psi> - <d(u) qd, psi> - sum <tau_e,i, psi> - <g(q), psi>
     motor i  <tau_i, psi> - B <theta_i, psi''> - Dth <thd_i, psi> + <tau_e,i, psi>
 
-over windows of 60 ms; psi carries the derivatives (via_core.weak_form), so no angle is differentiated. What is missing
-is minus that: torque that acts on the axis and is not in the model. A torque held between samples counts as
-(u_n + u_{n-1}) / 2: half a sample matters. Beside each residual stands what the sensors' quanta make of it. Where an
-axis nearly stands, dry friction is known to an interval only: the residual counts as far as it leaves that interval.
+with tau_ext everything known that acts on the link, of an arm's joint the rest of the arm, over windows of 60 ms; psi
+carries the derivatives (via_core.weak_form), so no angle is differentiated. What is missing is minus that: torque that
+acts on the axis and is not in the model. A torque held between samples counts as (u_n + u_{n-1}) / 2: half a sample
+matters. Beside each residual stands what the sensors' quanta make of it. Where an axis nearly stands, dry friction is
+known to an interval only: the residual counts as far as it leaves that interval.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from via_core.devices import Device, TorqueMotor
 from via_core.signals import Array
 from via_core.weak_form import window_weights
+from via_sim.torques import ARM, EXTERNAL
 
 from via_gap.shots import Shots
 
@@ -86,7 +88,8 @@ def weak_residuals(shots: Shots, device: Device) -> tuple[Residual, ...]:
         speed = shots.start[:, 3 + axis]
         noise = quanta[min(axis, 1)] / np.sqrt(12.0)
         if axis == 0:
-            torque = shots.commands[:, 3] - device.link.gravity_torque * np.sin(q - device.link.gravity_angle)
+            known = shots.commands[:, EXTERNAL] + shots.commands[:, ARM]
+            torque = known - device.link.gravity_torque * np.sin(q - device.link.gravity_angle)
             torque = torque - springs.sum(axis=1) - device.damping_of(shots.commands[:, 2]) * speed
             inertia, viscous, dry = device.link.inertia, device.link.viscous_friction, device.link.coulomb_friction
             stiff = sigma.sum(axis=1) if sigma.shape[1] else np.zeros(len(q))

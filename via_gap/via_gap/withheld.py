@@ -9,8 +9,9 @@ from via_core.devices import Device
 from via_core.errors import SignalError
 from via_sim.effects import Effect
 
+from via_gap.equation_bench import EquationBench
 from via_gap.log import JointLog, believed
-from via_gap.measured import Errors, free_errors, shot_errors
+from via_gap.measured import Errors, equation_errors, free_errors, shot_errors
 from via_gap.problem import Problem
 from via_gap.report import Stretch
 from via_gap.shots import Indices, Shots, cut_log
@@ -24,15 +25,30 @@ def before_and_after(
     Measured as in the report: in short shots where motors are driven by torque, else in one free run; over the whole
     logs, or over the stretches that a report held out. Raises SignalError where nothing can be simulated.
     """
-    shots = [cut_log(log) for log in believed(logs)]
-    chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in shots]
-    if not any(map(len, chosen)):
-        raise SignalError(f"{logs[0].name}: {'not what the report held out' if held_out else 'too short to compare'}")
+    shots, chosen = _chosen(logs, held_out)
     if _runs_free(device):
         return free_errors(device, (), shots, chosen), free_errors(device, effects, shots, chosen)
     problem = Problem.of(shots, chosen)
     before, after = problem.residual([problem.row(()), problem.row(effects)])
     return shot_errors(problem, before), shot_errors(problem, after)
+
+
+def lacking_before_and_after(
+    logs: Sequence[JointLog], effects: Sequence[Effect], held_out: Sequence[Stretch] = ()
+) -> tuple[Errors, Errors]:
+    """The same of one joint of an arm (logs of `via_gap.arms`), by the torque that its equation lacks."""
+    problem = Problem.of(*_chosen(logs, held_out), EquationBench.of)
+    before, after = problem.residual([problem.row(()), problem.row(effects)])
+    return equation_errors(problem, before), equation_errors(problem, after)
+
+
+def _chosen(logs: Sequence[JointLog], held_out: Sequence[Stretch]) -> tuple[list[Shots], list[Indices]]:
+    """The logs cut into shots, and which of them count."""
+    shots = [cut_log(log) for log in believed(logs)]
+    chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in shots]
+    if not any(map(len, chosen)):
+        raise SignalError(f"{logs[0].name}: {'not what the report held out' if held_out else 'too short to compare'}")
+    return shots, chosen
 
 
 def _runs_free(device: Device) -> bool:

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from via_core.devices import load_device
+from via_core.devices import Device, load_device
 from via_core.errors import ViaError
 from via_gap.diagnose import diagnose as diagnosed
-from via_gap.log import read_log
+from via_gap.log import JointLog, read_log
 from via_gap.proposal import with_proposal
 from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
-from via_gap.report import read_report, save_repair
-from via_gap.withheld import before_and_after
+from via_gap.report import GapReport, read_report, save_repair
+from via_gap.withheld import before_and_after, lacking_before_and_after
 from via_sim.effects_file import load_effects
 
 from via_bringup.cli import gap_blind, gap_fleet, gap_propose, gap_real
@@ -30,10 +31,16 @@ app.command("fleet")(gap_fleet.fleet)
 app.command("real")(gap_real.real)
 
 
+Arm = Annotated[
+    str | None, typer.Option(help="Arm of rigid joints, by name or path to its YAML: logs hold all of its joints.")
+]
+
+
 @app.command("diagnose")
 def diagnose(
-    logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files of one joint.")],
-    device: Annotated[str, typer.Option(help="Device name (see `via devices`) or path to its YAML.")],
+    logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files of one joint, or of an arm.")],
+    device: Annotated[str | None, typer.Option(help="Device name (see `via devices`) or path to its YAML.")] = None,
+    arm: Arm = None,
     holdout: Annotated[list[Path] | None, typer.Option(help="Log to judge on instead of blocks of the others.")] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the report to this file.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write the report as one HTML page to this file.")] = None,
@@ -41,28 +48,55 @@ def diagnose(
         Path | None, typer.Option(help="Write the named effects, and the numbers fitted with them, for the simulator.")
     ] = None,
 ) -> None:
-    """Say where the gap between logs and model lies, which effect causes it and how far it shrinks."""
-    described = load_device(device)
-    read = [read_log(path, described) for path in logs]
-    held = [read_log(path, described) for path in holdout or ()]
+    """Say where the gap between logs and model lies, which effect causes it and how far it shrinks.
+
+    Of an arm every joint has a report of its own, and files of its own: report.json becomes report_JOINT.json.
+    """
+    if (device is None) == (arm is None):
+        raise ViaError("name either a --device or an --arm")
     columns = (SpinnerColumn(), TextColumn("{task.percentage:3.0f} % {task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=errors, transient=True) as bar:
         task = bar.add_task("reading", total=1.0)
-        report = diagnosed(
-            read, described, held or None, lambda what, share: bar.update(task, description=what, completed=share)
-        )
-        bar.update(task, description="looking for a motion that decides")
-        report = with_proposal(report, described)
-    answers.print(text(report), soft_wrap=True)
-    if out is not None:
-        _write(out, report.to_json())
-        answers.print(f"wrote {out}")
-    if html is not None:
-        write_page(report, html)
-        answers.print(f"wrote {html}")
-    if effects_out is not None:
-        save_repair(report, effects_out)
-        answers.print(f"wrote {effects_out}")
+
+        def tell(what: str, share: float) -> None:
+            bar.update(task, description=what, completed=share)
+
+        if arm is not None:
+            reports = _of_arm(arm, logs, holdout or (), tell)
+        else:
+            described = load_device(device or "")
+            read = [read_log(path, described) for path in logs]
+            held = [read_log(path, described) for path in holdout or ()]
+            report = diagnosed(read, described, held or None, tell)
+            tell("looking for a motion that decides", 1.0)
+            reports = (with_proposal(report, described),)
+    for number, report in enumerate(reports):
+        answers.print("\n" * (number > 0) + text(report), soft_wrap=True)
+        of = report.joint if arm is not None else ""
+        if out is not None:
+            _write(_named(out, of), report.to_json())
+        if html is not None:
+            write_page(report, _named(html, of))
+        if effects_out is not None:
+            save_repair(report, _named(effects_out, of))
+        for path in (out, html, effects_out):
+            if path is not None:
+                answers.print(f"wrote {_named(path, of)}")
+
+
+def _of_arm(
+    arm: str, logs: list[Path], holdout: Sequence[Path], tell: Callable[[str, float], None]
+) -> tuple[GapReport, ...]:
+    from via_gap.arms import diagnose_arm, load_arm, read_arm_log  # pinocchio takes a second to load
+
+    whole = load_arm(arm)
+    read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))
+    return diagnose_arm(whole, read, held, tell)
+
+
+def _named(path: Path, joint: str) -> Path:
+    """The file of one joint of an arm; of a single joint the path itself."""
+    return path.with_stem(f"{path.stem}_{joint}") if joint else path
 
 
 @app.command("render")
@@ -87,14 +121,23 @@ def simulate(
         Path | None,
         typer.Option(help="Report of these logs: only what it held out counts; its repair, without a file."),
     ] = None,
+    arm: Arm = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
 ) -> None:
-    """Simulate logs without and with effects and print how far each is from what was measured."""
+    """Simulate logs without and with effects and print how far each is from what was measured.
+
+    The joint of an --arm is not simulated: what counts is the torque that its equation lacks.
+    """
     described = load_device(device)
     told = read_report(_text(report), str(report)) if report is not None else None
     added = load_effects(effects) if effects is not None else told.repaired() if told is not None else ()
-    read = [read_log(path, described) for path in logs]
-    before, after = before_and_after(read, described, added, told.held_out if told is not None else ())
+    held_out = told.held_out if told is not None else ()
+    if arm is not None:
+        read = _joint_of_arm(arm, described, logs)
+        before, after = lacking_before_and_after(read, added, held_out)
+    else:
+        read = [read_log(path, described) for path in logs]
+        before, after = before_and_after(read, described, added, held_out)
     floor = float(np.sqrt(np.mean(before.floors**2)))
     answers.print(f"gap: {before.overall:.4g} before, {after.overall:.4g} after, floor {floor:.3g}")
     if out is not None:
@@ -105,6 +148,16 @@ def simulate(
         content = {"before": before.overall, "after": after.overall, "floor": floor, "signals": signals}
         _write(out, json.dumps(content, indent=2) + "\n")
         answers.print(f"wrote {out}")
+
+
+def _joint_of_arm(arm: str, device: Device, logs: list[Path]) -> list[JointLog]:
+    from via_gap.arms import load_arm, read_arm_log
+
+    whole = load_arm(arm)
+    names = [each.name for each in whole.devices]
+    if device.name not in names:
+        raise ViaError(f"'{device.name}' is no joint of '{whole.name}', whose are {', '.join(names)}")
+    return [read_arm_log(path, whole)[names.index(device.name)] for path in logs]
 
 
 def _text(path: Path) -> str:

@@ -11,7 +11,8 @@ from via_gap.rendering.chart import Curve, Panel, Rung, chart, ladder
 from via_gap.rendering.words import SIGNALS, capital
 from via_gap.report import Gap, GapReport
 
-AXES = {"q": "the link", "theta_1": "motor 1", "theta_2": "motor 2"}
+AXES = {"q": "the link", "theta_1": "motor 1", "theta_2": "motor 2", "tau": "the link"}
+UNITS = {"tau": "N m"}  # of signals that are not angles
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def error_rows(report: GapReport) -> tuple[Row, ...]:
         Row(
             capital(SIGNALS.get(signal, signal)),
             tuple(_error(figure, _antagonistic(report), after_words(report)) for figure in group),
-            signal == "q",
+            signal in ("q", "tau"),
         )
         for signal, group in each.items()
     )
@@ -134,7 +135,7 @@ def _error(figure: ErrorFigure, antagonistic: bool, repaired: str) -> Drawn:
         Curve("as filed", "before", x, [b.before for b in figure.bins], apart),
         Curve(repaired, "after", x, [b.after for b in figure.bins], apart),
     ]
-    panel = Panel("rms error", "rad", curves, log=True)
+    panel = Panel("rms error", UNITS.get(figure.signal, "rad"), curves, log=True)
     return Drawn(f"against {over}", chart(f"Error of {axis} against {over}", over, figure.unit, [panel]))
 
 
@@ -154,11 +155,11 @@ def _trace(figure: TraceFigure, repaired: str) -> Drawn:
         tuple(s - m for s, m in zip(simulated, figure.measured, strict=True))
         for simulated in (figure.before, figure.after)
     ]
-    name = SIGNALS.get(figure.signal, figure.signal)
+    name, unit = SIGNALS.get(figure.signal, figure.signal), UNITS.get(figure.signal, "rad")
     panels = [
         Panel(
             name,
-            "rad",
+            unit,
             curves(
                 [
                     ("measured", "measured", figure.measured),
@@ -167,7 +168,7 @@ def _trace(figure: TraceFigure, repaired: str) -> Drawn:
                 ]
             ),
         ),
-        Panel("error", "rad", curves([("as filed", "before", errors[0]), (repaired, "after", errors[1])])),
+        Panel("error", unit, curves([("as filed", "before", errors[0]), (repaired, "after", errors[1])])),
     ]
     return Drawn(capital(name), chart(f"{name} measured and simulated", "time", "s", panels))
 

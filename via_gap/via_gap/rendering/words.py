@@ -36,7 +36,7 @@ LEVELS = {
     "link only": "no motor angle was seen: only the simulated link can be compared",
     "commands only": "only commands and the link were seen: only the simulated link can be compared",
 }
-SIGNALS = {"q": "link angle q", "theta_1": "motor 1 angle", "theta_2": "motor 2 angle"}
+SIGNALS = {"q": "link angle q", "theta_1": "motor 1 angle", "theta_2": "motor 2 angle", "tau": "drive torque tau"}
 CLOSE = 0.2  # of a score: a richer effect that comes no further behind is dropped for being needless
 HELPS = 0.95  # of the squared error: a cause that leaves more is said not to help
 DECIDED = 2.0  # standard deviations by which a cause must be behind to be ruled out
@@ -137,15 +137,17 @@ def gap_words(report: GapReport) -> str:
     gap = report.gap
     if gap is None:
         return ""
-    how = (
-        "in short runs that start anew from the measured state (errors stay small in them: compare with the floor, "
-        "not with 100 %)"
-        if gap.by == "shots"
-        else "in one free run from the first sample to the last"
-    )
+    how = {
+        "shots": "The error of the simulated signals on data that was not fitted, relative to how much the measured "
+        "ones vary, in short runs that start anew from the measured state (errors stay small in them: compare with "
+        "the floor, not with 100 %)",
+        "free run": "The error of the simulated signals on data that was not fitted, relative to how much the measured "
+        "ones vary, in one free run from the first sample to the last",
+        "equations": "The torque that the joint's equation lacks along motion that was not fitted, relative to how "
+        "much the drive's torque varies",
+    }[gap.by]
     found = f", {percent(gap.after)} with those and what was found" if report.effects else ""
     return (
-        f"The error of the simulated signals on data that was not fitted, relative to how much the measured ones vary, "
         f"{how}: {percent(gap.before)} with the device file as it stands, {percent(gap.tuned)} with its own numbers "
         f"moved inside their tolerance{found} (95 % interval {percent(gap.interval[0])} to "
         f"{percent(gap.interval[1])}). The sensors alone leave {percent(gap.floor)}; the best that a model was seen to "
