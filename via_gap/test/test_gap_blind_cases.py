@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
+from multiprocessing import active_children
 from pathlib import Path
 
 import numpy as np
@@ -139,6 +140,16 @@ def test_keys_within_cases_are_refused(tmp_path: Path) -> None:
             make_cases([60], cases, keys, DURATION, 1, lambda _: None)
     with pytest.raises(SealError, match="holds no case"):
         names_in(tmp_path)
+
+
+def test_after_a_case_that_exists_no_other_is_made(tmp_path: Path) -> None:
+    cases, keys = tmp_path / "cases", tmp_path / "keys"
+    (cases / "case_000").mkdir(parents=True)
+    seed = NEIGHBOUR_AND_NONE[1]
+    with pytest.raises(SealError, match="exists already"):
+        make_cases([seed] * 8, cases, keys, DURATION, 1, lambda _: None)
+    assert not active_children()
+    assert len(names_in(cases)) < 8
 
 
 def test_an_existing_case_is_not_overwritten(made: tuple[Path, Path, list[Made]]) -> None:

@@ -45,7 +45,8 @@ def make_cases(
                 done.append(job.result())
                 told(done[-1])
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            # Waiting, or leaving `with` would take the cancelling back before it has happened.
+            pool.shutdown(wait=True, cancel_futures=True)
             raise
     done.sort(key=lambda each: each.name)
     write_seals(cases, {each.name: each.digest for each in done})
