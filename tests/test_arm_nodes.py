@@ -12,9 +12,11 @@ from sensor_msgs.msg import JointState
 from via_bringup.control.limit_cycle import ARM, EQUILIBRIUM, LEVEL, STIFFNESS, CycleCourse
 from via_controllers.modal_transform import first_basis
 from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleNode
+from via_core.errors import ViaError
 from via_interfaces.msg import ControlState, VsaCommand
 from via_interfaces.srv import Hold, Push
 from via_ros import qos
+from via_ros.arms import ArmStateWriter
 from via_ros.conversions import nanoseconds
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
 
@@ -103,3 +105,128 @@ def test_the_cycle_after_a_push(graph, mode):
     frequency, linear = course.frequencies()
     assert frequency == pytest.approx(linear, rel=5e-3)
     assert {activity for activity, _, _ in bench.states} == {ControlState.ACTIVE}
+
+
+def test_held_and_released_the_cycle_comes_back(graph):
+    """Number 3 over DDS: within 10 % in one period after the release, 2 % in one and a half.
+
+    Held near the turn of z: who is held at z = 0 is let go without a push.
+    """
+    mode = 1
+    bench = ArmBench(graph, {"mode": mode + 1}, mode="lockstep", duration=2.8)
+    assert bench.call(bench.push, Push.Request(deflection=pushed_into(mode, 1.0).tolist())).success
+
+    def turning():
+        z = bench.quantity(f"z_{mode + 1}")[-2:] / np.sqrt(2.0 * LEVEL)
+        return bench.simulator.ticks > 500 and 0.9 < z[0] < z[1]
+
+    graph.until(turning, timeout=60.0)
+    answer = bench.call(bench.hold, Hold.Request(duration=1.0))
+    begin, end = (int(word) for word in answer.message.split()[-3::2])
+    assert answer.success and end == begin + 1000
+    graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 2800, timeout=60.0)
+    share, frequency = bench.quantity("H") / LEVEL, bench.quantity(f"frequency_{mode + 1}")[end]
+    held, period = np.array(bench.contacts[begin + 100 : end - 100]), round(1000.0 / frequency)
+    assert np.abs(share[begin - 100 : begin] - 1.0).max() < 0.02
+    assert np.linalg.norm(held, axis=1).min() > 0.1 and not np.any(bench.contacts[end + 2 :])
+    assert 0.5 < share[end] < 0.98 and np.abs(bench.joints[end - 100, 1]).max() < 0.05
+    assert np.abs(share[end + period :] - 1.0).max() < 0.1
+    assert np.abs(share[end + round(1.5 * period) :] - 1.0).max() < 0.02
+
+
+def test_a_node_lives_through_its_states(graph):
+    """Silent, holding still, swinging, holding still, silent; what it sends is within the limits all along."""
+    bench = ArmBench(graph, {"autostart": False}, mode="realtime", rate=250.0)
+    bench.graph.until(lambda: bench.samples and not bench.commands)
+    bench.transition(Transition.TRANSITION_CONFIGURE)
+    graph.until(lambda: bench.states and bench.states[-1][0] == ControlState.HOLDING)
+    bench.transition(Transition.TRANSITION_ACTIVATE)
+    graph.until(lambda: bench.states[-1][0] == ControlState.ACTIVE)
+    assert bench.call(bench.push, Push.Request(impulse=[0.3, 0.3, 0.1, 0.1])).success
+    graph.until(lambda: bench.quantity("H")[-1] > 0.5 * LEVEL)
+    bench.transition(Transition.TRANSITION_DEACTIVATE)
+    graph.until(lambda: bench.states[-1][0] == ControlState.HOLDING and np.isnan(bench.states[-1][2]).all())
+    graph.until(lambda: np.abs(bench.joints[-5:, 1]).max() < 0.05)
+    bench.transition(Transition.TRANSITION_CLEANUP)
+    count = len(bench.commands)
+    graph.until(lambda: not bench.samples[-1][1][2, 1::2].any())  # the simulator's watchdog
+    assert len(bench.commands) <= count + 1
+    assert all(np.abs(torque).max() <= ARM.torque_limit.max() for _, torque in bench.commands)
+    told = {each.key: each.value for report in bench.reports for each in report.status[0].values}
+    assert told["torque_limit"] == "150 150 100 100"
+
+
+def test_samples_that_stop_are_answered_with_nothing(graph):
+    """The simulator ends; 20 ms later a zero is sent, stamped with its making."""
+    bench = ArmBench(graph, {}, mode="free", duration=0.05)
+    graph.until(lambda: bench.commands and not bench.commands[-1][1].any())
+    assert bench.simulator.finished.done() and bench.commands[-1][0] > 10**15
+
+
+def test_what_is_not_about_the_arm_or_cannot_be_used_moves_nothing(graph):
+    controller = graph.add(ModalLimitCycleNode)
+    peer, commands, states = graph.node("peer"), [], []
+    samples = peer.create_publisher(JointState, "/joint_states", qos.SAMPLES)
+    peer.create_subscription(VsaCommand, f"/{ARM.name}/command", commands.append, qos.SAMPLES)
+    peer.create_subscription(ControlState, f"/{ARM.name}/control", states.append, qos.SAMPLES)
+    graph.until(lambda: samples.get_subscription_count() == 1 and controller.count_subscribers(f"/{ARM.name}/command"))
+    writer = ArmStateWriter(ARM.name, ARM.joints)
+    samples.publish(JointState(name=["stranger"], position=[1.0]))
+    for position in (np.nan, 1e9, 0.1):
+        writer.position[:], writer.velocity[:] = position, 0.0
+        samples.publish(writer.stamped(10**9))
+    samples.publish(JointState(name=list(writer.stamped(0).name), position=[0.1]))
+    graph.until(lambda: len(states) == 4 and len(commands) >= 4)
+    passive, active = ControlState.PASSIVE, ControlState.ACTIVE
+    assert [state.activity for state in states] == [passive, passive, active, passive]
+    assert [any(command.motor) for command in commands[:4]] == [False, False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("node", "parameters", "complaint"),
+    [
+        (ModalLimitCycleNode, {"arm": "none"}, "no arm 'none'"),
+        (ModalLimitCycleNode, {"mode": 5}, "mode must be 0 to 3"),
+        (ModalLimitCycleNode, {"equilibrium": [0.1]}, "equilibrium must hold 4 numbers"),
+        (ModalLimitCycleNode, {"damping_ratio": 0.0}, "damping_ratio must lie in"),
+        (ArmSimulatorNode, {"posture": [0.1]}, "posture must hold 4 angles"),
+        (ArmSimulatorNode, {"walls": [0.1]}, "6 numbers per wall"),
+        (ArmSimulatorNode, {"arm": "none"}, "no arm 'none'"),
+    ],
+)
+def test_wrong_parameters_are_refused_with_the_reason(graph, node, parameters, complaint):
+    with pytest.raises(ViaError, match=complaint):
+        graph.add(node, **parameters)
+
+
+def test_configuring_with_wrong_parameters_fails_and_says_so(graph):
+    graph.add(ModalLimitCycleNode, arm="none", autostart=False)
+    peer = graph.node("peer")
+    change = peer.create_client(ChangeState, "/modal_limit_cycle/change_state")
+    graph.until(change.service_is_ready)
+    answer = change.call_async(ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE)))
+    graph.until(answer.done)
+    assert not answer.result().success
+
+
+@pytest.mark.parametrize(
+    ("request_", "complaint"),
+    [
+        (Push.Request(impulse=[1.0]), "impulse must hold 4"),
+        (Push.Request(deflection=[np.nan] * 4), "deflection must hold 4 finite"),
+        (Push.Request(deflection=[1.0, 0.0, 0.0, 0.0]), "beyond their stops"),
+        (Hold.Request(duration=-1.0), "duration must be 0 s or more"),
+    ],
+)
+def test_impossible_disturbances_are_refused(graph, request_, complaint):
+    bench = ArmBench(graph, mode="lockstep")
+    answer = bench.call(bench.push if isinstance(request_, Push.Request) else bench.hold, request_)
+    assert not answer.success and complaint in answer.message
+
+
+def test_a_held_arm_is_let_go_when_asked(graph):
+    bench = ArmBench(graph, mode="free", rate=250.0)
+    assert bench.call(bench.hold, Hold.Request(duration=1e6)).success
+    graph.until(lambda: bench.contacts and np.linalg.norm(bench.contacts[-1]) > 1.0)  # it hangs on the hand
+    assert bench.call(bench.hold, Hold.Request(duration=0.0)).message == "let go"
+    graph.until(lambda: not any(bench.contacts[-1]))
