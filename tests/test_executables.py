@@ -116,9 +116,9 @@ rehearse(load_device("{DEVICE.name}"))
 """
 
 ARM_LOADED = """
-from via_bringup.control.arm import ArmLoop
+from via_bringup.control.arm_run import Phase, run_arm
 from via_bringup.control.limit_cycle import ARM, law_of, start
-ArmLoop(ARM, law_of(0)).run(start(law_of(0)), 0.002)
+run_arm(ARM, law_of(0), start(law_of(0)), (Phase(0.002),))
 """
 LOADED = {"gap_monitor": MONITOR_LOADED, "arm_simulator": ARM_LOADED, "modal_limit_cycle": ARM_LOADED}
 
