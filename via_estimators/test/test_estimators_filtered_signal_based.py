@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from via_core.errors import ParameterError
 from via_core.status import Status
-from via_estimators.filtered_signal_based import FilteredSignalBased, FilteredSignalBasedParameters
+from via_estimators import integral
+from via_estimators.filtered_signal_based import FilteredSignalBased, FilteredSignalBasedParameters, colour
+from via_estimators.savitzky_golay import savitzky_golay
 
 INERTIA, DAMPING, QUANTUM = 0.02, 0.3, 2.0 * np.pi / 2**14
 ONE = FilteredSignalBasedParameters(
@@ -85,6 +87,46 @@ def test_deviations_hold():
         promised.append(deviation[1500::50])
     ratio = np.sqrt(np.mean(np.square(promised)) / np.mean(np.square(errors)))
     assert 0.8 <= ratio <= 1.25, ratio
+
+
+@pytest.mark.parametrize(("window", "order"), [(1000, 20), (200, 4), (1000, 3)])
+def test_colour_is_that_of_the_smoothing(window, order):
+    """In all, and in what integrals of 50 and 100 samples make of it: k (T - k) from reset to reset."""
+    weights = savitzky_golay(window + 1, order)[0]
+    found = colour(weights[window // 2])
+    true, told, state = np.correlate(weights, weights, "full")[window:], [found[0, 0]], found[1:, 0]
+    for _ in range(10 * window):
+        told.append(found[0, 1:] @ state)
+        state = found[1:, 1:] @ state
+    assert 2.0 * sum(told) - told[0] == pytest.approx(1.0, rel=1e-3)
+    for span in (50, 100):
+        kernel = np.tile(np.arange(span) * (span - np.arange(span)), 10 * window // span)
+        lags = np.correlate(kernel, kernel, "full")[kernel.size - 1 :][: window + 1]
+        white, smooth, ours = lags[0], *(2.0 * r @ lags - r[0] * lags[0] for r in (true, np.array(told)[: window + 1]))
+        assert smooth < 0.87 * white
+        assert ours == pytest.approx(smooth, rel=0.03)
+
+
+def test_deviation_is_what_each_error_of_the_torque_does_to_the_stiffness():
+    """Errors at every 10th sample tell all of it, their effect being as smooth as the filter makes it."""
+    rows, _ = planted(1500)
+    estimator = FilteredSignalBased(replace(ONE, horizon=0.05))
+    state, last = estimator.run_rows(rows)
+    effect = []
+    for k in range(5, 1500, 10):
+        wrong = rows.copy()
+        wrong[k, 3] += 1e-3
+        effect.append(estimator.run_rows(wrong)[1].value[-1] - last.value[-1])
+    phi, n, own = rows[-1, 1] - rows[-1, 2], 5, estimator.parameters
+    for at, slope in (
+        (0, [0.0, 0.0, 0.0, 1.0, phi**2]),
+        (2, [0.0, 1.0, 0.0, 0.0, 0.0]),
+        (3, [0.0, 0.0, 1.0, 0.0, 0.0]),
+    ):
+        widths = np.array([0.0, own.inertia_deviation, own.damping_deviation, *(2 * [own.stiffness_deviation])])
+        equation = estimator._equation(state, 0).copy()
+        told = integral.variance(equation, n, widths * slope, 1.0, 0.0, np.zeros(n), np.empty(n))
+        assert np.sqrt(told) == pytest.approx(np.sqrt(10.0 * np.sum(np.square(effect), axis=0)[at]), rel=0.03)
 
 
 @pytest.mark.parametrize(

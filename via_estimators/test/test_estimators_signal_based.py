@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.polynomial import chebyshev
+from scipy.linalg import toeplitz
 from via_core.devices import load_device
 from via_core.status import Status
 from via_estimators import integral
 from via_estimators.batch import integral_rows
-from via_estimators.signal_based import SignalBased, SignalBasedParameters
+from via_estimators.signal_based import HIGH, LOW, N_KEPT, SignalBased, SignalBasedParameters, first_cut
 
 INERTIA, DAMPING = 0.02, 0.3
 ONE = SignalBasedParameters(
@@ -71,7 +73,7 @@ def test_the_moving_base_is_least_squares_from_a_fixed_one():
         b = keep * b + (1.0 - keep) * pull @ x + y * row
         x = np.linalg.solve(A, b)
     np.testing.assert_allclose(estimates.value[-1, 2:], (x * widths)[1:3], rtol=1e-5)
-    equation = state[len(state) - integral.size(5, 1) :]
+    equation = state[len(state) - integral.size(5, 1, 0) :]
     np.testing.assert_allclose(integral.unknowns(equation, 5)[1:], x[1:], rtol=1e-5)
     assert weights[0] < 0.5  # forgetting had something to do
     # and the factor: R'R of the moving base is S'AS for a constant's column moved by what the integrals grew
@@ -82,13 +84,18 @@ def test_the_moving_base_is_least_squares_from_a_fixed_one():
     np.testing.assert_allclose(R.T @ R, units @ moved.T @ A @ moved @ units, rtol=1e-6, atol=1e-6 * np.abs(A).max())
 
 
-def test_eliminating_the_constant_keeps_what_is_known_of_the_rest():
-    rng = np.random.default_rng(5)
-    n, state = 4, np.zeros(integral.size(4, 0))
-    integral.start(state, n, 0)
+SWINGING = np.array([[0.3, 1.0, 1.0], [0.2, 0.8, -0.3], [0.1, 0.3, 0.8]])  # [[r_0, C], [B, A]]
+
+
+@pytest.mark.parametrize("colour", [np.ones((1, 1)), SWINGING])
+def test_eliminating_the_constant_keeps_what_is_known_of_the_rest(colour):
+    rng, poles = np.random.default_rng(5), len(colour) - 1
+    n, state = 4, np.zeros(integral.size(4, 0, poles))
+    integral.start(state, n, 0, poles)
     for _ in range(30):
         row = np.concatenate([[1.0], rng.normal(size=3)])
-        integral.rebase(state, n, np.concatenate([[0.0], rng.normal(size=3)]), rng.normal(), 0.1)
+        moved = np.concatenate([[0.0], rng.normal(size=3)])
+        integral.rebase(state, n, moved, rng.normal(), 0.1, colour, np.empty((2, n)))
         integral.take(state, n, row, rng.normal())
     x, work = integral.unknowns(state, n).copy(), np.empty(n)
     slope = np.array([0.0, 0.3, -1.0, 0.5])
@@ -97,6 +104,30 @@ def test_eliminating_the_constant_keeps_what_is_known_of_the_rest():
     assert integral.variance(state, n, slope, 1.3, 0.7, np.full(n, 0.6), work) == pytest.approx(before, rel=1e-9)
     integral.take(state, n, np.array([1.0, 0.0, 0.0, 0.0]), 5.0)  # a row that only tells the new constant
     np.testing.assert_allclose(integral.unknowns(state, n), [5.0, *x[1:]], rtol=1e-9)
+
+
+@pytest.mark.parametrize("colour", [np.ones((1, 1)), SWINGING])
+def test_variance_is_what_each_error_of_the_torque_does_to_the_unknowns(colour):
+    """h'Gh with h by unit errors, one at a time, and G the noise's covariance; integrals of 17 steps."""
+    steps, n, poles = 60, 4, len(colour) - 1
+
+    def run(wrong):
+        rng, state = np.random.default_rng(8), np.zeros(integral.size(n, 0, poles))
+        integral.start(state, n, 0, poles)
+        for k in range(steps):
+            if k and k % 17 == 0:
+                integral.eliminate(state, n)
+            integral.take(state, n, np.concatenate([[1.0], rng.normal(size=n - 1)]), 0.0)
+            moved = np.concatenate([[0.0], rng.normal(size=n - 1)])
+            integral.rebase(state, n, moved, 0.1 * (k == wrong), 0.1, colour, np.empty((2, n)))
+        integral.take(state, n, np.ones(n), 0.0)
+        return state
+
+    slope = np.array([0.0, 0.3, -1.0, 0.5])
+    h = np.array([slope @ integral.unknowns(run(k), n) for k in range(steps)])
+    r = [colour[0, 0]] + [colour[0, 1:] @ np.linalg.matrix_power(colour[1:, 1:], d) @ colour[1:, 0] for d in range(59)]
+    found = integral.variance(run(-1), n, slope, 1.0, 0.0, np.zeros(n), np.empty(n))
+    assert found == pytest.approx(h @ toeplitz(r) @ h, rel=1e-9)
 
 
 def test_errata_36_a_base_in_motion_needs_the_constant():
@@ -157,7 +188,7 @@ def test_a_day_of_motion_leaves_the_state_where_a_minute_left_it():
     day[:, 1:3] += 3.0 * 86400.0
     again, late = estimator.run_rows(day)
     np.testing.assert_allclose(late.value[-1], early.value[-1], rtol=1e-6)
-    assert np.abs(again[-integral.size(4, 1) :]).max() < 1.01 * np.abs(first[-integral.size(4, 1) :]).max()
+    assert np.abs(again[-integral.size(4, 1, 0) :]).max() < 1.01 * np.abs(first[-integral.size(4, 1, 0) :]).max()
 
 
 def joint(device, velocity, seconds=8, seed=0):
@@ -219,10 +250,40 @@ def test_what_a_term_cut_off_does_to_the_others_is_known(memory):
     estimator = SignalBased(replace(ONE, terms=1, memory=memory, horizon=0.05))
     own = estimator.parameters
     state, estimates = estimator.run_rows(rows)
-    off = integral.considered(state[len(state) - integral.size(4, 1) :], 4)[0]
+    off = integral.considered(state[len(state) - integral.size(4, 1, 0) :], 4)[0]
     widths = np.array([own.inertia_deviation, own.damping_deviation, own.stiffness_deviation])
     told = off[1:] * widths * 15.0 / own.stiffness_deviation  # g_2 = phi^2 at scale 1, of which the law has 15
     found = np.array([estimates.value[-1, 2], estimates.value[-1, 3], estimates.value[-1, 1]])
     found -= (INERTIA, DAMPING, 8.0)
     assert abs(found[2]) > 0.3
     np.testing.assert_allclose(told, found, rtol=0.02, atol=1e-5)
+
+
+def expected_of(law, far, noise, draws=400):
+    """First term cut off as expected over what it is, (draws,), of an even stiffness law(z) over |z| <= far.
+
+    Fitted by four powers, the last Chebyshev coefficient of the fit being off by `noise` times itself.
+    """
+    series = chebyshev.chebinterpolate(lambda u: law(far * u), 40)
+    shrunk = far ** np.arange(0.0, 8.0, 2.0)
+    lower = -chebyshev.cheb2poly([0.0] * 8 + [1.0])[:7:2] / 128.0 * far**8 / shrunk  # of z^8 without its T_8
+    estimator = SignalBased(replace(ONE, terms=4, truncation=1.0, stiffness_deviation=1.0))
+    kept, doubt = np.zeros(N_KEPT + 5), (32.0 * noise * series[6] / far**6) ** 2
+    kept[LOW], kept[HIGH] = -far, far
+    found = []
+    for wrong in noise * series[6] * np.random.default_rng(4).normal(size=draws):
+        fitted = chebyshev.cheb2poly([*series[:6], series[6] + wrong])[::2] / shrunk
+        x, off = (np.concatenate([np.zeros(3), part]) for part in (fitted, lower))
+        found.append(first_cut(estimator._constants, kept, x, off, 0, doubt))
+    return np.abs(found) / abs(128.0 * series[8] / far**8)
+
+
+@pytest.mark.parametrize("far", [0.6, 1.0])
+@pytest.mark.parametrize(
+    "law", [lambda z: np.cosh(3.0 * z), lambda z: 1.0 / np.cos(1.2 * z) ** 2, lambda z: 1.0 / (1.0 + 4.0 * z * z)]
+)
+def test_noise_of_the_last_term_does_not_make_much_of_what_is_cut_off(law, far):
+    """Root mean squares over noise up to twice that term: an entire law and two with poles off the range."""
+    for noise in (1e-3, 0.3, 1.0, 2.0):
+        found = np.sqrt(np.mean(expected_of(law, far, noise) ** 2))
+        assert 0.7 < found < 2.2, (noise, found)

@@ -13,10 +13,11 @@ as a gap and restarts the window, so that one sample lost costs a whole window: 
 step of the window scales slope and integrals.
 
 Standard deviations. What the smoothing takes away from torques and angles is their noise, so its variances are measured
-directly and need no model. Smoothed noise is no longer white; that the equation's covariance for white noise still
-holds, integrals being longer than the noise's correlation (W / order samples) or not, was measured: reported over
-empirical 0.9-1.3. Noise of the angles acts as torque through the stiffness, and through g at the present deflection
-with the Kalman filters' own variance. What the basis cuts off is told as in `signal_based`. Left out: a slope of theta
+directly and need no model. Smoothed noise is not white, and its colour is told to the equation (`colour`): taken for
+white it would count too much, by 9 % of the deviation with integrals no longer than the noise's correlation (W / order
+samples), as what they make of noise from one reset to the next is a comb of which only the slow part gets through.
+Noise of the angles acts as torque through the stiffness, and through g at the present deflection with the Kalman
+filters' own variance. What the basis cuts off is told as in `signal_based`. Left out: a slope of theta
 that is not quite the slope of the smoothed theta (motion faster than about order / (2 W) per sample), dry friction,
 drift of the law, and the pull towards 0 that errors in regressors exert.
 """
@@ -25,7 +26,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import exp, sqrt
+from math import cos, exp, sin, sqrt
 
 import numpy as np
 from numba import njit
@@ -69,6 +70,7 @@ ACCELERATION, QUANTUM, WHITE, N_KALMAN = range(4)
 EARLIEST, LATEST = 0.5, 1.5  # a step of so many sampling intervals is no gap
 BACK = 50.0  # sampling intervals: a stamp further back is a clock set anew
 FASTEST = 10.0  # [rad/s] standard deviation of a velocity not known yet
+POLES = 2  # of `colour`
 PROBES = 100  # samples of a window at which motion is judged
 OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
 
@@ -151,7 +153,7 @@ class FilteredSignalBased(Estimator):
         )
 
     @cached_property
-    def _constants(self) -> tuple[Array, Array, Array]:
+    def _constants(self) -> tuple[Array, Array, Array, Array]:
         """Parameter rows of equation and Kalman filters, filter weights (2, W); not locked, another type to compile."""
         own = self.parameters
         n = own.terms + 3
@@ -165,12 +167,13 @@ class FilteredSignalBased(Estimator):
         row[PRIOR + n + 1 : PRIOR + n + 3] = own.inertia_deviation, own.damping_deviation
         row[PRIOR + n + 3 :] = own.stiffness_deviation
         kinematic = np.array([own.acceleration**2, own.quantum, own.position_noise**2])
-        return row, kinematic, np.stack(savitzky_golay(own.window + 1, own.order))
+        weights = np.stack(savitzky_golay(own.window + 1, own.order))
+        return row, kinematic, weights, colour(float(weights[0, own.window // 2]))
 
     def init(self) -> Array:
         own = self.parameters
         m, n, length, cut = own.transmissions, own.terms + 3, own.window + 1, cut_off(BASES[own.basis])
-        each = N_KEPT + own.terms + cut + N_ROUGH + integral.size(n, cut)
+        each = N_KEPT + own.terms + cut + N_ROUGH + integral.size(n, cut, POLES)
         rings = length * (2 + m * (2 + own.terms + cut))
         state = np.zeros(window.HEADER + 2 * len(self.outputs) + rings + (1 + m) * kalman.SIZE + m * each)
         window.start(state)
@@ -181,7 +184,7 @@ class FilteredSignalBased(Estimator):
         )  # fmt: skip
         state[window.HEADER : window.HEADER + len(held)] = held
         for i in range(m):
-            integral.start(self._equation(state, i), n, cut)
+            integral.start(self._equation(state, i), n, cut, POLES)
         state.flags.writeable = False
         return state
 
@@ -194,7 +197,7 @@ class FilteredSignalBased(Estimator):
         """The view into transmission i's equation, i from 0."""
         own = self.parameters
         cut = cut_off(BASES[own.basis])
-        size = integral.size(own.terms + 3, cut)
+        size = integral.size(own.terms + 3, cut, POLES)
         end = len(state) - (own.transmissions - 1 - i) * (N_KEPT + own.terms + cut + N_ROUGH + size)
         return state[end - size : end]
 
@@ -202,6 +205,19 @@ class FilteredSignalBased(Estimator):
         self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
     ) -> None:
         _advance(*self._constants, state, rows, time, status, value, deviation)
+
+
+def colour(share: float) -> Array:
+    """Colour (3, 3), as `integral.rebase` has it, of white noise of variance 1 after a low pass of gain 1 at rest.
+
+    share  r_0, the variance that it leaves
+
+    A Butterworth filter of second order stands for the smoothing: r_d = r_0 exp(-a d) (cos a d + sin a d), and with
+    a = 2 r_0 they add up to the gain at rest. What the integrals make of noise differs by 1 % from the true r_d's.
+    """
+    a = 2.0 * share
+    c, s = exp(-a) * cos(a), exp(-a) * sin(a)
+    return np.array([[share, 1.0, 1.0], [share * c, c, -s], [share * s, s, c]])
 
 
 @njit(cache=True, error_model="numpy")
@@ -223,8 +239,8 @@ def _swing(q: Array, angle: Array) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _advance(
-    par: Array, kinematic: Array, weights: Array, state: Array, rows: Array, time: Array, status: Array, value: Array,
-    deviation: Array,
+    par: Array, kinematic: Array, weights: Array, shade: Array, state: Array, rows: Array, time: Array, status: Array,
+    value: Array, deviation: Array,
 ) -> None:  # fmt: skip
     length, m, terms = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[TERMS])
     kind, n, outputs, half = int(par[KIND]), terms + 3, 1 + 3 * m, length // 2
@@ -241,7 +257,7 @@ def _advance(
     filters = state[at : at + (1 + m) * kalman.SIZE].reshape(1 + m, kalman.SIZE)
     at += (1 + m) * kalman.SIZE
     own = N_KEPT + functions
-    each = own + N_ROUGH + integral.size(n, functions - terms)
+    each = own + N_ROUGH + integral.size(n, functions - terms, POLES)
     told, late, basis, work = np.empty(7), np.empty(3), np.empty((3, functions)), scratch(3 + functions)
     fitted = 1.0 - weights[0, half]  # share of the variance of white noise that smoothing takes away
     for k in range(rows.shape[0]):
@@ -304,7 +320,7 @@ def _advance(
                 for j in range(functions):
                     basis[0, j] = _smooth(weights[0], ring[c + 2 + j], oldest)
                 visit(kept, late_q - late[0])
-            learn(par, kept, equation, step, keep, moving, late[0], late[1], late[2], basis[0], work)
+            learn(par, shade, kept, equation, step, keep, moving, late[0], late[1], late[2], basis[0], work)
             warming = equation[integral.TAKEN] < length
             motor = filters[1 + i]
             phi = link[kalman.ANGLE] - motor[kalman.ANGLE]

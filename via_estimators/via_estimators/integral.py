@@ -22,8 +22,15 @@ older one. With the weighted sum of rows v = R_00 R_0, all of it known, the grad
 
     M <- lambda^2 (S'MS + dt^2 (S'v)(S'v)'),   Cov(x) = P (r^2 M + prior) P,   P = (R'R)^-1
 
-White noise on the velocity sensor enters row by row, V <- lambda^2 S'VS + F F'. Both are measured on increments of the
-equation: torque noise is white there, and what velocity noise v adds to one it takes from the next, B (v_n - v_(n-1)).
+Filtered noise has a colour, correlations r_d of e_n and e_(n-d). Where r_d = C A^(d-1) B, as of noise that a small
+linear filter made, what the gradient's error has in common with the noise to come is carried along: U, the sum over d
+of (A^(d-1) B) (the step of d samples ago, seen from the present base)', and
+
+    M <- .. + dt (S'v (CU) + (CU)' v'S) + (r_0 - 1) dt^2 (S'v)(S'v)',   U <- A U + dt B v'S
+
+is exact again; white noise is r_0 = 1 alone. White noise on the velocity sensor enters row by row,
+V <- lambda^2 S'VS + F F'. Both are measured on increments of the equation: torque noise is white there, and what
+velocity noise v adds to one it takes from the next, B (v_n - v_(n-1)).
 N sums products of increments, L those of neighbours, so that misfit and its correlation are those of the present
 unknowns: x'Lx tells the velocity noise, x'Nx + x'Lx the torque noise r^2.
 
@@ -46,23 +53,24 @@ from via_core.signals import Array
 
 from via_estimators.qr import rotate_in, solve_transposed, solve_triangular
 
-WEIGHT, TAKEN, CUT, HEAD = range(4)  # sum of the weights of increments; rows taken; columns considered only
+# sum of the weights of increments; rows taken; columns considered only; states of the noise's colour
+WEIGHT, TAKEN, CUT, POLES, HEAD = range(5)
 PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one increment
 CLEAR = 4.0  # deviations; that of r^2 in velocity noise is sqrt(2 / W) of the increments' variance, W their number
 BASE = 1e-12  # R_00 without any row: the constant has no prior
 
 
 @njit(cache=True, error_model="numpy")
-def size(n: int, cut: int) -> int:
+def size(n: int, cut: int, poles: int) -> int:
     """Floats in the state of one equation with n unknowns, the constant among them, and `cut` columns considered."""
-    return HEAD + 2 * n + 4 * n * n + n * cut + (n + cut) * (n + cut + 1)
+    return HEAD + 2 * n + 4 * n * n + n * cut + n * poles + (n + cut) * (n + cut + 1)
 
 
 @njit(cache=True, error_model="numpy")
-def start(state: Array, n: int, cut: int) -> None:
+def start(state: Array, n: int, cut: int, poles: int) -> None:
     """Overwrite one equation's state with the prior: x = 0, R = 1 but for the constant, no rows."""
     state[:] = 0.0
-    state[CUT] = cut
+    state[CUT], state[POLES] = cut, poles
     R = factor(state, n)
     R[0, 0] = BASE
     for j in range(1, n):
@@ -97,6 +105,14 @@ def considered(state: Array, n: int) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
+def _shared(state: Array, n: int) -> Array:
+    """The view U (poles, n)."""
+    poles = int(state[POLES])
+    at = HEAD + 2 * n + 4 * n * n + int(state[CUT]) * n
+    return state[at : at + poles * n].reshape(poles, n)
+
+
+@njit(cache=True, error_model="numpy")
 def _right(state: Array, n: int) -> Array:
     """The view p (n + cut,); only the first n are solved for."""
     all_ = n + int(state[CUT])
@@ -125,12 +141,14 @@ def _move(M: Array, s: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def rebase(state: Array, n: int, s: Array, pushed: float, step: float) -> None:
+def rebase(state: Array, n: int, s: Array, pushed: float, step: float, colour: Array, work: Array) -> None:
     """Move the base of all rows taken to now.
 
     s       (n + cut,) what is added to each column per unit of the constant's column, s_0 = 0
     pushed  dT, the integral of the torque over the step, in the units of y
     step    [s] its duration over the torque noise's unit: the error of dT per unit of noise
+    colour  (1 + poles, 1 + poles) of that noise, [[r_0, C], [B, A]]; [[1]] if it is white
+    work    (2, n) or more, overwritten
     """
     p, R = _right(state, n), factor(state, n)
     M, V = matrix(state, n, 0), matrix(state, n, 1)
@@ -140,9 +158,26 @@ def rebase(state: Array, n: int, s: Array, pushed: float, step: float) -> None:
     p[0] -= base * pushed
     _move(M, s)
     _move(V, s)
+    U, poles = _shared(state, n), int(state[POLES])
+    v, along = work[0], work[1]
+    for j in range(n):
+        v[j] = step * base * R[0, j]
+        along[j] = 0.5 * colour[0, 0] * v[j]
+    for c in range(poles):
+        for j in range(1, n):
+            U[c, j] += s[j] * U[c, 0]
+        for j in range(n):
+            along[j] += colour[0, 1 + c] * U[c, j]
     for i in range(n):
         for j in range(n):
-            M[i, j] += (step * base) ** 2 * R[0, i] * R[0, j]
+            M[i, j] += v[i] * along[j] + along[i] * v[j]
+    for j in range(n):
+        for c in range(poles):
+            along[c] = colour[1 + c, 0] * v[j]
+            for b in range(poles):
+                along[c] += colour[1 + c, 1 + b] * U[b, j]
+        for c in range(poles):
+            U[c, j] = along[c]
 
 
 @njit(cache=True, error_model="numpy")
@@ -157,6 +192,11 @@ def eliminate(state: Array, n: int) -> None:
                 M[i, j] += a * b * M[0, 0] - a * M[0, j] - b * M[i, 0]
         M[0, :] = 0.0
         M[:, 0] = 0.0
+    U = _shared(state, n)
+    for c in range(U.shape[0]):
+        for i in range(1, n):
+            U[c, i] -= R[0, i] / R[0, 0] * U[c, 0]
+        U[c, 0] = 0.0
     R[0, :] = 0.0
     R[0, 0] = BASE
     p[0] = 0.0
@@ -180,6 +220,7 @@ def forget(state: Array, n: int, keep: float, pull: Array) -> None:
     at = HEAD + 2 * n
     state[at : at + 2 * n * n] *= keep * keep
     state[at + 2 * n * n : at + 4 * n * n] *= keep
+    _shared(state, n)[:, :] *= keep
     state[WEIGHT] *= keep
     pull[:] = 0.0
     for j in range(1, n):
@@ -206,8 +247,9 @@ def compare(state: Array, n: int, z: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def interrupt(state: Array, n: int) -> None:
-    """The next increment has no neighbour before it."""
+    """The next increment has no neighbour before it, and its noise nothing in common with what came before."""
     _before(state, n)[:] = 0.0
+    _shared(state, n)[:, :] = 0.0
 
 
 @njit(cache=True, error_model="numpy")

@@ -32,10 +32,21 @@ from via_core.signals import Array
 from via_core.status import Status
 
 from via_estimators import integral, window
-from via_estimators.basis import BASES, LEGENDRE, MOST_TERMS, POWERS, fill_basis, swing_before, swing_of_last
+from via_estimators.basis import (
+    BASES,
+    LEGENDRE,
+    MOST_TERMS,
+    ODD_LEGENDRE,
+    POWERS,
+    fill_basis,
+    swing_before,
+    swing_of_last,
+)
 from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
 
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
+CLEAR = 4.0  # deviations; a term seen so clearly needs no others to bear it out
+LEGENDRE_AT_0 = (1.0, -0.5, 0.375, -0.3125)  # P_0, P_2, P_4, P_6
 ROUNDS = 5  # of looking for the first term cut off; each is closer by half or better
 LENGTH, TRANSMISSIONS, KIND, TERMS, MEMORY, MAX_GAP, SAMPLING, TORQUE_NOISE, VELOCITY_NOISE = range(9)
 POSITION_NOISE, SCALE, MINIMUM_MOTION, MARGIN, HORIZON, TRUNCATION, PRIOR = range(9, 16)
@@ -153,7 +164,7 @@ class SignalBased(Estimator):
         )  # fmt: skip
         state[window.HEADER : window.HEADER + len(held)] = held
         for i in range(m):
-            integral.start(self._equation(state, i), n, cut_off(BASES[own.basis]))
+            integral.start(self._equation(state, i), n, cut_off(BASES[own.basis]), 0)
         state.flags.writeable = False
         return state
 
@@ -166,14 +177,14 @@ class SignalBased(Estimator):
         """The view into transmission i's equation, i from 0."""
         own = self.parameters
         end = len(state) - (own.transmissions - 1 - i) * self._each
-        return state[end - integral.size(own.terms + 3, cut_off(BASES[own.basis])) : end]
+        return state[end - integral.size(own.terms + 3, cut_off(BASES[own.basis]), 0) : end]
 
     @cached_property
     def _each(self) -> int:
         """Floats per transmission."""
         own = self.parameters
         cut = cut_off(BASES[own.basis])
-        return N_KEPT + own.terms + cut + integral.size(own.terms + 3, cut)
+        return N_KEPT + own.terms + cut + integral.size(own.terms + 3, cut, 0)
 
     def _advance(
         self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
@@ -204,11 +215,12 @@ def scratch(n: int) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def learn(
-    par: Array, kept: Array, equation: Array, elapsed: float, keep: float, moving: bool,
+    par: Array, colour: Array, kept: Array, equation: Array, elapsed: float, keep: float, moving: bool,
     angle: float, velocity: float, effort: float, basis: Array, work: Array,
 ) -> None:  # fmt: skip
     """One sample into the equation of one transmission; `kept` remembers it for the next; `work` is `scratch`.
 
+    colour   of the torque's noise, as `integral.rebase` has it
     elapsed  [s] since the sample before
     keep     lambda over that time
     moving   whether this sample tells anything; the integrals pause where it does not
@@ -229,7 +241,7 @@ def learn(
             pushed -= grown[j] * mean[j]
         for j in range(2, grown.size):
             moved[j] = -grown[j] * width[min(j, n - 1)] / unit
-        integral.rebase(equation, n, moved, pushed / unit, noise / unit)
+        integral.rebase(equation, n, moved, pushed / unit, noise / unit, colour, work)
         grown[0] = (pushed - grown[1] * mean[1]) / noise
         for j in range(1, n):
             grown[j] *= width[j] / noise
@@ -308,6 +320,20 @@ def tell(
 
 
 @njit(cache=True, error_model="numpy")
+def fall(top: float, below: float, first: float, degree: int) -> float:
+    """c_(n+2) / c_n, at most 1, of Chebyshev coefficients whose ratio goes as n^-p, p >= 0.
+
+    top, below, first  c_n, c_(n-2), c_(n-4); where that is not known, first = 0 and p = 0
+    degree             n
+    """
+    ratio = top / below if below != 0.0 else 1.0
+    ratio = min(max(ratio, -1.0), 1.0)
+    if first == 0.0 or below == 0.0:
+        return ratio
+    return ratio * min(abs(ratio * first / below), 1.0) ** (log((degree + 2.0) / degree) / log(degree / (degree - 2.0)))
+
+
+@njit(cache=True, error_model="numpy")
 def first_cut(par: Array, kept: Array, x: Array, off: Array, c: int, doubt: float) -> float:
     """Coefficient [N m/rad] expected of the first term cut off, one of either parity for bases that have both.
 
@@ -315,6 +341,10 @@ def first_cut(par: Array, kept: Array, x: Array, off: Array, c: int, doubt: floa
     with the p of the last three of its parity: p = 0 near a singularity, 2 for entire functions such as sinh. Of a law
     that goes on, what is fitted is not its own: the term cut off puts k t and h t into the last two, through the fit
     and through Chebyshev polynomials that it holds. So t is where both agree, sought from below.
+
+    Noise of the last coefficient would enter with a power, t ~ c_n^2 and more, and a few unlucky runs would expect far
+    too much. So what the coefficients before it lead one to expect of it, by the same rule, is its prior: it counts as
+    its mean square given both, unless it is clear of noise by itself, and never as more than what noise leaves of it.
 
     x      (n,) estimates
     off    (n,) by what a unit of that term puts them off
@@ -334,23 +364,31 @@ def first_cut(par: Array, kept: Array, x: Array, off: Array, c: int, doubt: floa
     i = j - cut
     if i < 3 or j + cut != n + c:
         return size * clear / next_size
-    sign = 1.0 if share > 0.0 else -1.0
     before, lower = swing_of_last(kind, terms, n - 1 - i, far), swing_before(kind, terms, n - 1 - j, far, 1)
-    a, b = sign * size * clear, before * (mean[i] + width[i] * x[i]) + lower * size * share
-    k = size * off[j] / next_size - swing_before(kind, terms, -1 - c, far, 1)
-    h = (before * off[i] + lower * size * off[j]) / next_size - swing_before(kind, terms, -1 - c, far, 2)
-    first, slower, degree = 0.0, 0.0, (3 - cut) * (j - 3)
+    b, first, zeroth, degree = before * (mean[i] + width[i] * x[i]), 0.0, 0.0, (3 - cut) * (j - 3)
     if i - cut >= 3:
         first = swing_of_last(kind, terms, n - 1 - i + cut, far) * (mean[i - cut] + width[i - cut] * x[i - cut])
-        first += swing_before(kind, terms, n - 1 - i, far, 1) * before * (mean[i] + width[i] * x[i])
+        first += swing_before(kind, terms, n - 1 - i, far, 1) * b
         first += swing_before(kind, terms, n - 1 - j, far, 2) * size * share
-        slower = log((degree + 2.0) / degree) / log(degree / (degree - 2.0))
+    b += lower * size * share
+    if degree == 6:  # c_0, of which a series has half, from the middle, where all others are 1 or -1
+        zeroth = first - b + size * share
+        for at in range(4):
+            known = mean[3 + at * cut] + width[3 + at * cut] * x[3 + at * cut]
+            zeroth += known * (LEGENDRE_AT_0[at] if kind in (LEGENDRE, ODD_LEGENDRE) else 1.0 if at == 0 else 0.0)
+    expected = b / size * (fall(b, first, 2.0 * zeroth, degree - 2) if first != 0.0 else 1.0)
+    wide = max(expected * expected, share * share - CLEAR * CLEAR * doubt)
+    if wide + doubt > 0.0:
+        known = wide / (wide + doubt)
+        clear = min(clear, sqrt(known * (known * share * share + doubt)))
+    a = (1.0 if share > 0.0 else -1.0) * size * clear
+    k = size * off[j] / next_size - swing_before(kind, terms, -1 - c, far, 1)
+    h = (before * off[i] + lower * size * off[j]) / next_size - swing_before(kind, terms, -1 - c, far, 2)
     t, ratio = 0.0, 0.0
     for _ in range(ROUNDS):
         top = a - min(max(k * t, -abs(a)), 0.5 * abs(a))  # no more than a law that is seen at all can hide
         below = b - min(max(h * t, -abs(b)), 0.5 * abs(b))
-        ratio = top / below if below != 0.0 else 1.0
-        ratio = min(max(ratio, -1.0), 1.0) * min(abs(ratio * first / below), 1.0) ** slower
+        ratio = fall(top, below, first, degree)
         t = top * ratio
     tail = 1.0 / (1.0 - min(abs(ratio), 0.5))  # at the ends of the range all of those cut off add up
     return tail * min(abs(t), abs(a)) / next_size
@@ -370,8 +408,8 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
     ring = state[at : at + length * m].reshape(m, length)  # deflections
     at += length * m
     own = N_KEPT + terms + cut
-    each = own + integral.size(n, cut)
-    told, work, basis = np.empty(7), scratch(n + cut), np.empty((3, terms + cut))
+    each = own + integral.size(n, cut, 0)
+    told, work, basis, white = np.empty(7), scratch(n + cut), np.empty((3, terms + cut)), np.ones((1, 1))
     for k in range(rows.shape[0]):
         before = state[window.LAST]
         absurd = False
@@ -398,8 +436,8 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
             if moving:
                 fill_basis(kind, phi, scale, basis[0], basis[1], basis[2])
             learn(
-                par, kept, equation, elapsed, keep, moving, rows[k, 2 + 3 * i], rows[k, 3 + 3 * i], rows[k, 4 + 3 * i],
-                basis[0], work,
+                par, white, kept, equation, elapsed, keep, moving, rows[k, 2 + 3 * i], rows[k, 3 + 3 * i],
+                rows[k, 4 + 3 * i], basis[0], work,
             )  # fmt: skip
             if moving:
                 visit(kept, phi)
