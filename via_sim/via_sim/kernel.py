@@ -218,17 +218,24 @@ def _advance(
             if modes[LAGS] != 0:
                 supply(p, modes, x, u, 0.0)
             low, at_low, at_high = 0.0, violation(p, c1, c2, x, x, u, modes), outside
+            nearest, last = 0.5 * _EVENT_WIDTH * h, 0
             for trial in range(100):
                 if high - low <= _EVENT_WIDTH * h:
                     break
-                share = at_low / (at_low - at_high) if at_low < 0.0 and trial % 4 != 3 else 0.5
-                middle = low + (high - low) * min(max(share, 1e-9), 1.0 - 1e-9)
+                middle = 0.5 * (low + high)
+                if at_low < 0.0 and trial % 8 != 7:
+                    middle = low + (high - low) * at_low / (at_low - at_high)
+                    middle = min(max(middle, low + nearest), high - nearest)
                 _step(p, c1, c2, x, u, middle, modes, weights[1], y)
                 outside = violation(p, c1, c2, x, y, u, modes)
                 if outside > 0.0:
-                    high, at_high, at_low = middle, outside, 0.5 * at_low
+                    high, at_high = middle, outside
+                    at_low *= 0.5 if last > 0 else 1.0  # the end that stays a second time counts half
+                    last = 1
                 else:
-                    low, at_low, at_high = middle, outside, 0.5 * at_high
+                    low, at_low = middle, outside
+                    at_high *= 0.5 if last < 0 else 1.0
+                    last = -1
             _step(p, c1, c2, x, u, high, modes, weights[1], y)
         left -= high
         for i in range(3):

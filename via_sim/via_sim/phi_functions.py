@@ -21,8 +21,8 @@ def phi_functions(z: float) -> tuple[float, float, float, float, float]:
         p3 = (p2 - 0.5) / z
         p4 = (p3 - 1.0 / 6.0) / z
         return exp(z), p1, p2, p3, p4
-    p4 = 0.0
-    for n in range(27, 4, -1):  # Horner: 1/4! (1 + z/5 (1 + z/6 (...)))
+    p4, most = 0.0, 11 if z > -0.02 else 15 if z > -0.25 else 27  # terms that count
+    for n in range(most, 4, -1):  # Horner: 1/4! (1 + z/5 (1 + z/6 (...)))
         p4 = (p4 + 1.0) * z / n
     p4 = (p4 + 1.0) / 24.0
     p3 = z * p4 + 1.0 / 6.0
