@@ -12,7 +12,7 @@ horizon the motor holds still where it is to be. Velocities are not measured: an
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, isfinite, isnan, nan, sqrt
+from math import isfinite, isnan, nan, sqrt
 
 import numpy as np
 from via_core.devices import Device, TorqueMotor
@@ -21,6 +21,7 @@ from via_core.signals import Array, locked
 from via_core.springs import SpringLaw
 
 from via_controllers.contract import Controller, JointSample, Torques, limited, require
+from via_controllers.low_pass import low_passed
 from via_controllers.visco_elastic import ViscoElasticJoint
 
 
@@ -98,10 +99,8 @@ class MaxVelocity(Controller[MaxVelocityState]):
             return state, Torques(np.zeros(1), False)  # blind: passive
         if isnan(state.start):
             state = MaxVelocityState(sample.time, angles[1], sample.time, angles, np.zeros(2))
-        step, velocities = sample.time - state.time, state.velocities
-        if step > 0.0:
-            follow = 1.0 - exp(-self.velocity_bandwidth * step)
-            velocities = velocities + follow * ((angles - state.angles) / step - velocities)
+        step = sample.time - state.time
+        velocities = low_passed(state.velocities, state.angles, angles, step, self.velocity_bandwidth)
         wanted, rate = self.reference(sample.time - state.start)
         load = float(self.spring.torque(angles[0] - angles[1])) + self.damping * (velocities[0] - velocities[1])
         torque = (

@@ -12,13 +12,14 @@ The motor velocity is not measured; it is the angle's derivative behind a first-
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, isfinite, isnan, nan
+from math import isfinite, isnan, nan
 
 import numpy as np
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw
 
 from via_controllers.contract import Controller, JointSample, Torques, limited, require
+from via_controllers.low_pass import low_passed
 from via_controllers.multisine import Multisine
 
 LARGEST = 1e6  # [rad] an angle no motor reaches: noise on the wire, which the velocity would remember
@@ -78,10 +79,7 @@ class MotorPositionControl(Controller[MotorPositionState]):
             here = locked(sample.theta, "origin")
             state = MotorPositionState(sample.time, here, sample.time, here, np.zeros(2))
         step = sample.time - state.time
-        velocity = state.velocity
-        if step > 0.0:
-            follow = 1.0 - exp(-self.velocity_bandwidth * step)
-            velocity = velocity + follow * ((sample.theta - state.theta) / step - velocity)
+        velocity = low_passed(state.velocity, state.theta, sample.theta, step, self.velocity_bandwidth)
 
         theta_d = self.references(sample.time - state.start, state.origin)
         x = 0.5 * (theta_d[0] + theta_d[1])
