@@ -26,12 +26,16 @@ from via_gap.starts import Start, amount_range, combined, size_of, starts
 REACH = 12.0  # times its start: how far the screen extrapolates an effect
 LEAST = 0.02  # times its start: with less of an effect a fit would not find its way
 BATCH = 16  # starts that are simulated at once
-ROUNDS = 10
+ROUNDS = 14
 SPARSE = 6  # two of so many neighbouring shots are enough to come near the device's own numbers
+LEAST_STEP = 0.003  # of the typical size of a parameter: a finite difference
 SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
 DONE = 2e-3  # share of the loss: a step that gains less is the last with this Jacobian
+AGED = 0.3  # share of the loss at which a Jacobian of the nuisances was made, below which it says nothing any more
+STALE = 0.9  # the same, below which a fit does not end on it
 LONG = 10.0  # [s] a parameter in seconds that may be longer is a time of the run, not a delay
 TIME_STEPS = (0.1, 0.03, 0.01, 0.003, 0.001)  # of the log's duration
+MOST_DAMPED = 1.0  # of the curvature of each number: a step that even then does not help is the last
 GIVE_UP = 4.0  # times the best loss so far
 
 
@@ -237,19 +241,25 @@ def refine(
     side, fresh, damping = jacobian, jacobian is None, 0.0
     if side is None:
         side = problem.nuisance_jacobian([e for e in effects_at(at) if e is not None], at[:count], residual)
-    normal = np.eye(count + many)
+    normal, since = np.eye(count + many), value if fresh else base.loss
+    slopes, sloped = np.empty((problem.size, many)), np.inf
     for round_ in range(rounds):
         if round_ < 2 and times.any():
             at, value, residual = _settle_times(
                 losses, at, value, residual, [count + int(k) for k in np.flatnonzero(times)], *box
             )
-        steps = np.maximum(0.02, 0.03 * np.abs(at[count:]))
-        steps = np.where(at[count:] + steps > high, -steps, steps)
-        points = [at + np.append(np.zeros(count), np.where(np.arange(many) == j, steps, 0.0)) for j in range(many)]
-        moved = losses(points)[1]
-        slopes = (moved - residual).T / steps
-        slopes[~np.isfinite(slopes)] = 0.0
-        slopes[:, times] = 0.0
+        if value < AGED * since:
+            side = problem.nuisance_jacobian([e for e in effects_at(at) if e is not None], at[:count], residual)
+            fresh, since = True, value
+        if value < sloped:
+            steps = np.maximum(LEAST_STEP, 0.03 * np.abs(at[count:]))
+            steps = np.where(at[count:] + steps > high, -steps, steps)
+            points = [at + np.append(np.zeros(count), np.where(np.arange(many) == j, steps, 0.0)) for j in range(many)]
+            moved = losses(points)[1]
+            slopes = (moved - residual).T / steps
+            slopes[~np.isfinite(slopes)] = 0.0
+            slopes[:, times] = 0.0
+            sloped = value
         whole = np.hstack([side, slopes])
         normal = whole.T @ whole
         normal[:count, :count] += np.eye(count)
@@ -267,12 +277,14 @@ def refine(
             damping = max(10.0 * damping, 0.01)
         if round_ >= 1 and value > GIVE_UP * rival > 0.0 and gain < 0.3 * value:
             break
+        if gain <= 0.0 and fresh and damping <= MOST_DAMPED:  # shorter steps along the same slopes
+            continue
         if gain < DONE * value:
             effects = [effect for effect in effects_at(at) if effect is not None]
-            if fresh or len(effects) < len(members):
+            if (fresh and value >= STALE * since) or len(effects) < len(members):
                 break
             side = problem.nuisance_jacobian(effects, at[:count], residual)
-            fresh = True
+            fresh, since = True, value
     effects = [effect for effect in effects_at(at) if effect is not None]
     excess = max(value / max(len(residual), 1), 1.0)
     covariance = np.linalg.pinv(normal) * excess
