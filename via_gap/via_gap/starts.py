@@ -89,7 +89,7 @@ def amount_range(place: Place, start: Start, reach: float) -> tuple[list[float],
 def size_of(parameter: EffectParameter, place: Place, scales: Scales) -> float:
     """A typical size of a parameter, in its unit: the length of a long step of a fit."""
     axis = place.motor if place.site in ("motor", "transmission") else 0
-    torque, speed = float(scales.torque[axis]), float(scales.speed[axis])
+    torque, speed = _typical(scales, place, axis)
     sizes = {
         "N m": torque,
         "rad": scales.deflection if place.site == "transmission" else scales.angle,
@@ -121,11 +121,17 @@ class _Here:
 
     @property
     def torque(self) -> float:
-        return float(self.scales.torque[self.axis])
+        return _typical(self.scales, self.place, self.axis)[0]
 
     @property
     def speed(self) -> float:
-        return float(self.scales.speed[self.axis])
+        return _typical(self.scales, self.place, self.axis)[1]
+
+
+def _typical(scales: Scales, place: Place, axis: int) -> tuple[float, float]:
+    """Torque [N m] and speed [rad/s] at a place; a transmission passes what the link takes, whatever drives it."""
+    torque, speed = float(scales.torque[axis]), float(scales.speed[axis])
+    return (max(torque, float(scales.torque[0])), speed) if place.site == "transmission" else (torque, speed)
 
 
 def _one(values: Callable[[_Here], Values], *scaled: str) -> Callable[[_Here], list[Start]]:
@@ -155,7 +161,7 @@ def _presliding(here: _Here) -> list[Start]:
 
 
 def _hysteresis(here: _Here) -> list[Start]:
-    torque = 0.1 * float(max(here.scales.torque[0], here.torque))
+    torque = 0.1 * here.torque
     ways = [share * here.scales.deflection for share in (0.05, 0.2, 0.8)]
     return [_sliding(torque, way) for way in ways]
 
