@@ -20,6 +20,8 @@ class Calibration(BaseModel):
     explained_most: float
     explained_nearly: float
     second_gain: float
+    last_gain: float
+    enough: float
     significance: float
     margin: float
     temperature: float

@@ -18,7 +18,7 @@ from via_gap.candidates import Direction, Fit, directions, ranked, refine
 from via_gap.evidence import Judged, judge
 from via_gap.places import Place
 from via_gap.problem import Problem
-from via_gap.scales import Scales
+from via_gap.scales import KEPT_ORDERS, Scales
 from via_gap.thinned import thinned
 from via_gap.verdict import helps, rms
 
@@ -34,13 +34,15 @@ NEAR = 30.0  # times the best predicted loss: candidates beyond it are not refin
 CLOSE, CLOSEST = 2.0, 3  # times the best loss on few shots, and how many at least: these are fitted to all shots
 CLOSE_SECOND, CLOSEST_SECOND = 1.3, 2
 ELSEWHERE = 1.5  # times what is left on few shots: more on all of them is left where the few do not look
+RIPPLE = "torque_ripple"
+ORDERS = tuple(float(each) for each in range(2, 61))  # periods per turn at which a ripple is looked for as the second
 PLAINER = {  # of effects that hold another: its name, and the parameters whose mean is where it starts
     "asymmetric_coulomb": ("coulomb_friction", (0, 1)),
     "stribeck_friction": ("coulomb_friction", (1,)),
     "presliding_friction": ("coulomb_friction", (0,)),
     "asymmetric_viscous": ("viscous_friction", (0, 1)),
 }
-FINISHING = 3  # rounds from the best on few shots to the best on all
+FINISHING = 6  # rounds from the best on few shots to the best on all
 
 Members = list[tuple[Place, list[float]]]
 
@@ -92,8 +94,13 @@ class Search:
         """
         sets: list[Judged] = []
         leaders = [each for each in causes[:2] if each.score < causes[0].score + RIVAL]
-        while leaders and len(leaders[0].fit.effects) < MOST and leaders[0].mean_square > frozen.explained:
+        while leaders and len(leaders[0].fit.effects) < MOST:
+            single = len(leaders[0].fit.effects) == 1
+            if leaders[0].mean_square <= (frozen.enough if single else frozen.explained):
+                break
             here = self._seeing(leaders[0].fit)
+            if single:
+                here = here._reordered(leaders[0].fit)
             fits: list[Fit] = []
             for number, first in enumerate(leaders):
                 tell(f"adding to {first.fit.places[-1]}", 0.55 + 0.1 * number)
@@ -126,6 +133,19 @@ class Search:
         jacobian = few.nuisance_jacobian(start.effects, start.deviations, start.residual)
         tried = directions(few, start, self.candidates, self.scales)
         return replace(self, few=few, start=start, jacobian=jacobian, tried=tried)
+
+    def _reordered(self, fit: Fit) -> Search:
+        """The same with the orders of ripple that show in what `fit` leaves: the first cause may have hidden them."""
+        of_ripple = [place for place in self.candidates if place.name == RIPPLE]
+        here = _on(self.few, fit)
+        jacobian = self.few.nuisance_jacobian(here.effects, here.deviations, here.residual)
+        orders, tried = list(self.scales.orders), [each for each in self.tried if each.place.name != RIPPLE]
+        for place in of_ripple:
+            each = directions(self.few, self.start, [place], replace(self.scales, orders=(ORDERS,) * len(orders)))
+            best = sorted(each, key=lambda one: ranked(here, jacobian, [one])[0][0])[:KEPT_ORDERS]
+            orders[place.motor] = tuple(one.start.directions[0]["order"] for one in best) or orders[place.motor]
+            tried += best
+        return replace(self, scales=replace(self.scales, orders=tuple(orders)), tried=tried)
 
     def _worth(self, larger: Fit, leaders: Sequence[Judged], single: Judged, frozen: Calibration) -> bool:
         """Whether a set closes on the few shots it was fitted to at least part of what it would have to on others."""

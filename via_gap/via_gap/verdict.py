@@ -99,9 +99,13 @@ def _explained(tuned: Judged, after: Judged, frozen: Calibration) -> bool:
 
 
 def helps(larger: Judged, smaller: Judged, single: Judged, frozen: Calibration) -> bool:
-    """Whether an effect more closes enough of what the best single cause left, and not by chance."""
+    """Whether an effect more closes enough of what the best single cause left, and not by chance.
+
+    Of what is next to nothing it has to close a good part: every fit leaves a little that something else would take.
+    """
     share = (rms(smaller) - rms(larger)) / max(rms(single), 1e-9)
-    return share >= frozen.second_gain and significant(smaller, larger, frozen)
+    least = frozen.second_gain if smaller.mean_square > frozen.explained else frozen.last_gain
+    return share >= least and significant(smaller, larger, frozen)
 
 
 def _accepted(sets: Sequence[Judged], best: Judged, tuned: Judged, frozen: Calibration) -> Judged | None:
