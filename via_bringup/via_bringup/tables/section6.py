@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from via_bringup.tables import section6_modal
+from via_bringup.tables import section6_bang_bang, section6_modal
 from via_bringup.tables.rows import Progress, Row
 
-PARTS = 5  # that rows are made in, about
+PARTS = 11  # that rows are made in, about
 
 
 def rows(seeds: int, progress: Progress) -> list[Row]:
-    """Rows of 6.1."""
+    """Rows of 6.1 and 6.2."""
     done = 0
 
     def told(what: str) -> None:
@@ -19,17 +19,17 @@ def rows(seeds: int, progress: Progress) -> list[Row]:
         progress(done, PARTS, what)
         done += 1
 
-    found = section6_modal.rows(seeds, told)
+    found = section6_modal.rows(seeds, told) + section6_bang_bang.rows(told)
     progress(1, 1, "done")
     return found
 
 
 def pictures(folder: Path, progress: Progress) -> list[Path]:
-    """Figure 16 and what belongs to it."""
+    """Figures 16 to 18 and what belongs to them."""
 
     def told(what: str) -> None:
         progress(0, 1, what)
 
-    drawn = section6_modal.pictures(folder, told)
+    drawn = section6_modal.pictures(folder, told) + section6_bang_bang.pictures(folder, told)
     progress(1, 1, "done")
     return drawn

@@ -1,0 +1,34 @@
+"""Base control with the estimator in the loop, on a joint whose springs are not what the law thinks."""
+
+import numpy as np
+import pytest
+from via_bringup.control.stiffness_loop import StiffnessCourse, run_joint
+from via_controllers.equilibrium_preset import EquilibriumPreset
+from via_core.devices import Device, load_device
+
+NOMINAL, WANTED = load_device("qbmove_a"), 6.0  # [N m/rad]
+
+
+def course(feedback: bool) -> StiffnessCourse:
+    """Springs 15 % stiffer than nominal, the equilibrium in motion so that the estimator learns."""
+    described = NOMINAL.model_dump()
+    for spring in described["springs"]:
+        spring["k"] *= 1.15
+    real = Device.model_validate(described)  # model_copy would keep the laws it has built
+    law = EquilibriumPreset.from_device(NOMINAL)
+
+    def wishes(time):
+        return 0.15 * np.sin(2.0 * np.pi * time) + 0.05 * np.sin(5.4 * np.pi * time), WANTED
+
+    return run_joint(NOMINAL, real, law, wishes, 5.0, feedback)
+
+
+def test_stiffness_feedback_takes_the_error_out():
+    with_it, without = course(True), course(False)
+    late = with_it.time > 4.0
+    error, uncorrected = (np.abs(run.truth[late] / WANTED - 1.0).mean() for run in (with_it, without))
+    assert uncorrected == pytest.approx(0.15, abs=0.01)
+    assert error < 0.03
+    assert with_it.factor[-1] == pytest.approx(1.15, abs=0.03)
+    assert np.abs(np.diff(with_it.truth[200:])).max() < 0.05  # nothing jumps
+    assert not with_it.saturated and np.isfinite(with_it.estimate).mean() > 0.8

@@ -1,0 +1,73 @@
+"""Base control with the stiffness estimator in the loop: simulated joint -> estimator -> law -> simulated joint."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from via_controllers.contract import JointSample
+from via_controllers.equilibrium_preset import EquilibriumPreset
+from via_core.devices import Device
+from via_core.signals import Array
+from via_core.status import Status
+from via_estimators.contract import Live
+from via_estimators.methods import estimator_for
+from via_sim.plants import JointPlant
+from via_sim.readings import MEASURED, TRUTH
+from via_sim.sensors import Sensors
+from via_sim.simulate import Simulator
+
+RATE = 1000.0  # [Hz]
+WISHES = 10  # ticks from one wish to the next: a hundred a second
+
+
+@dataclass(frozen=True)
+class StiffnessCourse:
+    """N samples of a joint of two torque motors."""
+
+    time: Array  # (N,) [s]
+    q: Array  # (N,) [rad]
+    truth: Array  # (N,) [N m/rad] of the real joint
+    wanted: Array  # (N,) [N m/rad]
+    estimate: Array  # (N,) [N m/rad], NaN where its status is not OK
+    factor: Array  # (N,) r [-] of the law
+    saturated: bool
+
+
+def run_joint(
+    nominal: Device,
+    real: Device,
+    law: EquilibriumPreset,
+    wishes: Callable[[float], tuple[float, float]],
+    duration: float,
+    feedback: bool = True,
+    method: str = "modulated_torque",
+) -> StiffnessCourse:
+    """The law of `nominal` on the joint `real`.
+
+    wishes    equilibrium [rad] and stiffness [N m/rad] wanted at a time [s]
+    feedback  whether the law is told what the estimator, which knows `nominal`, finds
+    """
+    simulator = Simulator(JointPlant.from_device(real), RATE, Sensors.of_device(real))
+    estimator = Live(estimator_for(nominal, method))
+    at = estimator.estimator.outputs.index("stiffness")
+    body, state = simulator.init(seed=1), law.init()
+    measured, truth = simulator.sample(body)
+    rows, saturated = [], False
+    for tick in range(round(duration * RATE)):
+        time, seen = tick / RATE, dict(zip(MEASURED, measured, strict=True))
+        angle, wanted = wishes(time)
+        if tick % WISHES == 0:
+            state = law.towards(state, angle, wanted)
+        state, out = law.step(state, JointSample(time, seen["q"], np.array([seen["theta_1"], seen["theta_2"]])))
+        status = estimator.take(np.array([[time, *(seen[name] for name in estimator.estimator.inputs)]]))
+        value, deviation = float(estimator.value[at]), float(estimator.standard_deviation[at])
+        if feedback:
+            state = law.estimated(state, time, Status(status), value, deviation)
+        good = status == Status.OK
+        rows.append((time, seen["q"], truth[TRUTH.index("stiffness")], wanted, value if good else np.nan, state.factor))
+        saturated |= out.saturated
+        body, measured, truth = simulator.step(body, [*out.torque, 0.0, 0.0])
+    stamps, q, true, asked, found, factor = np.array(rows).T
+    return StiffnessCourse(stamps, q, true, asked, found, factor, saturated)

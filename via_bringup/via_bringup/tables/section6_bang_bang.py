@@ -1,0 +1,186 @@
+"""Section 6.2: modal adaptive bang-bang control on the arm, free and against walls, and on the hopper.
+
+The document shows the DLR Hand Arm System and a simulated robot with two legs, and prints no numbers; ours are those of
+the reference set-up of the specification, its limits beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from via_bringup.control.bang_bang import AMPLITUDE, DIRECTIONS, free_motion
+from via_bringup.control.hitting import HELD, HOLDS, SUBSTEPS, TURNING, WALLS, Hitting, hitting
+from via_bringup.control.hopper import AS_HIGH, PAYLOAD, Hopping, hop, reference_law, sinusoid
+from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
+from via_bringup.tables.rows import Row
+
+RATIO = (1.03, 1.15)  # within which f over that of the linear mode is to be
+FREE = 20.0  # [s]
+SETTINGS = (
+    "reference_4dof, theta_0 (.2, .5, .3, 1.3) rad, omega_m 60 rad/s, theta_hat .03 rad, eps .5 N m, zeta .05, gamma "
+    ".05 per ms sample; law at 1 kHz"
+)
+HOPPER = (
+    "hopper of the specification in MuJoCo, a_0 .6 rad, 3 cm drop, omega_m 120 rad/s, theta_hat .1 rad, eps 1 N m, "
+    "gamma .05 per ms sample, w_1(0) = sign(theta_0); second half of 12 s"
+)
+JOINTS = ("shoulder yaw", "shoulder pitch", "shoulder roll", "elbow")
+COLOURS = (REAL, MODEL, "#2a7f62", "#b08ea2")
+
+
+def rows(told: Callable[[str], None]) -> list[Row]:
+    """Numbers 5, 6 and 7."""
+    found: list[Row] = []
+    for mode in DIRECTIONS:
+        told(f"6.2 free, mode {mode}")
+        found += _free(mode)
+    told("6.2 hitting")
+    found += _hitting()
+    told("6.2 hopper")
+    return found + _hopping()
+
+
+def _free(mode: int) -> list[Row]:
+    motion = free_motion(mode, FREE)
+    at, words = f"6.2.free.mode{mode}", f"free motion, w_1(0) = {DIRECTIONS[mode]}"
+    settings = f"{SETTINGS}; let go .1 rad along w_1(0), second half of {FREE:g} s"
+    remark = "of several modes in one motion, w_1 in plain q is none: (113)-(115) hold in K^(1/2) q only"
+    middle, half = 0.5 * sum(RATIO), 0.5 * (RATIO[1] - RATIO[0])
+    return [
+        Row(f"{at}.angle", f"{words}: w_1 beside mode {mode} of (K + dg, M)", "angle [deg]", None, motion.angle, 3.0,
+            settings, 0, remark if motion.angle > 3.0 else ""),
+        Row(f"{at}.period", f"{words}: period", "std / mean [-]", None, motion.period_spread, 1e-3, settings),
+        Row(f"{at}.frequency", f"{words}: {motion.frequency:.3f} Hz, f / f_lin = {motion.ratio:.3f}",
+            f"distance of f / f_lin from {middle:g} [-]", None, abs(motion.ratio - middle), half, settings),
+        Row(f"{at}.swing", f"{words}: peak to peak of w_1' (q - q_0)", "swing [rad]", None, motion.swing, None,
+            settings),
+    ]  # fmt: skip
+
+
+def _hitting() -> list[Row]:
+    found = []
+    for wall in WALLS:
+        for hold in HOLDS:
+            case = _case(wall, hold)
+            at = f"6.2.hitting.wall{wall:g}.hold{hold:g}"
+            words = f"wall at {wall:g}, held at {hold:g} of the free turning point"
+            settings = f"{SETTINGS}; wall 5e4 N/m, 300 N s/m; held {HELD:g} s, then 10 s, {SUBSTEPS} steps a ms"
+            found += [
+                Row(f"{at}.second", f"{words}: peak to peak of the tip from the second full cycle on",
+                    "largest relative difference from steady [-]", None, case.second, 0.05, settings),
+                Row(f"{at}.steady", f"{words}: steady peak to peak", "std / mean [-]", None, case.steady_spread, 5e-3,
+                    settings),
+                Row(f"{at}.missed", f"{words}: steady cycles without contact; the weakest has "
+                    f"{case.least_force:.0f} N", "cycles", None, float(case.least_force <= 0.0), 0.0, settings),
+            ]  # fmt: skip
+    return found
+
+
+@cache
+def _case(wall: float, hold: float) -> Hitting:
+    return hitting(wall, hold)
+
+
+@cache
+def _hops() -> dict[str, Hopping]:
+    """The law and sinusoids, without and with the payload."""
+    law = reference_law()
+    free = hop(law)
+    first, high = sinusoid(free), sinusoid(free, AS_HIGH)
+    return {
+        "law": free, "law, loaded": hop(law, PAYLOAD), "sinusoid": hop(first), "sinusoid, loaded": hop(first, PAYLOAD),
+        "high sinusoid": hop(high), "high sinusoid, loaded": hop(high, PAYLOAD),
+    }  # fmt: skip
+
+
+def _hopping() -> list[Row]:
+    hops = _hops()
+    law, loaded = hops["law"], hops["law, loaded"]
+
+    def kept(name: str) -> float:
+        return hops[f"{name}, loaded"].amplitude / hops[name].amplitude
+
+    load = f"payload of {PAYLOAD:.0%} of the trunk"
+    amplitude = "trunk's peak to peak"
+    return [
+        Row("6.2.hopper.apex", f"apex above standing, mean {1e3 * law.apex:.1f} mm", "std / mean [-]", None,
+            law.apex_spread, 1e-2, HOPPER),
+        Row("6.2.hopper.ground", f"share of time on the ground: flight {law.flight:.3f}", "share [-]", None,
+            1.0 - law.flight, 0.6, HOPPER),
+        Row("6.2.hopper.frequency", "frequency found, none given", "frequency [Hz]", None, law.frequency, None, HOPPER),
+        Row("6.2.hopper.payload", f"{load}: loss of the {amplitude}, {loaded.frequency:.2f} Hz", "loss [-]", None,
+            1.0 - kept("law"), 0.08, HOPPER),
+        Row("6.2.hopper.payload.apex", f"{load}: apex", "std / mean [-]", None, loaded.apex_spread, None, HOPPER),
+        Row("6.2.hopper.sinusoid", f"open-loop sinusoid at the law's frequency, {load}: {amplitude} that is left",
+            "share [-]", None, kept("sinusoid"), 0.85, f"{HOPPER}; amplitude: first harmonic of the switching",
+            0, "limit: it must lose more than 15 %"),
+        Row("6.2.hopper.sinusoid.high", f"sinusoid as high as the law, {load}: {amplitude} that is left", "share [-]",
+            None, kept("high sinusoid"), None, f"{HOPPER}; amplitude {AS_HIGH:g} rad"),
+    ]  # fmt: skip
+
+
+def pictures(folder: Path, told: Callable[[str], None]) -> list[Path]:
+    """Figures 17 and 18."""
+    with plt.rc_context(STYLE):
+        told("Figure 17")
+        drawn = [_figure17(_case(0.5, 1.2), folder / "figure17.png")]
+        told("Figure 18")
+        return [*drawn, _figure18(folder / "figure18.png")]
+
+
+def _figure17(case: Hitting, path: Path) -> Path:
+    """The tip and what the law asks of the motors, over the hold and four seconds after it."""
+    run, shown = case.run, case.run.time < HELD + 4.0
+    time = run.time[shown] - HELD
+    figure, (tip, motors, force) = plt.subplots(3, 1, figsize=(9, 7.5), sharex=True, constrained_layout=True)
+    for axis, name, colour in ((1, "y", REAL), (2, "z", MODEL)):
+        tip.plot(time, 1e3 * (case.tip[shown, axis] - case.tip[shown, axis].mean()), color=colour, label=name)
+    tip.set_ylabel("tip, about its mean [mm]")
+    asked = AMPLITUDE * run.quantity("switch")[:, None] * run.told[:, 3:]
+    for i, colour in enumerate(COLOURS):
+        motors.plot(time, 1e3 * asked[shown, i], color=colour, linewidth=0.9, label=JOINTS[i])
+    motors.set_ylim(-32.0, 42.0)
+    motors.set_ylabel("theta_d - theta_0 [mrad]")
+    force.plot(time, np.linalg.norm(run.force[shown], axis=1), color=REFERENCE, linewidth=0.9)
+    force.set_ylabel("force on the tip [N]")
+    force.set_xlabel("time after the release [s]")
+    for axes in (tip, motors, force):
+        axes.axvspan(-HELD, 0.0, color=FAINT, alpha=0.3, linewidth=0)
+    tip.legend(loc="upper right", ncols=2)
+    motors.legend(loc="upper right", ncols=4, fontsize=9)
+    tip.set_title(f"wall at {case.wall:g} of the free turning point ({1e3 * TURNING:.0f} mrad)", fontsize=12)
+    return _saved(figure, path)
+
+
+def _figure18(path: Path) -> Path:
+    """The trunk's height under a sinusoid and under the law, without and with the load."""
+    hops = _hops()
+    figure, panels = plt.subplots(1, 2, figsize=(11, 4.2), sharey=True, sharex=True, constrained_layout=True)
+    for axes, name, title in zip(
+        panels, ("sinusoid", "law"), ("open-loop sinusoid", "modal adaptive bang-bang"), strict=True
+    ):
+        for key, colour, label in ((name, REAL, "no load"), (f"{name}, loaded", MODEL, f"{PAYLOAD:.0%} more trunk")):
+            run = hops[key].run
+            axes.plot(run.time, run.trunk[:, 1], color=colour, linewidth=0.9, label=label)
+        axes.set_title(title, fontsize=12)
+        axes.set_xlim(0.0, 6.0)
+        axes.set_xlabel("time [s]")
+    panels[0].set_ylabel("height of the trunk [m]")
+    panels[0].legend(loc="lower right", ncols=2)
+    return _saved(figure, path)
+
+
+def _saved(figure: plt.Figure, path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+    plt.close(figure)
+    return path
