@@ -16,7 +16,7 @@ Source: exponential control barrier functions (Nguyen and Sreenath, ACC 2016), o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntFlag
 from typing import Protocol
 
@@ -69,12 +69,21 @@ class ArmLimits:
     drive_share: float = 0.5  # of the speed limit, 0 to 1
     speed_share: float = 0.95  # likewise
     deflection_share: float = 0.7  # of the springs' stops, 0 to 1
+    _shares: tuple[Array, ...] = field(init=False, repr=False)  # limits (n,) in the order of `_kept`
 
     def __post_init__(self) -> None:
         for name in ("speed_time", "deflection_rate", "drive_share", "speed_share", "deflection_share"):
             value = getattr(self, name)
             require(np.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
             require(not name.endswith("share") or value <= 1.0, f"{name} must be <= 1, got {value}")
+        arm = self.arm
+        shares = (
+            arm.torque_limit,
+            self.drive_share * arm.speed_limit,
+            self.speed_share * arm.speed_limit,
+            self.deflection_share * arm.deflection_limit,
+        )
+        object.__setattr__(self, "_shares", shares)
 
     def kept(self, sample: ArmSample, torque: Array) -> tuple[Array, Limit]:
         """The torques (n,) [N m] nearest to `torque` that keep the limits, and which ones changed them."""
@@ -87,8 +96,7 @@ class ArmLimits:
         changed = _kept(
             out, sample.q - sample.theta, sample.q_velocity - sample.theta_velocity, acceleration,
             sample.theta_velocity, arm.motor_friction * sample.theta_velocity - tau_e, arm.motor_inertia,
-            arm.torque_limit, self.drive_share * arm.speed_limit, self.speed_share * arm.speed_limit,
-            self.deflection_share * arm.deflection_limit, self.speed_time, self.deflection_rate,
+            *self._shares, self.speed_time, self.deflection_rate,
         )  # fmt: skip
         return out, Limit(changed)
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
+from numba import njit
 from via_core.errors import ParameterError
 from via_core.signals import Array
 
@@ -93,15 +94,34 @@ class ArmController(ABC, Generic[State]):
 
 def blind(sample: ArmSample) -> bool:
     """Whether an angle or a velocity of the arm is unknown; a torque sensor may be missing."""
-    known = (sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
-    return not (math.isfinite(sample.time) and bool(np.isfinite(known).all()))
+    return not (
+        math.isfinite(sample.time) and _finite(sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
+    )
 
 
 def limited(torque: Array, limit: Array) -> Torques:
     """`torque` (m,) clipped to +-`limit` (m,), both [N m]; what is not finite becomes zero: a passive motor."""
-    finite = np.where(np.isfinite(torque), torque, 0.0)
-    clipped = np.clip(finite, -limit, limit)
-    return Torques(clipped, bool(np.any(clipped != torque)))
+    return Torques(*_limited(torque, limit))
+
+
+@njit(cache=True, error_model="numpy")
+def _finite(first: Array, second: Array, third: Array, fourth: Array) -> bool:
+    for values in (first, second, third, fourth):
+        for value in values:
+            if not np.isfinite(value):
+                return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _limited(torque: Array, limit: Array) -> tuple[Array, bool]:
+    """Clipped torques (m,), and whether one of them was more."""
+    out, saturated = np.zeros(torque.size), False
+    for i in range(torque.size):
+        if np.isfinite(torque[i]):
+            out[i] = min(max(torque[i], -limit[i]), limit[i])
+        saturated |= out[i] != torque[i]
+    return out, saturated
 
 
 def require(condition: bool, message: str) -> None:

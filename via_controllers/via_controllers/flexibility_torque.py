@@ -22,6 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 
@@ -62,23 +63,54 @@ class FlexibilityTorque:
     def observed(self, sample: ArmSample) -> FlexibilityState:
         """tau_e, measured or by the springs' laws, and the qdd that follows without a load on the links."""
         by_law, stiffness, slope = self.arm.spring_state(sample.q - sample.theta)
-        torque = np.where(np.isfinite(sample.spring_torque), sample.spring_torque, by_law)
-        rate = stiffness * (sample.q_velocity - sample.theta_velocity)
+        torque, rate = _measured(by_law, sample.spring_torque, stiffness, sample.q_velocity - sample.theta_velocity)
         acceleration = self.arm.link_acceleration(sample.q, sample.q_velocity, -torque)
         return FlexibilityState(torque, rate, stiffness, slope, acceleration)
 
     def wanted(self, sample: ArmSample, seen: FlexibilityState, reference: TorqueReference) -> Array:
         """Motor torques (n,) [N m] of (107), not yet limited."""
-        arm, omega = self.arm, self.bandwidth
-        deflection_rate = sample.q_velocity - sample.theta_velocity
-        error, error_rate = reference.torque - seen.torque, reference.rate - seen.rate
-        asked = reference.second + 2.0 * omega * error_rate + omega**2 * error
-        motor = seen.acceleration - (asked - seen.stiffness_slope * deflection_rate**2) / seen.stiffness
-        return arm.motor_inertia * motor + arm.motor_friction * sample.theta_velocity - reference.torque
+        arm = self.arm
+        return np.asarray(
+            _wanted(
+                reference.torque, reference.rate, reference.second, seen.torque, seen.rate, seen.stiffness,
+                seen.stiffness_slope, seen.acceleration, sample.q_velocity, sample.theta_velocity,
+                arm.motor_inertia, arm.motor_friction, self.bandwidth,
+            )
+        )  # fmt: skip
 
     def torques(self, sample: ArmSample, seen: FlexibilityState, reference: TorqueReference) -> Torques:
         """Motor torques of (107) within the limits; a motor at its speed limit is driven no further."""
-        torque, speed = self.wanted(sample, seen, reference), sample.theta_velocity
-        too_fast = (np.abs(speed) >= self.arm.speed_limit) & (torque * speed > 0.0)
-        within = limited(np.where(too_fast, 0.0, torque), self.arm.torque_limit)
-        return Torques(within.torque, within.saturated or bool(too_fast.any()))
+        torque = self.wanted(sample, seen, reference)
+        too_fast = _slowed(torque, sample.theta_velocity, self.arm.speed_limit)
+        within = limited(torque, self.arm.torque_limit)
+        return Torques(within.torque, within.saturated or too_fast)
+
+
+@njit(cache=True, error_model="numpy")
+def _measured(by_law: Array, measured: Array, stiffness: Array, deflection_rate: Array) -> tuple[Array, Array]:
+    """tau_e (n,), measured where it is, and its rate (n,)."""
+    return np.where(np.isfinite(measured), measured, by_law), stiffness * deflection_rate
+
+
+@njit(cache=True, error_model="numpy")
+def _wanted(
+    torque: Array, rate: Array, second: Array, tau_e: Array, tau_e_rate: Array, stiffness: Array, slope: Array,
+    acceleration: Array, velocity: Array, motor_velocity: Array, inertia: Array, friction: Array, omega: float,
+) -> Array:  # fmt: skip
+    out = np.empty(torque.size)
+    for i in range(torque.size):
+        asked = second[i] + 2.0 * omega * (rate[i] - tau_e_rate[i]) + omega**2 * (torque[i] - tau_e[i])
+        bending = slope[i] * (velocity[i] - motor_velocity[i]) ** 2
+        motor = acceleration[i] - (asked - bending) / stiffness[i]
+        out[i] = inertia[i] * motor + friction[i] * motor_velocity[i] - torque[i]
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _slowed(torque: Array, speed: Array, limit: Array) -> bool:
+    """Takes the torques away that drive motors beyond their speed; whether there were any."""
+    found = False
+    for i in range(torque.size):
+        if abs(speed[i]) >= limit[i] and torque[i] * speed[i] > 0.0:
+            torque[i], found = 0.0, True
+    return found

@@ -31,7 +31,7 @@ from via_core.signals import Array, locked
 from via_core.vsa_arms import VsaArm
 
 from via_controllers.contract import require
-from via_controllers.modal_transform import ModalBasis, first_basis, next_basis, rates_along, second_along
+from via_controllers.modal_transform import ModalBasis, basis_near, first_basis, next_basis, rates_along, second_along
 
 WALK = 0.02  # [rad] between configurations on the way along which modes get their names
 
@@ -87,18 +87,17 @@ class ModalLimitCycle:
     def at(self, near: ModalBasis, q: Array, velocity: Array) -> ModalMotion:
         """What the law wants at `q`, `velocity` (n,) [rad, rad/s]; `near` is the basis of the instant before."""
         arm, k = self.arm, self.mode
-        M, slopes = arm.inertia(q), arm.inertia_slopes(q)
-        basis = next_basis(near, M, self.stiffness)
-        W, values = basis.W, basis.eigenvalues
-        z, zd, rates, drift, loop = _modal(
-            W, values, M, slopes, arm.inertia_second(q, velocity), q - self.equilibrium, np.ascontiguousarray(velocity)
-        )
-        zdd = -2.0 * self.damping_ratio * np.sqrt(values) * zd - values * z
-        H = 0.5 * float(zd[k] ** 2 / values[k] + z[k] ** 2)
-        zdd[k] = -values[k] * z[k] + orbit_input(values[k], rates[k], self.gain * (H - self.level), zd[k])
-        acceleration = np.linalg.solve(loop, drift + W @ zdd)
+        W, values, z, zd, rates, drift, loop = _modal(
+            near.W, arm.inertia(q), self.stiffness, arm.inertia_slopes(q), arm.inertia_second(q, velocity),
+            q - self.equilibrium, np.ascontiguousarray(velocity),
+        )  # fmt: skip
+        value, speed = float(values[k]), float(zd[k])
+        H = 0.5 * (speed**2 / value + float(z[k]) ** 2)
+        u = orbit_input(value, float(rates[k]), self.gain * (H - self.level), speed)
+        acceleration = _accelerated(W, values, z, zd, drift, loop, k, self.damping_ratio, u)
         torque = arm.link_torque(q, velocity, acceleration)
-        return ModalMotion(basis, z, zd, rates, H, 0.5 * (H - self.level) ** 2, acceleration, torque)
+        V = 0.5 * (H - self.level) ** 2
+        return ModalMotion(ModalBasis(W, values), z, zd, rates, H, V, acceleration, torque)
 
 
 def approach(share: float, gain: float, level: float, eigenvalue: float, time: float) -> float:
@@ -118,9 +117,11 @@ def orbit_input(eigenvalue: float, rate: float, pull: float, z_velocity: float) 
 
 @njit(cache=True, error_model="numpy")
 def _modal(
-    W: Array, values: Array, M: Array, slopes: Array, Mdd: Array, error: Array, velocity: Array
-) -> tuple[Array, Array, Array, Array, Array]:
-    """z, zd and lambdad (n,); W (W^-1 Wdd z + 2 A zd) at qdd = 0 (n,); I - W [A_1 z ... A_n z] (n, n)."""
+    near: Array, M: Array, K: Array, slopes: Array, Mdd: Array, error: Array, velocity: Array
+) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
+    """W (n, n) named as in `near` and lambda, z, zd and lambdad (n,); W (W^-1 Wdd z + 2 A zd) at qdd = 0 (n,); and
+    I - W [A_1 z ... A_n z] (n, n)."""
+    W, values = basis_near(near, M, K)
     n = len(values)
     Mdot = np.zeros((n, n))
     for k in range(n):
@@ -133,4 +134,14 @@ def _modal(
     loop = np.eye(n)
     for k in range(n):
         loop[:, k] -= W @ (rates_along(W, values, slopes[k])[0] @ z)
-    return z, zd, rates, drift, loop
+    return W, values, z, zd, rates, drift, loop
+
+
+@njit(cache=True, error_model="numpy")
+def _accelerated(
+    W: Array, values: Array, z: Array, zd: Array, drift: Array, loop: Array, k: int, damping_ratio: float, u: float
+) -> Array:
+    """qdd (n,) that brings (93) and, with u_k, (99) about."""
+    zdd = -2.0 * damping_ratio * np.sqrt(values) * zd - values * z
+    zdd[k] = u - values[k] * z[k]
+    return np.linalg.solve(loop, drift + W @ zdd)  # type: ignore[return-value]

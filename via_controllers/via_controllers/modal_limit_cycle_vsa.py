@@ -12,8 +12,10 @@ Source: the document's Section 6.1, (107), which leaves the derivatives to the r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numba import njit
 from via_core.signals import Array
 
 from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind, require
@@ -35,7 +37,7 @@ class VsaModalLimitCycle(ArmController[ModalMotion]):
         require(self.spread > 0.0, f"spread must be > 0 s, got {self.spread}")
         _ = self.tracking
 
-    @property
+    @cached_property
     def tracking(self) -> FlexibilityTorque:
         """The law of the springs' torques."""
         return FlexibilityTorque(self.cycle.arm, self.bandwidth)
@@ -68,8 +70,7 @@ class VsaModalLimitCycle(ArmController[ModalMotion]):
         q, v, a, jerk = sample.q, sample.q_velocity, seen.acceleration, self.link_jerk(sample, seen)
         around = []
         for s in (-self.spread, self.spread):
-            there = q + s * (v + s * (a / 2.0 + s * jerk / 6.0))
-            around.append(-self.cycle.at(motion.basis, there, v + s * (a + s * jerk / 2.0)).torque)
+            around.append(-self.cycle.at(motion.basis, *_moved(q, v, a, jerk, s)).torque)
         behind, ahead = around
         rate, second = (ahead - behind) / (2.0 * self.spread), (ahead + 2.0 * motion.torque + behind) / self.spread**2
         return TorqueReference(-motion.torque, rate, second)
@@ -81,3 +82,9 @@ class VsaModalLimitCycle(ArmController[ModalMotion]):
         change = -seen.rate - (ahead - behind) / (2.0 * ALONG)
         # M^-1 of a torque is what it does to the arm at rest, gravity held
         return arm.link_acceleration(sample.q, np.zeros(arm.n), change + arm.gravity(sample.q))
+
+
+@njit(cache=True, error_model="numpy")
+def _moved(q: Array, v: Array, a: Array, jerk: Array, s: float) -> tuple[Array, Array]:
+    """Angles and velocities (n,) `s` [s] later, to third order."""
+    return q + s * (v + s * (a / 2.0 + s * jerk / 6.0)), v + s * (a + s * jerk / 2.0)

@@ -83,6 +83,13 @@ def _tracked(W: Array, values: Array, near: Array, M: Array) -> tuple[Array, Arr
 
 
 @njit(cache=True, error_model="numpy")
+def basis_near(near: Array, M: Array, K: Array) -> tuple[Array, Array]:
+    """W (n, n) and lambda (n,) named as in `near` (n, n): compiled form of `next_basis`."""
+    W, values = _basis(M, K)
+    return _tracked(W, values, near, M)
+
+
+@njit(cache=True, error_model="numpy")
 def turning(values: Array) -> Array:
     """F (n, n) [-] of eigenvalues (n,): A = N o (F - 1/2)."""
     n = len(values)
@@ -138,9 +145,7 @@ def first_basis(inertia: Array, stiffness: Array) -> ModalBasis:
 
 def next_basis(near: ModalBasis, inertia: Array, stiffness: Array) -> ModalBasis:
     """W and lambda whose modes are named as in `near`, a basis from just before; arguments as for `first_basis`."""
-    M = np.ascontiguousarray(inertia)
-    W, values = _basis(M, np.ascontiguousarray(stiffness))
-    return ModalBasis(*_tracked(W, values, near.W, M))
+    return ModalBasis(*basis_near(near.W, np.ascontiguousarray(inertia), np.ascontiguousarray(stiffness)))
 
 
 def modal_rates(basis: ModalBasis, inertia_rate: Array) -> ModalRates:

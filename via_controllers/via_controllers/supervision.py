@@ -86,6 +86,8 @@ class Supervisor:
 def _usable(sample: ArmSample) -> bool:
     if blind(sample):
         return False
-    angles = max(np.abs(sample.q).max(), np.abs(sample.theta).max())
-    speeds = max(np.abs(sample.q_velocity).max(), np.abs(sample.theta_velocity).max())
-    return bool(angles <= FURTHEST and speeds <= FASTEST)
+    angles, speeds = (
+        (*sample.q.tolist(), *sample.theta.tolist()),
+        (*sample.q_velocity.tolist(), *sample.theta_velocity.tolist()),
+    )
+    return max(map(abs, angles)) <= FURTHEST and bool(max(map(abs, speeds)) <= FASTEST)

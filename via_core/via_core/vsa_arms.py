@@ -122,6 +122,7 @@ class VsaArm:
     _data: pinocchio.Data = field(init=False, repr=False)
     _kinds: Array = field(init=False, repr=False)
     _rows: Array = field(init=False, repr=False)
+    _along: tuple[Array, ...] = field(init=False, repr=False)
     _tip: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -141,6 +142,7 @@ class VsaArm:
         object.__setattr__(self, "_data", self.model.createData())
         object.__setattr__(self, "_kinds", np.array([law.kind for law in self.springs]))
         object.__setattr__(self, "_tip", self.model.getFrameId(self.tip))
+        object.__setattr__(self, "_along", tuple(np.eye(n)))
         object.__setattr__(self, "_rows", np.array([law.coefficients() for law in self.springs]))
 
     @property
@@ -174,18 +176,20 @@ class VsaArm:
     def inertia_slopes(self, q: Array) -> Array:
         """dM/dq_k (n, n, n) [kg m^2/rad], k first."""
         C = np.empty((self.n, self.n, self.n))
-        for k, along in enumerate(np.eye(self.n)):
+        for k, along in enumerate(self._along):
             C[k] = pinocchio.computeCoriolisMatrix(self.model, self._data, q, along)
         return C + C.transpose(0, 2, 1)
 
     def inertia_second(self, q: Array, velocity: Array) -> Array:
         """Mdd (n, n) [kg m^2/s^2] of a motion without acceleration: exact Mdot, differenced along a straight line."""
-        fastest = float(np.abs(velocity).max())
+        fastest = max(abs(each) for each in velocity.tolist())
         if fastest == 0.0:
             return np.zeros((self.n, self.n))
         h = LINE / fastest
-        ahead, behind = (self.inertia_rate(q + s * velocity, velocity) for s in (h, -h))
-        return (ahead - behind) / (2.0 * h)
+        there = h * velocity
+        change = self.coriolis(q + there, velocity)
+        change -= self.coriolis(q - there, velocity)
+        return (change + change.T) / (2.0 * h)
 
     def gravity(self, q: Array) -> Array:
         """g(q) (n,) [N m]."""
