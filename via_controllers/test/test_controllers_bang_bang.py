@@ -144,3 +144,11 @@ def test_silly_parameters_are_refused(change):
 def test_silly_motor_loops_are_refused(change):
     with pytest.raises(ParameterError):
         replace(HOLD, **change)
+
+
+def test_locked_samples_are_read_like_others():
+    """Arrays that nobody may write to are another type to what is compiled."""
+    locked = MOTORS.copy()
+    locked.flags.writeable = False
+    _, out = LAW.step(LAW.init(sample(theta=locked)), sample(theta=locked, time=1e-3))
+    assert out.torque == pytest.approx(ARM.gravity(REST), abs=1e-9)

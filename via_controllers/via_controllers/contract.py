@@ -106,11 +106,13 @@ def limited(torque: Array, limit: Array) -> Torques:
 
 @njit(cache=True, error_model="numpy")
 def _finite(first: Array, second: Array, third: Array, fourth: Array) -> bool:
-    for values in (first, second, third, fourth):
-        for value in values:
-            if not np.isfinite(value):
-                return False
-    return True
+    # array by array: locked ones are another type, and a compiled loop runs over one type only
+    return bool(
+        np.isfinite(first).all()
+        and np.isfinite(second).all()
+        and np.isfinite(third).all()
+        and np.isfinite(fourth).all()
+    )
 
 
 @njit(cache=True, error_model="numpy")

@@ -2,6 +2,11 @@
 
 The arm hangs at theta_0 and is linearised there: (K + dg/dq, M), K the springs' stiffness under gravity. Its links have
 the viscous friction d_i = 2 zeta sqrt(K_i M_ii) at rest.
+
+Modes 1 and 2 are found from a w_1(0) that only names joints, and kept. Modes 3 and 4 are 3 % apart where friction makes
+resonances 10 % wide: motors that switch along either move both, and the springs, which harden, mix them the more the
+wider the arm swings. There w_1 wanders off by several degrees in as many seconds; started on the mode itself and with a
+third of the amplitude (`size`) it stays.
 """
 
 from __future__ import annotations
@@ -84,12 +89,18 @@ def pushed(law: ModalBangBang) -> ArmState:
     return ArmState(law.motors.equilibrium + PUSH * law.direction, still, law.motors.motors, still)
 
 
-def free_motion(mode: int, duration: float = 20.0) -> FreeMotion:
-    """Number 5 from the w_1(0) of `DIRECTIONS`, for `duration` [s]."""
+def free_motion(mode: int, duration: float = 20.0, on_mode: bool = False, size: float = 1.0) -> FreeMotion:
+    """Number 5, for `duration` [s].
+
+    on_mode  whether w_1(0) is the linear mode instead of that of `DIRECTIONS`
+    size     of theta_hat and epsilon, and with them of the swing
+    """
     arm = damped_arm()
-    law = reference_law(arm, np.array(DIRECTIONS[mode]))
+    linear = linear_modes(arm, np.array(MOTORS))
+    law = reference_law(arm, linear.directions[:, mode - 1] if on_mode else np.array(DIRECTIONS[mode]))
+    law = replace(law, amplitude=size * law.amplitude, threshold=size * law.threshold)
     whole = run_arm(arm, law, pushed(law), (Phase(duration),))
-    late, linear = whole.since(0.5 * duration), linear_modes(arm, law.motors.motors)
+    late = whole.since(0.5 * duration)
     w = late.told[-1, 3:] / np.linalg.norm(late.told[-1, 3:])
     cycles = Cycles(late.time, late.told[:, 0])
     frequency, nearest = 1.0 / float(cycles.periods.mean()), linear.directions[:, mode - 1]
