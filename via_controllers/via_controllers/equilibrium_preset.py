@@ -25,6 +25,7 @@ from via_core.signals import Array, locked
 from via_core.status import Status
 
 from via_controllers.contract import Controller, JointSample, Torques, limited, require
+from via_controllers.low_pass import low_passed
 from via_controllers.motor_references import MotorReferences, UnreachableError
 
 LARGEST_FACTOR = 3.0  # that spring laws may be wrong by, either way
@@ -143,10 +144,7 @@ class EquilibriumPreset(Controller[EquilibriumPresetState]):
         if isnan(state.time):
             state = replace(state, time=sample.time, theta=theta, reference=theta)
         step = max(sample.time - state.time, 0.0)
-        velocity = state.velocity
-        if step > 0.0:
-            follow = 1.0 - exp(-self.velocity_bandwidth * step)
-            velocity = locked(velocity + follow * ((theta - state.theta) / step - velocity), "velocity")
+        velocity = locked(low_passed(state.velocity, state.theta, theta, step, self.velocity_bandwidth), "velocity")
         state = replace(state, time=max(sample.time, state.time), q=sample.q, theta=theta, velocity=velocity)
         if isnan(state.equilibrium):
             return state, Torques(np.zeros(2), False)  # nothing is wanted yet

@@ -80,6 +80,14 @@ def limits(
 
 
 @app.command()
+def controllers(turns: Turns = 15, as_rows: Json = None) -> None:
+    """One evaluation of each control law; the limit cycle on 4 flexible joints beside plain numpy."""
+    from via_bringup.bench.controllers import controller_rows
+
+    shown("Controllers", controller_rows(turns), as_rows)
+
+
+@app.command()
 def node(
     seconds: Annotated[float, typer.Option(min=1.0, max=86400.0, help="How long samples are sent [s].")] = 60.0,
     joints: Annotated[int, typer.Option(min=1, max=64, help="Joints of two transmissions.")] = 16,
@@ -159,6 +167,7 @@ def everything(turns: Turns = 15) -> None:
     batch()
     gap()
     estimators(turns)
+    controllers(turns)
     node()
 
 
