@@ -1,0 +1,69 @@
+"""Fits of single causes from poor starts, what the screen proposes, and when a second cause is worth its name."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of, servo
+from via_core.devices import Device
+from via_gap.calibration import calibration
+from via_gap.candidates import Fit, directions, fit_base, ranked, refine
+from via_gap.evidence import Judged
+from via_gap.nuisance import BOUND, TOLERANCE
+from via_gap.places import Place, places
+from via_gap.problem import Problem
+from via_gap.scales import Scales, scales_of
+from via_gap.shots import cut_log
+from via_gap.verdict import helps
+from via_sim.effects import Effect
+
+MAXWELL = Effect("hysteresis", "transmission", {"torque": 0.03, "stiffness": 0.6}, 1)
+DAMPED = Effect("spring_damping", "transmission", {"coefficient": 0.05}, 1)
+
+
+@cache
+def searched(name: str) -> tuple[Problem, Fit, np.ndarray, Scales]:
+    device, effect, duration = {"flexible": (flexible(), MAXWELL, 6.0), "servo": (servo(), DAMPED, 12.0)}[name]
+    return fitted(device, effect, duration)
+
+
+def fitted(device: Device, effect: Effect, duration: float) -> tuple[Problem, Fit, np.ndarray, Scales]:
+    shots = cut_log(log_of(device, (effect,), seed=7, duration=duration, tolerance=0.0))
+    problem = Problem.of([shots], [np.arange(1, len(shots))])
+    base, jacobian = fit_base(problem)
+    scales = scales_of([shots], [()], shots.time[1:], problem.per_shot(base.residual))
+    return problem, base, jacobian, scales
+
+
+@pytest.mark.parametrize(("name", "effect"), [("flexible", MAXWELL), ("servo", DAMPED)])
+def test_the_screen_puts_the_cause_first(name, effect):
+    problem, base, jacobian, scales = searched(name)
+    tried = directions(problem, base, places(problem.device, problem.benches[0].shots.log), scales)
+    _, place, _ = ranked(base, jacobian, tried)[0]
+    assert place == Place(effect.name, effect.site, effect.motor)
+
+
+@pytest.mark.parametrize(
+    ("name", "effect", "start"),
+    [("flexible", MAXWELL, (0.06, 1.2)), ("servo", DAMPED, (0.005,))],
+    ids=["slip", "damper"],
+)
+def test_a_fit_finds_the_planted_numbers_from_a_poor_start(name, effect, start):
+    problem, base, jacobian, scales = searched(name)
+    fit = refine(problem, base, jacobian, [(Place(effect.name, effect.site, effect.motor), start)], scales)
+    assert fit is not None and fit.loss < 1.5 * problem.size
+    off = 1.1 * BOUND * TOLERANCE if name == "servo" else 0.01  # beside servos all torques may grow in one proportion
+    assert dict(fit.effects[0].parameters) == pytest.approx(dict(effect.parameters), rel=off)
+
+
+def test_a_second_cause_closes_a_part_of_much_and_a_good_part_of_little():
+    frozen = calibration("flexible")
+
+    def leaving(square: float) -> Judged:
+        nothing = np.empty(0)
+        return Judged(Fit((), nothing, 0.0, nothing, nothing), nothing, np.full(40, square), 4)
+
+    assert helps(leaving(81.0), leaving(101.0), leaving(101.0), frozen)
+    assert not helps(leaving(96.0), leaving(101.0), leaving(101.0), frozen)
+    assert helps(leaving(1.1), leaving(3.0), leaving(3.0), frozen)
+    assert not helps(leaving(2.0), leaving(3.0), leaving(3.0), frozen)
