@@ -58,6 +58,7 @@ NEEDS = {
     "simulator": Needs((f"device:={DEVICE.name}",)),
     "arm_simulator": Needs(("arm:=reference_2dof",)),
     "modal_limit_cycle": Needs(("arm:=reference_2dof", "equilibrium:=[0.3, 0.9]")),
+    "bang_bang": Needs(("arm:=reference_2dof", "motors:=[0.3, 0.9]", "direction:=[1.0, 1.0]")),
 }
 
 
@@ -120,7 +121,8 @@ from via_bringup.control.arm_run import Phase, run_arm
 from via_bringup.control.limit_cycle import ARM, law_of, start
 run_arm(ARM, law_of(0), start(law_of(0)), (Phase(0.002),))
 """
-LOADED = {"gap_monitor": MONITOR_LOADED, "arm_simulator": ARM_LOADED, "modal_limit_cycle": ARM_LOADED}
+ARMS = ("arm_simulator", "modal_limit_cycle", "bang_bang")
+LOADED = {"gap_monitor": MONITOR_LOADED, **dict.fromkeys(ARMS, ARM_LOADED)}
 
 
 def compiled(script):

@@ -21,6 +21,7 @@ setup(
         "console_scripts": [
             "excitation = via_controllers.nodes.excitation:main",
             "modal_limit_cycle = via_controllers.nodes.modal_limit_cycle:main",
+            "bang_bang = via_controllers.nodes.bang_bang:main",
         ]
     },
 )

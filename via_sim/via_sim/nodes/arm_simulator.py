@@ -16,7 +16,7 @@ given, effort of a link the spring's torque where there are torque sensors.
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,10 @@ class ArmSimulatorParameters(TimeParameters):
     walls: tuple[float, ...] = field(
         default=(), metadata={"description": "six numbers per wall: a point on it [m], its normal; empty: none"}
     )
+    link_friction: tuple[float, ...] = field(
+        default=(),
+        metadata={"description": "viscous friction of the links [N m s/rad]; empty: what the arm's file says"},
+    )
     torque_sensors: bool = field(default=False, metadata={"description": "the springs' torques are measured"})
     torque_noise: float = field(
         default=0.0, metadata={"description": "standard deviation of their noise", "unit": "N m", "range": (0.0, 1e3)}
@@ -65,6 +69,8 @@ def body_of(parameters: ArmSimulatorParameters) -> ArmBody:
     arm, numbers = load_vsa_arm(parameters.arm), np.array(parameters.walls, dtype=float)
     if len(numbers) % WALL:
         raise ParameterError(f"parameter walls must hold {WALL} numbers per wall, got {len(numbers)}")
+    if parameters.link_friction:
+        arm = replace(arm, link_friction=np.array(parameters.link_friction, dtype=float))
     walls = tuple(Wall(row[:3], row[3:]) for row in numbers.reshape(-1, WALL))
     return ArmBody(arm, np.array(parameters.posture or [0.0] * arm.n, dtype=float), walls)
 
