@@ -65,6 +65,13 @@ def controller_rows(turns: int) -> list[Row]:
     return [*rows, Row("law.limit_cycle.over_numpy", what, "ratio [-]", None, ratio, None, settings)]
 
 
+def limit_cycle_time(turns: int) -> float:
+    """Time of the processor for one evaluation of the modal limit cycle on 4 flexible joints [us], median."""
+    law = law_of(0)
+    times = take_turns({"law": _of_arm(law, _samples(cycling(law, 0.5)))}, turns)
+    return 1e-3 * times["law"].nanoseconds
+
+
 def _samples(run: ArmRun[State]) -> list[ArmSample]:
     """The last of a run."""
     nothing = np.full(run.q.shape[1], np.nan)

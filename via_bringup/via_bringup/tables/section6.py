@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from via_bringup.tables import section6_bang_bang, section6_modal
+from via_bringup.tables import section6_bang_bang, section6_cost, section6_modal
 from via_bringup.tables.rows import Progress, Row
 
-PARTS = 11  # that rows are made in, about
+PARTS = 13  # that rows are made in, about
 
 
 def rows(seeds: int, progress: Progress) -> list[Row]:
-    """Rows of 6.1 and 6.2."""
+    """Rows of 6.1 and 6.2, and what both cost."""
     done = 0
 
     def told(what: str) -> None:
@@ -20,6 +20,7 @@ def rows(seeds: int, progress: Progress) -> list[Row]:
         done += 1
 
     found = section6_modal.rows(seeds, told) + section6_bang_bang.rows(told)
+    found += section6_cost.rows(told)
     progress(1, 1, "done")
     return found
 
