@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from via_core.bags import BagWriter
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
+from via_core.wire import JOINT_STATE, VSA_COMMAND
+from via_gap.diagnose import diagnose
+from via_gap.log import read_log
 from via_interfaces.msg import Effect as EffectMessage
 from via_interfaces.msg import StiffnessEstimate, VsaCommand
 from via_interfaces.srv import ClearEffects, SetEffects
@@ -249,6 +254,47 @@ def test_servo_device_follows_equilibrium_and_preset(graph):
     graph.until(lambda: bench.node.finished.done() and len(bench.samples) == 1001)
     assert bench.angles[-1, 1:] == pytest.approx([0.4, 0.9], abs=0.01)
     assert bench.angles[-1, 0] == pytest.approx(0.4, abs=0.05)
+
+
+def test_a_rigid_joint_is_simulated_recorded_and_diagnosed_over_the_wire(graph, tmp_path):
+    """Its drive stands on the wire as motor 1, by its torque alone: commanded, published, read back from the bag."""
+    save_effects(tmp_path / "dry.yaml", [Effect("coulomb_friction", "link", {"torque": 0.1})])
+    rate, ticks = 300.0, 2400
+    bench = Bench(
+        graph,
+        device="dfki_elbow",
+        mode="lockstep",
+        rate=rate,
+        duration=ticks / rate,
+        effects=str(tmp_path / "dry.yaml"),
+    )
+    time = np.arange(ticks) / rate
+    sent = 0.5 * np.sin(2.1 * time) + 0.4 * np.sin(6.7 * time + 1.0) + 0.2 * np.sin(13.0 * time)
+    heard, asked = [], []
+    bench.peer.create_subscription(JointState, "/joint_states", heard.append, qos.SAMPLES)
+    bench.peer.create_subscription(VsaCommand, bench.device.command_topic, asked.append, qos.SAMPLES)
+    bench.answers = lambda tick: [sent[tick]] if tick < ticks else None
+    graph.until(lambda: bench.node.finished.done() and len(heard) == ticks + 1 and len(asked) == ticks)
+    assert list(heard[0].name) == ["elbow", "dfki_elbow_motor_1_joint"]
+    assert np.isnan([heard[0].effort[1], heard[0].position[1]]).all()  # nothing was sent before the first sample
+    assert [message.effort[1] for message in heard[1:]] == pytest.approx(sent)  # over the tick that ends at the stamp
+    for name, streams in (("bag", (heard,)), ("commanded", (heard, asked))):
+        with BagWriter(tmp_path / name) as bag:
+            for topic, kind, messages in zip(
+                ("/joint_states", bench.device.command_topic), (JOINT_STATE, VSA_COMMAND), streams
+            ):
+                bag.add_topic(topic, kind)
+                for message in messages:
+                    bag.write(topic, serialize_message(message), nanoseconds(message.header.stamp))
+    assert read_log(tmp_path / "commanded", bench.device).commands["external_torque"] == pytest.approx(sent)
+    log = read_log(tmp_path / "bag", bench.device)
+    assert (log.level, log.commands) == ("full", None)
+    assert log.measured["tau"][1:, 0] == pytest.approx(sent)
+    report = diagnose([log], bench.device)
+    assert report.verdict == "effect"
+    cause = report.causes[0]
+    assert (cause.effect, cause.site) == ("coulomb_friction", "link")
+    assert cause.parameters["torque"].value == pytest.approx(0.1, rel=0.05)
 
 
 def test_wrong_parameters_are_refused_with_the_reason(graph, tmp_path):

@@ -35,7 +35,7 @@ from via_core.springs import (
     cubic_spring,
     linear_spring,
 )
-from via_core.wire import command_topic, link_name, motor_name
+from via_core.wire import DRIVE, MOTOR, command_topic, link_name, motor_name
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
@@ -293,8 +293,8 @@ class Device(_Part):
                 raise ValueError(f"motors.{i}: drive is '{self.drive}' but this is a {_motor_kind(motor)} motor")
         if self.damper is not None and self.damper.site == "transmission" and not self.springs:
             raise ValueError("damper.site: 'transmission' needs a transmission, and a rigid joint has none")
-        if len(self.wire.motors) not in (0, self.n_motors):
-            raise ValueError(f"wire.motors: needs 0 or {self.n_motors} names, got {len(self.wire.motors)}")
+        if len(self.wire.motors) not in (0, self.n_drives):
+            raise ValueError(f"wire.motors: needs 0 or {self.n_drives} names, got {len(self.wire.motors)}")
         return self
 
     @property
@@ -325,9 +325,24 @@ class Device(_Part):
         return self.wire.link or link_name(self.name)
 
     @property
+    def n_drives(self) -> int:
+        """Drives whose torque is on the wire: one per motor; of a rigid joint the one that acts on its link."""
+        return self.n_motors or 1
+
+    @property
+    def drive_joints(self) -> tuple[str, ...]:
+        """Names in sensor_msgs/JointState whose effort is a drive's torque: the motors, or a rigid joint's drive."""
+        return self.wire.motors or tuple(motor_name(self.name, i) for i in range(1, self.n_drives + 1))
+
+    @property
+    def drive_channels(self) -> dict[str, str]:
+        """Channel -> array of a JointState of what stands there: of a rigid joint's drive its torque only."""
+        return MOTOR if self.n_motors else DRIVE
+
+    @property
     def motor_joints(self) -> tuple[str, ...]:
         """Names of the motors in sensor_msgs/JointState."""
-        return self.wire.motors or tuple(motor_name(self.name, i) for i in range(1, self.n_motors + 1))
+        return self.drive_joints[: self.n_motors]
 
     @property
     def command_topic(self) -> str:

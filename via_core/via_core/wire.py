@@ -18,6 +18,7 @@ VSA_COMMAND = "via_interfaces/msg/VsaCommand"
 FIELDS = ("position", "velocity", "effort")  # arrays of a JointState
 LINK = {"q": "position", "q_velocity": "velocity", "tau_link": "effort"}  # channel of the link -> array
 MOTOR = {"theta": "position", "theta_velocity": "velocity", "tau": "effort"}  # channel of the motors -> array
+DRIVE = {"tau": "effort"}  # of a rigid joint's drive, which has a name of its own and no angle but the link's
 REFERENCES = ("equilibrium", "preset", "damping")  # members of a VsaCommand that are held channels
 EQUILIBRIUM_PRESET, MOTOR_POSITION, MOTOR_TORQUE = 0, 1, 2  # VsaCommand.mode
 UNITS = {

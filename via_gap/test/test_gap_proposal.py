@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_logs import flexible, log_of, servo, wrong_plant
 from via_core.bags import read_bag
-from via_core.devices import Device
+from via_core.devices import Device, load_device
 from via_core.errors import ParameterError, SignalError
 from via_gap.diagnose import diagnose
 from via_gap.motion_file import read_motion, write_motion
@@ -98,7 +98,7 @@ def test_every_motion_begins_and_ends_at_rest_within_its_size(motion):
     assert np.all((motion.load(time) >= 0.0) & (motion.load(time) <= 1.0))
 
 
-@pytest.mark.parametrize("device", [flexible(), servo()], ids=["torque", "servo"])
+@pytest.mark.parametrize("device", [flexible(), servo(), load_device("dfki_elbow")], ids=["torque", "servo", "rigid"])
 def test_commands_survive_their_file(tmp_path, device):
     commands, _ = commands_of(JointPlant.from_device(device), MOTIONS[2], 0.3)
     write_motion(tmp_path / "motion.csv", device, commands)
@@ -109,6 +109,8 @@ def test_commands_survive_their_file(tmp_path, device):
     write_motion(tmp_path / "motion", device, commands)
     topic = read_bag(tmp_path / "motion")[device.command_topic]
     assert len(topic) == len(commands) == round(DURATION * rate_of(device))
+    if not device.n_motors:
+        assert np.stack(topic["motor"])[:, 0] == pytest.approx(commands["external_torque"])
     write_motion(tmp_path / "empty.csv", device, commands.select([]))
     with pytest.raises(SignalError, match="no column of commands"):
         read_motion(tmp_path / "empty.csv", device)

@@ -36,8 +36,6 @@ def write_motion(path: Path, device: Device, commands: Signals) -> None:
     """A table for `.csv`, else a new bag folder. Raises ViaError where it cannot be written."""
     if path.suffix.lower() == ".csv":
         write_table(path, commands.time, columns_of(commands))
-    elif device.n_motors == 0:
-        raise SignalError(f"{path}: no message commands a rigid joint's torque; name a .csv file")
     else:
         _write_bag(path, device, commands)
 
@@ -78,13 +76,14 @@ def read_motion(path: Path, device: Device) -> Signals:
 
 
 def _write_bag(path: Path, device: Device, commands: Signals) -> None:
-    torque = "motor" in commands
+    drive = None if device.n_motors else commands.channels.get("external_torque")
+    torque = "motor" in commands or drive is not None
     stamp = np.rint(commands.time * 1e9).astype(np.int64)
     seconds, nanoseconds = np.divmod(stamp, 1_000_000_000)
     columns = {"header.stamp.sec": seconds, "header.stamp.nanosec": nanoseconds, "sequence": np.arange(len(stamp))}
     columns |= {name: commands[name] for name in commands.channels if name in ("equilibrium", "preset", "damping")}
     if torque:
-        columns["motor"] = commands["motor"]
+        columns["motor"] = commands["motor"] if drive is None else drive[:, None]
     store = typestore_of(VSA_COMMAND)
     template = store.types[VSA_COMMAND](
         header=store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](0, 0), device.name),
@@ -93,7 +92,7 @@ def _write_bag(path: Path, device: Device, commands: Signals) -> None:
         equilibrium=np.nan,
         preset=np.nan,
         damping=0.0,
-        motor=np.zeros(device.n_motors if torque else 0),
+        motor=np.zeros(device.n_drives if torque else 0),
     )
     with BagWriter(path) as bag:
         bag.add_topic(device.command_topic, VSA_COMMAND)

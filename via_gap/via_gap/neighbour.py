@@ -17,7 +17,7 @@ def beside(commands: Signals, bag: Bag, device: Device, joint_topic: str) -> Sig
     The neighbour is the one other link in the messages of joint states. Of several links nobody knows which one it is.
     """
     names = {name for names in bag[joint_topic]["name"].tolist() for name in names}
-    own = {device.link_joint, *device.motor_joints}
+    own = {device.link_joint, *device.drive_joints}
     others = [name for name in names - own if name.endswith(LINK)]
     if len(others) != 1:
         return commands

@@ -14,7 +14,7 @@ from via_core.bags.joints import recorded
 from via_core.bags.reader import Columns
 from via_core.devices import Device
 from via_core.signals import Array
-from via_core.wire import JOINT_STATE, LINK, MOTOR, SECOND, VSA_COMMAND
+from via_core.wire import JOINT_STATE, LINK, SECOND, VSA_COMMAND
 
 from via_gap.log import JointLog
 
@@ -23,8 +23,8 @@ MOST = 2**20  # rows of samples or commands kept, whatever their rate
 
 
 def columns_of(device: Device) -> tuple[str, ...]:
-    """What a sample row holds: the link's channels, then those of every motor, `theta_1`, `theta_2`, ..."""
-    return (*LINK, *(f"{name}_{i + 1}" for name in MOTOR for i in range(device.n_motors)))
+    """What a sample row holds: the link's channels, then those of every motor, `theta_1`, ..., or a drive's `tau_1`."""
+    return (*LINK, *(f"{name}_{i + 1}" for name in device.drive_channels for i in range(device.n_drives)))
 
 
 class RollingLog:
@@ -37,7 +37,7 @@ class RollingLog:
         self.device = device
         self._span = round(span * SECOND)
         self._samples = _Tape(len(columns_of(device)))
-        self._commands = _Tape(4 + device.n_motors)
+        self._commands = _Tape(4 + device.n_drives)
         self.restarts = 0
 
     def __len__(self) -> int:
@@ -67,10 +67,10 @@ class RollingLog:
         self._commands.forget(self._commands.first_after(int(self._samples.stamp[0]) + 1) - 1)
 
     def command(self, stamp: int, mode: int, equilibrium: float, preset: float, damping: float, motor: Array) -> None:
-        """Take a command with its stamp [ns]; `motor` (k,) is padded with NaN or cut to the device's motors."""
-        row = np.full(4 + self.device.n_motors, np.nan)
+        """Take a command with its stamp [ns]; `motor` (k,) is padded with NaN or cut to the device's drives."""
+        row = np.full(4 + self.device.n_drives, np.nan)
         row[:4] = mode, equilibrium, preset, damping
-        told = motor[: self.device.n_motors]
+        told = motor[: self.device.n_drives]
         row[4 : 4 + len(told)] = told
         self._commands.append(stamp, row)
 
@@ -90,10 +90,9 @@ class RollingLog:
         stamps, rows = self._samples.stamp[begin:].copy(), self._samples.rows[begin:]
         states = Columns("", JOINT_STATE, stamps, stamps, {}, True)
         channels = {channel: rows[:, i] for i, channel in enumerate(LINK)}
-        motors = self.device.n_motors
-        if motors:
-            at = len(LINK)
-            channels |= {name: rows[:, at + i * motors : at + (i + 1) * motors] for i, name in enumerate(MOTOR)}
+        drives, at = self.device.n_drives, len(LINK)
+        for i, name in enumerate(self.device.drive_channels):
+            channels[name] = rows[:, at + i * drives : at + (i + 1) * drives]
         recording = recorded(states, channels, np.ones(len(stamps), np.bool_), self._columns(stamps[0]), self.device)
         repeated = sum(report.repeated for report in recording.reports)
         backward = sum(report.backward for report in recording.reports)

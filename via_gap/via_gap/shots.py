@@ -32,7 +32,7 @@ from via_sim.parameters import DYNAMIC, SERVO, P
 from via_sim.plants import JointPlant
 from via_sim.readings import true_angle
 from via_sim.simulate import command_rows
-from via_sim.torques import N_COMMANDS, QUEUED, X
+from via_sim.torques import EXTERNAL, N_COMMANDS, QUEUED, X
 
 from via_gap.data_check import step_of
 from via_gap.log import JointLog
@@ -225,11 +225,18 @@ def _drive(log: JointLog, grid: Array) -> Array:
         if whole.channels:
             rows = command_rows(device, whole, grid)
     if device.n_motors and not log.motors_commanded:
-        seen = np.isfinite(log.measured["tau"]).all(axis=1)
-        time, tau = log.measured.time[seen], log.measured["tau"][seen]
-        at = np.clip(np.searchsorted(time, grid + 0.5 * (grid[1] - grid[0])), 0, len(time) - 1)
-        rows[:, : device.n_motors] = tau[at]  # of sample k: over the tick that ended there
+        rows[:, : device.n_motors] = _torque_after(log, grid)
+    drive_told = log.commands is not None and "external_torque" in log.commands
+    if not device.n_motors and not drive_told and log.torque_seen:
+        rows[:, EXTERNAL] = _torque_after(log, grid)[:, 0]
     return rows
+
+
+def _torque_after(log: JointLog, grid: Array) -> Array:
+    """Torque measured (T, m) over the tick that begins at each of `grid`: that of a sample is of the tick before it."""
+    seen = np.isfinite(log.measured["tau"]).all(axis=1)
+    time, tau = log.measured.time[seen], log.measured["tau"][seen]
+    return tau[np.clip(np.searchsorted(time, grid + 0.5 * (grid[1] - grid[0])), 0, len(time) - 1)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,7 +58,7 @@ class Command(NamedTuple):
     motor: Array  # (m,) [rad] or [N m]; (0,) in EQUILIBRIUM_PRESET
 
 
-def command_of(message: VsaCommand, n_motors: int) -> Command | None:
+def command_of(message: VsaCommand, n_drives: int) -> Command | None:
     """The command of a message, or None for one that cannot be followed.
 
     None: unknown mode, a number that counts in this mode but is not finite, or a wrong number of motors.
@@ -67,7 +67,7 @@ def command_of(message: VsaCommand, n_motors: int) -> Command | None:
     if message.mode == VsaCommand.EQUILIBRIUM_PRESET:
         counting = [message.equilibrium, message.preset, message.damping]
         motor = motor[:0]
-    elif message.mode in (VsaCommand.MOTOR_POSITION, VsaCommand.MOTOR_TORQUE) and len(motor) == n_motors:
+    elif message.mode in (VsaCommand.MOTOR_POSITION, VsaCommand.MOTOR_TORQUE) and len(motor) == n_drives:
         counting = [message.damping, *motor]
     else:
         return None
@@ -105,7 +105,7 @@ class RowReader:
 
     def __init__(self, wanted: Sequence[tuple[Device, Sequence[str]]]) -> None:
         self._links = [device.link_joint for device, _ in wanted]
-        self._motors = [device.n_motors for device, _ in wanted]
+        self._drives = [device.n_drives for device, _ in wanted]
         lengths = [1 + len(columns) for _, columns in wanted]
         self._starts = np.cumsum([0, *lengths]).tolist()
         self._flat = np.full(self._starts[-1], np.nan)
@@ -122,20 +122,20 @@ class RowReader:
         self._plans: dict[Names, _Plan] = {}
 
     def _place(self, at: int, column: str, device: Device) -> None:
-        motors = device.motor_joints
+        drives = device.drive_joints
         numbered = re.fullmatch(r"(\w+?)_(\d+)", column)
         number = int(numbered[2]) if numbered else 0
         if column in LINK:
             self._places[-1].append((LINK[column], at, device.link_joint))
         elif column in REFERENCES:
             self._held[-1].append((at, column))
-        elif numbered and numbered[1] in (*MOTOR, "motor") and 1 <= number <= len(motors):
+        elif numbered and numbered[1] in (*device.drive_channels, "motor") and 1 <= number <= len(drives):
             if numbered[1] == "motor":
                 self._held[-1].append((at, column))
             else:
-                self._places[-1].append((MOTOR[numbered[1]], at, motors[number - 1]))
+                self._places[-1].append((MOTOR[numbered[1]], at, drives[number - 1]))
         else:
-            raise ParameterError(f"device '{device.name}' with {len(motors)} motors has no column '{column}'")
+            raise ParameterError(f"device '{device.name}' with {device.n_motors} motors has no column '{column}'")
 
     def forget(self, row: int) -> None:
         """As before the first message: the row has no origin of time, no command is held in it."""
@@ -144,7 +144,7 @@ class RowReader:
 
     def hold(self, row: int, message: VsaCommand) -> bool:
         """Keep a command for the rows to come; False for one that cannot be followed: the last one stays."""
-        command = command_of(message, self._motors[row])
+        command = command_of(message, self._drives[row])
         if command is None:
             return False
         for at, column in self._held[row]:
@@ -269,10 +269,10 @@ class StateWriter:
 
 
 class JointStateWriter(StateWriter):
-    """The message of a device: link first, then the motors, (1 + m,) each."""
+    """The message of a device: link first, then the motors or the drive of a rigid joint, (1 + m,) each."""
 
     def __init__(self, device: Device) -> None:
-        super().__init__(device.name, [device.link_joint, *device.motor_joints])
+        super().__init__(device.name, [device.link_joint, *device.drive_joints])
 
 
 class CommandWriter:

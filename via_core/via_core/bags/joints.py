@@ -17,7 +17,6 @@ from via_core.wire import (
     FIELDS,
     JOINT_STATE,
     LINK,
-    MOTOR,
     MOTOR_TORQUE,
     UNITS,
     VSA_COMMAND,
@@ -59,7 +58,9 @@ def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") 
 
     measured  q [rad], theta (N, m) [rad], tau (N, m) [N m], q_velocity, theta_velocity (N, m) [rad/s], tau_link [N m],
               those of which at least one value was measured
-    commands  equilibrium, preset [rad], damping [-], or motor (N, m) [rad] or [N m], held between samples
+              of a rigid joint tau (N, 1) is its drive's
+    commands  equilibrium, preset [rad], damping [-], or motor (N, m) [rad] or [N m], held between samples; the torque
+              that the drive of a rigid joint is sent is external_torque [N m]
 
     Time 0 of both is the first measurement, so that the first commands may stand at negative times. Joints are found by
     name in every message. Raises BagError when the topic or the joint is not in the bag.
@@ -94,10 +95,9 @@ def recorded(
 
 def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], NDArray[np.bool_]]:
     """Values by channel for every message, NaN where it has none, and which messages name the link at all."""
-    count, motors = len(states), device.n_motors
+    count, drives = len(states), device.n_drives
     channels = {name: np.full(count, np.nan) for name in LINK}
-    if motors:
-        channels |= {name: np.full((count, motors), np.nan) for name in MOTOR}
+    channels |= {name: np.full((count, drives), np.nan) for name in device.drive_channels}
     present = np.zeros(count, dtype=np.bool_)
     for names, rows in _by_names(states["name"]):
         if device.link_joint not in names:
@@ -106,9 +106,9 @@ def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], N
         arrays = {field: states[field][rows] for field in FIELDS}
         for channel, field in LINK.items():
             channels[channel][rows] = _picked(arrays[field], names.index(device.link_joint))
-        for i, joint in enumerate(device.motor_joints):
+        for i, joint in enumerate(device.drive_joints):
             if joint in names:
-                for channel, field in MOTOR.items():
+                for channel, field in device.drive_channels.items():
                     channels[channel][rows, i] = _picked(arrays[field], names.index(joint))
     return channels, present
 
@@ -145,6 +145,10 @@ def _commands(columns: Columns, device: Device, origin: int) -> tuple[Signals, S
         units["motor"] = "N m" if MOTOR_TORQUE in mode else "rad"
         motor = np.stack([_picked(columns["motor"][keep], i) for i in range(device.n_motors)], axis=1)
         values["motor"] = np.where(by_reference[:, None], np.nan, motor)
+    by_torque = mode == MOTOR_TORQUE
+    if by_torque.any() and not device.n_motors:  # a command without a torque asks for none
+        values["external_torque"] = np.where(by_torque, _picked(columns["motor"][keep], 0), 0.0)
+        units["external_torque"] = "N m"
     time = seconds(columns.stamp[keep], origin)
     return Signals(time, values, units, held=frozenset(values)), report
 

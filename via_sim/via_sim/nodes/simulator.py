@@ -33,7 +33,7 @@ from via_sim.nodes.simulation import SimulationNode, TimeParameters
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import MAX_SEED, Simulator, passive_command
-from via_sim.torques import DAMPING, M1, N_COMMANDS
+from via_sim.torques import DAMPING, EXTERNAL, M1, N_COMMANDS
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class SimulatorNode(SimulationNode[Array]):
         self._state = self._simulator.init(seed=own.seed)
         self._simulator.step(self._state, np.zeros(N_COMMANDS))  # loads the compiled kernel before anybody waits for it
         self._measured, self._truth = self._simulator.sample(self._state)
-        self._failures = 0
+        self._failures, self._sent = 0, np.nan
         self._samples = JointStateWriter(self.device)
         self._truths: list[tuple[Any, Any]] = []
         if own.truth:
@@ -85,8 +85,8 @@ class SimulatorNode(SimulationNode[Array]):
         return passive_command(self._simulator.plant, self._state)
 
     def _row_of(self, message: VsaCommand) -> Array | None:
-        """The kernel's row (4,)."""
-        command = command_of(message, self.device.n_motors)
+        """The kernel's row (N_COMMANDS,); the drive of a rigid joint acts on its link."""
+        command = command_of(message, self.device.n_drives)
         if command is None:
             return None
         servo = self.device.drive == "servo"
@@ -98,7 +98,7 @@ class SimulatorNode(SimulationNode[Array]):
         elif (command.mode == VsaCommand.MOTOR_POSITION and servo) or (
             command.mode == VsaCommand.MOTOR_TORQUE and not servo
         ):
-            row[motors] = command.motor
+            row[motors if self.device.n_motors else slice(EXTERNAL, EXTERNAL + 1)] = command.motor
         else:
             return None
         return row
@@ -106,10 +106,12 @@ class SimulatorNode(SimulationNode[Array]):
     def _advance(self, command: Array) -> None:
         before = self._state
         self._state, self._measured, self._truth = self._simulator.step(before, command)
+        self._sent = command[EXTERNAL]
         if np.isfinite(self._state).all():
             return
         self._failures += 1
         self._command = passive_command(self._simulator.plant, before)
+        self._sent = self._command[EXTERNAL]
         self._state, self._measured, self._truth = self._simulator.step(before, self._command)
         if not np.isfinite(self._state).all():
             self._state = self._simulator.init(seed=self._chosen.seed)
@@ -123,10 +125,10 @@ class SimulatorNode(SimulationNode[Array]):
             message.value = float(value)
             publisher.publish(message)
         measured, count = self._measured, 1 + self.device.n_motors
-        self._samples.position[:] = measured[:count]
-        self._samples.velocity[:] = measured[5 : 5 + count]
+        self._samples.position[:count] = measured[:count]
+        self._samples.velocity[:count] = measured[5 : 5 + count]
         self._samples.effort[0] = measured[8]
-        self._samples.effort[1:] = measured[3 : 2 + count]
+        self._samples.effort[1:] = measured[3 : 2 + count] if self.device.n_motors else self._sent
         return self._samples.stamped(stamp)
 
     def _told(self) -> tuple[dict[str, bool], dict[str, Any]]:
