@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from via_controllers.nodes.bang_bang import BangBangParameters
 from via_controllers.nodes.excitation import ExcitationParameters
+from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleParameters
 from via_estimators.nodes.estimator import EstimatorParameters
 from via_gap.nodes.monitor import MonitorParameters
+from via_sim.nodes.arm_simulator import ArmSimulatorParameters
 from via_sim.nodes.simulator import SimulatorParameters
 
 PACKAGE = Path(__file__).resolve().parent.parent
@@ -21,6 +24,11 @@ PARAMETERS = {
         "estimator": EstimatorParameters,
     },
     "gap.yaml": {"gap_monitor": MonitorParameters},
+    "modal_limit_cycle.yaml": {
+        "arm_simulator": ArmSimulatorParameters,
+        "modal_limit_cycle": ModalLimitCycleParameters,
+    },
+    "bang_bang.yaml": {"arm_simulator": ArmSimulatorParameters, "bang_bang": BangBangParameters},
 }
 
 
@@ -56,7 +64,7 @@ def test_every_configuration_is_declared_with_a_description(file):
     asked = [*calls(file, "LaunchConfiguration"), *calls(file, "text")]
     used = {call.args[0].value for call in asked if isinstance(call.args[0], ast.Constant)}
     assert used == declared
-    assert declared & {"device", "joints"}
+    assert declared & {"device", "joints", "arm"}
     assert all(given(call, "description") for call in calls(file, "DeclareLaunchArgument"))
 
 

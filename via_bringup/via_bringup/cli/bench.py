@@ -88,6 +88,17 @@ def controllers(turns: Turns = 15, as_rows: Json = None) -> None:
 
 
 @app.command()
+def arm(
+    seconds: Annotated[float, typer.Option(min=5.0, max=3600.0, help="How long each law is at work [s].")] = 20.0,
+    as_rows: Json = None,
+) -> None:
+    """Laws of an arm over DDS in real time at 1 kHz in one process: late commands, and what they cost."""
+    from via_bringup.bench.arm import arm_rows
+
+    shown("Arm in real time", arm_rows(seconds), as_rows)
+
+
+@app.command()
 def node(
     seconds: Annotated[float, typer.Option(min=1.0, max=86400.0, help="How long samples are sent [s].")] = 60.0,
     joints: Annotated[int, typer.Option(min=1, max=64, help="Joints of two transmissions.")] = 16,

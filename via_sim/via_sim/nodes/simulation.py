@@ -73,6 +73,7 @@ class SimulationNode(Node, Generic[Row]):
         super().__init__(name, **options)
         self.finished = Future()
         self._tick = self._late = self._skipped = self._refused = self._unmatched = self._repeats = 0
+        self._taken = self._overtaken = 0
         self._last = sys.maxsize
         self._running = False
         self._looks = self._reported = 0
@@ -190,6 +191,11 @@ class SimulationNode(Node, Generic[Row]):
         """Ticks that began more than one period late, in real time."""
         return self._late
 
+    @property
+    def late_commands(self) -> float:
+        """Share of the commands that came when the sample after theirs had been said, not in lockstep."""
+        return self._overtaken / max(self._taken, 1)
+
     def _stamp(self) -> int:
         return self._epoch + self._after(self._tick)
 
@@ -231,7 +237,10 @@ class SimulationNode(Node, Generic[Row]):
             self._command = row
             self._step()
             return
-        self._command, self._heard = row, stamp if self._epoch <= stamp <= now else now
+        known = self._epoch <= stamp <= now
+        self._taken += 1
+        self._overtaken += known and stamp < now
+        self._command, self._heard = row, stamp if known else now
 
     # ---- diagnostics
 
@@ -256,7 +265,8 @@ class SimulationNode(Node, Generic[Row]):
         rate, self._reported = (self._tick - self._reported) / REPORT, self._tick
         values = {
             "ticks": self._tick, "rate [Hz]": f"{rate:g}", "late ticks": self._late, "skips of time": self._skipped,
-            "refused commands": self._refused, "unmatched commands": self._unmatched, "repeated samples": self._repeats,
+            "late commands": f"{self.late_commands:.4f}", "refused commands": self._refused,
+            "unmatched commands": self._unmatched, "repeated samples": self._repeats,
             **values,
         }  # fmt: skip
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]

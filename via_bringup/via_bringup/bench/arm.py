@@ -1,0 +1,124 @@
+"""An arm and its law over DDS in real time at 1 kHz, in one process: how many commands come late, and what it costs.
+
+The limit cycle after a push, and the bang-bang law from a deflection, as in the tests in lockstep. A command is late
+when the next sample has been said before it came; the simulator then goes on under the last one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from via_controllers.modal_transform import first_basis
+from via_controllers.nodes.bang_bang import BangBangNode
+from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleNode
+from via_core.errors import ViaError
+from via_core.signals import Array
+from via_interfaces.msg import ControlState
+from via_interfaces.srv import Push
+from via_ros import qos
+from via_sim.nodes.arm_simulator import ArmSimulatorNode
+
+from via_bringup.composition import Composition
+from via_bringup.control import bang_bang, limit_cycle
+from via_bringup.control.cycles import Cycles, spread
+from via_bringup.tables.rows import Row
+
+RATE = 1000.0  # [Hz]
+PATIENCE = 30.0  # [s] beyond the time that is simulated
+SETTINGS = "reference_4dof, realtime, 1 kHz, one process, one executor"
+
+
+@dataclass(frozen=True)
+class Live:
+    """N samples of a law at work in real time."""
+
+    names: tuple[str, ...]
+    told: Array  # (N, k)
+    late_commands: float  # share of all
+    late_ticks: float  # share of all
+    limited: float  # share of samples
+
+    def late(self, name: str) -> Array:
+        """What the law told under this name in the second half."""
+        return np.asarray(self.told[len(self.told) // 2 :, self.names.index(name)])
+
+
+def live(
+    kind: Callable[..., Any], parameters: dict[str, Any], simulator: dict[str, Any], push: Array, seconds: float
+) -> Live:
+    """The law over `seconds` [s] of real time, the links put aside by `push` (n,) [rad]."""
+    with Composition() as graph:
+        graph.add(kind, **parameters)
+        arm = graph.add(ArmSimulatorNode, mode="realtime", rate=RATE, duration=seconds, listeners=1, **simulator)
+        told: list[tuple[int, Array]] = []
+        names: list[str] = []
+
+        def hear(message: ControlState) -> None:
+            names[:] = names or message.name
+            told.append((message.limited, np.array(message.value)))
+
+        arm.create_subscription(ControlState, "/reference_4dof/control", hear, qos.SAMPLES)
+        pusher = arm.create_client(Push, "/arm_simulator/push")
+        graph.run_until(lambda: pusher.service_is_ready() and len(told) > 10, PATIENCE, "the first samples")
+        answer = pusher.call_async(Push.Request(deflection=push.tolist()))
+        graph.run_until(answer.done, PATIENCE, "a push")
+        if not answer.result().success:
+            raise ViaError(answer.result().message)
+        graph.run_until(arm.finished.done, seconds + PATIENCE, "the end")
+        shares = arm.late_commands, arm.late_ticks / arm.ticks
+    limited = float(np.mean([bool(each) for each, _ in told]))
+    return Live(tuple(names), np.array([values for _, values in told]), *shares, limited)
+
+
+def arm_rows(seconds: float) -> list[Row]:
+    """Both laws, each for so many seconds."""
+    return [*_modal(seconds), *_bang_bang(seconds)]
+
+
+def _modal(seconds: float) -> Iterator[Row]:
+    k, level = 0, limit_cycle.LEVEL
+    z = np.zeros(limit_cycle.ARM.n)
+    z[k] = 0.5 * np.sqrt(2.0 * level)
+    W = first_basis(limit_cycle.ARM.inertia(limit_cycle.EQUILIBRIUM), limit_cycle.STIFFNESS).W
+    found = live(ModalLimitCycleNode, {"mode": k + 1}, {"posture": limit_cycle.EQUILIBRIUM.tolist()}, W @ z, seconds)
+    what = "limit cycle, mode 1"
+    yield from _shares("arm.limit_cycle", what, found)
+    error = float(np.abs(found.late("H") / level - 1.0).max())
+    yield Row("arm.limit_cycle.H", what, "largest |H/H_d - 1|, second half [-]", None, error, 2e-3, SETTINGS)
+    others = np.array([found.late(f"z_{i + 1}") for i in range(limit_cycle.ARM.n) if i != k])
+    leak = float(np.abs(others).max() / np.sqrt(2.0 * level))
+    yield Row("arm.limit_cycle.leak", what, "leak into other modes, second half [-]", None, leak, 1e-4, SETTINGS)
+
+
+def _bang_bang(seconds: float) -> Iterator[Row]:
+    arm = bang_bang.damped_arm()
+    direction = np.array(bang_bang.DIRECTIONS[1])
+    linear, law = bang_bang.linear_modes(arm, np.array(bang_bang.MOTORS)), bang_bang.reference_law(arm, direction)
+    found = live(
+        BangBangNode,
+        {"direction": direction.tolist()},
+        {"posture": linear.rest.tolist(), "link_friction": arm.link_friction.tolist()},
+        bang_bang.PUSH * law.direction,
+        seconds,
+    )
+    what = "bang-bang law, mode 1"
+    yield from _shares("arm.bang_bang", what, found)
+    w = np.array([found.late(f"w_{i + 1}")[-1] for i in range(arm.n)])
+    cosine = float(abs(w @ linear.directions[:, 0])) / float(np.linalg.norm(w))
+    angle = float(np.degrees(np.arccos(min(1.0, cosine))))
+    yield Row("arm.bang_bang.angle", what, "w_1 from the linear mode [deg]", None, angle, 3.0, SETTINGS)
+    y = found.late("y")
+    cycles = Cycles(np.arange(len(y)) / RATE, y)
+    regular = spread(cycles.periods)
+    yield Row("arm.bang_bang.period", what, "std / mean of the period, second half [-]", None, regular, 1e-3, SETTINGS)
+    ratio = 1.0 / (float(cycles.periods.mean()) * float(linear.frequencies[0]))
+    yield Row("arm.bang_bang.ratio", what, "f / f_lin, 1.03 to 1.15 [-]", None, ratio, 1.15, SETTINGS)
+
+
+def _shares(at: str, what: str, found: Live) -> Iterator[Row]:
+    yield Row(f"{at}.late_commands", what, "late commands [-]", None, found.late_commands, None, SETTINGS)
+    yield Row(f"{at}.late_ticks", what, "late ticks [-]", None, found.late_ticks, None, SETTINGS)
+    yield Row(f"{at}.limited", what, "samples at a limit [-]", None, found.limited, None, SETTINGS)
