@@ -25,7 +25,7 @@ def test_a_wrong_direction_is_missed_and_says_why(monkeypatch):
     whole = bang_bang.free_motion(1, 1.6)
     monkeypatch.setattr(section6_bang_bang, "free_motion", lambda mode, duration: replace(whole, angle=13.0))
     row = section6_bang_bang._free(1)[0]
-    assert row.ok is False and "(113)-(115)" in row.remark
+    assert row.ok is False and "modes 3 and 4" in row.remark
 
 
 def test_the_hopper_is_judged_by_its_worth(monkeypatch):

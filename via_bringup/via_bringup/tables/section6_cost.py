@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from via_bringup.bench.controllers import limit_cycle_time
 from via_bringup.control.bang_bang import free_motion
-from via_bringup.control.energy import Energy, bang_bang_energy, limit_cycle_energy
+from via_bringup.control.energy import Energy, bang_bang_energy, limit_cycle_energy, scaled_energy
+from via_bringup.control.limit_cycle import law_of
 from via_bringup.tables.rows import Row
 
 TOO_STIFF, SMALL = 3.0, 0.005  # of the matched K_d; H_d [kg m^2] at which motors are not yet at their limits
@@ -26,6 +27,9 @@ def rows(told: Callable[[str], None]) -> list[Row]:
         c, spent = limit_cycle_energy(mode)
         words = f"limit cycle on mode {mode + 1}, K_d matched to the springs, {c:.2f} diag(K_0)"
         found += _energy(f"6.energy.matched.mode{mode + 1}", words, spent, limit, "reference set-up but for K_d")
+        words = f"limit cycle on mode {mode + 1}, K_d = diag(K_0): gravity and load make the arm stiffer"
+        whole = scaled_energy(law_of(mode), 1.0)
+        found += _energy(f"6.energy.as_set_up.mode{mode + 1}", words, whole, None, "reference set-up")
     c, spent = limit_cycle_energy(0, TOO_STIFF, SMALL)
     at, words = "6.energy.stiff.mode1", f"limit cycle on mode 1, K_d {TOO_STIFF:g} times too stiff, {c:.2f} diag(K_0)"
     found.append(Row(f"{at}.inverse", f"{words}: rigid joints' work over it; it must not save any", "ratio [-]", None,
@@ -41,7 +45,7 @@ def rows(told: Callable[[str], None]) -> list[Row]:
     return found
 
 
-def _energy(at: str, words: str, spent: Energy, limit: float, setting: str) -> list[Row]:
+def _energy(at: str, words: str, spent: Energy, limit: float | None, setting: str) -> list[Row]:
     settings = f"{SETTINGS}; {setting}; {spent.cycles} cycles"
     return [
         Row(at, f"{words}: {spent.flexible:.3f} J per cycle", RATIO, None, spent.ratio, limit, settings),
