@@ -74,8 +74,6 @@ class ServoMotor(_Part):
     """A motor angle that follows its command as a critically damped second-order lag and is not driven back."""
 
     bandwidth: Positive  # w [rad/s]
-    # relative standard deviation: a lag that stands for dead time as well is known to its order only
-    bandwidth_tolerance: Annotated[float, Field(strict=True, gt=0.0, le=0.75)] = 0.05
 
 
 def _motor_kind(motor: Any) -> str:
@@ -255,6 +253,22 @@ class Observed(_Part):
     inertia_tolerance: Annotated[float, Field(strict=True, ge=0.0, le=1.0)] = 0.15  # relative sd of the link's inertia
 
 
+Tolerance = Annotated[float, Field(strict=True, gt=0.0, le=0.65)]
+
+
+class Tolerances(_Part):
+    """How well the numbers of a file are known: relative standard deviations, 5 % where the sources say no more."""
+
+    link_inertia: Tolerance = 0.05
+    link_friction: Tolerance = 0.05  # viscous and dry
+    gravity: Tolerance = 0.05
+    motor_inertia: Tolerance = 0.05
+    motor_friction: Tolerance = 0.05  # viscous and dry
+    bandwidth: Tolerance = 0.05  # of servos
+    spring: Tolerance = 0.05  # torque at a deflection
+    damper: Tolerance = 0.05  # damping at a command
+
+
 class Wire(_Part):
     """Names in sensor_msgs/JointState, on topics and in CSV files; empty ones follow from the device's name."""
 
@@ -280,6 +294,7 @@ class Device(_Part):
     damper: Damping | None = None
     sensors: Sensors
     observed: Observed = Observed()
+    tolerances: Tolerances = Tolerances()
     wire: Wire = Wire()
 
     @model_validator(mode="after")

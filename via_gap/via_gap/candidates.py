@@ -193,6 +193,15 @@ def _settle_times(
     return at, value, residual
 
 
+def _spread(normal: Array, width: Array, first: int) -> Array:
+    """(p,) standard deviations of the parameters from `first` on; one that nothing depends on is known to `width`."""
+    informed = normal.copy()
+    informed[range(first, len(normal)), range(first, len(normal))] += width**-2.0
+    scale = np.sqrt(np.diag(informed))
+    inverse = np.linalg.inv(informed / np.outer(scale, scale) + 1e-14 * np.eye(len(normal)))
+    return np.sqrt(np.maximum(np.diag(inverse)[first:], 0.0)) / scale[first:]
+
+
 def refine(
     problem: Problem,
     base: Fit,
@@ -243,6 +252,7 @@ def refine(
         side = problem.nuisance_jacobian([e for e in effects_at(at) if e is not None], at[:count], residual)
     normal, since = np.eye(count + many), value if fresh else base.loss
     slopes, sloped = np.empty((problem.size, many)), np.inf
+    apart = np.zeros(many, dtype=bool)
     for round_ in range(rounds):
         if round_ < 2 and times.any():
             at, value, residual = _settle_times(
@@ -257,6 +267,7 @@ def refine(
             points = [at + np.append(np.zeros(count), np.where(np.arange(many) == j, steps, 0.0)) for j in range(many)]
             moved = losses(points)[1]
             slopes = (moved - residual).T / steps
+            apart = ~np.isfinite(slopes[0])  # no neighbour makes an effect: a side, or a number at its bound
             slopes[~np.isfinite(slopes)] = 0.0
             slopes[:, times] = 0.0
             sloped = value
@@ -287,6 +298,6 @@ def refine(
             fresh, since = True, value
     effects = [effect for effect in effects_at(at) if effect is not None]
     excess = max(value / max(len(residual), 1), 1.0)
-    covariance = np.linalg.pinv(normal) * excess
-    spread = np.sqrt(np.maximum(np.diag(covariance)[count:], 0.0)) * size
+    spread = _spread(normal, high - low, count) * np.sqrt(excess)
+    spread = np.where(times, TIME_STEPS[-1], np.where(apart, 0.0, np.minimum(spread, high - low))) * size
     return Fit(tuple(effects), at[:count].copy(), value, residual, spread)

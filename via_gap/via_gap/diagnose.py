@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -20,6 +21,7 @@ from via_gap.equation_bench import EquationBench
 from via_gap.evidence import Judged, judge
 from via_gap.evidence_figures import evidence_figures, joint_sketch
 from via_gap.figures import Figures
+from via_gap.folds import STANDARD_ERRORS, Folds
 from via_gap.localise import SiteShare, localise
 from via_gap.log import JointLog, believed
 from via_gap.measured import Errors, equation_errors, free_errors, shot_errors
@@ -34,10 +36,10 @@ from via_gap.report import Place as Named
 from via_gap.residuals import weak_residuals
 from via_gap.scales import scales_of
 from via_gap.search import Progress, Search
-from via_gap.shots import Bench, Indices, Shots, cut_log
+from via_gap.shots import Bench, Indices, Shots, cut_log, whole_log
 from via_gap.split import one_sided, split, split_finely
 from via_gap.verdict import Decision, decide
-from via_gap.withheld import stretches
+from via_gap.withheld import runs_free, stretches
 
 
 def diagnose(
@@ -46,12 +48,15 @@ def diagnose(
     holdout: Sequence[JointLog] | None = None,
     progress: Progress | None = None,
     bench: Callable[[Shots, Indices], AnyBench] = Bench.of,
+    groups: Mapping[str, Hashable] | None = None,
 ) -> GapReport:
     """Where the gap between `logs` and the nominal `device` lies, what causes it, and how far it shrinks.
 
-    holdout   logs to judge on; without them blocks of `logs` are held out
+    holdout   logs to judge on; without them blocks of `logs` are held out. Where motors follow their commands, so that
+              a log is one free run, causes are chosen by `logs` alone, each judged by fits to others (see `Folds`)
     progress  is told what is being done and how much is done
     bench     how shots are judged: simulated from measured states, or EquationBench.of by their equation
+    groups    of logs, by their names: those of one group never vouch for each other. Each its own without
 
     Raises SignalError where there is no log at all. A log that cannot be used is a finding in the report.
     """
@@ -64,8 +69,9 @@ def diagnose(
     tell("looking at the data", 0.0)
     findings = [finding for log in (*logs, *(holdout or ())) for finding in check_log(log)]
     refused = {finding.log for finding in findings if finding.severity == "refuse"}
-    usable, failures = _cut([log for log in logs if log.name not in refused])
-    judged_on, more = _cut([log for log in holdout or () if log.name not in refused])
+    cut = whole_log if holdout and runs_free(device) else cut_log
+    usable, failures = _cut([log for log in logs if log.name not in refused], cut)
+    judged_on, more = _cut([log for log in holdout or () if log.name not in refused], cut)
     findings += failures + more
     names = tuple(log.name for log in holdout) if holdout else ("blocks of the same logs",)
     short = GapReport(
@@ -76,7 +82,7 @@ def diagnose(
     if not usable or (holdout and not judged_on):
         return short
     train, held, everything = split(usable, judged_on)
-    if sum(map(len, train)) < 6 or sum(map(len, held)) < 3:
+    if cut is cut_log and (sum(map(len, train)) < 6 or sum(map(len, held)) < 3):
         few = Finding(
             log=logs[0].name, check="length", signal="time", severity="refuse", value=float(sum(map(len, train))),
             text="too few stretches of data to fit on some and judge on others",
@@ -88,6 +94,13 @@ def diagnose(
     if not judged_on and one_sided(fitted.per_shot(base.residual), tuned.shots, frozen.no_gap):
         train, held = split_finely(everything)
         fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
+    folds = None
+    if cut is whole_log:
+        told = groups or {}
+        folds = Folds.of(fitted, [told.get(s.log.name, i) for i, s in enumerate(usable) if len(train[i])])
+    if folds is not None:
+        frozen = frozen.model_copy(update={"significance": STANDARD_ERRORS})
+        before, (tuned,) = folds.nominal(before.fit), folds.judge([base], None)
     tell("localising", 0.15)
     numbers = repaired_device(device, fitted.nuisances, base.deviations)
     residuals = [weak_residuals(each, numbers) for each in everything]
@@ -95,18 +108,20 @@ def diagnose(
     causes: list[Judged] = []
     pairs: list[Judged] = []
     begins = [s.time[which] - s.log.measured.time[0] for s, which in zip(everything, train, strict=True)]
-    scales = scales_of(everything, residuals, np.concatenate(begins), fitted.per_shot(base.residual))
+    seen = len(everything) if folds is None else len(usable)
+    scales = scales_of(everything[:seen], residuals[:seen], np.concatenate(begins), fitted.per_shot(base.residual))
     candidates = places(device, everything[0].log)
     if len(everything) > 1:  # what came and went at one time of one run is not the cause of the gap of several
         candidates = tuple(place for place in candidates if place.name != "external_torque")
     if tuned.mean_square > frozen.no_gap:
         tell("trying every effect at every place", 0.2)
-        search = Search.of(fitted, judged, base, jacobian, candidates, scales)
+        weigh = partial(judge, judged) if folds is None else partial(folds.judge, scales=scales)
+        search = Search.of(fitted, weigh, base, jacobian, candidates, scales, folds is not None)
         causes = search.single(tell)
         if not judged_on and causes and timed(causes[0].fit):  # when it begins is seen in one shot
             train, held = split_finely(everything)
             fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
-            search = Search.of(fitted, judged, base, jacobian, candidates, scales)
+            search = Search.of(fitted, partial(judge, judged), base, jacobian, candidates, scales)
             causes = search.single(tell)
         causes, pairs = search.more(causes, frozen, tell)
     tell("weighing the evidence", 0.9)
@@ -157,11 +172,11 @@ def _honest(verdict: Verdict, log: JointLog) -> Verdict:
     return "cannot_tell" if verdict == "unknown" and drifts else verdict
 
 
-def _cut(logs: Sequence[JointLog]) -> tuple[list[Shots], list[Finding]]:
+def _cut(logs: Sequence[JointLog], cut: Callable[[JointLog], Shots]) -> tuple[list[Shots], list[Finding]]:
     shots, findings = [], []
     for log in logs:
         try:
-            shots.append(cut_log(log))
+            shots.append(cut(log))
         except SignalError as error:
             findings.append(
                 Finding(log=log.name, check="usable", signal="all", severity="refuse", value=0.0, text=str(error))
@@ -178,7 +193,7 @@ def _gap(
         errors = (equation_errors(judged, each.residual) for each in (before, tuned, decision.chosen))
         return _told("equations", *errors)
     model = flexible(fitted, chosen)
-    if device.drive == "torque" or device.n_motors == 0:
+    if not runs_free(device):
         by: Literal["shots", "free run"] = "shots"
         three = [shot_errors(judged, each.residual) for each in (before, tuned, decision.chosen)]
         reached = shot_errors(judged, model.residual(judged, model.functions(judged)))

@@ -1,8 +1,10 @@
 """Evidence on data not fitted: held-out shots simulated with each fitted cause, compared shot by shot.
 
 A cause's score is the mean over held-out shots of log(1 + z^2), z^2 the mean squared whitened error of a shot: an error
-halved counts the same wherever it is, and nothing is gained below the noise. Neighbouring shots share what the joint
-was doing, so that differences are judged by resampling blocks of shots, never as if rows were independent.
+halved counts the same wherever it is, and nothing is gained below the noise. Free runs are scored by log(1 + mean z^2):
+their gap is the mean squared error, far beyond the noise wherever a model is not quite right. Neighbouring shots share
+what the joint was doing, so that differences are judged by resampling blocks of shots, never as if rows were
+independent.
 """
 
 from __future__ import annotations
@@ -30,20 +32,18 @@ class Judged:
     residual  (R,) whitened, held out
     shots     (S,) mean squared whitened error of each shot
     block     shots that are resampled together
+    free      whether they are free runs
     """
 
     fit: Fit
     residual: Array
     shots: Array
     block: int
-
-    @property
-    def logs(self) -> Array:
-        return np.log1p(self.shots)
+    free: bool = False
 
     @property
     def score(self) -> float:
-        return float(np.mean(self.logs))
+        return float(np.log1p(self.mean_square) if self.free else np.mean(np.log1p(self.shots)))
 
     @property
     def mean_square(self) -> float:
@@ -64,7 +64,10 @@ def judge(held: Problem, fits: Sequence[Fit]) -> list[Judged]:
 
 def difference(a: Judged, b: Judged, seed: int = 0) -> tuple[float, float]:
     """How much worse a scores than b, and the standard deviation of that by resampled blocks."""
-    return _resampled(a.logs - b.logs, a.block, seed)
+    if not a.free:
+        return _resampled(np.log1p(a.shots) - np.log1p(b.shots), a.block, seed)
+    between = 1.0 + 0.5 * (a.mean_square + b.mean_square)  # the slope of the logarithm between the two
+    return _resampled((a.shots - b.shots) / between, a.block, seed)
 
 
 def _resampled(values: Array, block: int, seed: int) -> tuple[float, float]:

@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from via_core.devices import ServoMotor
+from via_core.devices import Tolerances
 from via_core.signals import Array
-from via_sim.device_numbers import AXES, numbers_of
+from via_sim.device_numbers import numbers_of
 from via_sim.plants import JointPlant
 
-TOLERANCE = 0.05  # relative standard deviation of a device's number
 BOUND = 1.3  # standard deviations to which a number may go
 
 
@@ -33,19 +32,23 @@ class Nuisance:
         row[list(self.slots)] *= factor
 
 
-def nuisances(plant: JointPlant, tolerance: float = TOLERANCE) -> tuple[Nuisance, ...]:
+def nuisances(plant: JointPlant) -> tuple[Nuisance, ...]:
     """The numbers of a nominal plant that are not zero: inertias, frictions, springs, gravity, servos, damper."""
-    device = plant.device
-    loose = {
-        f"{name} bandwidth": motor.bandwidth_tolerance
-        for name, motor in zip(AXES[1:], device.motors)
-        if isinstance(motor, ServoMotor)
-    }
+    known = plant.device.tolerances
     return tuple(
-        Nuisance(each.name, each.unit, each.value, loose.get(each.name, tolerance), each.slots)
+        Nuisance(each.name, each.unit, each.value, _tolerance(known, each.name), each.slots)
         for each in numbers_of(plant.parameters)
         if each.value != 0.0
     )
+
+
+def _tolerance(known: Tolerances, name: str) -> float:
+    """What the device file says of the number that `numbers_of` calls `name`."""
+    part, _, what = name.partition(" ")
+    kind = next(key for key in ("bandwidth", "inertia", "friction", "") if key in what)
+    if kind in ("inertia", "friction"):
+        return float(getattr(known, f"{part}_{kind}"))
+    return float(getattr(known, kind or part))
 
 
 def apply_all(row: Array, each: tuple[Nuisance, ...], deviations: Array) -> None:

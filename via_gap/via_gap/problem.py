@@ -20,7 +20,7 @@ from via_gap.nuisance import BOUND, Nuisance, apply_all, descend, nuisances
 from via_gap.shots import Bench, Indices, Shots
 
 AnyBench = Bench | EquationBench
-STEP = 0.2  # standard deviations: step of the finite differences of a nuisance parameter
+STEP = 0.01  # of a nuisance parameter: step of its finite differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,15 +89,12 @@ class Problem:
 
     def nuisance_jacobian(self, effects: Sequence[Effect], deviations: Array, residual: Array) -> Array:
         """(R, J): change of the residual per standard deviation of each nuisance."""
-        rows = []
-        for j in range(len(self.nuisances)):
-            moved = deviations.copy()
-            moved[j] += STEP if deviations[j] <= 0.0 else -STEP
-            rows.append(self.row(effects, moved))
-        if not rows:
+        if not self.nuisances:
             return np.empty((len(residual), 0))
-        signs = np.where(deviations <= 0.0, STEP, -STEP)
-        return ((self.residual(rows) - residual) / signs[:, None]).T
+        steps = STEP / np.array([each.tolerance for each in self.nuisances])
+        steps = np.where(deviations <= 0.0, steps, -steps)
+        rows = [self.row(effects, moved) for moved in deviations + np.diag(steps)]
+        return ((self.residual(rows) - residual) / steps[:, None]).T
 
     def fit_nuisances(
         self, effects: Sequence[Effect], deviations: Array, rounds: int = 3

@@ -15,7 +15,7 @@ from via_core.signals import Array
 
 from via_gap.calibration import Calibration
 from via_gap.candidates import Direction, Fit, directions, ranked, refine
-from via_gap.evidence import Judged, judge
+from via_gap.evidence import Judged
 from via_gap.places import Place
 from via_gap.problem import Problem
 from via_gap.scales import KEPT_ORDERS, Scales
@@ -23,9 +23,11 @@ from via_gap.thinned import thinned
 from via_gap.verdict import helps, rms
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
+Judge = Callable[[Sequence[Fit]], list[Judged]]  # fits, all or the best, on data they were not fitted to
 REFINED = 9  # candidates that are fitted
 REFINED_SECOND = 4
 REFINED_SERVO = 10  # fewer places, and published models of servos lack more than one thing
+REFINED_FREE = 7  # where every fit is judged by several more
 AGAIN = 2  # times as many are simulated beside the effect they are to join
 HOPE = 0.5  # share of the gain asked of a set on held-out shots, that one must reach on those it is fitted to
 MOST = 4  # effects that are added one by one
@@ -49,33 +51,48 @@ Members = list[tuple[Place, list[float]]]
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Problems to fit, all shots and few, and to judge; what `base`, the device's own numbers, leaves of both."""
+    """Problems to fit, all shots and few, and how to judge; what `base`, the device's own numbers, leaves of both."""
 
     whole: Problem
     few: Problem
-    judged: Problem
+    judge: Judge
     base: Fit
     start: Fit  # base on few shots
     jacobian: Array  # (R, J) of base on few shots
     tried: list[Direction]
     candidates: tuple[Place, ...]
     scales: Scales
+    crossed: bool  # whether `judge` fits again
 
     @staticmethod
     def of(
-        whole: Problem, judged: Problem, base: Fit, jacobian: Array, candidates: Sequence[Place], scales: Scales
+        whole: Problem,
+        judge: Judge,
+        base: Fit,
+        jacobian: Array,
+        candidates: Sequence[Place],
+        scales: Scales,
+        crossed: bool = False,
     ) -> Search:
         """Simulates every effect at every place."""
         few, which = thinned(whole, base.residual)
         start = base if few is whole else _on(few, base)
         tried = directions(few, start, candidates, scales)
-        return Search(whole, few, judged, base, start, jacobian[which], tried, tuple(candidates), scales)
+        return Search(whole, few, judge, base, start, jacobian[which], tried, tuple(candidates), scales, crossed)
+
+    @property
+    def refined(self) -> int:
+        """Candidates to join others that are fitted."""
+        if self.whole.device.drive == "torque":
+            return REFINED_SECOND
+        return REFINED_FREE if self.crossed else REFINED_SERVO
 
     def single(self, tell: Progress) -> list[Judged]:
         """The best candidates, fitted and judged, best held-out score first."""
         fits: list[Fit] = []
         best = 0.0
-        for number, (loss, place, values) in enumerate(ranked(self.start, self.jacobian, self.tried)[:REFINED]):
+        most = REFINED_FREE if self.crossed else REFINED
+        for number, (loss, place, values) in enumerate(ranked(self.start, self.jacobian, self.tried)[:most]):
             if best and loss > NEAR * max(best, 1.0 * self.few.size) and number > 2:
                 break
             tell(f"fitting {place}", 0.25 + 0.2 * number / REFINED)
@@ -84,7 +101,7 @@ class Search:
                 fits.append(fit)
                 best = min(best, fit.loss) if best else fit.loss
         tell("fitting the best", 0.45)
-        return sorted(judge(self.judged, self._finished(fits, CLOSE, CLOSEST)), key=lambda each: each.score)
+        return sorted(self.judge(self._finished(fits, CLOSE, CLOSEST)), key=lambda each: each.score)
 
     def more(self, causes: list[Judged], frozen: Calibration, tell: Progress) -> tuple[list[Judged], list[Judged]]:
         """Effects added one by one to the best so far, as long as they help -> (single causes, pairs and larger sets).
@@ -93,7 +110,8 @@ class Search:
         not found its way alone comes out of it as good as the pair, and the pair is dropped.
         """
         sets: list[Judged] = []
-        leaders = [each for each in causes[:2] if each.score < causes[0].score + RIVAL]
+        leaders = [each for each in causes[:2] if each.score < causes[0].score + (0.0 if each.free else RIVAL)]
+        leaders = leaders or causes[:1]
         while leaders and len(leaders[0].fit.effects) < MOST:
             single = len(leaders[0].fit.effects) == 1
             if leaders[0].mean_square <= (frozen.enough if single else frozen.explained):
@@ -109,11 +127,11 @@ class Search:
                 break
             fits = here._finished(fits, CLOSE_SECOND, CLOSEST_SECOND)
             fits += here._plainer(min(fits, key=lambda fit: fit.loss))
-            found = sorted(judge(self.judged, fits), key=lambda each: each.mean_square)
+            found = sorted(self.judge(fits), key=lambda each: each.mean_square)
             best, before = found[0], min(leaders, key=lambda each: each.mean_square)
             if not helps(best, before, causes[0], frozen):
                 break
-            again = judge(self.judged, here._shorter(best.fit))
+            again = self.judge(here._shorter(best.fit))
             (causes if len(best.fit.effects) == 2 else sets).extend(again)
             if any(rms(each) - rms(best) < frozen.second_gain * rms(causes[0]) for each in again):
                 break
@@ -159,7 +177,7 @@ class Search:
 
     def _joined(self, first: Fit, rival: float) -> list[Fit]:
         """Fits on few shots of `first` with one effect more."""
-        refined = REFINED_SECOND if self.whole.device.drive == "torque" else REFINED_SERVO
+        refined = self.refined
         here = _on(self.few, first)
         jacobian = self.few.nuisance_jacobian(here.effects, here.deviations, here.residual)
         known = [each for each in self.tried if each.place not in first.places]

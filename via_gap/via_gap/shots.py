@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import ceil
 
 import numpy as np
@@ -145,6 +145,15 @@ def cut_log(log: JointLog, span: float | None = None) -> Shots:
         noise,
         sure,
     )
+
+
+def whole_log(log: JointLog) -> Shots:
+    """One shot over all of a log, from where it stood when it began: a free run. Raises SignalError as `cut_log` does.
+
+    Such a log is compared as it is: of errors beyond the sensors' most would else be put down to the start.
+    """
+    shots = cut_log(log, log.duration)
+    return replace(shots, start_noise=np.zeros_like(shots.start_noise))
 
 
 def binned(angles: Array, every: int, averaged: bool) -> Array:

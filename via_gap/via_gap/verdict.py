@@ -13,6 +13,8 @@ from via_gap.evidence import NOISE, Judged, cost, difference, needless, probabil
 from via_gap.places import Place
 from via_gap.report import Verdict
 
+IN_PART = 0.3  # probability of an effect that helps, where even all that help leave much unexplained
+
 
 @dataclass(frozen=True, eq=False)
 class Decision:
@@ -43,13 +45,11 @@ def decide(tuned: Judged, causes: Sequence[Judged], sets: Sequence[Judged], froz
     tied = [each for each in kept if _ties(each, best, frozen)]
     equivalent = tuple(each.fit.places[-1] for each in tied)
     pair = _accepted(sets, best, tuned, frozen)
-    if pair is not None and (len(pair.fit.effects) > 2 or _explained(tuned, pair, frozen)):
-        singles = [_alone(pair, i) for i in range(len(pair.fit.effects))]
-        members = tuple((each, 0.95) for each in singles)
+    if pair is not None and (_explained(tuned, pair, frozen) or (len(pair.fit.effects) > 2 and not pair.free)):
+        members = tuple((_alone(pair, i), 0.95) for i in range(len(pair.fit.effects)))
         shares = _shares(pair, kept, tuned)
         places = pair.fit.places
-        alike = [each for each in sets if len(each.fit.places) == len(places) and _ties(each, pair, frozen)]
-        equivalent = tuple(dict.fromkeys((*places, *(place for each in alike for place in each.fit.places))))
+        equivalent = _alike(pair, sets, frozen)
         return Decision("two_effects", pair, members, equivalent, places, tuple(zip(places, shares, strict=True)))
     ranked = tuple(sorted(zip(kept, map(float, weights), strict=True), key=lambda each: -each[1]))
     site_weights = tuple((each.fit.places[-1], weight) for each, weight in ranked)
@@ -60,11 +60,22 @@ def decide(tuned: Judged, causes: Sequence[Judged], sets: Sequence[Judged], froz
         else:
             chosen = best
         doubt = tuple((each, 0.3 * weight) for each, weight in ranked)
+        if pair is not None and pair.free:  # what is known of the cause, short of all of it, is worth repairing
+            chosen, equivalent = pair, _alike(pair, sets, frozen)
+            others = tuple((each, share) for each, share in doubt if each.fit.places[-1] not in pair.fit.places)
+            doubt = (*((_alone(pair, i), IN_PART) for i in range(len(pair.fit.effects))), *others)
         places = chosen.fit.places
         return Decision("unknown", chosen, doubt, equivalent, places, site_weights)
     if len(tied) > frozen.largest_set:
         return Decision("cannot_tell", best, ranked, equivalent, best.fit.places, site_weights)
     return Decision("effect", best, ranked, equivalent, best.fit.places, site_weights)
+
+
+def _alike(chosen: Judged, sets: Sequence[Judged], frozen: Calibration) -> tuple[Place, ...]:
+    """Places of a set of effects and of those as large that these data do not tell from it."""
+    places = chosen.fit.places
+    alike = [each for each in sets if len(each.fit.places) == len(places) and _ties(each, chosen, frozen)]
+    return tuple(dict.fromkeys((*places, *(place for each in alike for place in each.fit.places))))
 
 
 def _without_needless(causes: Sequence[Judged], frozen: Calibration) -> list[Judged]:
@@ -75,7 +86,7 @@ def _without_needless(causes: Sequence[Judged], frozen: Calibration) -> list[Jud
 
 def _ties(each: Judged, best: Judged, frozen: Calibration) -> bool:
     gap, deviation = difference(each, best)
-    return gap <= max(frozen.margin, 2.0 * deviation if gap < 0.2 else 0.0)
+    return gap <= max(frozen.margin, 2.0 * deviation if gap < 0.2 or each.free else 0.0)
 
 
 def rms(each: Judged) -> float:
@@ -128,6 +139,7 @@ def _alone(whole: Judged, member: int) -> Judged:
         whole.residual,
         whole.shots,
         whole.block,
+        whole.free,
     )
 
 

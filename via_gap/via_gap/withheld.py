@@ -26,7 +26,7 @@ def before_and_after(
     logs, or over the stretches that a report held out. Raises SignalError where nothing can be simulated.
     """
     shots, chosen = _chosen(logs, held_out)
-    if _runs_free(device):
+    if runs_free(device):
         return free_errors(device, (), shots, chosen), free_errors(device, effects, shots, chosen)
     problem = Problem.of(shots, chosen)
     before, after = problem.residual([problem.row(()), problem.row(effects)])
@@ -51,7 +51,7 @@ def _chosen(logs: Sequence[JointLog], held_out: Sequence[Stretch]) -> tuple[list
     return shots, chosen
 
 
-def _runs_free(device: Device) -> bool:
+def runs_free(device: Device) -> bool:
     """Whether the gap is that of one free run: where motors follow their commands."""
     return device.drive == "servo" and device.n_motors > 0
 
@@ -64,7 +64,7 @@ def stretches(shots: Sequence[Shots], held: Sequence[Indices]) -> tuple[Stretch,
         for run in np.split(which, np.flatnonzero(np.diff(which) != 1) + 1):
             if len(run):
                 end = begins[run[-1]] + each.ticks / each.rate
-                if run[-1] == len(each) - 1 and _runs_free(each.log.device):
+                if run[-1] == len(each) - 1 and runs_free(each.log.device):
                     end = each.log.duration  # what is left after the last shot counts there
                 found.append(Stretch(log=each.log.name, begin=float(begins[run[0]]), end=float(end)))
     return tuple(found)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 from jinja2 import Environment, StrictUndefined
+from via_gap.rendering.words import in_part
 from via_gap.replayed import pooled
 from via_gap.report import GapReport
 
@@ -15,6 +18,8 @@ from via_bringup.gap_real.run import ArmJoint, Joint
 from via_bringup.provenance import Provenance
 
 PAGE = "gap-real.md"
+ADR = "0008-free-runs-judge-themselves.md"
+EDGES = (0.0, 0.15, 0.3, 0.5, 0.8, 1.1)  # [s] of runs: standing, setting off, swinging, settling, at rest
 SAID = {
     "effect": "One effect explains it",
     "two_effects": "Two or more effects together explain it",
@@ -34,7 +39,9 @@ def write(joint: Joint, arm: Sequence[ArmJoint], source: Provenance, folder: Pat
     )
     environment.globals.update(verdict=verdict, causes=causes, numbers=numbers)
     template = environment.from_string(files("via_bringup.gap_real").joinpath("page.md").read_text("utf-8"))
-    text = template.render(joint=joint, arm=arm, source=source, strategies=_strategies(joint))
+    text = template.render(
+        joint=joint, arm=arm, source=source, strategies=_strategies(joint), windows=windows(joint), adr=ADR
+    )
     (folder / PAGE).write_text(text, encoding="utf-8")
     return folder / PAGE
 
@@ -42,7 +49,8 @@ def write(joint: Joint, arm: Sequence[ArmJoint], source: Provenance, folder: Pat
 def verdict(report: GapReport) -> str:
     """One sentence: the answer, what was added to the simulator, and what this log does not tell apart."""
     named = ", ".join(f"{place.effect} ({place.site})" for place in report.effects)
-    sentence = f"**{SAID[report.verdict]}**" + (f"; in the repair: {named}." if named else "; nothing is repaired.")
+    said = "Known effects explain it in part" if in_part(report) else SAID[report.verdict]
+    sentence = f"**{said}**" + (f"; in the repair: {named}." if named else "; nothing is repaired.")
     if len(report.equivalence_set) > 1 and report.verdict != "two_effects":
         tied = ", ".join(place.effect for place in report.equivalence_set)
         sentence += f" Not told apart: {tied}."
@@ -66,6 +74,24 @@ def numbers(report: GapReport) -> str:
         end = "at the end of its tolerance" if each.at_bound else ""
         rows.append(f"| {each.name} [{each.unit}] | {each.filed:.4g} | {each.fitted:.4g} | {end} |")
     return "\n".join(rows)
+
+
+def windows(joint: Joint) -> list[tuple[str, float, float, float]]:
+    """(seconds, root mean squared error [rad] before, after, share of the squared error left) of parts of the runs."""
+    errors = [
+        (before.time - before.time[0], before.simulated - before.measured, after.simulated - after.measured)
+        for _, before, after in joint.held
+    ]
+    time, before, after = (np.concatenate(each) for each in zip(*errors, strict=True))
+    rows = []
+    for low, high in pairwise((*EDGES, np.inf)):
+        inside = (time >= low) & (time < high)
+        if inside.any():
+            first, second = (float(np.sqrt(np.mean(error[inside] ** 2))) for error in (before, after))
+            share = float(np.sum(after[inside] ** 2) / np.sum(after**2))
+            label = f"{low:g} to {high:g}" if high < np.inf else f"from {low:g}"
+            rows.append((label, first, second, share))
+    return rows
 
 
 def _strategies(joint: Joint) -> list[tuple[str, int, float, float]]:

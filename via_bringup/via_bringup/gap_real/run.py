@@ -1,7 +1,8 @@
 """The two diagnoses: a variable-damping joint on trajectories held out, an arm whose dry friction was left out.
 
 Which files are fitted and which are judged was fixed before any result: odd trajectories against even ones (third
-repeat of all four damping strategies), the long excitation run against the two short ones.
+repeat of all four damping strategies), the long excitation run against the two short ones. Even trajectories have no
+part in choosing effects either: odd ones are judged by fits to others, all four runs of a trajectory left out together.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def diagnose_joint(folder: Path, progress: Progress) -> Joint:
     device = load_device(DEVICE)
     fitted: list[JointLog] = []
     held: list[JointLog] = []
-    refused = []
+    refused, trajectories = [], {}
     with tempfile.TemporaryDirectory() as bags:
         for file in import_recordings(folder, DEVICE, bags).files:
             found = re.search(rf"traj(\d+)_{REPEAT}\.csv$", file.source)
@@ -85,8 +86,10 @@ def diagnose_joint(folder: Path, progress: Progress) -> Joint:
             if file.bag is None:
                 refused.append(file.source)
                 continue
-            (fitted if int(found[1]) % 2 else held).append(read_log(file.bag, device))
-    report = diagnose(fitted, device, held, progress)
+            log = read_log(file.bag, device)
+            (fitted if int(found[1]) % 2 else held).append(log)
+            trajectories[log.name] = found[1]
+    report = diagnose(fitted, device, held, progress, groups=trajectories)
     moved = np.array([number.deviations for number in report.nuisance])
     repaired = repaired_device(device, nuisances(JointPlant.from_device(device)), moved)
     runs = []

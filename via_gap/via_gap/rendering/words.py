@@ -82,6 +82,10 @@ def headline(report: GapReport) -> str:
         return "No gap: the model explains this log down to what its sensors and its own tolerances allow."
     if verdict == "cannot_tell":
         return f"This log cannot tell what causes the gap: {_why_not(report)}."
+    if in_part(report):
+        named = listed([place_words(p) for p in report.effects])
+        left = f": {percent(gap.after)} of {percent(gap.before)} stay" if gap is not None else ""
+        return f"{capital(named)} explain the gap in part{left}."
     if verdict == "unknown":
         return f"None of the known effects explains the gap{_best_of_none(report)}."
     read = [place_words(p) for p in report.effects if of_readings(p)]
@@ -99,6 +103,11 @@ def headline(report: GapReport) -> str:
         return f"One effect explains the gap, but this log cannot tell which: {listed([*moved, *tied], 'or')}{besides}."
     closes = f": it closes {closed}" if closed else ""
     return f"{capital(moved[0])} explains the gap{closes}{besides}."
+
+
+def in_part(report: GapReport) -> bool:
+    """Whether several effects were found that each help, and that leave more than could be called explained."""
+    return report.verdict == "unknown" and len(report.effects) > 1
 
 
 def of_readings(place: Place | Cause) -> bool:
@@ -125,7 +134,8 @@ def cautions(report: GapReport) -> tuple[str, ...]:
         )
     if report.verdict == "unknown" and report.effects:
         named = listed([place_words(p) for p in report.effects])
-        said.append(f"The repair holds {named}: it makes the simulator better, it is not the explanation.")
+        more = "something else is missing as well" if in_part(report) else "it is not the explanation"
+        said.append(f"The repair holds {named}: it makes the simulator better, {more}.")
     at_bound = [n.name for n in report.nuisance if n.at_bound]
     if at_bound and report.verdict != "cannot_tell":
         said.append(f"Fitted to the end of what the device file tolerates: {listed(at_bound)}. Check this first.")

@@ -1,0 +1,143 @@
+"""Free runs: whole logs, evidence from fitted logs alone, and what was held out has no say in what is named."""
+
+import numpy as np
+import pytest
+from gap_logs import log_of, servo
+from via_core.devices import Tolerances
+from via_gap.calibration import calibration
+from via_gap.candidates import Fit, _spread, fit_base
+from via_gap.diagnose import diagnose
+from via_gap.evidence import Judged, difference
+from via_gap.folds import FOLDS, Folds
+from via_gap.log import JointLog
+from via_gap.nuisance import nuisances
+from via_gap.places import Place
+from via_gap.problem import Problem
+from via_gap.replayed import simulated_log
+from via_gap.shots import Bench, whole_log
+from via_gap.verdict import decide
+from via_sim.effects import Effect
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import simulate
+
+DELAY = Effect("actuator_delay", "command", {"delay": 0.03})
+GROUPS = ("a", "b", "a", "c")
+
+
+def log_at_rest(seed, *more):
+    """A log that begins with all axes where their commands say."""
+    device = servo()
+    commands = log_of(device, seed=seed, duration=2.0).commands
+    plant = JointPlant.from_device(device).with_effects((DELAY, *more))
+    rest = [0.0, 0.0, commands["preset"][0], 0.0, 0.0, 0.0]
+    run = simulate(plant, commands, 2.0, 500.0, sensors=Sensors.of_device(device), initial=rest, seed=seed)
+    return JointLog(f"log {seed}", device, run.measured.select(["q", "theta"]), commands)
+
+
+def runs(*seeds):
+    return [whole_log(log_at_rest(seed)) for seed in seeds]
+
+
+def problem(*seeds):
+    shots = runs(*seeds)
+    return Problem.of(shots, [np.arange(1)] * len(shots))
+
+
+def test_a_whole_log_is_the_free_run():
+    device, (shots,) = servo(), runs(1)
+    assert len(shots) == 1
+    assert shots.ticks / shots.rate == pytest.approx(shots.log.duration, abs=0.005)
+    bench = Bench.of(shots, np.arange(1))
+    assert not bench.shrink.any()  # nothing is put down to the start
+    run = simulated_log(device, shots.log.measured, shots.log.commands)
+    ticks = shots.origin + shots.every * np.arange(1, shots.measured.shape[1] + 1) / shots.rate
+    motion = bench.motion(bench.nominal[None])[0, 0, :, 0]
+    # of .5 rad: a start is read off a little differently
+    assert motion == pytest.approx(np.interp(ticks, run.time, run["q"]), abs=4e-3)
+
+
+def test_logs_of_a_group_are_left_out_together_and_each_once():
+    whole = problem(1, 2, 3, 4)
+    folds = Folds.of(whole, GROUPS)
+    assert len(folds.parts) == min(FOLDS, 3)
+    assert np.array_equal(np.sort(np.concatenate([where for _, _, where in folds.parts])), np.arange(whole.size))
+    for kept, rest, _ in folds.parts:
+        sides = [{GROUPS[int(b.shots.log.name.split()[1]) - 1] for b in part.benches} for part in (kept, rest)]
+        assert sides[0] | sides[1] == {"a", "b", "c"}
+        assert not sides[0] & sides[1]
+    assert Folds.of(whole, ("a",) * 4) is None
+
+
+def test_a_fold_is_judged_by_a_fit_to_the_others():
+    whole = problem(1, 2, 3)
+    base, _ = fit_base(whole)
+    (judged,) = Folds.of(whole, (1, 2, 3)).judge([base], None)
+    for i, seed in enumerate((1, 2, 3)):
+        others = problem(*(s for s in (1, 2, 3) if s != seed))
+        deviations = others.fit_nuisances((), base.deviations)[0]
+        alone = problem(seed)
+        assert judged.shots[i] == pytest.approx(np.mean(alone.residual([alone.row((), deviations)])[0] ** 2), rel=1e-9)
+    assert judged.mean_square > np.mean(base.residual**2)  # a fit is best where it was fitted
+
+
+def judged_as(shots, places=(), free=True):
+    effects = tuple(place.effect(values) for place, values in places)
+    spread = np.zeros(sum(len(values) for _, values in places))
+    return Judged(Fit(effects, np.zeros(2), 0.0, np.empty(0), spread), np.empty(0), np.asarray(shots), 1, free)
+
+
+def test_free_runs_are_compared_by_squared_error():
+    a, b = judged_as([1000.0, 9.0]), judged_as([900.0, 30.0])
+    assert a.score > b.score  # shot by shot it would be the other way round
+    assert judged_as([1000.0, 9.0], free=False).score < judged_as([900.0, 30.0], free=False).score
+    assert difference(a, b)[0] == pytest.approx(a.score - b.score, rel=1e-3)
+
+
+def test_effects_that_help_without_explaining_are_repaired_and_not_called_the_explanation():
+    lag, dry = Place("actuator_lag", "command", 0), Place("coulomb_friction", "link", 0)
+    runs_ = np.linspace(0.8, 1.2, 12)
+    tuned = judged_as(1000.0 * runs_)
+    single = judged_as(600.0 * runs_, [(lag, {"time_constant": 0.01})])
+    pair = judged_as(300.0 * runs_, [(lag, {"time_constant": 0.02}), (dry, {"torque": 0.1})])
+    frozen = calibration("serial")
+    decision = decide(tuned, [single], [pair], frozen)
+    assert decision.verdict == "unknown"
+    assert decision.chosen is pair
+    assert [each.fit.effects[0].name for each, _ in decision.ranked] == ["actuator_lag", "coulomb_friction"]
+    assert decision.ranked[0][0].fit.effects[0].parameters["time_constant"] == 0.02  # as fitted within the pair
+    assert decide(tuned, [single], [judged_as(3.0 * runs_, [(lag, {"time_constant": 0.02}),
+                  (dry, {"torque": 0.1})])], frozen).verdict == "two_effects"  # fmt: skip
+
+
+def test_what_is_named_does_not_depend_on_what_was_held_out():
+    device = servo()
+    logs = [log_at_rest(seed) for seed in (1, 2, 3)]
+    other = Effect("coulomb_friction", "link", {"torque": 0.1})
+    held = [log_at_rest(4, *more) for more in ((), (other,))]
+    first, second = (diagnose(logs, device, [each]) for each in held)
+    assert first.effects == second.effects
+    assert (first.causes, first.nuisance, first.verdict) == (second.causes, second.nuisance, second.verdict)
+    assert [place.effect for place in first.effects] == ["actuator_delay"]
+    assert first.causes[0].parameters["delay"].value == pytest.approx(0.03, abs=1e-3)
+    assert first.gap.after < 0.1 * first.gap.before
+    assert second.gap.after > 10.0 * first.gap.after
+
+
+def test_a_parameter_that_nothing_depends_on_is_known_to_its_bounds():
+    slopes = np.random.default_rng(1).normal(size=(50, 3))
+    slopes[:, 2] = 0.0
+    spread = _spread(slopes.T @ slopes, np.array([1e6, 7.0]), 1)
+    assert spread[0] == pytest.approx(np.sqrt(np.linalg.inv(slopes[:, :2].T @ slopes[:, :2])[1, 1]), rel=1e-6)
+    assert spread[1] == pytest.approx(7.0)
+
+
+def test_numbers_are_as_loose_as_the_device_file_says():
+    device = servo()
+    told = device.tolerances.model_copy(update={"bandwidth": 0.6, "link_friction": 0.3})
+    loose = device.model_copy(update={"tolerances": told})
+    found = {each.name: each.tolerance for each in nuisances(JointPlant.from_device(loose))}
+    assert found["motor 2 bandwidth"] == 0.6
+    assert found["link viscous friction"] == 0.3
+    tight = device.model_copy(update={"tolerances": Tolerances()})
+    assert {each.tolerance for each in nuisances(JointPlant.from_device(tight))} == {0.05}
