@@ -121,7 +121,7 @@ from via_bringup.control.arm_run import Phase, run_arm
 from via_bringup.control.limit_cycle import ARM, law_of, start
 run_arm(ARM, law_of(0), start(law_of(0)), (Phase(0.002),))
 """
-ARMS = ("arm_simulator", "modal_limit_cycle", "bang_bang")
+ARMS = ("arm_simulator", "hopper_simulator", "modal_limit_cycle", "bang_bang", "hopping")
 LOADED = {"gap_monitor": MONITOR_LOADED, **dict.fromkeys(ARMS, ARM_LOADED)}
 
 

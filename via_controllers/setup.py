@@ -22,6 +22,7 @@ setup(
             "excitation = via_controllers.nodes.excitation:main",
             "modal_limit_cycle = via_controllers.nodes.modal_limit_cycle:main",
             "bang_bang = via_controllers.nodes.bang_bang:main",
+            "hopping = via_controllers.nodes.hopping:main",
         ]
     },
 )

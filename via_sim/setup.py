@@ -22,6 +22,7 @@ setup(
         "console_scripts": [
             "simulator = via_sim.nodes.simulator:main",
             "arm_simulator = via_sim.nodes.arm_simulator:main",
+            "hopper_simulator = via_sim.nodes.hopper_simulator:main",
         ]
     },
 )

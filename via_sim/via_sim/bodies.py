@@ -70,15 +70,22 @@ class Body(ABC, Generic[State]):
 
     @abstractmethod
     def contact_force(self, state: State) -> Array:
-        """What walls and hands do to the end effector (3,) [N], in the base."""
+        """What walls, hands and ground do to the robot (3,) [N]."""
+
+    @abstractmethod
+    def base(self, state: State) -> Array | None:
+        """Where its base is (3,) [m]; None for one that is bolted down."""
 
     @abstractmethod
     def pushed(self, state: State, impulse: Array, deflection: Array) -> State:
-        """After a blow (n,) [N m s] on the links and with links put aside by `deflection` (n,) [rad]."""
+        """After a blow (n,) [N m s] on the links and with links put aside by `deflection` (n,) [rad].
+
+        Raises ParameterError where that cannot be.
+        """
 
     @abstractmethod
     def held(self, state: State) -> Self:
-        """The robot whose end effector somebody holds where it is."""
+        """The robot whose end effector somebody holds where it is. Raises ParameterError where it has none."""
 
     @abstractmethod
     def released(self) -> Self:
@@ -134,6 +141,9 @@ class ArmBody(Body[ArmState]):
 
     def contact_force(self, state: ArmState) -> Array:
         return contact_force(self.arm, state.q, state.velocity, self._contacts)
+
+    def base(self, state: ArmState) -> Array | None:
+        return None
 
     def pushed(self, state: ArmState, impulse: Array, deflection: Array) -> ArmState:
         blow = np.linalg.solve(self.arm.inertia(state.q), impulse)

@@ -49,14 +49,20 @@ WARM_UP = 3  # steps before anybody waits for one: what is compiled is loaded
 
 
 @dataclass(frozen=True)
-class ArmParameters:
-    """Parameters of every node that controls an arm."""
+class StartParameters:
+    """Parameters of every such node."""
 
-    arm: str = field(default="reference_4dof", metadata={"description": "arm name or path to its YAML"})
     autostart: bool = field(default=True, metadata={"description": "configure and activate without being asked"})
 
 
-Parameters = TypeVar("Parameters", bound=ArmParameters)
+@dataclass(frozen=True)
+class ArmParameters(StartParameters):
+    """Parameters of those that control an arm from a file."""
+
+    arm: str = field(default="reference_4dof", metadata={"description": "arm name or path to its YAML"})
+
+
+Parameters = TypeVar("Parameters", bound=StartParameters)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,67 @@
+"""The hopper as a robot for the simulator node: dropped at the start, nobody pushes or holds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from via_core.errors import ParameterError
+from via_core.hopper import JOINTS, Hopper
+from via_core.signals import Array
+
+from via_sim.bodies import Body, BodyReading
+from via_sim.hopper import HopperPlant, HopperState
+
+
+@dataclass(frozen=True, eq=False)
+class HopperBody(Body[HopperState]):
+    """A hopper that begins with unbent springs, `crouch` [rad] in its legs, `drop` [m] above ground."""
+
+    hopper: Hopper
+    crouch: float
+    drop: float
+    _plant: HopperPlant = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_plant", HopperPlant(self.hopper))
+
+    @property
+    def name(self) -> str:
+        return "hopper"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return JOINTS
+
+    def init(self) -> HopperState:
+        motors = self.hopper.crouched(self.crouch)
+        return self._plant.start(motors, motors, self.drop)
+
+    def step(self, state: HopperState, torque: Array, period: float) -> HopperState:
+        return self._plant.step(state, torque, period)
+
+    def given(self, state: HopperState, torque: Array) -> Array:
+        return np.clip(torque, -self.hopper.torque_limit, self.hopper.torque_limit)
+
+    def stopped(self, state: HopperState) -> HopperState:
+        return self.init()
+
+    def reading(self, state: HopperState) -> BodyReading:
+        spring_torque, _, _ = self.hopper.spring_state(state.q - state.theta)
+        return BodyReading(state.q, state.velocity, state.theta, state.motor_velocity, spring_torque)
+
+    def contact_force(self, state: HopperState) -> Array:
+        return np.array([0.0, 0.0, state.force.sum()])
+
+    def base(self, state: HopperState) -> Array | None:
+        return np.array([state.trunk[0], 0.0, state.trunk[1]])
+
+    def pushed(self, state: HopperState, impulse: Array, deflection: Array) -> HopperState:
+        raise ParameterError("nobody pushes the hopper: it begins by falling")
+
+    def held(self, state: HopperState) -> Self:
+        raise ParameterError("nobody can hold the hopper: it has no end effector")
+
+    def released(self) -> Self:
+        return self

@@ -1,0 +1,176 @@
+"""What every simulator of a robot with several flexible joints shares: it looks like a driver, is pushed and held.
+
+publishes   /joint_states       sensor_msgs/JointState: all links and motors, joint by joint, base first
+            /<name>/contact     geometry_msgs/WrenchStamped, what walls, hands and ground do to the robot
+            /<name>/base        geometry_msgs/PointStamped, where its base is, for a robot that is not bolted down
+            /clock, /diagnostics  as every simulator, see `simulation`; how time runs as well
+subscribes  /<name>/command     via_interfaces/VsaCommand, MOTOR_TORQUE: torques of all motors in joint order
+offers      ~/push              via_interfaces/Push: a blow on the links, or links put aside
+            ~/hold              via_interfaces/Hold: somebody holds the end effector and lets it go
+
+Springs that would go beyond their stops stop the robot where it is (counted). Effort of a motor is the torque that it
+was given, effort of a link the spring's torque where there are torque sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from geometry_msgs.msg import PointStamped, WrenchStamped
+from sensor_msgs.msg import JointState
+from via_core.errors import ParameterError
+from via_core.signals import Array
+from via_core.wire import command_topic
+from via_interfaces.msg import VsaCommand
+from via_interfaces.srv import Hold, Push
+from via_ros import qos
+from via_ros.arms import ArmStateWriter
+from via_ros.conversions import command_of, set_stamp
+from via_ros.parameters import declare
+
+from via_sim.bodies import Body
+from via_sim.nodes.simulation import SimulationNode, TimeParameters
+from via_sim.simulate import MAX_SEED
+
+
+@dataclass(frozen=True)
+class RobotParameters(TimeParameters):
+    """Parameters of every such node."""
+
+    torque_sensors: bool = field(default=False, metadata={"description": "the springs' torques are measured"})
+    torque_noise: float = field(
+        default=0.0, metadata={"description": "standard deviation of their noise", "unit": "N m", "range": (0.0, 1e3)}
+    )
+    seed: int = field(default=0, metadata={"description": "seed of the sensor noise", "range": (0, MAX_SEED)})
+
+
+Parameters = TypeVar("Parameters", bound=RobotParameters)
+
+
+class RobotSimulationNode(SimulationNode[Array]):
+    """A robot in simulated time.
+
+    kind   the dataclass of its parameters
+    make   the robot that such parameters describe; raises ParameterError
+    """
+
+    def __init__(
+        self, name: str, kind: type[Parameters], make: Callable[[Parameters], Body[Any]], **options: Any
+    ) -> None:
+        super().__init__(name, **options)
+        own = declare(self, kind)
+        self._chosen: RobotParameters = own
+        self._body: Body[Any] = make(own)
+        self._state = self._body.init()
+        self._noise = np.random.default_rng(own.seed)
+        self._count = len(self._body.joints)
+        self._given = np.zeros(self._count)  # [N m] during the last tick
+        self._held_until = 0  # ticks
+        self._stops = self._failures = 0
+        self._step_of(self._given)  # loads what is compiled before anybody waits for it
+        self._samples = ArmStateWriter(self._body.name, self._body.joints)
+        self._contact = WrenchStamped()
+        self._contact.header.frame_id = self._body.name
+        self._contacts = self.create_publisher(WrenchStamped, f"/{self._body.name}/contact", qos.SAMPLES)
+        self._beside.append(self._contacts)
+        self._base = PointStamped()
+        self._base.header.frame_id = "world"
+        self._bases: Any = None
+        if self._body.base(self._state) is not None:
+            self._bases = self.create_publisher(PointStamped, f"/{self._body.name}/base", qos.SAMPLES)
+            self._beside.append(self._bases)
+        self.create_service(Push, "~/push", self._push)
+        self.create_service(Hold, "~/hold", self._hold)
+        self.start_listening(own, self._body.name, command_topic(self._body.name))
+
+    # ---- the body
+
+    def _passive(self) -> Array:
+        return np.zeros(self._count)
+
+    def _row_of(self, message: VsaCommand) -> Array | None:
+        command = command_of(message, self._count)
+        return None if command is None or command.mode != VsaCommand.MOTOR_TORQUE else command.motor
+
+    def _step_of(self, torque: Array) -> Any:
+        return self._body.step(self._state, torque, 1.0 / self._chosen.rate)
+
+    def _advance(self, command: Array) -> None:
+        if self._held_until and self.ticks >= self._held_until:
+            self._body, self._held_until = self._body.released(), 0
+        self._given = self._body.given(self._state, command)
+        try:
+            after = self._step_of(command)
+        except ParameterError:
+            self._stops += 1
+            after = self._body.stopped(self._state)
+        if not np.isfinite(self._body.reading(after).q).all():
+            self._failures += 1
+            after = self._body.stopped(self._state)
+        self._state = after
+
+    def _sample(self, stamp: int) -> JointState:
+        set_stamp(self._contact.header.stamp, stamp)
+        force = self._contact.wrench.force
+        force.x, force.y, force.z = self._body.contact_force(self._state).tolist()
+        self._contacts.publish(self._contact)
+        base = self._body.base(self._state)
+        if base is not None:
+            set_stamp(self._base.header.stamp, stamp)
+            point = self._base.point
+            point.x, point.y, point.z = base.tolist()
+            self._bases.publish(self._base)
+        told, samples = self._body.reading(self._state), self._samples
+        links, motors = samples.links, samples.motors
+        samples.position[links], samples.position[motors] = told.q, told.theta
+        samples.velocity[links], samples.velocity[motors] = told.velocity, told.motor_velocity
+        samples.effort[motors] = self._given
+        if self._chosen.torque_sensors:
+            noise = self._noise.normal(0.0, self._chosen.torque_noise, self._count)
+            samples.effort[links] = told.spring_torque + noise
+        return samples.stamped(stamp)
+
+    def _told(self) -> tuple[dict[str, bool], dict[str, Any]]:
+        held = self._held_until > 0
+        troubles = {"springs at their stops": self._stops > 0, "numerical failures": self._failures > 0}
+        return troubles, {"stops": self._stops, "numerical failures": self._failures, "held": held}
+
+    # ---- disturbances
+
+    def _push(self, request: Push.Request, answer: Push.Response) -> Push.Response:
+        impulse, deflection = np.array(request.impulse), np.array(request.deflection)
+        answer.success = False
+        for name, values in (("impulse", impulse), ("deflection", deflection)):
+            if len(values) not in (0, self._count) or not np.isfinite(values).all():
+                answer.message = f"{name} must hold {self._count} finite numbers or none, got {values.tolist()}"
+                return answer
+        nothing = np.zeros(self._count)
+        try:
+            self._state = self._body.pushed(
+                self._state, impulse if len(impulse) else nothing, deflection if len(deflection) else nothing
+            )
+        except ParameterError as error:
+            answer.message = str(error)
+            return answer
+        answer.success, answer.message = True, f"pushed at tick {self.ticks}"
+        return answer
+
+    def _hold(self, request: Hold.Request, answer: Hold.Response) -> Hold.Response:
+        answer.success = bool(np.isfinite(request.duration)) and request.duration >= 0.0
+        if not answer.success:
+            answer.message = f"duration must be 0 s or more, got {request.duration}"
+        elif request.duration == 0.0:
+            self._body, self._held_until = self._body.released(), 0
+            answer.message = "let go"
+        else:
+            try:
+                self._body = self._body.held(self._state)
+            except ParameterError as error:
+                answer.success, answer.message = False, str(error)
+                return answer
+            self._held_until = self.ticks + max(1, round(request.duration * self._chosen.rate))
+            answer.message = f"held from tick {self.ticks} to {self._held_until}"
+        return answer
