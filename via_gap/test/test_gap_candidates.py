@@ -9,7 +9,7 @@ from via_core.devices import Device
 from via_gap.calibration import calibration
 from via_gap.candidates import Fit, directions, fit_base, ranked, refine
 from via_gap.evidence import Judged
-from via_gap.nuisance import BOUND, TOLERANCE
+from via_gap.nuisance import BOUND
 from via_gap.places import Place, places
 from via_gap.problem import Problem
 from via_gap.scales import Scales, scales_of
@@ -52,7 +52,8 @@ def test_a_fit_finds_the_planted_numbers_from_a_poor_start(name, effect, start):
     problem, base, jacobian, scales = searched(name)
     fit = refine(problem, base, jacobian, [(Place(effect.name, effect.site, effect.motor), start)], scales)
     assert fit is not None and fit.loss < 1.5 * problem.size
-    off = 1.1 * BOUND * TOLERANCE if name == "servo" else 0.01  # beside servos all torques may grow in one proportion
+    # Beside servos all torques may grow in one proportion.
+    off = 1.1 * BOUND * problem.device.tolerances.spring if name == "servo" else 0.01
     assert dict(fit.effects[0].parameters) == pytest.approx(dict(effect.parameters), rel=off)
 
 

@@ -101,6 +101,9 @@ class Search:
                 fits.append(fit)
                 best = min(best, fit.loss) if best else fit.loss
         tell("fitting the best", 0.45)
+        if fits:
+            there = {fit.places for fit in fits}
+            fits += [fit for fit in self._plain(min(fits, key=lambda fit: fit.loss)) if fit.places not in there]
         return sorted(self.judge(self._finished(fits, CLOSE, CLOSEST)), key=lambda each: each.score)
 
     def more(self, causes: list[Judged], frozen: Calibration, tell: Progress) -> tuple[list[Judged], list[Judged]]:
@@ -191,6 +194,11 @@ class Search:
         return fits
 
     def _plainer(self, fit: Fit) -> list[Fit]:
+        """What `_plain` finds, fitted to all shots."""
+        found = self._plain(fit)
+        return self._finished(found, np.inf, len(found))
+
+    def _plain(self, fit: Fit) -> list[Fit]:
         """The same with one member replaced by the plainer effect it contains, which few starts may have hidden."""
         found = []
         for number, (place, values) in enumerate(_members(fit)):
@@ -201,7 +209,7 @@ class Search:
                 plain = refine(self.few, fit, None, members, self.scales)
                 if plain is not None:
                     found.append(plain)
-        return self._finished(found, np.inf, len(found))
+        return found
 
     def _shorter(self, fit: Fit) -> list[Fit]:
         """All but the newest effect left out in turn, the rest fitted again."""
