@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from via_bringup.control.hopper import PAYLOAD, hop, reference_law, sinusoid
+from via_bringup.control.hopper import PAYLOAD, hop, reference_law, sinusoid, toppling
 
 
 @pytest.fixture(scope="module")
@@ -26,3 +26,9 @@ def test_a_payload_costs_it_little_height_and_a_sinusoid_much(found):
     free, burdened = (hop(open_loop, payload, 5.0).amplitude for payload in (0.0, PAYLOAD))
     assert free == pytest.approx(found.amplitude, rel=0.05)
     assert 1.0 - burdened / free > 0.15
+
+
+def test_nothing_holds_the_trunk_level():
+    """Told, not hidden: the mirrored motion is unstable, and more so with the load."""
+    assert 1.5 < toppling() < 4.0
+    assert toppling(PAYLOAD) > 5.0

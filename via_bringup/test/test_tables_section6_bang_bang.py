@@ -38,7 +38,9 @@ def test_the_hopper_is_judged_by_its_worth(monkeypatch):
         "high sinusoid": case(1.0), "high sinusoid, loaded": case(0.8),
     }  # fmt: skip
     monkeypatch.setattr(section6_bang_bang, "_hops", lambda: hops)
+    monkeypatch.setattr(section6_bang_bang, "toppling", lambda payload=0.0: 3.0 + payload)
     found = {row.id: row for row in section6_bang_bang._hopping()}
+    assert found["6.2.hopper.toppling"].ours == 3.0 and "3.6" in found["6.2.hopper.toppling"].remark
     assert found["6.2.hopper.payload"].limit == 0.08 and found["6.2.hopper.payload"].ok is False
     assert found["6.2.hopper.sinusoid"].limit == 0.85 and found["6.2.hopper.sinusoid"].ok is False
     assert found["6.2.hopper.ground"].limit == 0.6 and found["6.2.hopper.apex"].limit == 1e-2

@@ -58,11 +58,14 @@ class HopperPlant:
         """MuJoCo's model, to render it."""
         return self._model
 
-    def start(self, q: Array, theta: Array, clearance: float) -> HopperState:
-        """At rest at joint angles `q` and motor angles `theta` (4,) [rad], the soles `clearance` [m] above ground."""
+    def start(self, q: Array, theta: Array, clearance: float, pitch: float = 0.0) -> HopperState:
+        """At rest at joint angles `q` and motor angles `theta` (4,) [rad], the trunk turned by `pitch` [rad].
+
+        Turned back, the soles would be `clearance` [m] above ground.
+        """
         heights = [self.hopper.leg_height(leg) for leg in (q[:2], q[2:])]
         mujoco.mj_resetData(self._model, self._data)
-        self._data.qpos[1] = max(heights) + clearance
+        self._data.qpos[1:3] = max(heights) + clearance, pitch
         self._data.qpos[self._joints], self._data.qpos[self._motors] = q, theta
         mujoco.mj_forward(self._model, self._data)
         return self._state()

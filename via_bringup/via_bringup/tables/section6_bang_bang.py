@@ -19,7 +19,7 @@ import numpy as np
 
 from via_bringup.control.bang_bang import AMPLITUDE, DIRECTIONS, free_motion
 from via_bringup.control.hitting import HELD, HOLDS, SUBSTEPS, TURNING, WALLS, Hitting, hitting
-from via_bringup.control.hopper import AS_HIGH, PAYLOAD, Hopping, hop, reference_law, sinusoid
+from via_bringup.control.hopper import AS_HIGH, PAYLOAD, Hopping, hop, reference_law, sinusoid, toppling
 from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
 from via_bringup.tables.rows import Row
 
@@ -135,6 +135,9 @@ def _hopping() -> list[Row]:
         Row("6.2.hopper.ground", f"share of time on the ground: flight {law.flight:.3f}", "share [-]", None,
             1.0 - law.flight, 0.6, HOPPER),
         Row("6.2.hopper.frequency", "frequency found, none given", "frequency [Hz]", None, law.frequency, None, HOPPER),
+        Row("6.2.hopper.toppling", "growth of a pitch of .001 rad in a second", "factor [-]", None, toppling(), None,
+            HOPPER, 0, f"the motion mirrors itself and nothing in the law holds the trunk level; {load}: "
+            f"{toppling(PAYLOAD):.1f}. A law for it is needed beside this one"),
         Row("6.2.hopper.payload", f"{load}: loss of the {amplitude}, {loaded.frequency:.2f} Hz", "loss [-]", None,
             1.0 - kept("law"), 0.08, HOPPER),
         Row("6.2.hopper.payload.apex", f"{load}: apex", "std / mean [-]", None, loaded.apex_spread, None, HOPPER),
