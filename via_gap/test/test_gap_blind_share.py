@@ -12,10 +12,10 @@ SEEDS = {"2001": "quadratic_drag", "2006": "encoder_offset"}  # rigid joints: tw
 
 
 def test_cases_drawn_here_are_answered_right(tmp_path: Path) -> None:
-    told, off = CliRunner(), []
+    told = CliRunner()
     for seed, effect in SEEDS.items():
         cases, keys, results = (str(tmp_path / seed / name) for name in ("cases", "keys", "results"))
-        drawn = ["make", "--out", cases, "--keys", keys, "--seed-from", seed, "--count", "1", "--duration", "16"]
+        drawn = ["make", "--out", cases, "--keys", keys, "--seed-from", seed, "--count", "1", "--duration", "24"]
         assert told.invoke(app, [*drawn, "--processes", "1"]).exit_code == 0
         assert told.invoke(app, ["run", cases, "--results", results]).exit_code == 0
         file = tmp_path / seed / "score.json"
@@ -24,5 +24,4 @@ def test_cases_drawn_here_are_answered_right(tmp_path: Path) -> None:
         (case,) = json.loads(file.read_text())["cases"]
         assert (case["right"], case["where_right"], case["truths"][0]["effect"]) == (True, True, effect)
         assert case["closes"] > 0.9
-        off.append(abs(case["predicted"] - case["measured"]))
-    assert sum(off) / len(off) < 0.05  # the limit of the blind check is one of the mean
+        assert abs(case["predicted"] - case["measured"]) < 0.05
