@@ -14,8 +14,9 @@ def test_every_number_to_reach_is_judged(monkeypatch):
     assert found["angle"].limit == 3.0 and found["period"].limit == 1e-3
     assert found["frequency"].limit == pytest.approx(0.06) and found["swing"].limit is None
     assert found["frequency"].ours < 0.06
-    limits = {"second": 0.05, "steady": 5e-3, "missed": 0.0}
-    monkeypatch.setattr(section6_bang_bang, "_case", lambda wall, hold: hitting.hitting(wall, hold, 1.5))
+    limits = {"second": 0.05, "steady": 5e-3, "missed": 0.0, "weak": None}
+    case = hitting.hitting(0.3, 1.2, 1.5)
+    monkeypatch.setattr(section6_bang_bang, "_case", lambda wall, hold: case)
     monkeypatch.setattr(section6_bang_bang, "WALLS", (0.3,))
     monkeypatch.setattr(section6_bang_bang, "HOLDS", (1.2,))
     assert {row.id.split(".")[-1]: row.limit for row in section6_bang_bang._hitting()} == limits

@@ -3,6 +3,9 @@
 The wall stands across the tip's path on mode 1, at a share of the free turning point; the hand holds the tip on the far
 side, at a share of the free turning point too, for a second, and lets go. Nothing in the law knows of either. Figure 17
 of the document shows such a motion on the DLR Hand Arm System.
+
+Walls from .2 to .9 of the turning point were tried with the same outcome; one at .1 takes more than motors give, and
+the motion dies. Let go from one much smaller than the steady one, it grows as slowly as friction lets it (`WEAK`).
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ MODE = 1
 TURNING = 0.138  # [rad] w_1' (q - q_0) where the free motion turns around
 WALLS = (0.3, 0.5, 0.7)  # of the turning point
 HOLDS = (0.9, 1.05, 1.2)
+WEAK = (0.5, 0.4)  # wall and hold of a case that needs more than one cycle
 HELD = 1.0  # [s]
 STEADY = 8  # cycles at the end that count as steady
 SUBSTEPS = 4  # a millisecond

@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from via_bringup.control.bang_bang import AMPLITUDE, DIRECTIONS, free_motion
-from via_bringup.control.hitting import HELD, HOLDS, SUBSTEPS, TURNING, WALLS, Hitting, hitting
+from via_bringup.control.hitting import HELD, HOLDS, SUBSTEPS, TURNING, WALLS, WEAK, Hitting, hitting
 from via_bringup.control.hopper import AS_HIGH, PAYLOAD, Hopping, hop, reference_law, sinusoid, toppling
 from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
 from via_bringup.tables.rows import Row
@@ -100,6 +100,12 @@ def _hitting() -> list[Row]:
                 Row(f"{at}.missed", f"{words}: steady cycles without contact; the weakest has "
                     f"{case.least_force:.0f} N", "cycles", None, float(case.least_force <= 0.0), 0.0, settings),
             ]  # fmt: skip
+    wall, hold = WEAK
+    weak = _case(wall, hold)
+    found.append(
+        Row("6.2.hitting.weak", f"wall at {wall:g}, held at {hold:g} only: cycles until within 5 %", "cycles", None,
+            float(weak.settled), None, SETTINGS, 0, f"its second cycle is {weak.second:.1%} off")
+    )  # fmt: skip
     return found
 
 
