@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
@@ -71,8 +72,17 @@ def arm_step(
 
 def given_torque(arm: VsaArm, motor_velocity: Array, torque: Array) -> Array:
     """What motors at `motor_velocity` (n,) [rad/s] give when asked for `torque` (n,) [N m]."""
-    given = np.clip(torque, -arm.torque_limit, arm.torque_limit)
-    return np.where((np.abs(motor_velocity) >= arm.speed_limit) & (given * motor_velocity > 0.0), 0.0, given)
+    return np.asarray(_given(torque, motor_velocity, arm.torque_limit, arm.speed_limit))
+
+
+@njit(cache=True, error_model="numpy")
+def _given(torque: Array, speed: Array, torque_limit: Array, speed_limit: Array) -> Array:
+    out = np.empty(torque.size)
+    for i in range(torque.size):
+        out[i] = min(max(torque[i], -torque_limit[i]), torque_limit[i])
+        if abs(speed[i]) >= speed_limit[i] and out[i] * speed[i] > 0.0:
+            out[i] = 0.0
+    return out
 
 
 def contact_force(arm: VsaArm, q: Array, velocity: Array, contacts: Sequence[Contact]) -> Array:

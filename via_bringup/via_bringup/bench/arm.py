@@ -27,13 +27,14 @@ from via_bringup.control.cycles import Cycles, spread
 from via_bringup.tables.rows import Row
 
 RATE = 1000.0  # [Hz]
+TOLD_EVERY = 10  # samples: a listener costs as much as the law
 PATIENCE = 30.0  # [s] beyond the time that is simulated
 SETTINGS = "reference_4dof, realtime, 1 kHz, one process, one executor"
 
 
 @dataclass(frozen=True)
 class Live:
-    """N samples of a law at work in real time."""
+    """N samples of a law at work in real time, one of `TOLD_EVERY`."""
 
     names: tuple[str, ...]
     told: Array  # (N, k)
@@ -51,7 +52,7 @@ def live(
 ) -> Live:
     """The law over `seconds` [s] of real time, the links put aside by `push` (n,) [rad]."""
     with Composition() as graph:
-        graph.add(kind, **parameters)
+        graph.add(kind, told_every=TOLD_EVERY, **parameters)
         arm = graph.add(ArmSimulatorNode, mode="realtime", rate=RATE, duration=seconds, listeners=1, **simulator)
         told: list[tuple[int, Array]] = []
         names: list[str] = []
@@ -62,7 +63,7 @@ def live(
 
         arm.create_subscription(ControlState, "/reference_4dof/control", hear, qos.SAMPLES)
         pusher = arm.create_client(Push, "/arm_simulator/push")
-        graph.run_until(lambda: pusher.service_is_ready() and len(told) > 10, PATIENCE, "the first samples")
+        graph.run_until(lambda: pusher.service_is_ready() and len(told) > 1, PATIENCE, "the first samples")
         answer = pusher.call_async(Push.Request(deflection=push.tolist()))
         graph.run_until(answer.done, PATIENCE, "a push")
         if not answer.result().success:
@@ -111,7 +112,8 @@ def _bang_bang(seconds: float) -> Iterator[Row]:
     angle = float(np.degrees(np.arccos(min(1.0, cosine))))
     yield Row("arm.bang_bang.angle", what, "w_1 from the linear mode [deg]", None, angle, 3.0, SETTINGS)
     y = found.late("y")
-    cycles = Cycles(np.arange(len(y)) / RATE, y)
+    time: Array = np.arange(float(len(y))) * (TOLD_EVERY / RATE)
+    cycles = Cycles(time, y)
     regular = spread(cycles.periods)
     yield Row("arm.bang_bang.period", what, "std / mean of the period, second half [-]", None, regular, 1e-3, SETTINGS)
     ratio = 1.0 / (float(cycles.periods.mean()) * float(linear.frequencies[0]))

@@ -53,6 +53,9 @@ class StartParameters:
     """Parameters of every such node."""
 
     autostart: bool = field(default=True, metadata={"description": "configure and activate without being asked"})
+    told_every: int = field(
+        default=1, metadata={"description": "samples from one ControlState to the next", "range": (1, 1_000_000)}
+    )
 
 
 @dataclass(frozen=True)
@@ -191,7 +194,8 @@ class ArmControllerNode(LifecycleNode):
         self._answered += 1
         self._unusable += answer.activity is Activity.PASSIVE
         self._limited |= answer.limited
-        self._states.publish(self._told.at(row.stamp, answer, self._supervisor.told(self._state)))
+        if self._answered % self._chosen.told_every == 0:
+            self._states.publish(self._told.at(row.stamp, answer, self._supervisor.told(self._state)))
 
     def _send(self, stamp: int, torque: Array) -> None:
         command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, 0.0, torque)

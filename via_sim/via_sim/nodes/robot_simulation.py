@@ -113,10 +113,11 @@ class RobotSimulationNode(SimulationNode[Array]):
         self._state = after
 
     def _sample(self, stamp: int) -> JointState:
-        set_stamp(self._contact.header.stamp, stamp)
-        force = self._contact.wrench.force
-        force.x, force.y, force.z = self._body.contact_force(self._state).tolist()
-        self._contacts.publish(self._contact)
+        if self._contacts.get_subscription_count():
+            set_stamp(self._contact.header.stamp, stamp)
+            force = self._contact.wrench.force
+            force.x, force.y, force.z = self._body.contact_force(self._state).tolist()
+            self._contacts.publish(self._contact)
         base = self._body.base(self._state)
         if base is not None:
             set_stamp(self._base.header.stamp, stamp)
