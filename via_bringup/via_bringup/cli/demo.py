@@ -13,18 +13,29 @@ from via_bringup.cli.console import answers, table
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for bags, pictures, summary.json and index.html.")] = Path(
-        "out/demo"
-    ),
+    scene: Annotated[
+        str, typer.Argument(help="limit-cycle, hitting, hopper or throw: that motion alone; else the main job.")
+    ] = "",
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for what is made; else out/demo, or out/<scene>.", show_default=False)
+    ] = None,
     recordings: Annotated[
         Path | None,
         typer.Option(help="Folder of real MACCEPA-VD runs; else the data set beside the repo, or the sample."),
     ] = None,
     duration: Annotated[float, typer.Option(min=2.0, max=600.0, help="Length of the live run [s].")] = 10.0,
 ) -> None:
-    """A real robot's log and a simulated joint, from bags over DDS to one page."""
-    from via_bringup.demo.run import run_demo  # loads ROS, which `via --help` need not wait for
+    """A real robot's log and a simulated joint, from bags over DDS to one page; or a scene of a control law."""
+    if scene:
+        from via_bringup.demo.scenes import play  # loads ROS, which `via --help` need not wait for
 
+        folder = out or Path("out") / scene
+        for made in play(scene, folder, min(duration, 10.0)):
+            answers.print(str(made))
+        return
+    from via_bringup.demo.run import run_demo
+
+    out = out or Path("out/demo")
     columns = (
         TextColumn("{task.description:<16}"),
         BarColumn(),

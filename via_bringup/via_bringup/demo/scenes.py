@@ -1,0 +1,276 @@
+"""Scenes of the control laws: a robot in motion, its bag where nodes move it, phase plots and a short animation.
+
+limit-cycle, hitting   simulator, controller and recorder over DDS in one process, in lockstep; pictures from the bag
+throw, hopper          the laws in closed loop with the simulated robot, without nodes
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pinocchio
+from matplotlib.animation import FuncAnimation, PillowWriter
+from via_controllers.modal_transform import first_basis
+from via_controllers.nodes.bang_bang import BangBangNode
+from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleNode
+from via_core.bags import read_bag
+from via_core.devices import load_device
+from via_core.errors import ParameterError
+from via_core.hopper import Hopper
+from via_core.signals import Array
+from via_core.vsa_arms import VsaArm
+from via_ros.nodes.recorder import Recorder
+from via_sim.nodes.arm_simulator import ArmSimulatorNode
+
+from via_bringup.composition import Composition
+from via_bringup.control import hopper as hopping
+from via_bringup.control.bang_bang import DIRECTIONS, MOTORS, damped_arm, linear_modes
+from via_bringup.control.hitting import MODE, TURNING
+from via_bringup.control.limit_cycle import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
+from via_bringup.control.throw import law_of, throw
+from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
+
+FRAMES, SHOWN = 15, 4.0  # [Hz] of an animation, [s] that it shows
+PATIENCE = 60.0  # [s] of wall time per second of simulated time, at least one
+WALL_AT, PUT_ASIDE = 0.5, 1.2  # of the free turning point, in the hitting scene
+COLOURS = (REAL, MODEL, "#2a7f62", "#b08ea2")
+Frame = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a bag of an arm holds, N samples of n joints."""
+
+    time: Array  # (N,) [s]
+    q: Array  # (N, n) [rad]
+    velocity: Array  # (N, n) [rad/s]
+    names: tuple[str, ...]
+    told: Array  # (K, k) what the law told
+
+    def quantity(self, name: str) -> Array:
+        """(K,) what the law told under this name."""
+        return np.asarray(self.told[:, self.names.index(name)], dtype=float)
+
+
+def play(scene: str, out: Path, duration: float) -> list[Path]:
+    """Make the scene of this name in the folder `out`; what was made. Raises ParameterError for a stranger."""
+    if scene not in SCENES:
+        raise ParameterError(f"no scene '{scene}'; there are: {', '.join(SCENES)}")
+    out.mkdir(parents=True, exist_ok=True)
+    with plt.rc_context(STYLE):
+        return SCENES[scene](out, duration)
+
+
+def _limit_cycle(out: Path, duration: float) -> list[Path]:
+    z = np.zeros(ARM.n)
+    z[0] = 0.3 * np.sqrt(2.0 * LEVEL)
+    beside = EQUILIBRIUM + first_basis(ARM.inertia(EQUILIBRIUM), STIFFNESS).W @ z
+    seen = _over_dds(out / "bag", ModalLimitCycleNode, duration, posture=beside.tolist())
+    figure, (modal, joints, level) = plt.subplots(1, 3, figsize=(14, 4.6), constrained_layout=True)
+    step = float(np.diff(seen.time).mean())
+    for i, colour in enumerate(COLOURS):
+        mode = seen.quantity(f"z_{i + 1}")
+        modal.plot(mode, np.gradient(mode, step), color=colour, linewidth=0.9, label=f"mode {i + 1}")
+    modal.set_xlabel("z [sqrt(kg m^2) rad]")
+    modal.set_ylabel("zd [sqrt(kg m^2) rad/s]")
+    modal.legend(loc="upper right", fontsize=9)
+    _joints_plot(joints, seen, EQUILIBRIUM)
+    level.plot(step * np.arange(len(seen.told)), seen.quantity("H") / LEVEL, color=REAL)
+    level.set_xlabel("time [s]")
+    level.set_ylabel("H / H_d [-]")
+    return [out / "bag", _saved(figure, out / "phase.png"), _arm_animation(ARM, seen, None, out / "motion.gif")]
+
+
+def _hitting(out: Path, duration: float) -> list[Path]:
+    arm, linear = damped_arm(), linear_modes(damped_arm(), np.array(MOTORS))
+    direction = linear.directions[:, MODE - 1]
+    direction = direction * np.sign(direction @ np.array(DIRECTIONS[MODE]))
+    along = arm.tip_jacobian(linear.rest) @ direction
+    point, normal = arm.tip_position(linear.rest + WALL_AT * TURNING * direction), -along / np.linalg.norm(along)
+    posture = linear.rest - PUT_ASIDE * TURNING * direction
+    seen = _over_dds(
+        out / "bag", BangBangNode, duration, posture=posture.tolist(), walls=[*point.tolist(), *normal.tolist()],
+        link_friction=arm.link_friction.tolist(),
+    )  # fmt: skip
+    figure, (tip, joints) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
+    path = np.array([arm.tip_position(q) for q in seen.q])
+    tip.plot(seen.time, 1e3 * (path - point) @ -normal, color=REAL)
+    tip.axhspan(0.0, 5.0, color=FAINT, alpha=0.5, linewidth=0)
+    tip.set_xlabel("time [s]")
+    tip.set_ylabel("tip beyond the wall's face [mm]")
+    _joints_plot(joints, seen, linear.rest)
+    return [out / "bag", _saved(figure, out / "phase.png"), _arm_animation(arm, seen, point, out / "motion.gif")]
+
+
+def _throw(out: Path, duration: float) -> list[Path]:
+    device = load_device("visco_elastic_demo")
+    law, ideal = law_of(device, 0.0, 3)
+    seen = throw(device, law, 0.0, more=0.4)
+    figure, (speeds, phase) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
+    speeds.plot(seen.time, seen.motor_velocity, color=MODEL, linewidth=0.9, label="motor")
+    speeds.plot(seen.time, seen.velocity, color=REAL, label="link")
+    speeds.plot([law.horizon], [ideal], "o", color=REFERENCE, label="closed form, ideal motor")
+    speeds.set_xlabel("time [s]")
+    speeds.set_ylabel("velocity [rad/s]")
+    speeds.legend(loc="upper left", fontsize=10)
+    phase.plot(seen.q - seen.theta, seen.velocity, color=REAL)
+    phase.set_xlabel("deflection of the spring [rad]")
+    phase.set_ylabel("velocity of the link [rad/s]")
+    drawn = _saved(figure, out / "phase.png")
+
+    figure, axes = plt.subplots(figsize=(4.5, 4.5), constrained_layout=True)
+    axes.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), aspect="equal", xticks=[], yticks=[])
+    (link,), (motor,) = axes.plot([], [], color=REAL, linewidth=5), axes.plot([], [], color=MODEL, linewidth=2)
+    slow = 4  # times slower than it is
+    pick = np.arange(0, len(seen.time), max(1, round(1.0 / (FRAMES * slow) / (seen.time[1] - seen.time[0]))))
+
+    def show(frame: int) -> None:
+        k = pick[frame]
+        link.set_data([0.0, np.cos(seen.q[k])], [0.0, np.sin(seen.q[k])])
+        motor.set_data([0.0, 0.6 * np.cos(seen.theta[k])], [0.0, 0.6 * np.sin(seen.theta[k])])
+        axes.set_title(f"{seen.time[k]:.2f} s, link {seen.velocity[k]:+.1f} rad/s ({slow} times slower)", fontsize=11)
+
+    return [drawn, _animated(figure, show, len(pick), out / "motion.gif")]
+
+
+def _hopper(out: Path, duration: float) -> list[Path]:
+    found, robot = hopping.hop(hopping.reference_law(), duration=duration), Hopper()
+    run = found.run
+    figure, (height, phase) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
+    height.plot(run.time, run.trunk[:, 1], color=REAL)
+    height.set_xlabel("time [s]")
+    height.set_ylabel("height of the trunk [m]")
+    phase.plot(run.trunk[:, 1], np.gradient(run.trunk[:, 1], run.time), color=REAL, linewidth=0.8)
+    phase.set_xlabel("height of the trunk [m]")
+    phase.set_ylabel("its rate [m/s]")
+    drawn = _saved(figure, out / "phase.png")
+
+    figure, axes = plt.subplots(figsize=(4.5, 4.5), constrained_layout=True)
+    axes.set(xlim=(-0.5, 0.5), ylim=(-0.05, 0.75), aspect="equal", xticks=[])
+    axes.axhline(0.0, color=REFERENCE, linewidth=2)
+    legs = [axes.plot([], [], color=colour, linewidth=3)[0] for colour in (REAL, MODEL)]
+    (trunk,) = axes.plot([], [], color=REFERENCE, linewidth=8)
+    pick = np.arange(0, min(len(run.time), round(SHOWN * 1e3)), round(1e3 / FRAMES))
+
+    def show(frame: int) -> None:
+        k = pick[frame]
+        points = skeleton(robot, run.trunk[k], run.q[k])
+        trunk.set_data(*points[0].T)
+        for line, leg in zip(legs, points[1:], strict=True):
+            line.set_data(*leg.T)
+        axes.set_title(f"{run.time[k]:.2f} s", fontsize=11)
+
+    return [drawn, _animated(figure, show, len(pick), out / "motion.gif")]
+
+
+SCENES: dict[str, Callable[[Path, float], list[Path]]] = {
+    "limit-cycle": _limit_cycle,
+    "hitting": _hitting,
+    "hopper": _hopper,
+    "throw": _throw,
+}
+
+
+def skeleton(robot: Hopper, trunk: Array, q: Array) -> list[Array]:
+    """Points (k, 2) [m], forward and up, of the trunk and of both legs, hip to foot; forward counts from the trunk."""
+    half, length, pitch = 0.5 * robot.trunk_length, robot.segment_length, trunk[2]
+    ahead = np.array([np.cos(pitch), -np.sin(pitch)])
+    middle = np.array([0.0, trunk[1]])
+    hips = middle + half * ahead, middle - half * ahead
+    legs = []
+    for hip, (first, second) in zip(hips, (q[:2], q[2:]), strict=True):
+        knee = hip + length * np.array([np.sin(first - pitch), -np.cos(first - pitch)])
+        bend = first + second - pitch
+        legs.append(np.array([hip, knee, knee + length * np.array([np.sin(bend), -np.cos(bend)])]))
+    return [np.array(hips), *legs]
+
+
+def _over_dds(bag: Path, controller: Callable[..., Any], duration: float, **simulator: Any) -> Recorded:
+    """The controller with its default parameters on the simulated arm, in lockstep, recorded."""
+    topics = [
+        "/joint_states:sensor_msgs/msg/JointState",
+        f"/{ARM.name}/command:via_interfaces/msg/VsaCommand",
+        f"/{ARM.name}/control:via_interfaces/msg/ControlState",
+        f"/{ARM.name}/contact:geometry_msgs/msg/WrenchStamped",
+    ]
+    wait = PATIENCE * max(1.0, duration)
+    with Composition() as graph:
+        graph.add(controller)
+        recorder = graph.add(Recorder, bag=str(bag), topics=topics)
+        body = graph.add(ArmSimulatorNode, mode="lockstep", duration=duration, listeners=2, **simulator)
+        graph.run_until(body.finished.done, wait, "the scene")
+        wanted = ("/joint_states", f"/{ARM.name}/control")
+        least = round(duration * 1e3)
+        graph.run_until(lambda: all(recorder.counts[topic].messages >= least for topic in wanted), wait, "recording")
+    found = read_bag(bag, list(wanted))
+    states, control = found["/joint_states"], found[f"/{ARM.name}/control"]
+    stamps = found.topic("/joint_states").stamp
+    position, velocity = (np.array(list(states[name]), dtype=float) for name in ("position", "velocity"))
+    return Recorded(
+        time=1e-9 * (stamps - stamps[0]),
+        q=position[:, ::2],  # links and motors by turns
+        velocity=velocity[:, ::2],
+        names=tuple(control["name"][0]),
+        told=np.array(list(control["value"]), dtype=float),
+    )
+
+
+def _joints_plot(axes: plt.Axes, seen: Recorded, about: Array) -> None:
+    for i, colour in enumerate(COLOURS):
+        axes.plot(seen.q[:, i] - about[i], seen.velocity[:, i], color=colour, linewidth=0.8, label=f"joint {i + 1}")
+    axes.set_xlabel("link angle about rest [rad]")
+    axes.set_ylabel("link velocity [rad/s]")
+    axes.legend(loc="upper right", fontsize=9)
+
+
+def _arm_animation(arm: VsaArm, seen: Recorded, wall: Array | None, path: Path) -> Path:
+    """The arm from the side and from above over the last seconds, the tip's way behind it."""
+    last = seen.time >= seen.time[-1] - SHOWN
+    pick = np.flatnonzero(last)[:: max(1, round(1.0 / FRAMES / float(np.diff(seen.time).mean())))]
+    data, points = arm.model.createData(), []
+    for k in pick:
+        pinocchio.forwardKinematics(arm.model, data, seen.q[k])
+        points.append([np.zeros(3), np.array(data.oMi[arm.n].translation), arm.tip_position(seen.q[k])])
+    bodies = np.array(points)
+    figure, panels = plt.subplots(1, 2, figsize=(8, 4.2), constrained_layout=True)
+    lines = []
+    for axes, (i, j), words in zip(panels, ((0, 2), (0, 1)), (("x", "z"), ("x", "y")), strict=True):
+        axes.set(xlim=(-0.1, 1.0), ylim=(-0.8, 0.3) if j == 2 else (-0.5, 0.6), aspect="equal")
+        axes.set_xlabel(f"{words[0]} [m]")
+        axes.set_ylabel(f"{words[1]} [m]")
+        axes.plot(bodies[:, 2, i], bodies[:, 2, j], color=FAINT, linewidth=0.8)
+        if wall is not None:
+            axes.plot(wall[i], wall[j], "s", color=REFERENCE, markersize=7)
+        lines.append((axes.plot([], [], "o-", color=REAL, linewidth=4, markersize=6)[0], i, j))
+
+    def show(frame: int) -> None:
+        for line, i, j in lines:
+            line.set_data(bodies[frame, :, i], bodies[frame, :, j])
+        figure.suptitle(f"{seen.time[pick[frame]]:.2f} s", fontsize=11)
+
+    return _animated(figure, show, len(pick), path)
+
+
+def _animated(figure: plt.Figure, show: Frame, frames: int, path: Path) -> Path:
+    def drawn(frame: int) -> list[Any]:
+        show(frame)
+        return []
+
+    FuncAnimation(figure, drawn, frames=frames, blit=False).save(path, writer=PillowWriter(fps=FRAMES), dpi=70)
+    plt.close(figure)
+    return path
+
+
+def _saved(figure: plt.Figure, path: Path) -> Path:
+    figure.savefig(path)
+    plt.close(figure)
+    return path
