@@ -21,6 +21,13 @@ def test_the_link_is_as_fast_as_the_closed_form_says(damper, turns):
         assert throw(DEVICE, law, damper, sensors).velocity[-1] == pytest.approx(ideal, rel=5e-3)
 
 
+@pytest.mark.parametrize(("damper", "turns"), [(0.0, 3), (1.0, 1)])
+def test_the_motor_keeps_to_its_speed(damper, turns):
+    law, _ = law_of(DEVICE, damper, turns)
+    seen = throw(DEVICE, law, damper, Sensors.of_device(DEVICE), more=0.3)
+    assert np.abs(seen.motor_velocity).max() < 1.02 * law.velocity
+
+
 def test_turning_uniformly_is_slower_on_the_joint_too():
     """The printed 'period of omega_d' for the last stretch as well, on the simulated joint with D = .4."""
     law, ideal = law_of(DEVICE, 1.0, 2)

@@ -2,11 +2,14 @@
 
 The motor follows theta_d(t) = theta(0) + integral of v s(t), s = +-1 as `visco_elastic` has it for an ideal motor:
 
-    tau = K_P (theta_d - theta) + K_D (v s - thd) - tau_e,    tau_e = tau_e(q - theta) + d (qd - thd)
+    tau = K_D (w_d - thd) - tau_e,    w_d = v s + K_P / K_D (theta_d - theta) within +-v,
+    tau_e = tau_e(q - theta) + d (qd - thd)
 
-The last term takes the load of spring and damper off the motor. With K_P = B w^2 and K_D = 2 B w the motor closes up
-like (1 + w t) exp(-w t) after every turn; torque and speed are limited, which costs what Figure 21 shows. After the
-horizon the motor holds still where it is to be. Velocities are not measured: angles' derivatives behind low passes.
+The last term takes the load of spring and damper off the motor. What a turn costs is made up for afterwards, but never
+faster than v: with K_P = B w^2 and K_D = 2 B w the motor's speed closes up like exp(-2 w t), without overshoot as long
+as 2 w is small beside the rates of samples and of the low passes. The torque is limited, which costs what Figure 21
+shows. After the horizon the motor holds still where it is to be. Velocities are not measured: they are derivatives of
+angles behind low passes.
 """
 
 from __future__ import annotations
@@ -57,7 +60,7 @@ class MaxVelocity(Controller[MaxVelocityState]):
 
     @classmethod
     def from_device(
-        cls, device: Device, horizon: float, damping_command: float = 0.0, bandwidth: float = 200.0
+        cls, device: Device, horizon: float, damping_command: float = 0.0, bandwidth: float = 100.0
     ) -> MaxVelocity:
         """For a flexible device with a torque motor whose torque and speed limits are known.
 
@@ -76,7 +79,7 @@ class MaxVelocity(Controller[MaxVelocityState]):
             velocity=motor.speed_limit,
             proportional_gain=motor.inertia * bandwidth**2,
             derivative_gain=2.0 * motor.inertia * bandwidth,
-            velocity_bandwidth=5.0 * bandwidth,
+            velocity_bandwidth=10.0 * bandwidth,
             torque_limit=motor.torque_limit,
         )
 
@@ -103,11 +106,9 @@ class MaxVelocity(Controller[MaxVelocityState]):
         velocities = low_passed(state.velocities, state.angles, angles, step, self.velocity_bandwidth)
         wanted, rate = self.reference(sample.time - state.start)
         load = float(self.spring.torque(angles[0] - angles[1])) + self.damping * (velocities[0] - velocities[1])
-        torque = (
-            self.proportional_gain * (state.origin + wanted - angles[1])
-            + self.derivative_gain * (rate - velocities[1])
-            - load
-        )
+        catching_up = self.proportional_gain / self.derivative_gain * (state.origin + wanted - angles[1])
+        speed = min(max(rate + catching_up, -self.velocity), self.velocity)
+        torque = self.derivative_gain * (speed - velocities[1]) - load
         after = MaxVelocityState(
             state.start, state.origin, sample.time, locked(angles, "angles"), locked(velocities, "velocities")
         )
