@@ -91,8 +91,8 @@ class RollingLog:
         states = Columns("", JOINT_STATE, stamps, stamps, {}, True)
         channels = {channel: rows[:, i] for i, channel in enumerate(LINK)}
         drives, at = self.device.n_drives, len(LINK)
-        for i, name in enumerate(self.device.drive_channels):
-            channels[name] = rows[:, at + i * drives : at + (i + 1) * drives]
+        for i, channel in enumerate(self.device.drive_channels):
+            channels[channel] = rows[:, at + i * drives : at + (i + 1) * drives]
         recording = recorded(states, channels, np.ones(len(stamps), np.bool_), self._columns(stamps[0]), self.device)
         repeated = sum(report.repeated for report in recording.reports)
         backward = sum(report.backward for report in recording.reports)
