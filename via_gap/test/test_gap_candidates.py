@@ -7,7 +7,7 @@ import pytest
 from gap_logs import flexible, log_of, servo
 from via_core.devices import Device
 from via_gap.calibration import calibration
-from via_gap.candidates import Fit, directions, fit_base, ranked, refine
+from via_gap.candidates import Fit, directions, fit_base, ranked, refine, settled
 from via_gap.evidence import Judged
 from via_gap.nuisance import BOUND
 from via_gap.places import Place, places
@@ -55,6 +55,22 @@ def test_a_fit_finds_the_planted_numbers_from_a_poor_start(name, effect, start):
     # Beside servos all torques may grow in one proportion.
     off = 1.1 * BOUND * problem.device.tolerances.spring if name == "servo" else 0.01
     assert dict(fit.effects[0].parameters) == pytest.approx(dict(effect.parameters), rel=off)
+
+
+def test_what_no_torque_on_record_tells_is_known_as_well_as_the_device_file_says():
+    """Beside servos inertia, friction, springs and the effect may grow in one proportion, and nothing shows."""
+    problem, base, _, scales = searched("servo")
+    place = Place(DAMPED.name, DAMPED.site, DAMPED.motor)
+    led_astray = Fit((), 0.8 * BOUND * np.sign(base.deviations), 0.0, base.residual, base.spread)
+    fit = refine(problem, led_astray, None, [(place, (0.06,))], scales)
+    end = settled(problem, fit, scales)
+    proportional = [each.tolerance for each in problem.nuisances if "bandwidth" not in each.name]
+    factors = [1.0 + n.tolerance * d for n, d in zip(problem.nuisances, end.deviations) if "bandwidth" not in n.name]
+    known = 1.0 / np.sqrt(sum((factor / t) ** 2 for factor, t in zip(factors, proportional)))
+    planted, (value,) = DAMPED.parameters["coefficient"], end.effects[0].parameters.values()
+    assert end.loss <= fit.loss
+    assert known < end.spread[0] / value < 1.3 * known  # the trade with friction beside it
+    assert abs(value - planted) < 0.5 * end.spread[0]
 
 
 def test_a_second_cause_closes_a_part_of_much_and_a_good_part_of_little():

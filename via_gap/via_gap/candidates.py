@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
@@ -19,7 +20,7 @@ from via_sim.effects import Effect
 
 from via_gap.nuisance import BOUND, descend
 from via_gap.places import Place
-from via_gap.problem import Problem
+from via_gap.problem import STEP, Problem
 from via_gap.scales import Scales
 from via_gap.starts import Start, amount_range, combined, size_of, starts
 
@@ -29,6 +30,7 @@ BATCH = 16  # starts that are simulated at once
 ROUNDS = 14
 SPARSE = 6  # two of so many neighbouring shots are enough to come near the device's own numbers
 LEAST_STEP = 0.003  # of the typical size of a parameter: a finite difference
+FINE = 0.1  # of a step, where differences are central: what they leave out is then far below a tolerance
 SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
 DONE = 2e-3  # share of the loss: a step that gains less is the last with this Jacobian
 AGED = 0.3  # share of the loss at which a Jacobian of the nuisances was made, below which it says nothing any more
@@ -97,6 +99,62 @@ def fit_base(problem: Problem, effects: Sequence[Effect] = ()) -> tuple[Fit, Arr
     deviations, residual, jacobian = problem.fit_nuisances(effects, begin, 2)
     loss = float(residual @ residual + deviations @ deviations)
     return Fit(tuple(effects), deviations, loss, residual, np.empty(0)), jacobian
+
+
+@dataclass(frozen=True, eq=False)
+class _Axes:
+    """Where a fit moves: deviations of the nuisances (J,), then every parameter of the effects over its typical size.
+
+    size   (p,) of the parameters, in their units
+    low    (p,) ends of their ranges over `size`; high likewise
+    times  (p,) those that are times of the run, which no slope leads to
+    """
+
+    problem: Problem
+    places: tuple[Place, ...]
+    size: Array
+    low: Array
+    high: Array
+    times: NDArray[np.bool_]
+
+    @staticmethod
+    def of(problem: Problem, places: Sequence[Place], scales: Scales) -> _Axes:
+        parameters = [(place, p) for place in places for p in EFFECTS[place.name].parameters]
+        size = np.array([size_of(p, place, scales) for place, p in parameters])
+        low = np.array([p.low for _, p in parameters]) / size
+        high = np.array([p.high for _, p in parameters]) / size
+        times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
+        return _Axes(problem, tuple(places), size, low, high, times)
+
+    @property
+    def count(self) -> int:
+        """Nuisances, J."""
+        return len(self.problem.nuisances)
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """(J + p,) lowest and highest point."""
+        bound = np.full(self.count, BOUND)
+        return np.append(-bound, self.low), np.append(bound, self.high)
+
+    def effects(self, point: Array) -> list[Effect | None]:
+        values, first, made = point[self.count :] * self.size, 0, []
+        for place in self.places:
+            number = len(EFFECTS[place.name].parameters)
+            made.append(make(place, list(values[first : first + number])))
+            first += number
+        return made
+
+    def losses(self, points: Sequence[Array]) -> tuple[Array, Array]:
+        """(K,) losses and (K, R) residuals of points; infinite where there are no such effects."""
+        count = self.count
+        rows = [row_or_none(self.problem, self.effects(point), point[:count]) for point in points]
+        residuals = np.full((len(points), self.problem.size), np.inf)
+        there = [row for row in rows if row is not None]
+        if there:
+            residuals[[row is not None for row in rows]] = self.problem.residual(there)
+        each = [r @ r + p[:count] @ p[:count] if np.isfinite(r[0]) else np.inf for r, p in zip(residuals, points)]
+        return np.array(each), residuals
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,37 +274,15 @@ def refine(
     jacobian  (R, J) of the nuisances near there; None: made here
     rival     loss of the best fit so far: one that is far above it and no longer falls is given up. None: never valid.
     """
-    kinds = [EFFECTS[place.name] for place, _ in members]
-    parameters = [(place, p) for (place, _), kind in zip(members, kinds) for p in kind.parameters]
-    size = np.array([size_of(p, place, scales) for place, p in parameters])
-    low = np.array([p.low for _, p in parameters]) / size
-    high = np.array([p.high for _, p in parameters]) / size
-    count, many = len(base.deviations), len(size)
-    box = np.append(np.full(count, -BOUND), low), np.append(np.full(count, BOUND), high)
-
-    def effects_at(point: Array) -> list[Effect | None]:
-        values, first, made = point[count:] * size, 0, []
-        for (place, _), kind in zip(members, kinds):
-            made.append(make(place, values[first : first + len(kind.parameters)]))
-            first += len(kind.parameters)
-        return made
-
-    def losses(points: Sequence[Array]) -> tuple[Array, Array]:
-        rows = [row_or_none(problem, effects_at(point), point[:count]) for point in points]
-        residuals = np.full((len(points), problem.size), np.inf)
-        there = [row for row in rows if row is not None]
-        if there:
-            residuals[[row is not None for row in rows]] = problem.residual(there)
-        each = [r @ r + p[:count] @ p[:count] if np.isfinite(r[0]) else np.inf for r, p in zip(residuals, points)]
-        return np.array(each), residuals
-
+    axes = _Axes.of(problem, [place for place, _ in members], scales)
+    size, low, high, count, many = axes.size, axes.low, axes.high, axes.count, len(axes.size)
+    box, effects_at, losses, times = axes.box, axes.effects, axes.losses, axes.times
     given = np.concatenate([np.asarray(values, dtype=np.float64) for _, values in members])
     at = np.append(base.deviations, np.clip(given / size, low, high))
     loss, residuals = losses([at])
     value, residual = float(loss[0]), residuals[0]
     if not np.isfinite(value):
         return None
-    times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters])
     side, fresh, damping = jacobian, jacobian is None, 0.0
     if side is None:
         side = problem.nuisance_jacobian([e for e in effects_at(at) if e is not None], at[:count], residual)
@@ -301,3 +337,41 @@ def refine(
     spread = _spread(normal, high - low, count) * np.sqrt(excess)
     spread = np.where(times, TIME_STEPS[-1], np.where(apart, 0.0, np.minimum(spread, high - low))) * size
     return Fit(tuple(effects), at[:count].copy(), value, residual, spread)
+
+
+def settled(problem: Problem, fit: Fit, scales: Scales) -> Fit:
+    """A fit led to the end along what hardly changes its loss, with standard deviations that know of it.
+
+    Without a torque on record all torques and inertias of a joint may grow together and nothing shows: only the
+    tolerances of the device's numbers say how far. `refine` ends anywhere on such a line, and its one-sided differences
+    bend it, so that it seems well known. Central differences keep it straight; one step with them is nearly exact.
+    """
+    axes = _Axes.of(problem, fit.places, scales)
+    count, many = axes.count, len(axes.size)
+    values = [value for effect in fit.effects for value in effect.parameters.values()]
+    at = np.append(fit.deviations, np.clip(np.array(values) / axes.size, axes.low, axes.high))
+    steps = FINE * np.append(
+        STEP / np.array([each.tolerance for each in problem.nuisances]),
+        np.maximum(LEAST_STEP, 0.03 * np.abs(at[count:])),
+    )
+    (value,), (residual,) = axes.losses([at])
+    low, high = axes.box
+    around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
+    ahead, behind = (axes.losses([*(at + np.diag(each - at))])[1] for each in around)
+    slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
+    known = np.isfinite(slopes[0]) & np.append(np.full(count, True), ~axes.times)
+    slopes[:, ~known] = 0.0
+    normal = slopes.T @ slopes
+    normal[:count, :count] += np.eye(count)
+    wanted = descend(normal, slopes.T @ (slopes @ at - residual), at, low, high)
+    for share in (1.0, 0.5, 0.25):
+        trial = at + share * (wanted - at)
+        (loss,), (moved,) = axes.losses([trial])
+        if loss < value:
+            at, value, residual = trial, float(loss), moved
+            break
+    excess = max(float(value) / max(len(residual), 1), 1.0)
+    spread = _spread(normal, axes.high - axes.low, count) * np.sqrt(excess)
+    spread = np.where(known[count:], np.minimum(spread, axes.high - axes.low) * axes.size, fit.spread[-many:])
+    effects = tuple(effect for effect in axes.effects(at) if effect is not None)
+    return Fit(effects, at[:count].copy(), float(value), residual, spread)

@@ -14,7 +14,7 @@ from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
 from via_gap.calibration import calibration
-from via_gap.candidates import Fit, fit_base, timed
+from via_gap.candidates import Fit, fit_base, settled, timed
 from via_gap.ceiling import flexible, lower
 from via_gap.data_check import check_log
 from via_gap.equation_bench import EquationBench
@@ -121,11 +121,15 @@ def diagnose(
         if not judged_on and causes and timed(causes[0].fit):  # when it begins is seen in one shot
             train, held = split_finely(everything)
             fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
-            search = Search.of(fitted, partial(judge, judged), base, jacobian, candidates, scales)
+            weigh = partial(judge, judged)
+            search = Search.of(fitted, weigh, base, jacobian, candidates, scales)
             causes = search.single(tell)
         causes, pairs = search.more(causes, frozen, tell)
     tell("weighing the evidence", 0.9)
     decision = decide(tuned, causes, pairs, frozen)
+    if decision.places:
+        (chosen,) = weigh([settled(fitted, decision.chosen.fit, scales)])
+        decision = decision.with_chosen(chosen)
     tell("measuring the gap", 0.95)
     gap = _gap(device, fitted, judged, everything, held, before, tuned, decision)
     figures = evidence_figures(

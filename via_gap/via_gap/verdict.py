@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,16 @@ class Decision:
     equivalent: tuple[Place, ...]
     places: tuple[Place, ...]
     site_weights: tuple[tuple[Place, float], ...]
+
+    def with_chosen(self, chosen: Judged) -> Decision:
+        """The same answer with the effects of `chosen`, its fit led further, as the report tells them."""
+        alone = {place: _alone(chosen, i) for i, place in enumerate(chosen.fit.places)}
+        mine = self.chosen.fit.deviations
+        ranked = tuple(
+            (alone[each.fit.places[-1]] if each.fit.deviations is mine else each, probability)
+            for each, probability in self.ranked
+        )
+        return replace(self, chosen=chosen, ranked=ranked)
 
 
 def decide(tuned: Judged, causes: Sequence[Judged], sets: Sequence[Judged], frozen: Calibration) -> Decision:
