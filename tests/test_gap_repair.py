@@ -73,10 +73,10 @@ def told(here: Path) -> GapReport:
 
 
 def nrmse(log: dict[str, np.ndarray], other: dict[str, np.ndarray], report: GapReport) -> float:
-    """Error of the link angle over its standard deviation where the report was judged, blocks of 2 s counting alike."""
+    """Error of the link angle over its standard deviation where the report was judged, eight blocks counting alike."""
     time = log["time"]
     held = np.any([(s.begin <= time) & (time <= s.end) for s in report.held_out], axis=0)
-    square, block = (other["q"] - log["q"]) ** 2, time // 2.0
+    square, block = (other["q"] - log["q"]) ** 2, np.minimum((time - time[0]) / (time[-1] - time[0]) * 8 // 1, 7)
     blocks = [np.mean(square[held & (block == b)]) for b in np.unique(block[held])]
     return float(np.sqrt(np.mean(blocks)) / np.std(log["q"][held]))
 

@@ -146,6 +146,17 @@ def read_log(path: str | Path, device: Device, joint_topic: str = "/joint_states
     return JointLog(where.name, device, measured, commands, dropped)
 
 
+def read_logs(paths: Sequence[str | Path], device: Device) -> list[JointLog]:
+    """The logs of several files; those of one name, in folders of their own, are called by as much of the path more."""
+    parts = [Path(path).absolute().parts for path in paths]
+    depth = 1
+    while len({each[-depth:] for each in parts}) < len(set(parts)):
+        depth += 1
+    last = [each[-1] for each in parts]
+    names = [str(Path(*each[-depth:])) if last.count(each[-1]) > 1 else each[-1] for each in parts]
+    return [replace(read_log(path, device), name=name) for path, name in zip(paths, names, strict=True)]
+
+
 def _from_csv(path: Path, device: Device) -> JointLog:
     """Columns `time` [s] and those of docs/notation.md, `theta_1`, `tau_2`, `motor_1`; others are not looked at.
 

@@ -107,7 +107,8 @@ def free_errors(device: Device, effects: Sequence[Effect], shots: Sequence[Shots
         shot = np.searchsorted(each.time, time, side="right") - 1
         inside = np.isin(shot, which)
         inside |= (shot >= len(each) - 1) & (len(each) - 1 in which)
-        block = ((time - time[0]) // BLOCK).astype(int)
+        blocks = max(1, round(log.duration / BLOCK))  # as long as one another: each counts alike
+        block = np.minimum((time - time[0]) / log.duration * blocks, blocks - 1).astype(int)
         for b in np.unique(block[inside]):
             squares.append([float(np.mean(error[inside & (block == b)] ** 2))])
         deviations += float(np.sum((q[inside] - np.mean(q[inside])) ** 2))

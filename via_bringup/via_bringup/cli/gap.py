@@ -13,7 +13,7 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from via_core.devices import Device, load_device
 from via_core.errors import ViaError
 from via_gap.diagnose import diagnose as diagnosed
-from via_gap.log import JointLog, read_log
+from via_gap.log import JointLog, read_logs
 from via_gap.proposal import with_proposal
 from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
@@ -65,8 +65,8 @@ def diagnose(
             reports = _of_arm(arm, logs, holdout or (), tell)
         else:
             described = load_device(device or "")
-            read = [read_log(path, described) for path in logs]
-            held = [read_log(path, described) for path in holdout or ()]
+            everything = read_logs([*logs, *(holdout or ())], described)
+            read, held = everything[: len(logs)], everything[len(logs) :]
             report = diagnosed(read, described, held or None, tell)
             tell("looking for a motion that decides", 1.0)
             reports = (with_proposal(report, described),)
@@ -136,7 +136,7 @@ def simulate(
         read = _joint_of_arm(arm, described, logs)
         before, after = lacking_before_and_after(read, added, held_out)
     else:
-        read = [read_log(path, described) for path in logs]
+        read = read_logs(logs, described)
         before, after = before_and_after(read, described, added, held_out)
     floor = float(np.sqrt(np.mean(before.floors**2)))
     answers.print(f"gap: {before.overall:.4g} before, {after.overall:.4g} after, floor {floor:.3g}")
