@@ -1,12 +1,25 @@
 """Numbers 5 and 6: the modal bang-bang law on the simulated 4-dof arm, free and against a wall; misprints stop it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from via_bringup.control.arm_run import Phase, run_arm
-from via_bringup.control.bang_bang import damped_arm, free_motion, linear_modes, pushed, reference_law
+from via_bringup.control.bang_bang import (
+    MOTORS,
+    damped_arm,
+    degrees_between,
+    free_motion,
+    linear_modes,
+    pushed,
+    reference_law,
+)
 from via_bringup.control.cycles import Cycles, spread
 from via_bringup.control.hitting import TURNING, hitting
+from via_bringup.control.nonlinear_mode import nonlinear_mode
 from via_controllers.bang_bang import BangBangState, ModalBangBang
+from via_core.errors import ParameterError
 
 ARM = damped_arm()
 
@@ -34,6 +47,51 @@ def test_linear_modes_are_those_of_the_held_arm():
     stiffness = np.column_stack([(force(q + h * e) - force(q - h * e)) / (2.0 * h) for e in np.eye(4)])
     for w, f in zip(found.directions.T, found.frequencies, strict=True):
         assert stiffness @ w == pytest.approx((2.0 * np.pi * f) ** 2 * ARM.inertia(q) @ w, abs=1e-4)
+
+
+def returned(start, period):
+    """How far [rad] the arm without friction is from `start` after a period, let go there with its motors held.
+
+    Slow and plain: M qdd = -C qd - g - tau_e, M by the composite rigid body algorithm, DOP853.
+    """
+    free, motors = replace(ARM, link_friction=np.zeros(4)), np.array(MOTORS)
+
+    def motion(_, x):
+        q, v = x[:4], x[4:]
+        pull = free.link_torque(q, v, np.zeros(4)) + free.spring_state(q - motors)[0]
+        return np.concatenate([v, np.linalg.solve(free.inertia(q), -pull)])
+
+    there = solve_ivp(motion, (0.0, period), np.append(start, np.zeros(4)), method="DOP853", rtol=1e-9, atol=1e-11)
+    return float(np.abs(there.y[:4, -1] - start).max())
+
+
+@pytest.mark.parametrize("mode", [1, 4])
+def test_a_nonlinear_mode_comes_back_and_begins_as_a_linear_one(mode):
+    motors, linear = np.array(MOTORS), linear_modes(ARM, np.array(MOTORS))
+    little = nonlinear_mode(ARM, motors, mode, 0.01)
+    assert degrees_between(little.direction, linear.directions[:, mode - 1]) < 0.05
+    assert little.frequency == pytest.approx(linear.frequencies[mode - 1], rel=1e-4)
+    much = nonlinear_mode(ARM, motors, mode, 0.28)
+    assert np.linalg.norm(much.path[-1] - much.path[0]) == pytest.approx(0.28, abs=1e-6)
+    assert much.path[0] == pytest.approx(much.start) and much.frequency > linear.frequencies[mode - 1]
+    assert returned(much.start, 1.0 / much.frequency) < 2e-5
+    straight = linear.rest + 0.5 * 0.28 * linear.directions[:, mode - 1]
+    assert returned(straight, 1.0 / much.frequency) > 1e-3
+
+
+def test_at_this_swing_no_free_motion_is_along_linear_mode_4():
+    """What number 5 asks of w_1 is true of the arm's own motions 1 to 3 only."""
+    linear = linear_modes(ARM, np.array(MOTORS)).directions
+    bent = [
+        degrees_between(nonlinear_mode(ARM, np.array(MOTORS), mode, 0.28).direction, linear[:, mode - 1])
+        for mode in (1, 2, 3, 4)
+    ]
+    assert max(bent[:3]) < 3.0 and 10.0 < bent[3] < 20.0
+
+
+def test_a_swing_without_a_motion_in_step_is_refused():
+    with pytest.raises(ParameterError, match="no motion in step"):
+        nonlinear_mode(ARM, np.array(MOTORS), 1, 6.0)
 
 
 def test_with_the_printed_force_the_motion_dies(monkeypatch):

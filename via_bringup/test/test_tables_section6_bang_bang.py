@@ -14,6 +14,7 @@ def test_every_number_to_reach_is_judged(monkeypatch):
     assert found["angle"].limit == 3.0 and found["period"].limit == 1e-3
     assert found["frequency"].limit == pytest.approx(0.06) and found["swing"].limit is None
     assert found["frequency"].ours < 0.06
+    assert found["nonlinear"].limit is None and found["bent"].limit is None and "plane" not in found
     limits = {"second": 0.05, "steady": 5e-3, "missed": 0.0, "weak": None}
     case = hitting.hitting(0.3, 1.2, 1.5)
     monkeypatch.setattr(section6_bang_bang, "_case", lambda wall, hold: case)
@@ -27,6 +28,20 @@ def test_a_wrong_direction_is_missed_and_says_why(monkeypatch):
     monkeypatch.setattr(section6_bang_bang, "free_motion", lambda mode, duration: replace(whole, angle=13.0))
     row = section6_bang_bang._free(1)[0]
     assert row.ok is False and "modes 3 and 4" in row.remark
+
+
+def test_a_plane_is_told_where_resonances_overlap(monkeypatch):
+    """w_1 between modes 3 and 4 is far off both and in their plane; mode 1 put in tips it out."""
+    whole = bang_bang.free_motion(3, 1.6)
+    modes = bang_bang.linear_modes(bang_bang.damped_arm(), np.array(bang_bang.MOTORS)).directions
+
+    def plane(w):
+        w = w / np.linalg.norm(w)
+        monkeypatch.setattr(section6_bang_bang, "free_motion", lambda *_: replace(whole, direction=w, swing=0.1))
+        return next(row.ours for row in section6_bang_bang._free(3) if row.id.endswith("plane"))
+
+    assert plane(modes[:, 2] - 0.7 * modes[:, 3]) < 1e-5
+    assert 5.0 < plane(modes[:, 2] + 0.2 * modes[:, 0]) < 12.0
 
 
 def test_the_hopper_is_judged_by_its_worth(monkeypatch):

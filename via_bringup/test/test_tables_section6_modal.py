@@ -1,6 +1,9 @@
 """Section 6.1's table: what is judged, and that a miss says why. Long runs behind other rows have their own tests."""
 
+import numpy as np
+import pytest
 from via_bringup.control import hold
+from via_bringup.control.limit_cycle import CycleCourse
 from via_bringup.tables import section6_modal
 
 
@@ -11,15 +14,34 @@ def test_closed_forms_are_judged_and_kept():
     assert all(row.ok and row.ours > 0.0 for row in found.values())
 
 
-def test_a_hold_without_a_push_is_missed_and_says_why(monkeypatch):
-    monkeypatch.setattr(hold, "AFTER", 1.3)
+def test_holds_with_a_push_are_judged_and_those_without_say_why(monkeypatch):
+    """Both on the same runs: at the turning point, at half of the amplitude and at z = 0."""
     monkeypatch.setattr(section6_modal, "MODES", (0,))
     monkeypatch.setattr(section6_modal, "PHASES", 3)
-    section6_modal._releases_of.cache_clear()
-    found = {row.id: row for row in section6_modal._held()}
-    section6_modal._releases_of.cache_clear()
-    worst = found["6.1.hold.mode1.after1.worst"]
-    assert worst.limit == 0.1 and found["6.1.hold.mode1.after1.5.worst"].limit == 0.02
-    assert worst.ours >= found["6.1.hold.mode1.after1.median"].ours
-    assert worst.ok or "z = 0 is an equilibrium" in worst.remark
-    assert (found["6.1.hold.mode1.after1.misses"].ours == 0.0) == worst.ok
+
+    def released(grip, least):
+        H = np.concatenate([np.full(500, grip**2 - 1.0), np.full(900, least)])
+        course = CycleCourse(H, np.zeros(1400), np.zeros(1400), np.full(1400, 115.0))
+        return hold.Released(0.0, grip, grip**2, 0.5, 115.0, course, False)
+
+    def rows(*errors):
+        runs = tuple(released(grip, error) for grip, error in zip((1.0, 0.5, 0.0), errors, strict=True))
+        monkeypatch.setattr(section6_modal, "_releases_of", lambda mode: runs)
+        return {row.id.removeprefix("6.1.hold.mode1."): row for row in section6_modal._held()}
+
+    found = rows(0.001, 0.019, -1.0)
+    assert found["after1.pushed"].limit == 0.1 and found["after1.5.pushed"].limit == 0.02
+    assert found["after1.pushed"].ours == pytest.approx(0.019) and found["after1.5.pushed"].ok
+    assert "2 of 3 phases" in found["after1.pushed"].what
+    worst = found["after1.worst"]
+    assert worst.ours == 1.0 and worst.limit is None and "z = 0 is an equilibrium" in worst.remark
+    assert found["after1.misses"].ours == pytest.approx(1.0 / 3.0)
+    assert not rows(0.001, 0.021, 0.0)["after1.5.pushed"].ok
+
+
+def test_where_a_hand_takes_the_arm_is_told_in_amplitudes(monkeypatch):
+    """It is this that decides what is judged, and not what came of it."""
+    monkeypatch.setattr(hold, "SETTLING", 2.0)
+    monkeypatch.setattr(hold, "AFTER", 0.05)
+    hold_of = next(hold.held_and_released(1, 7, duration=0.05))
+    assert hold_of.grip == pytest.approx(abs(np.cos(hold_of.phase)), abs=0.01)

@@ -4,8 +4,9 @@ The arm hangs at theta_0 and is linearised there: (K + dg/dq, M), K the springs'
 the viscous friction d_i = 2 zeta sqrt(K_i M_ii) at rest.
 
 Modes 1 and 2 are found from a w_1(0) that only names joints, and kept. Modes 3 and 4 are 3 % apart where friction makes
-resonances 10 % wide: motors that switch along either move both, and the springs, which harden, mix them the more the
-wider the arm swings. There w_1 wanders off by several degrees in as many seconds; started on the mode itself and with a
+resonances 10 % wide: motors that switch along either move both, and w_1 stays in their plane but not on either. What a
+law can find there are motions of the arm as it swings (`nonlinear_mode`). That which grows out of mode 4 has left it by
+13 degrees at this swing, and there w_1 ends, in a minute or more also from mode 3. Started on a mode itself and with a
 third of the amplitude (`size`) it stays.
 """
 
@@ -50,6 +51,7 @@ class FreeMotion:
     """Figures of number 5, over the second half of a run."""
 
     mode: int  # 1 the softest
+    direction: Array  # w_1 (n,) at the end, of unit length
     angle: float  # [deg] between w_1 and the mode
     frequency: float  # [Hz]
     ratio: float  # f / f_lin
@@ -74,6 +76,11 @@ def linear_modes(arm: VsaArm, motors: Array) -> Linear:
     _, stiffness, _ = arm.spring_state(q - motors)
     values, modes = eigh(np.diag(stiffness) + arm.gravity_slope(q), arm.inertia(q))
     return Linear(q, np.sqrt(values) / (2.0 * np.pi), modes / np.linalg.norm(modes, axis=0))
+
+
+def degrees_between(a: Array, b: Array) -> float:
+    """Angle [deg] between the lines along `a` and `b` (n,), neither zero; 0 to 90."""
+    return float(np.degrees(np.arccos(min(1.0, float(abs(a @ b) / np.sqrt((a @ a) * (b @ b)))))))
 
 
 def reference_law(arm: VsaArm, direction: Array) -> ModalBangBang:
@@ -106,7 +113,8 @@ def free_motion(mode: int, duration: float = 20.0, on_mode: bool = False, size: 
     frequency, nearest = 1.0 / float(cycles.periods.mean()), linear.directions[:, mode - 1]
     return FreeMotion(
         mode=mode,
-        angle=float(np.degrees(np.arccos(min(1.0, float(abs(w @ nearest)))))),
+        direction=w,
+        angle=degrees_between(w, nearest),
         frequency=frequency,
         ratio=frequency / float(linear.frequencies[mode - 1]),
         period_spread=spread(cycles.periods),

@@ -1,7 +1,10 @@
 """The end effector of an arm on its limit cycle held and released, at phases all around the cycle: Section 6.3.
 
 A hand holds the tip where it is; z_k is then what it is there, nothing moves, and H at release is z_k^2 / 2. Held near
-z_k = 0 the arm is let go without a push, and takes its time (`approach`).
+z_k = 0 the arm is let go without a push, and takes its time (`approach`). No law that is continuous in z_k and zd_k can
+help it: with the arm at rest at either turning point of the cycle the force on z_k points inwards, somewhere between
+the two it is zero, and there a hand may hold it. The document leaves z_k = zd_k = 0 out where it shows the cycle to be
+attractive, and starts by a push.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ class Released:
     """What came of one hold."""
 
     phase: float  # [rad] on the cycle when it was held: z_k ~ cos(phase)
+    grip: float  # |z_k| where it was held, over the cycle's amplitude [-]
     share: float  # H / H_d at release [-]
     period: float  # [s] of the cycle
     eigenvalue: float  # lambda_k [1/s^2], mean over a cycle
@@ -49,4 +53,5 @@ def held_and_released(mode: int, phases: int, duration: float = 1.0, gain: float
         held = run_arm(arm, law, run.body, (Phase(duration, (hand,)),), 4, run.state)
         after = in_modes(law, run_arm(arm, law, held.body, (Phase(AFTER),), state=held.state))
         phase = float(np.arctan2(-speed, z))
-        yield Released(phase, float(after.H[0]) + 1.0, period, eigenvalue, after, held.saturated > 0.0)
+        grip = abs(float(z)) / np.sqrt(2.0 * law.cycle.level)
+        yield Released(phase, grip, float(after.H[0]) + 1.0, period, eigenvalue, after, held.saturated > 0.0)

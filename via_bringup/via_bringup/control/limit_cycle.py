@@ -18,6 +18,7 @@ ARM = load_vsa_arm("reference_4dof")
 EQUILIBRIUM = np.array([0.2, 0.4, 0.3, 1.2])  # q_d [rad]
 STIFFNESS = np.diag([100.0, 100.0, 60.0, 60.0])  # K_d [N m/rad], of the springs at rest
 DAMPING_RATIO, GAIN, LEVEL, BANDWIDTH = 0.7, 3.0, 0.02, 100.0  # xi, k_V [s/(kg m^2)], H_d [kg m^2], omega_tau [rad/s]
+PUSH = 0.5  # of the cycle's amplitude: where a run starts, at rest
 ALONG = 1e-5  # [s] to either side, over which the start's torque is differenced
 
 
@@ -27,7 +28,7 @@ def law_of(mode: int, gain: float = GAIN, damping_ratio: float = DAMPING_RATIO) 
     return VsaModalLimitCycle(cycle, BANDWIDTH)
 
 
-def start(law: VsaModalLimitCycle, share: float = 0.5) -> ArmState:
+def start(law: VsaModalLimitCycle, share: float = PUSH) -> ArmState:
     """At rest, by `share` of the cycle's amplitude beside the equilibrium, the springs as the law wants them."""
     cycle, arm = law.cycle, law.cycle.arm
     z, still = np.zeros(arm.n), np.zeros(arm.n)
@@ -61,7 +62,7 @@ class CycleCourse:
 
 
 def cycling(
-    law: VsaModalLimitCycle, duration: float, share: float = 0.5, torque_noise: float = 0.0, seed: int = 1
+    law: VsaModalLimitCycle, duration: float, share: float = PUSH, torque_noise: float = 0.0, seed: int = 1
 ) -> ArmRun[ModalMotion]:
     """The law on its arm from `start`, for `duration` [s]; the rest as for `run_arm`."""
     phases = (Phase(duration),)

@@ -17,9 +17,18 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from via_bringup.control.bang_bang import AMPLITUDE, DIRECTIONS, free_motion
+from via_bringup.control.bang_bang import (
+    AMPLITUDE,
+    DIRECTIONS,
+    MOTORS,
+    damped_arm,
+    degrees_between,
+    free_motion,
+    linear_modes,
+)
 from via_bringup.control.hitting import HELD, HOLDS, SUBSTEPS, TURNING, WALLS, WEAK, Hitting, hitting
 from via_bringup.control.hopper import AS_HIGH, PAYLOAD, Hopping, hop, reference_law, sinusoid, toppling
+from via_bringup.control.nonlinear_mode import nonlinear_mode
 from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
 from via_bringup.tables.rows import Row
 
@@ -34,10 +43,15 @@ HOPPER = (
     "gamma .05 per ms sample, w_1(0) = sign(theta_0); second half of 12 s"
 )
 ANGLE = "angle [deg]"
+BRAKE = "motors held, no friction, at rest at both ends; first principal component of its path"
 CLOSE = (
-    "modes 3 and 4 are 3 % apart where friction makes resonances 10 % wide: motors move both, and w_1 wanders. In "
-    "smaller swings, from the mode itself, it stays: 6.2.close"
+    "modes 3 and 4 are 3 % apart where friction makes resonances 10 % wide: motors move both. w_1 stays in their plane "
+    "(.plane) and ends beside the motion into which mode 4 has turned at this swing, springs that harden having mixed "
+    "the two (.bent, 6.2.close.mode3.long): no free motion of this swing is along linear mode 4. In smaller swings, "
+    "from the mode itself, w_1 stays: 6.2.close"
 )
+NEAR = (3, 4)  # modes whose resonances overlap
+LONG = 80.0  # [s]
 JOINTS = ("shoulder yaw", "shoulder pitch", "shoulder roll", "elbow")
 COLOURS = (REAL, MODEL, "#2a7f62", "#b08ea2")
 
@@ -61,7 +75,10 @@ def _free(mode: int) -> list[Row]:
     at, words = f"6.2.free.mode{mode}", f"free motion, w_1(0) = {DIRECTIONS[mode]}"
     settings = f"{SETTINGS}; let go .1 rad along w_1(0), second half of {FREE:g} s"
     middle, half = 0.5 * sum(RATIO), 0.5 * (RATIO[1] - RATIO[0])
-    return [
+    free = nonlinear_mode(damped_arm(), np.array(MOTORS), mode, motion.swing)
+    linear = linear_modes(damped_arm(), np.array(MOTORS)).directions
+    like = f"nonlinear mode {mode} of this swing"
+    found = [
         Row(f"{at}.angle", f"{words}: w_1 beside mode {mode} of (K + dg, M)", ANGLE, None, motion.angle, 3.0,
             settings, 0, CLOSE if motion.angle > 3.0 else ""),
         Row(f"{at}.period", f"{words}: period", "std / mean [-]", None, motion.period_spread, 1e-3, settings),
@@ -69,18 +86,38 @@ def _free(mode: int) -> list[Row]:
             f"distance of f / f_lin from {middle:g} [-]", None, abs(motion.ratio - middle), half, settings),
         Row(f"{at}.swing", f"{words}: peak to peak of w_1' (q - q_0)", "swing [rad]", None, motion.swing, None,
             settings),
+        Row(f"{at}.nonlinear", f"{words}: w_1 beside {like}", ANGLE, None,
+            degrees_between(motion.direction, free.direction), None, f"{settings}; {BRAKE}"),
+        Row(f"{at}.bent", f"{like} beside mode {mode} of (K + dg, M)", ANGLE, None,
+            degrees_between(free.direction, linear[:, mode - 1]), None, BRAKE),
     ]  # fmt: skip
+    if mode in NEAR:
+        plane, _ = np.linalg.qr(linear[:, [near - 1 for near in NEAR]])
+        inside = plane @ (plane.T @ motion.direction)
+        found.append(
+            Row(f"{at}.plane", f"{words}: w_1 off the plane of modes {NEAR[0]} and {NEAR[1]}", ANGLE, None,
+                degrees_between(motion.direction, inside), None, settings)
+        )  # fmt: skip
+    return found
 
 
 def _close_modes() -> list[Row]:
-    """Modes that are not found at full swing: from the mode itself, and there in smaller swings."""
+    """Modes that are not found at full swing: from the mode itself, there in smaller swings, and where it all ends."""
     found = []
-    for mode in (3, 4):
+    for mode in NEAR:
         for name, size in (("whole", 1.0), ("small", 1.0 / 3.0)):
             motion = free_motion(mode, FREE, True, size)
             words = f"free motion, w_1(0) = mode {mode}, f / f_lin = {motion.ratio:.3f}: w_1 beside it"
             settings = f"{SETTINGS}, theta_hat and eps times {size:.2g}; second half of {FREE:g} s"
             found.append(Row(f"6.2.close.mode{mode}.{name}", words, ANGLE, None, motion.angle, None, settings))
+    first, last = NEAR
+    end = free_motion(first, LONG)
+    turned = nonlinear_mode(damped_arm(), np.array(MOTORS), last, end.swing)
+    found.append(
+        Row(f"6.2.close.mode{first}.long", f"free motion, w_1(0) = {DIRECTIONS[first]}, after {LONG:g} s: w_1 beside "
+            f"nonlinear mode {last} of this swing", ANGLE, None, degrees_between(end.direction, turned.direction), None,
+            f"{SETTINGS}; {BRAKE}")
+    )  # fmt: skip
     return found
 
 
