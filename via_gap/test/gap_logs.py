@@ -24,11 +24,24 @@ motors: [{inertia: 0.015, viscous_friction: 0.1, torque_limit: 8.0}]
 springs: [{law: odd_polynomial, odd_coefficients: [6.0, 10.0], max_deflection: 1.5}]
 sensors: {rate: 1000.0, link_quantum: 9.587e-5, motor_quantum: 9.587e-5, torque_noise: 0.002}
 """
+RIGID = """
+name: joint
+title: rigid test joint
+source: [made for a test]
+confidence: assumed
+arrangement: rigid
+link: {inertia: 0.04, viscous_friction: 0.1, gravity_torque: 1.0}
+sensors: {rate: 500.0, link_quantum: 9.587e-5}
+"""
 HELD = frozenset({"equilibrium", "preset", "damping"})
 
 
 def flexible() -> Device:
     return parse_device(FLEXIBLE, "flexible")
+
+
+def rigid() -> Device:
+    return parse_device(RIGID, "rigid")
 
 
 def servo() -> Device:
@@ -87,6 +100,9 @@ def _made(text: str, effects: _Key, seed: int, duration: float, tolerance: float
             "damping": 0.5 + 0.5 * np.sin(1.4 * time[every]),
         }
         commands = Signals(time[every], channels, {"equilibrium": "rad", "preset": "rad", "damping": "-"}, HELD)
+        measured = simulate(plant, commands, duration, rate, sensors=sensors, seed=seed).measured
+    elif not device.motors:
+        commands = Signals(time[:-1], {"external_torque": wish[:-1]}, {"external_torque": "N m"}, frozenset({"external_torque"}))
         measured = simulate(plant, commands, duration, rate, sensors=sensors, seed=seed).measured
     else:
         measured, commands = _controlled(plant, sensors, rate, time, wish, seed)

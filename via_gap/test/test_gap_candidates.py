@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from gap_logs import flexible, log_of, servo
+from gap_logs import flexible, log_of, rigid, servo
 from via_core.devices import Device
 from via_gap.calibration import calibration
 from via_gap.candidates import Fit, directions, fit_base, ranked, refine, settled
@@ -18,12 +18,17 @@ from via_gap.verdict import helps
 from via_sim.effects import Effect
 
 MAXWELL = Effect("hysteresis", "transmission", {"torque": 0.03, "stiffness": 0.6}, 1)
+CLIPPED = Effect("torque_saturation", "motor", {"limit": 0.5}, 1)
 DAMPED = Effect("spring_damping", "transmission", {"coefficient": 0.05}, 1)
 
 
 @cache
 def searched(name: str) -> tuple[Problem, Fit, np.ndarray, Scales]:
-    device, effect, duration = {"flexible": (flexible(), MAXWELL, 6.0), "servo": (servo(), DAMPED, 12.0)}[name]
+    device, effect, duration = {
+        "flexible": (flexible(), MAXWELL, 6.0),
+        "servo": (servo(), DAMPED, 12.0),
+        "rigid": (rigid(), CLIPPED, 6.0),
+    }[name]
     return fitted(device, effect, duration)
 
 
@@ -35,7 +40,7 @@ def fitted(device: Device, effect: Effect, duration: float) -> tuple[Problem, Fi
     return problem, base, jacobian, scales
 
 
-@pytest.mark.parametrize(("name", "effect"), [("flexible", MAXWELL), ("servo", DAMPED)])
+@pytest.mark.parametrize(("name", "effect"), [("flexible", MAXWELL), ("servo", DAMPED), ("rigid", CLIPPED)])
 def test_the_screen_puts_the_cause_first(name, effect):
     problem, base, jacobian, scales = searched(name)
     tried = directions(problem, base, places(problem.device, problem.benches[0].shots.log), scales)

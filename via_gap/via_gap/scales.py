@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from via_core.signals import Array
+from via_sim.torques import EXTERNAL
 
 from via_gap.residuals import Residual
 from via_gap.shots import Shots
@@ -19,7 +20,7 @@ KEPT_ORDERS = 2
 class Scales:
     """Sizes over logs of one device.
 
-    torque      (3,) [N m] typical torque on link, motor 1, motor 2
+    torque      (3,) [N m] typical torque on link, motor 1, motor 2; the drive of a rigid joint is its motor 1
     speed       (3,) [rad/s] root mean square
     peak        (2,) [N m] or [rad] largest command of each motor
     slew        [rad/s] fastest motor
@@ -52,6 +53,7 @@ def scales_of(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], t
         speed = np.sqrt(np.mean(np.nan_to_num(start[:, 3:6]) ** 2, axis=0))
     q = start[:, 0]
     angle = float(np.std(q))
+    peak = np.max(np.abs(commands[:, :2]), axis=0)
     acceleration = float(np.std(np.gradient(start[:, 3], 1.0 / shots[0].rate)))
     link, motors = device.link, device.n_motors
     torque = np.zeros(3)
@@ -64,16 +66,21 @@ def scales_of(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], t
             torque[1 : 1 + motors] = np.std(commands[:, :motors], axis=0)
         theta = np.where(np.isfinite(start[:, 1]), start[:, 1], commands[:, 0] if device.drive == "servo" else q)
         deflection = max(float(np.std(q - theta)), 0.02 * angle)
+    else:
+        speed[1], torque[1], peak[0] = speed[0], np.std(commands[:, EXTERNAL]), np.max(np.abs(commands[:, EXTERNAL]))
     speed = np.where(speed > 0.0, speed, max(float(speed.max()), 1e-3))
     torque = np.maximum(torque, 1e-3 * max(float(torque.max()), 1e-3))
     slew = 1.0
     if device.drive == "servo":  # of a servo that follows the largest change asked for: w step / e
         reach = max(float(np.ptp(each.commands[:, 0])) + _first_step(each) for each in shots)
         slew = max(getattr(motor, "bandwidth", 1.0) for motor in device.motors) * reach / np.e
+    orders = [_orders(shots, residuals, axis) for axis in range(3)]
+    if not motors:
+        orders[1] = orders[0]
     return Scales(
-        torque, speed, np.max(np.abs(commands[:, :2]), axis=0), max(float(slew), 1e-3), max(angle, 1e-3),
+        torque, speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
         np.quantile(q, [0.02, 0.1, 0.9, 0.98]), max(deflection, 1e-3), max(each.log.duration for each in shots),
-        _busiest(time, excess), tuple(_orders(shots, residuals, axis) for axis in range(3)),
+        _busiest(time, excess), tuple(orders),
     )  # fmt: skip
 
 

@@ -30,9 +30,9 @@ from via_sim.catalogue import MAX_DELAY
 from via_sim.lockstep import LANES, run_many
 from via_sim.parameters import DYNAMIC, SERVO, P
 from via_sim.plants import JointPlant
-from via_sim.readings import true_angle
+from via_sim.readings import stride, true_angle
 from via_sim.simulate import command_rows
-from via_sim.torques import EXTERNAL, N_COMMANDS, QUEUED, X
+from via_sim.torques import EXTERNAL, HISTORY, N_COMMANDS, QUEUED, X
 
 from via_gap.data_check import step_of
 from via_gap.log import JointLog
@@ -347,6 +347,7 @@ class Bench:
                 state[:, X.bristle : X.bristle + HELD] = held[runs[:left, 0], here]
             if offset is not None:
                 state[:, :6] += offset
+            self._remembered(run, begin, state)
             run_many(run, state, sent, under[:left] + begin, moved[:left])
             out[runs[:left, 0], here] = binned(moved[:left][:, :, axes], shots.every, shots.averaged)
 
@@ -399,6 +400,25 @@ class Bench:
             if swing.any():
                 states[:, 3 + axis] /= 1.0 + swing * np.cos(states[:, axis] + rows[:, P.eccentricity_phase + axis])
         return states
+
+    def _remembered(self, rows: Array, ticks: Indices, states: Array) -> None:
+        """Where axes were before shots that start at `ticks` (n,), for encoders that read late, into states (n, .).
+
+        A late encoder's first readings of a shot are of the time before it: as it read then, not as the shot before ran,
+        which ended somewhere else.
+        """
+        skews = rows[:, [P.skew + axis for axis in self.shots.axes]].max(axis=1)
+        late = np.flatnonzero(skews > 0.0)
+        if not late.size:
+            return
+        every = stride(1.0 / self.shots.rate)
+        past, history = rows[late], states[late, X.history : X.queue].reshape(len(late), HISTORY, 6)
+        known = [*self.shots.axes, *(3 + axis for axis in self.shots.axes)]
+        for back in range(min(ceil(float(skews.max()) * self.shots.rate / every) + 2, HISTORY)):
+            which = ticks[late] // every - back
+            there = self._starts(past, np.maximum(which * every, 0))
+            history[np.arange(len(late))[:, None], (which % HISTORY)[:, None], known] = there[:, known]
+        states[late, X.history : X.queue] = history.reshape(len(late), -1)
 
     def _sensitivity(self, row: Array) -> tuple[Array, Array]:
         """Directions and shares for `residual`, by runs that start one standard deviation beside the measured state."""
