@@ -58,6 +58,8 @@ NEEDS = {
     "simulator": Needs((f"device:={DEVICE.name}",)),
     "arm_simulator": Needs(("arm:=reference_2dof",)),
     "modal_limit_cycle": Needs(("arm:=reference_2dof", "equilibrium:=[0.3, 0.9]")),
+    **dict.fromkeys(("bang_bang_joint", "equilibrium_preset"), Needs((f"device:={DEVICE.name}",), samples=True)),
+    "max_velocity": Needs((f"device:={DEVICE.name}=visco_elastic_demo",), samples=True),
     "bang_bang": Needs(("arm:=reference_2dof", "motors:=[0.3, 0.9]", "direction:=[1.0, 1.0]")),
 }
 

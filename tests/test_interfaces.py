@@ -8,8 +8,8 @@ import pytest
 from via_core.status import Status
 from via_interfaces import action, msg, srv
 
-WITH_STATUS = ["StiffnessEstimate", "DampingEstimate", "MotorEstimate", "ModalState", "GapStatus"]
-EXPECTED = {*WITH_STATUS, "ControlState", "VsaCommand", "Effect", "EffectHypothesis", "SiteShare"}
+WITH_STATUS = ["StiffnessEstimate", "DampingEstimate", "MotorEstimate", "GapStatus"]
+EXPECTED = {*WITH_STATUS, "ControlState", "JointReference", "VsaCommand", "Effect", "EffectHypothesis", "SiteShare"}
 
 
 @pytest.mark.parametrize("name", WITH_STATUS)

@@ -22,6 +22,10 @@ setup(
             "excitation = via_controllers.nodes.excitation:main",
             "modal_limit_cycle = via_controllers.nodes.modal_limit_cycle:main",
             "bang_bang = via_controllers.nodes.bang_bang:main",
+            "bang_bang_joint = via_controllers.nodes.bang_bang_joint:main",
+            "equilibrium_preset = via_controllers.nodes.equilibrium_preset:main",
+            "max_velocity = via_controllers.nodes.max_velocity:main",
+            # X_controllers.nodes.bang_bang:main",
             "hopping = via_controllers.nodes.hopping:main",
         ]
     },

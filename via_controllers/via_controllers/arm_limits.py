@@ -52,11 +52,8 @@ class LimitedArm(Protocol):
     @property
     def deflection_limit(self) -> Array: ...  # (n,) [rad] of the springs
 
-    def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
-        """tau_e [N m], sigma [N m/rad] and its slope [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
-
-    def link_acceleration(self, q: Array, velocity: Array, torque: Array) -> Array:
-        """qdd (n,) [rad/s^2] under `torque` (n,) [N m] on the links."""
+    def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
+        """tau_e [N m] and qdd [rad/s^2] under it, (n,) each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +87,7 @@ class ArmLimits:
         arm = self.arm
         if not np.isfinite(torque).all():
             return np.zeros(arm.n), Limit.TORQUE
-        tau_e, _, _ = arm.spring_state(sample.q - sample.theta)
-        acceleration = arm.link_acceleration(sample.q, sample.q_velocity, -tau_e)
+        tau_e, acceleration = arm.loads(sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
         out = np.array(torque)
         changed = _kept(
             out, sample.q - sample.theta, sample.q_velocity - sample.theta_velocity, acceleration,

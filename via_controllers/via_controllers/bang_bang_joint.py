@@ -20,7 +20,7 @@ from via_core.devices import Device, TorqueMotor
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 
-from via_controllers.contract import Controller, JointSample, Torques, limited, require
+from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, require
 from via_controllers.low_pass import low_passed
 
 WIDEST = 1.0  # [rad] to either side of theta_0, within which the link is looked for at rest
@@ -71,6 +71,13 @@ class JointBangBang(Controller[JointBangBangState]):
         }
         for each, values in known.items():
             object.__setattr__(self, each, locked(values, each))
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        return Quantity("tau_z", "N m"), Quantity("switch", "-")
+
+    def told(self, state: JointBangBangState) -> Array:
+        return np.array([state.torque, state.switch])
 
     def init(self) -> JointBangBangState:
         return JointBangBangState(0.0, None, np.zeros(self.device.n_motors), 0.0, 0)

@@ -48,8 +48,29 @@ class Torques:
     saturated: bool  # some motor would have been asked for more
 
 
-class Controller(ABC, Generic[State]):
-    """A control law; its parameters are its fields."""
+@dataclass(frozen=True)
+class Quantity:
+    """Something that a law knows and others want to see."""
+
+    name: str  # what plots and messages call it: H, z_1
+    unit: str  # SI, '-' for none
+
+
+class Telling(ABC, Generic[State]):
+    """What every law tells of its state."""
+
+    @property
+    @abstractmethod
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What `told` tells, always the same k quantities in the same order."""
+
+    @abstractmethod
+    def told(self, state: State) -> Array:
+        """Values (k,) of `quantities` at the last sample that was not blind."""
+
+
+class Controller(Telling[State]):
+    """A control law of a joint; its parameters are its fields."""
 
     @abstractmethod
     def init(self) -> State:
@@ -60,21 +81,8 @@ class Controller(ABC, Generic[State]):
         """The torques that answer `sample`, and the next state; `state` stays as it was."""
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """Something that a law knows and others want to see."""
-
-    name: str  # what plots and messages call it: H, z_1
-    unit: str  # SI, '-' for none
-
-
-class ArmController(ABC, Generic[State]):
+class ArmController(Telling[State]):
     """A control law of a whole arm; its parameters are its fields."""
-
-    @property
-    @abstractmethod
-    def quantities(self) -> tuple[Quantity, ...]:
-        """What `told` tells, always the same k quantities in the same order."""
 
     @abstractmethod
     def init(self, sample: ArmSample) -> State:
@@ -86,10 +94,6 @@ class ArmController(ABC, Generic[State]):
 
         A `blind` sample leaves motors passive and the state as it is.
         """
-
-    @abstractmethod
-    def told(self, state: State) -> Array:
-        """Values (k,) of `quantities` at the last sample that was not blind."""
 
 
 def blind(sample: ArmSample) -> bool:

@@ -24,7 +24,7 @@ from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.status import Status
 
-from via_controllers.contract import Controller, JointSample, Torques, limited, require
+from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, require
 from via_controllers.low_pass import low_passed
 from via_controllers.motor_references import MotorReferences, UnreachableError
 
@@ -93,6 +93,19 @@ class EquilibriumPreset(Controller[EquilibriumPresetState]):
             velocity_bandwidth=5.0 * bandwidth,
             torque_limit=(first, second),
         )
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        return (
+            Quantity("equilibrium", "rad"),
+            Quantity("stiffness", "N m/rad"),
+            Quantity("reached", "-"),
+            Quantity("factor", "-"),
+        )
+
+    def told(self, state: EquilibriumPresetState) -> Array:
+        """What is wanted, whether the motors stand for it, and by how much the spring laws were found to be wrong."""
+        return np.array([state.equilibrium, state.stiffness, state.reached, state.factor])
 
     def init(self) -> EquilibriumPresetState:
         nothing = locked(np.zeros(2), "theta")

@@ -23,7 +23,7 @@ from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw
 
-from via_controllers.contract import Controller, JointSample, Torques, limited, require
+from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, require
 from via_controllers.low_pass import low_passed
 from via_controllers.visco_elastic import ViscoElasticJoint
 
@@ -91,6 +91,14 @@ class MaxVelocity(Controller[MaxVelocityState]):
         left = sum(turn > time for turn in self.turns)
         moving = 0.0 <= time < self.horizon
         return self.velocity * there, self.velocity * (-1.0) ** left * moving
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        return Quantity("left", "s"), Quantity("link_velocity", "rad/s"), Quantity("motor_velocity", "rad/s")
+
+    def told(self, state: MaxVelocityState) -> Array:
+        """How long it is to t_f, below 0 after it, and the velocities behind their low passes."""
+        return np.array([self.horizon - (state.time - state.start), *state.velocities])
 
     def init(self) -> MaxVelocityState:
         nothing = locked(np.zeros(2), "angles")

@@ -18,7 +18,7 @@ import numpy as np
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw
 
-from via_controllers.contract import Controller, JointSample, Torques, limited, require
+from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, require
 from via_controllers.low_pass import low_passed
 from via_controllers.multisine import Multisine
 
@@ -60,6 +60,17 @@ class MotorPositionControl(Controller[MotorPositionState]):
         for name, value in positive.items():
             require(value > 0.0, f"{name} must be > 0, got {value}")
         require(self.derivative_gain >= 0.0, f"derivative_gain must be >= 0, got {self.derivative_gain}")
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        return Quantity("equilibrium", "rad"), Quantity("preset", "rad")
+
+    def told(self, state: MotorPositionState) -> Array:
+        """x and s of the references; NaN before the first sample."""
+        if isnan(state.start):
+            return np.full(2, nan)
+        first, second = self.references(state.time - state.start, state.origin)
+        return np.array([0.5 * (first + second), 0.5 * (first - second)])
 
     def init(self) -> MotorPositionState:
         nothing = locked(np.zeros(2), "theta")

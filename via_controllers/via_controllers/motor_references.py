@@ -78,7 +78,7 @@ class MotorReferences:
 
     def stiffness(self, q: float, preset: float) -> float:
         """Of the joint at rest at `q` [rad] with `preset` [rad] [N m/rad]; raises UnreachableError beyond a stop."""
-        return float(self.device.stiffness(q, self.device.motor_angles(*self._pair(q, preset))))
+        return float(self.device.stiffness(q, self._motors(q, preset)))
 
     def _between(self, q: float, stiffness: float, low: float, high: float) -> Array | None:
         """Motor angles with a preset between these; None where the ends do not enclose one, or a jump does."""
@@ -89,12 +89,15 @@ class MotorReferences:
         try:
             if off(low) * off(high) > 0.0:
                 return None
-            preset = self._root(off, low, high)
+            preset = _root(off, low, high)
             if abs(off(preset)) > NEAR * max(1.0, abs(stiffness)):
                 return None  # rest jumps from one angle of the motors to another
-            return self.device.motor_angles(*self._pair(q, preset))
+            return self._motors(q, preset)
         except UnreachableError:
             return None  # a spring is at its stop, or nothing balances
+
+    def _motors(self, q: float, preset: float) -> Array:
+        return self.device.motor_angles(resting(self.device, q, preset), preset)
 
     def _known(self, q: float, preset: float) -> float | None:
         try:
@@ -102,22 +105,25 @@ class MotorReferences:
         except UnreachableError:
             return None
 
-    def _pair(self, q: float, preset: float) -> tuple[float, float]:
-        """x [rad] at which the link rests at q, and the preset."""
-        device = self.device
-        stop = min(law.max_deflection for law in device.spring_laws)
-        reach = stop - (abs(preset) if device.arrangement == "antagonistic" else 0.0)
-        load = device.link.gravity_torque * sin(q - device.link.gravity_angle)
 
-        def off(x: float) -> float:
-            return float(device.torque_each(q, device.motor_angles(x, preset)).sum()) + load
+def resting(device: Device, q: float, preset: float) -> float:
+    """x [rad] with which a link rests at `q` [rad] while the motors stand at `device.motor_angles(x, preset)`.
 
-        if abs(off(q)) < BALANCED:  # equal springs without a load
-            return q, preset
-        if reach <= 0.0 or off(q - reach) * off(q + reach) > 0.0:
-            raise UnreachableError(f"'{device.name}' cannot rest at {q:.4g} rad with preset {preset:.4g} rad")
-        return self._root(off, q - reach, q + reach), preset
+    Raises UnreachableError where there is none within the springs' stops.
+    """
+    stop = min(law.max_deflection for law in device.spring_laws)
+    reach = stop - (abs(preset) if device.arrangement == "antagonistic" else 0.0)
+    load = device.link.gravity_torque * sin(q - device.link.gravity_angle)
 
-    @staticmethod
-    def _root(off: Callable[[float], float], low: float, high: float) -> float:
-        return float(brentq(off, low, high, xtol=WITHIN))
+    def off(x: float) -> float:
+        return float(device.torque_each(q, device.motor_angles(x, preset)).sum()) + load
+
+    if abs(off(q)) < BALANCED:  # equal springs without a load
+        return q
+    if reach <= 0.0 or off(q - reach) * off(q + reach) > 0.0:
+        raise UnreachableError(f"'{device.name}' cannot rest at {q:.4g} rad with preset {preset:.4g} rad")
+    return _root(off, q - reach, q + reach)
+
+
+def _root(off: Callable[[float], float], low: float, high: float) -> float:
+    return float(brentq(off, low, high, xtol=WITHIN))

@@ -5,12 +5,13 @@
     anything else              no torque                     PASSIVE
 
 Limits are kept in every case. A law starts anew with its first sample, when it becomes active, after stamps that go
-backward and after a gap: what it knew of the motion is then wrong.
+backward and after a gap: what it knew of the motion is then wrong. For joints see `joint_supervision`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
@@ -21,6 +22,7 @@ from via_controllers.arm_limits import ArmLimits, Limit
 from via_controllers.contract import ArmController, ArmSample, blind
 
 GAP = 0.02  # [s] between two samples after which a law starts anew
+Change = Callable[[Any], Any]  # of a law's state
 FURTHEST, FASTEST = 1e2, 1e3  # [rad], [rad/s]: no joint is there, a sample that says so is wrong
 
 
@@ -75,6 +77,10 @@ class Supervisor:
         if out.saturated:
             changed |= Limit.TORQUE
         return Supervised(deciding, inner, sample.time), Answer(torque, deciding, changed)
+
+    def informed(self, state: Supervised, change: Change) -> Supervised:
+        """The state in which the law knows something that no sample says; as it was where the law does not decide."""
+        return replace(state, inner=change(state.inner)) if state.deciding is Activity.ACTIVE else state
 
     def told(self, state: Supervised) -> Array:
         """What the law tells (k,), NaN while it does not decide."""

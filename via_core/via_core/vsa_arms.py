@@ -220,6 +220,11 @@ class VsaArm:
         _springs(self._kinds, self._rows, deflection, self.presets, out)
         return out[0], out[1], out[2]
 
+    def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
+        """tau_e [N m] of the springs and qdd [rad/s^2] that they give the links, (n,) each."""
+        tau_e, _, _ = self.spring_state(q - theta)
+        return tau_e, self.link_acceleration(q, velocity, -tau_e)
+
     def deflection(self, spring_torque: Array) -> Array:
         """phi (n,) [rad] at which the springs give tau_e (n,) [N m]; ParameterError where one cannot."""
         each = zip(self.springs, spring_torque, self.presets, strict=True)

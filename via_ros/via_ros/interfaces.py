@@ -11,7 +11,7 @@ from via_core.errors import BagError
 
 # These begin with `std_msgs/Header header` and `uint64 sequence`.
 NUMBERED = frozenset(f"via_interfaces/msg/{name}Estimate" for name in ("Stiffness", "Damping", "Motor")) | frozenset(
-    f"via_interfaces/msg/{name}" for name in ("VsaCommand", "ModalState", "GapStatus", "ControlState")
+    f"via_interfaces/msg/{name}" for name in ("VsaCommand", "GapStatus", "ControlState")
 )
 ENCAPSULATION = 4  # [bytes] before the content of a serialised message; offsets within count from its end
 

@@ -2,7 +2,7 @@
 
 ros2 run via_controllers bang_bang --ros-args -p arm:=reference_4dof -p direction:="[0.0, 1.0, 0.0, 1.0]"
 
-Topics and lifecycle: see `arm_controller`. It tells y, tau_z, the switch and w_1. At rest the arm stays there: push it.
+Topics and lifecycle: see `controller`. It tells y, tau_z, the switch and w_1. At rest the arm stays there: push it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from via_ros import spin
 
 from via_controllers.bang_bang import ModalBangBang
 from via_controllers.motor_pd import MotorPd
-from via_controllers.nodes.arm_controller import ArmControllerNode, ArmParameters, Equipment, equipped
+from via_controllers.nodes.controller import ControllerNode
+from via_controllers.nodes.equipment import ArmParameters, Equipment, equipped
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def equipment_of(parameters: BangBangParameters) -> Equipment:
     return equipped(arm, ModalBangBang(hold, direction, p.amplitude, p.threshold, p.adaptation))
 
 
-class BangBangNode(ArmControllerNode):
+class BangBangNode(ControllerNode):
     """The node of this file."""
 
     def __init__(self, **options: Any) -> None:

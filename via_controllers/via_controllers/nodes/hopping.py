@@ -2,7 +2,7 @@
 
 ros2 run via_controllers hopping
 
-Topics and lifecycle: see `arm_controller`; inactive it stands on its springs. It tells what `bang_bang` tells.
+Topics and lifecycle: see `controller`; inactive it stands on its springs. It tells what `bang_bang` tells.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from via_ros import spin
 from via_controllers.arm_limits import ArmLimits
 from via_controllers.bang_bang import ModalBangBang
 from via_controllers.motor_pd import MotorPd
-from via_controllers.nodes.arm_controller import ArmControllerNode, Equipment, StartParameters
+from via_controllers.nodes.controller import ControllerNode
+from via_controllers.nodes.equipment import Equipment, StartParameters, arm_equipment
 from via_controllers.supervision import Supervisor
 
 
@@ -60,9 +61,9 @@ class Legs(Hopper):
     def deflection_limit(self) -> Array:
         return np.full(self.n, np.inf)
 
-    def link_acceleration(self, q: Array, velocity: Array, torque: Array) -> Array:
-        """Nobody asks where no spring has a stop."""
-        return np.zeros(self.n)
+    def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
+        """Springs' torques; nobody asks for accelerations where no spring has a stop."""
+        return self.spring_state(q - theta)[0], np.zeros(self.n)
 
 
 def equipment_of(parameters: HoppingParameters) -> Equipment:
@@ -71,10 +72,10 @@ def equipment_of(parameters: HoppingParameters) -> Equipment:
     motors = legs.crouched(p.crouch)
     hold = MotorPd(legs, motors, legs.standing(p.crouch), p.bandwidth)
     law = ModalBangBang(hold, np.sign(motors), p.amplitude, p.threshold, p.adaptation)
-    return Equipment("hopper", JOINTS, Supervisor(law, replace(law, amplitude=0.0), ArmLimits(legs)))
+    return arm_equipment("hopper", JOINTS, Supervisor(law, replace(law, amplitude=0.0), ArmLimits(legs)))
 
 
-class HoppingNode(ArmControllerNode):
+class HoppingNode(ControllerNode):
     """The node of this file."""
 
     def __init__(self, **options: Any) -> None:

@@ -2,7 +2,7 @@
 
 ros2 run via_controllers modal_limit_cycle --ros-args -p arm:=reference_4dof -p mode:=1
 
-Topics and lifecycle: see `arm_controller`. It tells H, V, the modal coordinates z and the modes' frequencies.
+Topics and lifecycle: see `controller`. It tells H, V, the modal coordinates z and the modes' frequencies.
 At rest the arm stays at rest: push it.
 """
 
@@ -19,7 +19,8 @@ from via_ros import spin
 
 from via_controllers.modal_limit_cycle import ModalLimitCycle
 from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
-from via_controllers.nodes.arm_controller import ArmControllerNode, ArmParameters, Equipment, equipped
+from via_controllers.nodes.controller import ControllerNode
+from via_controllers.nodes.equipment import ArmParameters, Equipment, equipped
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def equipment_of(parameters: ModalLimitCycleParameters) -> Equipment:
     return equipped(arm, VsaModalLimitCycle(cycle, p.bandwidth))
 
 
-class ModalLimitCycleNode(ArmControllerNode):
+class ModalLimitCycleNode(ControllerNode):
     """The node of this file."""
 
     def __init__(self, **options: Any) -> None:

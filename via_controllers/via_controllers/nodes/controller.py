@@ -1,12 +1,14 @@
-"""What every node that controls an arm shares: its lifecycle, samples in, limited torques out, and what is told.
+"""What every node of a law shares: its lifecycle, samples in, limited torques out, and what is told.
 
-subscribes  /joint_states     sensor_msgs/JointState with all links and motors of the arm
-publishes   /<arm>/command    via_interfaces/VsaCommand, motor torques, stamped with the sample they answer
-            /<arm>/control    via_interfaces/ControlState, what the law sees, and the limits
+subscribes  /joint_states     sensor_msgs/JointState with all links and motors of the arm, or of the joint
+publishes   /<name>/command   via_interfaces/VsaCommand, motor torques, stamped with the sample they answer
+            /<name>/control   via_interfaces/ControlState, what the law sees, and the limits
             /diagnostics      once per second of wall time
 
-unconfigured  silent: nothing drives the arm
-inactive      holds the arm still where it was
+<name> is that of the arm or the device.
+
+unconfigured  silent: nothing drives the motors
+inactive      holds arm or joint still where it was
 active        the law decides
 
 With `autostart` the node configures and activates itself, so that `ros2 run` alone does. Samples that are missing for
@@ -19,7 +21,6 @@ from __future__ import annotations
 import array
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -28,19 +29,15 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
 from via_core.signals import Array
-from via_core.vsa_arms import VsaArm
-from via_core.wire import command_topic
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.arms import ArmReader, ArmRow
 from via_ros.conversions import Command, CommandWriter, set_stamp
 from via_ros.parameters import declare
 from via_ros.spin import STEADY
 
-from via_controllers.arm_limits import ArmLimits, Limit
-from via_controllers.contract import ArmController, ArmSample
-from via_controllers.hold_still import HoldStill
-from via_controllers.supervision import Activity, Answer, Supervisor
+from via_controllers.arm_limits import Limit
+from via_controllers.nodes.equipment import Equipment, StartParameters
+from via_controllers.supervision import Activity, Answer, Change
 
 REPORT = 1.0  # [s] between two diagnostics
 SILENCE = 0.02  # [s] without a sample before a zero is sent
@@ -48,42 +45,11 @@ LOOK = 0.004  # [s] between two looks for it
 WARM_UP = 3  # steps before anybody waits for one: what is compiled is loaded
 
 
-@dataclass(frozen=True)
-class StartParameters:
-    """Parameters of every such node."""
-
-    autostart: bool = field(default=True, metadata={"description": "configure and activate without being asked"})
-    told_every: int = field(
-        default=1, metadata={"description": "samples from one ControlState to the next", "range": (1, 1_000_000)}
-    )
-
-
-@dataclass(frozen=True)
-class ArmParameters(StartParameters):
-    """Parameters of those that control an arm from a file."""
-
-    arm: str = field(default="reference_4dof", metadata={"description": "arm name or path to its YAML"})
-
-
 Parameters = TypeVar("Parameters", bound=StartParameters)
 
 
-@dataclass(frozen=True, eq=False)
-class Equipment:
-    """What a node controls and how."""
-
-    name: str  # of the arm, as in topics
-    joints: tuple[str, ...]  # base first
-    supervisor: Supervisor
-
-
-def equipped(arm: VsaArm, law: ArmController[Any]) -> Equipment:
-    """An arm and its law, with the usual limits and the usual way to hold it still."""
-    return Equipment(arm.name, arm.joints, Supervisor(law, HoldStill(arm), ArmLimits(arm)))
-
-
-class ArmControllerNode(LifecycleNode):
-    """A law of an arm in ROS.
+class ControllerNode(LifecycleNode):
+    """A law of an arm or a joint in ROS.
 
     name   of the node, and `method` of what it tells
     kind   the dataclass of its parameters
@@ -141,19 +107,19 @@ class ArmControllerNode(LifecycleNode):
 
     def _set_up(self) -> None:
         equipment = self._make(self._chosen)
-        self._name, self._count, self._supervisor = equipment.name, len(equipment.joints), equipment.supervisor
+        self._equipment, self._supervisor = equipment, equipment.supervisor
         self._state = self._supervisor.init()
-        _warm_up(self._supervisor, self._count)
-        self._reader, self._writer = ArmReader(equipment.joints), CommandWriter(equipment)
+        _warm_up(equipment)
+        self._writer = CommandWriter(equipment)
         self._told = _Told(equipment, self.get_name())
         self._answered = self._unusable = self._reported = self._silences = 0
         self._limited = Limit.NONE  # since the last report
         self._heard: float | None = None  # [s] steady clock; None: nothing to miss
         self._commands = self._made(self.create_publisher, self.destroy_publisher)(
-            VsaCommand, command_topic(self._name), qos.CONTROL
+            VsaCommand, equipment.command_topic, qos.CONTROL
         )
         self._states = self._made(self.create_publisher, self.destroy_publisher)(
-            ControlState, f"/{self._name}/control", qos.SAMPLES
+            ControlState, f"/{equipment.name}/control", qos.SAMPLES
         )
         self._reports = self._made(self.create_publisher, self.destroy_publisher)(
             DiagnosticArray, "/diagnostics", qos.CONTROL
@@ -161,9 +127,10 @@ class ArmControllerNode(LifecycleNode):
         timer = self._made(self.create_timer, self.destroy_timer)
         timer(REPORT, self._report, clock=STEADY)
         timer(LOOK, self._look, clock=STEADY)
-        self._made(self.create_subscription, self.destroy_subscription)(
-            JointState, "/joint_states", self._answer, qos.CONTROL
-        )
+        subscription = self._made(self.create_subscription, self.destroy_subscription)
+        for each in equipment.inputs:
+            subscription(each.kind, each.topic, each.heard, each.qos)
+        subscription(JointState, "/joint_states", self._answer, qos.CONTROL)
 
     def _made(self, create: Callable[..., Any], destroy: Callable[[Any], Any]) -> Callable[..., Any]:
         def made(*args: Any, **options: Any) -> Any:
@@ -185,20 +152,25 @@ class ArmControllerNode(LifecycleNode):
         return self._answered
 
     def _answer(self, message: JointState) -> None:
-        row = self._reader.read(message)
-        if row is None:
+        heard = self._equipment.ears.heard(message)
+        if heard is None:
             return
-        self._state, answer = self._supervisor.step(self._state, _sample(row), self._active)
-        self._send(row.stamp, answer.torque)
+        stamp, sample = heard
+        self._state, answer = self._supervisor.step(self._state, sample, self._active)
+        self._send(stamp, answer.torque)
         self._heard = time.monotonic()
         self._answered += 1
         self._unusable += answer.activity is Activity.PASSIVE
         self._limited |= answer.limited
         if self._answered % self._chosen.told_every == 0:
-            self._states.publish(self._told.at(row.stamp, answer, self._supervisor.told(self._state)))
+            self._states.publish(self._told.at(stamp, answer, self._supervisor.told(self._state)))
+
+    def inform(self, change: Change) -> None:
+        """Tell the law something that no sample says, where it decides."""
+        self._state = self._supervisor.informed(self._state, change)
 
     def _send(self, stamp: int, torque: Array) -> None:
-        command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, 0.0, torque)
+        command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, self._equipment.damping, torque)
         self._commands.publish(self._writer.numbered(stamp, command))
 
     def _look(self) -> None:
@@ -206,10 +178,10 @@ class ArmControllerNode(LifecycleNode):
         if self._heard is not None and time.monotonic() - self._heard > SILENCE - LOOK:
             self._heard = None
             self._silences += 1
-            self._send(self.get_clock().now().nanoseconds, np.zeros(self._count))
+            self._send(self.get_clock().now().nanoseconds, np.zeros(self._supervisor.limits.arm.n))
 
     def _report(self) -> None:
-        malformed, silent = self._reader.malformed, self._answered == self._reported
+        malformed, silent = self._equipment.ears.malformed, self._answered == self._reported
         rate, self._reported = (self._answered - self._reported) / REPORT, self._answered
         troubles = {
             "no samples": silent,
@@ -228,7 +200,7 @@ class ArmControllerNode(LifecycleNode):
             level=DiagnosticStatus.WARN if told else DiagnosticStatus.OK,
             name=f"{self.get_name()}: {'active' if self._active else 'holding still'}",
             message=", ".join(told) or "running",
-            hardware_id=self._name,
+            hardware_id=self._equipment.name,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
         report = DiagnosticArray(status=[status])
@@ -237,7 +209,7 @@ class ArmControllerNode(LifecycleNode):
 
 
 class _Told:
-    """One reused ControlState of an arm and its law, numbered from 0."""
+    """One reused ControlState of a law, numbered from 0."""
 
     def __init__(self, equipment: Equipment, method: str) -> None:
         arm, law = equipment.supervisor.limits.arm, equipment.supervisor.law
@@ -268,21 +240,16 @@ class _Told:
         return message
 
 
-def _sample(row: ArmRow) -> ArmSample:
-    return ArmSample(row.time, row.q, row.q_velocity, row.theta, row.theta_velocity, row.spring_torque)
-
-
 def _names(limits: Limit) -> str:
     return ", ".join(each.name.lower() for each in Limit if each and each in limits and each.name) or "none"
 
 
-def _warm_up(supervisor: Supervisor, n: int) -> None:
-    """Raises ParameterError where a law cannot live with its arm of n joints."""
-    still = np.zeros(n)
+def _warm_up(equipment: Equipment) -> None:
+    """Raises ParameterError where a law cannot live with what it is to control."""
+    supervisor, n = equipment.supervisor, equipment.supervisor.limits.arm.n
     for active in (False, True):
         state = supervisor.init()
         for step in range(WARM_UP):
-            sample = ArmSample(1e-3 * step, still, still, still, still, still)
-            state, answer = supervisor.step(state, sample, active)
+            state, answer = supervisor.step(state, equipment.still(1e-3 * step), active)
             if len(answer.torque) != n:
-                raise ParameterError(f"the law answers {len(answer.torque)} torques to an arm of {n} motors")
+                raise ParameterError(f"the law answers {len(answer.torque)} torques to {n} motors")

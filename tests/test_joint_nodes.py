@@ -1,0 +1,230 @@
+"""Joints over DDS in lockstep: every law of a joint on its node, the estimator in the loop, lifecycle, bad input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from sensor_msgs.msg import JointState
+from via_bringup.control.cycles import Cycles, spread
+from via_bringup.control.throw import law_of
+from via_controllers.nodes.bang_bang_joint import BangBangJointNode
+from via_controllers.nodes.equilibrium_preset import EquilibriumPresetNode
+from via_controllers.nodes.max_velocity import MaxVelocityNode, MaxVelocityParameters
+from via_core.devices import load_device
+from via_core.errors import ViaError
+from via_estimators.nodes.estimator import EstimatorNode
+from via_interfaces.msg import ControlState, JointReference, StiffnessEstimate, VsaCommand
+from via_ros import qos
+from via_ros.conversions import JointStateWriter, nanoseconds
+from via_sim.nodes.simulator import SimulatorNode
+
+TICK = 1e-3  # [s]
+
+
+class JointBench:
+    """A simulated joint in lockstep, its controller (class and parameters), and ears on what they say.
+
+    real  the device that is simulated, if not the one that the controller knows
+    """
+
+    def __init__(self, graph, device, kind, parameters=None, real=None, **simulator):
+        self.graph, self.peer, self.device = graph, graph.node("peer"), load_device(device)
+        name = self.device.name
+        self.samples, self.states, self.commands, self.truth = [], [], [], []
+        self.peer.create_subscription(JointState, "/joint_states", self._sample, qos.SAMPLES)
+        self.peer.create_subscription(ControlState, f"/{name}/control", self._state, qos.SAMPLES)
+        self.peer.create_subscription(VsaCommand, self.device.command_topic, self._command, qos.SAMPLES)
+        self.peer.create_subscription(StiffnessEstimate, f"/{name}/truth/stiffness", self._truth, qos.SAMPLES)
+        self.references = self.peer.create_publisher(JointReference, f"/{name}/reference", qos.CONTROL)
+        self.controller = graph.add(kind, device=device, **(parameters or {}))
+        self.simulator = graph.add(SimulatorNode, device=real or device, mode="lockstep", truth=True, **simulator)
+
+    def _sample(self, message):
+        told = np.array([message.position, message.velocity, message.effort])
+        self.samples.append(told)
+
+    def _state(self, message):
+        self.states.append((message.activity, message.limited, np.array(message.value)))
+        self.names = list(message.name)
+
+    def _command(self, message):
+        self.commands.append((nanoseconds(message.header.stamp), message.damping, np.array(message.motor)))
+
+    def _truth(self, message):
+        self.truth.append(message.value)
+
+    def finish(self, timeout=100.0):
+        """Wait for the end of a run, and for what was told of all of it."""
+        done = self.simulator.finished.done
+        self.graph.until(
+            lambda: done() and min(len(self.states), len(self.truth)) >= self.simulator.ticks, timeout
+        )  # fmt: skip
+
+    def quantity(self, name):
+        """(N,) what the law told."""
+        return np.array([value[self.names.index(name)] for _, _, value in self.states])
+
+    def transition(self, number):
+        client = self.peer.create_client(ChangeState, f"/{self.controller.get_name()}/change_state")
+        self.graph.until(client.service_is_ready)
+        answer = client.call_async(ChangeState.Request(transition=Transition(id=number)))
+        self.graph.until(answer.done)
+        assert answer.result().success
+
+    @property
+    def joint(self):
+        """(N, 3, 1 + m) positions, velocities and efforts."""
+        return np.array(self.samples)
+
+
+def written(folder, described):
+    """Path of a device file."""
+    path = folder / f"{described['name']}.yaml"
+    path.write_text(yaml.safe_dump(described), encoding="utf-8")
+    return str(path)
+
+
+def stiffer(folder, name, factor):
+    """The device with springs that are stiffer than the shipped file says, under the same name."""
+    described = load_device(name).model_dump(mode="json", exclude_none=True)
+    for spring in described["springs"]:
+        spring["k"] *= factor
+    return written(folder, described)
+
+
+def serial(folder):
+    """A serial joint of torque motors: the second one pretensions the spring of the first."""
+    described = load_device("maccepavd").model_dump(mode="json", exclude={"damper", "observed", "wire"})
+    described.update(name="serial_demo", drive="torque", sensors={"rate": 1.0 / TICK, "link_quantum": 1e-4})
+    described["motors"] = [{"inertia": 0.01, "viscous_friction": 0.1, "torque_limit": 20.0, "speed_limit": 8.0}] * 2
+    return written(folder, described)
+
+
+def test_stiffness_feedback_takes_the_error_out(graph, tmp_path):
+    """Estimator -> law -> simulator, springs 15 % stiffer than both think, the equilibrium in motion."""
+    name, wanted = "qbmove_a", 6.0
+    graph.add(EstimatorNode, device=name)
+    parameters = {"stiffness": wanted, "feedback": True, "correction_time": 0.4}
+    real = stiffer(tmp_path, name, 1.15)
+    bench = JointBench(graph, name, EquilibriumPresetNode, parameters, real, duration=4.0, listeners=4)
+
+    def move(message):
+        """Fifty references a second, each stamped as the sample that it follows."""
+        if (tick := len(bench.samples)) % 20:
+            return
+        time = tick * TICK
+        angle = 0.15 * np.sin(2.0 * np.pi * time) + 0.05 * np.sin(5.4 * np.pi * time)
+        reference = JointReference(equilibrium=angle, stiffness=wanted)
+        reference.header.stamp = message.header.stamp
+        bench.references.publish(reference)
+
+    bench.peer.create_subscription(JointState, "/joint_states", move, qos.SAMPLES)
+    graph.until(lambda: bench.references.get_subscription_count() == 1)
+    bench.finish()
+    error, factor = np.abs(np.array(bench.truth) / wanted - 1.0), bench.quantity("factor")
+    assert error[500:600].max() > 0.13  # the motors have arrived, nothing is corrected yet
+    assert error[3000:].mean() < 0.03
+    assert factor[0] == 1.0 and factor[-1] == pytest.approx(1.15, abs=0.03)
+    assert {activity for activity, _, _ in bench.states} == {ControlState.ACTIVE}
+    assert not any(limited for _, limited, _ in bench.states) and bench.quantity("reached").all()
+
+
+def test_a_serial_joint_swings_by_switching(graph, tmp_path):
+    """It begins at zero, away from its equilibrium, and with a slack spring."""
+    parameters = {"equilibrium": 0.2, "preset": 3.0, "amplitude": 0.05, "threshold": 0.01}
+    bench = JointBench(graph, serial(tmp_path), BangBangJointNode, parameters, duration=4.0)
+    bench.finish()
+    late = bench.joint[2000:, 0, 0]
+    cycles = Cycles(TICK * np.arange(len(late)), late, 0.2)
+    assert len(cycles.periods) >= 4
+    assert spread(cycles.periods) < 1e-2 and spread(cycles.swings) < 2e-2
+    assert cycles.swings.mean() > 4.0 * parameters["amplitude"]
+    device = bench.device
+    stiffness = float(device.stiffness(0.2, device.motor_angles(0.2, 3.0)))
+    assert 0.95 < 2.0 * np.pi * np.sqrt(device.link.inertia / stiffness) / cycles.periods.mean() < 1.25
+    # The preset motor is led there no faster than half its limit allows, later nothing is near one.
+    assert ControlState.SPEED_LIMIT in {limited for _, limited, _ in bench.states[:1000]}
+    assert np.abs(np.diff(bench.joint[::10, 0, 1:], axis=0)).max() / (10.0 * TICK) < 8.0
+    assert not any(limited for _, limited, _ in bench.states[2000:])
+
+
+def test_a_throw_is_as_fast_as_the_closed_form_says(graph):
+    bench = JointBench(graph, "visco_elastic_demo", MaxVelocityNode, {"turns": 2, "damping": 0.25}, duration=1.2)
+    law, ideal = law_of(bench.device, 0.25, 2)
+    bench.finish()
+    position, end, around = bench.joint[:, 0], round(law.horizon / TICK), 3
+    reached = (position[end + around, 0] - position[end - around, 0]) / (2.0 * around * TICK)
+    assert reached == pytest.approx(MaxVelocityParameters().speed_share * ideal, rel=1e-2)
+    assert np.abs(np.diff(position[::5, 1])).max() / (5.0 * TICK) <= law.velocity  # not the least beyond its limit
+    assert {damping for _, damping, _ in bench.commands} == {0.25}
+    assert bench.quantity("left")[0] == pytest.approx(law.horizon) and bench.quantity("left")[-1] < 0.0
+
+
+def test_a_joint_lives_through_its_states(graph):
+    """Silent, holding still, standing as told, refusing what cannot be, holding still, silent, and once more."""
+    bench = JointBench(graph, "qbmove_a", EquilibriumPresetNode, {"autostart": False, "stiffness": 3.0})
+    bench.transition(Transition.TRANSITION_CONFIGURE)
+    graph.until(lambda: bench.states and bench.states[-1][0] == ControlState.HOLDING)
+    graph.until(lambda: bench.references.get_subscription_count() == 1)
+    bench.references.publish(JointReference(equilibrium=0.2, stiffness=4.0))  # kept for when it is asked to
+    bench.references.publish(JointReference(equilibrium=0.2, stiffness=1e9))
+    bench.references.publish(JointReference(equilibrium=np.nan, stiffness=4.0))
+    bench.transition(Transition.TRANSITION_ACTIVATE)
+    graph.until(lambda: bench.quantity("equilibrium")[-1] == 0.2)
+    assert np.isnan(bench.states[0][2]).all()
+    graph.until(lambda: bench.samples[-1][0, 0] == pytest.approx(0.2, abs=0.02))
+    assert bench.quantity("stiffness")[-1] == 4.0
+    graph.until(lambda: bench.truth[-1] == pytest.approx(4.0, rel=0.05))
+    bench.transition(Transition.TRANSITION_DEACTIVATE)
+    graph.until(lambda: bench.states[-1][0] == ControlState.HOLDING)
+    held = len(bench.samples)
+    graph.until(lambda: len(bench.samples) > held + 200)
+    assert bench.joint[held:, 0, 0] == pytest.approx(0.2, abs=0.02)
+    assert bench.truth[-1] == pytest.approx(4.0, rel=0.05)
+    bench.transition(Transition.TRANSITION_CLEANUP)
+    stopped = bench.simulator.ticks
+    bench.transition(Transition.TRANSITION_CONFIGURE)
+    graph.until(lambda: bench.simulator.ticks > stopped)  # the sample that nobody answered is said again
+    assert bench.states[-1][0] == ControlState.HOLDING
+    assert max(np.abs(torque).max() for _, _, torque in bench.commands) <= 6.0
+
+
+def test_samples_that_stop_or_cannot_be_used_are_answered_with_nothing(graph):
+    device = load_device("qbmove_a")
+    controller, peer, commands, states = graph.add(EquilibriumPresetNode, stiffness=6.0), graph.node("peer"), [], []
+    samples = peer.create_publisher(JointState, "/joint_states", qos.SAMPLES)
+    peer.create_subscription(VsaCommand, device.command_topic, commands.append, qos.SAMPLES)
+    peer.create_subscription(ControlState, f"/{device.name}/control", states.append, qos.SAMPLES)
+    graph.until(lambda: samples.get_subscription_count() and controller.count_subscribers(device.command_topic))
+    graph.until(lambda: controller.count_subscribers(f"/{device.name}/control") == 1)
+    writer = JointStateWriter(device)
+    for tick, position in enumerate((0.1, np.nan, 1e9, 0.1)):
+        writer.position[:] = position
+        samples.publish(writer.stamped(10**9 + tick * 10**6))
+    graph.until(lambda: len(states) == 4 and len(commands) == 5)
+    passive, active = ControlState.PASSIVE, ControlState.ACTIVE
+    assert [state.activity for state in states] == [active, passive, passive, active]
+    assert [any(command.motor) for command in commands] == [True, False, False, True, False]
+    assert commands[-1].header.stamp.sec > 10**6  # nobody told for 20 ms where the joint is: stamped with its making
+
+
+@pytest.mark.parametrize(
+    ("node", "parameters", "complaint"),
+    [
+        (EquilibriumPresetNode, {"device": "none"}, "no device 'none'"),
+        (EquilibriumPresetNode, {"device": "maccepavd"}, "no two motors that take torques"),
+        (EquilibriumPresetNode, {"device": "visco_elastic_demo"}, "no two motors"),
+        (EquilibriumPresetNode, {"stiffness": 1e6}, "has no stiffness 1e"),
+        (BangBangJointNode, {"device": "maccepavd"}, "take no torques"),
+        (BangBangJointNode, {"device": "compact_vpda"}, "has no springs"),
+        (BangBangJointNode, {"bandwidth": 0.0}, "bandwidth must lie in"),
+        (MaxVelocityNode, {"device": "cubic_demo"}, "one spring and one motor"),
+        (MaxVelocityNode, {"speed_share": 2.0}, "speed_share must lie in"),
+    ],
+)
+def test_wrong_parameters_are_refused_with_the_reason(graph, node, parameters, complaint):
+    with pytest.raises(ViaError, match=complaint):
+        graph.add(node, **parameters)

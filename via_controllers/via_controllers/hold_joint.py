@@ -1,0 +1,74 @@
+"""A joint held where it is: motors on springs and dampers, as `hold_still` does it for arms.
+
+    tau_i = K_P,i (theta_0,i - theta_i) - K_D,i thd_i - tau_e,i(q_0 - theta_0,i)
+
+q_0 is where the link is when it begins, theta_0 where it rests there with the preset that the motors then have; where
+it cannot rest there the motors stay. K_P,i is the stiffness of spring i at rest: a link that swings is braked through
+its springs. A slack spring, and a preset motor, which has none, are held as softly as `bandwidth` says.
+Source: as `hold_still`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.signals import Array
+
+from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind, limited, require
+from via_controllers.hold_still import Held
+from via_controllers.joint_axes import JointAxes
+from via_controllers.motor_references import UnreachableError, resting
+
+
+@dataclass(frozen=True, eq=False)
+class HoldJoint(ArmController[Held]):
+    """The law of this file. Raises ParameterError for a damping or bandwidth that is not positive."""
+
+    axes: JointAxes
+    damping: float = 1.0  # K_D over sqrt(K_P (B + M)) [-]; about where swings die out fastest
+    bandwidth: float = 10.0  # [rad/s]: K_P is at least B bandwidth^2
+
+    def __post_init__(self) -> None:
+        for name in ("damping", "bandwidth"):
+            value = getattr(self, name)
+            require(np.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        return ()
+
+    def told(self, state: Held) -> Array:
+        return np.empty(0)
+
+    def init(self, sample: ArmSample) -> Held:
+        axes, q = self.axes, float(sample.q[0])
+        theta = self._resting(q, sample.theta)
+        proportional = np.maximum(axes.spring_stiffness(q, theta), axes.motor_inertia * self.bandwidth**2)
+        return Held(
+            theta=theta,
+            torque=-axes.spring_torque(q, theta),
+            proportional=proportional,
+            derivative=self.damping * np.sqrt(proportional * (axes.motor_inertia + axes.device.link.inertia)),
+        )
+
+    def step(self, state: Held, sample: ArmSample) -> tuple[Held, Torques]:
+        if blind(sample):
+            return state, Torques(np.zeros(self.axes.n), False)
+        torque = (
+            state.torque + state.proportional * (state.theta - sample.theta) - state.derivative * sample.theta_velocity
+        )
+        return state, limited(torque, self.axes.torque_limit)
+
+    def _resting(self, q: float, theta: Array) -> Array:
+        """theta_0 (m,) [rad]."""
+        device = self.axes.device
+        preset = {
+            "flexible": 0.0,
+            "antagonistic": 0.5 * float(theta[0] - theta[-1]),
+            "serial": float(theta[-1]),
+        }[device.arrangement]
+        try:
+            return device.motor_angles(resting(device, q, preset), preset)
+        except UnreachableError:
+            return theta
