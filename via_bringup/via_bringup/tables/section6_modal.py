@@ -159,7 +159,7 @@ def _held() -> list[Row]:
             found += [
                 Row(f"{key}.pushed", f"{after}, {part}, worst", OFF, None,
                     max((run.error(periods) for run in pushed), default=np.nan), limit, settings, 0,
-                    "both laws need a push (specification): judged where the hand takes the arm as far out as number 2 starts"),
+                    "laws need a push (specification): judged where the arm is taken as far out as number 2 starts"),
                 Row(f"{key}.worst", f"{after}, worst of all phases", OFF, None, float(errors.max()), None, settings, 0,
                     remark),
                 Row(f"{key}.median", f"{after}, median of all phases", OFF, None, float(np.median(errors)), None,
