@@ -26,7 +26,10 @@ def test_the_hoppers_feet_are_below_its_hips_when_it_crouches():
 
 def test_a_throw_is_drawn_and_moves(tmp_path, monkeypatch):
     monkeypatch.setattr(scenes, "FRAMES", 2)
-    drawn, moving = scenes.play("throw", tmp_path / "throw", 1.0)
+    bag, drawn, moving = scenes.play("throw", tmp_path / "throw", 1.0)
+    states = read_bag(bag)["/visco_elastic_demo/control"]
+    link = np.array(list(states["value"]))[:, list(states["name"][0]).index("link_velocity")]
+    assert link.max() > 4.0  # four times as fast as its motor can be
     assert drawn.stat().st_size > 10_000
     with Image.open(moving) as animation:
         assert animation.n_frames > 5

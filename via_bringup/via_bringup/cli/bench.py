@@ -99,6 +99,19 @@ def arm(
 
 
 @app.command()
+def hitting(as_rows: Json = None) -> None:
+    """The 4-dof arm against walls over DDS in lockstep: three walls, three holds each. Takes some minutes."""
+    from via_bringup.bench.hitting import hitting_rows_over_dds
+
+    with Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=errors) as bars:
+        task = bars.add_task("")
+        rows = hitting_rows_over_dds(
+            lambda done, of, what: bars.update(task, completed=done, total=of, description=what)
+        )  # fmt: skip
+    shown("Hitting over DDS", rows, as_rows)
+
+
+@app.command()
 def node(
     seconds: Annotated[float, typer.Option(min=1.0, max=86400.0, help="How long samples are sent [s].")] = 60.0,
     joints: Annotated[int, typer.Option(min=1, max=64, help="Joints of two transmissions.")] = 16,

@@ -33,7 +33,7 @@ SUBSTEPS = 4  # a millisecond
 
 
 @dataclass(frozen=True)
-class Hitting:
+class Impacts:
     """Figures of number 6; swings are peak to peak along the tip's path, cycles count from the release."""
 
     wall: float  # share of the turning point
@@ -41,8 +41,6 @@ class Hitting:
     swings: Array  # (c,) [m] of each whole cycle after the release
     peaks: Array  # (c,) [N] largest contact force of each cycle
     frequency: float  # [Hz] of the steady cycles
-    run: ArmRun
-    tip: Array  # (N, 3) [m] in the base, whole run
 
     @property
     def steady(self) -> float:
@@ -71,27 +69,56 @@ class Hitting:
         return int(off[-1]) + 1 if off.size else 0
 
 
-def hitting(wall: float, hold: float, duration: float = 10.0) -> Hitting:
-    """One case, for `duration` [s] after the release."""
+@dataclass(frozen=True)
+class Hitting(Impacts):
+    """A case and its motion."""
+
+    run: ArmRun
+    tip: Array  # (N, 3) [m] in the base, whole run
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Where a case has its wall and its hand."""
+
+    rest: Array  # (n,) [rad] links at rest
+    direction: Array  # (n,) [-] of the mode
+    along: Array  # (3,) [-] the tip's path there, towards the wall
+    face: Array  # (3,) [m] the wall's
+    start: Array  # (n,) [rad] links where the hand has the tip
+
+
+def stand_of(wall: float, hold: float) -> Stand:
+    """That of one case."""
     arm = damped_arm()
-    law = reference_law(arm, np.array(DIRECTIONS[MODE]))
     linear = linear_modes(arm, np.array(MOTORS))
     direction = linear.directions[:, MODE - 1]
-    direction = direction * np.sign(direction @ law.direction)
+    direction = direction * np.sign(direction @ np.array(DIRECTIONS[MODE]))
     along = arm.tip_jacobian(linear.rest) @ direction
-    along = along / np.linalg.norm(along)
-    barrier = Wall(arm.tip_position(linear.rest + wall * TURNING * direction), -along)
-    hand = Hand(arm.tip_position(linear.rest - hold * TURNING * direction))
+    face, start = linear.rest + wall * TURNING * direction, linear.rest - hold * TURNING * direction
+    return Stand(linear.rest, direction, along / np.linalg.norm(along), arm.tip_position(face), start)
+
+
+def hitting(wall: float, hold: float, duration: float = 10.0) -> Hitting:
+    """One case, for `duration` [s] after the release."""
+    arm, stand = damped_arm(), stand_of(wall, hold)
+    law = reference_law(arm, np.array(DIRECTIONS[MODE]))
+    barrier, hand = Wall(stand.face, -stand.along), Hand(arm.tip_position(stand.start))
     still = np.zeros(arm.n)
-    start = ArmState(linear.rest, still, law.motors.motors, still)
+    start = ArmState(stand.rest, still, law.motors.motors, still)
     run = run_arm(arm, law, start, (Phase(HELD, (hand, barrier)), Phase(duration, (barrier,))), SUBSTEPS)
     tip = np.array([arm.tip_position(q) for q in run.q])
     free = run.since(HELD)
-    path = (tip[-len(free.time) :] - arm.tip_position(linear.rest)) @ along
+    return Hitting(wall, hold, *impacts(stand, free.time, tip[-len(free.time) :], free.force), run, tip)
+
+
+def impacts(stand: Stand, time: Array, tip: Array, force: Array) -> tuple[Array, Array, float]:
+    """Swings, peaks and frequency of `Impacts` from times (N,) [s] after the release, tip (N, 3) [m], force (N, 3) [N]."""
+    path = (tip - damped_arm().tip_position(stand.rest)) @ stand.along
     late = path[len(path) // 2 :]
-    cycles = Cycles(free.time, path, 0.5 * float(late.min() + late.max()))
-    peaks = [float(np.linalg.norm(piece, axis=1).max()) for piece in cycles.each(free.force)]
-    return Hitting(wall, hold, cycles.swings, np.array(peaks), 1.0 / float(cycles.periods[-STEADY:].mean()), run, tip)
+    cycles = Cycles(time, path, 0.5 * float(late.min() + late.max()))
+    peaks = [float(np.linalg.norm(piece, axis=1).max()) for piece in cycles.each(force)]
+    return cycles.swings, np.array(peaks), 1.0 / float(cycles.periods[-STEADY:].mean())
 
 
 def cases() -> Iterator[Hitting]:

@@ -26,7 +26,7 @@ from via_bringup.control.bang_bang import (
     free_motion,
     linear_modes,
 )
-from via_bringup.control.hitting import HELD, HOLDS, SUBSTEPS, TURNING, WALLS, WEAK, Hitting, hitting
+from via_bringup.control.hitting import HELD, HOLDS, SUBSTEPS, TURNING, WALLS, WEAK, Hitting, Impacts, hitting
 from via_bringup.control.hopper import AS_HIGH, PAYLOAD, Hopping, hop, reference_law, sinusoid, toppling
 from via_bringup.control.nonlinear_mode import nonlinear_mode
 from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
@@ -121,22 +121,26 @@ def _close_modes() -> list[Row]:
     return found
 
 
+def hitting_rows(at: str, case: Impacts, settings: str) -> list[Row]:
+    """Number 6 for one case."""
+    at = f"{at}.wall{case.wall:g}.hold{case.hold:g}"
+    words = f"wall at {case.wall:g}, held at {case.hold:g} of the free turning point"
+    settings = f"{settings}; wall 5e4 N/m, 300 N s/m; held {HELD:g} s, then 10 s, {SUBSTEPS} steps a ms"
+    return [
+        Row(f"{at}.second", f"{words}: peak to peak of the tip from the second full cycle on",
+            "largest relative difference from steady [-]", None, case.second, 0.05, settings),
+        Row(f"{at}.steady", f"{words}: steady peak to peak", "std / mean [-]", None, case.steady_spread, 5e-3, settings),
+        Row(f"{at}.missed", f"{words}: steady cycles without contact; the weakest has {case.least_force:.0f} N",
+            "cycles", None, float(case.least_force <= 0.0), 0.0, settings),
+    ]  # fmt: skip
+
+
 def _hitting() -> list[Row]:
     found = []
     for wall in WALLS:
         for hold in HOLDS:
             case = _case(wall, hold)
-            at = f"6.2.hitting.wall{wall:g}.hold{hold:g}"
-            words = f"wall at {wall:g}, held at {hold:g} of the free turning point"
-            settings = f"{SETTINGS}; wall 5e4 N/m, 300 N s/m; held {HELD:g} s, then 10 s, {SUBSTEPS} steps a ms"
-            found += [
-                Row(f"{at}.second", f"{words}: peak to peak of the tip from the second full cycle on",
-                    "largest relative difference from steady [-]", None, case.second, 0.05, settings),
-                Row(f"{at}.steady", f"{words}: steady peak to peak", "std / mean [-]", None, case.steady_spread, 5e-3,
-                    settings),
-                Row(f"{at}.missed", f"{words}: steady cycles without contact; the weakest has "
-                    f"{case.least_force:.0f} N", "cycles", None, float(case.least_force <= 0.0), 0.0, settings),
-            ]  # fmt: skip
+            found += hitting_rows("6.2.hitting", case, SETTINGS)
     wall, hold = WEAK
     weak = _case(wall, hold)
     found.append(
