@@ -102,7 +102,9 @@ def _made(text: str, effects: _Key, seed: int, duration: float, tolerance: float
         commands = Signals(time[every], channels, {"equilibrium": "rad", "preset": "rad", "damping": "-"}, HELD)
         measured = simulate(plant, commands, duration, rate, sensors=sensors, seed=seed).measured
     elif not device.motors:
-        commands = Signals(time[:-1], {"external_torque": wish[:-1]}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+        commands = Signals(
+            time[:-1], {"external_torque": wish[:-1]}, {"external_torque": "N m"}, frozenset({"external_torque"})
+        )
         measured = simulate(plant, commands, duration, rate, sensors=sensors, seed=seed).measured
     else:
         measured, commands = _controlled(plant, sensors, rate, time, wish, seed)
