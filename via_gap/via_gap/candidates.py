@@ -36,7 +36,7 @@ DONE = 2e-3  # share of the loss: a step that gains less is the last with this J
 AGED = 0.3  # share of the loss at which a Jacobian of the nuisances was made, below which it says nothing any more
 STALE = 0.9  # the same, below which a fit does not end on it
 LONG = 10.0  # [s] a parameter in seconds that may be longer is a time of the run, not a delay
-TIME_STEPS = (0.1, 0.03, 0.01, 0.003, 0.001)  # of the log's duration
+TIME_STEPS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003, 0.0001)  # of the log's duration
 MOST_DAMPED = 1.0  # of the curvature of each number: a step that even then does not help is the last
 GIVE_UP = 4.0  # times the best loss so far
 
@@ -63,11 +63,14 @@ class Fit:
         return tuple(Place(effect.name, effect.site, effect.motor) for effect in self.effects)
 
 
-def timed(fit: Fit) -> bool:
-    """Whether the last effect begins or ends at a time of the run."""
-    effect = fit.effects[-1]
-    return any(p.unit == "s" and p.high > LONG and effect.parameters[p.name] != p.neutral
-               for p in EFFECTS[effect.name].parameters)  # fmt: skip
+def events(fit: Fit) -> tuple[float, ...]:
+    """When effects begin and end [s since the run began], those that do at a time of the run."""
+    return tuple(
+        effect.parameters[p.name]
+        for effect in fit.effects
+        for p in EFFECTS[effect.name].parameters
+        if p.unit == "s" and p.high > LONG and effect.parameters[p.name] != p.neutral
+    )
 
 
 def make(place: Place, values: Sequence[float]) -> Effect | None:

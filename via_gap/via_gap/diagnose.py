@@ -14,7 +14,7 @@ from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
 from via_gap.calibration import calibration
-from via_gap.candidates import Fit, fit_base, settled, timed
+from via_gap.candidates import Fit, events, fit_base, settled
 from via_gap.ceiling import flexible, lower
 from via_gap.data_check import check_log
 from via_gap.equation_bench import EquationBench
@@ -118,13 +118,16 @@ def diagnose(
         weigh = partial(judge, judged) if folds is None else partial(folds.judge, scales=scales)
         search = Search.of(fitted, weigh, base, jacobian, candidates, scales, folds is not None)
         causes = search.single(tell)
-        if not judged_on and causes and timed(causes[0].fit):  # when it begins is seen in one shot
-            train, held = split_finely(everything)
+        leaders = causes[:1]
+        if judged_on or not any(events(each.fit) for each in leaders):
+            causes, pairs = search.more(causes, frozen, tell, at_events=not judged_on)
+            leaders = sorted(pairs, key=lambda each: each.mean_square)[:1]
+        if not judged_on and any(events(each.fit) for each in leaders):
+            train, held = split_finely(everything, _events(search, leaders[0].fit, everything, bench))
             fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
             weigh = partial(judge, judged)
             search = Search.of(fitted, weigh, base, jacobian, candidates, scales)
-            causes = search.single(tell)
-        causes, pairs = search.more(causes, frozen, tell)
+            causes, pairs = search.more(search.single(tell), frozen, tell)
     tell("weighing the evidence", 0.9)
     decision = decide(tuned, causes, pairs, frozen)
     if decision.places:
@@ -168,6 +171,13 @@ def _two_sides(
     nominal = Fit((), np.zeros_like(base.deviations), 0.0, np.empty(0), np.empty(0))
     before, tuned = judge(judged, [nominal, base])
     return fitted, judged, base, jacobian, before, tuned
+
+
+def _events(
+    search: Search, fit: Fit, everything: Sequence[Shots], bench: Callable[[Shots, Indices], AnyBench]
+) -> tuple[float, ...]:
+    """When what a fit to some shots names begins and ends, sought in all: no other shot tells than the one it is in."""
+    return search.events(fit, Problem.of(everything, [np.flatnonzero(each.valid) for each in everything], bench))
 
 
 def _honest(verdict: Verdict, log: JointLog) -> Verdict:

@@ -14,7 +14,7 @@ import numpy as np
 from via_core.signals import Array
 
 from via_gap.calibration import Calibration
-from via_gap.candidates import Direction, Fit, directions, ranked, refine
+from via_gap.candidates import Direction, Fit, directions, events, ranked, refine
 from via_gap.evidence import Judged
 from via_gap.places import Place
 from via_gap.problem import Problem
@@ -106,8 +106,12 @@ class Search:
             fits += [fit for fit in self._plain(min(fits, key=lambda fit: fit.loss)) if fit.places not in there]
         return sorted(self.judge(self._finished(fits, CLOSE, CLOSEST)), key=lambda each: each.score)
 
-    def more(self, causes: list[Judged], frozen: Calibration, tell: Progress) -> tuple[list[Judged], list[Judged]]:
+    def more(
+        self, causes: list[Judged], frozen: Calibration, tell: Progress, at_events: bool = False
+    ) -> tuple[list[Judged], list[Judged]]:
         """Effects added one by one to the best so far, as long as they help -> (single causes, pairs and larger sets).
+
+        at_events  it ends where one that begins or ends at a time of the run has helped
 
         Of every set that helps, each member is also left out and the rest fitted again: a single cause whose fit had
         not found its way alone comes out of it as good as the pair, and the pair is dropped.
@@ -139,8 +143,15 @@ class Search:
             if any(rms(each) - rms(best) < frozen.second_gain * rms(causes[0]) for each in again):
                 break
             sets.extend(found)
+            if at_events and events(best.fit):
+                break
             leaders = [best]
         return _best_of_each(causes), sorted(sets, key=lambda each: each.score)
+
+    def events(self, fit: Fit, every: Problem) -> tuple[float, ...]:
+        """When what `fit` names begins and ends [s since the run began], sought in `every` shot there is."""
+        found = refine(every, fit, None, _members(fit), self.scales, rounds=FINISHING) if events(fit) else None
+        return events(found or fit)
 
     def _seeing(self, fit: Fit) -> Search:
         """The same on other few shots, where what `fit` leaves is in shots that these few do not hold."""

@@ -11,6 +11,7 @@ from via_gap.shots import Indices, Shots
 
 BLOCK = 2.0  # [s] at least
 SHOTS = 6  # of a block at least
+NEAR = 0.02  # [s] to either side of a shot: what happens there shows in it, too
 LEAST = 0.02  # of the error of one side that the other has to have
 PATTERN = (True, True, False, True, False)  # which of five neighbouring blocks are fitted
 
@@ -32,9 +33,18 @@ def split(shots: Sequence[Shots], holdout: Sequence[Shots]) -> tuple[list[Indice
     return train, held, everything
 
 
-def split_finely(shots: Sequence[Shots]) -> tuple[list[Indices], list[Indices]]:
-    """Indices of the shots to fit and to judge, of blocks of one shot: for what happens in one place of a log only."""
-    return _by_blocks([np.flatnonzero(each.valid) for each in shots], [1] * len(shots))
+def split_finely(shots: Sequence[Shots], events: Sequence[float] = ()) -> tuple[list[Indices], list[Indices]]:
+    """Indices of the shots to fit and to judge, of blocks of one shot: for what happens in one place of a log only.
+
+    events  [s since the logs began] of what begins or ends. No other shot tells when: those that hold one are fitted
+    """
+    train, held = _by_blocks([np.flatnonzero(each.valid) for each in shots], [1] * len(shots))
+    for i, each in enumerate(shots):
+        begin, span = each.time - each.log.measured.time[0], each.ticks / each.rate
+        known = np.array([any(b - NEAR <= event <= b + span + NEAR for event in events) for b in begin], dtype=bool)
+        train[i] = np.union1d(train[i], held[i][known[held[i]]])
+        held[i] = held[i][~known[held[i]]]
+    return train, held
 
 
 def one_sided(fitted: Array, judged: Array, noise: float) -> bool:

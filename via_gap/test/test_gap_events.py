@@ -1,0 +1,46 @@
+"""What begins and ends at times of a run: each is seen in one shot, which is fitted, and all others say the rest."""
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of
+from via_gap.diagnose import diagnose
+from via_gap.places import places
+from via_gap.shots import cut_log
+from via_gap.split import split, split_finely
+from via_sim.effects import Effect
+
+START, STOP = 5.33, 9.57  # in blocks that are held out whole
+PUSH = Effect("external_torque", "environment", {"torque": 0.06, "start": START, "stop": STOP})
+FRICTION = Effect("coulomb_friction", "link", {"torque": 0.04})
+OFFERED = ("coulomb_friction", "viscous_friction", "gravity_error", "external_torque")  # the test is to be short
+
+
+def test_shots_that_hold_an_event_are_fitted_and_no_shot_is_lost():
+    shots = cut_log(log_of(flexible(), (), seed=22))
+    (plain,), (judged,) = split_finely([shots])
+    event = float(shots.time[judged[3]]) + 0.1  # inside a shot that would be held out
+    edge = float(shots.time[judged[5]]) - 0.001  # at the end of the shot before
+    (train,), (held,) = split_finely([shots], [event, edge])
+    assert np.array_equal(np.sort(np.concatenate([train, held])), np.flatnonzero(shots.valid))
+    assert set(train) - set(plain) == {judged[3], judged[5]}
+    assert np.array_equal(np.sort(train), train)
+
+
+def test_a_push_beside_friction_is_named_though_all_its_edges_were_held_out(monkeypatch):
+    log = log_of(flexible(), (FRICTION, PUSH), seed=33)
+    shots = cut_log(log)
+    (train,), _, _ = split([shots], [])
+    span = shots.ticks / shots.rate
+    for event in (START, STOP):
+        assert not np.any((shots.time[train] <= event) & (event < shots.time[train] + span))
+    monkeypatch.setattr(
+        "via_gap.diagnose.places", lambda *of: tuple(place for place in places(*of) if place.name in OFFERED)
+    )
+    report = diagnose([log], log.device)
+    assert report.verdict == "two_effects"
+    found = {cause.effect: cause.parameters for cause in report.causes[:2]}
+    assert set(found) == {"coulomb_friction", "external_torque"}
+    assert found["coulomb_friction"]["torque"].value == pytest.approx(0.04, rel=0.03)
+    assert found["external_torque"]["torque"].value == pytest.approx(0.06, rel=0.05)
+    assert found["external_torque"]["start"].value == pytest.approx(START, abs=0.005)
+    assert found["external_torque"]["stop"].value == pytest.approx(STOP, abs=0.005)
