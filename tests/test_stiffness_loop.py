@@ -4,17 +4,15 @@ import numpy as np
 import pytest
 from via_bringup.control.stiffness_loop import StiffnessCourse, run_joint
 from via_controllers.equilibrium_preset import EquilibriumPreset
-from via_core.devices import Device, load_device
+from via_core.devices import load_device
 
 NOMINAL, WANTED = load_device("qbmove_a"), 6.0  # [N m/rad]
 
 
 def course(feedback: bool) -> StiffnessCourse:
     """Springs 15 % stiffer than nominal, the equilibrium in motion so that the estimator learns."""
-    described = NOMINAL.model_dump()
-    for spring in described["springs"]:
-        spring["k"] *= 1.15
-    real = Device.model_validate(described)  # model_copy would keep the laws it has built
+    stiffer = tuple(spring.model_copy(update={"k": 1.15 * spring.k}) for spring in NOMINAL.springs)
+    real = NOMINAL.model_copy(update={"springs": stiffer})
     law = EquilibriumPreset.from_device(NOMINAL)
 
     def wishes(time):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import quad, simpson, solve_ivp
 from via_controllers import switching_collocation, switching_program
 from via_controllers.motor_models import DrivenJoint
 from via_controllers.visco_elastic import ViscoElasticJoint, bound, performance
@@ -142,6 +142,37 @@ def test_programs_agree_and_obey_125_with_every_motor(driven):
     motor = np.interp(fine, program.time, program.motor_velocity)
     by_125 = np.trapezoid(driven.joint.response(horizon - fine) * motor, fine)
     assert by_125 == pytest.approx(program.velocity, rel=1e-4)
+
+
+@pytest.mark.parametrize("D", [0.0, 0.3, 1.5])
+def test_125_holds_with_the_co_states_that_end_at_t_f(D):
+    """sigma* is printed as a combination of co-states and no more: of those of (124), counted back from the end.
+
+    For any motion of the motor. Read as the response since the start, or as co-states of qd(t_f) instead of J = -qd(t_f)
+    under the minus that is printed, (125) is wrong.
+    """
+    joint, horizon = ViscoElasticJoint(OMEGA, D), 2.0
+    spring, damper = OMEGA**2, 2.0 * D * OMEGA
+    A, b = np.array([[0.0, -1.0], [spring, -damper]]), np.array([1.0, damper])  # of (theta - q, qd), driven by thetad
+    xi = np.linspace(0.0, horizon, 4001)
+    end = np.array([0.0, -1.0])  # gradient of J at t_f
+    costates = solve_ivp(
+        lambda _, costate: -A.T @ costate, (horizon, 0.0), end, t_eval=xi[::-1], rtol=1e-10, atol=1e-12, method="LSODA"
+    ).y[:, ::-1]
+    sigma = b @ costates
+    assert -joint.response(horizon - xi) == pytest.approx(sigma, abs=1e-6)
+
+    def motor(time):
+        return 0.7 + np.sin(5.0 * time) - 0.4 * time**2
+
+    link = solve_ivp(lambda t, x: A @ x + b * motor(t), (0.0, horizon), [0.0, 0.0], rtol=1e-10, atol=1e-12).y[1, -1]
+
+    def by_125(switching):
+        return -simpson(switching * motor(xi), x=xi)
+
+    assert by_125(sigma) == pytest.approx(link, abs=1e-7)
+    for wrong in (-joint.response(xi), b @ -costates):
+        assert abs(by_125(wrong) - link) > 0.1 * abs(link)
 
 
 def test_fast_motors_approach_the_velocity_drive():

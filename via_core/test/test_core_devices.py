@@ -280,6 +280,21 @@ def test_one_file_serves_joints_of_several_names(tmp_path: Path) -> None:
             load_device(strange)
 
 
+def test_a_changed_copy_has_laws_of_its_own() -> None:
+    """Though those of the original were built before."""
+    device, other = load_device("maccepavd"), load_device("maccepavd_k231")
+    theta = device.motor_angles(0.0, 1.0)
+    before = float(device.stiffness(0.3, theta)), float(device.damping_of(0.5))
+    assert device.damper is not None
+    changed = device.model_copy(
+        update={"springs": other.springs, "damper": device.damper.model_copy(update={"minimum": 1.0})}
+    )
+    assert float(changed.stiffness(0.3, theta)) == pytest.approx(float(other.stiffness(0.3, theta)), rel=1e-12)
+    assert float(changed.stiffness(0.3, theta)) < 0.9 * before[0]
+    assert float(changed.damping_of(0.5)) > before[1] + 0.5
+    assert (float(device.stiffness(0.3, theta)), float(device.damping_of(0.5))) == before
+
+
 def test_a_device_is_frozen() -> None:
     device = load_device("maccepavd")
     with pytest.raises(ValueError, match="frozen"):

@@ -10,7 +10,7 @@ estimators and nodes may trust what they get.
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -311,6 +311,13 @@ class Device(_Part):
         if len(self.wire.motors) not in (0, self.n_drives):
             raise ValueError(f"wire.motors: needs 0 or {self.n_drives} names, got {len(self.wire.motors)}")
         return self
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Device:
+        """As pydantic has it, but nothing built of the old numbers goes along."""
+        copied = super().model_copy(update=update, deep=deep)
+        for built in ("spring_laws", "damper_map"):
+            copied.__dict__.pop(built, None)
+        return copied
 
     @property
     def n_motors(self) -> int:
