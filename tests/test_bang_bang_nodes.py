@@ -34,7 +34,7 @@ def test_the_law_finds_a_mode_and_swings_regularly(graph):
 
 
 def test_hitting_is_steady_from_the_second_cycle(domain):
-    """Number 6, a wall at .3 of the way to the turning point, the tip let go from beyond it; all: `via bench hitting`."""
+    """Number 6, a wall at .3 of the way to the turning point, let go from beyond it; all nine: `via bench hitting`."""
     case = hitting_over_dds(0.3, 1.2, 6.0)
     assert len(case.swings) > STEADY
     assert case.second < 0.05 and case.steady_spread < 5e-3 and case.least_force > 0.0

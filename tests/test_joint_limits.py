@@ -122,6 +122,26 @@ def test_loads_are_those_of_the_simulator(device, damping):
     assert (after[4 : 4 + m] - speed) / quick == pytest.approx(motors, rel=2e-3, abs=1e-2)
 
 
+@pytest.mark.parametrize("name", ["qbmove_a", "visco_elastic_demo", "vsa2", "edinburgh_vsa", "maccepavd"])
+def test_springs_of_axes_are_those_of_the_device(name):
+    """Also of laws that ask for a motor's angle beside the deflection, with torque motors in place of servos."""
+    device, motor = load_device(name), ELASTIC.motors[0]
+    device = device.model_copy(update={"drive": "torque", "motors": (motor,) * device.n_motors})
+    axes, random = JointAxes(device), np.random.default_rng(0)
+    k, stop = device.n_transmissions, min(law.max_deflection for law in device.spring_laws)
+    for q in random.uniform(-0.5, 0.5, 20):
+        theta = q + random.uniform(-stop, stop, axes.n)
+        for each, expected in (
+            (axes.spring_torque, device.torque_each),
+            (axes.spring_stiffness, device.stiffness_each),
+        ):
+            assert each(q, theta)[:k] == pytest.approx(expected(q, theta), rel=1e-12)
+            assert not each(q, theta)[k:].any()
+    beyond = np.full(axes.n, 2.0 * stop)
+    if device.arrangement == "flexible":
+        assert axes.spring_torque(0.0, beyond) == pytest.approx(device.torque_each(0.0, np.array([stop])))
+
+
 @pytest.mark.parametrize(("device", "preset"), [(QBMOVE, 0.4), (ELASTIC, 0.0), (CUBIC, 0.5)])
 def test_a_joint_in_motion_comes_to_rest_where_it_was(device, preset):
     """With the preset that it had, though its motors stood for another angle."""

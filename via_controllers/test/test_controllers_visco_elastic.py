@@ -148,8 +148,8 @@ def test_programs_agree_and_obey_125_with_every_motor(driven):
 def test_125_holds_with_the_co_states_that_end_at_t_f(D):
     """sigma* is printed as a combination of co-states and no more: of those of (124), counted back from the end.
 
-    For any motion of the motor. Read as the response since the start, or as co-states of qd(t_f) instead of J = -qd(t_f)
-    under the minus that is printed, (125) is wrong.
+    For any motion of the motor. Read as the response since the start, or as co-states of qd(t_f) instead of
+    J = -qd(t_f), (125) is wrong.
     """
     joint, horizon = ViscoElasticJoint(OMEGA, D), 2.0
     spring, damper = OMEGA**2, 2.0 * D * OMEGA

@@ -14,8 +14,10 @@ from math import inf, sin
 from typing import Generic
 
 import numpy as np
+from numba import njit
 from via_core.devices import Device, TorqueMotor
 from via_core.signals import Array, locked
+from via_core.springs import spring_stiffness, spring_torque
 
 from via_controllers.contract import (
     ArmController,
@@ -44,6 +46,7 @@ class JointAxes:
     )  # (m,) [N m], infinite where there is none, as those that follow
     speed_limit: Array = field(init=False, repr=False)  # (m,) [rad/s]
     deflection_limit: Array = field(init=False, repr=False)  # (m,) [rad]
+    _springs: tuple[Array, Array, bool] = field(init=False, repr=False)  # kinds, coefficients, whether serial
 
     def __post_init__(self) -> None:
         device = self.device
@@ -60,6 +63,9 @@ class JointAxes:
         }
         for name, values in known.items():
             object.__setattr__(self, name, locked(np.array(values), name))
+        laws = device.spring_laws
+        compiled = np.array([law.kind for law in laws]), np.array([law.coefficients() for law in laws])
+        object.__setattr__(self, "_springs", (*compiled, device.arrangement == "serial"))
 
     @property
     def n(self) -> int:
@@ -68,11 +74,11 @@ class JointAxes:
 
     def spring_torque(self, q: float, theta: Array) -> Array:
         """tau_e (m,) [N m] at `q` [rad] and `theta` (m,) [rad]; beyond a stop that of the stop, without a spring 0."""
-        return self._of_springs(self.device.torque_each, q, theta)
+        return np.asarray(_springs(*self._springs, q, theta, self.deflection_limit)[0])
 
     def spring_stiffness(self, q: float, theta: Array) -> Array:
         """sigma (m,) [N m/rad], as `spring_torque`."""
-        return self._of_springs(self.device.stiffness_each, q, theta)
+        return np.asarray(_springs(*self._springs, q, theta, self.deflection_limit)[1])
 
     def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
         """tau_e [N m], damper included, and qdd [rad/s^2] under it, (m,) each."""
@@ -87,11 +93,17 @@ class JointAxes:
         gravity = link.gravity_torque * sin(q[0] - link.gravity_angle)
         return torque, np.full(self.n, (-torque.sum() - friction * velocity[0] - gravity) / link.inertia)
 
-    def _of_springs(self, each: Callable[[float, Array], Array], q: float, theta: Array) -> Array:
-        within = q - np.clip(q - theta, -self.deflection_limit, self.deflection_limit)
-        out, values = np.zeros(self.n), each(q, within)
-        out[: len(values)] = values
-        return out
+
+@njit(cache=True, error_model="numpy")
+def _springs(kinds: Array, rows: Array, serial: bool, q: float, theta: Array, stops: Array) -> Array:
+    """tau_e and sigma (2, m): what `Device.torque_each` and `stiffness_each` say, within the stops."""
+    out = np.zeros((2, theta.size))
+    for i in range(kinds.size):
+        phi = min(max(q - theta[i], -stops[i]), stops[i])
+        own = theta[1] if serial else q - phi
+        out[0, i] = spring_torque(kinds[i], rows[i], phi, own)
+        out[1, i] = spring_stiffness(kinds[i], rows[i], phi, own)
+    return out
 
 
 @dataclass(frozen=True, eq=False)
