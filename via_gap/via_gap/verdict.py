@@ -108,12 +108,16 @@ def _explained(tuned: Judged, after: Judged, frozen: Calibration) -> bool:
     """Whether next to nothing is left, or enough of what the tuned device leaves beyond the noise.
 
     Where nearly every shot is at the noise again, a few may stick out more: those in which something begins or ends,
-    which no other shot could tell to the millisecond.
+    which no other shot could tell to the millisecond. Where even the typical shot sticks out, something like the cause
+    acts and not the cause itself: a share of the squared error is soon closed by what is only alike.
     """
-    if after.mean_square <= frozen.explained:
-        return True
     closed = 1.0 - rms(after) / max(rms(tuned), 1e-9)
     everywhere = 1.0 - (after.score - NOISE) / max(tuned.score - NOISE, 1e-9)
+    sticks_out = not after.free and float(np.median(after.shots)) > frozen.enough
+    if sticks_out and max(closed, everywhere) < frozen.explained_nearly:
+        return False
+    if after.mean_square <= frozen.explained:
+        return True
     return closed >= frozen.explained_share or (
         closed >= frozen.explained_most and everywhere >= frozen.explained_nearly
     )
