@@ -1,6 +1,6 @@
 """Bases of the torque law: what tau_e(phi) is a sum of, with their slopes, addressed by a kind as spring laws are.
 
-    tau_e(phi) = sum_j a_j f_j(phi),   f_j(phi) = s F_j(phi / s),   g_j = df_j/dphi = F_j'(phi / s)
+    tau_e(phi) = sum_j a_j f_j(phi),   f_j(phi) = s F_j(phi / s),   g_j = df_j/dphi = F_j'(phi / s),   f_1 = phi
 
 Source: SAPHARI deliverable, eqs. (37), (43). Every f_j vanishes at phi = 0: the printed f_i = phi^(i-1) begins with a
 constant, which carries no stiffness (and is not told from the integral equation's own constant). The slopes are scaled

@@ -31,11 +31,11 @@ from numba import njit
 from via_core.signals import Array
 from via_core.weak_form import window_weights
 
-from via_estimators.qr import inverse_normal, rotate_in, solve_triangular
+from via_estimators.qr import NEGLIGIBLE, inverse_normal, rotate_in, solve_triangular
 
 COLOURS = 3  # psi, psi', psi''
-# Sum of weights, RSS with the prior's part, that part's floor, rows, and how much M has yet to fade.
-WEIGHT, MISFIT, SCATTER, TAKEN, FADED, HEAD = range(6)
+# Sum of weights, RSS with the prior's part, that part's floor, rows, how much M and how much all has yet to fade.
+WEIGHT, MISFIT, SCATTER, TAKEN, FADED, PENDING, HEAD = range(7)
 FADE = 1e-3  # M is carried along whenever it has this much to fade: every 20th sample, memory 20 s at 1 kHz
 PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one independent residual
 
@@ -68,7 +68,7 @@ def size(n: int, length: int) -> int:
 def start(state: Array, n: int) -> None:
     """Overwrite one equation's state with the prior: x = 0, R = 1, no rows."""
     state[:] = 0.0
-    state[FADED] = 1.0
+    state[FADED] = state[PENDING] = 1.0
     for j in range(n):
         state[HEAD + 4 * n + j * n + j] = 1.0
         state[HEAD + 3 * n + j] = 1.0
@@ -158,9 +158,15 @@ def _transport(R: Array, keep: float, M: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def forget(state: Array, n: int, keep: float) -> None:
-    """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it."""
-    if keep == 1.0:
+    """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it.
+
+    Steps that forget next to nothing wait until it is worth the rotations (`qr.NEGLIGIBLE`).
+    """
+    keep *= state[PENDING]
+    if keep > 1.0 - NEGLIGIBLE:
+        state[PENDING] = keep
         return
+    state[PENDING] = 1.0
     x, p, pulled = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], state[HEAD + 2 * n : HEAD + 3 * n]
     R = factor(state, n)
     root, leak = sqrt(keep), sqrt(1.0 - keep)

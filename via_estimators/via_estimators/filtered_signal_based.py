@@ -174,7 +174,7 @@ class FilteredSignalBased(Estimator):
         own = self.parameters
         m, n, length, cut = own.transmissions, own.terms + 3, own.window + 1, cut_off(BASES[own.basis])
         each = N_KEPT + own.terms + cut + N_ROUGH + integral.size(n, cut, POLES)
-        rings = length * (2 + m * (2 + own.terms + cut))
+        rings = length * (1 + m * (2 + own.terms + cut))
         state = np.zeros(window.HEADER + 2 * len(self.outputs) + rings + (1 + m) * kalman.SIZE + m * each)
         window.start(state)
         held = (
@@ -228,12 +228,11 @@ def _smooth(weights: Array, ring: Array, oldest: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _swing(q: Array, angle: Array) -> float:
-    """Range of the deflection q - angle over the rings (L,), seen at every so many-th sample."""
-    low = high = q[0] - angle[0]
-    for k in range(0, q.size, max(q.size // PROBES, 1)):
-        phi = q[k] - angle[k]
-        low, high = min(low, phi), max(high, phi)
+def _swing(phi: Array) -> float:
+    """Range of the deflection over its ring (L,), seen at every so many-th sample."""
+    low = high = phi[0]
+    for k in range(0, phi.size, max(phi.size // PROBES, 1)):
+        low, high = min(low, phi[k]), max(high, phi[k])
     return high - low
 
 
@@ -251,9 +250,9 @@ def _advance(
     at += 2 * outputs
     times = state[at : at + length]
     at += length
-    channels = 2 + functions  # of a transmission: theta, tau, f_j(phi)
-    ring = state[at : at + length * (1 + channels * m)].reshape(1 + channels * m, length)  # q, then those
-    at += length * (1 + channels * m)
+    channels = 2 + functions  # of a transmission: theta, tau, f_j(phi), of which the first is phi in every basis
+    ring = state[at : at + length * channels * m].reshape(channels * m, length)
+    at += length * channels * m
     filters = state[at : at + (1 + m) * kalman.SIZE].reshape(1 + m, kalman.SIZE)
     at += (1 + m) * kalman.SIZE
     own = N_KEPT + functions
@@ -281,9 +280,8 @@ def _advance(
         middle = oldest + half if oldest + half < length else oldest + half - length
         step = (times[slot] - times[oldest]) / (length - 1.0) if full else interval
         keep = exp(-elapsed / par[MEMORY])  # time in a gap, or until a window is full, counts like any other
-        ring[0, slot] = q
         for i in range(m):
-            c = 1 + channels * i
+            c = channels * i
             ring[c, slot], ring[c + 1, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
             fill_basis(kind, q - rows[k, 2 + 2 * i], scale, basis[0], basis[1], basis[2])
             ring[c + 2 : c + channels, slot] = basis[0]
@@ -297,16 +295,15 @@ def _advance(
                 kalman.correct_quantised(filters[i], reading, kinematic[QUANTUM], kinematic[WHITE])
             else:
                 kalman.correct(filters[i], reading, kinematic[WHITE])
-        late_q = _smooth(weights[0], ring[0], oldest) if full else 0.0
         link = filters[0]
         worst, motion, total, doubt, bends = OK, np.inf, 0.0, 0.0, 0.0
         for i in range(m):
             kept = state[at + i * each : at + i * each + own]
             rough = state[at + i * each + own : at + i * each + own + N_ROUGH]
             equation = state[at + i * each + own + N_ROUGH : at + (i + 1) * each]
-            c = 1 + channels * i
-            angles, efforts = ring[c], ring[c + 1]
-            swing = _swing(ring[0], angles) if full else 0.0
+            c = channels * i
+            angles, efforts, deflections = ring[c], ring[c + 1], ring[c + 2]
+            swing = _swing(deflections) if full else 0.0
             motion = min(motion, swing)
             moving = full and swing >= par[MINIMUM_MOTION]
             rough *= keep
@@ -315,11 +312,11 @@ def _advance(
                 late[1] = _smooth(weights[1], angles, oldest) / step
                 late[2] = _smooth(weights[0], efforts, oldest)
                 rough[WEIGHT] += fitted
-                rough[ROUGH_TORQUE] += (efforts[middle] - late[2]) ** 2
-                rough[ROUGH_ANGLE] += (ring[0, middle] - angles[middle] - late_q + late[0]) ** 2
                 for j in range(functions):
                     basis[0, j] = _smooth(weights[0], ring[c + 2 + j], oldest)
-                visit(kept, late_q - late[0])
+                rough[ROUGH_TORQUE] += (efforts[middle] - late[2]) ** 2
+                rough[ROUGH_ANGLE] += (deflections[middle] - basis[0, 0]) ** 2
+                visit(kept, basis[0, 0])
             learn(par, shade, kept, equation, step, keep, moving, late[0], late[1], late[2], basis[0], work)
             warming = equation[integral.TAKEN] < length
             motor = filters[1 + i]

@@ -32,7 +32,8 @@ is exact again; white noise is r_0 = 1 alone. White noise on the velocity sensor
 V <- lambda^2 S'VS + F F'. Both are measured on increments of the equation: torque noise is white there, and what
 velocity noise v adds to one it takes from the next, B (v_n - v_(n-1)).
 N sums products of increments, L those of neighbours, so that misfit and its correlation are those of the present
-unknowns: x'Lx tells the velocity noise, x'Nx + x'Lx the torque noise r^2.
+unknowns: x'Lx tells the velocity noise, x'Nx + x'Lx the torque noise r^2. Signals that a filter has made smooth have
+no such noise, nor do their increments tell any: V, N and L are there only where the torque's noise is white.
 
 Unknowns are scaled, x_j = (a_j - prior_j) / prior_deviation_j, the constant aside, so that the prior is a unit matrix.
 Each step leaks towards the present estimate as much as it forgets (proximal): P <= 1, and without excitation standard
@@ -51,10 +52,10 @@ from math import sqrt
 from numba import njit
 from via_core.signals import Array
 
-from via_estimators.qr import rotate_in, solve_transposed, solve_triangular
+from via_estimators.qr import NEGLIGIBLE, invert_triangular, rotate_in, solve_triangular
 
-# sum of the weights of increments; rows taken; columns considered only; states of the noise's colour
-WEIGHT, TAKEN, CUT, POLES, HEAD = range(5)
+# sum of the weights of increments; rows taken; columns considered only; states of the noise's colour; yet to forget
+WEIGHT, TAKEN, CUT, POLES, PENDING, HEAD = range(6)
 PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one increment
 CLEAR = 4.0  # deviations; that of r^2 in velocity noise is sqrt(2 / W) of the increments' variance, W their number
 BASE = 1e-12  # R_00 without any row: the constant has no prior
@@ -63,14 +64,20 @@ BASE = 1e-12  # R_00 without any row: the constant has no prior
 @njit(cache=True, error_model="numpy")
 def size(n: int, cut: int, poles: int) -> int:
     """Floats in the state of one equation with n unknowns, the constant among them, and `cut` columns considered."""
-    return HEAD + 2 * n + 4 * n * n + n * cut + n * poles + (n + cut) * (n + cut + 1)
+    return HEAD + 2 * n + _sums(poles) * n * n + n * cut + n * poles + (n + cut) * (n + cut + 1)
+
+
+@njit(cache=True, error_model="numpy")
+def _sums(poles: int) -> int:
+    """How many of M, V, N and L there are."""
+    return 4 if poles == 0 else 1
 
 
 @njit(cache=True, error_model="numpy")
 def start(state: Array, n: int, cut: int, poles: int) -> None:
     """Overwrite one equation's state with the prior: x = 0, R = 1 but for the constant, no rows."""
     state[:] = 0.0
-    state[CUT], state[POLES] = cut, poles
+    state[CUT], state[POLES], state[PENDING] = cut, poles, 1.0
     R = factor(state, n)
     R[0, 0] = BASE
     for j in range(1, n):
@@ -90,16 +97,16 @@ def _before(state: Array, n: int) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def matrix(state: Array, n: int, which: int) -> Array:
-    """View (n, n) of M, V, N or L: which = 0, 1, 2, 3."""
-    at = HEAD + 2 * n + which * n * n
-    return state[at : at + n * n].reshape(n, n)
+def _matrices(state: Array, n: int) -> Array:
+    """The view (4, n, n) of M, V, N and L, or (1, n, n) of M alone where noise has a colour."""
+    at, count = HEAD + 2 * n, _sums(int(state[POLES]))
+    return state[at : at + count * n * n].reshape(count, n, n)
 
 
 @njit(cache=True, error_model="numpy")
 def considered(state: Array, n: int) -> Array:
     """The view R^-1 R_c (cut, n), by which unit coefficients of the columns considered put x off."""
-    at = HEAD + 2 * n + 4 * n * n
+    at = HEAD + 2 * n + _sums(int(state[POLES])) * n * n
     cut = int(state[CUT])
     return state[at : at + cut * n].reshape(cut, n)
 
@@ -108,7 +115,7 @@ def considered(state: Array, n: int) -> Array:
 def _shared(state: Array, n: int) -> Array:
     """The view U (poles, n)."""
     poles = int(state[POLES])
-    at = HEAD + 2 * n + 4 * n * n + int(state[CUT]) * n
+    at = HEAD + 2 * n + _sums(poles) * n * n + int(state[CUT]) * n
     return state[at : at + poles * n].reshape(poles, n)
 
 
@@ -133,8 +140,9 @@ def _move(M: Array, s: Array) -> None:
     n = M.shape[0]
     corner = M[0, 0]
     for i in range(1, n):
+        beside = M[i, 0] + corner * s[i]
         for j in range(1, n):
-            M[i, j] += s[i] * M[0, j] + M[i, 0] * s[j] + corner * s[i] * s[j]
+            M[i, j] += s[i] * M[0, j] + beside * s[j]
     for i in range(1, n):
         M[0, i] += corner * s[i]
         M[i, 0] = M[0, i]
@@ -150,14 +158,13 @@ def rebase(state: Array, n: int, s: Array, pushed: float, step: float, colour: A
     colour  (1 + poles, 1 + poles) of that noise, [[r_0, C], [B, A]]; [[1]] if it is white
     work    (2, n) or more, overwritten
     """
-    p, R = _right(state, n), factor(state, n)
-    M, V = matrix(state, n, 0), matrix(state, n, 1)
-    base = R[0, 0]
+    p, R, sums = _right(state, n), factor(state, n), _matrices(state, n)
+    M, base = sums[0], R[0, 0]
     for j in range(1, s.size):
         R[0, j] += base * s[j]
     p[0] -= base * pushed
-    _move(M, s)
-    _move(V, s)
+    for which in range(min(len(sums), 2)):  # V, too, if it is there
+        _move(sums[which], s)
     U, poles = _shared(state, n), int(state[POLES])
     v, along = work[0], work[1]
     for j in range(n):
@@ -183,9 +190,9 @@ def rebase(state: Array, n: int, s: Array, pushed: float, step: float, colour: A
 @njit(cache=True, error_model="numpy")
 def eliminate(state: Array, n: int) -> None:
     """Drop the constant: rows to come have another one. Everything known about the rest stays."""
-    p, R = _right(state, n), factor(state, n)
-    for which in (0, 1):
-        M = matrix(state, n, which)
+    p, R, sums = _right(state, n), factor(state, n), _matrices(state, n)
+    for which in range(min(len(sums), 2)):
+        M = sums[which]
         for i in range(1, n):  # G M G', G = (-R_0j / R_00, 1)
             for j in range(1, n):
                 a, b = R[0, i] / R[0, 0], R[0, j] / R[0, 0]
@@ -208,18 +215,23 @@ def eliminate(state: Array, n: int) -> None:
 def forget(state: Array, n: int, keep: float, pull: Array) -> None:
     """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it.
 
+    Steps that forget next to nothing wait until it is worth the rotations (`qr.NEGLIGIBLE`).
+
     pull  (n + cut,) overwritten
     """
-    if keep == 1.0:
+    keep *= state[PENDING]
+    if keep > 1.0 - NEGLIGIBLE:
+        state[PENDING] = keep
         return
+    state[PENDING] = 1.0
     x, p, R, off = unknowns(state, n), _right(state, n), factor(state, n), considered(state, n)
     root, leak = sqrt(keep), sqrt(1.0 - keep)
     p *= root
     R *= root
     R[0, 0] = max(R[0, 0], BASE)
-    at = HEAD + 2 * n
-    state[at : at + 2 * n * n] *= keep * keep
-    state[at + 2 * n * n : at + 4 * n * n] *= keep
+    sums = _matrices(state, n)
+    sums[:2] *= keep * keep
+    sums[2:] *= keep
     _shared(state, n)[:, :] *= keep
     state[WEIGHT] *= keep
     pull[:] = 0.0
@@ -236,7 +248,8 @@ def compare(state: Array, n: int, z: Array) -> None:
 
     In units of the torque noise: per step, not per row.
     """
-    before, N, L = _before(state, n), matrix(state, n, 2), matrix(state, n, 3)
+    before, sums = _before(state, n), _matrices(state, n)
+    N, L = sums[2], sums[3]
     for i in range(n):
         for j in range(n):
             N[i, j] += z[i] * z[j]
@@ -255,10 +268,12 @@ def interrupt(state: Array, n: int) -> None:
 @njit(cache=True, error_model="numpy")
 def take(state: Array, n: int, row: Array, y: float) -> None:
     """Take the newest row' x = y and solve; `row` (n + cut,), its constant first, is overwritten."""
-    x, p, R, V = unknowns(state, n), _right(state, n), factor(state, n), matrix(state, n, 1)
-    for i in range(n):
-        for j in range(n):
-            V[i, j] += row[i] * row[j]
+    x, p, R = unknowns(state, n), _right(state, n), factor(state, n)
+    if state[POLES] == 0.0:
+        V = _matrices(state, n)[1]
+        for i in range(n):
+            for j in range(n):
+                V[i, j] += row[i] * row[j]
     rotate_in(R, p, row, y, 0)
     solve_triangular(R, p[:n], x)
     off = considered(state, n)
@@ -286,12 +301,12 @@ def noise(state: Array, n: int, declared: float) -> tuple[float, float]:
 
     declared  the second of them, as far as it was declared: it counts as much as one increment, as r^2 = 1 does
     """
-    x, weight = unknowns(state, n), state[WEIGHT]
-    apart = _misfit(x, matrix(state, n, 3))
+    x, weight, sums = unknowns(state, n), state[WEIGHT], _matrices(state, n)
+    apart = _misfit(x, sums[3])
     taken_back = (PRIOR_WEIGHT * declared + max(-apart, 0.0)) / (PRIOR_WEIGHT + weight)
     if weight == 0.0:
         return 1.0, taken_back
-    unexplained = max(_misfit(x, matrix(state, n, 2)) - taken_back * weight, 0.0) / weight
+    unexplained = max(_misfit(x, sums[2]) - taken_back * weight, 0.0) / weight
     # Where torque noise drowns in the rest, the declared one stands, unless what is found is clear by 4 deviations.
     clear = max(unexplained - CLEAR * sqrt(2.0 / weight) * taken_back, 1.0)
     told = weight * (clear / (clear + taken_back)) ** 2
@@ -299,43 +314,66 @@ def noise(state: Array, n: int, declared: float) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def spread_of(state: Array, n: int, first: int, work: Array) -> float:
+def inverse(state: Array, n: int, out: Array) -> None:
+    """R^-1 into the first n rows and columns of `out`: once for all that `spread_of` and `variances` are asked."""
+    invert_triangular(factor(state, n), n, out)
+
+
+@njit(cache=True, error_model="numpy")
+def spread_of(state: Array, n: int, first: int, inverted: Array) -> float:
     """Variance of the unknowns from `first` on about their prior, in units of the declared one, as they show it.
 
     Each unknown that rows determine is one draw from the prior, sum of (1 - P_jj) of them there are (MacKay's number of
     well-determined parameters); the declared width counts as much as one.
 
-    work  (n,) overwritten
+    inverted  R^-1, as `inverse` has it
     """
-    x, R = unknowns(state, n), factor(state, n)
+    x = unknowns(state, n)
     drawn, squares = PRIOR_WEIGHT, PRIOR_WEIGHT
     for j in range(first, n):
-        work[:] = 0.0
-        work[j] = 1.0
-        solve_transposed(R, work, work)
         drawn += 1.0
         for i in range(j, n):
-            drawn -= work[i] * work[i]
+            drawn -= inverted[j, i] * inverted[j, i]
         squares += x[j] * x[j]
     return squares / drawn
 
 
-@njit(cache=True, error_model="numpy")
-def variance(state: Array, n: int, slope: Array, torque: float, velocity: float, prior: Array, work: Array) -> float:
-    """Variance of slope' x, slope (n,) with slope_0 = 0.
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def variances(
+    state: Array, n: int, slopes: Array, torque: float, velocity: float, prior: Array, inverted: Array, work: Array,
+    out: Array,
+) -> None:  # fmt: skip
+    """Variances of slope' x for each of slopes (k, n), whose first column is 0, into out (k,).
 
     torque    r^2, as `noise` has it
-    velocity  variance of the velocity noise's share of a row
+    velocity  variance of the velocity noise's share of a row; 0 where the torque's noise has a colour
     prior     (n,) variances of the prior, and of what has leaked since
-    work      (n,) overwritten
+    inverted  R^-1, as `inverse` has it
+    work      (2, n) or more, overwritten
     """
-    R, M, V = factor(state, n), matrix(state, n, 0), matrix(state, n, 1)
-    solve_transposed(R, slope, work)
-    solve_triangular(R, work, work)
-    total = 0.0
-    for i in range(n):
-        if i > 0:
-            total += prior[i] * work[i] * work[i]
-        for j in range(n):
-            total += work[i] * (torque * M[i, j] + velocity * V[i, j]) * work[j]
-    return max(total, 0.0)
+    sums, half, full = _matrices(state, n), work[0], work[1]  # R^-T slope, P slope
+    for k in range(slopes.shape[0]):
+        half[:n] = 0.0
+        for i in range(n):
+            if slopes[k, i] != 0.0:
+                for j in range(i, n):
+                    half[j] += inverted[i, j] * slopes[k, i]
+        found = 0.0
+        for i in range(n):
+            total = 0.0
+            for j in range(i, n):
+                total += inverted[i, j] * half[j]
+            full[i] = total
+            found += prior[i] * total * total if i > 0 else 0.0
+        for i in range(n):
+            total = 0.0
+            for j in range(n):
+                total += sums[0, i, j] * full[j]
+            found += torque * full[i] * total
+        if velocity > 0.0:
+            for i in range(n):
+                total = 0.0
+                for j in range(n):
+                    total += sums[1, i, j] * full[j]
+                found += velocity * full[i] * total
+        out[k] = max(found, 0.0)

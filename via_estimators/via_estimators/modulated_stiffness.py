@@ -146,7 +146,7 @@ class ModulatedStiffness(Estimator):
         own = self.parameters
         length, n, m = own.window + 1, self._terms, own.transmissions
         each = N_VISITED + coloured.size(n, length)
-        columns = 1 + m * (n + 2)
+        columns = m * (n + 2)
         state = np.zeros(window.HEADER + 2 * (1 + m) + length * (1 + columns) + m * each)
         window.start(state)
         spread = state[window.HEADER + 1 + m : window.HEADER + 2 * (1 + m)]
@@ -240,8 +240,8 @@ def _advance(
     at += 2 * (1 + m)
     times = state[at : at + length]
     at += length
-    columns = 1 + m * (n + 2)
-    ring = state[at : at + length * columns].reshape(columns, length)  # q, then theta, tau, phi, phi^2/2.. each
+    columns = m * (n + 2)
+    ring = state[at : at + length * columns].reshape(columns, length)  # theta, tau, phi, phi^2/2.. per transmission
     at += length * columns
     each = N_VISITED + coloured.size(n, length)
     psi, lagged, held = np.empty((4, length)), np.empty((3, length)), np.empty(length)
@@ -254,9 +254,8 @@ def _advance(
             status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
             continue
         slot, q = int(state[window.SLOT]), rows[k, 1]
-        ring[0, slot] = q
         for i in range(m):
-            own = ring[1 + i * (n + 2) : 1 + (i + 1) * (n + 2)]
+            own = ring[i * (n + 2) : (i + 1) * (n + 2)]
             own[0, slot], own[1, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
             for j in range(n):
                 powers[i, j + 1] = powers[i, j] * (q - rows[k, 2 + 2 * i]) / (j + 1.0)
@@ -279,7 +278,7 @@ def _advance(
             visited = state[at + i * each : at + i * each + N_VISITED]
             equation = state[at + i * each + N_VISITED : at + (i + 1) * each]
             alpha = coloured.unknowns(equation, n)
-            own = ring[1 + i * (n + 2) : 1 + (i + 1) * (n + 2)]
+            own = ring[i * (n + 2) : (i + 1) * (n + 2)]
             if entered == window.RESTARTED:
                 coloured.forget_rows(equation, n)
             moved = window.spread(own[2]) if full else 0.0

@@ -128,7 +128,7 @@ class ModulatedTorque(Estimator):
     def init(self) -> Array:
         own = self.parameters
         length, n = own.window + 1, own.order + own.even_terms + 2
-        columns = 1 + own.transmissions * n
+        columns = own.transmissions * n
         each = N_VISITED + coloured.size(n, length)
         state = np.zeros(window.HEADER + 2 * len(self.outputs) + length * (1 + columns) + own.transmissions * each)
         window.start(state)
@@ -199,7 +199,7 @@ def _advance(
     length, m, order = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[ORDER])
     even = int(par[EVEN])
     n, outputs = order + even + 2, 1 + 3 * m
-    columns = 1 + m * n
+    columns = m * n
     scale, noise, blur = par[SCALE], par[TORQUE_NOISE], par[POSITION_NOISE]
     mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
     at = window.HEADER
@@ -207,7 +207,7 @@ def _advance(
     at += 2 * outputs
     times = state[at : at + length]
     at += length
-    ring = state[at : at + length * columns].reshape(columns, length)  # q, then theta, tau, f_1.. per transmission
+    ring = state[at : at + length * columns].reshape(columns, length)  # theta, tau, f_1.. per transmission
     at += length * columns
     each = N_VISITED + coloured.size(n, length)
     psi, lagged, held = np.empty((3, length)), np.empty((3, length)), np.empty(length)
@@ -220,9 +220,8 @@ def _advance(
             status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
             continue
         slot, q = int(state[window.SLOT]), rows[k, 1]
-        ring[0, slot] = q
         for i in range(m):
-            own = ring[1 + i * n : 1 + (i + 1) * n]
+            own = ring[i * n : (i + 1) * n]
             own[0, slot], own[1, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
             ratio = (q - rows[k, 2 + 2 * i]) / scale
             for p in range(1, 2 * MOST_TERMS):
@@ -243,7 +242,7 @@ def _advance(
             visited = state[at + i * each : at + i * each + N_VISITED]
             equation = state[at + i * each + N_VISITED : at + (i + 1) * each]
             x = coloured.unknowns(equation, n)
-            own = ring[1 + i * n : 1 + (i + 1) * n]
+            own = ring[i * n : (i + 1) * n]
             if entered == window.RESTARTED:
                 coloured.forget_rows(equation, n)
             moved = window.spread(own[2]) if full else 0.0

@@ -12,6 +12,8 @@ from math import sqrt
 from numba import njit
 from via_core.signals import Array
 
+NEGLIGIBLE = 1e-6  # a step of forgetting that takes less than this of what is known may wait for the next ones
+
 
 @njit(cache=True, error_model="numpy")
 def rotate_in(R: Array, p: Array, row: Array, y: float, first: int) -> float:
@@ -60,18 +62,24 @@ def solve_transposed(R: Array, p: Array, x: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def invert_triangular(R: Array, n: int, inverse: Array) -> None:
+    """R^-1 into the first n rows and columns of `inverse`, R being upper triangular in those; zeros below."""
+    for i in range(n - 1, -1, -1):
+        each = 1.0 / R[i, i]
+        for j in range(n):
+            inverse[i, j] = 0.0
+        for k in range(i + 1, n):
+            share = each * R[i, k]
+            for j in range(k, n):
+                inverse[i, j] -= share * inverse[k, j]
+        inverse[i, i] = each
+
+
+@njit(cache=True, error_model="numpy")
 def inverse_normal(R: Array, inverse: Array, P: Array) -> None:
     """P (n, n) = (R'R)^-1 and inverse (n, n) = R^-1 of the upper triangular R."""
     n = R.shape[0]
-    for j in range(n):
-        for i in range(n):
-            inverse[i, j] = 0.0
-        inverse[j, j] = 1.0 / R[j, j]
-        for i in range(j - 1, -1, -1):
-            total = 0.0
-            for k in range(i + 1, j + 1):
-                total -= R[i, k] * inverse[k, j]
-            inverse[i, j] = total / R[i, i]
+    invert_triangular(R, n, inverse)
     for i in range(n):
         for j in range(i, n):
             total = 0.0

@@ -206,11 +206,11 @@ def cut_off(kind: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def scratch(n: int) -> Array:
-    """Room (6, n) for `learn` and `tell`, made once: an allocation per sample would cost more than the sums in it.
+    """Room (12 + n, n) for `learn` and `tell`, made once: an allocation per sample would cost more than the sums in it.
 
     n  unknowns and columns considered
     """
-    return np.empty((6, n))
+    return np.empty((12 + n, n))
 
 
 @njit(cache=True, error_model="numpy")
@@ -242,10 +242,11 @@ def learn(
         for j in range(2, grown.size):
             moved[j] = -grown[j] * width[min(j, n - 1)] / unit
         integral.rebase(equation, n, moved, pushed / unit, noise / unit, colour, work)
-        grown[0] = (pushed - grown[1] * mean[1]) / noise
-        for j in range(1, n):
-            grown[j] *= width[j] / noise
-        integral.compare(equation, n, grown[:n])
+        if equation[integral.POLES] == 0.0:  # of smoothed noise increments tell little: who smooths sees what is gone
+            grown[0] = (pushed - grown[1] * mean[1]) / noise
+            for j in range(1, n):
+                grown[j] *= width[j] / noise
+            integral.compare(equation, n, grown[:n])
         kept[AGE] += elapsed
     if not moving:
         integral.interrupt(equation, n)
@@ -279,10 +280,11 @@ def tell(
     mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
     x = integral.unknowns(equation, n)
     f, g, bend = work[0, : terms + cut], work[1, : terms + cut], work[2, : terms + cut]
-    slope, weights, prior = work[3, :n], work[4, :n], work[5, :n]
+    prior, found, spare, slopes, inverted = work[3, :n], work[4], work[5:7], work[7 : 10 + cut], work[12:]
     fill_basis(kind, phi, par[SCALE], f, g, bend)
     told[:] = 0.0
-    slope[:] = 0.0
+    slopes[:] = 0.0  # of stiffness, of B and D, of the last terms of either parity
+    slopes[1, 1], slopes[2, 2] = width[1], width[2]
     told[2], told[3] = mean[1], mean[2]
     if not warming:
         told[2] += width[1] * x[1]
@@ -291,26 +293,23 @@ def tell(
         share = mean[3 + j] + (0.0 if warming else width[3 + j] * x[3 + j])
         told[0] += share * g[j]
         told[1] += share * bend[j]
-        slope[3 + j] = width[3 + j] * g[j]
-        told[4] += slope[3 + j] * slope[3 + j]
+        slopes[0, 3 + j] = width[3 + j] * g[j]
+        told[4] += slopes[0, 3 + j] * slopes[0, 3 + j]
     told[5], told[6] = width[1] * width[1], width[2] * width[2]
     if not warming:
         blur = 0.5 * taken_back / (par[LENGTH] - 1.0)  # in a row, one velocity instead of two, and other units
+        for c in range(cut):
+            last = max(n + c - cut, 3)
+            slopes[3 + c, last] = width[last]
+        integral.inverse(equation, n, inverted)
         prior[:] = 1.0
-        prior[3:] = integral.spread_of(equation, n, 3, weights)
-        told[4] = integral.variance(equation, n, slope, torque, blur, prior, weights)
-        for j in (1, 2):
-            slope[:] = 0.0
-            slope[j] = width[j]
-            told[4 + j] = integral.variance(equation, n, slope, torque, blur, prior, weights)
+        prior[3:] = integral.spread_of(equation, n, 3, inverted)
+        integral.variances(equation, n, slopes, torque, blur, prior, inverted, spare, found)
+        told[4:] = found[:3]
         if par[TRUNCATION] > 0.0:
             off = integral.considered(equation, n)
             for c in range(cut):
-                last = max(n + c - cut, 3)
-                slope[:] = 0.0
-                slope[last] = width[last]
-                doubt = integral.variance(equation, n, slope, torque, blur, prior, weights)
-                size = par[TRUNCATION] * first_cut(par, kept, x, off[c], c, doubt)
+                size = par[TRUNCATION] * first_cut(par, kept, x, off[c], c, found[3 + c])
                 missed = g[terms + c]
                 for j in range(terms):
                     missed -= g[j] * off[c, 3 + j]
@@ -320,17 +319,23 @@ def tell(
 
 
 @njit(cache=True, error_model="numpy")
-def fall(top: float, below: float, first: float, degree: int) -> float:
+def bending(degree: int) -> float:
+    """Power of c_n c_(n-4) / c_(n-2)^2 by which c_(n+2) / c_n falls short of c_n / c_(n-2), for n = `degree` > 2."""
+    return log((degree + 2.0) / degree) / log(degree / (degree - 2.0))
+
+
+@njit(cache=True, error_model="numpy")
+def fall(top: float, below: float, first: float, power: float) -> float:
     """c_(n+2) / c_n, at most 1, of Chebyshev coefficients whose ratio goes as n^-p, p >= 0.
 
     top, below, first  c_n, c_(n-2), c_(n-4); where that is not known, first = 0 and p = 0
-    degree             n
+    power              `bending` of n
     """
     ratio = top / below if below != 0.0 else 1.0
     ratio = min(max(ratio, -1.0), 1.0)
     if first == 0.0 or below == 0.0:
         return ratio
-    return ratio * min(abs(ratio * first / below), 1.0) ** (log((degree + 2.0) / degree) / log(degree / (degree - 2.0)))
+    return ratio * min(abs(ratio * first / below), 1.0) ** power
 
 
 @njit(cache=True, error_model="numpy")
@@ -376,7 +381,7 @@ def first_cut(par: Array, kept: Array, x: Array, off: Array, c: int, doubt: floa
         for at in range(4):
             known = mean[3 + at * cut] + width[3 + at * cut] * x[3 + at * cut]
             zeroth += known * (LEGENDRE_AT_0[at] if kind in (LEGENDRE, ODD_LEGENDRE) else 1.0 if at == 0 else 0.0)
-    expected = b / size * (fall(b, first, 2.0 * zeroth, degree - 2) if first != 0.0 else 1.0)
+    expected = b / size * (fall(b, first, 2.0 * zeroth, bending(degree - 2)) if first != 0.0 else 1.0)
     wide = max(expected * expected, share * share - CLEAR * CLEAR * doubt)
     if wide + doubt > 0.0:
         known = wide / (wide + doubt)
@@ -384,11 +389,11 @@ def first_cut(par: Array, kept: Array, x: Array, off: Array, c: int, doubt: floa
     a = (1.0 if share > 0.0 else -1.0) * size * clear
     k = size * off[j] / next_size - swing_before(kind, terms, -1 - c, far, 1)
     h = (before * off[i] + lower * size * off[j]) / next_size - swing_before(kind, terms, -1 - c, far, 2)
-    t, ratio = 0.0, 0.0
+    t, ratio, power = 0.0, 0.0, bending(degree)
     for _ in range(ROUNDS):
         top = a - min(max(k * t, -abs(a)), 0.5 * abs(a))  # no more than a law that is seen at all can hide
         below = b - min(max(h * t, -abs(b)), 0.5 * abs(b))
-        ratio = fall(top, below, first, degree)
+        ratio = fall(top, below, first, power)
         t = top * ratio
     tail = 1.0 / (1.0 - min(abs(ratio), 0.5))  # at the ends of the range all of those cut off add up
     return tail * min(abs(t), abs(a)) / next_size
