@@ -226,12 +226,6 @@ def test_the_supervised_law_is_the_law():
     assert answer.torque.tolist() == [1e-3, 1e-3] and answer.limited == Limit.NONE
 
 
-def test_a_limit_that_no_file_tells_may_be_given():
-    assert JointAxes(ELASTIC, strongest=3.0).torque_limit == [30.0]
-    unknown = ELASTIC.model_copy(update={"motors": (ELASTIC.motors[0].model_copy(update={"torque_limit": None}),)})
-    assert JointAxes(unknown).torque_limit == [np.inf] and JointAxes(unknown, strongest=3.0).torque_limit == [3.0]
-
-
 @pytest.mark.parametrize(
     "silly",
     [

@@ -38,7 +38,6 @@ class JointAxes:
 
     device: Device
     damping: float = 0.0  # command of the damper [0..1]
-    strongest: float = inf  # [N m] of a motor whose limit the device file does not tell
     motor_inertia: Array = field(init=False, repr=False)  # B (m,) [kg m^2]
     motor_friction: Array = field(init=False, repr=False)  # D (m,) [N m s/rad]
     torque_limit: Array = field(
@@ -57,7 +56,7 @@ class JointAxes:
         known = {
             "motor_inertia": [motor.inertia for motor in motors],
             "motor_friction": [motor.viscous_friction for motor in motors],
-            "torque_limit": [motor.torque_limit or self.strongest for motor in motors],
+            "torque_limit": [motor.torque_limit or inf for motor in motors],
             "speed_limit": [motor.speed_limit or inf for motor in motors],
             "deflection_limit": [*stops, *[inf] * (len(motors) - len(stops))],
         }

@@ -19,7 +19,7 @@ from via_controllers.contract import ArmController, ArmSample, Controller, Joint
 from via_controllers.hold_joint import HoldJoint
 from via_controllers.joint_axes import JointAxes, OnAxes
 from via_controllers.low_pass import low_passed
-from via_controllers.supervision import GAP, Answer, Change, Supervised, Supervisor
+from via_controllers.supervision import FURTHEST, GAP, Answer, Change, Supervised, Supervisor
 
 REACH = 0.98  # of the springs' stops: presets stand close to them
 
@@ -97,6 +97,6 @@ class JointSupervisor:
 
     def _velocities(self, state: SupervisedJoint, time: float, angles: Array) -> Array:
         step = time - state.time
-        if not 0.0 <= step <= GAP:
+        if not (0.0 <= step <= GAP and np.abs(angles).max() <= FURTHEST):  # no joint is there: of no use
             return np.zeros(1 + self._n)
         return low_passed(state.velocities, state.angles, angles, step, self.velocity_bandwidth)

@@ -5,7 +5,6 @@ As `control.hitting`, but for the hand: it takes hold of the tip at once, of lin
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np

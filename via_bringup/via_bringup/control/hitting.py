@@ -113,7 +113,7 @@ def hitting(wall: float, hold: float, duration: float = 10.0) -> Hitting:
 
 
 def impacts(stand: Stand, time: Array, tip: Array, force: Array) -> tuple[Array, Array, float]:
-    """Swings, peaks and frequency of `Impacts` from times (N,) [s] after the release, tip (N, 3) [m], force (N, 3) [N]."""
+    """Swings, peaks, frequency of `Impacts` from times (N,) [s] after the release, tip (N, 3) [m], force (N, 3) [N]."""
     path = (tip - damped_arm().tip_position(stand.rest)) @ stand.along
     late = path[len(path) // 2 :]
     cycles = Cycles(time, path, 0.5 * float(late.min() + late.max()))

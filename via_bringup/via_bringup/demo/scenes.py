@@ -1,6 +1,6 @@
 """Scenes of the control laws: a robot in motion, its bag where nodes move it, phase plots and a short animation.
 
-limit-cycle, hitting, throw   simulator, controller, recorder over DDS in one process, in lockstep; pictures from the bag
+limit-cycle, hitting, throw   simulator, controller, recorder over DDS in one process, in lockstep; pictures from bags
 hopper                        the law in closed loop with the simulated robot, without nodes
 """
 

@@ -129,7 +129,8 @@ def hitting_rows(at: str, case: Impacts, settings: str) -> list[Row]:
     return [
         Row(f"{at}.second", f"{words}: peak to peak of the tip from the second full cycle on",
             "largest relative difference from steady [-]", None, case.second, 0.05, settings),
-        Row(f"{at}.steady", f"{words}: steady peak to peak", "std / mean [-]", None, case.steady_spread, 5e-3, settings),
+        Row(f"{at}.steady", f"{words}: steady peak to peak", "std / mean [-]", None, case.steady_spread, 5e-3,
+            settings),
         Row(f"{at}.missed", f"{words}: steady cycles without contact; the weakest has {case.least_force:.0f} N",
             "cycles", None, float(case.least_force <= 0.0), 0.0, settings),
     ]  # fmt: skip
