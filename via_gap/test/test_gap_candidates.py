@@ -8,6 +8,7 @@ from gap_logs import flexible, log_of, rigid, servo
 from via_core.devices import Device
 from via_gap.calibration import calibration
 from via_gap.candidates import Fit, directions, fit_base, ranked, refine, settled
+from via_gap.diagnose import _cause
 from via_gap.evidence import Judged
 from via_gap.nuisance import BOUND
 from via_gap.places import Place, places
@@ -111,3 +112,10 @@ def test_a_second_cause_closes_a_part_of_much_and_a_good_part_of_little():
     assert not helps(leaving(96.0), leaving(101.0), leaving(101.0), frozen)
     assert helps(leaving(1.1), leaving(3.0), leaving(3.0), frozen)
     assert not helps(leaving(2.0), leaving(3.0), leaving(3.0), frozen)
+
+
+@pytest.mark.parametrize(("device", "unit"), [(rigid(), "N m"), (servo(), "rad/s")], ids=["torque", "servo"])
+def test_a_limit_is_told_in_the_unit_it_has_on_the_device(device, unit):
+    effect, nothing = Effect("torque_saturation", "motor", {"limit": 0.5}, 1), np.empty(0)
+    limit = Judged(Fit((effect,), nothing, 0.0, nothing, np.zeros(1)), nothing, np.full(40, 1.0), 4)
+    assert _cause(device, limit, 0.9, limit).parameters["limit"].unit == unit

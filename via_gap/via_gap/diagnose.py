@@ -287,7 +287,7 @@ def _cause(device: Device, each: Judged, probability: float, tuned: Judged) -> C
     kind = EFFECTS[effect.name]
     spread = each.fit.spread[-len(kind.parameters) :]
     values = {
-        p.name: Value(value=effect.parameters[p.name], sd=float(min(max(s, 0.0), 1e12)), unit=p.unit)
+        p.name: Value(value=effect.parameters[p.name], sd=float(min(max(s, 0.0), 1e12)), unit=p.unit_on(device.drive))
         for p, s in zip(kind.parameters, spread, strict=True)
     }
     left = each.mean_square / max(tuned.mean_square, 1e-12)

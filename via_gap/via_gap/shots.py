@@ -404,8 +404,8 @@ class Bench:
     def _remembered(self, rows: Array, ticks: Indices, states: Array) -> None:
         """Where axes were before shots that start at `ticks` (n,), for encoders that read late, into states (n, .).
 
-        A late encoder's first readings of a shot are of the time before it: as it read then, not as the shot before ran,
-        which ended somewhere else.
+        A late encoder's first readings of a shot are of the time before it: as it read then, not as the shot before it
+        ran, which ended somewhere else.
         """
         skews = rows[:, [P.skew + axis for axis in self.shots.axes]].max(axis=1)
         late = np.flatnonzero(skews > 0.0)

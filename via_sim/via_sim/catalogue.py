@@ -30,6 +30,7 @@ class EffectParameter:
     """One number of an effect: allowed range [low, high], and the neutral value at which the effect is absent.
 
     linear  the torques of the equations are linear in it, the other parameters held: a fit need not search for it
+    servo_unit  where the device's motors are servos and it means another quantity there
     """
 
     name: str
@@ -39,6 +40,11 @@ class EffectParameter:
     neutral: float
     text: str
     linear: bool = False
+    servo_unit: str = ""
+
+    def unit_on(self, drive: str) -> str:
+        """Its unit on a device with this drive, `torque` or `servo`."""
+        return self.servo_unit if drive == "servo" and self.servo_unit else self.unit
 
 
 @dataclass(frozen=True)
@@ -386,7 +392,11 @@ _KINDS = (
         "a limit of the drive that nobody knows: of its torque; of a servo the speed [rad/s] at which it slews",
         "clip(u, -limit, limit)",
         "torque_gain: only large commands",
-        (EffectParameter("limit", "N m", 1e-3, NEVER, NEVER, "largest torque; of a servo speed [rad/s]"),),
+        (
+            EffectParameter(
+                "limit", "N m", 1e-3, NEVER, NEVER, "largest torque; of a servo speed [rad/s]", servo_unit="rad/s"
+            ),
+        ),
         _into(P.saturation, "limit"),
         of_drive=True,
     ),
