@@ -37,6 +37,7 @@ AGED = 0.3  # share of the loss at which a Jacobian of the nuisances was made, b
 STALE = 0.9  # the same, below which a fit does not end on it
 LONG = 10.0  # [s] a parameter in seconds that may be longer is a time of the run, not a delay
 TIME_STEPS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003, 0.0001)  # of the log's duration
+LAST_STEPS = 3  # of these, once an effect is nearly where it belongs
 MOST_DAMPED = 1.0  # of the curvature of each number: a step that even then does not help is the last
 GIVE_UP = 4.0  # times the best loss so far
 
@@ -236,9 +237,10 @@ def _best_amounts(
 def _settle_times(
     losses: Callable[[Sequence[Array]], tuple[Array, Array]],
     at: Array, value: float, residual: Array, which: Sequence[int], low: Array, high: Array,
+    steps: Sequence[float] = TIME_STEPS,
 ) -> tuple[Array, float, Array]:  # fmt: skip
     """When something begins and ends: no slope says how far off it is, so it is sought by ever smaller steps."""
-    for step in TIME_STEPS:
+    for step in steps:
         for _ in range(3):
             tries = []
             for k in which:
@@ -293,10 +295,10 @@ def refine(
     slopes, sloped = np.empty((problem.size, many)), np.inf
     apart = np.zeros(many, dtype=bool)
     for round_ in range(rounds):
-        if round_ < 2 and times.any():
-            at, value, residual = _settle_times(
-                losses, at, value, residual, [count + int(k) for k in np.flatnonzero(times)], *box
-            )
+        if times.any():  # at last by milliseconds: with each better size of what begins then it shows better when
+            which = [count + int(k) for k in np.flatnonzero(times)]
+            finer = TIME_STEPS if round_ < 2 else TIME_STEPS[-LAST_STEPS:]
+            at, value, residual = _settle_times(losses, at, value, residual, which, *box, finer)
         if value < AGED * since:
             side = problem.nuisance_jacobian([e for e in effects_at(at) if e is not None], at[:count], residual)
             fresh, since = True, value
