@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from via_bringup.bench.joint_limits import course as bench_course
+from via_bringup.bench.joint_limits import joint_limit_rows, wild_supervisor
 from via_controllers.arm_limits import Limit
 from via_controllers.contract import Controller, JointSample, Torques
 from via_controllers.hold_joint import HoldJoint
@@ -21,31 +23,12 @@ TICK = 1e-3  # [s]
 QBMOVE, ELASTIC, CUBIC = (load_device(name) for name in ("qbmove_a", "visco_elastic_demo", "cubic_demo"))
 
 
-class Wild(Controller[int]):
-    """A law that should not be: twice the torque limit, to and fro at random."""
-
-    quantities = ()
-
-    def __init__(self, seed, limit):
-        self.seed, self.limit = seed, limit
-
-    def told(self, state):
-        return np.empty(0)
-
-    def init(self):
-        return 0
-
-    def step(self, state, sample):
-        random = np.random.default_rng([self.seed, state // 20])
-        return state + 1, Torques(2.0 * random.choice([-1.0, 1.0], len(self.limit)) * self.limit, False)
-
-
 class Loose(JointSupervisor):
     """Torques within their limits, nothing else."""
 
     def step(self, state, sample, active):
         after, answer = super().step(state, sample, active)
-        _, out = self.law.law.step(state.inner.inner or 0, sample)
+        _, out = self.law.law.step(round(sample.time / TICK), sample)
         limit = self.limits.arm.torque_limit
         return after, replace(answer, torque=np.clip(out.torque, -limit, limit))
 
@@ -69,7 +52,7 @@ def course(supervisor, device, duration, sensors=IDEAL, start=None, active=True)
 
 
 def held(device):
-    return JointSupervisor.of(Wild(0, np.ones(device.n_motors)), JointAxes(device))
+    return wild_supervisor(device, 0)
 
 
 def shares(supervisor, device, **more):
@@ -85,19 +68,25 @@ def shares(supervisor, device, **more):
     ]  # fmt: skip
 
 
+def test_limits_hold_in_random_courses():
+    """A thousand: `via bench limits --starts 1000`."""
+    rows = joint_limit_rows(range(8))
+    assert len(rows) == 16 and all(row.ok for row in rows if row.limit is not None), rows
+
+
 @pytest.mark.parametrize("device", [QBMOVE, ELASTIC], ids=lambda device: device.name)
-def test_limits_hold_under_a_law_out_of_its_mind(device):
-    axes = JointAxes(device)
-    for seed in range(3):
-        supervisor = JointSupervisor.of(Wild(seed, axes.torque_limit), axes)
-        assert max(shares(supervisor, device, sensors=Sensors.of_device(device))) <= 1.0
-        assert max(shares(Loose(supervisor.supervisor), device)) > 2.0
+def test_limits_hold_where_a_law_may_drive_motors_nearly_as_fast_as_they_can_be(device):
+    for seed in range(2):
+        supervisor = wild_supervisor(device, seed, drive=0.9)
+        assert bench_course(device, seed, supervisor).within
+        assert not bench_course(device, seed, Loose(supervisor.supervisor)).within
 
 
 def test_springs_are_kept_from_their_stops_where_nothing_else_limits():
     """A motor as fast as it likes, turned as far as its law can reach."""
     axes = JointAxes(CUBIC)
-    supervisor = JointSupervisor.of(Wild(1, 5.0 * axes.torque_limit), axes)
+    supervisor = wild_supervisor(CUBIC, 1)
+    supervisor = JointSupervisor.of(replace(supervisor.law.law, limit=5.0 * axes.torque_limit), axes)
     torque, _, deflection = shares(supervisor, CUBIC, sensors=Sensors.of_device(CUBIC))
     assert torque <= 1.0 and 0.7 < deflection <= 1.0
     assert shares(Loose(supervisor.supervisor), CUBIC)[2] > 1.0

@@ -9,7 +9,7 @@ A blow that makes a link faster than its motor can be bends its spring whatever 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,16 +94,20 @@ def limit_rows(seeds: Iterable[int]) -> list[Row]:
     return [row for number, courses in enumerate(found) if courses for row in _rows(number, courses)]
 
 
-def _rows(number: int, courses: list[Worst]) -> Iterator[Row]:
-    what = f"{len(courses)} courses, {KINDS[number]}"
+def _rows(number: int, courses: list[Worst]) -> list[Row]:
+    return worst_rows(f"limits.{number + 1}", f"{len(courses)} courses, {KINDS[number]}", courses, SETTINGS)
+
+
+def worst_rows(at: str, what: str, courses: list[Worst], settings: str) -> list[Row]:
+    """The worst of these courses, limit by limit, and how often limits changed a torque."""
+    rows = []
     for name in ("torque", "speed", "deflection"):
         most = max(getattr(each, name) for each in courses)
         known, remark = (most, "") if np.isfinite(most) else (None, "springs at their stops")
-        row = f"limits.{number + 1}.{name}"
-        yield Row(row, what, f"largest {name} / limit [-]", None, known, 1.0, SETTINGS, 0, remark)
+        rows.append(Row(f"{at}.{name}", what, f"largest {name} / limit [-]", None, known, 1.0, settings, 0, remark))
     share = float(np.mean([each.guarded for each in courses]))
-    row = f"limits.{number + 1}.guarded"
-    yield Row(row, what, "samples at which limits changed a torque [-]", None, share, None, SETTINGS)
+    quantity = "samples at which limits changed a torque [-]"
+    return [*rows, Row(f"{at}.guarded", what, quantity, None, share, None, settings)]
 
 
 def course(seed: int, supervisor: Supervisor) -> Worst:

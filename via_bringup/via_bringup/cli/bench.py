@@ -73,10 +73,12 @@ def limits(
     starts: Annotated[int, typer.Option(min=1, max=100_000, help="Random courses; a thousand take half an hour.")] = 30,
     as_rows: Json = None,
 ) -> None:
-    """Limits of an arm under random starts, blows, holds, lost samples and a law out of its mind."""
+    """Limits of an arm and of joints under random starts, blows, holds, lost samples and a law out of its mind."""
+    from via_bringup.bench.joint_limits import joint_limit_rows
     from via_bringup.bench.limits import limit_rows
 
-    shown("Limits", limit_rows(track(range(starts), "courses", console=errors)), as_rows)
+    joints = joint_limit_rows(track(range(starts), "courses of joints", console=errors))
+    shown("Limits", [*limit_rows(track(range(starts), "courses", console=errors)), *joints], as_rows)
 
 
 @app.command()

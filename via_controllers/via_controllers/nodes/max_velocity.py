@@ -34,8 +34,8 @@ class MaxVelocityParameters(StartParameters):
         default=100.0, metadata={"description": "w of the motor's loop", "unit": "rad/s", "range": (1.0, 1e4)}
     )
     speed_share: float = field(
-        default=0.98,
-        metadata={"description": "of the motor's speed limit that is used", "unit": "-", "range": (0.01, 1.0)},
+        default=0.9,  # with more the limit would not be kept whatever the law does: velocities are known late
+        metadata={"description": "of the motor's speed limit that is used", "unit": "-", "range": (0.01, 0.9)},
     )
 
 
@@ -46,8 +46,8 @@ def equipment_of(parameters: MaxVelocityParameters) -> Equipment:
     horizon = joint.first_turn + p.turns * joint.between_turns
     law = MaxVelocity.from_device(device, horizon, p.damping, p.bandwidth)
     law = replace(law, velocity=p.speed_share * law.velocity)
-    # Its optimum is the motor at full speed, to and fro: nothing is kept back.
-    return joint_equipment(JointAxes(device, p.damping), law, drive=1.0)
+    # Its optimum is the motor at full speed, to and fro: nothing is kept back to follow links.
+    return joint_equipment(JointAxes(device, p.damping), law, drive=p.speed_share)
 
 
 class MaxVelocityNode(ControllerNode):
