@@ -1,4 +1,4 @@
-"""A controller killed at any moment leaves the arm passive within 20 ms: really killed, by its process id."""
+"""A controller killed at any moment leaves arm or joint passive within 20 ms: really killed, by its process id."""
 
 from __future__ import annotations
 
@@ -16,26 +16,34 @@ from via_interfaces.msg import ControlState
 from via_ros import qos
 from via_ros.conversions import nanoseconds
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
+from via_sim.nodes.simulator import SimulatorNode
 
 WITHIN = 20_000_000  # [ns]
 COMPILED = 120.0  # [s] within which the controller has started, its kernels compiled anew where need be
-CONTROLLER = "from via_controllers.nodes.modal_limit_cycle import main; raise SystemExit(main())"
+CONTROLLER = "from via_controllers.nodes.{} import main; raise SystemExit(main())"
+ROBOTS = {  # name as in topics, how it is simulated, which entries of an effort are motors
+    "modal_limit_cycle": (ARM.name, ArmSimulatorNode, {"posture": EQUILIBRIUM.tolist()}, slice(1, None, 2)),
+    "equilibrium_preset": ("qbmove_a", SimulatorNode, {"device": "qbmove_a"}, slice(1, None)),
+}
 
 
-@pytest.mark.parametrize("after", [40, 55, 71])
-def test_a_controller_that_is_killed_leaves_the_arm_passive_within_20_ms(graph, after):
+@pytest.mark.parametrize(
+    ("law", "after"), [("modal_limit_cycle", 40), ("modal_limit_cycle", 71), ("equilibrium_preset", 55)]
+)
+def test_a_controller_that_is_killed_leaves_its_motors_passive_within_20_ms(graph, law, after):
     """Killed after so many samples; stamps are this machine's clock, and so is the time of the kill."""
     listener, samples, states = graph.node("listener"), [], []
+    name, simulator, parameters, motors = ROBOTS[law]
 
     def hear(message):
-        samples.append((nanoseconds(message.header.stamp), np.abs(message.effort[1::2]).max()))
+        samples.append((nanoseconds(message.header.stamp), np.abs(message.effort[motors]).max()))
 
     listener.create_subscription(JointState, "/joint_states", hear, qos.SAMPLES)
-    listener.create_subscription(ControlState, f"/{ARM.name}/control", states.append, qos.SAMPLES)
-    with subprocess.Popen([sys.executable, "-c", CONTROLLER], stdin=subprocess.DEVNULL) as controller:
+    listener.create_subscription(ControlState, f"/{name}/control", states.append, qos.SAMPLES)
+    with subprocess.Popen([sys.executable, "-c", CONTROLLER.format(law)], stdin=subprocess.DEVNULL) as controller:
         try:
-            # Nobody but the listener is waited for: the arm falls until the controller has started.
-            graph.add(ArmSimulatorNode, posture=EQUILIBRIUM.tolist(), mode="realtime", rate=250.0)
+            # Nobody but the listener is waited for: an arm falls until the controller has started.
+            graph.add(simulator, mode="realtime", rate=250.0, **parameters)
             graph.until(lambda: len(states) >= after and samples[-1][1] > 0.0, COMPILED)
             os.kill(controller.pid, signal.SIGKILL)
             killed = time.time_ns()
