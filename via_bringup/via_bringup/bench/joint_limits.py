@@ -69,17 +69,26 @@ def joint_limit_rows(seeds: Iterable[int]) -> list[Row]:
         number = seed % len(DEVICES)
         found[number].append(course(devices[number], seed, wild_supervisor(devices[number], seed)))
     rows = []
-    for name, courses in zip(DEVICES, found, strict=True):
-        if not courses:
-            continue
-        settings = (
-            f"{name}, {DURATION:g} s, link within {POSTURE:g} rad and {VELOCITY:g} rad/s, pushed by {PUSH:g} rad/s, "
-            f"{LOST:.0%} of samples lost, activity changed at {OFF:.0%}"
-        )
-        rows += worst_rows(
-            f"limits.{name}", f"{len(courses)} courses of {name}, a law out of its mind", courses, settings
-        )
+    for device, courses in zip(devices, found, strict=True):
+        if courses:
+            rows += [row for row in _rows(device, courses) if row.id not in _unlimited(device)]
     return rows
+
+
+def _rows(device: Device, courses: list[Worst]) -> list[Row]:
+    settings = (
+        f"{device.name}, {DURATION:g} s, link within {POSTURE:g} rad and {VELOCITY:g} rad/s, pushed by {PUSH:g} rad/s, "
+        f"{LOST:.0%} of samples lost, activity changed at {OFF:.0%}"
+    )
+    what = f"{len(courses)} courses of {device.name}, a law out of its mind"
+    return worst_rows(f"limits.{device.name}", what, courses, settings)
+
+
+def _unlimited(device: Device) -> list[str]:
+    """Rows about limits that no device file tells: nothing is judged by them."""
+    axes = JointAxes(device)
+    limits = {"torque": axes.torque_limit, "speed": axes.speed_limit, "deflection": axes.deflection_limit}
+    return [f"limits.{device.name}.{name}" for name, limit in limits.items() if not np.isfinite(limit).any()]
 
 
 def course(device: Device, seed: int, supervisor: JointSupervisor) -> Worst:
