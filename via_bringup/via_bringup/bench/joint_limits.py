@@ -1,8 +1,8 @@
 """Limits of joints under random starts and disturbances, as `limits` has them for an arm.
 
-Every course begins with the link anywhere within `POSTURE`, moving, the motors where it would rest with some preset. The
-law is out of its mind: twice the torque limit, to and fro at random. On the way somebody pushes the link, samples get
-lost, and the node is deactivated and activated again. Sensors are those of the device file.
+Every course begins with the link anywhere within `POSTURE`, moving, the motors where it would rest with some preset.
+The law is out of its mind: twice the torque limit, to and fro at random. On the way somebody pushes the link, samples
+get lost, and the node is deactivated and activated again. Sensors are those of the device file.
 """
 
 from __future__ import annotations
