@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PointStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from via_bringup.control.cycles import Cycles, spread
 from via_bringup.control.hopper import CROUCH, PAYLOAD, hop, reference_law
 from via_controllers.nodes.hopping import HoppingNode
@@ -18,7 +18,7 @@ PERIOD, TICKS = 1e-3, 6000
 def test_the_hopper_finds_its_rhythm(graph, payload):
     """What height a payload costs is counted from the offline run without it."""
     listener, height, force = graph.node("listener"), [], []
-    listener.create_subscription(PointStamped, "/hopper/base", lambda m: height.append(m.point.z), qos.SAMPLES)
+    listener.create_subscription(PoseStamped, "/hopper/base", lambda m: height.append(m.pose.position.z), qos.SAMPLES)
     listener.create_subscription(
         WrenchStamped, "/hopper/contact", lambda m: force.append(m.wrench.force.z), qos.SAMPLES
     )

@@ -42,3 +42,15 @@ def test_the_arms_scene_leaves_a_bag_a_picture_and_an_animation(tmp_path, monkey
     assert picture.stat().st_size > 10_000
     with Image.open(moving) as animation:
         assert animation.n_frames >= 2
+
+
+def test_the_hoppers_scene_knows_its_trunk_from_the_bag(tmp_path, monkeypatch):
+    monkeypatch.setattr(scenes, "FRAMES", 5)
+    bag, _, moving = scenes.play("hopper", tmp_path, 0.4)
+    base = read_bag(bag)["/hopper/base"]
+    height = base["pose.position.z"]
+    assert len(height) >= 400 and height[0] - height.min() > 0.03  # it fell, and bends its legs
+    level = np.hypot(base["pose.orientation.y"], base["pose.orientation.w"])
+    assert level == pytest.approx(np.ones(len(height))) and np.abs(base["pose.orientation.y"]).max() < 0.05
+    with Image.open(moving) as animation:
+        assert animation.n_frames >= 2

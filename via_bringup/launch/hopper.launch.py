@@ -3,7 +3,7 @@
 ros2 launch via_bringup hopper.launch.py
 ros2 launch via_bringup hopper.launch.py payload:=6.0 bag:=hop
 
-ros2 topic echo /hopper/base
+ros2 topic echo /hopper/base          # its trunk
 """
 
 from launch import LaunchDescription

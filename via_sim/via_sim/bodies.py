@@ -74,7 +74,7 @@ class Body(ABC, Generic[State]):
 
     @abstractmethod
     def base(self, state: State) -> Array | None:
-        """Where its base is (3,) [m]; None for one that is bolted down."""
+        """Pose (7,) of its base: x, y, z [m], quaternion x, y, z, w; None for one that is bolted down."""
 
     @abstractmethod
     def pushed(self, state: State, impulse: Array, deflection: Array) -> State:

@@ -55,7 +55,8 @@ class HopperBody(Body[HopperState]):
         return np.array([0.0, 0.0, state.force.sum()])
 
     def base(self, state: HopperState) -> Array | None:
-        return np.array([state.trunk[0], 0.0, state.trunk[1]])
+        x, z, pitch = state.trunk
+        return np.array([x, 0.0, z, 0.0, np.sin(0.5 * pitch), 0.0, np.cos(0.5 * pitch)])
 
     def pushed(self, state: HopperState, impulse: Array, deflection: Array) -> HopperState:
         raise ParameterError("nobody pushes the hopper: it begins by falling")

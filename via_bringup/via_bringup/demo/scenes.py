@@ -1,7 +1,6 @@
-"""Scenes of the control laws: a robot in motion, its bag where nodes move it, phase plots and a short animation.
+"""Scenes of the control laws: a robot in motion, its bag, phase plots and a short animation.
 
-limit-cycle, hitting, throw   simulator, controller, recorder over DDS in one process, in lockstep; pictures from bags
-hopper                        the law in closed loop with the simulated robot, without nodes
+Simulator, controller and recorder run over DDS in one process, in lockstep; pictures are drawn from the bag.
 """
 
 from __future__ import annotations
@@ -22,9 +21,11 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from scipy.signal import savgol_filter
 from via_controllers.modal_transform import first_basis
 from via_controllers.nodes.bang_bang import BangBangNode
+from via_controllers.nodes.hopping import HoppingNode
 from via_controllers.nodes.max_velocity import MaxVelocityNode, MaxVelocityParameters
 from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleNode
 from via_core.bags import read_bag
+from via_core.bags.reader import Columns
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.hopper import Hopper
@@ -32,10 +33,10 @@ from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 from via_ros.nodes.recorder import Recorder
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
+from via_sim.nodes.hopper_simulator import HopperSimulatorNode
 from via_sim.nodes.simulator import SimulatorNode
 
 from via_bringup.composition import Composition
-from via_bringup.control import hopper as hopping
 from via_bringup.control.bang_bang import damped_arm
 from via_bringup.control.hitting import stand_of
 from via_bringup.control.limit_cycle import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
@@ -58,6 +59,7 @@ class Recorded:
     speed: Array  # (N, l) [rad/s], NaN where nobody measures
     names: tuple[str, ...]
     told: Array  # (K, k) what the law told
+    trunk: Array  # (N, 3) x [m], z [m], pitch [rad] of a base that moves; empty for one that does not
 
     @property
     def q(self) -> Array:
@@ -164,13 +166,13 @@ def _throw(out: Path, duration: float) -> list[Path]:
 
 
 def _hopper(out: Path, duration: float) -> list[Path]:
-    found, robot = hopping.hop(hopping.reference_law(), duration=duration), Hopper()
-    run = found.run
+    robot = Hopper()
+    seen = _over_dds(out / "bag", HoppingNode, duration, HopperSimulatorNode, "hopper")
     figure, (height, phase) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
-    height.plot(run.time, run.trunk[:, 1], color=REAL)
+    height.plot(seen.time, seen.trunk[:, 1], color=REAL)
     height.set_xlabel("time [s]")
     height.set_ylabel("height of the trunk [m]")
-    phase.plot(run.trunk[:, 1], np.gradient(run.trunk[:, 1], run.time), color=REAL, linewidth=0.8)
+    phase.plot(seen.trunk[:, 1], np.gradient(seen.trunk[:, 1], seen.time), color=REAL, linewidth=0.8)
     phase.set_xlabel("height of the trunk [m]")
     phase.set_ylabel("its rate [m/s]")
     drawn = _saved(figure, out / "phase.png")
@@ -180,17 +182,17 @@ def _hopper(out: Path, duration: float) -> list[Path]:
     axes.axhline(0.0, color=REFERENCE, linewidth=2)
     legs = [axes.plot([], [], color=colour, linewidth=3)[0] for colour in (REAL, MODEL)]
     (trunk,) = axes.plot([], [], color=REFERENCE, linewidth=8)
-    pick = np.arange(0, min(len(run.time), round(SHOWN * 1e3)), round(1e3 / FRAMES))
+    pick = np.arange(0, min(len(seen.time), round(SHOWN * 1e3)), round(1e3 / FRAMES))
 
     def show(frame: int) -> None:
         k = pick[frame]
-        points = skeleton(robot, run.trunk[k], run.q[k])
+        points = skeleton(robot, seen.trunk[k], seen.q[k])
         trunk.set_data(*points[0].T)
         for line, leg in zip(legs, points[1:], strict=True):
             line.set_data(*leg.T)
-        axes.set_title(f"{run.time[k]:.2f} s", fontsize=11)
+        axes.set_title(f"{seen.time[k]:.2f} s", fontsize=11)
 
-    return [drawn, _animated(figure, show, len(pick), out / "motion.gif")]
+    return [out / "bag", drawn, _animated(figure, show, len(pick), out / "motion.gif")]
 
 
 SCENES: dict[str, Callable[[Path, float], list[Path]]] = {
@@ -230,18 +232,21 @@ def _over_dds(
         f"/{name}/command:via_interfaces/msg/VsaCommand",
         f"/{name}/control:via_interfaces/msg/ControlState",
     ]
-    if body is ArmSimulatorNode:
+    if body in (ArmSimulatorNode, HopperSimulatorNode):
         topics.append(f"/{name}/contact:geometry_msgs/msg/WrenchStamped")
+    base = f"/{name}/base"
+    if body is HopperSimulatorNode:
+        topics.append(f"{base}:geometry_msgs/msg/PoseStamped")
     wait = PATIENCE * max(1.0, duration)
     with Composition() as graph:
         graph.add(controller, **(law or {}))
         recorder = graph.add(Recorder, bag=str(bag), topics=topics)
         simulated = graph.add(body, mode="lockstep", duration=duration, listeners=2, **simulator)
         graph.run_until(simulated.finished.done, wait, "the scene")
-        wanted = ("/joint_states", f"/{name}/control")
+        wanted = ["/joint_states", f"/{name}/control", *([base] if body is HopperSimulatorNode else [])]
         least = round(duration * 1e3)
         graph.run_until(lambda: all(recorder.counts[topic].messages >= least for topic in wanted), wait, "recording")
-    found = read_bag(bag, list(wanted))
+    found = read_bag(bag, wanted)
     states, control = found["/joint_states"], found[f"/{name}/control"]
     stamps = found.topic("/joint_states").stamp
     return Recorded(
@@ -250,7 +255,14 @@ def _over_dds(
         speed=np.array(list(states["velocity"]), dtype=float),
         names=tuple(control["name"][0]),
         told=np.array(list(control["value"]), dtype=float),
+        trunk=_trunk(found[base]) if base in wanted else np.empty((len(stamps), 0)),
     )
+
+
+def _trunk(poses: Columns) -> Array:
+    """(N, 3) x [m], z [m] and pitch [rad] of a base that stays in its plane."""
+    x, z = poses["pose.position.x"], poses["pose.position.z"]
+    return np.column_stack([x, z, 2.0 * np.arctan2(poses["pose.orientation.y"], poses["pose.orientation.w"])])
 
 
 def _joints_plot(axes: plt.Axes, seen: Recorded, about: Array) -> None:

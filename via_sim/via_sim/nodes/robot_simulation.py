@@ -2,7 +2,7 @@
 
 publishes   /joint_states       sensor_msgs/JointState: all links and motors, joint by joint, base first
             /<name>/contact     geometry_msgs/WrenchStamped, what walls, hands and ground do to the robot
-            /<name>/base        geometry_msgs/PointStamped, where its base is, for a robot that is not bolted down
+            /<name>/base        geometry_msgs/PoseStamped, where its base is, for a robot that is not bolted down
             /clock, /diagnostics  as every simulator, see `simulation`; how time runs as well
 subscribes  /<name>/command     via_interfaces/VsaCommand, MOTOR_TORQUE: torques of all motors in joint order
 offers      ~/push              via_interfaces/Push: a blow on the links, or links put aside
@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
-from geometry_msgs.msg import PointStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError
 from via_core.signals import Array
@@ -76,11 +76,11 @@ class RobotSimulationNode(SimulationNode[Array]):
         self._contact.header.frame_id = self._body.name
         self._contacts = self.create_publisher(WrenchStamped, f"/{self._body.name}/contact", qos.SAMPLES)
         self._beside.append(self._contacts)
-        self._base = PointStamped()
+        self._base = PoseStamped()
         self._base.header.frame_id = "world"
         self._bases: Any = None
         if self._body.base(self._state) is not None:
-            self._bases = self.create_publisher(PointStamped, f"/{self._body.name}/base", qos.SAMPLES)
+            self._bases = self.create_publisher(PoseStamped, f"/{self._body.name}/base", qos.SAMPLES)
             self._beside.append(self._bases)
         self.create_service(Push, "~/push", self._push)
         self.create_service(Hold, "~/hold", self._hold)
@@ -121,8 +121,8 @@ class RobotSimulationNode(SimulationNode[Array]):
         base = self._body.base(self._state)
         if base is not None:
             set_stamp(self._base.header.stamp, stamp)
-            point = self._base.point
-            point.x, point.y, point.z = base.tolist()
+            there, turned = self._base.pose.position, self._base.pose.orientation
+            there.x, there.y, there.z, turned.x, turned.y, turned.z, turned.w = base.tolist()
             self._bases.publish(self._base)
         told, samples = self._body.reading(self._state), self._samples
         links, motors = samples.links, samples.motors
