@@ -19,6 +19,8 @@ class Calibration(BaseModel):
     explained_share: float
     explained_most: float
     explained_nearly: float
+    typical: float
+    slight: float
     second_gain: float
     last_gain: float
     enough: float

@@ -101,6 +101,9 @@ def diagnose(
     if folds is not None:
         frozen = frozen.model_copy(update={"significance": STANDARD_ERRORS})
         before, (tuned,) = folds.nominal(before.fit), folds.judge([base], None)
+    if isinstance(judged.benches[0], EquationBench):
+        # What smoothing leaves of accelerations is in every shot, whatever the cause.
+        frozen = frozen.model_copy(update={"typical": float("inf")})
     tell("localising", 0.15)
     numbers = repaired_device(device, fitted.nuisances, base.deviations)
     residuals = [weak_residuals(each, numbers) for each in everything]

@@ -113,7 +113,8 @@ def _explained(tuned: Judged, after: Judged, frozen: Calibration) -> bool:
     """
     closed = 1.0 - rms(after) / max(rms(tuned), 1e-9)
     everywhere = 1.0 - (after.score - NOISE) / max(tuned.score - NOISE, 1e-9)
-    sticks_out = not after.free and float(np.median(after.shots)) > frozen.enough
+    exact = max(frozen.typical, frozen.slight * tuned.mean_square)
+    sticks_out = not after.free and float(np.median(after.shots)) > exact
     if sticks_out and max(closed, everywhere) < frozen.explained_nearly:
         return False
     if after.mean_square <= frozen.explained:
