@@ -14,7 +14,7 @@ def test_closed_forms_are_judged_and_kept():
     assert all(row.ok and row.ours > 0.0 for row in found.values())
 
 
-def test_holds_with_a_push_are_judged_and_those_without_say_why(monkeypatch):
+def test_holds_are_judged_at_every_phase_and_those_without_a_push_say_why(monkeypatch):
     """Both on the same runs: at the turning point, at half of the amplitude and at z = 0."""
     monkeypatch.setattr(section6_modal, "MODES", (0,))
     monkeypatch.setattr(section6_modal, "PHASES", 3)
@@ -30,13 +30,13 @@ def test_holds_with_a_push_are_judged_and_those_without_say_why(monkeypatch):
         return {row.id.removeprefix("6.1.hold.mode1."): row for row in section6_modal._held()}
 
     found = rows(0.001, 0.019, -1.0)
-    assert found["after1.pushed"].limit == 0.1 and found["after1.5.pushed"].limit == 0.02
-    assert found["after1.pushed"].ours == pytest.approx(0.019) and found["after1.5.pushed"].ok
+    assert found["after1.worst"].limit == 0.1 and found["after1.5.worst"].limit == 0.02
+    assert found["after1.pushed"].ours == pytest.approx(0.019) and found["after1.pushed"].limit is None
     assert "2 of 3 phases" in found["after1.pushed"].what
     worst = found["after1.worst"]
-    assert worst.ours == 1.0 and worst.limit is None and "z = 0 is an equilibrium" in worst.remark
+    assert worst.ours == 1.0 and not worst.ok and "z = 0 is an equilibrium" in worst.remark
     assert found["after1.misses"].ours == pytest.approx(1.0 / 3.0)
-    assert not rows(0.001, 0.021, 0.0)["after1.5.pushed"].ok
+    assert not rows(0.001, 0.021, 0.0)["after1.5.worst"].ok and rows(0.001, 0.019, 0.0)["after1.5.worst"].ok
 
 
 def test_where_a_hand_takes_the_arm_is_told_in_amplitudes(monkeypatch):

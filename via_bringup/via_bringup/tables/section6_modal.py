@@ -146,7 +146,7 @@ def _held() -> list[Row]:
             for periods, limit in ERRORS
         )
         remark = (
-            f"not judged: z = 0 is an equilibrium, and who is held there is let go without a push, whatever the law of "
+            f"z = 0 is an equilibrium, and who is held there is let go without a push, whatever the law of "
             f"z and zd. (103) averaged: from h = H / H_d at release 1/h - 1 shrinks by exp(-k_V lambda H_d t), which "
             f"takes h > {needed:.3f} for both, |z| > {np.sqrt(needed):.2f} of the amplitude; k_V decides, xi does not"
         )
@@ -158,9 +158,9 @@ def _held() -> list[Row]:
             key = f"{at}.after{periods:g}"
             found += [
                 Row(f"{key}.pushed", f"{after}, {part}, worst", OFF, None,
-                    max((run.error(periods) for run in pushed), default=np.nan), limit, settings, 0,
-                    "laws need a push (specification): judged where the arm is taken as far out as number 2 starts"),
-                Row(f"{key}.worst", f"{after}, worst of all phases", OFF, None, float(errors.max()), None, settings, 0,
+                    max((run.error(periods) for run in pushed), default=np.nan), None, settings, 0,
+                    f"beside the limit {limit:g} of all phases: taken as far out as number 2 starts, it has a push"),
+                Row(f"{key}.worst", f"{after}, worst of all phases", OFF, None, float(errors.max()), limit, settings, 0,
                     remark),
                 Row(f"{key}.median", f"{after}, median of all phases", OFF, None, float(np.median(errors)), None,
                     settings),
