@@ -105,10 +105,14 @@ def test_the_page_has_every_run_and_names_what_is_missed(tmp_path):
     good = Hour(3_600_000, 0.01, 1.0, 1.0, shares, 12.0, 10**8, True)
     run = bench.Endurance("modulated_torque", "qbmove_a", DAY, (good, good), 100.0)
     bad = replace(run, method="signal_based", hours=(good, replace(good, error=0.05, finite=False)))
-    write_markdown([run, bad], Provenance("abc", "via bench soak", "3.11", "2", "0.6"), tmp_path / "soak.md")
+    source = Provenance("abc", "via bench soak", "3.11", "2", "0.6")
+    write_markdown([run], ["residual", "damping_rls"], source, tmp_path / "soak.md")
+    assert "**Unfinished**: no result yet of residual, damping_rls." in (tmp_path / "soak.md").read_text("utf-8")
+    write_markdown([run, bad], [], source, tmp_path / "soak.md")
     text = (tmp_path / "soak.md").read_text(encoding="utf-8")
-    assert "| modulated_torque | qbmove_a | 2.0 | 86400 | yes | 1 | 1 | 1 | 1 | 0 | 12 | 20.00 " in text
-    assert "| signal_based | qbmove_a | 2.0 | 86400 | **no** |" in text
+    assert "Unfinished" not in text
+    assert "| modulated_torque | qbmove_a | 2 | 86400 | yes | 1 | 1 | 1 | 1 | 0 | 12 | 20.00 " in text
+    assert "| signal_based | qbmove_a | 2 | 86400 | **no** |" in text
     assert "Missed: soak.signal_based.not_finite, soak.signal_based.error.last." in text
     table = [line.count("|") for line in text.splitlines() if line.startswith("|")]
     assert len(set(table)) == 1 and len(table) == 4

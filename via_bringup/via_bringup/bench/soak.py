@@ -264,8 +264,8 @@ def soak_rows(run: Endurance) -> list[Row]:
     ]  # fmt: skip
 
 
-def write_markdown(runs: Sequence[Endurance], source: Provenance, path: Path) -> None:
-    """All runs as a page for a repository."""
+def write_markdown(runs: Sequence[Endurance], missing: Sequence[str], source: Provenance, path: Path) -> None:
+    """All runs as a page for a repository, with the names of methods that have none yet."""
     missed = [row.id for run in runs for row in soak_rows(run) if row.ok is False]
     environment = Environment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
@@ -278,6 +278,7 @@ def write_markdown(runs: Sequence[Endurance], source: Provenance, path: Path) ->
         deviation=DEVIATION_LIMIT,
         growth=GROWTH_LIMIT,
         missed=f"Missed: {', '.join(missed)}." if missed else "No limit is missed.",
+        missing=missing,
         source=source,
     )
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -291,7 +292,7 @@ def _cells(run: Endurance) -> list[str]:
     return [
         run.method,
         run.device,
-        f"{sum(hour.samples for hour in run.hours) / RATE / HOUR:.1f}",
+        f"{sum(hour.samples for hour in run.hours) / RATE / HOUR:.3g}",
         f"{run.start:g}",
         finite,
         *(number(rows[name].ours) for name in names),

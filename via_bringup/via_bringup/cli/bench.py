@@ -159,7 +159,8 @@ def soak(
         TimeElapsedColumn(),
     )
     done: dict[int, Endurance] = {}
-    with Progress(*columns, console=errors) as bars:
+    tenths = [0] * len(chosen)  # told of each run where no bar can be drawn
+    with Progress(*columns, console=errors, disable=not errors.is_terminal) as bars:
         tasks = [bars.add_task(name, total=hours, start=False) for name in chosen]
 
         def receive(number: int, sent: float | Endurance | ViaError) -> None:
@@ -167,10 +168,14 @@ def soak(
                 raise sent
             if isinstance(sent, float | int):
                 bars.update(tasks[number], completed=sent)
+                if not errors.is_terminal and (tenth := min(int(10.0 * sent / hours), 10)) > tenths[number]:
+                    tenths[number] = tenth
+                    errors.print(f"{chosen[number]}: {10 * tenth} %")
                 return
             done[number] = sent
             if write is not None:
-                write_markdown(_in_order(done), provenance(" ".join(words)), write / "soak.md")
+                missing = [name for at, name in enumerate(chosen) if at not in done]
+                write_markdown(_in_order(done), missing, provenance(" ".join(words)), write / "soak.md")
 
         jobs = [(work, (joint, name, hours, start, seed)) for joint, name in zip(joints, chosen, strict=True)]
         complete = side_by_side(jobs, receive, lambda number: bars.start_task(tasks[number]), lambda _: None)
