@@ -13,6 +13,7 @@ active        the law decides
 
 With `autostart` the node configures and activates itself, so that `ros2 run` alone does. Samples that are missing for
 20 ms are answered with zero torque, once; drivers and simulators have a watchdog of their own for when it is gone.
+In lockstep that zero changes nothing: it bears a stamp that is answered already.
 A new node is a dataclass of parameters and a function that makes a law of them: see `modal_limit_cycle`.
 """
 
@@ -42,6 +43,7 @@ from via_controllers.supervision import Activity, Answer, Change
 REPORT = 1.0  # [s] between two diagnostics
 SILENCE = 0.02  # [s] without a sample before a zero is sent
 LOOK = 0.004  # [s] between two looks for it
+SAME_CLOCK = 1_000_000_000  # [ns] after a sample's stamp at most that it is missed, by the clock that stamped it
 WARM_UP = 3  # steps before anybody waits for one: what is compiled is loaded
 
 
@@ -115,6 +117,7 @@ class ControllerNode(LifecycleNode):
         self._answered = self._unusable = self._reported = self._silences = 0
         self._limited = Limit.NONE  # since the last report
         self._heard: float | None = None  # [s] steady clock; None: nothing to miss
+        self._last = 0  # [ns] stamp of the last sample
         self._commands = self._made(self.create_publisher, self.destroy_publisher)(
             VsaCommand, equipment.command_topic, qos.CONTROL
         )
@@ -158,7 +161,7 @@ class ControllerNode(LifecycleNode):
         stamp, sample = heard
         self._state, answer = self._supervisor.step(self._state, sample, self._active)
         self._send(stamp, answer.torque)
-        self._heard = time.monotonic()
+        self._heard, self._last = time.monotonic(), stamp
         self._answered += 1
         self._unusable += answer.activity is Activity.PASSIVE
         self._limited |= answer.limited
@@ -178,7 +181,7 @@ class ControllerNode(LifecycleNode):
         if self._heard is not None and time.monotonic() - self._heard > SILENCE - LOOK:
             self._heard = None
             self._silences += 1
-            self._send(self.get_clock().now().nanoseconds, np.zeros(self._supervisor.limits.arm.n))
+            self._send(_stamp_now(self._last), np.zeros(self._supervisor.limits.arm.n))
 
     def _report(self) -> None:
         malformed, silent = self._equipment.ears.malformed, self._answered == self._reported
@@ -238,6 +241,16 @@ class _Told:
         message.activity, message.limited = int(answer.activity), int(answer.limited)
         self._value[:] = told
         return message
+
+
+def _stamp_now(last: int) -> int:
+    """[ns] now, if samples bear this machine's time; else the stamp of the `last` one.
+
+    Simulated time may stand still between two samples: whatever is later is then too late for the commands to come,
+    which logs drop behind it.
+    """
+    now = time.time_ns()
+    return now if 0 <= now - last <= SAME_CLOCK else last
 
 
 def _names(limits: Limit) -> str:
