@@ -93,3 +93,19 @@ def test_a_late_encoder_reads_what_was_before_the_shot():
     found = problem.per_shot(problem.residual([problem.row([late]), problem.row([delayed])]))
     assert np.max(found[0]) < 2.5
     assert np.mean(found[0]) == pytest.approx(np.mean(found[1]), abs=0.05)  # of one encoder the two are the same
+
+
+def test_a_shot_starts_at_the_speed_of_quick_motion():
+    device = flexible()
+    log = log_of(device, (), seed=5, duration=6.0, tolerance=0.0)
+    amplitude, rate = 0.05, 2.0 * np.pi * 7.0
+    time = np.arange(2001) / 1000.0
+    quantum = device.sensors.link_quantum
+    q = quantum * np.rint(amplitude * np.sin(rate * time) / quantum)
+    measured = Signals(time, {"q": q, "theta": q[:, None]}, {"q": "rad", "theta": "rad"})
+    shots = cut_log(JointLog("quick", device, measured, log.commands))
+    speed = amplitude * rate * np.cos(rate * (time + shots.origin))[20:-20]
+    error = shots.start[20 : 20 + len(speed), 3] - speed
+    assert np.max(np.abs(speed)) > 2.0
+    assert np.sqrt(np.mean(error**2)) < 0.01  # a quadratic's slope: 0.04
+    assert np.sqrt(np.mean(error**2)) < shots.start_noise[0, 1]

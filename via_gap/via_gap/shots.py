@@ -210,13 +210,17 @@ def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Arr
 
 
 def _smoothed(angles: Array, axes: Sequence[int], rate: float, reach: float) -> Array:
-    """(T, 6) angle and velocity of a quadratic fitted over `reach` [s] to either side."""
+    """(T, 6) angle of a quadratic and velocity of a cubic, fitted over `reach` [s] to either side.
+
+    A quadratic's slope is wrong by reach^2 / 10 times the third derivative: in quick motion more than the encoder's
+    steps make of a cubic's, and more than its first order in a shot explains to a fine encoder.
+    """
     half = max(2, round(reach * rate))
     window = min(2 * half + 1, (len(angles) - 1) // 2 * 2 + 1)
     states = np.full((len(angles), 6), np.nan)
     for i, axis in enumerate(axes):
         states[:, axis] = savgol_filter(angles[:, i], window, 2)
-        states[:, 3 + axis] = savgol_filter(angles[:, i], window, 2, deriv=1, delta=1.0 / rate)
+        states[:, 3 + axis] = savgol_filter(angles[:, i], window, 3, deriv=1, delta=1.0 / rate)
         begin = angles[:window, i]
         if np.ptp(begin[: half + 1]) < RESTS:  # a one-sided fit knows no speed, a joint at rest has none
             states[0, axis], states[0, 3 + axis] = np.median(begin[: half + 1]), 0.0
