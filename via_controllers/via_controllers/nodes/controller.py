@@ -38,12 +38,13 @@ from via_ros.spin import STEADY
 
 from via_controllers.arm_limits import Limit
 from via_controllers.nodes.equipment import Equipment, StartParameters
-from via_controllers.supervision import Activity, Answer, Change
+from via_controllers.supervision import GAP, Activity, Answer, Change
 
 REPORT = 1.0  # [s] between two diagnostics
 SILENCE = 0.02  # [s] without a sample before a zero is sent
 LOOK = 0.004  # [s] between two looks for it
 SAME_CLOCK = 1_000_000_000  # [ns] after a sample's stamp at most that it is missed, by the clock that stamped it
+SLOW = f"samples more than {1e3 * GAP:g} ms apart, the law starts anew at each: publish /joint_states at 100 Hz or more"
 WARM_UP = 3  # steps before anybody waits for one: what is compiled is loaded
 
 
@@ -115,7 +116,9 @@ class ControllerNode(LifecycleNode):
         self._writer = CommandWriter(equipment)
         self._told = _Told(equipment, self.get_name())
         self._answered = self._unusable = self._reported = self._silences = 0
-        self._limited = Limit.NONE  # since the last report
+        self._limited, self._gaps = Limit.NONE, 0  # since the last report
+        self._warned = False  # of the gaps that there are
+        self._time = np.inf  # [s] of the last usable sample
         self._heard: float | None = None  # [s] steady clock; None: nothing to miss
         self._last = 0  # [ns] stamp of the last sample
         self._commands = self._made(self.create_publisher, self.destroy_publisher)(
@@ -163,7 +166,11 @@ class ControllerNode(LifecycleNode):
         self._send(stamp, answer.torque)
         self._heard, self._last = time.monotonic(), stamp
         self._answered += 1
-        self._unusable += answer.activity is Activity.PASSIVE
+        if answer.activity is Activity.PASSIVE:
+            self._unusable += 1
+        else:
+            self._gaps += sample.time - self._time > GAP
+            self._time = sample.time
         self._limited |= answer.limited
         if self._answered % self._chosen.told_every == 0:
             self._states.publish(self._told.at(stamp, answer, self._supervisor.told(self._state)))
@@ -188,6 +195,7 @@ class ControllerNode(LifecycleNode):
         rate, self._reported = (self._answered - self._reported) / REPORT, self._answered
         troubles = {
             "no samples": silent,
+            SLOW: self._gaps > 0,
             "unusable samples": self._unusable > 0,
             "malformed messages": malformed > 0,
             "at a limit": self._limited != Limit.NONE,
@@ -195,10 +203,12 @@ class ControllerNode(LifecycleNode):
         told = [text for text, holds in troubles.items() if holds]
         values = {
             "samples": self._answered, "rate [Hz]": f"{rate:g}", "unusable samples": self._unusable,
-            "malformed messages": malformed, "silences": self._silences, "limits": _names(self._limited),
-            **self._told.limits,
+            "malformed messages": malformed, "gaps": self._gaps, "silences": self._silences,
+            "limits": _names(self._limited), **self._told.limits,
         }  # fmt: skip
-        self._limited = Limit.NONE
+        if self._gaps and not self._warned:
+            self.get_logger().warning(SLOW)
+        self._limited, self._gaps, self._warned = Limit.NONE, 0, self._gaps > 0
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if told else DiagnosticStatus.OK,
             name=f"{self.get_name()}: {'active' if self._active else 'holding still'}",
