@@ -21,14 +21,18 @@ from via_sim.nodes.simulator import SimulatorNode
 WITHIN = 20_000_000  # [ns]
 COMPILED = 120.0  # [s] within which the controller has started, its kernels compiled anew where need be
 CONTROLLER = "from via_controllers.nodes.{} import main; raise SystemExit(main())"
+ARGUMENTS = {"excitation": ("--ros-args", "-p", "device:=qbmove_a")}
 ROBOTS = {  # name as in topics, how it is simulated, which entries of an effort are motors
     "modal_limit_cycle": (ARM.name, ArmSimulatorNode, {"posture": EQUILIBRIUM.tolist()}, slice(1, None, 2)),
-    "equilibrium_preset": ("qbmove_a", SimulatorNode, {"device": "qbmove_a"}, slice(1, None)),
+    **dict.fromkeys(
+        ("equilibrium_preset", "excitation"), ("qbmove_a", SimulatorNode, {"device": "qbmove_a"}, slice(1, None))
+    ),
 }
 
 
 @pytest.mark.parametrize(
-    ("law", "after"), [("modal_limit_cycle", 40), ("modal_limit_cycle", 71), ("equilibrium_preset", 55)]
+    ("law", "after"),
+    [("modal_limit_cycle", 40), ("modal_limit_cycle", 71), ("equilibrium_preset", 55), ("excitation", 62)],
 )
 def test_a_controller_that_is_killed_leaves_its_motors_passive_within_20_ms(graph, law, after):
     """Killed after so many samples; stamps are this machine's clock, and so is the time of the kill."""
@@ -40,7 +44,9 @@ def test_a_controller_that_is_killed_leaves_its_motors_passive_within_20_ms(grap
 
     listener.create_subscription(JointState, "/joint_states", hear, qos.SAMPLES)
     listener.create_subscription(ControlState, f"/{name}/control", states.append, qos.SAMPLES)
-    with subprocess.Popen([sys.executable, "-c", CONTROLLER.format(law)], stdin=subprocess.DEVNULL) as controller:
+    with subprocess.Popen(
+        [sys.executable, "-c", CONTROLLER.format(law), *ARGUMENTS.get(law, ())], stdin=subprocess.DEVNULL
+    ) as controller:
         try:
             # Nobody but the listener is waited for: an arm falls until the controller has started.
             graph.add(simulator, mode="realtime", rate=250.0, **parameters)

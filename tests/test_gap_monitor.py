@@ -101,7 +101,14 @@ def simulate(graph, bench, folder, duration, effects=()):
         """By the monitor and by the bag: every sample, those said again included, and every command."""
         samples = sum(topic == "/joint_states" for topic, _ in heard)
         told = len(bench.node._rolling._commands.stamp)
-        return simulator.finished.done() and bench.node._samples == samples >= count and told == len(heard) - samples
+        last = next((data for topic, data in reversed(heard) if topic != "/joint_states"), None)
+        # The controller's last word, when samples end, is none but zeros.
+        return (
+            simulator.finished.done()
+            and bench.node._samples == samples >= count
+            and told == len(heard) - samples
+            and not any(deserialize_message(last, VsaCommand).motor)
+        )
 
     graph.until(all_heard, 90.0)
     with BagWriter(folder / "live") as out:

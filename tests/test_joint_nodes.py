@@ -7,13 +7,18 @@ import time
 import numpy as np
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
 from via_bringup.control.cycles import Cycles, spread
 from via_bringup.control.throw import law_of
+from via_controllers.contract import JointSample
+from via_controllers.joint_axes import JointAxes
 from via_controllers.nodes.bang_bang_joint import BangBangJointNode
 from via_controllers.nodes.equilibrium_preset import EquilibriumPresetNode
+from via_controllers.nodes.excitation import ExcitationNode, ExcitationParameters, driven
+from via_controllers.nodes.excitation import law_of as excitation_of
 from via_controllers.nodes.max_velocity import MaxVelocityNode, MaxVelocityParameters
 from via_core.devices import load_device
 from via_core.errors import ViaError
@@ -194,6 +199,77 @@ def test_a_joint_lives_through_its_states(graph):
     assert max(np.abs(torque).max() for _, _, torque in bench.commands) <= 6.0
 
 
+def test_an_excited_joint_lives_through_its_states_and_moves_as_its_law_alone_says(graph):
+    """Bit by bit: supervision changes no torque that keeps the limits."""
+    device = "cubic_demo"
+    bench = JointBench(graph, device, ExcitationNode, {"autostart": False})
+    bench.transition(Transition.TRANSITION_CONFIGURE)
+    graph.until(lambda: len(bench.states) > 50)
+    assert {activity for activity, _, _ in bench.states} == {ControlState.HOLDING}
+    bench.transition(Transition.TRANSITION_ACTIVATE)
+    graph.until(lambda: bench.states[-1][0] == ControlState.ACTIVE)
+    graph.until(lambda: np.ptp(bench.joint[:, 0, 0]) > 0.2)
+    bench.transition(Transition.TRANSITION_DEACTIVATE)
+    graph.until(lambda: bench.states[-1][0] == ControlState.HOLDING)
+    swung = len(bench.states)
+    graph.until(lambda: len(bench.states) > swung + 1500)
+    assert np.ptp(bench.joint[swung + 1300 :, 0], axis=0).max() < 0.02
+    activities = np.array([activity for activity, _, _ in bench.states])
+    active = np.flatnonzero(activities == ControlState.ACTIVE)
+    assert np.array_equal(active, np.arange(active[0], active[-1] + 1)) and len(active) > 100
+    law = excitation_of(ExcitationParameters(), JointAxes(bench.device))
+    state, answers = law.init(), {stamp: torque for stamp, _, torque in reversed(bench.commands)}  # the first to each
+    first = min(answers)
+    for tick in active:
+        angles = bench.joint[tick, 0]
+        state, out = law.step(state, JointSample(tick * 10**6 / 10**9, angles[0], angles[1:]))
+        assert np.array_equal(answers[first + tick * 10**6], out.torque)
+    assert not any(limited for _, limited, _ in bench.states)
+    assert bench.quantity("preset")[active[-1]] == pytest.approx(law.told(state)[1])
+    bench.transition(Transition.TRANSITION_CLEANUP)
+
+
+def test_an_excited_joint_without_limits_in_its_file_has_those_of_the_parameter(graph):
+    device, states = load_device("cubic_aa_vsa"), []
+    assert JointAxes(device).torque_limit.tolist() == [np.inf, np.inf]
+    graph.node("peer").create_subscription(ControlState, f"/{device.name}/control", states.append, qos.SAMPLES)
+    graph.add(ExcitationNode, device=device.name, torque_limit=0.5)
+    graph.add(SimulatorNode, device=device.name, mode="lockstep", duration=0.3, listeners=1)
+    graph.until(lambda: len(states) >= 300)
+    assert list(states[0].torque_limit) == [0.5, 0.5]
+    assert {state.limited for state in states} >= {ControlState.TORQUE_LIMIT}
+    kept = JointAxes(driven(ExcitationParameters(device="qbmove_a", torque_limit=0.5))).torque_limit
+    assert kept.tolist() == [6.0, 6.0]  # its file knows
+
+
+def test_samples_too_slow_for_a_law_are_told_in_one_line_with_the_remedy(graph, capfd):
+    device, reports = load_device("cubic_demo"), []
+    controller, peer = graph.add(ExcitationNode, device=device.name), graph.node("peer")
+    samples = peer.create_publisher(JointState, "/joint_states", qos.SAMPLES)
+    peer.create_subscription(DiagnosticArray, "/diagnostics", lambda each: reports.extend(each.status), qos.SAMPLES)
+    graph.until(lambda: samples.get_subscription_count() and controller.count_subscribers("/diagnostics"))
+    writer = JointStateWriter(device)
+    writer.position[:] = 0.1
+
+    def say(period, count):
+        """Samples so far apart [ms]; what was reported when all of them were in."""
+        before = controller.answered
+        for _ in range(count):
+            say.stamp += period * 10**6
+            samples.publish(writer.stamped(say.stamp))
+        graph.until(lambda: controller.answered == before + count)
+        seen = len(reports)
+        graph.until(lambda: len(reports) > seen)
+        return reports[seen].message
+
+    say.stamp = 10**9
+    remedy = "samples more than 20 ms apart, the law starts anew at each: publish /joint_states at 100 Hz or more"
+    assert remedy in say(25, 5)
+    say(1, 1)  # the one after the last of these
+    assert remedy not in say(19, 5)
+    assert capfd.readouterr().err.count(remedy) == 1
+
+
 def test_samples_that_stop_or_cannot_be_used_are_answered_with_nothing(graph):
     device = load_device("qbmove_a")
     controller, peer, commands, states = graph.add(EquilibriumPresetNode, stiffness=6.0), graph.node("peer"), [], []
@@ -227,6 +303,8 @@ def test_samples_that_stop_or_cannot_be_used_are_answered_with_nothing(graph):
         (BangBangJointNode, {"device": "compact_vpda"}, "has no springs"),
         (BangBangJointNode, {"bandwidth": 0.0}, "bandwidth must lie in"),
         (MaxVelocityNode, {"device": "cubic_demo"}, "one spring and one motor"),
+        (ExcitationNode, {"device": "maccepavd"}, "needs an antagonistic device with torque drive"),
+        (ExcitationNode, {"preset_frequencies": [0.0]}, "frequencies must be > 0 Hz"),
         (MaxVelocityNode, {"speed_share": 2.0}, "speed_share must lie in"),
     ],
 )
