@@ -7,13 +7,14 @@ import pytest
 from gap_logs import flexible, log_of, rigid, servo
 from via_core.devices import Device
 from via_gap.calibration import calibration
-from via_gap.candidates import Fit, directions, fit_base, ranked, refine, settled
+from via_gap.candidates import Fit, directions, fit_base, member_slopes, ranked, refine, settled
 from via_gap.diagnose import _cause
 from via_gap.evidence import Judged
 from via_gap.nuisance import BOUND
 from via_gap.places import Place, places
 from via_gap.problem import Problem
 from via_gap.scales import Scales, scales_of
+from via_gap.search import closest
 from via_gap.shots import cut_log
 from via_gap.verdict import decide, helps
 from via_sim.effects import Effect
@@ -61,6 +62,28 @@ def test_a_fit_finds_the_planted_numbers_from_a_poor_start(name, effect, start):
     # Beside servos all torques may grow in one proportion.
     off = 1.1 * BOUND * problem.device.tolerances.spring if name == "servo" else 0.01
     assert dict(fit.effects[0].parameters) == pytest.approx(dict(effect.parameters), rel=off)
+
+
+def test_a_second_cause_shows_once_the_first_gives_way():
+    """A wall is found where the encoder, which is off, shows it: with the offset known it stands elsewhere."""
+    wall = Effect("contact", "environment", {"angle": 0.4, "stiffness": 3.0, "damping": 0.02, "side": 1.0})
+    offset = Effect("encoder_offset", "sensor", {"offset": 0.02})
+    shots = cut_log(log_of(flexible(), (wall, offset), seed=7, duration=6.0, tolerance=0.0))
+    problem = Problem.of([shots], [np.arange(1, len(shots))])
+    base, jacobian = fit_base(problem)
+    scales = scales_of([shots], [()], shots.time[1:], problem.per_shot(base.residual))
+    first = refine(problem, base, jacobian, [(Place("contact", "environment", 0), [*wall.parameters.values()])], scales)
+    beside = problem.nuisance_jacobian(first.effects, first.deviations, first.residual)
+    candidates = [each for each in places(problem.device, shots.log) if each not in first.places]
+    tried = directions(problem, first, candidates, scales)
+    at_rest, giving_way = (ranked(first, beside, tried, s) for s in (None, member_slopes(problem, first, scales)))
+    assert giving_way[0][1] == Place("encoder_offset", "sensor", 0) != at_rest[0][1]
+
+
+def test_what_is_fitted_to_few_shots_is_not_the_closest():
+    few, all_ = np.zeros(10), np.zeros(100)
+    fits = [Fit((), few, loss, values, few) for loss, values in ((9.0, few), (120.0, all_), (110.0, all_))]
+    assert closest(fits) is fits[2]
 
 
 def test_what_no_torque_on_record_tells_is_known_as_well_as_the_device_file_says():

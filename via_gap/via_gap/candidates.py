@@ -9,7 +9,7 @@ on the true simulation, so that nothing is accepted that does not help.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,11 @@ class Fit:
     loss: float
     residual: Array
     spread: Array
+
+    @property
+    def values(self) -> list[float]:
+        """(p,) parameters of the effects in their order, in their units."""
+        return [value for effect in self.effects for value in effect.parameters.values()]
 
     @property
     def places(self) -> tuple[Place, ...]:
@@ -135,6 +140,10 @@ class _Axes:
         """Nuisances, J."""
         return len(self.problem.nuisances)
 
+    def point(self, deviations: Array, values: Sequence[float]) -> Array:
+        """(J + p,) of deviations and parameters in their units, which are moved into their ranges."""
+        return np.append(deviations, np.clip(np.asarray(values, dtype=np.float64) / self.size, self.low, self.high))
+
     @property
     def box(self) -> tuple[Array, Array]:
         """(J + p,) lowest and highest point."""
@@ -159,6 +168,14 @@ class _Axes:
             residuals[[row is not None for row in rows]] = self.problem.residual(there)
         each = [r @ r + p[:count] @ p[:count] if np.isfinite(r[0]) else np.inf for r, p in zip(residuals, points)]
         return np.array(each), residuals
+
+    def slopes(self, at: Array, residual: Array) -> Array:
+        """(R, p) of the residual (R,) at a point along every parameter; not finite where a step makes no effect."""
+        here = at[self.count :]
+        steps = np.maximum(LEAST_STEP, 0.03 * np.abs(here))
+        steps = np.where(here + steps > self.high, -steps, steps)
+        moved = self.losses([*(at + np.eye(len(at))[self.count :] * steps[:, None])])[1]
+        return (moved - residual).T / steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,13 +213,28 @@ def directions(problem: Problem, base: Fit, candidates: Sequence[Place], scales:
     return found
 
 
-def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> Ranked:
+def member_slopes(problem: Problem, fit: Fit, scales: Scales) -> Array:
+    """(R, k) of the residual along those parameters of a fit's effects on which it depends smoothly."""
+    axes = _Axes.of(problem, fit.places, scales)
+    slopes = axes.slopes(axes.point(fit.deviations, fit.values), fit.residual)
+    return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0) & ~axes.times]
+
+
+def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array | None = None) -> Ranked:
     """Candidates by the loss that the best amounts of their directions would leave of `base`'s residual (R,).
+
+    slopes  (R, k) of the residual along what `base`'s effects may give way: a cause that is to join them often shows
+            only once they stand elsewhere. None: they stay
 
     Where an effect is not linear in its amounts, the true simulation of the result would be better or worse than
     predicted, which `refine` finds out. Directions simulated beside other effects than those of `base` tell roughly.
     """
     found: dict[Place, tuple[float, list[float]]] = {}
+    if slopes is not None and slopes.shape[1]:
+        basis = np.linalg.qr(slopes)[0]
+        jacobian = jacobian - basis @ (basis.T @ jacobian)
+        base = replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
+        tried = [replace(each, moved=each.moved - basis @ (basis.T @ each.moved)) for each in tried]
     own = jacobian.T @ jacobian + np.eye(len(base.deviations))
     pull = jacobian.T @ base.residual + base.deviations
     for each in tried:
@@ -282,8 +314,7 @@ def refine(
     axes = _Axes.of(problem, [place for place, _ in members], scales)
     size, low, high, count, many = axes.size, axes.low, axes.high, axes.count, len(axes.size)
     box, effects_at, losses, times = axes.box, axes.effects, axes.losses, axes.times
-    given = np.concatenate([np.asarray(values, dtype=np.float64) for _, values in members])
-    at = np.append(base.deviations, np.clip(given / size, low, high))
+    at = axes.point(base.deviations, [value for _, values in members for value in values])
     loss, residuals = losses([at])
     value, residual = float(loss[0]), residuals[0]
     if not np.isfinite(value):
@@ -303,11 +334,7 @@ def refine(
             side = problem.nuisance_jacobian([e for e in effects_at(at) if e is not None], at[:count], residual)
             fresh, since = True, value
         if value < sloped:
-            steps = np.maximum(LEAST_STEP, 0.03 * np.abs(at[count:]))
-            steps = np.where(at[count:] + steps > high, -steps, steps)
-            points = [at + np.append(np.zeros(count), np.where(np.arange(many) == j, steps, 0.0)) for j in range(many)]
-            moved = losses(points)[1]
-            slopes = (moved - residual).T / steps
+            slopes = axes.slopes(at, residual)
             apart = ~np.isfinite(slopes[0])  # no neighbour makes an effect: a side, or a number at its bound
             slopes[~np.isfinite(slopes)] = 0.0
             slopes[:, times] = 0.0
@@ -353,8 +380,7 @@ def settled(problem: Problem, fit: Fit, scales: Scales) -> Fit:
     """
     axes = _Axes.of(problem, fit.places, scales)
     count, many = axes.count, len(axes.size)
-    values = [value for effect in fit.effects for value in effect.parameters.values()]
-    at = np.append(fit.deviations, np.clip(np.array(values) / axes.size, axes.low, axes.high))
+    at = axes.point(fit.deviations, fit.values)
     steps = FINE * np.append(
         STEP / np.array([each.tolerance for each in problem.nuisances]),
         np.maximum(LEAST_STEP, 0.03 * np.abs(at[count:])),

@@ -14,7 +14,7 @@ import numpy as np
 from via_core.signals import Array
 
 from via_gap.calibration import Calibration
-from via_gap.candidates import Direction, Fit, directions, events, ranked, refine
+from via_gap.candidates import Direction, Fit, directions, events, member_slopes, ranked, refine
 from via_gap.evidence import Judged
 from via_gap.places import Place
 from via_gap.problem import Problem
@@ -133,7 +133,7 @@ class Search:
             if not fits or not here._worth(min(fits, key=lambda fit: fit.loss), leaders, causes[0], frozen):
                 break
             fits = here._finished(fits, CLOSE_SECOND, CLOSEST_SECOND)
-            fits += here._plainer(min(fits, key=lambda fit: fit.loss))
+            fits += here._plainer(closest(fits))
             found = sorted(self.judge(fits), key=lambda each: each.mean_square)
             best, before = found[0], min(leaders, key=lambda each: each.mean_square)
             if not helps(best, before, causes[0], frozen):
@@ -194,10 +194,12 @@ class Search:
         refined = self.refined
         here = _on(self.few, first)
         jacobian = self.few.nuisance_jacobian(here.effects, here.deviations, here.residual)
+        slopes = member_slopes(self.few, here, self.scales)
         known = [each for each in self.tried if each.place not in first.places]
-        hopeful = [place for _, place, _ in ranked(here, jacobian, known)[: AGAIN * refined]]
+        hopeful = [place for _, place, _ in ranked(here, jacobian, known, slopes)[: AGAIN * refined]]
         fits = []
-        for _, place, values in ranked(here, jacobian, directions(self.few, here, hopeful, self.scales))[:refined]:
+        beside = directions(self.few, here, hopeful, self.scales)
+        for _, place, values in ranked(here, jacobian, beside, slopes)[:refined]:
             fit = refine(self.few, here, jacobian, [*_members(first), (place, values)], self.scales, rival)
             if fit is not None:
                 fits.append(fit)
@@ -245,6 +247,11 @@ class Search:
                 best = refine(self.whole, fit, None, _members(fit), self.scales, rounds=FINISHING)
             done.append(best or fit)
         return done
+
+
+def closest(fits: Sequence[Fit]) -> Fit:
+    """The best of those fitted to the most shots: what is left of few shots is less, whatever the fit."""
+    return min(fits, key=lambda fit: (-len(fit.residual), fit.loss))
 
 
 def _on(problem: Problem, fit: Fit) -> Fit:
