@@ -94,22 +94,24 @@ def flexible(fitted: Problem, start: Fit) -> Flexible:
     model = replace(model, weights=np.zeros((len(columns), functions[0].shape[1])))
     residual = model.residual(fitted, functions)
     pulses = _all_pulses(fitted, model, residual)
-    model, residual = _descended(fitted, model, functions, pulses, residual)
+    folded = _Folded.of(fitted, pulses, functions, residual, model.weights)
+    model, residual = _descended(fitted, model, functions, pulses, residual, folded)
     waves = _waves(fitted, pulses, residual)
     richer = replace(model, basis=replace(basis, waves=waves))
     richer = replace(richer, weights=np.pad(model.weights, ((0, 0), (0, 2 * len(waves)))))
     more = richer.functions(fitted)
-    without = _Folded.of(fitted, pulses, functions, residual, model.weights).ridge()[1]
-    if _Folded.of(fitted, pulses, more, residual, richer.weights).ridge()[1] < without:
-        model, _ = _descended(fitted, richer, more, pulses, residual)
+    without = folded.moved(fitted, pulses, functions, residual, model.weights).ridge()[1]
+    folded = _Folded.of(fitted, pulses, more, residual, richer.weights)
+    if folded.ridge()[1] < without:
+        model, _ = _descended(fitted, richer, more, pulses, residual, folded)
     return model
 
 
 def _descended(
-    fitted: Problem, model: Flexible, functions: Sequence[Array], pulses: Sequence[Array], residual: Array
-) -> tuple[Flexible, Array]:
-    """Weights fitted to what is left and simulated, a few times -> model, residual (R,)."""
-    folded = _Folded.of(fitted, pulses, functions, residual, model.weights)
+    fitted: Problem, model: Flexible, functions: Sequence[Array], pulses: Sequence[Array], residual: Array,
+    folded: _Folded,
+) -> tuple[Flexible, Array]:  # fmt: skip
+    """Weights fitted to what is left and simulated, a few times -> model, residual (R,). `folded` at that residual."""
     ridge, _ = folded.ridge()
     loss = float(residual @ residual)
     for round_ in range(ROUNDS):
@@ -160,10 +162,14 @@ def _run(bench: Bench, row: Array, commands: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Folded:
-    """Normal equations of every fold: normals (F, K, K), and what the residual at hand says, pulls (F, K)."""
+    """Normal equations of every fold: normals (F, K, K), and what the residual at hand says, pulls (F, K).
+
+    others  (F,) all folds but one together, taken apart once for every ridge and every residual
+    """
 
     normals: Array
     pulls: Array
+    others: tuple[_Curves, ...]
 
     @staticmethod
     def of(
@@ -174,7 +180,9 @@ class _Folded:
         for fold, matrix, rest in _blocks(problem, pulses, functions, residual):
             normals[fold] += matrix.T @ matrix
             pulls[fold] -= matrix.T @ rest
-        return _Folded(normals, pulls + normals @ weights.reshape(-1))
+        whole = normals.sum(axis=0)
+        others = tuple(_Curves.of(whole - normal) for normal in normals)
+        return _Folded(normals, pulls + normals @ weights.reshape(-1), others)
 
     def moved(
         self, problem: Problem, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weights: Array
@@ -188,10 +196,10 @@ class _Folded:
     def ridge(self) -> tuple[float, float]:
         """The one of RIDGES with which folds left out are predicted best, and the loss of them, up to a constant."""
         losses = np.zeros(len(RIDGES))
-        for normal, pull in zip(self.normals, self.pulls, strict=True):
-            rest, said = self.normals.sum(axis=0) - normal, self.pulls.sum(axis=0) - pull
+        for normal, pull, rest in zip(self.normals, self.pulls, self.others, strict=True):
+            said = self.pulls.sum(axis=0) - pull
             for k, ridge in enumerate(RIDGES):
-                w = solved(rest, said, float(ridge))
+                w = rest.solved(said, float(ridge))
                 losses[k] += w @ normal @ w - 2.0 * w @ pull
         best = int(np.argmin(losses))
         return float(RIDGES[best]), float(losses[best])
@@ -246,12 +254,29 @@ def _waves(problem: Problem, pulses: Sequence[Array], residual: Array) -> tuple[
     return tuple(every[k] for k in np.argsort(-worth)[:WAVES])
 
 
+@dataclass(frozen=True, eq=False)
+class _Curves:
+    """A normal matrix over its scale (K,), taken apart: curvatures (K,) along its axes (K, K)."""
+
+    scale: Array
+    curves: Array
+    axes: Array
+
+    @staticmethod
+    def of(normal: Array) -> _Curves:
+        scale = np.sqrt(np.diag(normal) + 1e-12 * np.max(np.diag(normal)) + 1e-300)
+        # Of functions that the log hardly tells apart rounding makes curvatures below zero, which no factor would take.
+        curves, axes = eigh(normal / np.outer(scale, scale))
+        return _Curves(scale, np.maximum(curves, 0.0), axes)
+
+    def solved(self, pull: Array, ridge: float) -> Array:
+        """See `solved`."""
+        return np.asarray(self.axes @ ((pull / self.scale @ self.axes) / (self.curves + ridge)) / self.scale)
+
+
 def solved(normal: Array, pull: Array, ridge: float) -> Array:
     """argmin w' N w - 2 p' w + ridge |D w|^2, D^2 the diagonal of N."""
-    scale = np.sqrt(np.diag(normal) + 1e-12 * np.max(np.diag(normal)) + 1e-300)
-    # Of functions that the log hardly tells apart rounding makes eigenvalues below zero, which no factor would take.
-    curves, axes = eigh(normal / np.outer(scale, scale))
-    return np.asarray(axes @ ((pull / scale @ axes) / (np.maximum(curves, 0.0) + ridge)) / scale)
+    return _Curves.of(normal).solved(pull, ridge)
 
 
 def _all_pulses(problem: Problem, model: Flexible, residual: Array) -> list[Array]:

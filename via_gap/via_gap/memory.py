@@ -16,6 +16,14 @@ from via_sim.parameters import P
 from via_sim.torques import N_MODES, X, compiled, remember
 
 HELD = 5  # bristles of link, motor 1, motor 2; Maxwell elements of transmission 1, 2
+ELEMENTS = np.concatenate(  # of a row, all that counts here: most rows of a fit differ in other things
+    [
+        [P.bristle_torque + i for i in range(3)],
+        [P.bristle_stiffness + i for i in range(3)],
+        [P.hysteresis_torque + i for i in range(2)],
+        [P.hysteresis_stiffness + i for i in range(2)],
+    ]
+)
 
 
 def held_along(rows: Array, angles: Array, ticks: NDArray[np.intp]) -> Array:
@@ -27,11 +35,12 @@ def held_along(rows: Array, angles: Array, ticks: NDArray[np.intp]) -> Array:
     some = np.flatnonzero(with_memory(rows))
     if some.size and len(ticks):
         order = np.argsort(ticks, kind="stable")
-        found = np.zeros((some.size, len(ticks), HELD))
-        _led(np.ascontiguousarray(rows[some]), angles, np.asarray(ticks)[order], found)
+        _, first, which = np.unique(rows[some][:, ELEMENTS], axis=0, return_index=True, return_inverse=True)
+        found = np.zeros((first.size, len(ticks), HELD))
+        _led(np.ascontiguousarray(rows[some[first]]), angles, np.asarray(ticks)[order], found)
         back = np.empty_like(found)
         back[:, order] = found
-        out[some] = back
+        out[some] = back[which.reshape(-1)]
     return out
 
 

@@ -15,10 +15,12 @@ known would be projected out, a certain one ignored.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import cache
 from math import ceil
 
 import numpy as np
@@ -252,6 +254,15 @@ def _torque_after(log: JointLog, grid: Array) -> Array:
     return tau[np.clip(np.searchsorted(time, grid + 0.5 * (grid[1] - grid[0])), 0, len(time) - 1)]
 
 
+@cache
+def _threads() -> ThreadPoolExecutor:
+    """One pool for all benches of a process: what a fit asks for takes hardly longer than to start two threads."""
+    return ThreadPoolExecutor(THREADS)
+
+
+os.register_at_fork(after_in_child=_threads.cache_clear)  # threads do not survive a fork
+
+
 @dataclass(frozen=True, eq=False)
 class Bench:
     """Chosen shots of a log, ready to be simulated with any parameter row.
@@ -305,7 +316,7 @@ class Bench:
         out = np.empty((len(rows), len(self.chosen), *self.shots.measured.shape[1:]))
         order = np.argsort(-stretches[:, 1], kind="stable")
         runs = np.stack([np.tile(np.arange(len(rows)), len(order)), np.repeat(order, len(rows))], axis=1)
-        size = min(LANES, ceil(len(runs) / THREADS))
+        size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # as many on every thread
         pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
         drive = self.shots.commands[None] if commands is None else commands
         held = None  # by elements with memory, where every angle they hang on was seen
@@ -314,9 +325,9 @@ class Bench:
         if len(pieces) == 1:
             self._run(rows, offset, drive, held, stretches, pieces[0], out)
             return out
-        with ThreadPoolExecutor(THREADS) as pool:  # the kernel releases the GIL
-            for job in [pool.submit(self._run, rows, offset, drive, held, stretches, piece, out) for piece in pieces]:
-                job.result()
+        pool = _threads()  # the kernel releases the GIL
+        for job in [pool.submit(self._run, rows, offset, drive, held, stretches, piece, out) for piece in pieces]:
+            job.result()
         return out
 
     def _stretches(self) -> Indices:
@@ -364,13 +375,12 @@ class Bench:
         known = np.isfinite(shots.rest)
         queue = states[:, X.queue :].reshape(len(ticks), length, QUEUED)
         each = np.arange(len(ticks))
-        for back in range(1, length + 1):
-            slot = (ticks - back) % length
-            queue[each, slot] = sent[under + np.maximum(ticks - back, 0), :QUEUED]
-            early = np.flatnonzero(ticks < back)
-            for axis in (1, 2):  # servos stood where they were before the log began
-                if known[axis] and self.nominal[P.axis_kind + axis] == SERVO:
-                    queue[early, slot[early], axis - 1] = shots.rest[axis]
+        before = ticks[:, None] - np.arange(1, length + 1)
+        queue[each[:, None], before % length] = sent[under[:, None] + np.maximum(before, 0), :QUEUED]
+        early, back = np.nonzero(before < 0)
+        for axis in (1, 2):  # servos stood where they were before the log began
+            if known[axis] and self.nominal[P.axis_kind + axis] == SERVO:
+                queue[early, before[early, back] % length, axis - 1] = shots.rest[axis]
         for axis in range(3):
             if axis in shots.axes:
                 states[:, [axis, 3 + axis]] = shots.start[ticks][:, [axis, 3 + axis]]
