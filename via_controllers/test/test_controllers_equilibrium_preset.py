@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 from via_controllers.contract import JointSample
 from via_controllers.equilibrium_preset import LARGEST_FACTOR, EquilibriumPreset
-from via_controllers.motor_references import MotorReferences, UnreachableError
+from via_controllers.motor_references import MotorReferences, UnreachableError, resting
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.status import Status
@@ -29,6 +30,52 @@ def test_the_link_rests_there_with_that_stiffness(name, q, share):
     load = device.link.gravity_torque * np.sin(q - device.link.gravity_angle)
     assert device.torque_each(q, theta).sum() + load == pytest.approx(0.0, abs=1e-6 * max(1.0, high))
     assert device.stiffness(q, theta) == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+
+
+def slow_rest(device, q, preset):
+    """`resting` by scipy and the device's own laws."""
+    reach = min(law.max_deflection for law in device.spring_laws) - preset * (device.arrangement == "antagonistic")
+    load = device.link.gravity_torque * np.sin(q - device.link.gravity_angle)
+
+    def off(x):
+        return float(device.torque_each(q, device.motor_angles(x, preset)).sum()) + load
+
+    return q if abs(off(q)) < 1e-12 else brentq(off, q - reach, q + reach, xtol=1e-13)
+
+
+def slow_at(references, q, stiffness):
+    """`MotorReferences.at` likewise, where the ends of the presets enclose what is wanted."""
+    device = references.device
+
+    def motors(preset):
+        return device.motor_angles(slow_rest(device, q, preset), preset)
+
+    preset = brentq(
+        lambda preset: float(device.stiffness(q, motors(preset))) - stiffness, *references.presets, xtol=1e-13
+    )
+    return motors(preset)
+
+
+@pytest.mark.parametrize("name", VARYING)
+@settings(deadline=None, max_examples=6)
+@given(q=st.floats(-0.3, 0.3), share=st.floats(0.02, 0.98))
+def test_the_compiled_search_answers_what_the_slow_one_does(name, q, share):
+    references = MotorReferences.from_device(load_device(name))
+    low, high = (references.stiffness(q, preset) for preset in references.presets)
+    wanted = low + share * (high - low)
+    assert references.at(q, wanted) == pytest.approx(slow_at(references, q, wanted), abs=1e-9)
+    preset = share * references.presets[1]
+    assert resting(references.device, q, preset) == pytest.approx(slow_rest(references.device, q, preset), abs=1e-9)
+
+
+@pytest.mark.parametrize("end", [0, 1])
+@pytest.mark.parametrize("name", VARYING)
+def test_a_stiffness_at_an_end_of_the_presets_is_reached(name, end):
+    references = MotorReferences.from_device(load_device(name))
+    preset = references.presets[end]
+    theta = references.at(0.1, references.stiffness(0.1, preset))
+    expected = references.device.motor_angles(resting(references.device, 0.1, preset), preset)
+    assert theta == pytest.approx(expected, abs=1e-9)
 
 
 @settings(deadline=None, max_examples=10)

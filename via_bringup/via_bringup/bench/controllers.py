@@ -41,6 +41,7 @@ def controller_rows(turns: int) -> list[Row]:
         "limit_cycle.rigid": _rigid(samples),
         "bang_bang": _of_arm(bang, _samples(other)),
         "equilibrium_preset": Contender(SAMPLES, _joint(joint)),
+        "equilibrium_preset.aim": Contender(SAMPLES, _aim(EquilibriumPreset.from_device(load_device("vsa2")))),
         "max_velocity": Contender(SAMPLES, _throw(throw)),
     }
     times = take_turns(contenders, turns)
@@ -50,6 +51,7 @@ def controller_rows(turns: int) -> list[Row]:
         "limit_cycle.rigid": "its rigid law alone, once (the whole evaluates it three times)",
         "bang_bang": "modal adaptive bang-bang on 4 flexible joints, adaptation included",
         "equilibrium_preset": "base control of a joint of two motors",
+        "equilibrium_preset.aim": "its motor angles for a new angle and stiffness, VSA-II under gravity",
         "max_velocity": "fastest motion of a joint",
     }
     settings = (
@@ -129,6 +131,19 @@ def _joint(law: EquilibriumPreset) -> Callable[[], None]:
         for tick in range(SAMPLES):
             time = 1e-3 * tick
             state, _ = law.step(state, JointSample(time, 0.1 * np.sin(6.0 * time), np.array([0.5, -0.4])))
+
+    return run
+
+
+def _aim(law: EquilibriumPreset) -> Callable[[], None]:
+    angles = 0.2 * np.sin(np.linspace(0.0, 9.0, SAMPLES))
+    low, high = law.references.stiffness_range(0.0)
+    wishes = [(float(q), low + (0.5 + 0.4 * float(q) / 0.2) * (high - low)) for q in angles]
+
+    def run() -> None:
+        state = law.init()
+        for q, stiffness in wishes:
+            state = law.towards(state, q, stiffness)
 
     return run
 
