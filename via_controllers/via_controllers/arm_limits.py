@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit
 from via_core.signals import Array
 
-from via_controllers.contract import ArmSample, require
+from via_controllers.contract import ArmSample, require, require_positive
 
 
 class Limit(IntFlag):
@@ -69,18 +69,19 @@ class ArmLimits:
     _shares: tuple[Array, ...] = field(init=False, repr=False)  # limits (n,) in the order of `_kept`
 
     def __post_init__(self) -> None:
-        for name in ("speed_time", "deflection_rate", "drive_share", "speed_share", "deflection_share"):
+        shares = ("drive_share", "speed_share", "deflection_share")
+        require_positive(self, "speed_time", "deflection_rate", *shares)
+        for name in shares:
             value = getattr(self, name)
-            require(np.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
-            require(not name.endswith("share") or value <= 1.0, f"{name} must be <= 1, got {value}")
+            require(value <= 1.0, f"{name} must be <= 1, got {value}")
         arm = self.arm
-        shares = (
+        limits = (
             arm.torque_limit,
             self.drive_share * arm.speed_limit,
             self.speed_share * arm.speed_limit,
             self.deflection_share * arm.deflection_limit,
         )
-        object.__setattr__(self, "_shares", shares)
+        object.__setattr__(self, "_shares", limits)
 
     def kept(self, sample: ArmSample, torque: Array) -> tuple[Array, Limit]:
         """The torques (n,) [N m] nearest to `torque` that keep the limits, and which ones changed them."""

@@ -134,3 +134,10 @@ def require(condition: bool, message: str) -> None:
     """Raise ParameterError with `message` unless `condition` holds."""
     if not condition:
         raise ParameterError(message)
+
+
+def require_positive(owner: object, *names: str) -> None:
+    """Raise ParameterError for the first of these fields of `owner` that is not finite and > 0."""
+    for name in names:
+        value = getattr(owner, name)
+        require(math.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")

@@ -26,7 +26,7 @@ from numba import njit
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 
-from via_controllers.contract import ArmSample, Torques, limited, require
+from via_controllers.contract import ArmSample, Torques, limited, require_positive
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,7 @@ class FlexibilityTorque:
     bandwidth: float  # omega_tau [rad/s]
 
     def __post_init__(self) -> None:
-        good = np.isfinite(self.bandwidth) and self.bandwidth > 0.0
-        require(good, f"bandwidth must be > 0 rad/s, got {self.bandwidth}")
+        require_positive(self, "bandwidth")
 
     def observed(self, sample: ArmSample) -> FlexibilityState:
         """tau_e, measured or by the springs' laws, and the qdd that follows without a load on the links."""

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.signals import Array
 
-from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind, limited, require
-from via_controllers.hold_still import Held
+from via_controllers.contract import ArmSample, require_positive
+from via_controllers.holding import Held, Holding
 from via_controllers.joint_axes import JointAxes
 from via_controllers.motor_references import UnreachableError, resting
 
 
 @dataclass(frozen=True, eq=False)
-class HoldJoint(ArmController[Held]):
+class HoldJoint(Holding):
     """The law of this file. Raises ParameterError for a damping or bandwidth that is not positive."""
 
     axes: JointAxes
@@ -30,16 +30,11 @@ class HoldJoint(ArmController[Held]):
     bandwidth: float = 10.0  # [rad/s]: K_P is at least B bandwidth^2
 
     def __post_init__(self) -> None:
-        for name in ("damping", "bandwidth"):
-            value = getattr(self, name)
-            require(np.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
+        require_positive(self, "damping", "bandwidth")
 
     @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        return ()
-
-    def told(self, state: Held) -> Array:
-        return np.empty(0)
+    def torque_limit(self) -> Array:
+        return self.axes.torque_limit
 
     def init(self, sample: ArmSample) -> Held:
         axes, q = self.axes, float(sample.q[0])
@@ -51,14 +46,6 @@ class HoldJoint(ArmController[Held]):
             proportional=proportional,
             derivative=self.damping * np.sqrt(proportional * (axes.motor_inertia + axes.device.link.inertia)),
         )
-
-    def step(self, state: Held, sample: ArmSample) -> tuple[Held, Torques]:
-        if blind(sample):
-            return state, Torques(np.zeros(self.axes.n), False)
-        torque = (
-            state.torque + state.proportional * (state.theta - sample.theta) - state.derivative * sample.theta_velocity
-        )
-        return state, limited(torque, self.axes.torque_limit)
 
     def _resting(self, q: float, theta: Array) -> Array:
         """theta_0 (m,) [rad]."""

@@ -15,23 +15,14 @@ import numpy as np
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 
-from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind, limited, require
+from via_controllers.contract import ArmSample, require_positive
+from via_controllers.holding import Held, Holding
 
 REACH = 0.9  # of a spring's deflection to its stop: gravity beyond that is not carried
 
 
-@dataclass(frozen=True)
-class Held:
-    """What is held, (n,) each."""
-
-    theta: Array  # theta_0 [rad]
-    torque: Array  # g(q_0) [N m]
-    proportional: Array  # K_P [N m/rad]
-    derivative: Array  # K_D [N m s/rad]
-
-
 @dataclass(frozen=True, eq=False)
-class HoldStill(ArmController[Held]):
+class HoldStill(Holding):
     """The law of this file. Raises ParameterError for gains that are not positive."""
 
     arm: VsaArm
@@ -39,16 +30,11 @@ class HoldStill(ArmController[Held]):
     damping: float = 2.0  # K_D over sqrt(stiffness inertia) of motor and spring [-]; swings die out fastest so
 
     def __post_init__(self) -> None:
-        for name in ("stiffness", "damping"):
-            value = getattr(self, name)
-            require(np.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
+        require_positive(self, "stiffness", "damping")
 
     @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        return ()
-
-    def told(self, state: Held) -> Array:
-        return np.empty(0)
+    def torque_limit(self) -> Array:
+        return self.arm.torque_limit
 
     def init(self, sample: ArmSample) -> Held:
         arm = self.arm
@@ -63,11 +49,3 @@ class HoldStill(ArmController[Held]):
             proportional=self.stiffness * stiffness,
             derivative=self.damping * np.sqrt(stiffness * arm.motor_inertia),
         )
-
-    def step(self, state: Held, sample: ArmSample) -> tuple[Held, Torques]:
-        if blind(sample):
-            return state, Torques(np.zeros(self.arm.n), False)
-        torque = (
-            state.torque + state.proportional * (state.theta - sample.theta) - state.derivative * sample.theta_velocity
-        )
-        return state, limited(torque, self.arm.torque_limit)

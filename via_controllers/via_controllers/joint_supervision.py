@@ -15,7 +15,7 @@ import numpy as np
 from via_core.signals import Array, locked
 
 from via_controllers.arm_limits import ArmLimits
-from via_controllers.contract import ArmController, ArmSample, Controller, JointSample, require
+from via_controllers.contract import ArmController, ArmSample, Controller, JointSample, require_positive
 from via_controllers.hold_joint import HoldJoint
 from via_controllers.joint_axes import JointAxes, OnAxes
 from via_controllers.low_pass import low_passed
@@ -43,8 +43,7 @@ class JointSupervisor:
     _n: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        good = np.isfinite(self.velocity_bandwidth) and self.velocity_bandwidth > 0.0
-        require(good, f"velocity_bandwidth must be > 0 rad/s, got {self.velocity_bandwidth}")
+        require_positive(self, "velocity_bandwidth")
         object.__setattr__(self, "_n", self.supervisor.limits.arm.n)
 
     @classmethod

@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 from via_core.signals import Array, locked
 
-from via_controllers.contract import ArmSample, Torques, limited, require
+from via_controllers.contract import ArmSample, Torques, limited, require, require_positive
 
 
 class Drives(Protocol):
@@ -56,8 +56,7 @@ class MotorPd:
             good = values.shape == (self.drives.n,) and bool(np.isfinite(values).all())
             require(good, f"{name} must be ({self.drives.n},) and finite, got {values}")
             object.__setattr__(self, name, values)
-        good = np.isfinite(self.bandwidth) and self.bandwidth > 0.0
-        require(good, f"bandwidth must be > 0 rad/s, got {self.bandwidth}")
+        require_positive(self, "bandwidth")
         tau_e, _, _ = self.drives.spring_state(self.equilibrium - self.motors)
         object.__setattr__(self, "_static", -tau_e)
 

@@ -1,0 +1,48 @@
+"""What holds motors where they are, of an arm or a joint: springs and dampers about the angles found at the start.
+
+tau_i = tau_0,i + K_P,i (theta_0,i - theta_i) - K_D,i thd_i
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.signals import Array
+
+from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind, limited
+
+
+@dataclass(frozen=True)
+class Held:
+    """What is held, (n,) each."""
+
+    theta: Array  # theta_0 [rad]
+    torque: Array  # tau_0 [N m]
+    proportional: Array  # K_P [N m/rad]
+    derivative: Array  # K_D [N m s/rad]
+
+
+class Holding(ArmController[Held]):
+    """A law that says in `init` what it holds, and how stiffly."""
+
+    @property
+    @abstractmethod
+    def torque_limit(self) -> Array:
+        """(n,) [N m]"""
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        return ()
+
+    def told(self, state: Held) -> Array:
+        return np.empty(0)
+
+    def step(self, state: Held, sample: ArmSample) -> tuple[Held, Torques]:
+        if blind(sample):
+            return state, Torques(np.zeros(len(state.theta)), False)
+        torque = (
+            state.torque + state.proportional * (state.theta - sample.theta) - state.derivative * sample.theta_velocity
+        )
+        return state, limited(torque, self.torque_limit)
