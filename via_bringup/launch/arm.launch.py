@@ -10,9 +10,9 @@ on /<joint>/<method>/stiffness and so on. For a robot start the bank alone, with
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
+from via_bringup.launching import node, parameter_file
 from via_core.devices import load_device
 
 MOTION = {
@@ -30,35 +30,18 @@ def nodes(context: LaunchContext) -> list[Node]:
     joints = LaunchConfiguration("joints").perform(context).split()
     methods = LaunchConfiguration("methods").perform(context).split()
     simulated = IfCondition(LaunchConfiguration("simulated"))
-    started = [
-        Node(
-            package="via_estimators",
-            executable="estimator_bank",
-            parameters=[file, {"devices": joints, "methods": methods}],
-            output="screen",
-        )
-    ]
+    started = [node("via_estimators", "estimator_bank", file, {"devices": joints, "methods": methods})]
     for seed, joint in enumerate(joints):
         name = load_device(joint).name
+        # Time begins when the bank and all controllers listen.
+        body = {"device": joint, "seed": seed, "truth": True, "listeners": 1 + len(joints)}
         started += [
-            Node(
-                package="via_sim",
-                executable="simulator",
-                name=f"{name}_simulator",
-                # Time begins when the bank and all controllers listen.
-                parameters=[{"device": joint, "seed": seed, "truth": True, "listeners": 1 + len(joints)}],
+            node("via_sim", "simulator", body, name=f"{name}_simulator", condition=simulated),
+            node(
+                "via_controllers", "excitation", MOTION, {"device": joint}, name=f"{name}_excitation",
                 condition=simulated,
-                output="screen",
             ),
-            Node(
-                package="via_controllers",
-                executable="excitation",
-                name=f"{name}_excitation",
-                parameters=[MOTION, {"device": joint}],
-                condition=simulated,
-                output="screen",
-            ),
-        ]
+        ]  # fmt: skip
     return started
 
 
@@ -72,11 +55,7 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument("methods", default_value="all", description="auto, all or names of estimators"),
             DeclareLaunchArgument("simulated", default_value="true", description="false: a robot is there"),
-            DeclareLaunchArgument(
-                "parameters",
-                default_value=PathJoinSubstitution([FindPackageShare("via_bringup"), "config", "arm.yaml"]),
-                description="parameter file of the bank",
-            ),
+            parameter_file("arm.yaml", "parameter file of the bank"),
             OpaqueFunction(function=nodes),
         ]
     )

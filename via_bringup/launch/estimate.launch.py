@@ -6,42 +6,15 @@ ros2 launch via_bringup estimate.launch.py device:=maccepavd bag:=/path/to/bag r
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PythonExpression
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-
-
-def text(name: str) -> ParameterValue:
-    """A launch argument as a text parameter, also where it looks like a number."""
-    return ParameterValue(LaunchConfiguration(name), value_type=str)
+from via_bringup.launching import node, playing, text
 
 
 def generate_launch_description() -> LaunchDescription:
-    playing = IfCondition(PythonExpression(["'", LaunchConfiguration("bag"), "' != ''"]))
     return LaunchDescription(
         [
             DeclareLaunchArgument("device", description="device name or path to its YAML"),
             DeclareLaunchArgument("method", default_value="auto", description="auto or a name of estimator"),
-            DeclareLaunchArgument("bag", default_value="", description="bag to play; empty: listen to the robot"),
-            DeclareLaunchArgument("rate", default_value="1.0", description="playing speed; 0: as fast as all keep up"),
-            Node(
-                package="via_estimators",
-                executable="estimator",
-                parameters=[{"device": text("device"), "method": text("method")}],
-                output="screen",
-            ),
-            Node(
-                package="via_ros",
-                executable="player",
-                parameters=[
-                    {
-                        "bag": text("bag"),
-                        "rate": ParameterValue(LaunchConfiguration("rate"), value_type=float),
-                    }
-                ],
-                condition=playing,
-                output="screen",
-            ),
+            *playing("; 0: as fast as all keep up"),
+            node("via_estimators", "estimator", {"device": text("device"), "method": text("method")}),
         ]
     )

@@ -5,53 +5,20 @@ ros2 launch via_bringup joint.launch.py device:=cubic_demo bag:=joint
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
-from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
-
-
-def text(name: str) -> ParameterValue:
-    """A launch argument as a text parameter, also where it looks like a number."""
-    return ParameterValue(LaunchConfiguration(name), value_type=str)
+from launch.substitutions import LaunchConfiguration
+from via_bringup.launching import node, simulation, text
 
 
 def generate_launch_description() -> LaunchDescription:
     file, device = LaunchConfiguration("parameters"), text("device")
-    recording = IfCondition(PythonExpression(["'", LaunchConfiguration("bag"), "' != ''"]))
+    simulated = {"device": device, "mode": text("mode"), "effects": text("effects")}
     return LaunchDescription(
         [
             DeclareLaunchArgument("device", default_value="cubic_demo", description="device or path to its YAML"),
-            DeclareLaunchArgument("mode", default_value="realtime", description="realtime, lockstep or free"),
             DeclareLaunchArgument("effects", default_value="", description="effects file the simulator adds"),
-            DeclareLaunchArgument("bag", default_value="", description="folder of the bag to record; empty: none"),
-            DeclareLaunchArgument(
-                "parameters",
-                default_value=PathJoinSubstitution([FindPackageShare("via_bringup"), "config", "joint.yaml"]),
-                description="parameter file of the nodes",
-            ),
-            Node(
-                package="via_sim",
-                executable="simulator",
-                parameters=[file, {"device": device, "mode": text("mode"), "effects": text("effects")}],
-                output="screen",
-            ),
-            Node(
-                package="via_controllers",
-                executable="excitation",
-                parameters=[file, {"device": device}],
-                output="screen",
-            ),
-            Node(
-                package="via_estimators", executable="estimator", parameters=[file, {"device": device}], output="screen"
-            ),
-            Node(
-                package="via_ros",
-                executable="recorder",
-                parameters=[{"bag": text("bag")}],
-                condition=recording,
-                output="screen",
-            ),
+            *simulation("joint.yaml"),
+            node("via_sim", "simulator", file, simulated),
+            node("via_controllers", "excitation", file, {"device": device}),
+            node("via_estimators", "estimator", file, {"device": device}),
         ]
     )

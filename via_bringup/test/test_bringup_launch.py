@@ -1,9 +1,15 @@
 """Launch and parameter files fit what they start: a stock Jazzy runs them, this machine at least reads them."""
 
-import ast
+from __future__ import annotations
+
 import re
+import runpy
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
 import yaml
@@ -26,6 +32,7 @@ from via_sim.nodes.simulator import SimulatorParameters
 PACKAGE = Path(__file__).resolve().parent.parent
 ROOT = PACKAGE.parent
 LAUNCH_FILES = sorted((PACKAGE / "launch").glob("*.launch.py"))
+SIMULATIONS = [file for file in LAUNCH_FILES if file.name.split(".")[0] not in ("arm", "estimate", "gap")]
 PARAMETERS = {
     "joint.yaml": {
         "simulator": SimulatorParameters,
@@ -51,17 +58,81 @@ OWN = {  # what executables take in launch files
 ROBOTS = {"hitting.launch.py", "hopper.launch.py"}  # these start one robot and no other
 
 
-def calls(file: Path, name: str) -> list[ast.Call]:
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    return [
-        node
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == name
-    ]
+class Part:
+    """Anything of `launch`, which is not on PyPI: keeps what it was made of."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        self.args, self.options = args, options
+
+    def parts(self) -> Iterator[Part]:
+        """This and all that it was made of."""
+        yield self
+        for each in _inside([self.args, self.options]):
+            yield from each.parts()
 
 
-def given(call: ast.Call, key: str) -> object:
-    return next(ast.literal_eval(each.value) for each in call.keywords if each.arg == key)
+def _inside(value: Any) -> Iterator[Part]:
+    if isinstance(value, Part):
+        yield value
+    elif isinstance(value, dict):
+        yield from _inside([*value, *value.values()])
+    elif isinstance(value, list | tuple):
+        for each in value:
+            yield from _inside(each)
+
+
+class Node(Part): ...
+
+
+class DeclareLaunchArgument(Part): ...
+
+
+class LaunchConfiguration(Part):
+    def perform(self, context: Context) -> str:
+        return context[self.args[0]]
+
+
+class OpaqueFunction(Part): ...
+
+
+class Context(dict[str, Any]):
+    """Values of arguments, and which were asked for."""
+
+    def __init__(self, declared: list[Part]) -> None:
+        super().__init__({each.args[0]: each.options.get("default_value") for each in declared})
+        self.asked: list[str] = []
+
+    def __getitem__(self, name: str) -> Any:
+        self.asked.append(name)
+        return super().__getitem__(name)
+
+
+@pytest.fixture
+def described(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], list[Part]]:
+    """Everything that a launch file describes, with the defaults of its arguments where it asks for them."""
+    own = (Node, DeclareLaunchArgument, LaunchConfiguration, OpaqueFunction)
+    for name in ("launch", "launch.actions", "launch.conditions", "launch.substitutions", "launch_ros",
+                 "launch_ros.actions", "launch_ros.parameter_descriptions", "launch_ros.substitutions"):  # fmt: skip
+        module = ModuleType(name)
+        module.__getattr__ = lambda _: Part  # type: ignore[method-assign]
+        vars(module).update({kind.__name__: kind for kind in own})
+        monkeypatch.setitem(sys.modules, name, module)
+    # Made of these, for this test alone.
+    monkeypatch.delitem(sys.modules, "via_bringup.launching", raising=False)
+
+    def describe(file: Path) -> list[Part]:
+        found = list(runpy.run_path(str(file))["generate_launch_description"]().parts())
+        context = Context(of(found, DeclareLaunchArgument))
+        for each in of(found, OpaqueFunction):
+            found += [part for made in each.options["function"](context) for part in made.parts()]
+        return [*found, *map(LaunchConfiguration, context.asked)]
+
+    yield describe
+    sys.modules.pop("via_bringup.launching", None)
+
+
+def of(parts: list[Part], kind: type[Part]) -> list[Part]:
+    return [each for each in parts if isinstance(each, kind)]
 
 
 def test_there_are_launch_files():
@@ -69,43 +140,54 @@ def test_there_are_launch_files():
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
-def test_every_node_is_an_installed_executable(file):
-    nodes = calls(file, "Node")
-    assert nodes
+def test_every_node_is_an_installed_executable(file, described):
+    nodes = of(described(file), Node)
+    assert len(nodes) > 1
     for node in nodes:
-        package, executable = given(node, "package"), given(node, "executable")
-        assert f'"{executable} = {package}.nodes.' in (ROOT / str(package) / "setup.py").read_text(encoding="utf-8")
+        package, executable = node.options["package"], node.options["executable"]
+        assert f'"{executable} = {package}.nodes.' in (ROOT / package / "setup.py").read_text(encoding="utf-8")
+        assert node.options["output"] == "screen"
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
-def test_every_parameter_is_one_that_its_node_has(file):
-    for node in calls(file, "Node"):
-        known = {item.name for item in fields(OWN[str(given(node, "executable"))])}
-        entries = next(each.value for each in node.keywords if each.arg == "parameters")
-        told = {
-            ast.literal_eval(key)
-            for each in ast.walk(entries)
-            if isinstance(each, ast.Dict)
-            for key in each.keys
-            if key
-        }
+def test_every_parameter_is_one_that_its_node_has(file, described):
+    for node in of(described(file), Node):
+        known = {item.name for item in fields(OWN[node.options["executable"]])}
+        told = {name for each in node.options["parameters"] if isinstance(each, dict) for name in each}
         assert told <= known
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
-def test_every_parameter_file_named_is_there(file):
-    named = set(re.findall(r'"(\w+\.yaml)"', file.read_text(encoding="utf-8")))
+def test_every_parameter_file_named_is_there(file, described):
+    named = {word for part in described(file) for word in re.findall(r"\w+\.yaml", str(part.args))}
     assert named <= {each.name for each in (PACKAGE / "config").iterdir()}
+    assert (
+        named
+        or "parameters" not in {part.args[0] for part in of(described(file), DeclareLaunchArgument)}
+        or (
+            file.name == "limit_cycle.launch.py"  # which is named after the law
+        )
+    )
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
-def test_every_configuration_is_declared_with_a_description(file):
-    declared = {ast.literal_eval(call.args[0]) for call in calls(file, "DeclareLaunchArgument")}
-    asked = [*calls(file, "LaunchConfiguration"), *calls(file, "text")]
-    used = {call.args[0].value for call in asked if isinstance(call.args[0], ast.Constant)}
-    assert used == declared
-    assert declared & {"device", "joints", "arm"} or file.name in ROBOTS
-    assert all(given(call, "description") for call in calls(file, "DeclareLaunchArgument"))
+def test_every_configuration_is_declared_with_a_description(file, described):
+    parts = described(file)
+    arguments = of(parts, DeclareLaunchArgument)
+    declared = [each.args[0] for each in arguments]
+    assert len(declared) == len(set(declared))
+    assert {each.args[0] for each in of(parts, LaunchConfiguration)} == set(declared)
+    assert {"device", "joints", "arm"} & set(declared) or file.name in ROBOTS
+    assert all(each.options["description"] for each in arguments)
+
+
+@pytest.mark.parametrize("file", SIMULATIONS, ids=lambda file: file.name)
+def test_a_bag_starts_a_recorder_and_nothing_else_does(file, described):
+    waiting = []
+    for node in of(described(file), Node):
+        asked = of(list(node.options.get("condition", Part()).parts()), LaunchConfiguration)
+        waiting += [node for each in asked if each.args == ("bag",)]
+    assert [node.options["executable"] for node in waiting] == ["recorder"]
 
 
 @pytest.mark.parametrize("file", PARAMETERS)
