@@ -21,6 +21,7 @@ MOTION = {
     "preset_mean": 0.4,  # [rad]
     "preset_amplitudes": [0.1],  # [rad]
     "preset_frequencies": [0.3],  # [Hz]
+    "fade_in": 0.5,  # [s] within half of the motors' speed
 }
 
 
