@@ -2,11 +2,11 @@
 
 Between events the right-hand side is smooth (torques.py), and most ticks of most runs have none. So a block of runs
 takes the same Krogstad step together, every operation a loop over lanes that the compiler turns into vector
-instructions: the link's angle of lane l stands in z[Z.start, l]. A lane in which an axis comes to a stop, breaks away
-or crosses a flank of its gap takes this tick again on its own (`kernel.advance_tick`), and so does one with terms that
-are not written out here (rare ones, lags, fractions of a tick of dead time, servos). Results differ from those of
-`kernel.run` by rounding only: sine and exponential are polynomials here, right to 1e-13, because a call of the
-library's would break the vector loop.
+instructions: the link's angle of lane l stands in z[Z.start, l]. A lane in which an axis comes to a stop, breaks away,
+crosses a flank of its gap, meets a wall or whose Maxwell element begins to slip takes this tick again on its own
+(`kernel.advance_tick`), and so does one with what is not written out here (lags, fractions of a tick of dead time,
+servos, encoders that read late). Results differ from those of `kernel.run` by rounding only: sine and exponential are
+polynomials here, right to 1e-13, because a call of the library's would break the vector loop.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from via_core.dampers import damper_value
 from via_core.signals import Array
-from via_core.springs import N_COEFFICIENTS, ODD_POLYNOMIAL
+from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.actuation import saturated
 from via_sim.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
@@ -34,7 +34,6 @@ from via_sim.torques import (
     N_MODES,
     NEIGHBOUR,
     QUEUED,
-    RARE,
     X,
     bare,
     compiled,
@@ -54,17 +53,25 @@ _ENOUGH = 1e300  # [N m] margin of what is not watched
 #   stages; MIDDLE 3: speeds; INPUT 3: torque on link, motor 1, motor 2; BESIDE 1: what of it is not a drive's;
 #   DAMP 1; FACTOR 2: of the springs; SIGN 3: direction of slip, 0 without friction; HELD 3: 1 where an axis stands;
 #   MARGIN 1: positive while the lane has kept its modes; FLANK 2; SPRING 2: torques; PHI, INSIDE, SLOPE, LOADED 1:
-#   scratch; WEIGHT 60 as of `weigh`; then what the parameter rows say.
+#   scratch; WEIGHT 60 as of `weigh`; BRISTLE 3, MAXWELL 2: torques held when the step began; SLIP 2: direction in
+#   which a Maxwell element slips, 0 where it sticks; TOUCH 1: 1 where the wall is; then what the parameter rows say
+#   (RISE, FALL, GROWTH of springs that grow exponentially; LEVEL, BEND of bristles, MOST, GIVE of Maxwell elements; RUB
+#   of spring dampers; WALL, PUSH, SOFTEN, SIDE, OPEN of the wall).
 _SIZES = {
     "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "middle": 3, "input": 3, "beside": 1, "damp": 1,
     "factor": 2, "sign": 3, "held": 3, "margin": 1, "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1,
-    "loaded": 1, "weight": 3 * PER_AXIS, "kinetic": 3, "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3,
-    "load": 3, "gravity": 1, "angle": 1, "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2,
-    "half": 2, "solid": 2,
+    "loaded": 1, "weight": 3 * PER_AXIS, "bristle": 3, "maxwell": 2, "slip": 2, "touch": 1, "kinetic": 3,
+    "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3, "gravity": 1, "angle": 1,
+    "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2, "half": 2,
+    "solid": 2, "rise": 2, "fall": 2, "growth": 2, "level": 3, "bend": 3, "most": 2, "give": 2, "drag": 3,
+    "ripple": 3, "order": 3, "phase": 3, "rub": 2, "wall": 1, "push": 1, "soften": 1, "side": 1, "open": 1,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
 _N_ROWS = sum(_SIZES.values())
+
+# Bits of what some lane of a block has and most joints lack; of the first four one for each axis or transmission.
+_BRISTLE, _DRAG, _RIPPLE, _MAXWELL, _RUB, _WALL = 0, 3, 6, 9, 11, 12
 
 
 @bare
@@ -88,7 +95,7 @@ def _sine(x: float) -> float:
 
 @bare
 def _decay(x: float) -> float:
-    """exp(-x) for x >= 0, without a branch: Taylor of exp(-x/1024), squared ten times."""
+    """exp(-x) for x > -30, without a branch: Taylor of exp(-x/1024), squared ten times."""
     y = -min(x, 700.0) * (1.0 / 1024.0)
     t = 1.0 + y * (1.0 / 11.0)
     t = 1.0 + y * (1.0 / 10.0) * t
@@ -128,6 +135,92 @@ def _add(z: Array, source: int, target: int, count: int) -> None:
 
 
 @bare
+def _bristle(z: Array, axis: int, lane: int) -> float:
+    """`torques.bristle_torque` at AT; an axis that stands keeps what it holds, one without a bristle has none."""
+    sign, held = z[Z.sign + axis, lane], z[Z.bristle + axis, lane]
+    end, travel = sign * z[Z.level + axis, lane], z[Z.at + axis, lane] - z[Z.start + axis, lane]
+    return end + (held - end) * _decay(max(sign * travel * z[Z.bend + axis, lane], -1.0))
+
+
+@bare
+def _maxwell(z: Array, i: int, lane: int) -> float:
+    """`torques.maxwell_torque` at AT."""
+    slip, motor = z[Z.slip + i, lane], 1 + i
+    travel = (z[Z.at, lane] - z[Z.at + motor, lane]) - (z[Z.start, lane] - z[Z.start + motor, lane])
+    stuck = z[Z.maxwell + i, lane] + z[Z.give + i, lane] * travel
+    return slip * z[Z.most + i, lane] + (1.0 - abs(slip)) * stuck
+
+
+@bare
+def _rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
+    """Terms of the bits `rare`, added to three rows from `out` on."""
+    for axis in range(axes):
+        here = axis
+        if rare >> (_DRAG + axis) & 1:
+            for lane in range(z.shape[1]):
+                v = z[Z.at + 3 + here, lane]
+                z[out + here, lane] -= z[Z.drag + here, lane] * v * abs(v)
+        if rare >> (_RIPPLE + axis) & 1:
+            for lane in range(z.shape[1]):
+                turned = z[Z.order + here, lane] * z[Z.at + here, lane] + z[Z.phase + here, lane]
+                z[out + here, lane] += z[Z.ripple + here, lane] * _sine(turned)
+        if rare >> (_BRISTLE + axis) & 1:
+            for lane in range(z.shape[1]):
+                z[out + here, lane] -= _bristle(z, here, lane)
+    for i in range(2):
+        motor, number = 1 + i, i
+        if rare >> (_MAXWELL + i) & 1:
+            for lane in range(z.shape[1]):
+                torque = _maxwell(z, number, lane)
+                z[out, lane] -= torque
+                z[out + motor, lane] += torque
+        if rare >> _RUB & 1:  # of the dampers only what couples; the diagonal part is in `weigh`
+            for lane in range(z.shape[1]):
+                rub = z[Z.rub + number, lane]
+                z[out, lane] += rub * z[Z.at + 3 + motor, lane]
+                z[out + motor, lane] += rub * z[Z.at + 3, lane]
+    if rare >> _WALL & 1:
+        for lane in range(z.shape[1]):
+            side, depth = z[Z.side, lane], z[Z.at, lane] - z[Z.wall, lane]
+            push = side * (z[Z.push, lane] * depth + z[Z.soften, lane] * z[Z.at + 3, lane])
+            z[out, lane] -= z[Z.touch, lane] * side * max(push, 0.0)
+
+
+@bare
+def _check_rare(z: Array, rare: int) -> None:
+    """MARGIN not positive where a Maxwell element begins or ceases to slip, or the wall is met or left."""
+    for i in range(2):
+        motor, number = 1 + i, i
+        if rare >> (_MAXWELL + i) & 1:
+            for lane in range(z.shape[1]):
+                slip, absent = z[Z.slip + number, lane], 1.0 if z[Z.most + number, lane] == 0.0 else 0.0
+                sliding = slip * (z[Z.at + 3, lane] - z[Z.at + 3 + motor, lane])
+                sticking = z[Z.most + number, lane] - abs(_maxwell(z, number, lane))
+                kept = abs(slip) * sliding + (1.0 - abs(slip)) * sticking + absent
+                z[Z.margin, lane] = min(z[Z.margin, lane], kept)
+    if rare >> _WALL & 1:
+        for lane in range(z.shape[1]):
+            depth = z[Z.side, lane] * (z[Z.at, lane] - z[Z.wall, lane])
+            z[Z.margin, lane] = min(z[Z.margin, lane], (2.0 * z[Z.touch, lane] - 1.0) * depth + z[Z.open, lane])
+
+
+@bare
+def _remember(z: Array, axes: int, rare: int) -> None:
+    """Elements with memory go along from START to AT, as `torques.remember`."""
+    for axis in range(axes):
+        here = axis
+        if rare >> (_BRISTLE + axis) & 1:
+            for lane in range(z.shape[1]):
+                z[Z.bristle + here, lane] = _bristle(z, here, lane)
+    for i in range(2):
+        number = i
+        if rare >> (_MAXWELL + i) & 1:
+            for lane in range(z.shape[1]):
+                most = z[Z.most + number, lane]
+                z[Z.maxwell + number, lane] = min(max(_maxwell(z, number, lane), -most), most)
+
+
+@bare
 def _springs(z: Array, rows: Array, first: int, terms: int) -> None:
     """Torque of each transmission at z's angles AT -> SPRING; `terms` of the polynomials are not zero."""
     p = rows[first]
@@ -135,7 +228,8 @@ def _springs(z: Array, rows: Array, first: int, terms: int) -> None:
         at, motor, spring, factor = Z.at, Z.at + (1 + i), Z.spring + i, Z.factor + i
         flank, half, stop = Z.flank + i, Z.half + i, Z.stop + i
         hardening, offset = Z.hardening + i, Z.offset + i
-        if int(p[P.spring_kind + i]) != ODD_POLYNOMIAL:
+        kind, rise, fall, growth = int(p[P.spring_kind + i]), Z.rise + i, Z.fall + i, Z.growth + i
+        if kind != ODD_POLYNOMIAL and kind != SINH and kind != EXPONENTIAL:
             for lane in range(z.shape[1]):
                 row = rows[min(first + lane, len(rows) - 1)]
                 start = P.spring + i * N_COEFFICIENTS
@@ -149,15 +243,24 @@ def _springs(z: Array, rows: Array, first: int, terms: int) -> None:
             z[Z.phi, lane] = phi
             z[Z.inside, lane] = min(max(phi, -z[stop, lane]), z[stop, lane])
             z[spring, lane] = z[Z.slope, lane] = 0.0
-        for k in range(terms - 1, -1, -1):
-            law, odd = Z.coefficient + (i * N_COEFFICIENTS + k), 2.0 * k + 1.0
+        if kind == ODD_POLYNOMIAL:
+            for k in range(terms - 1, -1, -1):
+                law, odd = Z.coefficient + (i * N_COEFFICIENTS + k), 2.0 * k + 1.0
+                for lane in range(z.shape[1]):
+                    square = z[Z.inside, lane] * z[Z.inside, lane]
+                    z[spring, lane] = z[spring, lane] * square + z[law, lane]
+                    z[Z.slope, lane] = z[Z.slope, lane] * square + odd * z[law, lane]
             for lane in range(z.shape[1]):
-                square = z[Z.inside, lane] * z[Z.inside, lane]
-                z[spring, lane] = z[spring, lane] * square + z[law, lane]
-                z[Z.slope, lane] = z[Z.slope, lane] * square + odd * z[law, lane]
+                z[spring, lane] *= z[Z.inside, lane]
+        else:
+            for lane in range(z.shape[1]):
+                grown = _decay(-z[growth, lane] * z[Z.inside, lane])
+                pulled, released = z[rise, lane] * grown, z[fall, lane] / grown
+                z[spring, lane] = pulled - released
+                z[Z.slope, lane] = z[growth, lane] * (pulled + released)
         for lane in range(z.shape[1]):
             phi, inside = z[Z.phi, lane], z[Z.inside, lane]
-            torque = z[spring, lane] * inside + max(z[Z.slope, lane], 0.0) * (phi - inside)
+            torque = z[spring, lane] + max(z[Z.slope, lane], 0.0) * (phi - inside)
             share = max(1.0 + z[hardening, lane] * phi * phi, 0.0)
             within = z[half, lane] > 0.0 and z[flank, lane] == 0.0
             z[spring, lane] = 0.0 if within else z[factor, lane] * share * torque
@@ -166,7 +269,7 @@ def _springs(z: Array, rows: Array, first: int, terms: int) -> None:
 @bare
 def _torques(
     z: Array, rows: Array, first: int, axes: int, out: int, terms: int, gravity: bool, friction: int, falls: bool,
-    holds: bool,
+    holds: bool, rare: int,
 ) -> None:  # fmt: skip
     """Torque on each axis but for its viscous friction, at angles and velocities AT -> three rows from `out` on."""
     p = rows[first]
@@ -187,6 +290,8 @@ def _torques(
         for lane in range(z.shape[1]):
             z[out, lane] -= z[Z.spring + i, lane]
             z[out + (1 + i), lane] += z[Z.spring + i, lane]
+    if rare != 0:
+        _rare_torques(z, axes, out, rare)
     for axis in range(axes):
         if not friction >> axis & 1:
             continue
@@ -256,28 +361,29 @@ def _check(z: Array, velocity: int, axes: int, friction: int, transmissions: int
 @bare
 def _step(
     z: Array, rows: Array, first: int, axes: int, terms: int, gravity: bool, friction: int, falls: bool, gaps: int,
-    holds: bool,
+    holds: bool, rare: int,
 ) -> None:  # fmt: skip
     """One Krogstad step of the block, as `kernel._step`: START moves on, MARGIN says which lanes may not.
 
-    axes: there are; friction: bit per axis; gaps: transmissions to watch; holds: whether any axis stands.
+    axes: there are; friction: bit per axis; gaps: transmissions to watch; holds: whether any axis stands; rare: bits of
+    terms that most joints lack.
     """
     _copy(z, Z.start, Z.at, 6)
-    _torques(z, rows, first, axes, Z.n, terms, gravity, friction, falls, holds)
+    _torques(z, rows, first, axes, Z.n, terms, gravity, friction, falls, holds, rare)
     for axis in range(axes):
         for lane in range(z.shape[1]):
             z[Z.a + axis, lane] = 0.0
     _stage(z, axes, 0, 4, Z.n, 8, Z.a)
     if friction != 0:
         _copy(z, Z.at + 3, Z.middle, axes)
-    _torques(z, rows, first, axes, Z.a, terms, gravity, friction, falls, holds)
+    _torques(z, rows, first, axes, Z.a, terms, gravity, friction, falls, holds, rare)
     _stage(z, axes, 0, 6, Z.n, 8, Z.a)
     if friction != 0:
         _add(z, Z.at + 3, Z.middle, axes)  # twice the speed at the midpoint
         _check(z, Z.middle, axes, friction, 0)
-    _torques(z, rows, first, axes, Z.b, terms, gravity, friction, falls, holds)
+    _torques(z, rows, first, axes, Z.b, terms, gravity, friction, falls, holds, rare)
     _stage(z, axes, 2, 10, Z.n, 12, Z.b)
-    _torques(z, rows, first, axes, Z.d, terms, gravity, friction, falls, holds)
+    _torques(z, rows, first, axes, Z.d, terms, gravity, friction, falls, holds, rare)
     _add(z, Z.b, Z.a, axes)
     _stage(z, axes, 2, 14, Z.n, 16, Z.a)
     for axis in range(axes):
@@ -287,7 +393,10 @@ def _step(
             z[Z.at + 3 + axis, lane] += z[w + 18, lane] * z[Z.d + axis, lane]
     _check(z, Z.at + 3, axes, friction, gaps)
     if holds:
-        _torques(z, rows, first, axes, Z.n, terms, gravity, friction, falls, holds)
+        _torques(z, rows, first, axes, Z.n, terms, gravity, friction, falls, holds, rare)
+    if rare != 0:
+        _check_rare(z, rare)
+        _remember(z, axes, rare)
     _copy(z, Z.at, Z.start, 6)
 
 
@@ -296,7 +405,7 @@ def _written_out(p: Array, modes: Array) -> bool:
     """Whether this file has all the terms that a prepared row asks for."""
     whole = floor(p[P.delay] / p[P.tick] + 1e-9)
     fraction = p[P.delay] - whole * p[P.tick] >= 1e-9 * p[P.tick]
-    known = modes[RARE] == 0 and modes[LAGS] == 0 and not fraction
+    known = modes[LAGS] == 0 and not fraction
     for axis in range(1, 3):
         known &= p[P.axis_kind + axis] <= DYNAMIC
     return known and p[P.skew] <= 0.0 and p[P.skew + 1] <= 0.0 and p[P.skew + 2] <= 0.0
@@ -316,6 +425,12 @@ def _enter(p: Array, z: Array, lane: int) -> None:
             p[P.viscous_asymmetry + axis],
         )
         z[Z.load + here, lane] = p[P.load_friction + axis]
+        level = max(p[P.bristle_torque + axis], 0.0)
+        z[Z.level + here, lane] = level
+        z[Z.bend + here, lane] = p[P.bristle_stiffness + axis] / level if level > 0.0 else 0.0
+        z[Z.drag + here, lane] = p[P.quadratic_drag + axis]
+        z[Z.ripple + here, lane], z[Z.order + here, lane] = p[P.ripple_amplitude + axis], p[P.ripple_order + axis]
+        z[Z.phase + here, lane] = p[P.ripple_phase + axis]
     z[Z.gravity, lane], z[Z.angle, lane] = p[P.gravity_torque], p[P.gravity_angle]
     for k in range(2 * N_COEFFICIENTS):
         z[Z.coefficient + k, lane] = p[P.spring + k]
@@ -325,6 +440,21 @@ def _enter(p: Array, z: Array, lane: int) -> None:
         z[Z.offset + here, lane] = p[P.pretension_offset + i] if p[P.serial] == 0.0 else 0.0
         z[Z.half + here, lane] = 0.5 * p[P.backlash + i]
         z[Z.solid + here, lane] = 0.0 if p[P.backlash + i] > 0.0 else inf
+        start, kind = P.spring + i * N_COEFFICIENTS, int(p[P.spring_kind + i])
+        if kind == SINH:
+            z[Z.rise + here, lane] = z[Z.fall + here, lane] = 0.5 * p[start]
+            z[Z.growth + here, lane] = p[start + 1]
+        elif kind == EXPONENTIAL:
+            z[Z.rise + here, lane], z[Z.fall + here, lane] = p[start], p[start + 1]
+            z[Z.growth + here, lane] = p[start + 2]
+        z[Z.most + here, lane] = max(p[P.hysteresis_torque + i], 0.0)
+        z[Z.give + here, lane] = p[P.hysteresis_stiffness + i] if p[P.hysteresis_torque + i] > 0.0 else 0.0
+        z[Z.rub + here, lane] = p[P.spring_damping + i]
+    there = p[P.contact_stiffness] > 0.0
+    z[Z.wall, lane], z[Z.side, lane] = p[P.contact_angle], p[P.contact_side]
+    z[Z.push, lane] = p[P.contact_stiffness] if there else 0.0
+    z[Z.soften, lane] = p[P.contact_damping] if there else 0.0
+    z[Z.open, lane] = 0.0 if there else inf
 
 
 @bare
@@ -390,10 +520,33 @@ def _place(p: Array, x: Array, z: Array, lane: int) -> bool:
             else:
                 sign = 1.0 if x[3 + axis] > 0.0 else -1.0
         z[Z.sign + axis, lane], z[Z.held + axis, lane] = sign, held
+        z[Z.bristle + axis, lane] = x[X.bristle + axis] if p[P.bristle_torque + axis] > 0.0 else 0.0
     for i in range(2):
         phi, half = deflection(p, i, x[0], x[1 + i]), 0.5 * p[P.backlash + i]
         z[Z.flank + i, lane] = 0.0 if half <= 0.0 or abs(phi) < half else (1.0 if phi > 0.0 else -1.0)
+        level = p[P.hysteresis_torque + i]
+        torque = x[X.hysteresis + i] if level > 0.0 else 0.0
+        slips = abs(torque) >= level > 0.0 and torque * (x[3] - x[4 + i]) > 0.0
+        z[Z.maxwell + i, lane] = torque
+        z[Z.slip + i, lane] = (1.0 if torque > 0.0 else -1.0) if slips else 0.0
+    depth = p[P.contact_side] * (x[0] - p[P.contact_angle])
+    touches = depth > 0.0 or (depth == 0.0 and p[P.contact_side] * x[3] > 0.0)
+    z[Z.touch, lane] = 1.0 if touches and p[P.contact_stiffness] > 0.0 else 0.0
     return stands
+
+
+@bare
+def _rare_bits(p: Array) -> int:
+    """Which terms a row has that most joints lack."""
+    bits = int(p[P.contact_stiffness] > 0.0) << _WALL
+    for axis in range(3):
+        bits |= int(p[P.bristle_torque + axis] > 0.0) << (_BRISTLE + axis)
+        bits |= int(p[P.quadratic_drag + axis] != 0.0) << (_DRAG + axis)
+        bits |= int(p[P.ripple_amplitude + axis] != 0.0) << (_RIPPLE + axis)
+    for i in range(2):
+        bits |= int(p[P.hysteresis_torque + i] > 0.0) << (_MAXWELL + i)
+        bits |= int(p[P.spring_damping + i] != 0.0) << _RUB
+    return bits
 
 
 @compiled
@@ -429,7 +582,7 @@ def _run_block(
     count, lead, ticks = min(LANES, len(rows) - first), rows[first], out.shape[1] - 1
     period, length = lead[P.tick], (states.shape[1] - X.queue) // QUEUED
     gravity = falls = False
-    friction = gaps = terms = together = axes = 0
+    friction = gaps = terms = together = axes = rare = 0
     z[:, :] = 0.0
     for lane in range(count):
         p, x = rows[first + lane], states[first + lane]
@@ -442,6 +595,7 @@ def _run_block(
         late[lane] = int(p[P.delay] / period + 1e-9)
         together += joins[lane]
         gravity |= p[P.gravity_torque] != 0.0
+        rare |= _rare_bits(p)
         for axis in range(3):
             if p[P.axis_kind + axis] != ABSENT:
                 axes = axis + 1
@@ -476,7 +630,7 @@ def _run_block(
                             z[Z.weight + k, lane] = own[k]
             if ready > 0:
                 for _ in range(steps):
-                    _step(z, rows, first, axes, terms, gravity, friction, falls, gaps, holds)
+                    _step(z, rows, first, axes, terms, gravity, friction, falls, gaps, holds, rare)
         for lane in range(count):
             p, x, motion = rows[first + lane], states[first + lane], out[first + lane, tick + 1]
             command, now = commands[begins[first + lane] + tick], number[lane] + tick
@@ -485,6 +639,11 @@ def _run_block(
                     record(x, modes[lane, EVERY])
                 for i in range(6):
                     x[i] = z[Z.start + i, lane]
+                if rare != 0:
+                    for i in range(3):
+                        x[X.bristle + i] = z[Z.bristle + i, lane]
+                    for i in range(2):
+                        x[X.hysteresis + i] = z[Z.maxwell + i, lane]
                 x[X.tick] += 1.0
                 if last:
                     _note(p, x, command, now % length, late[lane], z, lane)
