@@ -70,7 +70,7 @@ def _run_live(device: Device, bag: Path, duration: float, progress: Progress) ->
     answering = ("/joint_states", f"/{name}/stiffness", f"/{name}/motor", f"/{name}/truth/stiffness")
     with Composition() as graph:
         graph.add(EstimatorNode, device=name)
-        graph.add(ExcitationNode, device=name)
+        graph.add(ExcitationNode, device=name, told_every=100)  # nobody listens to what it tells
         recorder = graph.add(Recorder, bag=str(bag), topics=topics)
         simulator = graph.add(
             SimulatorNode,
