@@ -30,6 +30,7 @@ BATCH = 16  # starts that are simulated at once
 ROUNDS = 14
 SPARSE = 6  # two of so many neighbouring shots are enough to come near the device's own numbers
 LEAST_STEP = 0.003  # of the typical size of a parameter: a finite difference
+TURNS = 2  # at most, of the steps to the end of a fit
 FINE = 0.1  # of a step, where differences are central: what they leave out is then far below a tolerance
 SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
 DONE = 2e-3  # share of the loss: a step that gains less is the last with this Jacobian
@@ -376,7 +377,8 @@ def settled(problem: Problem, fit: Fit, scales: Scales) -> Fit:
 
     Without a torque on record all torques and inertias of a joint may grow together and nothing shows: only the
     tolerances of the device's numbers say how far. `refine` ends anywhere on such a line, and its one-sided differences
-    bend it, so that it seems well known. Central differences keep it straight; one step with them is nearly exact.
+    bend it, so that it seems well known. Central differences keep it straight; one step with them is nearly exact,
+    but from where a number of the device stands at the end of its tolerance.
     """
     axes = _Axes.of(problem, fit.places, scales)
     count, many = axes.count, len(axes.size)
@@ -387,19 +389,23 @@ def settled(problem: Problem, fit: Fit, scales: Scales) -> Fit:
     )
     (value,), (residual,) = axes.losses([at])
     low, high = axes.box
-    around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
-    ahead, behind = (axes.losses([*(at + np.diag(each - at))])[1] for each in around)
-    slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
-    known = np.isfinite(slopes[0]) & np.append(np.full(count, True), ~axes.times)
-    slopes[:, ~known] = 0.0
-    normal = slopes.T @ slopes
-    normal[:count, :count] += np.eye(count)
-    wanted = descend(normal, slopes.T @ (slopes @ at - residual), at, low, high)
-    for share in (1.0, 0.5, 0.25):
-        trial = at + share * (wanted - at)
-        (loss,), (moved,) = axes.losses([trial])
-        if loss < value:
-            at, value, residual = trial, float(loss), moved
+    for _ in range(TURNS):  # from an end of a tolerance differences are one-sided, and such a step only comes near
+        one_sided = bool(np.any(np.abs(at[:count]) >= BOUND))
+        around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
+        ahead, behind = (axes.losses([*(at + np.diag(each - at))])[1] for each in around)
+        slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
+        known = np.isfinite(slopes[0]) & np.append(np.full(count, True), ~axes.times)
+        slopes[:, ~known] = 0.0
+        normal = slopes.T @ slopes
+        normal[:count, :count] += np.eye(count)
+        wanted = descend(normal, slopes.T @ (slopes @ at - residual), at, low, high)
+        for share in (1.0, 0.5, 0.25):
+            trial = at + share * (wanted - at)
+            (loss,), (moved,) = axes.losses([trial])
+            if loss < value:
+                at, value, residual = trial, float(loss), moved
+                break
+        if not one_sided:
             break
     excess = max(float(value) / max(len(residual), 1), 1.0)
     spread = _spread(normal, axes.high - axes.low, count) * np.sqrt(excess)
