@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_bringup.control.arm_run import PERIOD
+from via_bringup.control.arm_run import PERIOD, Phase, run_arm
 from via_bringup.control.limit_cycle import ARM, LEVEL, CycleCourse, cycling, in_modes, law_of, start
 from via_bringup.control.limit_cycle import EQUILIBRIUM as REST
 from via_controllers.contract import ArmSample
 from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_core.errors import ParameterError
 from via_sim.arm import ArmState, arm_step
+from via_sim.contacts import Hand
 
 STILL, NO_SENSOR = np.zeros(4), np.full(4, np.nan)
 
@@ -58,23 +59,71 @@ def test_without_feed_forward_the_cycle_is_missed(monkeypatch):
     assert np.abs(course.H[course.late]).max() > 0.02
 
 
-def test_derivatives_of_the_reference_are_those_along_the_motion():
-    """Against the reference itself, followed along the simulated motion."""
-    law, h = law_of(0), 1e-4
+@pytest.mark.parametrize("direction", [0.0, -0.4])
+def test_derivatives_of_the_reference_are_those_along_the_motion(direction):
+    """Against the reference itself, followed along the simulated motion and the start's direction.
 
-    def seen(body):
-        return sample_of(body), law.cycle.at(law.cycle.init(body.q), body.q, body.velocity)
+    What the spread of 2 ms leaves of the start's third derivative is a matter of its own, hence a narrower one.
+    """
+    law, h = replace(law_of(0), spread=5e-4), 1e-4
+
+    def seen(body, direction):
+        return sample_of(body), law.cycle.at(law.cycle.init(body.q), body.q, body.velocity, direction)
 
     bodies = [start(law)]
     for _ in range(2):
         bodies.append(arm_step(ARM, bodies[-1], ARM.gravity(REST), STILL, h))
-    torques = [-seen(body)[1].torque for body in bodies]
-    sample, motion = seen(bodies[1])
+    rate = seen(bodies[1], direction)[1].turning
+    directions = [direction + rate * s for s in (-h, 0.0, h)]
+    torques = [-seen(body, each)[1].torque for body, each in zip(bodies, directions, strict=True)]
+    sample, motion = seen(bodies[1], direction)
+    assert (motion.push != 0.0) == (direction != 0.0) and rate != 0.0
     reference = law.reference(motion, sample, law.tracking.observed(sample))
     assert reference.torque == pytest.approx(torques[1])
     rate, second = (torques[2] - torques[0]) / (2 * h), (torques[2] - 2 * torques[1] + torques[0]) / h**2
     assert reference.rate == pytest.approx(rate, abs=2e-3 * np.abs(rate).max())
     assert reference.second == pytest.approx(second, abs=2e-3 * np.abs(second).max())
+
+
+def test_at_rest_it_starts_by_itself_and_within_limits():
+    """Within 10 % after one period and 2 % after a period and a half; noise does not turn the push."""
+    for mode, period in ((0, 0.586), (1, 0.472)):
+        course = cycling(law_of(mode), 1.6 * period, share=0.0, torque_noise=0.05 * mode)
+        H, s = course.quantity("H") / LEVEL, course.quantity("s")
+        assert course.saturated == 0.0 and H[0] == pytest.approx(0.0, abs=1e-12)
+        assert np.abs(H[round(period / PERIOD) :] - 1.0).max() < 0.1
+        assert np.abs(H[round(1.5 * period / PERIOD) :] - 1.0).max() < 0.02
+        ways = np.sign(s[s != 0.0])
+        assert np.count_nonzero(np.diff(ways)) <= 1 and not s[H >= 0.8].any() and np.all(np.diff(H[H < 0.8]) > -1e-4)
+        assert 0.45 < np.abs(s).max() / np.sqrt(2.0 * LEVEL) < 0.5
+
+
+def test_held_at_rest_and_released_it_starts():
+    """Number 3 where it is hardest, held at z = 0: the hand bears a steady force, and the cycle comes in time."""
+    law = law_of(0)
+    hand = Hand(ARM.tip_position(REST))
+    held = run_arm(ARM, law, start(law, 0.0), (Phase(0.5, (hand,)),), 4)
+    force = np.linalg.norm(held.force[-100:], axis=1)
+    assert force.min() > 10.0 and force.max() < 1.05 * force.min() and held.quantity("H")[-1] < 0.01 * LEVEL
+    H = run_arm(ARM, law, held.body, (Phase(1.1),), state=held.state).quantity("H") / LEVEL
+    assert np.abs(H[586:] - 1.0).max() < 0.1 and np.abs(H[879:] - 1.0).max() < 0.02
+
+
+def test_without_its_start_it_stays_at_rest_and_on_the_cycle_nothing_differs():
+    printed = law_of(0, start=0.0)
+    assert cycling(printed, 0.2, share=0.0).quantity("H").max() < 1e-20
+    theirs, ours = (cycling(law, 0.3, share=1.0) for law in (printed, law_of(0)))
+    assert np.array_equal(theirs.torque, ours.torque) and np.array_equal(theirs.told, ours.told)
+
+
+def test_a_direction_does_not_turn_further_than_samples_tell():
+    """After a pause the push goes on from where it was."""
+    law = law_of(0)
+    sample = sample_of(start(law))
+    state = law.init(sample)
+    short, long = (law.step(state, replace(sample, time=time))[0].motion for time in (0.01, 0.5))
+    assert short.direction == long.direction != 0.0
+    assert law.step(state, replace(sample, time=-1.0))[0].motion.direction == 0.0
 
 
 def test_blind_samples_are_answered_with_nothing():

@@ -1,5 +1,8 @@
 """A simulated arm of flexible joints that swings on one of its modes; push it, hold it, let it go.
 
+With modal_limit_cycle the arm begins to swing by itself as soon as the law is active, unless its `start` is 0; with
+bang_bang it stays at rest until it is pushed.
+
 ros2 launch via_bringup limit_cycle.launch.py
 ros2 launch via_bringup limit_cycle.launch.py law:=bang_bang mode:=lockstep bag:=swing
 

@@ -56,16 +56,19 @@ def test_torque_is_that_of_82_90_and_91(mode):
         assert_allclose([motion.H, motion.V], [H, 0.5 * (H - LEVEL) ** 2], rtol=1e-6)
 
 
-def test_h_changes_as_103_says():
-    law = cycle(0)
+@pytest.mark.parametrize(("direction", "level"), [(0.0, LEVEL), (0.7, 0.3), (-1.0, 0.3)])
+def test_h_changes_as_103_says_and_by_the_power_of_the_start(direction, level):
+    law = replace(cycle(0), level=level)
     for q, v in states(5):
-        motion = law.at(law.init(q), q, v)
+        motion = law.at(law.init(q), q, v, direction)
         h = 1e-5
         ahead, behind = (
             law.at(motion.basis, q + s * v + 0.5 * s * s * motion.acceleration, v + s * motion.acceleration).H
             for s in (h, -h)
         )
-        expected = -GAIN * (motion.H - LEVEL) * motion.z_velocity[0] ** 2
+        speed = motion.z_velocity[0]
+        assert (motion.push != 0.0) == (direction != 0.0 and 0.8 * level > motion.H)
+        expected = -GAIN * (motion.H - level) * speed**2 + motion.push * speed
         assert (ahead - behind) / (2.0 * h) == pytest.approx(expected, rel=1e-5, abs=1e-7)
 
 
@@ -119,11 +122,16 @@ def test_the_way_to_the_cycle_is_the_one_of_103_averaged():
     assert approach(least_share(0.9, gain, level, value, 0.7), gain, level, value, 0.7) == pytest.approx(0.9)
 
 
-def test_at_the_equilibrium_it_stays():
-    law = cycle(0)
-    motion = law.at(law.init(REST), REST, np.zeros(4))
-    assert motion.torque == pytest.approx(ARM.gravity(REST), abs=1e-12)
-    assert motion.H == 0.0 and motion.V == 0.5 * LEVEL**2
+def test_at_the_equilibrium_the_printed_law_stays_and_ours_does_not():
+    law = replace(cycle(0), start=0.0)
+    for direction in (0.0, 1.0):
+        motion = law.at(law.init(REST), REST, np.zeros(4), direction)
+        assert motion.torque == pytest.approx(ARM.gravity(REST), abs=1e-12)
+        assert motion.H == motion.push == 0.0 and motion.V == 0.5 * LEVEL**2
+    motion = cycle(0).at(law.init(REST), REST, np.zeros(4), -1.0)
+    basis = motion.basis
+    push = -0.5 * np.sqrt(2.0 * LEVEL) * basis.eigenvalues[0]
+    assert motion.torque == pytest.approx(ARM.gravity(REST) + ARM.inertia(REST) @ basis.W[:, 0] * push)
 
 
 def test_modes_are_named_at_the_equilibrium_and_followed_from_there():
@@ -144,6 +152,9 @@ def test_modes_are_named_at_the_equilibrium_and_followed_from_there():
         {"damping_ratio": 0.0},
         {"gain": -1.0},
         {"level": float("nan")},
+        {"start": -0.1},
+        {"start": 1.1},
+        {"start": float("nan")},
         {"equilibrium": [0.0, 0.0]},
         {"stiffness": np.diag([1.0, 1.0, 1.0, -1.0])},
         {"stiffness": K + np.triu(np.ones((4, 4)), 1)},

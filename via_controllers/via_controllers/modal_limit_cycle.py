@@ -13,23 +13,26 @@ about; this loop is closed by solving for the acceleration first, A_k = W^-1 dW/
 
     (I - W [A_1 z ... A_n z]) qdd = (Wdd z at qdd = 0) + 2 Wdot zd + W zdd,   tau = M qdd + C qd + g
 
-z = 0 is an equilibrium, if an unstable one: somebody must push. How long the way is follows from (103): over a cycle
-zd_k^2 is lambda_k H on average, so that with h = H / H_d
+z = 0 is an equilibrium, if an unstable one: somebody must push, or `self_start` does, which adds lambda_k s to u_k
+while H is well below H_d. How long the way is without follows from (103): over a cycle zd_k^2 is lambda_k H on average,
+so that with h = H / H_d
 
     hd = k_V lambda_k H_d h (1 - h),   1 / h(t) - 1 = (1 / h(0) - 1) exp(-k_V lambda_k H_d t)
-Source: the document's Section 6.1.
+Source: the document's Section 6.1; it has no `self_start`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp
+from functools import cached_property
+from math import exp, sqrt
 
 import numpy as np
 from numba import njit
 from via_core.signals import Array, locked
 from via_core.vsa_arms import VsaArm
 
+from via_controllers import self_start
 from via_controllers.contract import require
 from via_controllers.modal_transform import ModalBasis, basis_near, first_basis, next_basis, rates_along, second_along
 
@@ -48,6 +51,9 @@ class ModalMotion:
     V: float  # (104)
     acceleration: Array  # qdd (n,) [rad/s^2] that it brings about
     torque: Array  # (n,) [N m] on the links
+    direction: float  # p of `self_start` [-]
+    turning: float  # pd [1/s]
+    push: float  # s [sqrt(kg m^2) rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +67,7 @@ class ModalLimitCycle:
     damping_ratio: float  # xi > 0 of the other modes
     gain: float  # k_V > 0 [s/(kg m^2)]
     level: float  # H_d > 0 [kg m^2]: half the squared amplitude of z_k
+    start: float = self_start.START  # a of `self_start`, 0 to 1 [-]; 0: at rest at z = 0 it stays at rest
 
     def __post_init__(self) -> None:
         n = self.arm.n
@@ -75,6 +82,12 @@ class ModalLimitCycle:
         for name in ("damping_ratio", "gain", "level"):
             value = getattr(self, name)
             require(np.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
+        require(0.0 <= self.start <= 1.0, f"start must lie in 0 to 1, got {self.start}")
+
+    @cached_property
+    def amplitude(self) -> float:
+        """A [sqrt(kg m^2) rad] of z_k on the cycle."""
+        return sqrt(2.0 * self.level)
 
     def init(self, q: Array) -> ModalBasis:
         """The basis at `q` (n,) [rad], whose modes have the order that they have at the equilibrium."""
@@ -84,8 +97,12 @@ class ModalLimitCycle:
             basis = next_basis(basis, self.arm.inertia(self.equilibrium + share * way), self.stiffness)
         return basis
 
-    def at(self, near: ModalBasis, q: Array, velocity: Array) -> ModalMotion:
-        """What the law wants at `q`, `velocity` (n,) [rad, rad/s]; `near` is the basis of the instant before."""
+    def at(self, near: ModalBasis, q: Array, velocity: Array, direction: float = 0.0) -> ModalMotion:
+        """What the law wants at `q`, `velocity` (n,) [rad, rad/s].
+
+        near       the basis of the instant before
+        direction  p of `self_start` at this instant; it turns at the rate that is answered; 0: the law without it
+        """
         arm, k = self.arm, self.mode
         W, values, z, zd, rates, drift, loop = _modal(
             near.W, arm.inertia(q), self.stiffness, arm.inertia_slopes(q), arm.inertia_second(q, velocity),
@@ -94,10 +111,15 @@ class ModalLimitCycle:
         value, speed = float(values[k]), float(zd[k])
         H = 0.5 * (speed**2 / value + float(z[k]) ** 2)
         u = orbit_input(value, float(rates[k]), self.gain * (H - self.level), speed)
+        A, w = self.amplitude, sqrt(value)
+        s = A * self_start.push(self.start, direction, H / self.level)
+        if s != 0.0:
+            u += value * s
+        turning = self_start.turning(self.start, direction, float(z[k]) / A, speed / (w * A), w)
         acceleration = _accelerated(W, values, z, zd, drift, loop, k, self.damping_ratio, u)
         torque = arm.link_torque(q, velocity, acceleration)
         V = 0.5 * (H - self.level) ** 2
-        return ModalMotion(ModalBasis(W, values), z, zd, rates, H, V, acceleration, torque)
+        return ModalMotion(ModalBasis(W, values), z, zd, rates, H, V, acceleration, torque, direction, turning, s)
 
 
 def approach(share: float, gain: float, level: float, eigenvalue: float, time: float) -> float:

@@ -5,7 +5,8 @@ which also needs its derivatives by time. They are those of the law along the mo
 
     M qdd + C qd + g = -tau_e,   M qddd + (d/dt of the left side at constant qdd) = -tau_e',   q(t + s) to third order
 
-with tau_e and its rate measured; the law is evaluated `spread` before and after and differenced.
+with tau_e and its rate measured; the law is evaluated `spread` before and after and differenced, the direction of
+`self_start` turned with it.
 Source: the document's Section 6.1, (107), which leaves the derivatives to the reader.
 """
 
@@ -18,15 +19,25 @@ import numpy as np
 from numba import njit
 from via_core.signals import Array
 
+from via_controllers import self_start
 from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind, require
 from via_controllers.flexibility_torque import FlexibilityState, FlexibilityTorque, TorqueReference
 from via_controllers.modal_limit_cycle import ModalLimitCycle, ModalMotion
 
 ALONG = 1e-5  # [s] to either side: derivative of the links' equation along the motion
+LONGEST = 0.01  # [s] that a direction turns from one sample to the next, however late that is
+
+
+@dataclass(frozen=True)
+class Swing:
+    """What the law remembers: what it saw and wants, and when."""
+
+    motion: ModalMotion
+    time: float  # [s]
 
 
 @dataclass(frozen=True, eq=False)
-class VsaModalLimitCycle(ArmController[ModalMotion]):
+class VsaModalLimitCycle(ArmController[Swing]):
     """The law of this file. Raises ParameterError for a bandwidth or spread <= 0."""
 
     cycle: ModalLimitCycle
@@ -48,29 +59,36 @@ class VsaModalLimitCycle(ArmController[ModalMotion]):
         return (
             Quantity("H", "kg m^2"),
             Quantity("V", "kg^2 m^4"),
+            Quantity("s", "sqrt(kg m^2) rad"),
             *(Quantity(f"z_{mode}", "sqrt(kg m^2) rad") for mode in modes),
             *(Quantity(f"frequency_{mode}", "Hz") for mode in modes),
         )
 
-    def told(self, state: ModalMotion) -> Array:
-        return np.array([state.H, state.V, *state.z, *(np.sqrt(state.basis.eigenvalues) / (2.0 * np.pi))])
+    def told(self, state: Swing) -> Array:
+        seen = state.motion
+        return np.array([seen.H, seen.V, seen.push, *seen.z, *(np.sqrt(seen.basis.eigenvalues) / (2.0 * np.pi))])
 
-    def init(self, sample: ArmSample) -> ModalMotion:
-        return self.cycle.at(self.cycle.init(sample.q), sample.q, sample.q_velocity)
+    def init(self, sample: ArmSample) -> Swing:
+        return Swing(self.cycle.at(self.cycle.init(sample.q), sample.q, sample.q_velocity), sample.time)
 
-    def step(self, state: ModalMotion, sample: ArmSample) -> tuple[ModalMotion, Torques]:
+    def step(self, state: Swing, sample: ArmSample) -> tuple[Swing, Torques]:
         if blind(sample):
             return state, Torques(np.zeros(self.cycle.arm.n), False)
-        motion = self.cycle.at(state.basis, sample.q, sample.q_velocity)
+        before, passed = state.motion, min(max(sample.time - state.time, 0.0), LONGEST)
+        direction = self_start.turned(before.direction, before.turning, passed)
+        motion = self.cycle.at(before.basis, sample.q, sample.q_velocity, direction)
         seen = self.tracking.observed(sample)
-        return motion, self.tracking.torques(sample, seen, self.reference(motion, sample, seen))
+        torques = self.tracking.torques(sample, seen, self.reference(motion, sample, seen))
+        return Swing(motion, sample.time), torques
 
     def reference(self, motion: ModalMotion, sample: ArmSample, seen: FlexibilityState) -> TorqueReference:
         """tau_ed and its derivatives at the sample, where the law wants `motion`."""
         q, v, a, jerk = sample.q, sample.q_velocity, seen.acceleration, self.link_jerk(sample, seen)
         around = []
         for s in (-self.spread, self.spread):
-            around.append(-self.cycle.at(motion.basis, *_moved(q, v, a, jerk, s)).torque)
+            direction = self_start.turned(motion.direction, motion.turning, s)
+            there, speed = _moved(q, v, a, jerk, s)
+            around.append(-self.cycle.at(motion.basis, there, speed, direction).torque)
         behind, ahead = around
         rate, second = (ahead - behind) / (2.0 * self.spread), (ahead + 2.0 * motion.torque + behind) / self.spread**2
         return TorqueReference(-motion.torque, rate, second)

@@ -1,7 +1,8 @@
 """The modal limit cycle on flexible joints as one writes it with numpy alone: what the compiled law is compared with.
 
 Rigid bodies and springs are those of the arm; everything modal is numpy and scipy on small arrays. Same equations, same
-names of modes, same answer (`controllers` checks it); no crossing of eigenvalues is looked after.
+names of modes, same answer (`controllers` checks it); no crossing of eigenvalues is looked after, and it does not start
+by itself: it is asked on the cycle only.
 """
 
 from __future__ import annotations

@@ -48,7 +48,8 @@ def held_and_released(mode: int, phases: int, duration: float = 1.0, gain: float
     eigenvalue = float(steady.eigenvalue[-round(period / PERIOD) :].mean())
     for _ in range(phases):
         run = run_arm(arm, law, run.body, (Phase(period / phases),), state=run.state)
-        z, speed = run.state.z[mode], run.state.z_velocity[mode] / np.sqrt(run.state.basis.eigenvalues[mode])
+        seen = run.state.motion
+        z, speed = seen.z[mode], seen.z_velocity[mode] / np.sqrt(seen.basis.eigenvalues[mode])
         hand = Hand(arm.tip_position(run.body.q))
         held = run_arm(arm, law, run.body, (Phase(duration, (hand,)),), 4, run.state)
         after = in_modes(law, run_arm(arm, law, held.body, (Phase(AFTER),), state=held.state))

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from via_controllers.modal_limit_cycle import ModalLimitCycle, ModalMotion
-from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
+from via_controllers.modal_limit_cycle import ModalLimitCycle
+from via_controllers.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
 from via_controllers.modal_transform import ModalBasis, first_basis
+from via_controllers.self_start import START, turned
 from via_core.signals import Array
 from via_core.vsa_arms import load_vsa_arm
 from via_sim.arm import ArmState, loaded_state
@@ -22,9 +23,11 @@ PUSH = 0.5  # of the cycle's amplitude: where a run starts, at rest
 ALONG = 1e-5  # [s] to either side, over which the start's torque is differenced
 
 
-def law_of(mode: int, gain: float = GAIN, damping_ratio: float = DAMPING_RATIO) -> VsaModalLimitCycle:
-    """The law on mode k = `mode`, 0 the softest."""
-    cycle = ModalLimitCycle(ARM, EQUILIBRIUM, STIFFNESS, mode, damping_ratio, gain, LEVEL)
+def law_of(
+    mode: int, gain: float = GAIN, damping_ratio: float = DAMPING_RATIO, start: float = START
+) -> VsaModalLimitCycle:
+    """The law on mode k = `mode`, 0 the softest; `start` = 0: the document's, which waits for a push."""
+    cycle = ModalLimitCycle(ARM, EQUILIBRIUM, STIFFNESS, mode, damping_ratio, gain, LEVEL, start)
     return VsaModalLimitCycle(cycle, BANDWIDTH)
 
 
@@ -63,13 +66,13 @@ class CycleCourse:
 
 def cycling(
     law: VsaModalLimitCycle, duration: float, share: float = PUSH, torque_noise: float = 0.0, seed: int = 1
-) -> ArmRun[ModalMotion]:
+) -> ArmRun[Swing]:
     """The law on its arm from `start`, for `duration` [s]; the rest as for `run_arm`."""
     phases = (Phase(duration),)
     return run_arm(law.cycle.arm, law, start(law, share), phases, torque_noise=torque_noise, seed=seed)
 
 
-def in_modes(law: VsaModalLimitCycle, run: ArmRun[ModalMotion]) -> CycleCourse:
+def in_modes(law: VsaModalLimitCycle, run: ArmRun[Swing]) -> CycleCourse:
     """What the law told of a run."""
     k, level = law.cycle.mode, law.cycle.level
     z = np.stack([run.quantity(f"z_{i + 1}") for i in range(law.cycle.arm.n)], axis=1)
@@ -91,19 +94,21 @@ def rigid(cycle: ModalLimitCycle, duration: float, step: float = 2e-3, others: f
     z0 = np.full(n, others)
     z0[k] = 0.5 * np.sqrt(2.0 * cycle.level)
     q = cycle.equilibrium + first_basis(arm.inertia(cycle.equilibrium), cycle.stiffness).W @ z0
-    v, h, basis, seen = np.zeros(n), step, cycle.init(q), []
+    v, h, basis, direction, seen = np.zeros(n), step, cycle.init(q), 0.0, []
     for _ in range(round(duration / step)):
-        motion = cycle.at(basis, q, v)
-        basis = motion.basis
+        motion = cycle.at(basis, q, v, direction)
+        basis, rate = motion.basis, motion.turning
         seen.append(motion)
+        later = turned(direction, rate, 0.5 * h)
 
-        def pulled(q: Array, v: Array, near: ModalBasis = basis) -> Array:
-            return arm.link_acceleration(q, v, cycle.at(near, q, v).torque)
+        def pulled(q: Array, v: Array, direction: float = later, near: ModalBasis = basis) -> Array:
+            return arm.link_acceleration(q, v, cycle.at(near, q, v, direction).torque)
 
+        direction = turned(direction, rate, h)
         a1 = arm.link_acceleration(q, v, motion.torque)
         a2 = pulled(q + 0.5 * h * v, v + 0.5 * h * a1)
         a3 = pulled(q + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2)
-        a4 = pulled(q + h * v + 0.5 * h * h * a2, v + h * a3)
+        a4 = pulled(q + h * v + 0.5 * h * h * a2, v + h * a3, direction)
         q, v = q + h * v + h * h / 6.0 * (a1 + a2 + a3), v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
     z = np.array([motion.z for motion in seen])
     return CycleCourse(

@@ -20,8 +20,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from via_controllers.contract import ArmSample
 from via_controllers.flexibility_torque import FlexibilityTorque, TorqueReference
-from via_controllers.modal_limit_cycle import ModalMotion, approach, least_share
-from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
+from via_controllers.modal_limit_cycle import approach, least_share
+from via_controllers.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
 from via_controllers.modal_transform import first_basis, modal_rates, next_basis
 from via_core.signals import Array
 from via_core.springs import SinhSpring
@@ -281,7 +281,7 @@ def _on(arm: VsaArm, stiffness: Array, mode: int) -> VsaModalLimitCycle:
     return replace(law, cycle=replace(law.cycle, arm=arm, stiffness=stiffness))
 
 
-def _phase_plot(law: VsaModalLimitCycle, held: bool) -> tuple[ArmRun[ModalMotion], Array, Array]:
+def _phase_plot(law: VsaModalLimitCycle, held: bool) -> tuple[ArmRun[Swing], Array, Array]:
     """A run from a tenth of the amplitude, or one that begins on the cycle and is held; z and zd (N, n)."""
     arm = law.cycle.arm
     if held:

@@ -2,8 +2,10 @@
 
 ros2 run via_controllers modal_limit_cycle --ros-args -p arm:=reference_4dof -p mode:=1
 
-Topics and lifecycle: see `controller`. It tells H, V, the modal coordinates z and the modes' frequencies.
-At rest the arm stays at rest: push it.
+Topics and lifecycle: see `controller`. It tells H, V, the push s, the modal coordinates z and the modes' frequencies.
+Activated, the arm begins to swing by itself, and does so again when it is held and let go; who holds it bears no more
+than the springs do at the turning points of the cycle. With `start` 0 it waits at rest for a push. Deactivate it to
+stop it.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from via_controllers.modal_limit_cycle import ModalLimitCycle
 from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.nodes.controller import ControllerNode
 from via_controllers.nodes.equipment import ArmParameters, Equipment, equipped
+from via_controllers.self_start import START
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,14 @@ class ModalLimitCycleParameters(ArmParameters):
         default=0.02,
         metadata={"description": "H_d, half the squared amplitude of z", "unit": "kg m^2", "range": (1e-9, 1e3)},
     )
+    start: float = field(
+        default=START,
+        metadata={
+            "description": "how far the rest position is moved for a start, of the amplitude; 0: waits for a push",
+            "unit": "-",
+            "range": (0.0, 1.0),
+        },
+    )
     bandwidth: float = field(
         default=100.0,
         metadata={"description": "omega_tau of the springs' torques", "unit": "rad/s", "range": (1.0, 1e4)},
@@ -58,7 +69,7 @@ def equipment_of(parameters: ModalLimitCycleParameters) -> Equipment:
     for name, values in (("equilibrium", equilibrium), ("stiffness", stiffness)):
         if values.shape != (arm.n,):
             raise ParameterError(f"parameter {name} must hold {arm.n} numbers, got {values.tolist()}")
-    cycle = ModalLimitCycle(arm, equilibrium, np.diag(stiffness), p.mode - 1, p.damping_ratio, p.gain, p.level)
+    cycle = ModalLimitCycle(arm, equilibrium, np.diag(stiffness), p.mode - 1, p.damping_ratio, p.gain, p.level, p.start)
     return equipped(arm, VsaModalLimitCycle(cycle, p.bandwidth))
 
 
