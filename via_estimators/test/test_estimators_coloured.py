@@ -9,6 +9,7 @@ from via_estimators.qr import inverse_normal
 H, N = 30, 3
 R_COLOURS = coloured.colours(H, 5)
 KERNEL = window_weights(5, np.linspace(0.0, 1.0, H + 1))[0]
+WORK = coloured.scratch(N)
 
 
 def folded(rows, y, keep=1.0, taken=None):
@@ -18,13 +19,27 @@ def folded(rows, y, keep=1.0, taken=None):
     lagged = np.empty((3, H + 1))
     for k, row in enumerate(rows):
         slot = k % (H + 1)
-        coloured.forget(state, N, keep)
+        coloured.forget(state, N, keep, WORK)
         if taken is None or taken[k]:
-            coloured.lags(R_COLOURS, slot, keep, lagged)
-            coloured.take(state, N, slot, row.copy(), y[k], lagged)
+            coloured.lags(coloured.mirrored(R_COLOURS), slot, keep, lagged)
+            coloured.take(state, N, slot, row.copy(), y[k], lagged, WORK)
         else:
             coloured.skip(state, N, slot, H + 1)
     return state
+
+
+def covariance_of(state, r, first, second, floor, out):
+    """Noise found; the covariance of the unknowns into `out` (N, N), by one variance after the other."""
+    found = coloured.noise(state, N, r, first, second, floor, WORK)
+    coloured.blur(state, N, found, first, second, WORK)
+    unit = np.eye(N)
+    for i in range(N):
+        for j in range(N):
+            out[i, j] = 0.5 * coloured.variance(N, unit[i] + unit[j], WORK)
+    own = np.array([coloured.variance_of(N, j, WORK) for j in range(N)])
+    np.testing.assert_allclose(0.5 * np.diag(out), own, rtol=1e-12)
+    out -= 0.5 * (own[:, None] + own)
+    return found
 
 
 def slow_middle(rows, weights, r):
@@ -107,7 +122,7 @@ def test_reported_deviation_is_the_one_seen_and_the_naive_one_is_many_times_too_
     for seed in range(100):
         rows, y = noisy_problem(seed)
         state = folded(rows, y)
-        noises.append(coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, 0.0, covariance))
+        noises.append(covariance_of(state, R_COLOURS, 0.0, 0.0, 0.0, covariance))
         found.append(coloured.unknowns(state, N).copy())
         reported.append(np.sqrt(np.diag(covariance)))
         residual = y - rows @ found[-1]
@@ -126,9 +141,9 @@ def test_without_rows_the_prior_comes_back_and_nothing_runs_away():
     x = coloured.unknowns(state, N).copy()
     covariance, sizes = np.empty((N, N)), []
     for _ in range(5000):
-        coloured.forget(state, N, 0.99)
+        coloured.forget(state, N, 0.99, WORK)
         coloured.skip(state, N, 0, H + 1)
-        coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, 0.0, covariance)
+        covariance_of(state, R_COLOURS, 0.0, 0.0, 0.0, covariance)
         sizes.append(np.trace(covariance))
     np.testing.assert_allclose(coloured.unknowns(state, N), x)
     # x stays, so what noise has made of it stays too, beside the prior
@@ -141,19 +156,19 @@ def test_an_estimate_that_stands_still_keeps_the_noise_it_holds():
     state = folded(rows, y, keep=0.99)
     coloured.beliefs(state, N)[:] = 0.0
     before, after = np.empty((N, N)), np.empty((N, N))
-    coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, 1.0, before)
+    covariance_of(state, R_COLOURS, 0.0, 0.0, 1.0, before)
     for _ in range(2000):
-        coloured.forget(state, N, 0.99)
+        coloured.forget(state, N, 0.99, WORK)
         coloured.skip(state, N, 0, H + 1)
-    coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, 1.0, after)
+    covariance_of(state, R_COLOURS, 0.0, 0.0, 1.0, after)
     np.testing.assert_allclose(np.diag(after), np.diag(before), rtol=0.05)
 
 
 def test_noise_is_never_less_than_what_is_known_to_be_there():
     rows, y = noisy_problem(1, sigma=0.1)
     state, covariance, wider = folded(rows, y), np.empty((N, N)), np.empty((N, N))
-    assert coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, 0.0, covariance) < 0.05
-    assert coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, 4.0, wider) == 4.0
+    assert covariance_of(state, R_COLOURS, 0.0, 0.0, 0.0, covariance) < 0.05
+    assert covariance_of(state, R_COLOURS, 0.0, 0.0, 4.0, wider) == 4.0
     assert np.all(np.diag(wider) > 10.0 * np.diag(covariance))
 
 
@@ -172,7 +187,7 @@ def test_noise_is_found_by_the_residuals_degrees_of_freedom_even_when_windows_ar
     found, covariance = [], np.empty((N, N))
     for seed in range(150):
         rows, y = noisy_problem(seed, count=90, sigma=1.0)
-        found.append(coloured.covariance(folded(10.0 * rows, y), N, R_COLOURS, 0.0, 0.0, 0.0, covariance))
+        found.append(covariance_of(folded(10.0 * rows, y), R_COLOURS, 0.0, 0.0, 0.0, covariance))
     assert np.mean(found) == pytest.approx(1.0, rel=0.08)
 
 
@@ -182,8 +197,8 @@ def test_position_noise_that_is_declared_is_not_taken_for_torque_noise():
         rows, y = noisy_problem(seed)
         y = y + 0.02 * np.convolve(np.random.default_rng(1000 + seed).normal(size=len(y) + H), bend, "valid")
         state = folded(rows, y)
-        found.append(coloured.covariance(state, N, R_COLOURS, 0.0, 0.02**2, 0.0, covariance))
-        blind.append(coloured.covariance(state, N, R_COLOURS, 0.0, 0.0, 0.0, covariance))
+        found.append(covariance_of(state, R_COLOURS, 0.0, 0.02**2, 0.0, covariance))
+        blind.append(covariance_of(state, R_COLOURS, 0.0, 0.0, 0.0, covariance))
     assert np.mean(found) == pytest.approx(0.7**2, rel=0.25)
     assert np.mean(blind) > 2.0 * 0.7**2
 
@@ -200,7 +215,7 @@ def test_noise_is_carried_through_one_large_step_of_forgetting_as_through_many_s
     coloured.middles(state, n)[:] = roots @ roots.transpose(0, 2, 1)
     before = coloured.middles(state, n).copy()
     A = keep * np.eye(n) + (1.0 - keep) * np.linalg.inv(R.T @ R)
-    coloured.forget(state, n, keep)
+    coloured.forget(state, n, keep, coloured.scratch(n))
     after = coloured.middles(state, n)
     np.testing.assert_allclose(after, A @ before @ A, rtol=1e-10, atol=1e-12)
     assert np.linalg.eigvalsh(after).min() > -1e-12

@@ -58,6 +58,11 @@ def colours(intervals: int, order: int, memory: float = 0.0, first: int = 0) -> 
     return np.ascontiguousarray([row[intervals:] for row in rows])
 
 
+def mirrored(r: Array) -> Array:
+    """Autocorrelations r (3, L) by lag as (3, 2 L) by minus the lag, twice around: those of any ring are a piece."""
+    return np.ascontiguousarray(np.tile(np.roll(r[:, ::-1], 1, axis=1), 2))
+
+
 @njit(cache=True, error_model="numpy")
 def size(n: int, length: int) -> int:
     """Floats in the state of one equation with n unknowns and `length` samples per window."""
@@ -72,6 +77,12 @@ def start(state: Array, n: int) -> None:
     for j in range(n):
         state[HEAD + 4 * n + j * n + j] = 1.0
         state[HEAD + 3 * n + j] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def scratch(n: int) -> Array:
+    """Room (2 n + 3, n) for what follows, made once: an allocation per sample would cost as much as the sums in it."""
+    return np.empty((2 * n + COLOURS, n))
 
 
 @njit(cache=True, error_model="numpy")
@@ -115,15 +126,43 @@ def dot(a: Array, b: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def _fade(first: float, keep: float, out: Array) -> None:
+    """first keep^d into out (k,), d = 0 in its last place, one more in each before: eight abreast, not in a chain."""
+    last = out.size - 1
+    for d in range(min(8, out.size)):
+        out[last - d] = first
+        first *= keep
+    double = keep * keep
+    eight = double * double * double * double
+    for m in range(last - 8, -1, -1):
+        out[m] = eight * out[m + 8]
+
+
+@njit(cache=True, error_model="numpy")
 def lags(r: Array, slot: int, keep: float, out: Array) -> None:
-    """Autocorrelations r (3, L) by lag, forgotten once per lag, laid out by ring slot; lag 0, at `slot`, is halved."""
-    length = r.shape[1]
-    weight, at = 0.5, slot
-    for d in range(length):
-        for c in range(COLOURS):
-            out[c, at] = weight * r[c, d]
-        weight = keep if d == 0 else weight * keep
-        at = at - 1 if at > 0 else length - 1
+    """Autocorrelations, forgotten once per lag, laid out (3, L) by ring slot; lag 0, at `slot`, is halved.
+
+    r  (3, 2 L) as `mirrored` has them
+    """
+    length, weight = out.shape[1], out[0]
+    _fade(1.0, keep, weight[: slot + 1])
+    _fade(keep * weight[0], keep, weight[slot + 1 :])
+    weight[slot] = 0.5
+    for c in range(COLOURS - 1, -1, -1):
+        by_slot, into = r[c, length - slot : 2 * length - slot], out[c]
+        for at in range(length):
+            into[at] = weight[at] * by_slot[at]
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def _along(lagged: Array, past: Array) -> tuple[float, float, float]:
+    """Inner products of a ring of one regressor (L,) with the autocorrelations (3, L), in one pass."""
+    first = second = third = 0.0
+    for m in range(past.size):
+        first += lagged[0, m] * past[m]
+        second += lagged[1, m] * past[m]
+        third += lagged[2, m] * past[m]
+    return first, second, third
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
@@ -157,10 +196,12 @@ def _transport(R: Array, keep: float, M: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def forget(state: Array, n: int, keep: float) -> None:
+def forget(state: Array, n: int, keep: float, work: Array) -> None:
     """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it.
 
     Steps that forget next to nothing wait until it is worth the rotations (`qr.NEGLIGIBLE`).
+
+    work  `scratch`
     """
     keep *= state[PENDING]
     if keep > 1.0 - NEGLIGIBLE:
@@ -179,7 +220,8 @@ def forget(state: Array, n: int, keep: float) -> None:
     state[WEIGHT] *= keep
     state[MISFIT] *= keep
     state[SCATTER] *= keep
-    pull = np.zeros(n)
+    pull = work[0]
+    pull[:] = 0.0
     for j in range(n):
         pull[j] = leak
         state[MISFIT] += rotate_in(R, p, pull, leak * x[j], j) ** 2
@@ -196,20 +238,21 @@ def skip(state: Array, n: int, slot: int, length: int) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def take(state: Array, n: int, slot: int, row: Array, y: float, lagged: Array) -> None:
+def take(state: Array, n: int, slot: int, row: Array, y: float, lagged: Array, work: Array) -> None:
     """Take the equation row' x = y; `row` (n,) is overwritten.
 
     slot    position in the ring of rows, one further each step
     lagged  (3, L) what `lags` made of the autocorrelations
+    work    `scratch`
     """
     length = lagged.shape[1]
     x, p, R, M = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], factor(state, n), middles(state, n)
     past = state[HEAD + 4 * n + (1 + COLOURS) * n * n :].reshape(n, length)
     past[:, slot] = row
-    V = np.empty(n)
+    for j in range(n):
+        work[0, j], work[1, j], work[2, j] = _along(lagged, past[j])
     for c in range(COLOURS):
-        for j in range(n):
-            V[j] = dot(lagged[c], past[j])
+        V = work[c]
         for i in range(n):
             for j in range(n):
                 M[c, i, j] += row[i] * V[j] + V[i] * row[j]
@@ -221,40 +264,66 @@ def take(state: Array, n: int, slot: int, row: Array, y: float, lagged: Array) -
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def covariance(state: Array, n: int, r: Array, first: float, second: float, floor: float, out: Array) -> float:
-    """Covariance (n, n) of the unknowns x into `out`; returns the variance of the torque noise found.
+def noise(state: Array, n: int, r: Array, first: float, second: float, floor: float, work: Array) -> float:
+    """Variance of the torque noise found, in units of the declared one.
 
+    r              (3, L) or more, by lag: only lag 0 is looked at
     first, second  variance of position noise times its squared gain through psi' and psi''
     floor          variance of torque noise that is there in any case: where position noise through psi'' is most of
                    the residuals, they tell nothing of what comes in through psi
+    work           `scratch`; P = (R'R)^-1 is left in its first n rows
     """
-    R, M, believed = factor(state, n), middles(state, n), beliefs(state, n)
-    middle, P, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    inverse_normal(R, middle, P)
-    expected = np.empty(COLOURS)
+    M, P = middles(state, n), work[:n]
+    inverse_normal(factor(state, n), work[n : 2 * n], P)
+    residual = state[MISFIT] - state[SCATTER]
+    for j in range(n):
+        residual -= (state[HEAD + j] - state[HEAD + 2 * n + j]) ** 2
+    at_rest = 0.0
     for c in range(COLOURS):
         explained = 0.0
         for i in range(n):
             for j in range(n):
                 explained += P[i, j] * M[c, i, j]
-        expected[c] = max(state[WEIGHT] * r[c, 0] - explained, 0.0)
-    residual = state[MISFIT] - state[SCATTER]
-    for j in range(n):
-        residual -= (state[HEAD + j] - state[HEAD + 2 * n + j]) ** 2
-    unexplained = max(residual - first * expected[1] - second * expected[2], 0.0)
-    noise = max((PRIOR_WEIGHT + unexplained) / (PRIOR_WEIGHT + expected[0]), floor)
+        expected = max(state[WEIGHT] * r[c, 0] - explained, 0.0)
+        if c == 0:
+            at_rest = expected
+        else:
+            residual -= (first if c == 1 else second) * expected
+    return max((PRIOR_WEIGHT + max(residual, 0.0)) / (PRIOR_WEIGHT + at_rest), floor)
+
+
+@njit(cache=True, error_model="numpy")
+def blur(state: Array, n: int, torque: float, first: float, second: float, work: Array) -> None:
+    """Covariance (n, n) of the normal equations' right side, noise of three variances and the prior, into `work`.
+
+    work  as `noise` leaves it; what comes after P is overwritten
+    """
+    M, believed, middle = middles(state, n), beliefs(state, n), work[n : 2 * n]
     for i in range(n):
         for j in range(n):
-            middle[i, j] = noise * M[0, i, j] + first * M[1, i, j] + second * M[2, i, j]
+            middle[i, j] = torque * M[0, i, j] + first * M[1, i, j] + second * M[2, i, j]
         middle[i, i] += believed[i]  # the prior, and what has leaked since
-    half[:, :] = 0.0
-    out[:, :] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _within(M: Array, v: Array) -> float:
+    """v' M v of M (n, n), v (n,), at least 0."""
+    total = 0.0
+    for i in range(v.size):
+        total += v[i] * dot(M[i], v)
+    return max(total, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def variance_of(n: int, j: int, work: Array) -> float:
+    """Variance of the unknown x_j; `work` as `blur` leaves it."""
+    return float(_within(work[n : 2 * n], work[j]))
+
+
+@njit(cache=True, error_model="numpy")
+def variance(n: int, slope: Array, work: Array) -> float:
+    """Variance of slope' x, slope (n,); `work` as `blur` leaves it, but for its last row."""
+    through = work[2 * n]
     for i in range(n):
-        for k in range(n):
-            for j in range(n):
-                half[i, j] += P[i, k] * middle[k, j]
-    for i in range(n):
-        for k in range(n):
-            for j in range(n):
-                out[i, j] += half[i, k] * P[k, j]
-    return noise
+        through[i] = dot(work[i], slope)
+    return float(_within(work[n : 2 * n], through))

@@ -17,6 +17,7 @@ stamp does not increase are skipped, counted and marked BAD_SAMPLE, a gap restar
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from math import isfinite
 from typing import Any, NamedTuple, TypeVar
@@ -66,6 +67,9 @@ class Parameters:
 
 
 P = TypeVar("P", bound=Parameters)
+# A compiled kernel with its constants: of a state, which is overwritten, and N >= 1 rows (N, 1 + k), taken in order, it
+# makes answers (N, 2 + 2 k), time, status, values and deviations, and returns the last status.
+Kernel = Callable[[Array, Array, Array], int]
 
 
 class Estimate(NamedTuple):
@@ -144,11 +148,10 @@ class Estimator(ABC):
     def init(self) -> Array:
         """The state before the first sample, a locked flat array."""
 
+    @property
     @abstractmethod
-    def _advance(
-        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
-    ) -> None:
-        """The compiled kernel: `state` is overwritten, rows (N, 1 + k) are taken in order, the rest is filled."""
+    def _advance(self) -> Kernel:
+        """What takes samples, live and in replay."""
 
     @abstractmethod
     def condition(self, state: Array) -> float:
@@ -156,18 +159,20 @@ class Estimator(ABC):
 
     def step(self, state: Array, sample: ArrayLike) -> tuple[Array, Estimate]:
         """One sample (1 + k,), time first; the given state is left as it is."""
-        new, time, status, value, deviation = self._fold(state, np.array(sample, dtype=np.float64).reshape(1, -1))
+        new, out = self._fold(state, np.array(sample, dtype=np.float64).reshape(1, -1))
         new.setflags(write=False)
-        return new, Estimate(time.item(), STATUSES[status.item()], value[0], deviation[0])
+        row, k = out[0], len(self.outputs)
+        return new, Estimate(row.item(0), STATUSES[int(row[1])], row[2 : 2 + k], row[2 + k :])
 
     def run_rows(self, rows: ArrayLike, state: Array | None = None) -> tuple[Array, Estimates]:
         """Fold `step` over rows (N, 1 + k) from `state`, or from the start; returns the last state too."""
         start = self.init() if state is None else state
-        arrays = self._fold(start, np.array(rows, dtype=np.float64, order="C"))
-        for array in arrays:
+        new, out = self._fold(start, np.array(rows, dtype=np.float64, order="C"))
+        k = len(self.outputs)
+        parts = out[:, 0].copy(), out[:, 1].astype(np.uint8), out[:, 2 : 2 + k].copy(), out[:, 2 + k :].copy()
+        for array in (new, *parts):
             array.flags.writeable = False
-        new, time, status, value, deviation = arrays
-        return new, Estimates(time, status, value, deviation, self.outputs)
+        return new, Estimates(*parts, self.outputs)
 
     def run(self, signals: Signals) -> Estimates:
         """Fold `step` over signals."""
@@ -184,15 +189,15 @@ class Estimator(ABC):
             Status(int(state[window.STATUS])),
         )
 
-    def _fold(self, state: Array, rows: Array) -> tuple[Array, Array, np.ndarray, Array, Array]:
+    def _fold(self, state: Array, rows: Array) -> tuple[Array, Array]:
+        """State and answers (N, 2 + 2 k) after rows (N, 1 + k)."""
         # Rows come as copies: to the compiler a read-only or strided array is another type, worth another compilation.
         if rows.ndim != 2 or rows.shape[1] != 1 + len(self.inputs):
             raise SignalError(f"a sample has time and {', '.join(self.inputs)}; got an array of shape {rows.shape}")
-        count, k = len(rows), len(self.outputs)
-        new, time, status = state.copy(), np.empty(count), np.empty(count, dtype=np.uint8)
-        value, deviation = np.empty((count, k)), np.empty((count, k))
-        self._advance(new, rows, time, status, value, deviation)
-        return new, time, status, value, deviation
+        new, out = state.copy(), np.empty((len(rows), 2 + 2 * len(self.outputs)))
+        if len(rows):
+            self._advance(new, rows, out)
+        return new, out
 
 
 class Live:
@@ -204,10 +209,10 @@ class Live:
     def __init__(self, estimator: Estimator) -> None:
         self.estimator = estimator
         k = len(estimator.outputs)
-        self.numbers = np.zeros(2 * k)
+        self._out = np.zeros((1, 2 + 2 * k))
+        self.numbers = self._out[0, 2:]
         self.value, self.standard_deviation = self.numbers[:k], self.numbers[k:]
-        self._time, self._status = np.zeros(1), np.zeros(1, dtype=np.uint8)
-        self._into = (self._time, self._status, self.value.reshape(1, k), self.standard_deviation.reshape(1, k))
+        self._advance = estimator._advance
         self.restart()
 
     def restart(self) -> None:
@@ -216,8 +221,7 @@ class Live:
 
     def take(self, row: Array) -> int:
         """The status after one more sample, row (1, 1 + k): writable and contiguous, as kernels are compiled for."""
-        self.estimator._advance(self._state, row, *self._into)
-        return int(self._status[0])
+        return self._advance(self._state, row, self._out)
 
     def health(self) -> Health:
         """Counters and excitation."""

@@ -12,7 +12,7 @@ that a damping commanded meanwhile is found at once, and the reported deviation 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import sqrt
 
 import numpy as np
@@ -21,7 +21,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 
 from via_estimators import damping_equation, directional_forgetting, window
-from via_estimators.contract import Estimator, Parameters, expect, parameter
+from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.damping_equation import DampingParameters, known_of
 
 OWN = damping_equation.N_OWN
@@ -93,11 +93,9 @@ class DampingDirectional(Estimator):
         found = np.linalg.svd(R, compute_uv=False)
         return float(found[0] / max(found[-1], 1e-16 * found[0], 1e-300))
 
-    def _advance(
-        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
-    ) -> None:
-        constants, kernel = self._constants
-        _advance(constants, kernel, state, rows, time, status, value, deviation)
+    @cached_property
+    def _advance(self) -> Kernel:
+        return partial(_advance, *self._constants)
 
 
 @njit(cache=True, error_model="numpy")
@@ -107,13 +105,10 @@ def _factor(state: Array, n: int) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(
-    par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
-) -> None:
+def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int:
     n, length = int(par[damping_equation.TERMS]) + 1, int(par[damping_equation.LENGTH])
     R, w, count = _factor(state, n), damping_equation.coefficients(state, n), damping_equation.counters(state)
     energy = state[state.size - n * n - 1 : state.size - n * n]
-    now = state[window.HEADER : window.HEADER + 2]
     psi, held, lagged = np.empty((3, length)), np.empty(length), np.empty(length)
     v, gain, slope, spare = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
     for k in range(rows.shape[0]):
@@ -135,6 +130,5 @@ def _advance(
             spare[:, :] = 0.0
             directional_forgetting.grow(R, par[CORRECTION], par[damping_equation.LIMIT], spare[0], spare[1])
             damping_equation.rest(par, state)
-        time[k] = state[window.LAST]
-        status[k] = damping_equation.tell(par, r[0], state, made, slope)
-        value[k, 0], deviation[k, 0] = now[0], now[1]
+        window.answer(state, damping_equation.tell(par, r[0], state, made, slope), out[k])
+    return int(out[-1, 1])

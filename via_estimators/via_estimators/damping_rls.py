@@ -11,7 +11,7 @@ The stability factor c of (73) is no cure for poor excitation: it equals P(0) ->
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numba import njit
@@ -19,7 +19,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 
 from via_estimators import damping_equation, rls, window
-from via_estimators.contract import Estimator, Parameters, expect, parameter
+from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.damping_equation import DampingParameters, known_of
 
 STABILITY, FORGETTING = damping_equation.N_OWN, damping_equation.N_OWN + 1
@@ -78,11 +78,9 @@ class DampingRLS(Estimator):
         found = np.linalg.eigvalsh(_covariance(state, self.parameters.terms + 1)[:live, :live])
         return float(np.sqrt(found[-1] / max(found[0], 1e-32 * found[-1], 1e-300)))
 
-    def _advance(
-        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
-    ) -> None:
-        constants, kernel = self._constants
-        _advance(constants, kernel, state, rows, time, status, value, deviation)
+    @cached_property
+    def _advance(self) -> Kernel:
+        return partial(_advance, *self._constants)
 
 
 @njit(cache=True, error_model="numpy")
@@ -92,12 +90,9 @@ def _covariance(state: Array, n: int) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(
-    par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
-) -> None:
+def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int:
     n, length = int(par[damping_equation.TERMS]) + 1, int(par[damping_equation.LENGTH])
     P, w, count = _covariance(state, n), damping_equation.coefficients(state, n), damping_equation.counters(state)
-    now = state[window.HEADER : window.HEADER + 2]
     psi, held, lagged = np.empty((3, length)), np.empty(length), np.empty(length)
     v, gain, slope, spare = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
     for k in range(rows.shape[0]):
@@ -109,6 +104,5 @@ def _advance(
             damping_equation.follow(par, r, state, error, gain, v, lagged, spare)
         elif made != damping_equation.BAD:
             damping_equation.rest(par, state)
-        time[k] = state[window.LAST]
-        status[k] = damping_equation.tell(par, r[0], state, made, slope)
-        value[k, 0], deviation[k, 0] = now[0], now[1]
+        window.answer(state, damping_equation.tell(par, r[0], state, made, slope), out[k])
+    return int(out[-1, 1])

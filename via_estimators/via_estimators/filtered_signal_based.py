@@ -25,7 +25,7 @@ drift of the law, and the pull towards 0 that errors in regressors exert.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import cos, exp, sin, sqrt
 
 import numpy as np
@@ -39,7 +39,7 @@ from via_estimators import integral, window
 from via_estimators import kinematic_kalman as kalman
 from via_estimators.basis import BASES, MOST_TERMS, fill_basis
 from via_estimators.coloured import dot
-from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
+from via_estimators.contract import Estimator, Kernel, Parameters, choice, expect, parameter
 from via_estimators.savitzky_golay import savitzky_golay
 from via_estimators.signal_based import (
     BEYOND,
@@ -201,10 +201,9 @@ class FilteredSignalBased(Estimator):
         end = len(state) - (own.transmissions - 1 - i) * (N_KEPT + own.terms + cut + N_ROUGH + size)
         return state[end - size : end]
 
-    def _advance(
-        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
-    ) -> None:
-        _advance(*self._constants, state, rows, time, status, value, deviation)
+    @cached_property
+    def _advance(self) -> Kernel:
+        return partial(_advance, *self._constants)
 
 
 def colour(share: float) -> Array:
@@ -237,10 +236,7 @@ def _swing(phi: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(
-    par: Array, kinematic: Array, weights: Array, shade: Array, state: Array, rows: Array, time: Array, status: Array,
-    value: Array, deviation: Array,
-) -> None:  # fmt: skip
+def _advance(par: Array, kinematic: Array, weights: Array, shade: Array, state: Array, rows: Array, out: Array) -> int:
     length, m, terms = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[TERMS])
     kind, n, outputs, half = int(par[KIND]), terms + 3, 1 + 3 * m, length // 2
     functions = terms + cut_off(kind)
@@ -265,9 +261,8 @@ def _advance(
         for i in range(m):
             absurd = absurd or abs(rows[k, 1] - rows[k, 2 + 2 * i]) > BEYOND * scale
         entered = window.refuse(state) if absurd else window.admit(state, times, rows[k], 2 + 2 * m, BACK * interval)
-        time[k] = state[window.LAST]
         if entered == window.SKIPPED:
-            status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
+            window.answer(state, BAD_SAMPLE, out[k])
             continue
         elapsed = max(rows[k, 0] - before, 0.0) if state[window.SAMPLES] > 1.0 else 0.0
         if entered == window.TAKEN and not EARLIEST * interval <= elapsed <= LATEST * interval:
@@ -343,4 +338,5 @@ def _advance(
                 worst = OUTSIDE_RANGE
         now[0], spread[0] = total, sqrt(max(doubt, 0.0))
         state[window.MOTION], state[window.STATUS] = motion, worst
-        status[k], value[k], deviation[k] = worst, now, spread
+        window.answer(state, worst, out[k])
+    return int(out[-1, 1])

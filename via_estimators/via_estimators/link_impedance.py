@@ -23,7 +23,7 @@ What is left unexplained is no white noise: it is taken as torque with a correla
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import exp, sin, sqrt
 
 import numpy as np
@@ -36,7 +36,7 @@ from via_core.springs import N_COEFFICIENTS, SpringLaw, spring_stiffness, spring
 from via_core.status import Status
 
 from via_estimators import coloured, window
-from via_estimators.contract import Estimator, Parameters, expect, parameter
+from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 
 MODULATING_ORDER = 5
 SPAN = 0.1  # [s] of a window: a fifth of a swing of the robots this is for
@@ -134,7 +134,7 @@ class LinkImpedance(Estimator):
         row[PRIOR:LAW] = own.damping_prior, 1.0, own.damping_deviation, own.gain_deviation
         row[LAW:] = self.law.coefficients()
         memory = min(own.disturbance_memory / own.sampling, own.window / 3)
-        return row, coloured.colours(own.window, MODULATING_ORDER, memory)
+        return row, coloured.mirrored(coloured.colours(own.window, MODULATING_ORDER, memory))
 
     @cached_property
     def _typical(self) -> float:
@@ -161,11 +161,9 @@ class LinkImpedance(Estimator):
             np.linalg.cond(coloured.factor(state[len(state) - coloured.size(2, self.parameters.window + 1) :], 2))
         )
 
-    def _advance(
-        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
-    ) -> None:
-        constants, kernels = self._constants
-        _advance(constants, kernels, state, rows, time, status, value, deviation)
+    @cached_property
+    def _advance(self) -> Kernel:
+        return partial(_advance, *self._constants)
 
 
 @njit(cache=True, error_model="numpy")
@@ -184,9 +182,7 @@ def _follow(par: Array, servo: Array, times: Array, commands: Array, newest: int
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(
-    par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
-) -> None:
+def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int:
     length, k_out, n = int(par[LENGTH]), len(OUTPUTS), 2
     noise, blur, M, kind, law = par[TORQUE_NOISE], par[POSITION_NOISE], par[INERTIA], int(par[KIND]), par[LAW:]
     mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
@@ -201,13 +197,12 @@ def _advance(
     equation = state[at + length * COLUMNS :]
     x = coloured.unknowns(equation, n)
     psi, lagged, held = np.empty((3, length)), np.empty((3, length)), np.empty(length)
-    row, P, found, half = np.empty(n), np.empty((n, n)), np.empty(n), np.empty(n)
+    row, found, half, work = np.empty(n), np.empty(n), np.empty(n), coloured.scratch(n)
     for k in range(rows.shape[0]):
         before, first = state[window.LAST], state[window.SAMPLES] == 0.0
         entered = window.admit(state, times, rows[k], 2, par[MAX_GAP])
-        time[k] = state[window.LAST]
         if entered == window.SKIPPED:
-            status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
+            window.answer(state, BAD_SAMPLE, out[k])
             continue
         slot, q, command, preset = int(state[window.SLOT]), rows[k, 1], rows[k, 3], rows[k, 4]
         step = rows[k, 0] - before
@@ -230,7 +225,7 @@ def _advance(
             coloured.forget_rows(equation, n)
         # Time in a gap, or until a window is full, counts like any other.
         keep = 1.0 if first else exp(-max(step, 0.0) / par[MEMORY])
-        coloured.forget(equation, n, keep)
+        coloured.forget(equation, n, keep, work)
         full, span, moved, moving = state[window.FILLED] == length, 1.0, 0.0, False
         if full:
             span = window.weigh(MODULATING_ORDER, times, slot, psi, held)
@@ -243,7 +238,7 @@ def _advance(
                 for j in range(n):
                     y -= row[j] * mean[j]
                     row[j] *= width[j] / noise
-                coloured.take(equation, n, slot, row, y / noise, lagged)
+                coloured.take(equation, n, slot, row, y / noise, lagged, work)
                 servo[REACHED] = max(servo[REACHED], abs(phi))
             else:
                 coloured.skip(equation, n, slot, length)
@@ -254,9 +249,11 @@ def _advance(
             for j in range(n):
                 found[j] = mean[j] + width[j] * x[j]
             gain = (blur / noise) ** 2
-            coloured.covariance(equation, n, r, gain * (found[0] / span) ** 2, gain * (M / span**2) ** 2, 0.0, P)
+            first_order, second_order = gain * (found[0] / span) ** 2, gain * (M / span**2) ** 2
+            torque = coloured.noise(equation, n, r, first_order, second_order, 0.0, work)
+            coloured.blur(equation, n, torque, first_order, second_order, work)
             for j in range(n):
-                half[j] = sqrt(width[j] ** 2 * max(P[j, j], 0.0) + (par[TOLERANCE] * found[j]) ** 2)
+                half[j] = sqrt(width[j] ** 2 * coloured.variance_of(n, j, work) + (par[TOLERANCE] * found[j]) ** 2)
         stiffness = spring_stiffness(kind, law, phi, servo[PRESET])
         # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
         floor = 0.0 if warming or moving else 1.0
@@ -271,4 +268,5 @@ def _advance(
         elif abs(phi) > 1.02 * servo[REACHED]:
             answer = OUTSIDE_RANGE
         state[window.MOTION], state[window.STATUS] = moved, answer
-        status[k], value[k], deviation[k] = answer, now, spread
+        window.answer(state, answer, out[k])
+    return int(out[-1, 1])

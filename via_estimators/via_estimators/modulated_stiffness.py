@@ -33,7 +33,7 @@ order N. `modulated_torque` finds B and D itself, tells what its basis cuts off,
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import exp, factorial, sqrt
 
 import numpy as np
@@ -44,7 +44,7 @@ from via_core.status import Status
 from via_core.weak_form import fill_third, fill_weights
 
 from via_estimators import coloured, transmissions, window
-from via_estimators.contract import Estimator, Parameters, expect, parameter
+from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.qr import solve_transposed, solve_triangular
 
 BEYOND = 100.0  # [rad] deflections larger than that are no deflections
@@ -133,14 +133,14 @@ class ModulatedStiffness(Estimator):
 
     @cached_property
     def _constants(self) -> tuple[Array, Array]:
-        """Parameter row of the kernel and noise colours (3, L); not locked, which would be another type to compile."""
+        """Parameter row of the kernel, noise colours (3, 2 L) by slot; not locked, which would be another type."""
         own = self.parameters
         row = np.array([
             own.window + 1, own.transmissions, self._terms, own.modulating_order, own.memory, own.max_gap,
             self._width, own.stiffness_deviation, own.torque_noise, own.position_noise, own.minimum_motion,
             own.range_margin, own.motor_inertia_1, own.motor_damping_1, own.motor_inertia_2, own.motor_damping_2,
         ])  # fmt: skip
-        return row, coloured.colours(own.window, own.modulating_order, first=1)
+        return row, coloured.mirrored(coloured.colours(own.window, own.modulating_order, first=1))
 
     def init(self) -> Array:
         own = self.parameters
@@ -171,11 +171,9 @@ class ModulatedStiffness(Estimator):
         start = len(state) - m * each
         return [state[start + i * each + N_VISITED : start + (i + 1) * each] for i in range(m)]
 
-    def _advance(
-        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
-    ) -> None:
-        constants, kernels = self._constants
-        _advance(constants, kernels, state, rows, time, status, value, deviation)
+    @cached_property
+    def _advance(self) -> Kernel:
+        return partial(_advance, *self._constants)
 
 
 @njit(cache=True, error_model="numpy")
@@ -194,15 +192,18 @@ def hold_slope(times: Array, newest: int, weights: Array, held: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _uncertainty(equation: Array, n: int, noise: float, first: float, second: float, slope: Array, T: Array) -> float:
+def _uncertainty(
+    equation: Array, n: int, noise: float, first: float, second: float, slope: Array, work: Array
+) -> float:
     """Expected square of the error of slope' x, slope (n,): where P(0) holds x apart from what is believed, and noise.
 
-    noise, first, second  variances of the three colours, as `coloured.covariance` has and takes them
-    T                     (n, n) overwritten
+    noise, first, second  variances of the three colours, as `coloured.noise` has and takes them
+    work                  `coloured.scratch`, overwritten
 
     In units of what is believed, where C^-1 = sqrt(b) (R'R - 1) sqrt(b) + 1 has no pivot below 1, b = beliefs.
     """
     R, M, b = coloured.factor(equation, n), coloured.middles(equation, n), coloured.beliefs(equation, n)
+    T, weights = work[:n], work[n]
     x, pulled = coloured.unknowns(equation, n), equation[coloured.HEAD + 2 * n : coloured.HEAD + 3 * n]
     for i in range(n):  # T' T = C^-1
         for j in range(i, n):
@@ -213,7 +214,6 @@ def _uncertainty(equation: Array, n: int, noise: float, first: float, second: fl
             for k in range(i):
                 total -= T[k, i] * T[k, j]
             T[i, j] = sqrt(max(total, 1.0)) if i == j else total / T[i, i]
-    weights = np.empty(n)
     for i in range(n):
         weights[i] = sqrt(b[i]) * slope[i]
     solve_transposed(T, weights, weights)
@@ -230,9 +230,7 @@ def _uncertainty(equation: Array, n: int, noise: float, first: float, second: fl
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(
-    par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
-) -> None:
+def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int:
     length, m, n, order = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[TERMS]), int(par[ORDER])
     width, noise, blur = par[WIDTH], par[TORQUE_NOISE], par[POSITION_NOISE]
     at = window.HEADER
@@ -245,13 +243,13 @@ def _advance(
     at += length * columns
     each = N_VISITED + coloured.size(n, length)
     psi, lagged, held = np.empty((4, length)), np.empty((3, length)), np.empty(length)
-    row, slope, P, powers = np.empty(n), np.empty(n), np.empty((n, n)), np.ones((m, n + 1))  # powers: phi^j / j!
+    row, slope, work = np.empty(n), np.empty(n), coloured.scratch(n)
+    powers = np.ones((m, n + 1))  # phi^j / j!
     for k in range(rows.shape[0]):
         before = state[window.LAST]
         entered = transmissions.enter(state, times, rows[k], m, BEYOND, par[MAX_GAP])
-        time[k] = state[window.LAST]
         if entered == window.SKIPPED:
-            status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
+            window.answer(state, BAD_SAMPLE, out[k])
             continue
         slot, q = int(state[window.SLOT]), rows[k, 1]
         for i in range(m):
@@ -284,14 +282,14 @@ def _advance(
             moved = window.spread(own[2]) if full else 0.0
             motion = min(motion, moved)
             moving = full and moved >= par[MINIMUM_MOTION]
-            coloured.forget(equation, n, keep)
+            coloured.forget(equation, n, keep, work)
             if moving:
                 # (25), times T / noise: a row is as noisy as its kernel on a window of length 1
                 scale = span / noise
                 y = B * coloured.dot(psi[3], own[0]) - D * coloured.dot(psi[2], own[0]) - coloured.dot(held, own[1])
                 for j in range(n):
                     row[j] = scale * width * coloured.dot(psi[1], own[2 + j])
-                coloured.take(equation, n, slot, row, scale * y, lagged)
+                coloured.take(equation, n, slot, row, scale * y, lagged, work)
                 reached = own[2, middle]
                 visited[LOW] = min(visited[LOW], reached) if visited[ANY] > 0.0 else reached
                 visited[HIGH] = max(visited[HIGH], reached) if visited[ANY] > 0.0 else reached
@@ -305,13 +303,13 @@ def _advance(
                 gain = (blur / noise) ** 2
                 through = 2.0 * gain * visited[SQUARED]  # noise of both angles, a torque by way of the spring
                 first, second = gain * (D / span) ** 2, gain * (B / span**2) ** 2
-                found = coloured.covariance(equation, n, r, first, second, through, P)
+                found = coloured.noise(equation, n, r, first, second, through, work)
                 for j in range(n):
                     slope[j] = width * powers[i, j]
                     stiffness += slope[j] * alpha[j]
                     bend += width * powers[i, j - 1] * alpha[j] if j > 0 else 0.0
                 uncertain = 2.0 * (bend * blur) ** 2  # the deflection of this very sample is noisy
-                uncertain += _uncertainty(equation, n, found, first, second, slope, P)
+                uncertain += _uncertainty(equation, n, found, first, second, slope, work)
             if moving and not warming:
                 counted = min(equation[coloured.TAKEN] - length + 1.0, equation[coloured.WEIGHT])
                 visited[SQUARED] += (stiffness * stiffness - visited[SQUARED]) / counted
@@ -333,4 +331,5 @@ def _advance(
                 worst = OUTSIDE_RANGE
         now[0], spread[0] = total, sqrt(max(variance, 0.0))
         state[window.MOTION], state[window.STATUS] = motion, worst
-        status[k], value[k], deviation[k] = worst, now, spread
+        window.answer(state, worst, out[k])
+    return int(out[-1, 1])

@@ -26,7 +26,7 @@ delay the torque by half a sample.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import exp, sqrt
 
 import numpy as np
@@ -37,7 +37,7 @@ from via_core.springs import SpringLaw
 from via_core.status import Status
 
 from via_estimators import coloured, transmissions, window
-from via_estimators.contract import Estimator, Parameters, expect, parameter
+from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 
 MOST_TERMS = 6
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
@@ -112,7 +112,7 @@ class ModulatedTorque(Estimator):
 
     @cached_property
     def _constants(self) -> tuple[Array, Array]:
-        """Parameter row of the kernel and noise colours (3, L); not locked, which would be another type to compile."""
+        """Parameter row of the kernel, noise colours (3, 2 L) by slot; not locked, which would be another type."""
         own = self.parameters
         n = own.order + own.even_terms + 2
         row = np.zeros(PRIOR + 2 * n)
@@ -123,7 +123,7 @@ class ModulatedTorque(Estimator):
         )  # fmt: skip
         row[PRIOR : PRIOR + 3] = own.inertia_prior, own.damping_prior, own.stiffness_prior
         row[PRIOR + n :] = own.inertia_deviation, own.damping_deviation, *((n - 2) * (own.stiffness_deviation,))
-        return row, coloured.colours(own.window, own.modulating_order)
+        return row, coloured.mirrored(coloured.colours(own.window, own.modulating_order))
 
     def init(self) -> Array:
         own = self.parameters
@@ -151,11 +151,9 @@ class ModulatedTorque(Estimator):
             found = max(found, float(np.linalg.cond(R)))
         return found
 
-    def _advance(
-        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
-    ) -> None:
-        constants, kernels = self._constants
-        _advance(constants, kernels, state, rows, time, status, value, deviation)
+    @cached_property
+    def _advance(self) -> Kernel:
+        return partial(_advance, *self._constants)
 
 
 def _terms_for(laws: tuple[SpringLaw, ...]) -> tuple[int, int]:
@@ -179,23 +177,23 @@ def _power(term: int, order: int) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array, P: Array) -> float:
+def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array, work: Array) -> float:
     """Squared stiffness [N m/rad] that a law this basis cuts off may still hide: the size of the last term there is.
 
     Over the deflections visited, |phi| <= far s, a power n of phi holds 2^(1-n) far^n of the Chebyshev polynomial T_n,
     and coefficients of a smooth law fall from one to the next. What is noise in the last one does not count twice.
+
+    work  as `coloured.blur` leaves it
     """
     j = 2 + term
     n = _power(term, order) - 1
     size = 2.0 ** (1 - n) * far**n if n > 0 else 0.0
-    share, variance = mean[j] + width[j] * x[j], width[j] * width[j] * P[j, j]
+    share, variance = mean[j] + width[j] * x[j], width[j] * width[j] * coloured.variance_of(x.size, j, work)
     return size * size * max(share * share - 4.0 * variance, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(
-    par: Array, r: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array
-) -> None:
+def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int:
     length, m, order = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[ORDER])
     even = int(par[EVEN])
     n, outputs = order + even + 2, 1 + 3 * m
@@ -211,13 +209,13 @@ def _advance(
     at += length * columns
     each = N_VISITED + coloured.size(n, length)
     psi, lagged, held = np.empty((3, length)), np.empty((3, length)), np.empty(length)
-    row, slope, P, powers = np.empty(n), np.zeros(n), np.empty((n, n)), np.ones((m, 2 * MOST_TERMS))
+    row, slope, work = np.empty(n), np.zeros(n), coloured.scratch(n)
+    powers = np.ones((m, 2 * MOST_TERMS))
     for k in range(rows.shape[0]):
         before = state[window.LAST]
         entered = transmissions.enter(state, times, rows[k], m, BEYOND * scale, par[MAX_GAP])
-        time[k] = state[window.LAST]
         if entered == window.SKIPPED:
-            status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
+            window.answer(state, BAD_SAMPLE, out[k])
             continue
         slot, q = int(state[window.SLOT]), rows[k, 1]
         for i in range(m):
@@ -248,7 +246,7 @@ def _advance(
             moved = window.spread(own[2]) if full else 0.0
             motion = min(motion, moved)
             moving = full and moved >= par[MINIMUM_MOTION]
-            coloured.forget(equation, n, keep)
+            coloured.forget(equation, n, keep, work)
             if moving:
                 y = coloured.dot(held, own[1])
                 row[0], row[1] = coloured.dot(psi[2], own[0]), -coloured.dot(psi[1], own[0])
@@ -257,7 +255,7 @@ def _advance(
                 for j in range(n):
                     y -= row[j] * mean[j]
                     row[j] *= width[j] / noise
-                coloured.take(equation, n, slot, row, y / noise, lagged)
+                coloured.take(equation, n, slot, row, y / noise, lagged, work)
                 reached = abs(own[2, middle]) if even == 0 else own[2, middle]
                 visited[LOW] = min(visited[LOW], reached) if visited[ANY] > 0.0 else reached
                 visited[HIGH] = max(visited[HIGH], reached)
@@ -267,14 +265,6 @@ def _advance(
 
             warming = equation[coloured.TAKEN] < length
             B, D = (mean[0], mean[1]) if warming else (mean[0] + width[0] * x[0], mean[1] + width[1] * x[1])
-            if warming:
-                P[:, :] = 0.0
-                for j in range(n):
-                    P[j, j] = 1.0
-            else:
-                gain = (blur / noise) ** 2
-                through = 2.0 * gain * visited[SQUARED]  # noise of both angles, a torque by way of the spring
-                coloured.covariance(equation, n, r, gain * (D / span) ** 2, gain * (B / span**2) ** 2, through, P)
             stiffness, bend = 0.0, 0.0
             for term in range(order + even):
                 p, j = _power(term, order), 2 + term
@@ -284,15 +274,24 @@ def _advance(
                 stiffness += share * rise
                 bend += share * (p - 1) * powers[i, p - 2] / scale if p > 1 else 0.0
             uncertain = 2.0 * (bend * blur) ** 2  # the deflection of this very sample is noisy
-            for j in range(2, n):
-                for o in range(2, n):
-                    uncertain += slope[j] * P[j, o] * slope[o]
-            if not warming and par[TRUNCATION] > 0.0:
-                far = max(abs(visited[LOW]), abs(visited[HIGH])) / scale
-                tail = _tail(order - 1, order, far, mean, width, x, P)
-                if even > 1:
-                    tail += _tail(order + even - 1, order, far, mean, width, x, P)
-                uncertain += par[TRUNCATION] ** 2 * tail
+            of_B = of_D = 1.0
+            if warming:
+                for j in range(2, n):
+                    uncertain += slope[j] * slope[j]
+            else:
+                gain = (blur / noise) ** 2
+                through = 2.0 * gain * visited[SQUARED]  # noise of both angles, a torque by way of the spring
+                first, second = gain * (D / span) ** 2, gain * (B / span**2) ** 2
+                found = coloured.noise(equation, n, r, first, second, through, work)
+                coloured.blur(equation, n, found, first, second, work)
+                of_B, of_D = coloured.variance_of(n, 0, work), coloured.variance_of(n, 1, work)
+                uncertain += coloured.variance(n, slope, work)
+                if par[TRUNCATION] > 0.0:
+                    far = max(abs(visited[LOW]), abs(visited[HIGH])) / scale
+                    tail = _tail(order - 1, order, far, mean, width, x, work)
+                    if even > 1:
+                        tail += _tail(order + even - 1, order, far, mean, width, x, work)
+                    uncertain += par[TRUNCATION] ** 2 * tail
             if moving and not warming:
                 counted = min(equation[coloured.TAKEN] - length + 1.0, equation[coloured.WEIGHT])
                 visited[SQUARED] += (stiffness * stiffness - visited[SQUARED]) / counted
@@ -300,9 +299,9 @@ def _advance(
             floor = 0.0 if warming or moving else 1.0
             at_i, at_B, at_D = 1 + i, 1 + m + i, 1 + 2 * m + i
             now[at_i], now[at_B], now[at_D] = stiffness, B, D
-            spread[at_i] = max(sqrt(max(uncertain, 0.0)), floor * spread[at_i])
-            spread[at_B] = max(width[0] * sqrt(max(P[0, 0], 0.0)), floor * spread[at_B])
-            spread[at_D] = max(width[1] * sqrt(max(P[1, 1], 0.0)), floor * spread[at_D])
+            spread[at_i] = max(sqrt(uncertain), floor * spread[at_i])
+            spread[at_B] = max(width[0] * sqrt(of_B), floor * spread[at_B])
+            spread[at_D] = max(width[1] * sqrt(of_D), floor * spread[at_D])
             total += stiffness
             variance += spread[at_i] ** 2 + 2.0 * bends * bend * blur**2  # both share the noise of q
             bends += bend
@@ -317,4 +316,5 @@ def _advance(
                 worst = OUTSIDE_RANGE
         now[0], spread[0] = total, sqrt(max(variance, 0.0))
         state[window.MOTION], state[window.STATUS] = motion, worst
-        status[k], value[k], deviation[k] = worst, now, spread
+        window.answer(state, worst, out[k])
+    return int(out[-1, 1])

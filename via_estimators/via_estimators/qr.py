@@ -27,8 +27,8 @@ def rotate_in(R: Array, p: Array, row: Array, y: float, first: int) -> float:
     for j in range(first, n):
         if row[j] == 0.0:
             continue
-        length = sqrt(R[j, j] * R[j, j] + row[j] * row[j])
-        c, s = R[j, j] / length, row[j] / length
+        per_length = 1.0 / sqrt(R[j, j] * R[j, j] + row[j] * row[j])
+        c, s = R[j, j] * per_length, row[j] * per_length
         for i in range(j, n):
             above = R[j, i]
             R[j, i] = c * above + s * row[i]

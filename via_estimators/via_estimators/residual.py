@@ -27,7 +27,7 @@ deflection's own.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import exp, sqrt
 
 import numpy as np
@@ -39,7 +39,7 @@ from via_core.status import Status
 from via_estimators import kinematic_kalman as kalman
 from via_estimators import rls, transmissions, window
 from via_estimators.basis import BASES, MOST_TERMS, fill_basis
-from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
+from via_estimators.contract import Estimator, Kernel, Parameters, choice, expect, parameter
 from via_estimators.signal_based import ANY, BEYOND, SignalBased, visit, visited
 
 SETTLED = 10.0  # time constants 1/K until a low pass has forgotten where it started
@@ -158,10 +158,9 @@ class Residual(Estimator):
         end = len(state) - (self.parameters.transmissions - 1 - i) * self._each
         return state[end - terms * terms : end].reshape(terms, terms)
 
-    def _advance(
-        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
-    ) -> None:
-        _advance(self._constants, state, rows, time, status, value, deviation)
+    @cached_property
+    def _advance(self) -> Kernel:
+        return partial(_advance, self._constants)
 
 
 @njit(cache=True, error_model="numpy")
@@ -201,7 +200,7 @@ def _fit(par: Array, kept: Array, w: Array, P: Array, regressors: Array, parts: 
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array) -> None:
+def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
     length, m, kind, terms = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[KIND]), int(par[TERMS])
     outputs, scale = 1 + m, par[SCALE]
     at = window.HEADER
@@ -219,9 +218,8 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
     for k in range(rows.shape[0]):
         before = state[window.LAST]
         entered = transmissions.enter(state, times, rows[k], m, BEYOND * scale, par[MAX_GAP])
-        time[k] = state[window.LAST]
         if entered == window.SKIPPED:
-            status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
+            window.answer(state, BAD_SAMPLE, out[k])
             continue
         slot, q = int(state[window.SLOT]), rows[k, 1]
         full = state[window.FILLED] == length
@@ -295,4 +293,5 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
                 worst = OUTSIDE_RANGE
         now[0], spread[0] = total, sqrt(max(doubt, 0.0))
         state[window.MOTION], state[window.STATUS] = motion, worst
-        status[k], value[k], deviation[k] = worst, now, spread
+        window.answer(state, worst, out[k])
+    return int(out[-1, 1])

@@ -21,7 +21,7 @@ integrals are also the better ones: in noise, ten times less error of stiffness 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import exp, log, sqrt
 
 import numpy as np
@@ -42,7 +42,7 @@ from via_estimators.basis import (
     swing_before,
     swing_of_last,
 )
-from via_estimators.contract import Estimator, Parameters, choice, expect, parameter
+from via_estimators.contract import Estimator, Kernel, Parameters, choice, expect, parameter
 
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
 CLEAR = 4.0  # deviations; a term seen so clearly needs no others to bear it out
@@ -186,10 +186,9 @@ class SignalBased(Estimator):
         cut = cut_off(BASES[own.basis])
         return N_KEPT + own.terms + cut + integral.size(own.terms + 3, cut, 0)
 
-    def _advance(
-        self, state: Array, rows: Array, time: Array, status: np.ndarray, value: Array, deviation: Array
-    ) -> None:
-        _advance(self._constants, state, rows, time, status, value, deviation)
+    @cached_property
+    def _advance(self) -> Kernel:
+        return partial(_advance, self._constants)
 
 
 @njit(cache=True, error_model="numpy")
@@ -400,7 +399,7 @@ def first_cut(par: Array, kept: Array, x: Array, off: Array, c: int, doubt: floa
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, value: Array, deviation: Array) -> None:
+def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
     length, m, terms = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[TERMS])
     kind, n, outputs = int(par[KIND]), terms + 3, 1 + 3 * m
     cut = cut_off(kind)
@@ -421,9 +420,8 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
         for i in range(m):
             absurd = absurd or abs(rows[k, 1] - rows[k, 2 + 3 * i]) > BEYOND * scale
         entered = window.refuse(state) if absurd else window.admit(state, times, rows[k], 2 + 3 * m, par[MAX_GAP])
-        time[k] = state[window.LAST]
         if entered == window.SKIPPED:
-            status[k], value[k], deviation[k] = BAD_SAMPLE, now, spread
+            window.answer(state, BAD_SAMPLE, out[k])
             continue
         slot, q = int(state[window.SLOT]), rows[k, 1]
         full = state[window.FILLED] == length
@@ -469,7 +467,8 @@ def _advance(par: Array, state: Array, rows: Array, time: Array, status: Array, 
                 worst = OUTSIDE_RANGE
         now[0], spread[0] = total, sqrt(max(doubt, 0.0))
         state[window.MOTION], state[window.STATUS] = motion, worst
-        status[k], value[k], deviation[k] = worst, now, spread
+        window.answer(state, worst, out[k])
+    return int(out[-1, 1])
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,6 +1,7 @@
 """The sliding window at the door: which samples come in, and the ring that keeps the last of them.
 
-A state of any estimator starts with this header; then follow the ring's times (L,) and its columns (L, k).
+A state of any estimator starts with this header; then follow the values told last and their deviations (2 k,), the
+ring's times (L,) and its columns.
 """
 
 from __future__ import annotations
@@ -40,6 +41,14 @@ def refuse(state: Array) -> int:
 
 
 @njit(cache=True, error_model="numpy")
+def answer(state: Array, status: int, out: Array) -> None:
+    """Fill one row of answers (2 + 2 k,): the time of the last sample taken, the status, values and deviations."""
+    out[0], out[1] = state[LAST], status
+    for j in range(2, out.size):
+        out[j] = state[HEADER + j - 2]
+
+
+@njit(cache=True, error_model="numpy")
 def admit(state: Array, times: Array, row: Array, required: int, max_gap: float) -> int:
     """Decide on row = (time, columns...) and, if it comes in, move the ring on by one slot and write its time.
 
@@ -51,23 +60,23 @@ def admit(state: Array, times: Array, row: Array, required: int, max_gap: float)
     for j in range(required):
         if not (isfinite(row[0]) if j == 0 else sound(row[j])):
             return refuse(state)
-    answer = TAKEN
+    entered = TAKEN
     if state[SAMPLES] == 0.0:
-        answer = RESTARTED
+        entered = RESTARTED
     else:
         step = row[0] - state[LAST]
         if abs(step) > max_gap:
-            answer = RESTARTED
+            entered = RESTARTED
             state[GAPS] += 1.0
         elif step <= 0.0:
             return refuse(state)
     state[SAMPLES] += 1.0
     state[LAST] = row[0]
-    state[FILLED] = 1.0 if answer == RESTARTED else min(state[FILLED] + 1.0, times.size)
+    state[FILLED] = 1.0 if entered == RESTARTED else min(state[FILLED] + 1.0, times.size)
     slot = int(state[SLOT]) + 1
     state[SLOT] = slot if slot < times.size else 0
     times[int(state[SLOT])] = row[0]
-    return answer
+    return entered
 
 
 @njit(cache=True, error_model="numpy")
