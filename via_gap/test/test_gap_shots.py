@@ -109,3 +109,12 @@ def test_a_shot_starts_at_the_speed_of_quick_motion():
     assert np.max(np.abs(speed)) > 2.0
     assert np.sqrt(np.mean(error**2)) < 0.01  # a quadratic's slope: 0.04
     assert np.sqrt(np.mean(error**2)) < shots.start_noise[0, 1]
+
+
+@pytest.mark.parametrize("early", [0.0, 1e-12], ids=["at", "before"])
+def test_commands_that_rounding_puts_before_their_samples_change_on_the_same_ticks(early):
+    log = log_of(rigid(), (), seed=3, duration=4.0, tolerance=0.0)
+    sent = log.commands
+    commands = Signals(sent.time - early, sent.channels, sent.units, sent.held)
+    shots = cut_log(JointLog("rounded", log.device, log.measured, commands))
+    assert shots.origin == pytest.approx(log.measured.time[0], abs=1e-9)

@@ -49,6 +49,7 @@ BIN = 0.004  # [s] over which angles are averaged before they are compared
 START, START_SPEED = 2.0, 0.03  # times the sensor's noise; [rad/s]: how well a smoothed start is known, bias included
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
 BESIDE_MOTORS = ("damping", "external_torque", "neighbour", "arm_torque")  # commands that do not drive motors
+ROUNDED = 1e-6  # of a tick
 RESTS = 0.01  # [rad] within which an axis rests when a log begins
 LEAD = 0.06  # [s] longer than any lag between channels
 THREADS = 2
@@ -193,7 +194,8 @@ def _aligned(log: JointLog, rate: float) -> float:
     mean = np.mean(phases)
     if abs(mean) < 0.9:  # commands that keep to no clock
         return first
-    return first + float(np.angle(mean) / (2.0 * np.pi) % 1.0) / rate
+    phase = float(np.angle(mean) / (2.0 * np.pi) % 1.0)
+    return first if phase > 1.0 - ROUNDED else first + phase / rate  # a tick less what rounding took is no tick
 
 
 def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Array]:
