@@ -75,6 +75,8 @@ ALL_AT_ONCE = [
     Effect("quadratic_drag", "link", {"coefficient": 0.02}),
     Effect("torque_ripple", "motor", {"amplitude": 0.1, "order": 7.0, "phase": 0.5}, 1),
     Effect("contact", "environment", {"angle": 0.2, "stiffness": 30.0, "damping": 0.1, "side": 1.0}),
+    Effect("actuator_lag", "command", {"time_constant": 0.02}),
+    Effect("channel_skew", "timing", {"delay": 0.0043}, 1),
 ]
 
 
@@ -98,6 +100,7 @@ def test_pieces_of_a_run_give_the_whole_run():
     joint = flexible(10.0, GRAVITY)
     effects = [
         Effect("actuator_delay", "command", {"delay": 0.007}),
+        Effect("actuator_lag", "command", {"time_constant": 0.02}),
         Effect("presliding_friction", "motor", {"torque": 0.02, "stiffness": 2.0}, 1),
         Effect("hysteresis", "transmission", {"torque": 0.02, "stiffness": 3.0}, 1),
         Effect("stiffness_drift", "transmission", {"rate": 0.2}, 1),

@@ -4,15 +4,15 @@ Between events the right-hand side is smooth (torques.py), and most ticks of mos
 takes the same Krogstad step together, every operation a loop over lanes that the compiler turns into vector
 instructions: the link's angle of lane l stands in z[Z.start, l]. A lane in which an axis comes to a stop, breaks away,
 crosses a flank of its gap, meets a wall or whose Maxwell element begins to slip takes this tick again on its own
-(`kernel.advance_tick`), and so does one with what is not written out here (lags, fractions of a tick of dead time,
-servos, encoders that read late). Results differ from those of `kernel.run` by rounding only: sine and exponential are
-polynomials here, right to 1e-13, because a call of the library's would break the vector loop.
+(`kernel.advance_tick`), and so does one with what is not written out here (fractions of a tick of dead time, servos).
+Results differ from those of `kernel.run` by rounding only: sine and exponential are polynomials here, right to 1e-13,
+because a call of the library's would break the vector loop.
 """
 
 from __future__ import annotations
 
 from collections import namedtuple
-from math import floor, inf
+from math import exp, floor, inf
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,6 @@ from via_sim.torques import (
     DAMPING,
     EVERY,
     EXTERNAL,
-    LAGS,
     N_INPUTS,
     N_MODES,
     NEIGHBOUR,
@@ -50,28 +49,30 @@ _ENOUGH = 1e300  # [N m] margin of what is not watched
 
 # Rows of the block's memory z, LANES numbers each; names in capitals are those of one lane in the scalar kernel.
 #   START 6: state at the beginning of a step; AT 6: where torques are evaluated; N, A, B, D 3 each: torques of the
-#   stages; MIDDLE 3: speeds; INPUT 3: torque on link, motor 1, motor 2; BESIDE 1: what of it is not a drive's;
+#   stages; MIDDLE 3: speeds; INPUT 3: torque on link, motor 1, motor 2; BESIDE 3: what of it is not a drive's;
 #   DAMP 1; FACTOR 2: of the springs; SIGN 3: direction of slip, 0 without friction; HELD 3: 1 where an axis stands;
 #   MARGIN 1: positive while the lane has kept its modes; FLANK 2; SPRING 2: torques; PHI, INSIDE, SLOPE, LOADED 1:
 #   scratch; WEIGHT 60 as of `weigh`; BRISTLE 3, MAXWELL 2: torques held when the step began; SLIP 2: direction in
-#   which a Maxwell element slips, 0 where it sticks; TOUCH 1: 1 where the wall is; then what the parameter rows say
-#   (RISE, FALL, GROWTH of springs that grow exponentially; LEVEL, BEND of bristles, MOST, GIVE of Maxwell elements; RUB
-#   of spring dampers; WALL, PUSH, SOFTEN, SIDE, OPEN of the wall).
+#   which a Maxwell element slips, 0 where it sticks; TOUCH 1: 1 where the wall is; LAG 3: drive torques behind the lag,
+#   ASKED 3: before it; then what the parameter rows say (RISE, FALL, GROWTH of springs that grow exponentially; LEVEL,
+#   BEND of bristles, MOST, GIVE of Maxwell elements; RUB of spring dampers; WALL, PUSH, SOFTEN, SIDE, OPEN of the wall;
+#   KEPT: share of a lag that is left at the beginning, the middle and the end of a step).
 _SIZES = {
-    "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "middle": 3, "input": 3, "beside": 1, "damp": 1,
+    "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "middle": 3, "input": 3, "beside": 3, "damp": 1,
     "factor": 2, "sign": 3, "held": 3, "margin": 1, "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1,
-    "loaded": 1, "weight": 3 * PER_AXIS, "bristle": 3, "maxwell": 2, "slip": 2, "touch": 1, "kinetic": 3,
-    "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3, "gravity": 1, "angle": 1,
+    "loaded": 1, "weight": 3 * PER_AXIS, "bristle": 3, "maxwell": 2, "slip": 2, "touch": 1, "lag": 3, "asked": 3,
+    "kinetic": 3, "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3, "gravity": 1, "angle": 1,
     "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2, "half": 2,
     "solid": 2, "rise": 2, "fall": 2, "growth": 2, "level": 3, "bend": 3, "most": 2, "give": 2, "drag": 3,
     "ripple": 3, "order": 3, "phase": 3, "rub": 2, "wall": 1, "push": 1, "soften": 1, "side": 1, "open": 1,
+    "gain": 3, "bias": 3, "kept": 3,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
 _N_ROWS = sum(_SIZES.values())
 
 # Bits of what some lane of a block has and most joints lack; of the first four one for each axis or transmission.
-_BRISTLE, _DRAG, _RIPPLE, _MAXWELL, _RUB, _WALL = 0, 3, 6, 9, 11, 12
+_BRISTLE, _DRAG, _RIPPLE, _MAXWELL, _RUB, _WALL, _LAG = 0, 3, 6, 9, 11, 12, 13
 
 
 @bare
@@ -132,6 +133,20 @@ def _add(z: Array, source: int, target: int, count: int) -> None:
     for row in range(count):
         for lane in range(z.shape[1]):
             z[target + row, lane] += z[source + row, lane]
+
+
+@bare
+def _supply(z: Array, moment: int) -> None:
+    """`actuation.supply` at the beginning, the middle or the end of a step; without a lag what is asked for acts."""
+    kept = Z.kept + moment
+    for axis in range(3):
+        here = axis
+        for lane in range(z.shape[1]):
+            asked = z[Z.asked + here, lane]
+            torque = asked + (z[Z.lag + here, lane] - asked) * z[kept, lane]
+            z[Z.input + here, lane] = (
+                z[Z.beside + here, lane] + z[Z.gain + here, lane] * torque + z[Z.bias + here, lane]
+            )
 
 
 @bare
@@ -218,6 +233,12 @@ def _remember(z: Array, axes: int, rare: int) -> None:
             for lane in range(z.shape[1]):
                 most = z[Z.most + number, lane]
                 z[Z.maxwell + number, lane] = min(max(_maxwell(z, number, lane), -most), most)
+    if rare >> _LAG & 1:
+        for axis in range(3):
+            here = axis
+            for lane in range(z.shape[1]):
+                asked = z[Z.asked + here, lane]
+                z[Z.lag + here, lane] = asked + (z[Z.lag + here, lane] - asked) * z[Z.kept + 2, lane]
 
 
 @bare
@@ -368,7 +389,10 @@ def _step(
     axes: there are; friction: bit per axis; gaps: transmissions to watch; holds: whether any axis stands; rare: bits of
     terms that most joints lack.
     """
+    lags = rare >> _LAG & 1 != 0
     _copy(z, Z.start, Z.at, 6)
+    if lags:
+        _supply(z, 0)
     _torques(z, rows, first, axes, Z.n, terms, gravity, friction, falls, holds, rare)
     for axis in range(axes):
         for lane in range(z.shape[1]):
@@ -376,6 +400,8 @@ def _step(
     _stage(z, axes, 0, 4, Z.n, 8, Z.a)
     if friction != 0:
         _copy(z, Z.at + 3, Z.middle, axes)
+    if lags:
+        _supply(z, 1)
     _torques(z, rows, first, axes, Z.a, terms, gravity, friction, falls, holds, rare)
     _stage(z, axes, 0, 6, Z.n, 8, Z.a)
     if friction != 0:
@@ -383,6 +409,8 @@ def _step(
         _check(z, Z.middle, axes, friction, 0)
     _torques(z, rows, first, axes, Z.b, terms, gravity, friction, falls, holds, rare)
     _stage(z, axes, 2, 10, Z.n, 12, Z.b)
+    if lags:
+        _supply(z, 2)
     _torques(z, rows, first, axes, Z.d, terms, gravity, friction, falls, holds, rare)
     _add(z, Z.b, Z.a, axes)
     _stage(z, axes, 2, 14, Z.n, 16, Z.a)
@@ -401,14 +429,14 @@ def _step(
 
 
 @bare
-def _written_out(p: Array, modes: Array) -> bool:
+def _written_out(p: Array) -> bool:
     """Whether this file has all the terms that a prepared row asks for."""
     whole = floor(p[P.delay] / p[P.tick] + 1e-9)
     fraction = p[P.delay] - whole * p[P.tick] >= 1e-9 * p[P.tick]
-    known = modes[LAGS] == 0 and not fraction
+    known = not fraction
     for axis in range(1, 3):
         known &= p[P.axis_kind + axis] <= DYNAMIC
-    return known and p[P.skew] <= 0.0 and p[P.skew + 1] <= 0.0 and p[P.skew + 2] <= 0.0
+    return known
 
 
 @bare
@@ -431,6 +459,11 @@ def _enter(p: Array, z: Array, lane: int) -> None:
         z[Z.drag + here, lane] = p[P.quadratic_drag + axis]
         z[Z.ripple + here, lane], z[Z.order + here, lane] = p[P.ripple_amplitude + axis], p[P.ripple_order + axis]
         z[Z.phase + here, lane] = p[P.ripple_phase + axis]
+        driven = p[P.link_drive] != 0.0 if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
+        z[Z.gain + here, lane] = p[P.torque_gain + axis] if driven else 0.0
+        z[Z.bias + here, lane] = p[P.torque_bias + axis] if driven else 0.0
+        share = 0.5 * axis * p[P.tick] / max(1.0, floor(p[P.substeps]))
+        z[Z.kept + here, lane] = exp(-share / p[P.lag]) if p[P.lag] > 0.0 else 0.0
     z[Z.gravity, lane], z[Z.angle, lane] = p[P.gravity_torque], p[P.gravity_angle]
     for k in range(2 * N_COEFFICIENTS):
         z[Z.coefficient + k, lane] = p[P.spring + k]
@@ -477,16 +510,18 @@ def _drive(p: Array, x: Array, command: Array, slot: int, late: int, age: float,
     if p[P.pulse_torque] != 0.0:
         overlap = min(age + p[P.tick], p[P.pulse_stop]) - max(age, p[P.pulse_start])
         link += p[P.pulse_torque] * max(overlap, 0.0) / p[P.tick]
-    z[Z.beside, lane] = link
+    z[Z.beside, lane], z[Z.asked, lane] = link, saturated(p, 0, x[held + EXTERNAL])
     if p[P.link_drive] != 0.0:
-        link += p[P.torque_gain] * saturated(p, 0, x[held + EXTERNAL]) + p[P.torque_bias]
+        link += p[P.torque_gain] * z[Z.asked, lane] + p[P.torque_bias]
     z[Z.input, lane] = link
     for i in range(2):
+        limit = p[P.torque_limit + i]
+        asked = saturated(p, 1 + i, min(max(x[held + i], -limit), limit))
+        z[Z.asked + 1 + i, lane] = asked
         if p[P.axis_kind + 1 + i] == DYNAMIC:
-            limit = p[P.torque_limit + i]
-            asked = saturated(p, 1 + i, min(max(x[held + i], -limit), limit))
             torque = p[P.torque_gain + 1 + i] * asked + p[P.torque_bias + 1 + i] - p[P.coupling + 1 + i] * neighbour
             z[Z.input + 1 + i, lane] = torque
+            z[Z.beside + 1 + i, lane] = -p[P.coupling + 1 + i] * neighbour
             z[Z.factor + i, lane] = spring_factor(p, i, age + 0.5 * p[P.tick])
     damping = 0.0
     if p[P.damper_site] != NO_DAMPER:
@@ -521,6 +556,7 @@ def _place(p: Array, x: Array, z: Array, lane: int) -> bool:
                 sign = 1.0 if x[3 + axis] > 0.0 else -1.0
         z[Z.sign + axis, lane], z[Z.held + axis, lane] = sign, held
         z[Z.bristle + axis, lane] = x[X.bristle + axis] if p[P.bristle_torque + axis] > 0.0 else 0.0
+        z[Z.lag + axis, lane] = x[X.lag + axis]
     for i in range(2):
         phi, half = deflection(p, i, x[0], x[1 + i]), 0.5 * p[P.backlash + i]
         z[Z.flank + i, lane] = 0.0 if half <= 0.0 or abs(phi) < half else (1.0 if phi > 0.0 else -1.0)
@@ -538,7 +574,7 @@ def _place(p: Array, x: Array, z: Array, lane: int) -> bool:
 @bare
 def _rare_bits(p: Array) -> int:
     """Which terms a row has that most joints lack."""
-    bits = int(p[P.contact_stiffness] > 0.0) << _WALL
+    bits = int(p[P.contact_stiffness] > 0.0) << _WALL | int(p[P.lag] > 0.0) << _LAG
     for axis in range(3):
         bits |= int(p[P.bristle_torque + axis] > 0.0) << (_BRISTLE + axis)
         bits |= int(p[P.quadratic_drag + axis] != 0.0) << (_DRAG + axis)
@@ -591,7 +627,7 @@ def _run_block(
         _enter(p, z, lane)
         alike = p[P.substeps] == lead[P.substeps] and p[P.tick] == period
         number[lane] = int(x[X.tick])
-        joins[lane], placed[lane], plain[lane] = alike and _written_out(p, modes[lane]), 0, _reads_true(p)
+        joins[lane], placed[lane], plain[lane] = alike and _written_out(p), 0, _reads_true(p)
         late[lane] = int(p[P.delay] / period + 1e-9)
         together += joins[lane]
         gravity |= p[P.gravity_torque] != 0.0
@@ -647,6 +683,9 @@ def _run_block(
                 x[X.tick] += 1.0
                 if last:
                     _note(p, x, command, now % length, late[lane], z, lane)
+                if p[P.lag] > 0.0:
+                    for axis in range(3):
+                        x[X.lag + axis] = z[Z.lag + axis, lane]
             else:
                 placed[lane] = 0
                 advance_tick(p, x, command, u, modes[lane], weights[lane], y)
