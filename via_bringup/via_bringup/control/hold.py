@@ -1,10 +1,8 @@
 """The end effector of an arm on its limit cycle held and released, at phases all around the cycle: Section 6.3.
 
-A hand holds the tip where it is; z_k is then what it is there, nothing moves, and H at release is z_k^2 / 2. Held near
-z_k = 0 the arm is let go without a push, and takes its time (`approach`). No law that is continuous in z_k and zd_k can
-help it: with the arm at rest at either turning point of the cycle the force on z_k points inwards, somewhere between
-the two it is zero, and there a hand may hold it. The document leaves z_k = zd_k = 0 out where it shows the cycle to be
-attractive, and starts by a push.
+A hand holds the tip where it is; z_k is then what it is there, next to nothing moves, and H at release is z_k^2 / 2.
+Held near z_k = 0 the arm is let go without a push. The document's law then takes its time (`approach`), as any would
+that is continuous in z_k and zd_k alone; ours remembers a way to go (`self_start`), and pushes.
 """
 
 from __future__ import annotations
@@ -13,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from via_controllers.self_start import START
 from via_sim.contacts import Hand
 
 from via_bringup.control.arm_run import PERIOD, Phase, run_arm
@@ -32,15 +31,18 @@ class Released:
     eigenvalue: float  # lambda_k [1/s^2], mean over a cycle
     course: CycleCourse  # from the release on
     saturated: bool  # while held
+    force: float  # [N] largest on the hand in the second half of the hold
 
     def error(self, periods: float) -> float:
         """The largest |H / H_d - 1| from so many periods after the release on."""
         return float(np.abs(self.course.H[round(periods * self.period / PERIOD) :]).max())
 
 
-def held_and_released(mode: int, phases: int, duration: float = 1.0, gain: float = GAIN) -> Iterator[Released]:
-    """Mode `mode` held for `duration` [s], at that many phases evenly around the cycle."""
-    law = law_of(mode, gain)
+def held_and_released(
+    mode: int, phases: int, duration: float = 1.0, gain: float = GAIN, start: float = START
+) -> Iterator[Released]:
+    """Mode `mode` held for `duration` [s], at that many phases evenly around the cycle; the rest as for `law_of`."""
+    law = law_of(mode, gain, start=start)
     arm = law.cycle.arm
     run = cycling(law, SETTLING, share=1.0)
     steady = in_modes(law, run)
@@ -53,6 +55,6 @@ def held_and_released(mode: int, phases: int, duration: float = 1.0, gain: float
         hand = Hand(arm.tip_position(run.body.q))
         held = run_arm(arm, law, run.body, (Phase(duration, (hand,)),), 4, run.state)
         after = in_modes(law, run_arm(arm, law, held.body, (Phase(AFTER),), state=held.state))
-        phase = float(np.arctan2(-speed, z))
-        grip = abs(float(z)) / np.sqrt(2.0 * law.cycle.level)
-        yield Released(phase, grip, float(after.H[0]) + 1.0, period, eigenvalue, after, held.saturated > 0.0)
+        force = float(np.linalg.norm(held.force[len(held.force) // 2 :], axis=1).max())
+        phase, grip = float(np.arctan2(-speed, z)), abs(float(z)) / law.cycle.amplitude
+        yield Released(phase, grip, float(after.H[0]) + 1.0, period, eigenvalue, after, held.saturated > 0.0, force)
