@@ -128,7 +128,7 @@ def test_deviation_is_what_each_error_of_the_torque_does_to_the_stiffness():
         inverted, told = np.empty((n, n)), np.empty(1)
         integral.inverse(equation, n, inverted)
         slopes = (widths * slope)[None, :]
-        integral.variances(equation, n, slopes, 1.0, 0.0, np.zeros(n), inverted, np.empty((2, n)), told)
+        integral.variances(equation, n, slopes, 1.0, 0.0, np.zeros(n), inverted, np.empty((n + 2, n)), told)
         assert np.sqrt(told[0]) == pytest.approx(np.sqrt(10.0 * np.sum(np.square(effect), axis=0)[at]), rel=0.03)
 
 

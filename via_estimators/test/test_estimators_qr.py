@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from via_estimators.qr import inverse_normal, rotate_in, solve_triangular
+from via_estimators.qr import inverse_normal, reflect_in, rotate_in, solve_triangular
 
 
 def folded(rows, y, factor=1.0, prior=1e-3):
@@ -55,3 +55,21 @@ def test_the_factor_stays_triangular_and_its_inverse_is_the_inverse(n, count, se
     inverse_normal(R, inverse, P)
     np.testing.assert_allclose(P @ (R.T @ R), np.eye(n), atol=1e-8)
     assert np.array_equal(P, P.T) and np.linalg.eigvalsh(P).min() > 0.0
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(1, 6), st.integers(0, 2), st.integers(0, 2), st.floats(1e-4, 10.0), st.integers(0, 2**32 - 1))
+def test_a_staircase_of_rows_reflected_in_at_once_is_each_of_them_rotated_in(n, beside, first, size, seed):
+    rng, first = np.random.default_rng(seed), min(first, n - 1)
+    k, m = n - first, n + beside
+    R = np.triu(rng.normal(size=(n, m)))
+    R[np.arange(n), np.arange(n)] = rng.uniform(0.5, 2.0, n)
+    rows, y, p = size * np.triu(rng.normal(size=(k, m)), first), rng.normal(size=k), rng.normal(size=n)
+    rows[np.arange(k), first + np.arange(k)] = size
+    one, right, left = R.copy(), p.copy(), 0.0
+    for i in range(k):
+        left += rotate_in(one, right, rows[i].copy(), y[i], first + i) ** 2
+    found = reflect_in(R, p, np.ascontiguousarray(rows.T), y.copy(), first)
+    np.testing.assert_allclose(R, one, atol=1e-12 * (1.0 + size))
+    np.testing.assert_allclose(p, right, atol=1e-12 * (1.0 + size))
+    assert found == pytest.approx(left, rel=1e-9, abs=1e-20)

@@ -85,12 +85,12 @@ def test_the_moving_base_is_least_squares_from_a_fixed_one():
 
 
 def test_steps_that_forget_next_to_nothing_wait_and_none_is_lost():
-    state, pull = np.zeros(integral.size(4, 0, 0)), np.zeros(4)
+    state, work = np.zeros(integral.size(4, 0, 0)), np.empty((5, 4))
     integral.start(state, 4, 0, 0)
     state[integral.WEIGHT] = 1.0
     seen = []
     for _ in range(1000):
-        integral.forget(state, 4, 1.0 - 1e-8, pull)
+        integral.forget(state, 4, 1.0 - 1e-8, work)
         seen.append(state[integral.WEIGHT])
     np.testing.assert_allclose(seen, (1.0 - 1e-8) ** np.arange(1, 1001), rtol=1.1e-6)
     assert 8 <= len(set(seen)) <= 12  # a millionth at a time
@@ -101,7 +101,7 @@ def variance_of(equation, n, slope, torque, velocity, prior):
     inverted = np.empty((n, n))
     integral.inverse(equation, n, inverted)
     found = np.empty(1)
-    integral.variances(equation, n, slope[None, :], torque, velocity, prior, inverted, np.empty((2, n)), found)
+    integral.variances(equation, n, slope[None, :], torque, velocity, prior, inverted, np.empty((n + 2, n)), found)
     return found[0]
 
 

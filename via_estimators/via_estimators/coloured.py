@@ -31,7 +31,7 @@ from numba import njit
 from via_core.signals import Array
 from via_core.weak_form import window_weights
 
-from via_estimators.qr import NEGLIGIBLE, inverse_normal, rotate_in, solve_triangular
+from via_estimators.qr import NEGLIGIBLE, inverse_normal, reflect_in, rotate_in, solve_triangular
 
 COLOURS = 3  # psi, psi', psi''
 # Sum of weights, RSS with the prior's part, that part's floor, rows, how much M and how much all has yet to fade.
@@ -199,7 +199,7 @@ def _transport(R: Array, keep: float, M: Array) -> None:
 def forget(state: Array, n: int, keep: float, work: Array) -> None:
     """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it.
 
-    Steps that forget next to nothing wait until it is worth the rotations (`qr.NEGLIGIBLE`).
+    Steps that forget next to nothing wait until it is worth the reflections (`qr.NEGLIGIBLE`).
 
     work  `scratch`
     """
@@ -220,14 +220,15 @@ def forget(state: Array, n: int, keep: float, work: Array) -> None:
     state[WEIGHT] *= keep
     state[MISFIT] *= keep
     state[SCATTER] *= keep
-    pull = work[0]
-    pull[:] = 0.0
+    pulls, y = work[:n], work[n]
+    pulls[:, :] = 0.0
     for j in range(n):
-        pull[j] = leak
-        state[MISFIT] += rotate_in(R, p, pull, leak * x[j], j) ** 2
+        pulls[j, j] = leak
+        y[j] = leak * x[j]
         away = x[j] - pulled[j]
         state[SCATTER] += keep * (1.0 - keep) * away * away
         pulled[j] += (1.0 - keep) * away
+    state[MISFIT] += reflect_in(R, p, pulls, y, 0)
 
 
 @njit(cache=True, error_model="numpy")

@@ -52,7 +52,7 @@ from math import sqrt
 from numba import njit
 from via_core.signals import Array
 
-from via_estimators.qr import NEGLIGIBLE, invert_triangular, rotate_in, solve_triangular
+from via_estimators.qr import NEGLIGIBLE, invert_triangular, reflect_in, rotate_in, solve_triangular
 
 # sum of the weights of increments; rows taken; columns considered only; states of the noise's colour; yet to forget
 WEIGHT, TAKEN, CUT, POLES, PENDING, HEAD = range(6)
@@ -64,7 +64,7 @@ BASE = 1e-12  # R_00 without any row: the constant has no prior
 @njit(cache=True, error_model="numpy")
 def size(n: int, cut: int, poles: int) -> int:
     """Floats in the state of one equation with n unknowns, the constant among them, and `cut` columns considered."""
-    return HEAD + 2 * n + _sums(poles) * n * n + n * cut + n * poles + (n + cut) * (n + cut + 1)
+    return HEAD + 2 * n + _sums(poles) * n * n + n * cut + n * poles + n * (n + cut + 1)
 
 
 @njit(cache=True, error_model="numpy")
@@ -121,17 +121,16 @@ def _shared(state: Array, n: int) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _right(state: Array, n: int) -> Array:
-    """The view p (n + cut,); only the first n are solved for."""
-    all_ = n + int(state[CUT])
-    at = state.size - all_ * (all_ + 1)
-    return state[at : at + all_]
+    """The view p (n,), right before R."""
+    at = state.size - n * (n + int(state[CUT]) + 1)
+    return state[at : at + n]
 
 
 @njit(cache=True, error_model="numpy")
 def factor(state: Array, n: int) -> Array:
-    """The view (n + cut, n + cut) whose first n rows are R (n, n), triangular, with R_c (n, cut) beside it."""
-    all_ = n + int(state[CUT])
-    return state[state.size - all_ * all_ :].reshape(all_, all_)
+    """The view (n, n + cut) of R (n, n), triangular, with R_c (n, cut) beside it."""
+    width = n + int(state[CUT])
+    return state[state.size - n * width :].reshape(n, width)
 
 
 @njit(cache=True, error_model="numpy")
@@ -212,12 +211,12 @@ def eliminate(state: Array, n: int) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def forget(state: Array, n: int, keep: float, pull: Array) -> None:
+def forget(state: Array, n: int, keep: float, work: Array) -> None:
     """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it.
 
-    Steps that forget next to nothing wait until it is worth the rotations (`qr.NEGLIGIBLE`).
+    Steps that forget next to nothing wait until it is worth the reflections (`qr.NEGLIGIBLE`).
 
-    pull  (n + cut,) overwritten
+    work  (n + cut + 1, n) or more, overwritten
     """
     keep *= state[PENDING]
     if keep > 1.0 - NEGLIGIBLE:
@@ -225,21 +224,27 @@ def forget(state: Array, n: int, keep: float, pull: Array) -> None:
         return
     state[PENDING] = 1.0
     x, p, R, off = unknowns(state, n), _right(state, n), factor(state, n), considered(state, n)
+    poles, at, each = int(state[POLES]), HEAD + 2 * n, n * n
     root, leak = sqrt(keep), sqrt(1.0 - keep)
-    p *= root
-    R *= root
+    state[state.size - n * (R.shape[1] + 1) :] *= root  # p and R
     R[0, 0] = max(R[0, 0], BASE)
-    sums = _matrices(state, n)
-    sums[:2] *= keep * keep
-    sums[2:] *= keep
-    _shared(state, n)[:, :] *= keep
+    if poles == 0:
+        state[at : at + 2 * each] *= keep * keep  # M and V
+        state[at + 2 * each : at + 4 * each] *= keep  # N and L
+    else:
+        state[at : at + each] *= keep * keep
+        at += each + off.size
+        state[at : at + poles * n] *= keep  # U
     state[WEIGHT] *= keep
-    pull[:] = 0.0
+    cut, y = off.shape[0], work[n + off.shape[0], : n - 1]
     for j in range(1, n):
-        pull[j] = leak
-        for c in range(off.shape[0]):  # the estimate that is pulled to is off itself
-            pull[n + c] = leak * off[c, j]
-        rotate_in(R, p, pull, leak * x[j], j)
+        for i in range(n - 1):
+            work[j, i] = 0.0
+        work[j, j - 1] = leak
+        y[j - 1] = leak * x[j]
+        for c in range(cut):  # the estimate that is pulled to is off itself
+            work[n + c, j - 1] = leak * off[c, j]
+    reflect_in(R, p, work, y, 1)
 
 
 @njit(cache=True, error_model="numpy")
@@ -338,7 +343,7 @@ def spread_of(state: Array, n: int, first: int, inverted: Array) -> float:
     return squares / drawn
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+@njit(cache=True, error_model="numpy")
 def variances(
     state: Array, n: int, slopes: Array, torque: float, velocity: float, prior: Array, inverted: Array, work: Array,
     out: Array,
@@ -349,9 +354,16 @@ def variances(
     velocity  variance of the velocity noise's share of a row; 0 where the torque's noise has a colour
     prior     (n,) variances of the prior, and of what has leaked since
     inverted  R^-1, as `inverse` has it
-    work      (2, n) or more, overwritten
+    work      (n + 2, n) or more, overwritten
     """
-    sums, half, full = _matrices(state, n), work[0], work[1]  # R^-T slope, P slope
+    sums, half, full, middle = _matrices(state, n), work[0], work[1], work[2:]  # R^-T slope, P slope
+    for i in range(n):  # what the right side's noise and the prior make, one half of a symmetric matrix
+        for j in range(i + 1):
+            middle[i, j] = torque * sums[0, i, j]
+        if velocity > 0.0:
+            for j in range(i + 1):
+                middle[i, j] += velocity * sums[1, i, j]
+        middle[i, i] += prior[i] if i > 0 else 0.0
     for k in range(slopes.shape[0]):
         half[:n] = 0.0
         for i in range(n):
@@ -360,20 +372,12 @@ def variances(
                     half[j] += inverted[i, j] * slopes[k, i]
         found = 0.0
         for i in range(n):
-            total = 0.0
+            along = 0.0
             for j in range(i, n):
-                total += inverted[i, j] * half[j]
-            full[i] = total
-            found += prior[i] * total * total if i > 0 else 0.0
-        for i in range(n):
+                along += inverted[i, j] * half[j]
+            full[i] = along
             total = 0.0
-            for j in range(n):
-                total += sums[0, i, j] * full[j]
-            found += torque * full[i] * total
-        if velocity > 0.0:
-            for i in range(n):
-                total = 0.0
-                for j in range(n):
-                    total += sums[1, i, j] * full[j]
-                found += velocity * full[i] * total
+            for j in range(i):
+                total += middle[i, j] * full[j]
+            found += along * (2.0 * total + middle[i, i] * along)
         out[k] = max(found, 0.0)

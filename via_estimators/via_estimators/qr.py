@@ -19,17 +19,16 @@ NEGLIGIBLE = 1e-6  # a step of forgetting that takes less than this of what is k
 def rotate_in(R: Array, p: Array, row: Array, y: float, first: int) -> float:
     """Take the equation row' x = y into R x = p, both overwritten; returns the residual left over (the star of (48)).
 
-    R      (n, n) upper triangular
+    R      (n, n) upper triangular, or (n, m), m > n, with columns beside it that are only carried along
     p      (n,)
-    row    (n,) zero before column `first`; overwritten with zeros
+    row    (n,) or (m,), zero before column `first`; overwritten, with zeros up to n
     """
-    n = p.size
-    for j in range(first, n):
+    for j in range(first, p.size):
         if row[j] == 0.0:
             continue
         per_length = 1.0 / sqrt(R[j, j] * R[j, j] + row[j] * row[j])
         c, s = R[j, j] * per_length, row[j] * per_length
-        for i in range(j, n):
+        for i in range(j, row.size):
             above = R[j, i]
             R[j, i] = c * above + s * row[i]
             row[i] = c * row[i] - s * above
@@ -37,6 +36,49 @@ def rotate_in(R: Array, p: Array, row: Array, y: float, first: int) -> float:
         p[j] = c * above + s * y
         y = c * y - s * above
     return y
+
+
+@njit(cache=True, error_model="numpy")
+def reflect_in(R: Array, p: Array, rows: Array, y: Array, first: int) -> float:
+    """Take k equations rows' x = y at once; returns the sum of squares left over. k calls of `rotate_in` make the same.
+
+    One reflection per column (Householder) instead of a rotation per row and column; as these rows form a staircase,
+    row i beginning in column first + i, it only meets those that have begun.
+
+    R      (n, m) as there, with a diagonal > 0
+    p      (n,)
+    rows   (m, k) or more, one equation per column, not all zero in any place first, .., n - 1; overwritten
+    y      (k,) overwritten
+    """
+    for j in range(first, p.size):
+        begun, here = min(j - first + 1, y.size), rows[j]
+        squares = 0.0
+        for i in range(begun):
+            squares += here[i] * here[i]
+        diagonal = R[j, j]
+        length = sqrt(diagonal * diagonal + squares)
+        grown, per, share = squares / (diagonal + length), 1.0 / length, (diagonal + length) / (length * squares)
+        R[j, j] = length
+        for c in range(j + 1, R.shape[1]):
+            beside = rows[c]
+            along = 0.0
+            for i in range(begun):
+                along += here[i] * beside[i]
+            along = share * along - per * R[j, c]
+            R[j, c] += grown * along
+            for i in range(begun):
+                beside[i] -= along * here[i]
+        along = 0.0
+        for i in range(begun):
+            along += here[i] * y[i]
+        along = share * along - per * p[j]
+        p[j] += grown * along
+        for i in range(begun):
+            y[i] -= along * here[i]
+    left = 0.0
+    for i in range(y.size):
+        left += y[i] * y[i]
+    return left
 
 
 @njit(cache=True, error_model="numpy")

@@ -47,6 +47,8 @@ from via_estimators.contract import Estimator, Kernel, Parameters, choice, expec
 BEYOND = 10.0  # deflections larger than so many scales are no deflections
 CLEAR = 4.0  # deviations; a term seen so clearly needs no others to bear it out
 LEGENDRE_AT_0 = (1.0, -0.5, 0.375, -0.3125)  # P_0, P_2, P_4, P_6
+# By degree n > 2: the power of c_n c_(n-4) / c_(n-2)^2 by which c_(n+2) / c_n falls short of c_n / c_(n-2); see `fall`.
+BENDING = (0.0, 0.0, 0.0, *(log((n + 2.0) / n) / log(n / (n - 2.0)) for n in range(3, 2 * MOST_TERMS)))
 ROUNDS = 5  # of looking for the first term cut off; each is closer by half or better
 LENGTH, TRANSMISSIONS, KIND, TERMS, MEMORY, MAX_GAP, SAMPLING, TORQUE_NOISE, VELOCITY_NOISE = range(9)
 POSITION_NOISE, SCALE, MINIMUM_MOTION, MARGIN, HORIZON, TRUNCATION, PRIOR = range(9, 16)
@@ -205,11 +207,11 @@ def cut_off(kind: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def scratch(n: int) -> Array:
-    """Room (12 + n, n) for `learn` and `tell`, made once: an allocation per sample would cost more than the sums in it.
+    """Room (14 + 2 n, n) for `learn` and `tell`, made once: an allocation per sample would cost more than its sums.
 
     n  unknowns and columns considered
     """
-    return np.empty((12 + n, n))
+    return np.empty((14 + 2 * n, n))
 
 
 @njit(cache=True, error_model="numpy")
@@ -253,7 +255,7 @@ def learn(
     if kept[RUNNING] > 0.0 and (not moving or kept[AGE] + 0.5 * elapsed >= par[HORIZON]):
         integral.eliminate(equation, n)
         kept[AGE] = 0.0
-    integral.forget(equation, n, keep, row)
+    integral.forget(equation, n, keep, work[6:])
     if moving:
         row[:] = 0.0
         row[0], row[1] = 1.0, velocity * width[1] / unit
@@ -279,7 +281,7 @@ def tell(
     mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
     x = integral.unknowns(equation, n)
     f, g, bend = work[0, : terms + cut], work[1, : terms + cut], work[2, : terms + cut]
-    prior, found, spare, slopes, inverted = work[3, :n], work[4], work[5:7], work[7 : 10 + cut], work[12:]
+    prior, found, slopes, inverted, spare = work[3, :n], work[4], work[7 : 10 + cut], work[12:], work[12 + n :]
     fill_basis(kind, phi, par[SCALE], f, g, bend)
     told[:] = 0.0
     slopes[:] = 0.0  # of stiffness, of B and D, of the last terms of either parity
@@ -318,23 +320,17 @@ def tell(
 
 
 @njit(cache=True, error_model="numpy")
-def bending(degree: int) -> float:
-    """Power of c_n c_(n-4) / c_(n-2)^2 by which c_(n+2) / c_n falls short of c_n / c_(n-2), for n = `degree` > 2."""
-    return log((degree + 2.0) / degree) / log(degree / (degree - 2.0))
-
-
-@njit(cache=True, error_model="numpy")
 def fall(top: float, below: float, first: float, power: float) -> float:
     """c_(n+2) / c_n, at most 1, of Chebyshev coefficients whose ratio goes as n^-p, p >= 0.
 
     top, below, first  c_n, c_(n-2), c_(n-4); where that is not known, first = 0 and p = 0
-    power              `bending` of n
+    power              that of `BENDING`
     """
-    ratio = top / below if below != 0.0 else 1.0
-    ratio = min(max(ratio, -1.0), 1.0)
-    if first == 0.0 or below == 0.0:
-        return ratio
-    return ratio * min(abs(ratio * first / below), 1.0) ** power
+    if below == 0.0:
+        return 1.0
+    per = 1.0 / below
+    ratio = min(max(top * per, -1.0), 1.0)
+    return ratio if first == 0.0 else ratio * min(abs(ratio * first * per), 1.0) ** power
 
 
 @njit(cache=True, error_model="numpy")
@@ -380,7 +376,7 @@ def first_cut(par: Array, kept: Array, x: Array, off: Array, c: int, doubt: floa
         for at in range(4):
             known = mean[3 + at * cut] + width[3 + at * cut] * x[3 + at * cut]
             zeroth += known * (LEGENDRE_AT_0[at] if kind in (LEGENDRE, ODD_LEGENDRE) else 1.0 if at == 0 else 0.0)
-    expected = b / size * (fall(b, first, 2.0 * zeroth, bending(degree - 2)) if first != 0.0 else 1.0)
+    expected = b / size * (fall(b, first, 2.0 * zeroth, BENDING[degree - 2]) if first != 0.0 else 1.0)
     wide = max(expected * expected, share * share - CLEAR * CLEAR * doubt)
     if wide + doubt > 0.0:
         known = wide / (wide + doubt)
@@ -388,7 +384,7 @@ def first_cut(par: Array, kept: Array, x: Array, off: Array, c: int, doubt: floa
     a = (1.0 if share > 0.0 else -1.0) * size * clear
     k = size * off[j] / next_size - swing_before(kind, terms, -1 - c, far, 1)
     h = (before * off[i] + lower * size * off[j]) / next_size - swing_before(kind, terms, -1 - c, far, 2)
-    t, ratio, power = 0.0, 0.0, bending(degree)
+    t, ratio, power = 0.0, 0.0, BENDING[degree]
     for _ in range(ROUNDS):
         top = a - min(max(k * t, -abs(a)), 0.5 * abs(a))  # no more than a law that is seen at all can hide
         below = b - min(max(h * t, -abs(b)), 0.5 * abs(b))
