@@ -82,9 +82,10 @@ def test_what_a_torque_may_depend_on_is_finite_where_nothing_moves():
 def test_a_report_says_how_much_of_what_can_be_closed_is():
     log = log_of(joint(), (Effect("coulomb_friction", "motor", {"torque": 0.03}, 1),), seed=21)
     gap = diagnose([log], log.device).gap
-    assert gap.floor <= gap.ceiling <= max(gap.after, gap.floor) * (1.0 + 1e-12)
+    assert gap.floor <= gap.ceiling
     assert gap.closes == pytest.approx((gap.before - gap.after) / (gap.before - gap.ceiling))
-    assert all(each.floor <= each.ceiling for each in gap.signals.values())
+    for each in gap.signals.values():  # of which one may be below its floor and another above it
+        assert each.floor <= each.ceiling <= max(each.after, each.floor) * (1.0 + 1e-12)
 
 
 def test_a_torque_that_repeats_along_the_way_is_found_by_its_waves():

@@ -1,5 +1,7 @@
 """Shots: only a log's own plant explains it, down to the sensors' steps, for every effect that the row can hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid, servo
@@ -118,3 +120,19 @@ def test_commands_that_rounding_puts_before_their_samples_change_on_the_same_tic
     commands = Signals(sent.time - early, sent.channels, sent.units, sent.held)
     shots = cut_log(JointLog("rounded", log.device, log.measured, commands))
     assert shots.origin == pytest.approx(log.measured.time[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("device", [rigid(), flexible()], ids=["sample by sample", "in bins"])
+def test_what_stands_for_lost_samples_is_not_compared(device):
+    log = log_of(device, (), seed=5, duration=6.0, tolerance=0.0)
+    lost = np.zeros(len(log.measured), dtype=bool)
+    lost[100:-100:47] = True
+    there = {name: values[~lost] for name, values in log.measured.channels.items()}
+    gappy = JointLog("gappy", log.device, Signals(log.measured.time[~lost], there, log.measured.units), log.commands)
+    shots = cut_log(gappy)
+    assert shots.valid.all() and 0.01 < np.mean(shots.weight == 0.0) < 0.1
+    assert np.allclose(np.mean(shots.weight**2, axis=(1, 2)), 1.0)
+    problem = Problem.of([shots], [np.arange(1, len(shots))])
+    moved = Problem.of([replace(shots, measured=shots.measured + (shots.weight == 0.0))], [np.arange(1, len(shots))])
+    left, same = (each.per_shot(each.residual([each.row(())])[0]) for each in (problem, moved))
+    assert np.array_equal(left, same) and np.max(left) < 1.6

@@ -50,6 +50,7 @@ START, START_SPEED = 2.0, 0.03  # times the sensor's noise; [rad/s]: how well a 
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
 BESIDE_MOTORS = ("damping", "external_torque", "neighbour", "arm_torque")  # commands that do not drive motors
 ROUNDED = 1e-6  # of a tick
+LOST = 1.5  # periods from a sample to the next: one between them was lost
 RESTS = 0.01  # [rad] within which an axis rests when a log begins
 LEAD = 0.06  # [s] longer than any lag between channels
 THREADS = 2
@@ -64,6 +65,8 @@ class Shots:
     angles    (T, a) [rad] as measured, gaps bridged
     start     (T, 6) smoothed angles and velocities [rad, rad/s] on every tick; NaN: not seen
     measured  (S, b, a) [rad] averaged over bins
+    weight    (S, b, a) of a value in comparisons: 0 where samples were lost, for those that were not a bit over 1, so
+              that mean squares are of what was read
     rest      (3,) [rad] where the axes stood when the log began; NaN: nobody knows
     valid     (S,) whether every value of the shot was measured
     noise     (a,) [rad] standard deviation of a bin
@@ -82,6 +85,7 @@ class Shots:
     angles: Array
     start: Array
     measured: Array
+    weight: Array
     rest: Array
     valid: Array
     noise: Array
@@ -116,7 +120,7 @@ def cut_log(log: JointLog, span: float | None = None) -> Shots:
     if ticks < 4 * every:
         raise SignalError(f"{log.name}: {log.duration:.3g} s are too short to compare anything")
     axes = (0, *(1 + i for i, seen in enumerate(log.motors_seen) if seen))
-    angles, missing = _angles(log, grid, axes)
+    angles, missing, bridged = _angles(log, grid, axes)
     begin = np.arange(0, len(grid) - ticks, ticks, dtype=np.intp)
     reach = max(SMOOTHING, 4.0 * period)
     states = _smoothed(angles, axes, rate, reach)
@@ -129,6 +133,9 @@ def cut_log(log: JointLog, span: float | None = None) -> Shots:
     cut = np.stack([angles[b : b + ticks + 1] for b in begin])
     valid = np.array([missing[b : b + ticks + 1].mean() < 0.02 for b in begin])
     measured = binned(cut, every, averaged)
+    lost = np.stack([bridged[b : b + ticks + 1].astype(np.float64) for b in begin])
+    read = (binned(lost, every, averaged) == 0.0) | (not uniform)  # without a clock nobody knows what was lost
+    weight = read * np.sqrt(read[0].size / np.maximum(np.sum(read, axis=(1, 2), keepdims=True), 1))
     drive = _drive(log, grid)
     return Shots(
         log,
@@ -143,6 +150,7 @@ def cut_log(log: JointLog, span: float | None = None) -> Shots:
         angles,
         states,
         measured,
+        weight,
         _rest(log),
         valid,
         noise,
@@ -198,10 +206,11 @@ def _aligned(log: JointLog, rate: float) -> float:
     return first if phase > 1.0 - ROUNDED else first + phase / rate  # a tick less what rounding took is no tick
 
 
-def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Array]:
-    """Angles (T, a) [rad] on the grid, gaps bridged, and where they are (T,)."""
+def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Array, Array]:
+    """Angles (T, a) [rad] on the grid, gaps bridged; where long gaps are (T,), and where samples are lost (T, a)."""
     values = np.empty((len(grid), len(axes)))
     missing = np.zeros(len(grid), dtype=bool)
+    bridged = np.zeros(values.shape, dtype=bool)
     longest = 3.0 * float(np.median(np.diff(log.measured.time)))
     for i, axis in enumerate(axes):
         column = log.measured["q"] if axis == 0 else log.measured["theta"][:, axis - 1]
@@ -209,8 +218,11 @@ def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Arr
         time = log.measured.time[there]
         values[:, i] = np.interp(grid, time, column[there])
         after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-        missing |= (time[after] - time[after - 1]) > longest
-    return values, missing
+        span, period = time[after] - time[after - 1], float(np.median(np.diff(time)))
+        missing |= span > longest
+        beside = np.minimum(np.abs(time[after] - grid), np.abs(grid - time[after - 1]))
+        bridged[:, i] = (span > LOST * period) & (beside > 0.25 * min(period, grid[1] - grid[0]))
+    return values, missing, bridged
 
 
 def _smoothed(angles: Array, axes: Sequence[int], rate: float, reach: float) -> Array:
@@ -446,14 +458,16 @@ class Bench:
                 steps.append(offset)
         plain = self.motion(row[None])[0]
         columns = np.stack([self.motion(row[None], offset)[0] - plain for offset in steps], axis=-1)
-        flat = (columns / self.shots.noise[:, None]).reshape(len(self.chosen), self.size, len(steps))
+        columns = columns * (self.shots.weight[self.chosen] / self.shots.noise)[..., None]
+        flat = columns.reshape(len(self.chosen), self.size, len(steps))
         basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
         return basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
         """Whitened measured minus simulated (K, C, b a), under commands as of `motion`; what overflowed is huge."""
         shots = self.shots
-        error = (shots.measured[self.chosen] - self.motion(rows, commands=commands)) / shots.noise
+        scale = shots.weight[self.chosen] / shots.noise
+        error = (shots.measured[self.chosen] - self.motion(rows, commands=commands)) * scale
         flat = error.reshape(len(rows), len(self.chosen), self.size)
         flat = np.clip(np.nan_to_num(flat, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
