@@ -168,11 +168,10 @@ class Estimator(ABC):
         """Fold `step` over rows (N, 1 + k) from `state`, or from the start; returns the last state too."""
         start = self.init() if state is None else state
         new, out = self._fold(start, np.array(rows, dtype=np.float64, order="C"))
-        k = len(self.outputs)
-        parts = out[:, 0].copy(), out[:, 1].astype(np.uint8), out[:, 2 : 2 + k].copy(), out[:, 2 + k :].copy()
-        for array in (new, *parts):
+        k, status = len(self.outputs), out[:, 1].astype(np.uint8)
+        for array in (new, out, status):
             array.flags.writeable = False
-        return new, Estimates(*parts, self.outputs)
+        return new, Estimates(out[:, 0], status, out[:, 2 : 2 + k], out[:, 2 + k :], self.outputs)
 
     def run(self, signals: Signals) -> Estimates:
         """Fold `step` over signals."""
