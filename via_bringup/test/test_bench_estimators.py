@@ -12,6 +12,7 @@ from via_bringup.bench import eigen, estimators, kernels
 from via_bringup.bench.timing import Contender, Times, take_turns
 from via_bringup.cli import bench as command
 from via_bringup.tables.rows import Row
+from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_estimators.methods import METHODS, methods_for
 
@@ -83,8 +84,12 @@ def test_every_method_has_a_device_and_a_step_to_time(monkeypatch):
     for method in METHODS:
         assert method in methods_for(estimators.device_for(method))
     rows = estimators.step_rows(1)
+    two = [name for name in METHODS if estimators.device_for(name).n_transmissions == 2]
+    assert two and load_device(estimators.ONE_TRANSMISSION).n_transmissions == 1
     assert [row.id for row in rows] == [
-        f"step.{method}.{how}" for method in METHODS for how in ("call", "live", "fold")
+        f"step.{case}.{how}"
+        for case in (*METHODS, *(f"one.{name}" for name in two))
+        for how in ("call", "live", "fold")
     ]
     assert all(row.limit == 10.0 and row.ours is not None and row.ours > 0.0 for row in rows)
 

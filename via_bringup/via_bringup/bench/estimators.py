@@ -27,6 +27,7 @@ from via_bringup.bench.timing import Contender, take_turns
 from via_bringup.tables.rows import Row
 
 STEP_LIMIT = 10.0  # [us] of one full step, estimation.md
+ONE_TRANSMISSION = "visco_elastic_demo"
 PREFERRED = ("qbmove_a", "vsa2", "cubic_aa_vsa", "maccepavd", "compact_vpda")  # the first that a method suits
 SAMPLES, FOLDED = 500, 5000
 LONG = 1_000_000  # samples of the run whose memory is watched
@@ -64,21 +65,28 @@ def moving_rows(estimator: Estimator, count: int, start: int = 0) -> Array:
 
 
 def step_rows(turns: int) -> list[Row]:
-    """One full step of every method on a device it suits, called from Python and folded."""
+    """One full step of every method on a device it suits, called from Python and folded.
+
+    A step of an antagonistic joint has two regressions; those methods are also timed on a joint with one.
+    """
+    cases = {method: device_for(method) for method in METHODS}
+    single = load_device(ONE_TRANSMISSION)
+    cases |= {f"one.{method}": single for method, device in cases.items() if device.n_transmissions == 2}
     contenders: dict[str, Contender] = {}
     settings = {}
-    for method in METHODS:
-        device = device_for(method)
-        estimator = estimator_for(device, method)
-        contenders |= _contenders(method, estimator)
-        settings[method] = (
-            f"{device.name}, {estimator.init().nbytes} bytes of state, median of {turns} alternating turns, one thread"
+    for case, device in cases.items():
+        estimator = estimator_for(device, case.removeprefix("one."))
+        contenders |= _contenders(case, estimator)
+        settings[case] = (
+            f"{device.name}, transmissions: {device.n_transmissions}, {estimator.init().nbytes} bytes of state, median "
+            f"of {turns} alternating turns, one thread"
         )
     times = take_turns(contenders, turns)
     return [
-        Row(f"step.{method}.{how}", f"{method}: one full step, {what}", "time [us]", None,
-            1e-3 * times[f"{method} {how}"].nanoseconds, STEP_LIMIT, settings[method])
-        for method in METHODS
+        Row(f"step.{case}.{how}",
+            f"{case.removeprefix('one.')}{', one transmission' * case.startswith('one.')}: one full step, {what}",
+            "time [us]", None, 1e-3 * times[f"{case} {how}"].nanoseconds, STEP_LIMIT, settings[case])
+        for case in cases
         for how, what in (
             ("call", "pure, called from Python"),
             ("live", "in place, called from Python"),
