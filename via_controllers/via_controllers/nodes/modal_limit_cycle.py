@@ -3,10 +3,10 @@
 ros2 run via_controllers modal_limit_cycle --ros-args -p arm:=reference_4dof -p mode:=1
 
 Topics and lifecycle: see `controller`. It tells H, V, the push s, the modal coordinates z and the modes' frequencies.
-Activated, the arm begins to swing by itself, and does so again when it is held and let go; who holds it bears no more
-than the springs do at the turning points of the cycle. With `start` 0 it waits at rest for a push. Deactivate it to
-stop it. The default `level` suits the two soft modes of reference_4dof: where motors cannot follow, as with its modes 3
-and 4, they go from limit to limit and no cycle comes of it; begin with a tenth of the level or less.
+Activated, the arm begins to swing by itself, and does so again when it is held and let go; who holds it still bears no
+more than the springs do at the turning points of the cycle. With `start` 0 it waits at rest for a push. Deactivate it
+to stop it. The default `level` suits the soft modes of reference_4dof: where motors cannot follow, as with modes
+3 and 4, they go from limit to limit and no cycle comes of it; begin with a tenth of the level or less.
 """
 
 from __future__ import annotations
