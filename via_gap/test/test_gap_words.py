@@ -74,6 +74,28 @@ def test_tied_causes_come_with_why_and_with_what_to_ask_for():
     assert equivalence_words(report_of("effect")) == equivalence_words(report_of("unknown")) == ()
 
 
+def test_what_ties_with_a_pair_is_said_of_the_cause_it_may_stand_for():
+    report = report_of("two_effects")
+    trials = (
+        trial(BACKLASH, COULOMB, left=0.01, behind=0.0),
+        trial(BACKLASH, VISCOUS, left=0.01, behind=0.02),
+        trial(VISCOUS, left=0.5, behind=4.0),
+    )
+    told = {"equivalence_set": (BACKLASH, COULOMB, VISCOUS)}
+    tied = report.model_copy(update={**told, "figures": report.figures.model_copy(update={"trials": trials})})
+    (said,) = equivalence_words(tied)
+    assert said.startswith(
+        "This log cannot separate Coulomb friction at motor 1 from viscous friction at motor 1: on held-out data their "
+        "scores differ by 0.02"
+    )
+    assert [each.what for each in ruled_out(tied)] == ["viscous friction at motor 1"]
+    (held,) = (each for each in cautions(tied) if "wrong one" in each)
+    assert held == "The repair holds Coulomb friction at motor 1, the best of the tied causes: it may be the wrong one."
+    assert next_steps(tied) == (
+        "Record a motion that separates the tied causes: a ladder of speeds; then diagnose again with both logs.",
+    )
+
+
 def test_what_was_ruled_out_is_told_from_what_is_only_less_likely():
     report = report_of("effect")
     told = {each.what: each for each in ruled_out(report)}

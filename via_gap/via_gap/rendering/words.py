@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from via_sim.catalogue import EFFECTS
@@ -37,7 +37,7 @@ LEVELS = {
     "commands only": "only commands and the link were seen: only the simulated link can be compared",
 }
 SIGNALS = {"q": "link angle q", "theta_1": "motor 1 angle", "theta_2": "motor 2 angle", "tau": "drive torque tau"}
-CLOSE = 0.2  # of a score: a richer effect that comes no further behind is dropped for being needless
+CLOSE = 0.2  # of a score: what comes no further behind ties with the best, or is dropped for being needless
 HELPS = 0.95  # of the squared error: a cause that leaves more is said not to help
 DECIDED = 2.0  # standard deviations by which a cause must be behind to be ruled out
 ABOVE = 3.0  # times the sensors' floor: an error that is said to stay
@@ -123,10 +123,11 @@ def cautions(report: GapReport) -> tuple[str, ...]:
         said.append("With the device file as it stands the simulator is off: use the fitted numbers, not those filed.")
     if gap is not None and report.verdict in ("effect", "two_effects") and gap.closes < CLOSED:
         said.append(f"Something else is missing as well: {percent(1.0 - gap.closes)} of what can be closed stays open.")
-    if report.verdict in ("effect", "two_effects") and any(p not in report.effects for p in report.equivalence_set):
-        said.append(
-            f"The repair holds {place_words(report.effects[0])}, the best of the tied causes: it may be the wrong one."
-        )
+    tied = list(dict.fromkeys(one for one, _, _ in _tied(report))) if report.verdict != "cannot_tell" else []
+    if tied:
+        held = listed([place_words(p) for p in tied])
+        best, wrong = ("each the best", "any may") if len(tied) > 1 else ("the best", "it may")
+        said.append(f"The repair holds {held}, {best} of the tied causes: {wrong} be the wrong one.")
     elif gap is not None and report.verdict in ("effect", "two_effects") and gap.after > ABOVE * gap.floor > 0.0:
         said.append(
             f"The error that stays, {percent(gap.after)}, is {number(gap.after / gap.floor, 2)} times what the sensors "
@@ -219,16 +220,10 @@ def told_apart(one: str, other: str) -> str:
 
 
 def equivalence_words(report: GapReport) -> tuple[str, ...]:
-    """Why the causes of the set are not told apart, one sentence for each beside the best."""
-    if report.verdict not in ("effect", "two_effects", "cannot_tell") or not report.equivalence_set:
-        return ()
-    best = (*report.effects, *report.equivalence_set)[0]
+    """Why the causes of the set are not told apart, one sentence for each beside those named."""
     said = []
-    for other in report.equivalence_set:
-        if other == best or other in report.effects:
-            continue
-        how = told_apart(best.effect, other.effect)
-        trial = _trial(report, other)
+    for one, other, trial in _tied(report):
+        how = told_apart(one.effect, other.effect)
         close = (
             f"on held-out data their scores differ by {number(trial.behind, 2)} ± {number(trial.behind_sd, 1)}, which "
             f"is no more than chance or errors of the device's numbers make"
@@ -236,9 +231,28 @@ def equivalence_words(report: GapReport) -> tuple[str, ...]:
             else "on held-out data both leave the same error"
         )
         ask = f" Ask for: {how}." if how else ""
-        moved = "the same effect at another place" if best.effect == other.effect else "both bend this motion alike"
-        said.append(f"This log cannot separate {place_words(best)} from {place_words(other)}: {close}; {moved}.{ask}")
+        moved = "the same effect at another place" if one.effect == other.effect else "both bend this motion alike"
+        said.append(f"This log cannot separate {place_words(one)} from {place_words(other)}: {close}; {moved}.{ask}")
     return tuple(said)
+
+
+def _tied(report: GapReport) -> Iterator[tuple[Place, Place, Trial | None]]:
+    """Of each cause in the set that is not named: which of those named it may stand for, it, and how both fared.
+
+    It stands for the one that is missing from the best set of as many effects with it; of a single cause, for that.
+    """
+    if report.verdict not in ("effect", "two_effects", "cannot_tell") or not report.equivalence_set:
+        return
+    named = [each for each in report.effects if not of_readings(each)] or [*report.effects, *report.equivalence_set][:1]
+    trials = report.figures.trials if report.figures is not None else ()
+    for other in report.equivalence_set:
+        if other in named or other in report.effects:
+            continue
+        (spot,) = _spots([other])
+        sets = [(t, _spots(t.effects)) for t in trials if len(t.effects) == len(named)]
+        alike = [(t, [each for each in named if not _spots([each]) & spots]) for t, spots in sets if spot in spots]
+        trial, missing = min(alike, key=lambda found: (len(found[1]), found[0].behind), default=(None, named))
+        yield missing[0], other, trial
 
 
 @dataclass(frozen=True)
@@ -259,12 +273,15 @@ def ruled_out(report: GapReport) -> tuple[Dismissed, ...]:
             for c in report.causes
             if (c.effect, c.site, c.motor) not in tied
         )
-    named = _spots(report.equivalence_set if report.verdict != "unknown" else ())
+    tied = _spots(report.equivalence_set if report.verdict != "unknown" else ())
     answer, kept = _spots(report.effects), _spots(report.causes)
+    size = max(1, sum(not of_readings(each) for each in report.effects))
     found = []
     for trial in report.figures.trials:
         members = _spots(trial.effects)
-        if (members == answer and report.verdict != "unknown") or (len(members) == 1 and members <= named - answer):
+        if members == answer and report.verdict != "unknown":
+            continue
+        if len(members) == size and members <= tied and (size == 1 or trial.behind < CLOSE):
             continue
         behind = f", {number(trial.behind, 2)} ± {number(trial.behind_sd, 1)} behind the best in score"
         leaves = f"leaves {percent(trial.left)} of the squared error" if trial.left < HELPS else "does not help"
@@ -315,8 +332,7 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
     if report.proposal is not None:
         said.append(_proposed(report.proposal))
     elif equivalence_words(report):
-        best, *others = (*report.effects, *report.equivalence_set)
-        hows = {told_apart(best.effect, p.effect) for p in others if p not in report.effects} - {""}
+        hows = {told_apart(one.effect, other.effect) for one, other, _ in _tied(report)} - {""}
         wish = f": {listed(sorted(hows))}" if hows else ""
         said.append(f"Record a motion that separates the tied causes{wish}; then diagnose again with both logs.")
     refused = [f for f in report.data_check if f.severity == "refuse"]
@@ -376,12 +392,3 @@ def _same_place(members: Collection[Spot], kept: Collection[Spot]) -> bool:
 
 def _spots(places: Iterable[Place | Cause | Member]) -> set[Spot]:
     return {(place.effect, place.site, place.motor) for place in places}
-
-
-def _trial(report: GapReport, place: Place) -> Trial | None:
-    for trial in report.figures.trials if report.figures is not None else ():
-        if len(trial.effects) == 1 and trial.effects[0] == Member(
-            effect=place.effect, site=place.site, motor=place.motor
-        ):
-            return trial
-    return None
