@@ -54,12 +54,11 @@ class EquationBench:
         time = np.arange(len(angle)) / rate
         weights = window_weights(ORDER, np.arange(ticks) / rate)
         inside = np.arange(0, shots.ticks - ticks + 1, max(1, round(STRIDE * (ticks - 1))))
-        noise = shots.noise[0] * np.sqrt(shots.every if shots.averaged else 1.0)
         set_ = object.__setattr__
         set_(self, "record", Record(time, angle, velocity, time, shots.commands, still=STANDING))
         set_(self, "first", shots.begin[self.chosen][:, None] + inside)
         set_(self, "weights", weights)
-        set_(self, "floor", float(self.nominal[P.inertia] * noise * np.sqrt(np.sum(weights[2] ** 2))))
+        set_(self, "floor", float(self.nominal[P.inertia] * shots.reading[0] * np.sqrt(np.sum(weights[2] ** 2))))
 
     @staticmethod
     def of(shots: Shots, chosen: Indices) -> EquationBench:

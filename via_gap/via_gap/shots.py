@@ -40,6 +40,7 @@ from via_gap.data_check import step_of
 from via_gap.log import JointLog
 from via_gap.memory import HELD, held_along, with_memory
 from via_gap.replayed import FIRST_SAMPLES
+from via_gap.rounding import correlation, mean_variance, slope_order
 
 Indices = NDArray[np.intp]
 SPAN = 0.25  # [s] of a shot of a torque-driven joint
@@ -69,7 +70,8 @@ class Shots:
               that mean squares are of what was read
     rest      (3,) [rad] where the axes stood when the log began; NaN: nobody knows
     valid     (S,) whether every value of the shot was measured
-    noise     (a,) [rad] standard deviation of a bin
+    reading   (a,) [rad] standard deviation of a reading
+    noise     (a,) [rad] of a bin
     start_noise  (a, 2) [rad], [rad/s] of a smoothed state
     """
 
@@ -88,6 +90,7 @@ class Shots:
     weight: Array
     rest: Array
     valid: Array
+    reading: Array
     noise: Array
     start_noise: Array
 
@@ -123,13 +126,17 @@ def cut_log(log: JointLog, span: float | None = None) -> Shots:
     angles, missing, bridged = _angles(log, grid, axes)
     begin = np.arange(0, len(grid) - ticks, ticks, dtype=np.intp)
     reach = max(SMOOTHING, 4.0 * period)
-    states = _smoothed(angles, axes, rate, reach)
     quanta = np.array([quantum(log, axis) for axis in axes])
+    states = _smoothed(angles, axes, rate, reach, quanta, max(1, round(rate * period)))
     averaged = per_sample == 1 and uniform
-    samples = every if averaged else 1
-    noise = np.sqrt(quanta**2 / 12.0 / samples + (1e-6) ** 2)
-    sample = np.sqrt(quanta**2 / 12.0 + (1e-6) ** 2)
-    sure = np.stack([START * sample, START * sample / reach + START_SPEED], axis=1)
+    share = np.full(len(axes), 1.0 / every if averaged else 1.0)  # of a reading's variance in what is compared
+    for i, axis in enumerate(axes):
+        if averaged and quanta[i] > 0.0:
+            run = min(ticks, round(SPAN * rate))
+            share[i] = mean_variance(correlation(states[:, axis], quanta[i], every, run))
+    noise = np.sqrt(quanta**2 / 12.0 * share + (1e-6) ** 2)
+    reading = np.sqrt(quanta**2 / 12.0 + (1e-6) ** 2)
+    sure = np.stack([START * reading, START * reading / reach + START_SPEED], axis=1)
     cut = np.stack([angles[b : b + ticks + 1] for b in begin])
     valid = np.array([missing[b : b + ticks + 1].mean() < 0.02 for b in begin])
     measured = binned(cut, every, averaged)
@@ -153,6 +160,7 @@ def cut_log(log: JointLog, span: float | None = None) -> Shots:
         weight,
         _rest(log),
         valid,
+        reading,
         noise,
         sure,
     )
@@ -225,22 +233,31 @@ def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Arr
     return values, missing, bridged
 
 
-def _smoothed(angles: Array, axes: Sequence[int], rate: float, reach: float) -> Array:
-    """(T, 6) angle of a quadratic and velocity of a cubic, fitted over `reach` [s] to either side.
+def _smoothed(angles: Array, axes: Sequence[int], rate: float, reach: float, quanta: Array, per_sample: int) -> Array:
+    """(T, 6) angle of a quadratic and velocity of a quadratic or a cubic, fitted over `reach` [s] to either side.
 
-    A quadratic's slope is wrong by reach^2 / 10 times the third derivative: in quick motion more than the encoder's
-    steps make of a cubic's, and more than its first order in a shot explains to a fine encoder.
+    A quadratic's slope is wrong by reach^2 / 10 times the third derivative: in quick motion more than a fine encoder's
+    steps make of a cubic's. A coarse one's make so much of a cubic's that its first order in a shot does not explain
+    to finer encoders beside it what follows.
     """
     half = max(2, round(reach * rate))
-    window = min(2 * half + 1, (len(angles) - 1) // 2 * 2 + 1)
+    window = _window(half, len(angles))
+    read = angles[::per_sample]
+    among = _window(max(2, round(reach * rate / per_sample)), len(read))
     states = np.full((len(angles), 6), np.nan)
     for i, axis in enumerate(axes):
         states[:, axis] = savgol_filter(angles[:, i], window, 2)
-        states[:, 3 + axis] = savgol_filter(angles[:, i], window, 3, deriv=1, delta=1.0 / rate)
+        order = slope_order(read[:, i], states[::per_sample, axis], quanta[i], among) if quanta[i] > 0.0 else 3
+        states[:, 3 + axis] = savgol_filter(angles[:, i], window, order, deriv=1, delta=1.0 / rate)
         begin = angles[:window, i]
         if np.ptp(begin[: half + 1]) < RESTS:  # a one-sided fit knows no speed, a joint at rest has none
             states[0, axis], states[0, 3 + axis] = np.median(begin[: half + 1]), 0.0
     return states
+
+
+def _window(half: int, count: int) -> int:
+    """Ticks of a window of `half` to either side, of `count` that there are: an odd number."""
+    return min(2 * half + 1, (count - 1) // 2 * 2 + 1)
 
 
 def _drive(log: JointLog, grid: Array) -> Array:

@@ -1,0 +1,67 @@
+"""Errors of rounding: against readings rounded at many phases; a coarse encoder alone is never a gap of the model."""
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of, rigid
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.signal import savgol_filter
+from via_gap.candidates import fit_base
+from via_gap.problem import Problem
+from via_gap.rounding import correlation, mean_variance, slope_order, variance
+from via_gap.shots import cut_log
+from via_sim.effects import Effect
+
+
+@pytest.mark.parametrize("advance", [0.0, 0.07, 0.4, 1.3], ids="{} steps from reading to reading".format)
+def test_errors_hang_together_as_those_of_readings_rounded_at_every_phase_do(advance):
+    step, lags = 0.003, 9
+    angle = advance * step * np.arange(500)
+    phases = step * (np.arange(1000) + 0.5) / 1000.0
+    shifted = angle[:lags] + phases[:, None]
+    error = step * np.rint(shifted / step) - shifted
+    seen = error.T @ error / len(phases) / (step**2 / 12.0)
+    told = correlation(angle, step, lags)
+    assert told == pytest.approx(seen[0], abs=0.01)
+    weights = np.random.default_rng(1).normal(size=lags)
+    assert variance(weights, told) == pytest.approx(weights @ seen @ weights, rel=0.02, abs=0.02)
+
+
+def test_readings_of_one_step_are_one_reading_and_those_without_order_are_as_many():
+    slow, fast = (correlation(speed * np.arange(4000.0), 1.0, 4) for speed in (1e-3, 17.38))
+    assert mean_variance(slow) == pytest.approx(1.0, abs=0.03)
+    assert mean_variance(fast) == pytest.approx(0.25, abs=0.03)
+
+
+def test_of_an_axis_that_rests_for_most_of_a_log_the_rest_counts():
+    angle = np.concatenate([np.zeros(20000), 3.7 * np.arange(8000.0)])
+    assert correlation(angle, 1.0, 4)[1] > 0.5
+    moving = correlation(angle, 1.0, 4, run=250)
+    assert moving == pytest.approx(correlation(angle[20000:], 1.0, 4), abs=0.05)
+    assert np.array_equal(correlation(np.zeros(1000), 1.0, 4, run=250), [1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("step", "order"), [(1e-4, 3), (4e-4, 3), (1e-3, 2), (8e-3, 2)])
+def test_the_slope_taken_is_the_one_that_is_less_wrong(step, order):
+    amplitude, rate, window = 0.05, 2.0 * np.pi * 4.0, 25
+    time = np.arange(8000) / 1000.0
+    angle = amplitude * np.sin(rate * time) + 0.6 * np.sin(0.7 * time)
+    speed = amplitude * rate * np.cos(rate * time) + 0.42 * np.cos(0.7 * time)
+    readings = step * np.rint(angle / step)
+    chosen = slope_order(readings, savgol_filter(readings, window, 2), step, window)
+    slopes = sliding_window_view(readings, window) @ np.linalg.pinv(np.vander(np.arange(-12, 13) / 1e3, 4))[2]
+    wrong = {2: savgol_filter(readings, window, 2, deriv=1, delta=1e-3)[12:-12] - speed[12:-12]}
+    wrong[3] = slopes - speed[12:-12]
+    assert chosen == order == min(wrong, key=lambda each: float(np.mean(wrong[each] ** 2)))
+
+
+@pytest.mark.parametrize(("motors", "axis"), [(1, 0), (1, 1), (0, 0)], ids=["link", "motor", "rigid"])
+def test_a_coarse_encoder_leaves_no_gap_that_the_device_does_not_explain(motors, axis):
+    """Held to readings whose errors have no order, and started at a cubic's slope: 3.9, 2.0 and 2.4."""
+    fine = flexible().sensors
+    device = flexible() if motors else rigid().model_copy(update={"sensors": fine})
+    coarse = Effect("encoder_quantisation", "sensor", {"quantum": 0.02}, axis)
+    shots = cut_log(log_of(device, (coarse,), seed=1, duration=6.0))
+    fit, _ = fit_base(Problem.of([shots], [np.arange(1, len(shots))]))
+    each = fit.residual.reshape(-1, len(shots.axes))
+    assert np.max(np.mean(each**2, axis=0)) < 1.25
+    assert np.min(np.mean(each**2, axis=0)) > 0.75  # nor is it taken for more than it is
