@@ -1,6 +1,6 @@
 """Fits of single causes from poor starts, what the screen proposes, and when a second cause is worth its name."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -9,12 +9,12 @@ from via_core.devices import Device
 from via_gap.calibration import calibration
 from via_gap.candidates import Fit, directions, fit_base, member_slopes, ranked, refine, settled
 from via_gap.diagnose import _cause
-from via_gap.evidence import Judged
+from via_gap.evidence import Judged, judge
 from via_gap.nuisance import BOUND
 from via_gap.places import Place, places
 from via_gap.problem import Problem
 from via_gap.scales import Scales, scales_of
-from via_gap.search import closest
+from via_gap.search import Search, closest
 from via_gap.shots import cut_log
 from via_gap.verdict import decide, helps
 from via_sim.effects import Effect
@@ -63,6 +63,31 @@ def test_a_fit_finds_the_planted_numbers_from_a_poor_start(name, effect, start):
     # Beside servos all torques may grow in one proportion.
     off = 1.1 * BOUND * problem.device.tolerances.spring if name == "servo" else 0.01
     assert dict(fit.effects[0].parameters) == pytest.approx(dict(effect.parameters), rel=off)
+
+
+@pytest.mark.parametrize("offset", [-0.004, 0.17, 0.6])
+def test_the_screen_reaches_offsets_of_any_size(offset):
+    """A rigid joint feels an offset through gravity alone, and hardly: sin(q - offset)."""
+    effect = Effect("encoder_offset", "sensor", {"offset": offset})
+    problem, base, jacobian, scales = fitted(rigid(), effect, 6.0)
+    place = Place(effect.name, effect.site, effect.motor)
+    _, first, values = ranked(base, jacobian, directions(problem, base, [place], scales))[0]
+    assert first == place and values == pytest.approx([offset], rel=0.25)
+
+
+def test_a_cause_is_fitted_however_well_a_better_guess_came_out(monkeypatch):
+    """Predictions are compared with predictions: from poor numbers of the device all are far from what fits reach."""
+    log = log_of(rigid(), (Effect("encoder_offset", "sensor", {"offset": 0.06}),), seed=5, duration=6.0)
+    shots = cut_log(log)
+    fitted_on, held = (Problem.of([shots], [np.arange(first, len(shots), 2)]) for first in (1, 2))
+    base, jacobian = fit_base(fitted_on)
+    scales = scales_of([shots], [()], shots.time[1::2], fitted_on.per_shot(base.residual))
+    search = Search.of(fitted_on, partial(judge, held), base, jacobian, places(rigid(), log), scales)
+    names = ("gravity_error", "torque_bias", "torque_gain", "encoder_offset")
+    known = {each[1].name: each[1:] for each in ranked(base, jacobian, search.tried)}
+    guessed = [(scale * 1e3 * search.few.size, *known[name]) for scale, name in enumerate(names, start=1)]
+    monkeypatch.setattr("via_gap.search.ranked", lambda *_: guessed)
+    assert "encoder_offset" in {each.fit.effects[0].name for each in search.single(lambda *_: None)}
 
 
 def test_a_second_cause_shows_once_the_first_gives_way():

@@ -13,6 +13,7 @@ from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
+from via_gap.answers import told_apart
 from via_gap.calibration import calibration
 from via_gap.candidates import Fit, events, fit_base, settled
 from via_gap.ceiling import flexible, lower
@@ -132,6 +133,7 @@ def diagnose(
             search = Search.of(fitted, weigh, base, jacobian, candidates, scales)
             causes, pairs = search.more(search.single(tell), frozen, tell)
     tell("weighing the evidence", 0.9)
+    (causes, pairs), answers = told_apart([each.log for each in usable], causes, pairs)
     decision = decide(tuned, causes, pairs, frozen)
     if decision.places:
         (chosen,) = weigh([settled(fitted, decision.chosen.fit, scales)])
@@ -151,7 +153,7 @@ def diagnose(
             "effects": tuple(_named(device, place) for place in decision.places),
             "gap": gap,
             "nuisance": _nuisance(fitted, decision.chosen.fit.deviations),
-            "data_check": tuple(findings),
+            "data_check": (*findings, *answers),
             "figures": figures,
             "held_out": stretches(everything, held),
         }

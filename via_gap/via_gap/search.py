@@ -92,8 +92,9 @@ class Search:
         fits: list[Fit] = []
         best = 0.0
         most = REFINED_FREE if self.crossed else REFINED
-        for number, (loss, place, values) in enumerate(ranked(self.start, self.jacobian, self.tried)[:most]):
-            if best and loss > NEAR * max(best, 1.0 * self.few.size) and number > 2:
+        hopeful = ranked(self.start, self.jacobian, self.tried)[:most]
+        for number, (loss, place, values) in enumerate(hopeful):
+            if loss > NEAR * max(hopeful[0][0], 1.0 * self.few.size) and number > 2:
                 break
             tell(f"fitting {place}", 0.25 + 0.2 * number / REFINED)
             fit = refine(self.few, self.start, self.jacobian, [(place, values)], self.scales, best)

@@ -18,6 +18,7 @@ from via_gap.places import Place
 from via_gap.scales import Scales
 
 Values = dict[str, float]
+OFF = (0.01, 0.1)  # [rad] of an encoder: a spring feels the first at once, gravity alone a tenth of a turn
 EDGES = 7  # times between which a torque from outside is looked for
 
 
@@ -179,8 +180,12 @@ def _ripple(here: _Here) -> list[Start]:
     ]
 
 
-def _eccentricity(here: _Here) -> list[Start]:
-    return [Start(tuple({"amplitude": 0.01, "phase": phase} for phase in (0.0, 0.5 * pi)), (), True)]
+def _offset(_here: _Here) -> list[Start]:
+    return [Start(({"offset": offset},), ("offset",)) for offset in OFF]
+
+
+def _eccentricity(_here: _Here) -> list[Start]:
+    return [Start(tuple({"amplitude": size, "phase": phase} for phase in (0.0, 0.5 * pi)), (), True) for size in OFF]
 
 
 def _saturation(here: _Here) -> list[Start]:
@@ -248,7 +253,7 @@ _STARTS: Mapping[str, Callable[[_Here], list[Start]]] = {
     "torque_saturation": _saturation,
     "actuator_lag": _one(lambda _h: {"time_constant": 0.004}, "time_constant"),
     "actuator_delay": _delays(0.004, 0.03),
-    "encoder_offset": _one(lambda _h: {"offset": 0.01}, "offset"),
+    "encoder_offset": _offset,
     "encoder_eccentricity": _eccentricity,
     "channel_skew": _delays(0.002, 0.015),
     "payload": _payload,

@@ -450,7 +450,7 @@ _KINDS = (
         ("timing",),
         "one angle is stamped later than the other channels; `motor` 0 is the link's",
         "reads angle(t - delay)",
-        "actuator_delay, viscous_friction: the other equations that use the angle",
+        "actuator_delay, viscous_friction: other equations that use the angle; which reading its drive answered to",
         (EffectParameter("delay", "s", 0.0, MAX_SKEW, 0.0, "by which it is late"),),
         _into(P.skew, "delay"),
     ),

@@ -1,0 +1,112 @@
+"""Commands of a drive that answers to its own readings tell an angle stamped late from a command that acts late."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from gap_logs import rigid
+from via_core.signals import Array, Signals
+from via_gap.answers import LATE_ANGLE, LATE_COMMAND, stamped_late, told_apart
+from via_gap.candidates import Fit
+from via_gap.evidence import Judged
+from via_gap.log import JointLog
+from via_gap.places import Place
+
+SUBSTEPS = 20
+DRY = Place("coulomb_friction", "link", 0)
+
+
+def joint(dead: int, stamp: float, answers: bool, seed: int = 3) -> JointLog:
+    """Ten seconds of an inertia with viscous friction under a drive that answers to the rounded angle, or to nothing.
+
+    dead   substeps by which commands act late
+    stamp  [s] by which the angle on record is older than its stamp
+    """
+    device = rigid()
+    rate, step = device.sensors.rate, device.sensors.link_quantum
+    rng = np.random.default_rng(seed)
+    count, h = round(10.0 * rate), 1.0 / (rate * SUBSTEPS)
+    time = np.arange(count + 1) / rate
+    phase = rng.uniform(0.0, 2.0 * np.pi, 3)
+    tones = np.array([[0.3], [0.9], [2.3]]) * 2.0 * np.pi
+    wish = np.array([0.5, 0.3, 0.1]) @ (np.sin(tones * time + phase[:, None]) - np.sin(phase)[:, None])
+    random = rng.standard_normal(count)
+    angle, command = np.zeros(count * SUBSTEPS + 1), np.zeros(count)
+    q = v = speed = before = 0.0
+    for k in range(count):
+        read = step * np.rint(q / step)
+        speed += 0.5 * ((read - before) * rate - speed)
+        before = read
+        command[k] = 8.0 * (wish[k] - read) - 0.5 * speed if answers else 0.5 * wish[k] + 0.2 * random[k]
+        for j in range(SUBSTEPS):
+            acting = k * SUBSTEPS + j - dead
+            torque = command[acting // SUBSTEPS] if acting >= 0 else 0.0
+            v += h * (torque - 0.1 * v - (0.0 if answers else 0.5 * q)) / 0.04
+            q += h * v
+            angle[k * SUBSTEPS + j + 1] = q
+    fine = np.arange(len(angle)) * h
+    seen = step * np.rint(np.interp(time - stamp, fine, angle) / step)
+    commands = Signals(
+        time[:-1], {"external_torque": command}, {"external_torque": "N m"}, frozenset({"external_torque"})
+    )
+    return JointLog("joint", device, Signals(time, {"q": seen}, {"q": "rad"}), commands)
+
+
+@cache
+def late_command() -> JointLog:
+    return joint(dead=29, stamp=0.0, answers=True)
+
+
+@cache
+def late_angle() -> JointLog:
+    return joint(dead=0, stamp=2.9e-3, answers=True)
+
+
+@pytest.mark.parametrize("off", [0.0, 4e-5], ids=["known", "fitted"])
+def test_a_drive_tells_what_it_read(off):
+    assert stamped_late([late_command()], 2.9e-3 + off) is False
+    assert stamped_late([late_angle()], 2.9e-3 + off) is True
+
+
+@pytest.mark.parametrize("stamp", [0.9e-3, 2e-3, 6.6e-3], ids=["half a sample", "a whole sample", "three samples"])
+def test_a_late_stamp_is_told_whatever_part_of_a_sample_it_is(stamp):
+    assert stamped_late([joint(dead=0, stamp=stamp, answers=True)], stamp) is True
+
+
+def test_a_drive_that_answers_to_nothing_tells_nothing():
+    for dead, stamp in ((29, 0.0), (0, 2.9e-3)):
+        assert stamped_late([joint(dead, stamp, answers=False)], 2.9e-3) is None
+
+
+def test_lost_samples_are_left_out():
+    log = late_angle()
+    kept = np.random.default_rng(1).uniform(size=len(log.measured)) > 0.01
+    thinner = Signals(log.measured.time[kept], {"q": log.measured["q"][kept]}, {"q": "rad"})
+    assert stamped_late([JointLog(log.name, log.device, thinner, log.commands)], 2.9e-3) is True
+
+
+def judged(*places: Place, loss: float) -> Judged:
+    effects = tuple(p.effect({"torque": 0.1} if p == DRY else {"delay": 2.9e-3}) for p in places)
+    some: Array = np.ones(4)
+    return Judged(Fit(effects, np.zeros(1), loss, some, np.zeros(1)), some, loss * some, 1)
+
+
+@pytest.mark.parametrize(
+    ("log", "right", "wrong"),
+    [(late_command, LATE_COMMAND, LATE_ANGLE), (late_angle, LATE_ANGLE, LATE_COMMAND)],
+    ids=["command", "angle"],
+)
+def test_what_the_drive_rules_out_is_no_cause_alone_nor_beside_another(log, right, wrong):
+    causes = [judged(wrong, loss=1.0), judged(right, loss=1.1), judged(DRY, loss=9.0)]
+    sets = [judged(wrong, DRY, loss=1.0)]
+    (causes, sets), (finding,) = told_apart([log()], causes, sets)
+    assert [each.fit.places for each in causes] == [(right,), (DRY,)]
+    assert causes[0].fit.loss == 1.1  # the fit of the right one itself
+    assert [each.fit.places for each in sets] == [(right, DRY)]  # there is no other: the same numbers hold
+    assert sets[0].fit.effects[0].parameters == {"delay": 2.9e-3}
+    assert finding.check == "answers" and finding.severity == "note"
+
+
+def test_without_a_delay_nothing_is_asked():
+    causes = [judged(DRY, loss=1.0)]
+    assert told_apart([late_angle()], causes, []) == ([causes, []], [])
