@@ -137,6 +137,7 @@ def test_what_is_not_about_the_arm_or_cannot_be_used_moves_nothing(graph):
     peer.create_subscription(ControlState, f"/{ARM.name}/control", states.append, qos.SAMPLES)
     graph.until(lambda: samples.get_subscription_count() == 1 and controller.count_subscribers(f"/{ARM.name}/command"))
     writer = ArmStateWriter(ARM.name, ARM.joints)
+    samples.publish(b"\x00\x01\x00\x00no joint state")
     samples.publish(JointState(name=["stranger"], position=[1.0]))
     for position in (np.nan, 1e9, 0.1):
         writer.position[:], writer.velocity[:] = position, 0.0

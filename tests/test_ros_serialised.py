@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import struct
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate
-from via_ros.conversions import MOST_NAMES, STAMP, Names, joints_of, set_stamp
-from via_ros.serialised import JointStateDecoder, Template
+from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate, VsaCommand
+from via_ros.conversions import MOST_NAMES, STAMP, Command, CommandWriter, Names, joints_of, nanoseconds, set_stamp
+from via_ros.serialised import CommandBytes, JointStateDecoder, Template, decoded_command
 
 TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
 DOUBLES = st.floats(width=64)
@@ -75,6 +76,64 @@ def test_a_message_cut_short_is_none(length):
     assert decoder.decode(data) is not None
     last = data.index(np.float64(6.0).tobytes()) + 8
     assert (decoder.decode(data[:length]) is None) == (length < last)
+
+
+@st.composite
+def commands(draw):
+    message = VsaCommand(sequence=draw(st.integers(0, 2**64 - 1)), mode=draw(st.integers(0, 255)))
+    message.header.frame_id = draw(TEXTS)
+    set_stamp(message.header.stamp, draw(STAMPS))
+    message.equilibrium, message.preset, message.damping = draw(st.tuples(DOUBLES, DOUBLES, DOUBLES))
+    message.motor = array.array("d", draw(st.lists(DOUBLES, max_size=5)))
+    return message
+
+
+def big_endian(message):
+    """A VsaCommand as a machine of the other order of bytes would send it."""
+    frame = message.header.frame_id.encode() + b"\0"
+    data = struct.pack(">iII", message.header.stamp.sec, message.header.stamp.nanosec, len(frame)) + frame
+    data += bytes(-len(data) % 8) + struct.pack(">QB7x", message.sequence, message.mode)
+    data += struct.pack(">3dI", message.equilibrium, message.preset, message.damping, len(message.motor))
+    return b"\0\0\0\0" + data + bytes(4) * bool(message.motor) + struct.pack(f">{len(message.motor)}d", *message.motor)
+
+
+@given(commands())
+def test_a_decoded_command_is_what_ros_makes_of_it(message):
+    for data in (serialize_message(message), big_endian(message)):
+        expected = deserialize_message(data, VsaCommand)
+        stamp, command = decoded_command(data)
+        assert (stamp, command.mode) == (nanoseconds(expected.header.stamp), expected.mode)
+        told = [command.equilibrium, command.preset, command.damping, *command.motor]
+        assert bits(told) == bits([message.equilibrium, message.preset, message.damping, *message.motor])
+        assert command.motor.flags.aligned
+
+
+@given(st.binary(max_size=120), st.integers(0, 110))
+def test_a_command_cut_short_is_none_and_junk_does_no_harm(junk, length):
+    message = VsaCommand(mode=2, motor=[1.0, 2.0])
+    message.header.frame_id = "arm"
+    data = serialize_message(message)
+    assert (decoded_command(data[:length]) is None) == (length < data.index(np.float64(2.0).tobytes()) + 8)
+    for each in (junk, b"\x00\x01\x00\x00" + junk):
+        decoded_command(each)
+
+
+class Device:
+    def __init__(self, name):
+        self.name = name
+
+
+@given(commands(), STAMPS)
+def test_commands_written_as_bytes_are_those_that_ros_writes(message, stamp):
+    device = Device(message.header.frame_id)
+    slow, fast = CommandWriter(device), CommandBytes(device)
+    command = Command(message.mode, message.equilibrium, message.preset, message.damping, np.array(message.motor))
+    for k in range(3):
+        expected = deserialize_message(serialize_message(slow.numbered(stamp + k, command)), VsaCommand)
+        got = deserialize_message(fast.numbered(stamp + k, command), VsaCommand)
+        assert (got.header, got.sequence, got.mode) == (expected.header, k, expected.mode)
+        for member in ("equilibrium", "preset", "damping", "motor"):
+            assert bits(getattr(got, member)) == bits(getattr(expected, member))
 
 
 LENGTHS = st.integers(0, 3)

@@ -91,22 +91,23 @@ class ArmLimits:
         tau_e, acceleration = arm.loads(sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
         out = np.array(torque)
         changed = _kept(
-            out, sample.q - sample.theta, sample.q_velocity - sample.theta_velocity, acceleration,
-            sample.theta_velocity, arm.motor_friction * sample.theta_velocity - tau_e, arm.motor_inertia,
-            *self._shares, self.speed_time, self.deflection_rate,
+            out, sample.q, sample.q_velocity, acceleration, sample.theta, sample.theta_velocity, tau_e,
+            arm.motor_friction, arm.motor_inertia, *self._shares, self.speed_time, self.deflection_rate,
         )  # fmt: skip
         return out, Limit(changed)
 
 
 @njit(cache=True, error_model="numpy")
 def _kept(
-    torque: Array, phi: Array, phi_rate: Array, acceleration: Array, speed: Array, load: Array, inertia: Array,
-    torque_limit: Array, drive_limit: Array, speed_limit: Array, deflection_limit: Array, T: float, k: float,
+    torque: Array, q: Array, velocity: Array, acceleration: Array, theta: Array, speed: Array, tau_e: Array,
+    friction: Array, inertia: Array, torque_limit: Array, drive_limit: Array, speed_limit: Array,
+    deflection_limit: Array, T: float, k: float,
 ) -> int:  # fmt: skip
-    """`torque` (n,) brought within its windows; the bits of Limit that did it. `load` = D thd - tau_e (n,) [N m]."""
+    """`torque` (n,) brought within its windows; the bits of Limit that did it."""
     changed = 0
     for i in range(torque.size):
-        middle = acceleration[i] + 2.0 * k * phi_rate[i] + k * k * phi[i]
+        load = friction[i] * speed[i] - tau_e[i]
+        middle = acceleration[i] + 2.0 * k * (velocity[i] - speed[i]) + k * k * (q[i] - theta[i])
         room = k * k * deflection_limit[i]
         windows = (
             (2, (-drive_limit[i] - speed[i]) / T, (drive_limit[i] - speed[i]) / T),
@@ -115,7 +116,7 @@ def _kept(
         )
         for bit, low, high in windows:
             before = torque[i]
-            torque[i] = min(max(before, inertia[i] * low + load[i]), inertia[i] * high + load[i])
+            torque[i] = min(max(before, inertia[i] * low + load), inertia[i] * high + load)
             if torque[i] != before:
                 changed |= bit
         before = torque[i]

@@ -26,11 +26,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import exp, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from via_core.signals import Array, locked
-from via_core.vsa_arms import VsaArm
+from via_core.vsa_arms import VsaArm, inertia_of
 
 from via_controllers import self_start
 from via_controllers.contract import require
@@ -39,8 +40,7 @@ from via_controllers.modal_transform import ModalBasis, basis_near, first_basis,
 WALK = 0.02  # [rad] between configurations on the way along which modes get their names
 
 
-@dataclass(frozen=True)
-class ModalMotion:
+class ModalMotion(NamedTuple):
     """What the law saw and wants at one instant."""
 
     basis: ModalBasis
@@ -105,9 +105,8 @@ class ModalLimitCycle:
         """
         arm, k = self.arm, self.mode
         W, values, z, zd, rates, drift, loop = _modal(
-            near.W, arm.inertia(q), self.stiffness, arm.inertia_slopes(q), arm.inertia_second(q, velocity),
-            q - self.equilibrium, np.ascontiguousarray(velocity),
-        )  # fmt: skip
+            near.W, *arm.inertia_terms(q, velocity), self.stiffness, self.equilibrium, q, velocity
+        )
         value, speed = float(values[k]), float(zd[k])
         H = 0.5 * (speed**2 / value + float(z[k]) ** 2)
         u = orbit_input(value, float(rates[k]), self.gain * (H - self.level), speed)
@@ -139,10 +138,11 @@ def orbit_input(eigenvalue: float, rate: float, pull: float, z_velocity: float) 
 
 @njit(cache=True, error_model="numpy")
 def _modal(
-    near: Array, M: Array, K: Array, slopes: Array, Mdd: Array, error: Array, velocity: Array
+    near: Array, terms: Array, h: float, K: Array, equilibrium: Array, q: Array, velocity: Array
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
     """W (n, n) named as in `near` and lambda, z, zd and lambdad (n,); W (W^-1 Wdd z + 2 A zd) at qdd = 0 (n,); and
-    I - W [A_1 z ... A_n z] (n, n)."""
+    I - W [A_1 z ... A_n z] (n, n). `terms` and `h` as of `VsaArm.inertia_terms`."""
+    M, slopes, Mdd = inertia_of(terms, h)
     W, values = basis_near(near, M, K)
     n = len(values)
     Mdot = np.zeros((n, n))
@@ -150,7 +150,7 @@ def _modal(
         Mdot += slopes[k] * velocity[k]
     A, rates = rates_along(W, values, Mdot)
     inverse = W.T @ M
-    z = inverse @ error
+    z = inverse @ (q - equilibrium)
     zd = inverse @ velocity - A @ z
     drift = W @ (second_along(W, values, Mdot, Mdd) @ z + 2.0 * (A @ zd))
     loop = np.eye(n)

@@ -88,10 +88,8 @@ class VsaModalLimitCycle(ArmController[Swing]):
         for s in (-self.spread, self.spread):
             direction = self_start.turned(motion.direction, motion.turning, s)
             there, speed = _moved(q, v, a, jerk, s)
-            around.append(-self.cycle.at(motion.basis, there, speed, direction).torque)
-        behind, ahead = around
-        rate, second = (ahead - behind) / (2.0 * self.spread), (ahead + 2.0 * motion.torque + behind) / self.spread**2
-        return TorqueReference(-motion.torque, rate, second)
+            around.append(self.cycle.at(motion.basis, there, speed, direction).torque)
+        return TorqueReference(*_differenced(*around, motion.torque, self.spread))
 
     def link_jerk(self, sample: ArmSample, seen: FlexibilityState) -> Array:
         """qddd (n,) [rad/s^3] of the links."""
@@ -100,6 +98,13 @@ class VsaModalLimitCycle(ArmController[Swing]):
         change = -seen.rate - (ahead - behind) / (2.0 * ALONG)
         # M^-1 of a torque is what it does to the arm at rest, gravity held
         return arm.link_acceleration(sample.q, np.zeros(arm.n), change + arm.gravity(sample.q))
+
+
+@njit(cache=True, error_model="numpy")
+def _differenced(before: Array, after: Array, torque: Array, spread: float) -> tuple[Array, Array, Array]:
+    """tau_ed (n,) and its derivatives, from what is to drive the links `spread` [s] before and after, and now."""
+    ahead, behind = -after, -before
+    return -torque, (ahead - behind) / (2.0 * spread), (ahead + 2.0 * torque + behind) / spread**2
 
 
 @njit(cache=True, error_model="numpy")

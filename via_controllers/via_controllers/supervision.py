@@ -16,6 +16,7 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
+from numba import njit
 from via_core.signals import Array
 
 from via_controllers.arm_limits import ArmLimits, Limit
@@ -92,8 +93,12 @@ class Supervisor:
 def _usable(sample: ArmSample) -> bool:
     if blind(sample):
         return False
-    angles, speeds = (
-        (*sample.q.tolist(), *sample.theta.tolist()),
-        (*sample.q_velocity.tolist(), *sample.theta_velocity.tolist()),
-    )
-    return max(map(abs, angles)) <= FURTHEST and bool(max(map(abs, speeds)) <= FASTEST)
+    return _near(sample.q, sample.theta, FURTHEST) and _near(sample.q_velocity, sample.theta_velocity, FASTEST)
+
+
+@njit(cache=True, error_model="numpy")
+def _near(first: Array, second: Array, most: float) -> bool:
+    furthest = 0.0
+    for i in range(first.size):
+        furthest = max(furthest, abs(first[i]), abs(second[i]))
+    return furthest <= most

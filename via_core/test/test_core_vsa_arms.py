@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from via_core.errors import DeviceError, ParameterError
-from via_core.vsa_arms import load_vsa_arm, vsa_arm_names
+from via_core.vsa_arms import inertia_of, load_vsa_arm, vsa_arm_names
 
 ARMS = [load_vsa_arm(name) for name in vsa_arm_names()]
 EVERY_ARM = pytest.mark.parametrize("arm", ARMS, ids=lambda arm: arm.name)
@@ -61,6 +61,7 @@ def test_bodies_fit_together(arm, seed):
     d = 1e-3
     second = (arm.inertia(q + d * v) - 2.0 * M + arm.inertia(q - d * v)) / d**2
     assert arm.inertia_second(q, v) == pytest.approx(second, abs=1e-4)
+    assert np.array_equal(inertia_of(*arm.inertia_terms(q, v))[0], M)
     skew = rate - 2.0 * C
     assert skew == pytest.approx(-skew.T, abs=1e-8)
     torque = arm.link_torque(q, v, a)

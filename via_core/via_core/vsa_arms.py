@@ -71,15 +71,18 @@ def _springs(kinds: Array, c: Array, phi: Array, presets: Array, out: Array) -> 
 
 
 @njit(cache=True, error_model="numpy")
-def _torques(
-    kinds: Array, c: Array, presets: Array, friction: Array, q: Array, theta: Array, w: Array, tau: Array, load: Array
-) -> tuple[Array, Array]:
-    """What drives links and motors (n,) [N m]: load - tau_e and tau + tau_e - D w."""
-    links, motors = np.empty(q.size), np.empty(q.size)
-    for i in range(q.size):
-        tau_e = spring_torque(kinds[i], c[i], q[i] - theta[i], presets[i])
-        links[i], motors[i] = load[i] - tau_e, tau[i] + tau_e - friction[i] * w[i]
-    return links, motors
+def _rates(
+    kinds: Array, c: Array, presets: Array, inertia: Array, friction: Array, link_friction: Array, x: Array, tau: Array,
+    load: Array, out: Array,
+) -> Array:  # fmt: skip
+    """Rates of a state x (4, n) into out (4, n), but for qdd; what drives the links (n,) [N m] to it."""
+    links = np.empty(tau.size)
+    for i in range(tau.size):
+        tau_e = spring_torque(kinds[i], c[i], x[0, i] - x[2, i], presets[i])
+        out[0, i], out[2, i] = x[1, i], x[3, i]
+        out[3, i] = (tau[i] + tau_e - friction[i] * x[3, i]) / inertia[i]
+        links[i] = load[i] - tau_e - link_friction[i] * x[1, i]
+    return links
 
 
 @njit(cache=True, error_model="numpy")
@@ -90,6 +93,21 @@ def _mirrored(upper: Array) -> Array:
         for j in range(i):
             out[i, j] = out[j, i]
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def inertia_of(terms: Array, h: float) -> tuple[Array, Array, Array]:
+    """M (n, n), dM/dq_k (n, n, n), k first, and Mdd (n, n) of `VsaArm.inertia_terms`."""
+    n = terms.shape[1]
+    slopes, second = np.empty((n, n, n)), np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            for k in range(n):
+                slopes[k, i, j] = terms[1 + k, i, j] + terms[1 + k, j, i]
+            if h > 0.0:
+                ahead, behind = terms[n + 1], terms[n + 2]
+                second[i, j] = ((ahead[i, j] - behind[i, j]) + (ahead[j, i] - behind[j, i])) / (2.0 * h)
+    return _mirrored(terms[0]), slopes, second
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +142,7 @@ class VsaArm:
     _rows: Array = field(init=False, repr=False)
     _along: tuple[Array, ...] = field(init=False, repr=False)
     _tip: int = field(init=False, repr=False)
+    _stops: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         n = len(self.springs)
@@ -142,6 +161,7 @@ class VsaArm:
         object.__setattr__(self, "_data", self.model.createData())
         object.__setattr__(self, "_kinds", np.array([law.kind for law in self.springs]))
         object.__setattr__(self, "_tip", self.model.getFrameId(self.tip))
+        object.__setattr__(self, "_stops", locked([law.max_deflection for law in self.springs], "stops"))
         object.__setattr__(self, "_along", tuple(np.eye(n)))
         object.__setattr__(self, "_rows", np.array([law.coefficients() for law in self.springs]))
 
@@ -158,7 +178,7 @@ class VsaArm:
     @property
     def deflection_limit(self) -> Array:
         """Deflections (n,) [rad] at which springs meet their stops; infinite where there is none."""
-        return np.array([law.max_deflection for law in self.springs])
+        return self._stops
 
     def inertia(self, q: Array) -> Array:
         """M(q) (n, n) [kg m^2], symmetric to the last bit."""
@@ -175,21 +195,31 @@ class VsaArm:
 
     def inertia_slopes(self, q: Array) -> Array:
         """dM/dq_k (n, n, n) [kg m^2/rad], k first."""
-        C = np.empty((self.n, self.n, self.n))
-        for k, along in enumerate(self._along):
-            C[k] = pinocchio.computeCoriolisMatrix(self.model, self._data, q, along)
-        return C + C.transpose(0, 2, 1)
+        return inertia_of(*self.inertia_terms(q, np.zeros(self.n)))[1]
 
     def inertia_second(self, q: Array, velocity: Array) -> Array:
         """Mdd (n, n) [kg m^2/s^2] of a motion without acceleration: exact Mdot, differenced along a straight line."""
-        fastest = max(abs(each) for each in velocity.tolist())
+        return inertia_of(*self.inertia_terms(q, velocity))[2]
+
+    def inertia_terms(self, q: Array, velocity: Array) -> tuple[Array, float]:
+        """What `inertia_of` makes M(q), its slopes and Mdd of, for laws compiled as one: (n + 3, n, n), and a step [s].
+
+        M by its upper triangle, C of a unit speed of each joint, then C a step ahead and behind; the step is 0 and
+        they are not there for an arm that stands still.
+        """
+        model, data, n = self.model, self._data, len(self.springs)
+        out = np.empty((n + 3, n, n))
+        out[0] = pinocchio.crba(model, data, q)
+        for k, along in enumerate(self._along, start=1):
+            out[k] = pinocchio.computeCoriolisMatrix(model, data, q, along)
+        fastest = max(map(abs, velocity.tolist()))
         if fastest == 0.0:
-            return np.zeros((self.n, self.n))
+            return out, 0.0
         h = LINE / fastest
         there = h * velocity
-        change = self.coriolis(q + there, velocity)
-        change -= self.coriolis(q - there, velocity)
-        return (change + change.T) / (2.0 * h)
+        out[n + 1] = pinocchio.computeCoriolisMatrix(model, data, q + there, velocity)
+        out[n + 2] = pinocchio.computeCoriolisMatrix(model, data, q - there, velocity)
+        return out, h
 
     def gravity(self, q: Array) -> Array:
         """g(q) (n,) [N m]."""
@@ -234,10 +264,18 @@ class VsaArm:
         self, q: Array, velocity: Array, theta: Array, motor_velocity: Array, torque: Array, external: Array
     ) -> tuple[Array, Array]:
         """qdd and thdd (n,) [rad/s^2] under motor torques `torque` and `external` (n,) [N m] on the links."""
-        links, motors = _torques(
-            self._kinds, self._rows, self.presets, self.motor_friction, q, theta, motor_velocity, torque, external
-        )
-        return self.link_acceleration(q, velocity, links), motors / self.motor_inertia
+        rates = self.rates(np.stack([q, velocity, theta, motor_velocity]), torque, external)
+        return rates[1], rates[3]
+
+    def rates(self, state: Array, torque: Array, external: Array) -> Array:
+        """How fast `state` (4, n) changes, rows q, qd [rad, rad/s] of links and theta, thd of motors; as above."""
+        out = np.empty_like(state)
+        links = _rates(
+            self._kinds, self._rows, self.presets, self.motor_inertia, self.motor_friction, self.link_friction,
+            state, torque, external, out,
+        )  # fmt: skip
+        out[1] = pinocchio.aba(self.model, self._data, state[0], state[1], links)
+        return out
 
     def gravity_slope(self, q: Array) -> Array:
         """dg/dq (n, n) [N m/rad], symmetric."""
@@ -256,8 +294,7 @@ class VsaArm:
 
         found = root(forces, theta, jac=True, options={"xtol": 1e-14})
         q = np.asarray(found.x)
-        stops = np.array([law.max_deflection for law in self.springs])
-        if np.abs(forces(q)[0]).max() > BALANCE or not (np.abs(q - theta) <= stops).all():
+        if np.abs(forces(q)[0]).max() > BALANCE or not (np.abs(q - theta) <= self._stops).all():
             raise ParameterError(f"no rest with the motors at {theta} rad")
         return q
 

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from sensor_msgs.msg import JointState
 from via_core.signals import Array
 from via_core.wire import FIELDS, link_name, motor_name, seconds
 
-from via_ros.conversions import Names, StateWriter, joints_of
+from via_ros.conversions import Joints, Names, StateWriter
 
 
 class ArmRow(NamedTuple):
@@ -49,9 +48,8 @@ class ArmReader:
         self._origin: int | None = None
         self.malformed = 0
 
-    def read(self, message: JointState) -> ArmRow | None:
+    def read(self, joints: Joints) -> ArmRow | None:
         """What a message says; None where it does not name every link and motor of the arm."""
-        joints = joints_of(message, self._names)
         if joints.names is not self._names:
             self._names, self._places = joints.names, self._found(joints.names.joints)
         if self._places is None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import array
 import re
 from collections.abc import Sequence
+from math import isfinite
 from struct import Struct
 from typing import NamedTuple, Protocol
 
@@ -59,21 +60,25 @@ class Command(NamedTuple):
 
 
 def command_of(message: VsaCommand, n_drives: int) -> Command | None:
-    """The command of a message, or None for one that cannot be followed.
+    """The command of a message, or None for one that cannot be followed."""
+    motor = np.array(message.motor, dtype=np.float64)
+    return followed(Command(message.mode, message.equilibrium, message.preset, message.damping, motor), n_drives)
+
+
+def followed(command: Command, n_drives: int) -> Command | None:
+    """The command as it is to be followed, or None for one that cannot be.
 
     None: unknown mode, a number that counts in this mode but is not finite, or a wrong number of motors.
     """
-    motor = np.array(message.motor, dtype=np.float64)
-    if message.mode == VsaCommand.EQUILIBRIUM_PRESET:
-        counting = [message.equilibrium, message.preset, message.damping]
-        motor = motor[:0]
-    elif message.mode in (VsaCommand.MOTOR_POSITION, VsaCommand.MOTOR_TORQUE) and len(motor) == n_drives:
-        counting = [message.damping, *motor]
+    mode, equilibrium, preset, damping, motor = command
+    if mode == VsaCommand.EQUILIBRIUM_PRESET:
+        counting = [equilibrium, preset, damping]
+        command = command._replace(motor=motor[:0])
+    elif mode in (VsaCommand.MOTOR_POSITION, VsaCommand.MOTOR_TORQUE) and len(motor) == n_drives:
+        counting = [damping, *motor.tolist()]
     else:
         return None
-    if not np.all(np.isfinite(counting)):
-        return None
-    return Command(message.mode, message.equilibrium, message.preset, message.damping, motor)
+    return command if all(map(isfinite, counting)) else None
 
 
 class Names:

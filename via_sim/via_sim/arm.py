@@ -46,28 +46,31 @@ def arm_step(
     the tip along the way; a wall of 5e4 N/m wants substeps of .25 ms.
     Raises ParameterError where a spring is deflected beyond its stop.
     """
-    n, h = arm.n, step / substeps
+    h = step / substeps
 
     def rate(x: Array, held: Array) -> Array:
-        q, v, theta, w = x
-        load = external + contact_torque(arm, q, v, contacts) if contacts else external
-        out = np.empty((4, n))
-        out[0], out[2] = v, w
-        out[1], out[3] = arm.accelerations(q, v, theta, w, held, load)
-        return out
+        return arm.rates(x, held, external + contact_torque(arm, x[0], x[1], contacts) if contacts else external)
 
-    x = np.stack([state.q, state.velocity, state.theta, state.motor_velocity])
+    x = np.array([state.q, state.velocity, state.theta, state.motor_velocity])
     for _ in range(substeps):
         held = given_torque(arm, x[3], torque)
         k1 = rate(x, held)
         k2 = rate(x + 0.5 * h * k1, held)
         k3 = rate(x + 0.5 * h * k2, held)
         k4 = rate(x + h * k3, held)
-        x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+        _add(x, h, k1, k2, k3, k4)
     q, v, theta, w = x
-    if not all(abs(float(phi)) <= law.max_deflection for phi, law in zip(q - theta, arm.springs, strict=True)):
+    if not (np.abs(q - theta) <= arm.deflection_limit).all():
         raise ParameterError(f"springs reach their stops: deflections {q - theta} rad")
     return ArmState(q, v, theta, w)
+
+
+@njit(cache=True, error_model="numpy")
+def _add(x: Array, h: float, k1: Array, k2: Array, k3: Array, k4: Array) -> None:
+    """A Runge-Kutta step's increment onto a state (4, n)."""
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            x[i, j] += h / 6.0 * (k1[i, j] + 2.0 * (k2[i, j] + k3[i, j]) + k4[i, j])
 
 
 def given_torque(arm: VsaArm, motor_velocity: Array, torque: Array) -> Array:

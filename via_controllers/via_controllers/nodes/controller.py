@@ -32,8 +32,9 @@ from via_core.errors import ParameterError, ViaError
 from via_core.signals import Array
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.conversions import Command, CommandWriter, set_stamp
+from via_ros.conversions import Command, set_stamp
 from via_ros.parameters import declare
+from via_ros.serialised import CommandBytes, JointStateDecoder
 from via_ros.spin import STEADY
 
 from via_controllers.arm_limits import Limit
@@ -113,9 +114,10 @@ class ControllerNode(LifecycleNode):
         self._equipment, self._supervisor = equipment, equipment.supervisor
         self._state = self._supervisor.init()
         _warm_up(equipment)
-        self._writer = CommandWriter(equipment)
+        self._writer = CommandBytes(equipment)
         self._told = _Told(equipment, self.get_name())
-        self._answered = self._unusable = self._reported = self._silences = 0
+        self._decoder = JointStateDecoder()
+        self._answered = self._unusable = self._reported = self._silences = self._broken = 0
         self._limited, self._gaps = Limit.NONE, 0  # since the last report
         self._warned = False  # of the gaps that there are
         self._time = np.inf  # [s] of the last usable sample
@@ -136,7 +138,7 @@ class ControllerNode(LifecycleNode):
         subscription = self._made(self.create_subscription, self.destroy_subscription)
         for each in equipment.inputs:
             subscription(each.kind, each.topic, each.heard, each.qos)
-        subscription(JointState, "/joint_states", self._answer, qos.CONTROL)
+        subscription(JointState, "/joint_states", self._answer, qos.CONTROL, raw=True)
 
     def _made(self, create: Callable[..., Any], destroy: Callable[[Any], Any]) -> Callable[..., Any]:
         def made(*args: Any, **options: Any) -> Any:
@@ -157,8 +159,12 @@ class ControllerNode(LifecycleNode):
         """Samples answered since it was configured."""
         return self._answered
 
-    def _answer(self, message: JointState) -> None:
-        heard = self._equipment.ears.heard(message)
+    def _answer(self, data: bytes) -> None:
+        joints = self._decoder.decode(data)
+        if joints is None:
+            self._broken += 1
+            return
+        heard = self._equipment.ears.heard(joints)
         if heard is None:
             return
         stamp, sample = heard
@@ -191,7 +197,7 @@ class ControllerNode(LifecycleNode):
             self._send(_stamp_now(self._last), np.zeros(self._supervisor.limits.arm.n))
 
     def _report(self) -> None:
-        malformed, silent = self._equipment.ears.malformed, self._answered == self._reported
+        malformed, silent = self._broken + self._equipment.ears.malformed, self._answered == self._reported
         rate, self._reported = (self._answered - self._reported) / REPORT, self._answered
         troubles = {
             "no samples": silent,

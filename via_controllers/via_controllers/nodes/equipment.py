@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from sensor_msgs.msg import JointState
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 from via_core.wire import command_topic
 from via_ros.arms import ArmReader
-from via_ros.conversions import SampleReader, nanoseconds
+from via_ros.conversions import Joints, RowReader
 
 from via_controllers.arm_limits import ArmLimits
 from via_controllers.contract import ArmController, ArmSample, Controller, JointSample
@@ -46,7 +45,7 @@ class Ears(Protocol):
     def malformed(self) -> int:
         """Arrays that did not fit their names, so far."""
 
-    def heard(self, message: JointState) -> tuple[int, Any] | None:
+    def heard(self, joints: Joints) -> tuple[int, Any] | None:
         """Stamp [ns] and sample of a message; None where it is not about what is controlled."""
 
 
@@ -96,8 +95,8 @@ class ArmEars:
     def malformed(self) -> int:
         return self._reader.malformed
 
-    def heard(self, message: JointState) -> tuple[int, ArmSample] | None:
-        row = self._reader.read(message)
+    def heard(self, joints: Joints) -> tuple[int, ArmSample] | None:
+        row = self._reader.read(joints)
         if row is None:
             return None
         return row.stamp, ArmSample(
@@ -109,17 +108,17 @@ class JointEars:
     """Ears for joints."""
 
     def __init__(self, axes: JointAxes) -> None:
-        self._reader = SampleReader(axes.device, ("q", *(f"theta_{i + 1}" for i in range(axes.n))))
+        self._reader = RowReader([(axes.device, ("q", *(f"theta_{i + 1}" for i in range(axes.n))))])
 
     @property
     def malformed(self) -> int:
-        return self._reader.malformed
+        return self._reader.malformed[0]
 
-    def heard(self, message: JointState) -> tuple[int, JointSample] | None:
-        row = self._reader.read(message)
-        if row is None:
+    def heard(self, joints: Joints) -> tuple[int, JointSample] | None:
+        if not self._reader.read(joints):
             return None
-        return nanoseconds(message.header.stamp), JointSample(float(row[0]), float(row[1]), row[2:].copy())
+        (row,) = self._reader.rows[0]
+        return joints.stamp, JointSample(float(row[0]), float(row[1]), row[2:].copy())
 
 
 def arm_equipment(name: str, joints: tuple[str, ...], supervisor: Supervisor) -> Equipment:

@@ -28,7 +28,7 @@ from via_interfaces.msg import VsaCommand
 from via_interfaces.srv import Hold, Push
 from via_ros import qos
 from via_ros.arms import ArmStateWriter
-from via_ros.conversions import command_of, set_stamp
+from via_ros.conversions import Command, followed, set_stamp
 from via_ros.parameters import declare
 
 from via_sim.bodies import Body
@@ -91,9 +91,9 @@ class RobotSimulationNode(SimulationNode[Array]):
     def _passive(self) -> Array:
         return np.zeros(self._count)
 
-    def _row_of(self, message: VsaCommand) -> Array | None:
-        command = command_of(message, self._count)
-        return None if command is None or command.mode != VsaCommand.MOTOR_TORQUE else command.motor
+    def _row_of(self, command: Command) -> Array | None:
+        told = followed(command, self._count)
+        return None if told is None or told.mode != VsaCommand.MOTOR_TORQUE else told.motor
 
     def _step_of(self, torque: Array) -> Any:
         return self._body.step(self._state, torque, 1.0 / self._chosen.rate)

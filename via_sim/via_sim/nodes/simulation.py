@@ -32,7 +32,8 @@ from via_core.errors import ParameterError
 from via_core.wire import SECOND
 from via_interfaces.msg import VsaCommand
 from via_ros import qos
-from via_ros.conversions import nanoseconds, set_stamp
+from via_ros.conversions import Command, set_stamp
+from via_ros.serialised import decoded_command
 from via_ros.spin import STEADY
 
 Row = TypeVar("Row")  # a command as the simulated body takes it
@@ -96,7 +97,7 @@ class SimulationNode(Node, Generic[Row]):
         self._heard = -WATCHDOG  # [ns] stamp from which on the command counts
         if times.mode != "realtime":
             self._clock_publisher = self.create_publisher(Clock, "/clock", qos.CONTROL)
-        self._commands = self.create_subscription(VsaCommand, command_topic, self._take, qos.CONTROL)
+        self._commands = self.create_subscription(VsaCommand, command_topic, self._take, qos.CONTROL, raw=True)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self.create_timer(LOOK, self._look, clock=STEADY)
 
@@ -107,7 +108,7 @@ class SimulationNode(Node, Generic[Row]):
         """The command under which nothing drives the body as it is now."""
 
     @abstractmethod
-    def _row_of(self, message: VsaCommand) -> Row | None:
+    def _row_of(self, command: Command) -> Row | None:
         """A command as the body takes it, or None where it cannot be commanded so."""
 
     @abstractmethod
@@ -224,12 +225,13 @@ class SimulationNode(Node, Generic[Row]):
 
     # ---- commands
 
-    def _take(self, message: VsaCommand) -> None:
-        row = self._row_of(message)
-        if row is None:
+    def _take(self, data: bytes) -> None:
+        told = decoded_command(data)
+        row = None if told is None else self._row_of(told[1])
+        if told is None or row is None:
             self._refused += 1
             return
-        now, stamp = self._stamp(), nanoseconds(message.header.stamp)
+        now, stamp = self._stamp(), told[0]
         if self._times.mode == "lockstep":
             if not self._running or stamp != now:
                 self._unmatched += 1

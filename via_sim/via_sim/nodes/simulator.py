@@ -23,7 +23,7 @@ from via_core.signals import Array
 from via_interfaces.msg import DampingEstimate, StiffnessEstimate, VsaCommand
 from via_interfaces.srv import ClearEffects, SetEffects
 from via_ros import qos
-from via_ros.conversions import JointStateWriter, command_of, set_stamp
+from via_ros.conversions import Command, JointStateWriter, followed, set_stamp
 from via_ros.parameters import declare
 from via_ros.spin import run
 
@@ -84,9 +84,9 @@ class SimulatorNode(SimulationNode[Array]):
     def _passive(self) -> Array:
         return passive_command(self._simulator.plant, self._state)
 
-    def _row_of(self, message: VsaCommand) -> Array | None:
+    def _row_of(self, told: Command) -> Array | None:
         """The kernel's row (N_COMMANDS,); the drive of a rigid joint acts on its link."""
-        command = command_of(message, self.device.n_drives)
+        command = followed(told, self.device.n_drives)
         if command is None:
             return None
         servo = self.device.drive == "servo"
