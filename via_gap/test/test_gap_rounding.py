@@ -5,9 +5,11 @@ import pytest
 from gap_logs import flexible, log_of, rigid
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import savgol_filter
+from via_core.signals import Signals
 from via_gap.candidates import fit_base
+from via_gap.log import JointLog
 from via_gap.problem import Problem
-from via_gap.rounding import correlation, mean_variance, slope_order, variance
+from via_gap.rounding import between, correlation, mean_variance, slope_order, variance, variances
 from via_gap.shots import cut_log
 from via_sim.effects import Effect
 
@@ -65,3 +67,43 @@ def test_a_coarse_encoder_leaves_no_gap_that_the_device_does_not_explain(motors,
     each = fit.residual.reshape(-1, len(shots.axes))
     assert np.max(np.mean(each**2, axis=0)) < 1.25
     assert np.min(np.mean(each**2, axis=0)) > 0.75  # nor is it taken for more than it is
+
+
+def test_between_readings_a_cubic_is_exact_and_its_weights_tell_what_is_left_of_their_errors():
+    rng = np.random.default_rng(3)
+    time = np.cumsum(rng.uniform(0.9e-3, 1.1e-3, 3000))
+    wanted = np.sort(rng.uniform(time[1], time[-2], 2000))
+    cubic = np.polynomial.Polynomial([0.3, -2.0, 4.0, 7.0])
+    found, weights = between(time, cubic(time), wanted, 1.5e-3)
+    assert np.allclose(found, cubic(wanted), atol=1e-12)
+    errors = rng.normal(size=(3000, 400))
+    noisy = np.stack([between(time, each, wanted, 1.5e-3)[0] for each in errors.T])
+    independent = np.eye(1, 4)[0]
+    assert np.mean(variances(weights, independent)) == pytest.approx(float(np.mean(np.var(noisy, axis=0))), rel=0.01)
+    assert between(time, cubic(time), time[5:9], 1.5e-3)[0] == pytest.approx(cubic(time[5:9]), abs=1e-14)
+
+
+def test_beside_lost_samples_and_at_the_ends_readings_are_joined_by_straight_lines():
+    time = np.array([0.0, 1.0, 2.0, 3.0, 6.0, 7.0, 8.0, 9.0])
+    wanted = np.array([-0.5, 0.5, 1.5, 2.5, 4.5, 6.5, 7.5, 8.5, 9.0])
+    found, weights = between(time, time**3, wanted, 1.5)
+    straight = np.interp(wanted, time, time**3)
+    curved = np.isin(wanted, [1.5, 7.5, 9.0])
+    assert np.allclose(found[~curved], straight[~curved]) and np.allclose(found[curved], wanted[curved] ** 3)
+    assert np.allclose(np.sum(weights, axis=1), 1.0)
+
+
+def test_readings_at_wobbling_times_leave_what_their_encoder_does():
+    """Commands change between them; held there to the error of a reading, on straight lines: 0.51."""
+    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
+    rng, kept = np.random.default_rng(2), np.arange(1, len(log.measured) - 1, 2)
+    path = {name: savgol_filter(log.measured[name].reshape(len(log.measured)), 9, 3) for name in ("q", "theta")}
+    time = log.measured.time[kept] + np.append(0.1e-3, rng.uniform(-0.2e-3, 0.2e-3, len(kept) - 1))
+    step = 4.0 * log.device.sensors.link_quantum
+    read = {name: step * np.rint(np.interp(time, log.measured.time, each) / step) for name, each in path.items()}
+    read["theta"] = read["theta"][:, None]
+    shots = cut_log(JointLog("wobbling", log.device, Signals(time, read, log.measured.units), log.commands))
+    assert not shots.averaged
+    problem = Problem.of([shots], [np.arange(1, len(shots))])
+    left = problem.per_shot(problem.residual([problem.row(())])[0])
+    assert 0.85 < float(np.mean(left)) < 1.15

@@ -35,15 +35,44 @@ def correlation(angle: Array, step: float, lags: int, run: int = 0) -> Array:
     return 1.0 - 6.0 * np.mean(part * (1.0 - part), axis=0) if len(apart) else np.eye(1, lags)[0]
 
 
+def variances(weights: Array, correlated: Array) -> Array:
+    """Of sums of n neighbouring readings by `weights` (..., n), over that of one; `correlated` (n or more,)."""
+    together = toeplitz(correlated[: weights.shape[-1]])
+    return np.einsum("...i,ij,...j->...", weights, together, weights)
+
+
 def variance(weights: Array, correlated: Array) -> float:
-    """Of a sum of readings by `weights` (n,), over that of one reading; `correlated` (n or more,)."""
-    return float(weights @ toeplitz(correlated[: len(weights)]) @ weights)
+    """The same of one sum (n,)."""
+    return float(variances(weights, correlated))
 
 
 def mean_variance(correlated: Array) -> float:
     """Of the mean of n readings, over that of one reading: 1 / n where errors have no order, at least that."""
     count = len(correlated)
     return max(1.0 / count, variance(np.full(count, 1.0 / count), correlated))
+
+
+def between(time: Array, readings: Array, wanted: Array, widest: float) -> tuple[Array, Array]:
+    """Readings (N,) taken at `time`, between them at `wanted` (T,) -> (T,), and the weights (T, 4) of the four around.
+
+    A cubic through the two to either side; beside spans wider than `widest`, and at the ends, a straight line, which is
+    wrong by span^2 / 8 times the acceleration.
+    """
+    count = len(time)
+    after = np.clip(np.searchsorted(time, wanted), 1, count - 1)
+    around = after[:, None] + np.arange(-2, 2)
+    inner = (after >= 2) & (after <= count - 2)
+    around = np.clip(around, 0, count - 1)
+    nodes = time[around]
+    inner &= np.all(np.diff(nodes, axis=1) <= widest, axis=1)
+    weights = np.zeros((len(wanted), 4))
+    share = np.clip((wanted - nodes[:, 1]) / (nodes[:, 2] - nodes[:, 1]), 0.0, 1.0)
+    weights[:, 1], weights[:, 2] = 1.0 - share, share
+    x, at = wanted[inner], nodes[inner]
+    for k in range(4):
+        others = [j for j in range(4) if j != k]
+        weights[inner, k] = np.prod([(x - at[:, j]) / (at[:, k] - at[:, j]) for j in others], axis=0)
+    return np.sum(weights * readings[around], axis=1), weights
 
 
 def slope_order(readings: Array, angle: Array, step: float, window: int) -> int:

@@ -40,7 +40,7 @@ from via_gap.data_check import step_of
 from via_gap.log import JointLog
 from via_gap.memory import HELD, held_along, with_memory
 from via_gap.replayed import FIRST_SAMPLES
-from via_gap.rounding import correlation, mean_variance, slope_order
+from via_gap.rounding import between, correlation, mean_variance, slope_order, variances
 
 Indices = NDArray[np.intp]
 SPAN = 0.25  # [s] of a shot of a torque-driven joint
@@ -123,17 +123,22 @@ def cut_log(log: JointLog, span: float | None = None) -> Shots:
     if ticks < 4 * every:
         raise SignalError(f"{log.name}: {log.duration:.3g} s are too short to compare anything")
     axes = (0, *(1 + i for i, seen in enumerate(log.motors_seen) if seen))
-    angles, missing, bridged = _angles(log, grid, axes)
+    angles, missing, bridged, mixed = _angles(log, grid, axes)
     begin = np.arange(0, len(grid) - ticks, ticks, dtype=np.intp)
     reach = max(SMOOTHING, 4.0 * period)
     quanta = np.array([quantum(log, axis) for axis in axes])
     states = _smoothed(angles, axes, rate, reach, quanta, max(1, round(rate * period)))
     averaged = per_sample == 1 and uniform
     share = np.full(len(axes), 1.0 / every if averaged else 1.0)  # of a reading's variance in what is compared
-    for i, axis in enumerate(axes):
-        if averaged and quanta[i] > 0.0:
+    for i in np.flatnonzero(quanta > 0.0):
+        path = states[:, axes[i]]
+        if averaged:
             run = min(ticks, round(SPAN * rate))
-            share[i] = mean_variance(correlation(states[:, axis], quanta[i], every, run))
+            share[i] = mean_variance(correlation(path, quanta[i], every, run))
+        else:
+            read = correlation(path[:: max(1, round(rate * period))], quanta[i], mixed.shape[-1])
+            compared = (begin[:, None] + np.arange(every, ticks + 1, every)).ravel()
+            share[i] = np.mean(variances(mixed[compared, i], read))
     noise = np.sqrt(quanta**2 / 12.0 * share + (1e-6) ** 2)
     reading = np.sqrt(quanta**2 / 12.0 + (1e-6) ** 2)
     sure = np.stack([START * reading, START * reading / reach + START_SPEED], axis=1)
@@ -214,23 +219,28 @@ def _aligned(log: JointLog, rate: float) -> float:
     return first if phase > 1.0 - ROUNDED else first + phase / rate  # a tick less what rounding took is no tick
 
 
-def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Array, Array]:
-    """Angles (T, a) [rad] on the grid, gaps bridged; where long gaps are (T,), and where samples are lost (T, a)."""
+def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Array, Array, Array]:
+    """Angles (T, a) [rad] on the grid, gaps bridged; where long gaps are (T,), and where samples are lost (T, a).
+
+    Last the weights (T, a, 4) of readings in these angles.
+    """
     values = np.empty((len(grid), len(axes)))
     missing = np.zeros(len(grid), dtype=bool)
     bridged = np.zeros(values.shape, dtype=bool)
+    weights = np.empty((*values.shape, 4))
     longest = 3.0 * float(np.median(np.diff(log.measured.time)))
     for i, axis in enumerate(axes):
         column = log.measured["q"] if axis == 0 else log.measured["theta"][:, axis - 1]
         there = np.isfinite(column)
         time = log.measured.time[there]
-        values[:, i] = np.interp(grid, time, column[there])
+        period = float(np.median(np.diff(time)))
+        values[:, i], weights[:, i] = between(time, column[there], grid, LOST * period)
         after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-        span, period = time[after] - time[after - 1], float(np.median(np.diff(time)))
+        span = time[after] - time[after - 1]
         missing |= span > longest
         beside = np.minimum(np.abs(time[after] - grid), np.abs(grid - time[after - 1]))
         bridged[:, i] = (span > LOST * period) & (beside > 0.25 * min(period, grid[1] - grid[0]))
-    return values, missing, bridged
+    return values, missing, bridged, weights
 
 
 def _smoothed(angles: Array, axes: Sequence[int], rate: float, reach: float, quanta: Array, per_sample: int) -> Array:
