@@ -1,0 +1,45 @@
+"""Real-time scheduling is asked for, said to be there only where it is, and given back."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+from via_ros.scheduling import real_time
+
+
+class Kernel:
+    """Schedulers of one thread, as far as they are asked for here."""
+
+    def __init__(self, grants: bool) -> None:
+        self.grants, self.now = grants, (os.SCHED_OTHER, os.sched_param(0))
+
+    def set(self, _, scheduler, parameters):
+        if not self.grants:
+            raise PermissionError
+        self.now = scheduler, parameters
+
+
+@pytest.mark.parametrize("grants", [True, False])
+@pytest.mark.parametrize("fails", [True, False])
+def test_real_time_lasts_as_long_as_asked_for_and_is_told_as_it_is(monkeypatch, grants, fails):
+    kernel = Kernel(grants)
+    usual = kernel.now
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: kernel.now[0])
+    monkeypatch.setattr(os, "sched_getparam", lambda _: kernel.now[1])
+    monkeypatch.setattr(os, "sched_setscheduler", kernel.set)
+    try:
+        with real_time(7) as granted:
+            assert granted is grants
+            assert kernel.now == ((os.SCHED_FIFO, os.sched_param(7)) if grants else usual)
+            if fails:
+                raise ValueError
+    except ValueError:
+        assert fails
+    assert kernel.now == usual
+
+
+def test_where_there_are_no_schedulers_nothing_is_granted(monkeypatch):
+    monkeypatch.delattr(os, "sched_getscheduler")
+    with real_time() as granted:
+        assert not granted
