@@ -115,6 +115,7 @@ SLOW = [
     ("hysteresis", "transmission", 1, {}),
     ("spring_damping", "transmission", 1, {}),
     ("spring_law", "transmission", 1, {}),
+    ("spring_law", "transmission", 1, {"hardening": -4.0}),  # which pushes where it is deflected by more than 0.5 rad
     ("stiffness_drift", "transmission", 1, {}),
     ("preset_error", "transmission", 1, {}),
     ("joint_coupling", "transmission", 1, {}),
@@ -141,6 +142,17 @@ def test_an_effect_does_what_its_equation_says(name, site, motor, other):
     error = np.column_stack([run["q"], run["theta"]]) - reference
     assert np.max(np.abs(nominal["q"] - reference[:, 0])) > 1e-3
     assert np.max(np.abs(error)) < 2e-5
+
+
+def test_a_spring_that_softens_to_nothing_is_slack_beyond_its_range():
+    """Released where it pushes, a joint without friction coasts once its law has ended."""
+    law = Effect("spring_law", "transmission", {"scale": 1.0, "hardening": -0.5}, 1)
+    plant = JointPlant.from_device(servo_flexible(K, f"{{inertia: {M}, viscous_friction: 0.0}}")).with_effects([law])
+    stop = plant.device.springs[0].max_deflection
+    run = simulate(plant, None, 0.3, 8000.0, initial=(1.6, 0, 0, 0, 0, 0)).truth
+    beyond = run["q"] > stop
+    pushed = np.sqrt(K / M * (0.5 * 0.5 * (stop**4 - 1.6**4) - (stop**2 - 1.6**2)))
+    assert beyond.any() and run["q_velocity"][beyond] == pytest.approx(pushed, rel=0.01)  # a step goes over the end
 
 
 def test_load_dependent_friction_takes_its_share_of_the_drive_of_a_rigid_joint():

@@ -282,7 +282,8 @@ def _springs(z: Array, rows: Array, first: int, terms: int) -> None:
         for lane in range(z.shape[1]):
             phi, inside = z[Z.phi, lane], z[Z.inside, lane]
             torque = z[spring, lane] + max(z[Z.slope, lane], 0.0) * (phi - inside)
-            share = max(1.0 + z[hardening, lane] * phi * phi, 0.0)
+            share = 1.0 + z[hardening, lane] * phi * phi
+            share = share if phi == inside else max(share, 0.0)
             within = z[half, lane] > 0.0 and z[flank, lane] == 0.0
             z[spring, lane] = 0.0 if within else z[factor, lane] * share * torque
 

@@ -103,6 +103,13 @@ def spring_factor(p: Array, i: int, age: float) -> float:
 
 
 @bare
+def _hardened(hardening: float, phi: float, stop: float) -> float:
+    """Torque per torque of the law; beyond the law's range a softened spring is slack: no joint runs away for ever."""
+    share = 1.0 + hardening * phi * phi
+    return share if abs(phi) <= stop else max(share, 0.0)
+
+
+@bare
 def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, flank: int, factor: float) -> float:
     """tau_e,i [N m] at deflection phi; `flank` is 0 inside the backlash gap, else its side -1 or +1."""
     gap = p[P.backlash + i]
@@ -110,9 +117,9 @@ def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, f
         if flank == 0:
             return 0.0
         phi -= flank * 0.5 * gap
-    if p[P.spring_hardening + i] != 0.0:
-        factor *= max(1.0 + p[P.spring_hardening + i] * phi * phi, 0.0)
     kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
+    if p[P.spring_hardening + i] != 0.0:
+        factor *= _hardened(p[P.spring_hardening + i], phi, stop)
     if abs(phi) > stop:  # along the tangent: beyond its stop a law explodes or ends
         edge = copysign(stop, phi)
         slope = max(spring_stiffness(kind, c, edge, preset), 0.0)
@@ -135,8 +142,8 @@ def transmission_stiffness(p: Array, c: Array, i: int, phi: float, preset: float
         slope = max(slope, 0.0)
     hardening = p[P.spring_hardening + i]
     if hardening != 0.0:
-        share = 1.0 + hardening * phi * phi
-        if share <= 0.0:
+        share = _hardened(hardening, phi, stop)
+        if share == 0.0:
             return 0.0
         torque = spring_torque(kind, c, edge, preset) + slope * (phi - edge)
         return factor * (slope * share + 2.0 * hardening * phi * torque)
