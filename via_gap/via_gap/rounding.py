@@ -19,6 +19,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 from via_core.signals import Array
 
 PLACES = 2000  # of a log that are looked at
+ALIKE = 0.5  # difference of two bends over their sum: one at most three times the other
 
 
 def correlation(angle: Array, step: float, lags: int, run: int = 0) -> Array:
@@ -55,8 +56,9 @@ def mean_variance(correlated: Array) -> float:
 def between(time: Array, readings: Array, wanted: Array, widest: float) -> tuple[Array, Array]:
     """Readings (N,) taken at `time`, between them at `wanted` (T,) -> (T,), and the weights (T, 4) of the four around.
 
-    A cubic through the two to either side; beside spans wider than `widest`, and at the ends, a straight line, which is
-    wrong by span^2 / 8 times the acceleration.
+    A cubic through the two to either side; beside spans wider than `widest`, at the ends, and where the bends (second
+    divided differences) at the two sides are not alike, a straight line, which is wrong by span^2 / 8 times the
+    acceleration. A cubic through a jump or a kink is wrong by a share of the jump.
     """
     count = len(time)
     after = np.clip(np.searchsorted(time, wanted), 1, count - 1)
@@ -65,6 +67,10 @@ def between(time: Array, readings: Array, wanted: Array, widest: float) -> tuple
     around = np.clip(around, 0, count - 1)
     nodes = time[around]
     inner &= np.all(np.diff(nodes, axis=1) <= widest, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):  # of nodes that stand for those beyond the ends
+        slopes = np.diff(readings[around], axis=1) / np.diff(nodes, axis=1)
+        bends = np.diff(slopes, axis=1) / (nodes[:, 2:] - nodes[:, :-2])
+    inner &= np.abs(bends[:, 1] - bends[:, 0]) <= ALIKE * np.abs(bends[:, 1] + bends[:, 0])
     weights = np.zeros((len(wanted), 4))
     share = np.clip((wanted - nodes[:, 1]) / (nodes[:, 2] - nodes[:, 1]), 0.0, 1.0)
     weights[:, 1], weights[:, 2] = 1.0 - share, share
