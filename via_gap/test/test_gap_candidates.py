@@ -5,9 +5,21 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid, servo
+from scipy.optimize import lsq_linear
 from via_core.devices import Device
 from via_gap.calibration import calibration
-from via_gap.candidates import Fit, directions, fit_base, member_slopes, ranked, refine, settled
+from via_gap.candidates import (
+    REACH,
+    Direction,
+    Fit,
+    directions,
+    fit_base,
+    member_slopes,
+    ranked,
+    ranked_pairs,
+    refine,
+    settled,
+)
 from via_gap.diagnose import _cause
 from via_gap.evidence import Judged, judge
 from via_gap.nuisance import BOUND
@@ -16,6 +28,7 @@ from via_gap.problem import Problem
 from via_gap.scales import Scales, scales_of
 from via_gap.search import Search, closest
 from via_gap.shots import cut_log
+from via_gap.starts import Start, amount_range
 from via_gap.verdict import decide, helps
 from via_sim.effects import Effect
 
@@ -104,6 +117,33 @@ def test_a_second_cause_shows_once_the_first_gives_way():
     tried = directions(problem, first, candidates, scales)
     at_rest, giving_way = (ranked(first, beside, tried, s) for s in (None, member_slopes(problem, first, scales)))
     assert giving_way[0][1] == Place("encoder_offset", "sensor", 0) != at_rest[0][1]
+
+
+def test_all_pairs_are_compared_where_the_best_single_cause_is_in_neither():
+    """Of three directions the third is nearly the sum of the others; against least squares in bounds, one by one."""
+    rng = np.random.default_rng(5)
+    jacobian, one, two = rng.normal(size=(60, 2)), rng.normal(size=60), rng.normal(size=60)
+    moved = {"coulomb_friction": one, "quadratic_drag": two, "viscous_friction": one + two + 0.1 * rng.normal(size=60)}
+    parameter = {name: "torque" if name == "coulomb_friction" else "coefficient" for name in moved}
+    tried = [
+        Direction(Place(name, "link", 0), Start(({parameter[name]: 0.1},), (parameter[name],)), each[:, None])
+        for name, each in moved.items()
+    ]
+    residual = -(1.5 * one + 1.2 * two) + 0.01 * rng.normal(size=60)
+    base = Fit((), np.zeros(2), float(residual @ residual), residual, np.empty(0))
+    assert ranked(base, jacobian, tried)[0][1].name == "viscous_friction"
+    pairs = ranked_pairs(base, jacobian, tried)
+    assert {place.name for place, _ in pairs[0][1]} == {"coulomb_friction", "quadratic_drag"}
+    assert [value for _, (value,) in pairs[0][1]] == pytest.approx([0.15, 0.12], abs=0.01)
+    for loss, members in pairs:
+        whole = np.hstack([jacobian, *(moved[place.name][:, None] for place, _ in members)])
+        prior = np.eye(2, whole.shape[1])
+        reach = [
+            amount_range(each.place, each.start, REACH) for place, _ in members for each in tried if each.place == place
+        ]
+        low, high = ([sign * BOUND] * 2 + [ends[i][0] for ends in reach] for i, sign in ((0, -1.0), (1, 1.0)))
+        best = lsq_linear(np.vstack([whole, prior]), -np.r_[residual, 0.0, 0.0], (low, high), tol=1e-14)
+        assert loss == pytest.approx(2.0 * best.cost, rel=1e-6)
 
 
 def test_what_is_fitted_to_few_shots_is_not_the_closest():

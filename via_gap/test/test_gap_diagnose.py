@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from gap_logs import flexible, log_of
+from gap_logs import flexible, log_of, rigid
 from via_core.errors import SignalError
 from via_core.signals import Signals
 from via_gap.diagnose import diagnose
@@ -107,3 +107,25 @@ def test_a_csv_file_is_a_log(tmp_path):
     assert read.level == "no torque"
     assert np.array_equal(read.measured["q"], log.measured["q"])
     assert np.array_equal(read.commands["motor"][:-1], log.commands["motor"])
+
+
+def loaded(seed: int, mass: float, distance: float, friction: float) -> GapReport:
+    effects = (
+        Effect("payload", "link", {"mass": mass, "distance": distance}),
+        Effect("viscous_friction", "link", {"coefficient": friction}),
+    )
+    log = log_of(rigid(), effects, seed=seed)
+    return diagnose([log], log.device)
+
+
+def test_two_effects_that_look_like_a_third_are_both_named():
+    """Heavier and slower alike: a weaker motor is the best single cause, and no way from there leads to the two."""
+    report = loaded(3, mass=0.3, distance=0.2, friction=0.15)
+    assert report.verdict == "two_effects"
+    assert {place.effect for place in report.effects} == {"payload", "viscous_friction"}
+
+
+def test_a_pair_as_good_as_the_one_named_is_told_of():
+    """Inertia, gravity and friction all grown by about as much: within the tolerances a weaker motor does the same."""
+    report = loaded(5, mass=0.17, distance=0.26, friction=0.13)
+    assert {"payload", "torque_gain", "viscous_friction"} <= {place.effect for place in report.equivalence_set}

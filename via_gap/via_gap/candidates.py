@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,6 +189,7 @@ class Direction:
     moved: Array
 
 
+Members = list[tuple[Place, list[float]]]  # and the values they have or start from
 Ranked = list[tuple[float, Place, list[float]]]  # predicted loss, place, values to start from; best first
 
 
@@ -230,41 +232,80 @@ def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array
     Where an effect is not linear in its amounts, the true simulation of the result would be better or worse than
     predicted, which `refine` finds out. Directions simulated beside other effects than those of `base` tell roughly.
     """
-    found: dict[Place, tuple[float, list[float]]] = {}
     if slopes is not None and slopes.shape[1]:
         basis = np.linalg.qr(slopes)[0]
         jacobian = jacobian - basis @ (basis.T @ jacobian)
         base = replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
         tried = [replace(each, moved=each.moved - basis @ (basis.T @ each.moved)) for each in tried]
-    own = jacobian.T @ jacobian + np.eye(len(base.deviations))
-    pull = jacobian.T @ base.residual + base.deviations
-    for each in tried:
-        loss, amounts = _best_amounts(base, jacobian, own, pull, each.moved, each.place, each.start)
-        if each.place not in found or loss < found[each.place][0]:
-            found[each.place] = (loss, combined(each.place, each.start, amounts))
-    return sorted(((loss, place, values) for place, (loss, values) in found.items()), key=lambda each: each[0])
+    screen = _Screen.of(base, jacobian, tried)
+    alone = map(screen.left, combinations(screen.best_starts(), 1))
+    return sorted(((loss, place, values) for loss, ((place, values),) in alone), key=lambda each: each[0])
 
 
-def _best_amounts(
-    base: Fit, jacobian: Array, own: Array, pull: Array, directions: Array, place: Place, start: Start
-) -> tuple[float, list[float]]:
-    """Predicted loss with the best amounts of directions (R, k) and the nuisances moved along."""
-    count, many = len(base.deviations), directions.shape[1]
-    normal = np.empty((count + many, count + many))
-    normal[:count, :count] = own
-    normal[:count, count:] = jacobian.T @ directions
-    normal[count:, :count] = normal[:count, count:].T
-    normal[count:, count:] = directions.T @ directions + 1e-9 * np.eye(many)
-    gradient = -np.append(pull, directions.T @ base.residual)
-    lows, highs = amount_range(place, start, REACH)
-    low = np.append(-BOUND - base.deviations, lows)
-    high = np.append(BOUND - base.deviations, highs)
-    step = descend(normal, gradient, np.clip(np.zeros(count + many), low, high), low, high)
-    loss = base.loss - 2.0 * float(gradient @ step) + float(step @ normal @ step)
-    amounts = step[count:]
-    if not np.any(np.abs(amounts) > LEAST):
-        amounts = np.clip(np.full(many, LEAST), lows, highs)
-    return loss, [float(each) for each in amounts]
+def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list[tuple[float, Members]]:
+    """Every two candidates by the loss that the best amounts of both together would leave, as `ranked` does each alone.
+
+    Of each candidate only the start that is best alone is combined with others.
+    """
+    screen = _Screen.of(base, jacobian, tried)
+    return sorted(map(screen.left, combinations(screen.best_starts(), 2)), key=lambda each: each[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Screen:
+    """Normal equations of the nuisances (J) and all directions tried (K): what any of these would leave together.
+
+    low    (J + K,) ends of what nuisances and amounts may do; high likewise
+    first  columns at which the directions of each begin, and where the last end
+    """
+
+    base: Fit
+    tried: Sequence[Direction]
+    normal: Array
+    gradient: Array
+    low: Array
+    high: Array
+    first: Sequence[int]
+
+    @staticmethod
+    def of(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> _Screen:
+        count = len(base.deviations)
+        whole = np.hstack([jacobian, *(each.moved for each in tried)])
+        normal, gradient = whole.T @ whole, -(whole.T @ base.residual)
+        normal[range(len(normal)), range(len(normal))] += np.where(np.arange(len(normal)) < count, 1.0, 1e-9)
+        gradient[:count] -= base.deviations
+        ranges = [amount_range(each.place, each.start, REACH) for each in tried]
+        low = np.concatenate([-BOUND - base.deviations, *(lows for lows, _ in ranges)])
+        high = np.concatenate([BOUND - base.deviations, *(highs for _, highs in ranges)])
+        first = count + np.cumsum([0, *(each.moved.shape[1] for each in tried)])
+        return _Screen(base, tried, normal, gradient, low, high, [int(each) for each in first])
+
+    def best_starts(self) -> list[int]:
+        """Of each place the one start that is best alone, by its place in `tried`."""
+        best: dict[Place, tuple[float, int]] = {}
+        for number, each in enumerate(self.tried):
+            loss, _ = self.left((number,))
+            if each.place not in best or loss < best[each.place][0]:
+                best[each.place] = (loss, number)
+        return [number for _, number in best.values()]
+
+    def left(self, which: Sequence[int]) -> tuple[float, Members]:
+        """Predicted loss with the best amounts of some of `tried` and the nuisances moved along, and their values."""
+        count = len(self.base.deviations)
+        columns = [np.arange(self.first[each], self.first[each + 1]) for each in which]
+        chosen = np.concatenate([np.arange(count), *columns])
+        normal, gradient = self.normal[np.ix_(chosen, chosen)], self.gradient[chosen]
+        low, high = self.low[chosen], self.high[chosen]
+        step = descend(normal, gradient, np.clip(np.zeros(len(chosen)), low, high), low, high)
+        loss = self.base.loss - 2.0 * float(gradient @ step) + float(step @ normal @ step)
+        members, at = [], count
+        for number, own in zip(which, columns, strict=True):
+            amounts, each = step[at : at + len(own)], self.tried[number]
+            at += len(own)
+            if not np.any(np.abs(amounts) > LEAST):
+                amounts = np.clip(np.full(len(own), LEAST), self.low[own], self.high[own])
+            members.append((each.place, combined(each.place, each.start, [float(a) for a in amounts])))
+        return loss, members
 
 
 def _settle_times(

@@ -14,7 +14,7 @@ import numpy as np
 from via_core.signals import Array
 
 from via_gap.calibration import Calibration
-from via_gap.candidates import Direction, Fit, directions, events, member_slopes, ranked, refine
+from via_gap.candidates import Direction, Fit, Members, directions, events, member_slopes, ranked, ranked_pairs, refine
 from via_gap.evidence import Judged
 from via_gap.places import Place
 from via_gap.problem import Problem
@@ -30,6 +30,11 @@ REFINED_SERVO = 10  # fewer places, and published models of servos lack more tha
 REFINED_FREE = 7  # where every fit is judged by several more
 AGAIN = 2  # times as many are simulated beside the effect they are to join
 HOPE = 0.5  # share of the gain asked of a set on held-out shots, that one must reach on those it is fitted to
+PAIRS = 4  # of all that are fitted
+ALIKE = 1.1  # times the predicted loss of a richer effect: the plainer one does
+ABREAST = 4.0  # times the best loss: no further off may a fit be that only its start led astray
+EXCHANGED = 0.9  # times the loss, below which one effect in the place of another counts
+EXCHANGES = 2
 MOST = 4  # effects that are added one by one
 RIVAL = 0.3  # score within which a second single cause is tried as the first of a pair
 NEAR = 30.0  # times the best predicted loss: candidates beyond it are not refined
@@ -45,8 +50,6 @@ PLAINER = {  # of effects that hold another: its name, and the parameters whose 
     "asymmetric_viscous": ("viscous_friction", (0, 1)),
 }
 FINISHING = 6  # rounds from the best on few shots to the best on all
-
-Members = list[tuple[Place, list[float]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +121,10 @@ class Search:
         not found its way alone comes out of it as good as the pair, and the pair is dropped.
         """
         sets: list[Judged] = []
-        leaders = [each for each in causes[:2] if each.score < causes[0].score + (0.0 if each.free else RIVAL)]
-        leaders = leaders or causes[:1]
+        leaders = causes[:1]
+        if causes and not causes[0].free:
+            others = [each for each in causes if _kind(each.fit.places) != _kind(causes[0].fit.places)]
+            leaders = leaders + [each for each in others[:1] if each.score < causes[0].score + RIVAL]
         while leaders and len(leaders[0].fit.effects) < MOST:
             single = len(leaders[0].fit.effects) == 1
             if leaders[0].mean_square <= (frozen.enough if single else frozen.explained):
@@ -131,15 +136,20 @@ class Search:
             for number, first in enumerate(leaders):
                 tell(f"adding to {first.fit.places[-1]}", 0.55 + 0.1 * number)
                 fits += here._joined(first.fit, min((fit.loss for fit in fits), default=0.0))
+            if single:
+                fits += here._pairs(fits)
+            if fits:
+                fits += here._exchanged(min(fits, key=lambda fit: fit.loss), frozen.explained)
             if not fits or not here._worth(min(fits, key=lambda fit: fit.loss), leaders, causes[0], frozen):
                 break
             fits = here._finished(fits, CLOSE_SECOND, CLOSEST_SECOND)
+            fits += here._abreast(fits, frozen.explained)
             fits += here._plainer(closest(fits))
             found = sorted(self.judge(fits), key=lambda each: each.mean_square)
             best, before = found[0], min(leaders, key=lambda each: each.mean_square)
             if not helps(best, before, causes[0], frozen):
                 break
-            again = self.judge(here._shorter(best.fit))
+            again = self.judge(here._shorter(best.fit, [each.fit.places for each in leaders]))
             (causes if len(best.fit.effects) == 2 else sets).extend(again)
             if any(rms(each) - rms(best) < frozen.second_gain * rms(causes[0]) for each in again):
                 break
@@ -207,6 +217,73 @@ class Search:
                 rival = min(rival, fit.loss) if rival else fit.loss
         return fits
 
+    def _pairs(self, there: Sequence[Fit]) -> list[Fit]:
+        """Fits on few shots of those two effects of all that would leave least if they added up, but for those `there`.
+
+        Two effects often show together as a third that is neither, which then is the best single cause: whatever joins
+        it, this is no way to the two. What all effects do is known, so that all pairs can be compared at once, as
+        subsets of a linear regression: G. M. Furnival, R. W. Wilson, Regressions by leaps and bounds (1974).
+        """
+        kinds: dict[frozenset[Place], tuple[float, Members]] = {}
+        for loss, members in ranked_pairs(self.start, self.jacobian, self.tried):
+            kind = _kind([place for place, _ in members])
+            known = kinds.get(kind)
+            if known is None or (loss < ALIKE * known[0] and _size(members) < _size(known[1])):
+                kinds[kind] = (loss, members)
+        found: list[Fit] = []
+        seen = {frozenset(fit.places) for fit in there}
+        rival = min((fit.loss for fit in there), default=0.0)
+        for _, members in [each for kind, each in kinds.items() if len(kind) == 2][:PAIRS]:
+            fit = None
+            if frozenset(place for place, _ in members) not in seen:
+                fit = refine(self.few, self.start, self.jacobian, members, self.scales, rival)
+            if fit is not None:
+                found.append(fit)
+                rival = min(rival, fit.loss) if rival else fit.loss
+        return found
+
+    def _exchanged(self, fit: Fit, enough: float) -> list[Fit]:
+        """Fits on few shots with others in the place of older effects of `fit`, as long as one leaves less.
+
+        Where effects do not add up, a wrong one is given back once another is there. Sequential replacement:
+        A. Miller, Subset Selection in Regression, 2nd ed. (2002), section 3.4.
+
+        enough  mean squared whitened error up to which nothing is sought in the place of anything
+        """
+        found: list[Fit] = []
+        older, turns = list(fit.places[:-1]), 0
+        while older and turns < EXCHANGES and float(np.mean(self.few.per_shot(fit.residual))) > enough:
+            out = older.pop(0)
+            rest = refine(self.few, fit, None, [each for each in _members(fit) if each[0] != out], self.scales)
+            joined = [] if rest is None else self._joined(rest, fit.loss)
+            found += joined
+            best = min(joined, key=lambda each: each.loss, default=fit)
+            if best.loss < EXCHANGED * fit.loss:
+                fit, older, turns = best, list(best.places[:-1]), turns + 1
+        return found
+
+    def _abreast(self, fits: Sequence[Fit], enough: float) -> list[Fit]:
+        """Those near the best that differ from it in one effect, fitted again from where the best ended.
+
+        A fit may end in a minimum of its own (a motor falls into the next dip of its ripple), and which of two sets
+        that share an effect had better luck with it says nothing about the others.
+
+        enough  as of `_exchanged`
+        """
+        found: list[Fit] = []
+        best = None
+        while best is not (best := closest([*fits, *found])) and len(found) < EXCHANGES:
+            if float(np.mean(self.whole.per_shot(_on(self.whole, best).residual))) <= enough:
+                break
+            shared = dict(_members(best))
+            for fit in [*fits, *found]:
+                alike = len(fit.places) == len(shared) == len(shared.keys() & set(fit.places)) + 1
+                if alike and len(fit.residual) == len(best.residual) and fit.loss < ABREAST * best.loss:
+                    members = [(place, shared.get(place, values)) for place, values in _members(fit)]
+                    again = refine(self.whole, best, None, members, self.scales, rounds=FINISHING)
+                    found += [again] if again is not None and again.loss < fit.loss else []
+        return found
+
     def _plainer(self, fit: Fit) -> list[Fit]:
         """What `_plain` finds, fitted to all shots."""
         found = self._plain(fit)
@@ -225,12 +302,14 @@ class Search:
                     found.append(plain)
         return found
 
-    def _shorter(self, fit: Fit) -> list[Fit]:
-        """All but the newest effect left out in turn, the rest fitted again."""
+    def _shorter(self, fit: Fit, known: Sequence[tuple[Place, ...]]) -> list[Fit]:
+        """Every effect left out in turn, the rest fitted again; the newest only where the rest is none of `known`."""
         found = []
-        for left_out in range(len(fit.effects) - 1):
+        for left_out in range(len(fit.effects)):
             members = _members(fit)
             del members[left_out]
+            if left_out == len(members) and fit.places[:-1] in known:
+                continue
             shorter = refine(self.few, fit, None, members, self.scales)
             if shorter is not None:
                 found.append(shorter)
@@ -248,6 +327,16 @@ class Search:
                 best = refine(self.whole, fit, None, _members(fit), self.scales, rounds=FINISHING)
             done.append(best or fit)
         return done
+
+
+def _kind(places: Sequence[Place]) -> frozenset[Place]:
+    """The places, those of effects that contain a plainer one as of that."""
+    return frozenset(replace(place, name=PLAINER.get(place.name, (place.name,))[0]) for place in places)
+
+
+def _size(members: Members) -> int:
+    """Number of parameters."""
+    return sum(len(values) for _, values in members)
 
 
 def closest(fits: Sequence[Fit]) -> Fit:
