@@ -127,7 +127,10 @@ class NuisanceValue(_Part):
 
 
 class Stretch(_Part):
-    """Part of a log that was judged and not fitted; [s] since its first sample."""
+    """Part of a log that was judged and not fitted; [s] since its first sample.
+
+    The sample at `begin` is in it, that at `end` only where the log ends.
+    """
 
     log: str
     begin: Number
