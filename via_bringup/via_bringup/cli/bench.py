@@ -70,7 +70,7 @@ def estimators(turns: Turns = 15, as_rows: Json = None) -> None:
 
 @app.command()
 def limits(
-    starts: Annotated[int, typer.Option(min=1, max=100_000, help="Random courses; a thousand take half an hour.")] = 30,
+    starts: Annotated[int, typer.Option(min=1, max=100_000, help="Random courses; a thousand take ten minutes.")] = 30,
     as_rows: Json = None,
 ) -> None:
     """Limits of an arm and of joints under random starts, blows, holds, lost samples and a law out of its mind."""
