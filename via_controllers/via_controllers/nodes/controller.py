@@ -197,6 +197,8 @@ class ControllerNode(LifecycleNode):
             self._send(_stamp_now(self._last), np.zeros(self._supervisor.limits.arm.n))
 
     def _report(self) -> None:
+        if not self._entities:  # a timer that was due already when what it speaks through was given back
+            return
         malformed, silent = self._broken + self._equipment.ears.malformed, self._answered == self._reported
         rate, self._reported = (self._answered - self._reported) / REPORT, self._answered
         troubles = {
