@@ -1,4 +1,4 @@
-"""Fits of single causes from poor starts, what the screen proposes, and when a second cause is worth its name."""
+"""Fits of single causes from poor starts, and what the screen proposes."""
 
 from functools import cache, partial
 
@@ -7,7 +7,6 @@ import pytest
 from gap_logs import flexible, log_of, rigid, servo
 from scipy.optimize import lsq_linear
 from via_core.devices import Device
-from via_gap.calibration import calibration
 from via_gap.candidates import (
     REACH,
     Direction,
@@ -29,7 +28,6 @@ from via_gap.scales import Scales, scales_of
 from via_gap.search import Search, closest
 from via_gap.shots import cut_log
 from via_gap.starts import Start, amount_range
-from via_gap.verdict import decide, helps
 from via_sim.effects import Effect
 
 MAXWELL = Effect("hysteresis", "transmission", {"torque": 0.03, "stiffness": 0.6}, 1)
@@ -166,41 +164,6 @@ def test_what_no_torque_on_record_tells_is_known_as_well_as_the_device_file_says
     assert end.loss <= fit.loss
     assert known < end.spread[0] / value < 1.3 * known  # the trade with friction beside it
     assert abs(value - planted) < 0.5 * end.spread[0]
-
-
-def judged(place: Place, shots: np.ndarray) -> Judged:
-    """A cause at its neutral values, and what it leaves of each shot."""
-    effect, nothing = place.effect({"gap": 0.01}), np.empty(0)
-    return Judged(Fit((effect,), nothing, 0.0, nothing, np.zeros(1)), nothing, shots, 4)
-
-
-@pytest.mark.parametrize(
-    ("left", "verdict"),
-    [
-        (np.full(40, 2.0), "unknown"),
-        (np.r_[np.full(36, 1.0), np.full(4, 11.0)], "effect"),
-        (np.full(40, 1.3), "effect"),
-    ],
-    ids=["every shot sticks out", "a few do", "none does"],
-)
-def test_what_the_typical_shot_still_shows_is_not_explained(left, verdict):
-    nothing = np.empty(0)
-    tuned = Judged(Fit((), nothing, 0.0, nothing, nothing), nothing, np.full(40, 45.0), 4)
-    cause = judged(Place("backlash", "transmission", 1), left)
-    assert decide(tuned, [cause], [], calibration("flexible")).verdict == verdict
-
-
-def test_a_second_cause_closes_a_part_of_much_and_a_good_part_of_little():
-    frozen = calibration("flexible")
-
-    def leaving(square: float) -> Judged:
-        nothing = np.empty(0)
-        return Judged(Fit((), nothing, 0.0, nothing, nothing), nothing, np.full(40, square), 4)
-
-    assert helps(leaving(81.0), leaving(101.0), leaving(101.0), frozen)
-    assert not helps(leaving(96.0), leaving(101.0), leaving(101.0), frozen)
-    assert helps(leaving(1.1), leaving(3.0), leaving(3.0), frozen)
-    assert not helps(leaving(2.0), leaving(3.0), leaving(3.0), frozen)
 
 
 @pytest.mark.parametrize(("device", "unit"), [(rigid(), "N m"), (servo(), "rad/s")], ids=["torque", "servo"])

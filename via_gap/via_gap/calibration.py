@@ -21,6 +21,7 @@ class Calibration(BaseModel):
     explained_nearly: float
     typical: float
     slight: float
+    near: float
     second_gain: float
     last_gain: float
     enough: float

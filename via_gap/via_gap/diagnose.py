@@ -39,7 +39,7 @@ from via_gap.scales import scales_of
 from via_gap.search import Progress, Search
 from via_gap.shots import Bench, Indices, Shots, cut_log, whole_log
 from via_gap.split import one_sided, split, split_finely
-from via_gap.verdict import Decision, decide
+from via_gap.verdict import Decision, against_ceiling, decide
 from via_gap.withheld import runs_free, stretches
 
 
@@ -140,6 +140,8 @@ def diagnose(
         decision = decision.with_chosen(chosen)
     tell("measuring the gap", 0.95)
     gap = _gap(device, fitted, judged, everything, held, before, tuned, decision)
+    if gap.by != "equations":  # which have no flexible model beside them
+        decision = against_ceiling(decision, gap, frozen)
     figures = evidence_figures(
         device, everything, held, residuals, numbers, judged, before, tuned, decision.chosen, [*causes, *pairs],
         candidates, gap.by,

@@ -11,9 +11,10 @@ from via_gap.calibration import Calibration
 from via_gap.candidates import Fit
 from via_gap.evidence import NOISE, Judged, cost, difference, needless, probabilities, significant
 from via_gap.places import Place
-from via_gap.report import Verdict
+from via_gap.report import Gap, Verdict
 
 IN_PART = 0.3  # probability of an effect that helps, where even all that help leave much unexplained
+DOUBT = 0.3  # what remains of the probability of a cause that is not the explanation
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ def decide(tuned: Judged, causes: Sequence[Judged], sets: Sequence[Judged], froz
     tied = [each for each in kept if _ties(each, best, frozen)]
     equivalent = tuple(each.fit.places[-1] for each in tied)
     pair = _accepted(sets, best, tuned, frozen)
-    if pair is not None and (_explained(tuned, pair, frozen) or (len(pair.fit.effects) > 2 and not pair.free)):
+    if pair is not None and _explained(tuned, pair, frozen):
         members = tuple((_alone(pair, i), 0.95) for i in range(len(pair.fit.effects)))
         shares = _shares(pair, kept, tuned)
         places = pair.fit.places
@@ -69,7 +70,7 @@ def decide(tuned: Judged, causes: Sequence[Judged], sets: Sequence[Judged], froz
             chosen = tuned
         else:
             chosen = best
-        doubt = tuple((each, 0.3 * weight) for each, weight in ranked)
+        doubt = _doubted(ranked)
         if pair is not None and pair.free:  # what is known of the cause, short of all of it, is worth repairing
             chosen, equivalent = pair, _alike(pair, sets, frozen)
             others = tuple((each, share) for each, share in doubt if each.fit.places[-1] not in pair.fit.places)
@@ -79,6 +80,22 @@ def decide(tuned: Judged, causes: Sequence[Judged], sets: Sequence[Judged], froz
     if len(tied) > frozen.largest_set:
         return Decision("cannot_tell", best, ranked, equivalent, best.fit.places, site_weights)
     return Decision("effect", best, ranked, equivalent, best.fit.places, site_weights)
+
+
+def against_ceiling(decision: Decision, gap: Gap, frozen: Calibration) -> Decision:
+    """The answer, or none of these where a flexible model beside it closes what the cause itself would have closed.
+
+    Only what the device's own numbers leave counts: of a gap that they nearly close, every effect closes the same.
+    """
+    if decision.verdict not in ("effect", "two_effects") or gap.after <= frozen.near * gap.ceiling:
+        return decision
+    if gap.tuned - gap.after >= frozen.explained_nearly * (gap.tuned - gap.ceiling):
+        return decision
+    return replace(decision, verdict="unknown", ranked=_doubted(decision.ranked))
+
+
+def _doubted(ranked: Sequence[tuple[Judged, float]]) -> tuple[tuple[Judged, float], ...]:
+    return tuple((each, DOUBT * weight) for each, weight in ranked)
 
 
 def _alike(chosen: Judged, sets: Sequence[Judged], frozen: Calibration) -> tuple[Place, ...]:

@@ -41,6 +41,7 @@ CLOSE = 0.2  # of a score: what comes no further behind ties with the best, or i
 HELPS = 0.95  # of the squared error: a cause that leaves more is said not to help
 DECIDED = 2.0  # standard deviations by which a cause must be behind to be ruled out
 ABOVE = 3.0  # times the sensors' floor: an error that is said to stay
+FAR = 1.25  # times the ceiling: an error that a flexible model is said to close further
 OFF = 1.5  # times what tuned numbers leave: filed ones are said to be off
 SEVERAL = 3  # logs that are named one by one
 CLOSED = 0.9  # of what can be closed: less is said to leave something
@@ -137,6 +138,10 @@ def cautions(report: GapReport) -> tuple[str, ...]:
         named = listed([place_words(p) for p in report.effects])
         more = "something else is missing as well" if in_part(report) else "it is not the explanation"
         said.append(f"The repair holds {named}: it makes the simulator better, {more}.")
+        if gap is not None and gap.by != "equations" and gap.after > FAR * gap.ceiling:
+            said.append(
+                f"Of the {percent(gap.after)} that stay a flexible model beside it leaves {percent(gap.ceiling)}."
+            )
     at_bound = [n.name for n in report.nuisance if n.at_bound]
     if at_bound and report.verdict != "cannot_tell":
         said.append(f"Fitted to the end of what the device file tolerates: {listed(at_bound)}. Check this first.")
