@@ -53,18 +53,26 @@ def test_three_effects_that_leave_much_are_none_either(left, verdict):
 
 
 @pytest.mark.parametrize(
-    ("tuned", "after", "verdict"),
-    [(10.0, 1.2, "effect"), (50.0, 2.0, "effect"), (10.0, 2.0, "unknown"), (1.3, 1.2, "effect")],
-    ids=["at the ceiling", "nearly all of much", "a flexible model closes what it did not", "little there is to close"],
+    ("effects", "tuned", "after", "verdict"),
+    [
+        (1, 10.0, 1.2, "effect"),
+        (1, 50.0, 2.0, "effect"),
+        (1, 10.0, 2.0, "unknown"),
+        (1, 1.3, 1.2, "effect"),
+        (3, 10.0, 1.2, "two_effects"),
+        (3, 50.0, 2.0, "unknown"),
+    ],
+    ids=["at the ceiling", "nearly all", "far from it", "little to close", "three at the ceiling", "three near it"],
 )
-def test_an_answer_far_from_the_ceiling_is_none(tuned, after, verdict):
-    cause = judged(np.full(40, 1.0), BACKLASH)
-    decision = decide(judged(np.full(40, 45.0)), [cause], [], FROZEN)
+def test_an_answer_far_from_the_ceiling_is_none(effects, tuned, after, verdict):
+    alone = judged(np.full(40, 1.0 if effects == 1 else 20.0), BACKLASH)
+    three = [judged(np.full(40, 1.0), BACKLASH, PAYLOAD, FRICTION)] if effects == 3 else []
+    decision = decide(judged(np.full(40, 45.0)), [alone], three, FROZEN)
     gap = Gap(
         by="shots", before=2.0 * tuned, tuned=tuned, after=after, interval=(after, after), floor=0.9, ceiling=1.0,
         closes=1.0, signals={},
     )  # fmt: skip
     told = against_ceiling(decision, gap, FROZEN)
-    assert decision.verdict == "effect" and told.verdict == verdict
+    assert decision.verdict == ("effect" if effects == 1 else "two_effects") and told.verdict == verdict
     assert told.places == decision.places, "the repair keeps what makes the simulator better"
     assert (told.ranked[0][1] < 0.5) == (verdict == "unknown")

@@ -86,10 +86,12 @@ def against_ceiling(decision: Decision, gap: Gap, frozen: Calibration) -> Decisi
     """The answer, or none of these where a flexible model beside it closes what the cause itself would have closed.
 
     Only what the device's own numbers leave counts: of a gap that they nearly close, every effect closes the same.
+    Three effects or more, nearly a flexible model themselves, have to come as near as it does.
     """
     if decision.verdict not in ("effect", "two_effects") or gap.after <= frozen.near * gap.ceiling:
         return decision
-    if gap.tuned - gap.after >= frozen.explained_nearly * (gap.tuned - gap.ceiling):
+    closes = gap.tuned - gap.after >= frozen.explained_nearly * (gap.tuned - gap.ceiling)
+    if closes and len(decision.places) <= 2:
         return decision
     return replace(decision, verdict="unknown", ranked=_doubted(decision.ranked))
 
