@@ -18,7 +18,7 @@ from via_core.errors import ViaError
 from via_gap.blind.judging import Judged, Place, Shrinkage, judge
 from via_gap.blind.measuring import shrinkage_of
 from via_gap.blind.page import as_json, markdown, picture, reason, write_page
-from via_gap.blind.running import run_cases, words_of
+from via_gap.blind.running import RUNS, run_cases, words_of
 from via_gap.blind.scoring import Bin, Score, calibration_error, reliability, score
 
 COULOMB = {"effect": "coulomb_friction", "site": "motor", "motor": 1}
@@ -213,6 +213,9 @@ def test_a_diagnosis_is_told_of_its_case_alone_and_is_not_run_twice(tmp_path: Pa
     (tmp_path / "results" / "case_000.json").unlink()
     run_cases(cases_folder, tmp_path / "results", command, 60.0, 1, lambda each: again.append(each.name))
     assert again == ["case_000"]
+    (tmp_path / "results" / RUNS).unlink()  # interrupted between a report and its line
+    ran = run_cases(cases_folder, tmp_path / "results", command, 60.0, 2, lambda _: None)
+    assert [each.name for each in ran] == ["case_000", "case_001"]
 
 
 def test_a_failing_diagnosis_says_why_and_a_slow_one_is_stopped(tmp_path: Path) -> None:

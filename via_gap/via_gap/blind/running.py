@@ -41,13 +41,14 @@ def run_cases(
 ) -> list[Ran]:
     """Diagnose every case; report and effects file of `case_000` are results/case_000.json and .yaml.
 
-    Cases whose report is there already are left alone, so that an interrupted run goes on where it stopped.
+    Cases that ran to their report are left alone, so that an interrupted run goes on where it stopped.
     """
     results.mkdir(parents=True, exist_ok=True)
     runs_file = results / RUNS
     before = json.loads(runs_file.read_text(encoding="utf-8")) if runs_file.exists() else []
     ran = {each["name"]: Ran(**each) for each in before}
-    todo = [name for name in names_in(cases) if not (results / f"{name}.json").exists()]
+    # A report may outlive an interruption before its run was listed.
+    todo = [name for name in names_in(cases) if name not in ran or not (results / f"{name}.json").exists()]
     with ThreadPoolExecutor(processes) as pool:
         jobs = [pool.submit(_diagnosed, cases / name, results, template, patience) for name in todo]
         try:
