@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Literal
 
@@ -127,9 +128,12 @@ def diagnose(
             causes, pairs = search.more(causes, frozen, tell, at_events=not judged_on)
             leaders = sorted(pairs, key=lambda each: each.mean_square)[:1]
         if not judged_on and any(events(each.fit) for each in leaders):
-            train, held = split_finely(everything, _events(search, leaders[0].fit, everything, bench))
+            when = _events(search, leaders[0].fit, everything, bench)
+            train, held = split_finely(everything, when)
             fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
             weigh = partial(judge, judged)
+            if len(when) == 2:  # which the shots to fit alone might not lead to
+                scales = replace(scales, busy=((when[0], when[1]), *scales.busy))
             search = Search.of(fitted, weigh, base, jacobian, candidates, scales)
             causes, pairs = search.more(search.single(tell), frozen, tell)
     tell("weighing the evidence", 0.9)
