@@ -2,13 +2,16 @@
 
 import numpy as np
 import pytest
-from gap_logs import flexible
+from gap_logs import flexible, log_of, rigid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 from via_core.devices import device_names, load_device
 from via_gap.nuisance import apply_all, descend, nuisances
+from via_gap.problem import Problem
 from via_gap.repaired import repaired_device
+from via_gap.shots import cut_log
+from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 
 
@@ -54,3 +57,23 @@ def test_numbers_that_are_zero_are_no_nuisance():
         "link inertia", "link viscous friction", "motor 1 inertia", "motor 1 viscous friction", "spring 1 torque",
         "gravity torque",
     ]  # fmt: skip
+
+
+def test_a_slope_is_taken_on_the_side_where_the_effect_has_a_meaning():
+    """Friction that is less by nearly all there is: a step down makes no joint."""
+    shots = cut_log(log_of(rigid(), (), seed=3, duration=6.0, tolerance=0.0))
+    problem = Problem.of([shots], [np.arange(1, len(shots))])
+    (friction,) = (k for k, each in enumerate(problem.nuisances) if each.name == "link viscous friction")
+    here = np.zeros(len(problem.nuisances))
+    here[friction] = 0.5
+    there = problem.nuisances[friction].value * (1.0 + 0.5 * problem.nuisances[friction].tolerance)
+    edge = [Effect("asymmetric_viscous", "link", {"forward": 0.05, "backward": -(there - 1e-5)}, 0)]
+    more = here.copy()
+    more[friction] += 0.01 / problem.nuisances[friction].tolerance
+    before, after = problem.residual([problem.row(edge, here), problem.row(edge, more)])
+    slope = problem.nuisance_jacobian(edge, here, before)[:, friction]
+    np.testing.assert_allclose(slope, (after - before) / (more - here)[friction], rtol=1e-9, atol=1e-9)
+    assert np.linalg.norm(slope) > 0.0
+    less = 2.0 * here - more
+    assert problem.row_or_none(edge, less) is None
+    problem.fit_nuisances(edge, here)

@@ -93,16 +93,6 @@ def make(place: Place, values: Sequence[float]) -> Effect | None:
         return None
 
 
-def row_or_none(problem: Problem, effects: Sequence[Effect | None], deviations: Array) -> Array | None:
-    """The parameter row, or None where an effect has no meaning with these numbers (less friction than none)."""
-    if any(effect is None for effect in effects):
-        return None
-    try:
-        return problem.row([e for e in effects if e is not None], deviations)
-    except ParameterError:
-        return None
-
-
 def fit_base(problem: Problem, effects: Sequence[Effect] = ()) -> tuple[Fit, Array]:
     """The device's own numbers alone (with effects already accepted) -> fit and Jacobian (R, J)."""
     few = problem.part([np.flatnonzero(np.arange(len(bench.chosen)) % SPARSE < 2) for bench in problem.benches])[0]
@@ -163,7 +153,7 @@ class _Axes:
     def losses(self, points: Sequence[Array]) -> tuple[Array, Array]:
         """(K,) losses and (K, R) residuals of points; infinite where there are no such effects."""
         count = self.count
-        rows = [row_or_none(self.problem, self.effects(point), point[:count]) for point in points]
+        rows = [self.problem.row_or_none(self.effects(point), point[:count]) for point in points]
         residuals = np.full((len(points), self.problem.size), np.inf)
         there = [row for row in rows if row is not None]
         if there:
@@ -199,7 +189,7 @@ def directions(problem: Problem, base: Fit, candidates: Sequence[Place], scales:
     for place in candidates:
         for start in starts(place, scales, problem.device):
             rows = [
-                row_or_none(problem, [*base.effects, make(place, list(direction.values()))], base.deviations)
+                problem.row_or_none([*base.effects, make(place, list(direction.values()))], base.deviations)
                 for direction in start.directions
             ]
             there = [row for row in rows if row is not None]

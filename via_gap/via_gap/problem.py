@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from via_core.devices import Device
+from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_sim.effects import Effect, in_order
 from via_sim.parameters import P
@@ -58,6 +59,15 @@ class Problem:
             effect.write(row)
         return row
 
+    def row_or_none(self, effects: Sequence[Effect | None], deviations: Array | None = None) -> Array | None:
+        """The row, or None where an effect has no meaning with these numbers (less friction than none)."""
+        if any(effect is None for effect in effects):
+            return None
+        try:
+            return self.row([effect for effect in effects if effect is not None], deviations)
+        except ParameterError:
+            return None
+
     def residual(self, rows: Sequence[Array]) -> Array:
         """Whitened measured minus simulated, (K, R)."""
         stacked = np.stack(list(rows))
@@ -88,13 +98,27 @@ class Problem:
         return np.concatenate(parts, axis=-1)
 
     def nuisance_jacobian(self, effects: Sequence[Effect], deviations: Array, residual: Array) -> Array:
-        """(R, J): change of the residual per standard deviation of each nuisance."""
-        if not self.nuisances:
-            return np.empty((len(residual), 0))
-        steps = STEP / np.array([each.tolerance for each in self.nuisances])
-        steps = np.where(deviations <= 0.0, steps, -steps)
-        rows = [self.row(effects, moved) for moved in deviations + np.diag(steps)]
-        return ((self.residual(rows) - residual) / steps[:, None]).T
+        """(R, J): change of the residual per standard deviation of each nuisance.
+
+        A step goes towards the middle of the tolerance, or the other way where effects mean nothing beside it (an
+        effect that takes nearly all friction there is); 0 where they do on neither side.
+        """
+        slopes = np.zeros((len(self.nuisances), len(residual)))
+        rows, taken = [], []
+        for k, each in enumerate(self.nuisances):
+            size = STEP / each.tolerance if deviations[k] <= 0.0 else -STEP / each.tolerance
+            for step in (size, -size):
+                moved = deviations.copy()
+                moved[k] += step
+                row = self.row_or_none(effects, moved)
+                if row is not None:
+                    rows.append(row)
+                    taken.append((k, step))
+                    break
+        if rows:
+            which, steps = zip(*taken, strict=True)
+            slopes[list(which)] = (self.residual(rows) - residual) / np.array(steps)[:, None]
+        return slopes.T
 
     def fit_nuisances(
         self, effects: Sequence[Effect], deviations: Array, rounds: int = 3
@@ -108,7 +132,10 @@ class Problem:
             wanted = solve_nuisances(jacobian, residual, deviations)
             for share in (1.0, 0.5, 0.1):
                 trial = deviations + share * (wanted - deviations)
-                moved = self.residual([self.row(effects, trial)])[0]
+                row = self.row_or_none(effects, trial)
+                if row is None:
+                    continue
+                moved = self.residual([row])[0]
                 if moved @ moved + trial @ trial < residual @ residual + deviations @ deviations:
                     done = residual @ residual - moved @ moved < 1e-3 * (moved @ moved)
                     deviations, residual = trial, moved

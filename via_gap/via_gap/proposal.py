@@ -23,7 +23,7 @@ from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import Simulator, simulate
 
-from via_gap.candidates import make, row_or_none
+from via_gap.candidates import make
 from via_gap.log import JointLog
 from via_gap.motions import DURATION, MOTIONS, REST, Motion
 from via_gap.nuisance import BOUND, descend, nuisances
@@ -210,7 +210,7 @@ def _imitated(problem: Problem, cause: _Known, deviations: Array) -> Array:
 
     def row(point: Array) -> Array | None:
         effect = make(cause.place, list(cause.values + point[count:] * cause.free))
-        return row_or_none(problem, [effect], point[:count])
+        return problem.row_or_none([effect], point[:count])
 
     def loss(point: Array, residual: Array) -> float:
         return float(residual @ residual + (point - middle) @ (point - middle))
