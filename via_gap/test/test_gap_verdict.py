@@ -49,7 +49,9 @@ def test_a_second_cause_closes_a_part_of_much_and_a_good_part_of_little():
 def test_three_effects_that_leave_much_are_none_either(left, verdict):
     tuned, best = judged(np.full(40, 300.0)), judged(np.full(40, 100.0), BACKLASH)
     three = judged(np.full(40, left), BACKLASH, PAYLOAD, FRICTION)
-    assert decide(tuned, [best], [three], FROZEN).verdict == verdict
+    decision = decide(tuned, [best], [three], FROZEN)
+    assert decision.verdict == verdict
+    assert decision.chosen is three, "the repair keeps what makes the simulator better"
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,8 @@ def decide(tuned: Judged, causes: Sequence[Judged], sets: Sequence[Judged], froz
         else:
             chosen = best
         doubt = _doubted(ranked)
-        if pair is not None and pair.free:  # what is known of the cause, short of all of it, is worth repairing
+        if pair is not None and (pair.free or len(pair.fit.effects) > 2):
+            # What is known of the cause, short of all of it, is worth repairing.
             chosen, equivalent = pair, _alike(pair, sets, frozen)
             others = tuple((each, share) for each, share in doubt if each.fit.places[-1] not in pair.fit.places)
             doubt = (*((_alone(pair, i), IN_PART) for i in range(len(pair.fit.effects))), *others)
