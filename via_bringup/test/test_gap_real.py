@@ -38,6 +38,12 @@ def test_the_page_says_what_the_report_says() -> None:
     assert "None of the known effects alone" in told
     assert "coulomb_friction (link)" in told
     assert "Not told apart: coulomb_friction, torque_gain" in told
+    both = REPORT.model_copy(update={"effects": REPORT.equivalence_set})
+    assert "as good" not in verdict(both) and "Not told apart" not in verdict(both)
+    more = both.model_copy(
+        update={"equivalence_set": (*both.effects, Place(effect="payload", joint="joint", site="link"))}
+    )
+    assert verdict(more).endswith("In place of one of them as good: payload.")
     assert "nothing is repaired" in verdict(REPORT.model_copy(update={"effects": ()}))
     assert "| coulomb_friction | link | 0.90 | 7 % | torque 0.123 +- 0.001 N m |" in causes(REPORT)
     assert "| link inertia [kg m^2] | 1 | 1.05 | at the end of its tolerance |" in numbers(REPORT)
