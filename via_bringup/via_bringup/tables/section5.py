@@ -54,7 +54,7 @@ LIMITS: dict[str, tuple[float | None, float | None]] = {
 }
 # The document's largest error [%]; 10 to 30 % are printed for (80).
 PRINTED = {"constant_stribeck": 5.0, "varying_stribeck": 30.0}
-JUDGED = ("default", "n1", "n2")
+JUDGED = ("default", "default_n2", "n1", "n2")
 PRINTED_NRMSE = {"constant_stribeck": 2.89, "varying_stribeck": 3.17}
 NRMSE = "NRMSE [% of the torque's range]"
 RESTLESS = {"error_forgetting": 0.99, "least": 0.9, "sensitivity": 100.0, "delta": 1e-3}  # forgets at every sample
@@ -74,6 +74,7 @@ def _methods() -> dict[str, tuple[str, Estimator]]:
     """Id -> (in words, estimator); `JUDGED` are."""
     return {
         "default": ("VIA's default, n = 1 and dry friction", _directional(1)),
+        "default_n2": ("VIA's default, but n = 2 and dry friction", _directional(2)),
         "n1": ("Algorithm 1 made safe, n = 1", _directional(1, dry_friction=0.0)),
         "n2": (
             "Algorithm 1 made safe, n = 2, powers alike at 4 rad/s",
