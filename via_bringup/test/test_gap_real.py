@@ -45,5 +45,6 @@ def test_the_page_says_what_the_report_says() -> None:
     )
     assert verdict(more).endswith("In place of one of them as good: payload.")
     assert "nothing is repaired" in verdict(REPORT.model_copy(update={"effects": ()}))
+    assert verdict(REPORT.model_copy(update={"effects": (), "equivalence_set": (PLACE,)})).endswith("is repaired.")
     assert "| coulomb_friction | link | 0.90 | 7 % | torque 0.123 +- 0.001 N m |" in causes(REPORT)
     assert "| link inertia [kg m^2] | 1 | 1.05 | at the end of its tolerance |" in numbers(REPORT)

@@ -54,7 +54,7 @@ def verdict(report: GapReport) -> str:
     others = [place.effect for place in report.equivalence_set if place not in report.effects]
     if others and len(report.effects) > 1:
         sentence += f" In place of one of them as good: {', '.join(others)}."
-    elif others:
+    elif len(report.equivalence_set) > 1:
         sentence += f" Not told apart: {', '.join(place.effect for place in report.equivalence_set)}."
     return sentence
 
