@@ -51,11 +51,12 @@ def verdict(report: GapReport) -> str:
     named = ", ".join(f"{place.effect} ({place.site})" for place in report.effects)
     said = "Known effects explain it in part" if in_part(report) else SAID[report.verdict]
     sentence = f"**{said}**" + (f"; in the repair: {named}." if named else "; nothing is repaired.")
+    tied = [place.effect for place in report.equivalence_set]
     others = [place.effect for place in report.equivalence_set if place not in report.effects]
-    if others and len(report.effects) > 1:
-        sentence += f" In place of one of them as good: {', '.join(others)}."
-    elif len(report.equivalence_set) > 1:
-        sentence += f" Not told apart: {', '.join(place.effect for place in report.equivalence_set)}."
+    if len(report.effects) > 1:
+        sentence += f" In place of one of them as good: {', '.join(others)}." if others else ""
+    elif len(tied) > 1:
+        sentence += f" Not told apart: {', '.join(tied)}."
     return sentence
 
 
