@@ -144,7 +144,7 @@ def diagnose(
         decision = decision.with_chosen(chosen)
     tell("measuring the gap", 0.95)
     gap = _gap(device, fitted, judged, everything, held, before, tuned, decision)
-    if gap.by != "equations":  # which have no flexible model beside them
+    if gap.by == "shots":  # equations have no flexible model beside them, and free runs pile up a hair's difference
         decision = against_ceiling(decision, gap, frozen)
     figures = evidence_figures(
         device, everything, held, residuals, numbers, judged, before, tuned, decision.chosen, [*causes, *pairs],

@@ -138,7 +138,7 @@ def cautions(report: GapReport) -> tuple[str, ...]:
         named = listed([place_words(p) for p in report.effects])
         more = "something else is missing as well" if in_part(report) else "it is not the explanation"
         said.append(f"The repair holds {named}: it makes the simulator better, {more}.")
-        if gap is not None and gap.by != "equations" and gap.after > FAR * gap.ceiling:
+        if gap is not None and gap.by == "shots" and gap.after > FAR * gap.ceiling:
             said.append(
                 f"Of the {percent(gap.after)} that stay a flexible model beside it leaves {percent(gap.ceiling)}."
             )
