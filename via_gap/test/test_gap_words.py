@@ -74,6 +74,16 @@ def test_tied_causes_come_with_why_and_with_what_to_ask_for():
     assert equivalence_words(report_of("effect")) == equivalence_words(report_of("unknown")) == ()
 
 
+@pytest.mark.parametrize(
+    ("by", "ceiling", "told"), [("shots", 0.015, True), ("shots", 0.019, False), ("free run", 0.015, False)]
+)
+def test_what_a_flexible_model_would_close_beside_an_answer_that_is_none_is_said(by, ceiling, told):
+    report = report_of("unknown")
+    gap = report_of("effect").gap.model_copy(update={"by": by, "after": 0.02, "ceiling": ceiling})
+    said = cautions(report.model_copy(update={"effects": (BACKLASH,), "gap": gap}))
+    assert ("Of the 2 % that stay a flexible model beside it leaves 1.5 %." in said) == told
+
+
 def test_what_ties_with_a_pair_is_said_of_the_cause_it_may_stand_for():
     report = report_of("two_effects")
     trials = (
