@@ -114,7 +114,7 @@ for method in METHODS:
 """
 MONITOR_LOADED = f"""
 from via_core.devices import load_device
-from via_gap.watch import rehearse
+from via_gap.run.watch import rehearse
 rehearse(load_device("{DEVICE.name}"))
 """
 

@@ -14,10 +14,10 @@ from via_core.bags import BagWriter
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.status import Status
+from via_gap.design.proposal import with_proposal
 from via_gap.diagnose import diagnose
-from via_gap.log import read_log
+from via_gap.logs.log import read_log
 from via_gap.nodes.monitor import MonitorNode
-from via_gap.proposal import with_proposal
 from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import GapStatus, VsaCommand
 from via_ros import qos

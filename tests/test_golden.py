@@ -12,7 +12,7 @@ from via_core.signals import Signals
 from via_estimators.contract import summarise
 from via_estimators.methods import estimator_for
 from via_estimators.rows import estimate_bag
-from via_gap.replayed import measure_gap
+from via_gap.logs.replay import measure_gap
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate

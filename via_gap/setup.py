@@ -10,7 +10,7 @@ setup(
     maintainer="VIA maintainers",
     maintainer_email="maintainers@via.example.org",
     packages=find_packages(include=[package, f"{package}.*"]),
-    package_data={package: ["calibration.yaml", "probability.yaml", "gap_report.schema.json", "rendering/page.*"]},
+    package_data={package: ["selection/*.yaml", "report/*.yaml", "report/*.json", "rendering/page.*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

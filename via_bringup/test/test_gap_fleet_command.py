@@ -7,7 +7,7 @@ import json
 from typer.testing import CliRunner
 from via_bringup.cli.gap import app
 from via_bringup.cli.gap_fleet import HEAD, as_csv, as_markdown, cells
-from via_gap.fleet import Row
+from via_gap.run.fleet import Row
 
 DONE = Row(
     "a|b.csv", "k1", "", "effect", "motor 1", 0.9, "backlash at transmission 1", 0.98, "gap 0.02 +- 1e-4 rad",

@@ -5,10 +5,10 @@ import pytest
 from typer.testing import CliRunner
 from via_bringup.cli import app
 from via_core.devices import load_device
-from via_gap.log import read_log
-from via_gap.motion_file import read_motion
-from via_gap.nuisance import nuisances
-from via_gap.report import Cause, GapReport, NuisanceValue, Place, Value, read_report
+from via_gap.design.motion_file import read_motion
+from via_gap.logs.log import read_log
+from via_gap.report.report import Cause, GapReport, NuisanceValue, Place, Value, read_report
+from via_gap.residual.nuisance import nuisances
 from via_sim.plants import JointPlant
 
 DEVICE = "maccepavd"

@@ -6,7 +6,7 @@ import pytest
 from via_bringup.cli.gap_real import real
 from via_bringup.gap_real.page import causes, numbers, verdict
 from via_core.errors import ViaError
-from via_gap.report import Cause, GapReport, NuisanceValue, Place, Value
+from via_gap.report.report import Cause, GapReport, NuisanceValue, Place, Value
 
 FRICTION = Cause(
     effect="coulomb_friction", site="link", joint="elbow", motor=0, probability=0.9, left=0.07, score=1.0,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from via_core.devices import Device
 from via_core.signals import Signals
-from via_gap.motion_file import columns_of, read_motion, write_table
+from via_gap.design.motion_file import columns_of, read_motion, write_table
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors

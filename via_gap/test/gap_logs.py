@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 from via_core.devices import Device, load_device, parse_device
 from via_core.signals import Signals
-from via_gap.log import JointLog
-from via_gap.nuisance import nuisances
+from via_gap.logs.log import JointLog
+from via_gap.residual.nuisance import nuisances
 from via_sim.effects import Effect, write_effects
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from gap_logs import rigid
 from via_core.signals import Array, Signals
-from via_gap.answers import LATE_ANGLE, LATE_COMMAND, stamped_late, told_apart
-from via_gap.candidates import Fit
-from via_gap.evidence import Judged
-from via_gap.log import JointLog
-from via_gap.places import Place
+from via_gap.candidates.fit import Fit
+from via_gap.candidates.location import Place
+from via_gap.logs.log import JointLog
+from via_gap.selection.evidence import Judged
+from via_gap.sensors.stamps import LATE_ANGLE, LATE_COMMAND, stamped_late, told_apart
 
 SUBSTEPS = 20
 DRY = Place("coulomb_friction", "link", 0)

@@ -13,12 +13,12 @@ from via_bringup.cli.gap import app
 from via_core.devices import load_device
 from via_core.errors import DeviceError, SignalError, ViaError
 from via_core.signals import Array, Signals
-from via_gap.arms import Arm, arm_logs, load_arm, read_arm_log
-from via_gap.equation_bench import EquationBench
-from via_gap.log import JointLog
-from via_gap.problem import Problem
-from via_gap.report import read_report
-from via_gap.shots import cut_log
+from via_gap.logs.log import JointLog
+from via_gap.report.report import read_report
+from via_gap.residual.inverse_dynamics import EquationBench
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import cut_log
+from via_gap.run.arms import Arm, arm_logs, load_arm, read_arm_log
 from via_sim.effects import Effect
 
 RATE, FINE = 300.0, 10  # [Hz] of the log; steps of the integration per sample

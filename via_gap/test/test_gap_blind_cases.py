@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from via_core.bags import joint_signals, read_bag
 from via_core.devices import load_device
-from via_gap.blind.case import BLOCK, RANGE, SHARES, draw_case, plan
-from via_gap.blind.joints import FAMILIES, believed, device_of, draw_joint, scaled
-from via_gap.blind.making import Made, make_cases
-from via_gap.blind.menu import MENU
-from via_gap.blind.recording import LEVELS, limited, neighbour_angle, write_log
-from via_gap.blind.residual import left_by_numbers
-from via_gap.blind.sealing import SealError, digest_of, names_in, opened, seal, write_seals
-from via_gap.blind.strangers import STRANGERS
-from via_gap.log import read_log
+from via_gap.benchmark.case import BLOCK, RANGE, SHARES, draw_case, plan
+from via_gap.benchmark.joints import FAMILIES, believed, device_of, draw_joint, scaled
+from via_gap.benchmark.making import Made, make_cases
+from via_gap.benchmark.menu import MENU
+from via_gap.benchmark.recording import LEVELS, limited, neighbour_angle, write_log
+from via_gap.benchmark.residual import left_by_numbers
+from via_gap.benchmark.sealing import SealError, digest_of, names_in, opened, seal, write_seals
+from via_gap.benchmark.strangers import STRANGERS
+from via_gap.logs.log import read_log
 
 DURATION = 5.0  # [s]
 NEIGHBOUR_AND_NONE = (13, 3)  # development seeds of joints without a gap
@@ -247,8 +247,8 @@ def test_a_neighbour_alone_gives_nothing_away() -> None:
 
 def test_nothing_of_the_simulator_under_test_is_loaded() -> None:
     """Every module of the blind check, in a Python of its own."""
-    folder = Path(sys.modules["via_gap.blind.case"].__file__ or "").parent
-    names = ", ".join(f"via_gap.blind.{file.stem}" for file in folder.glob("*.py") if file.stem != "__init__")
+    folder = Path(sys.modules["via_gap.benchmark.case"].__file__ or "").parent
+    names = ", ".join(f"via_gap.benchmark.{file.stem}" for file in folder.glob("*.py") if file.stem != "__init__")
     strangers = "('via_sim', 'via_estimators', 'via_controllers')"
     script = f"import sys, {names}; print([name for name in sys.modules if name.split('.')[0] in {strangers}])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from via_core.devices import Device, load_device
 from via_core.signals import Array, Signals
-from via_gap.blind.case import push_of
-from via_gap.blind.excitation import excite, start_of
-from via_gap.blind.joints import FAMILIES, believed, device_of, draw_joint
-from via_gap.blind.menu import MENU
-from via_gap.blind.model import STEP
-from via_gap.blind.physics import Physics
-from via_gap.blind.recording import neighbour_angle, sense
-from via_gap.blind.scene import scene_of
-from via_gap.blind.stepping import Drive, Run
-from via_gap.blind.stepping import simulate as second
-from via_gap.blind.strangers import STRANGERS
+from via_gap.benchmark.case import push_of
+from via_gap.benchmark.excitation import excite, start_of
+from via_gap.benchmark.joints import FAMILIES, believed, device_of, draw_joint
+from via_gap.benchmark.menu import MENU
+from via_gap.benchmark.model import STEP
+from via_gap.benchmark.physics import Physics
+from via_gap.benchmark.recording import neighbour_angle, sense
+from via_gap.benchmark.scene import scene_of
+from via_gap.benchmark.stepping import Drive, Run
+from via_gap.benchmark.stepping import simulate as second
+from via_gap.benchmark.strangers import STRANGERS
 from via_sim.effects import EFFECTS, Effect, places
 from via_sim.plants import JointPlant
 from via_sim.simulate import Simulation

@@ -15,11 +15,11 @@ import pytest
 from typer.testing import CliRunner
 from via_bringup.cli.gap_blind import app
 from via_core.errors import ViaError
-from via_gap.blind.judging import Judged, Place, Shrinkage, judge
-from via_gap.blind.measuring import shrinkage_of
-from via_gap.blind.page import as_json, markdown, picture, reason, write_page
-from via_gap.blind.running import RUNS, run_cases, words_of
-from via_gap.blind.scoring import Bin, Score, calibration_error, reliability, score
+from via_gap.benchmark.judging import Judged, Place, Shrinkage, judge
+from via_gap.benchmark.measuring import shrinkage_of
+from via_gap.benchmark.page import as_json, markdown, picture, reason, write_page
+from via_gap.benchmark.running import RUNS, run_cases, words_of
+from via_gap.benchmark.scoring import Bin, Score, calibration_error, reliability, score
 
 COULOMB = {"effect": "coulomb_friction", "site": "motor", "motor": 1}
 LAG = {"effect": "actuator_lag", "site": "command", "motor": 0}

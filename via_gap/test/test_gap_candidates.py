@@ -7,7 +7,7 @@ import pytest
 from gap_logs import flexible, log_of, rigid, servo
 from scipy.optimize import lsq_linear
 from via_core.devices import Device
-from via_gap.candidates import (
+from via_gap.candidates.fit import (
     REACH,
     Direction,
     Fit,
@@ -19,15 +19,15 @@ from via_gap.candidates import (
     refine,
     settled,
 )
+from via_gap.candidates.location import Place, places
+from via_gap.candidates.scales import Scales, scales_of
+from via_gap.candidates.starts import Start, amount_range
 from via_gap.diagnose import _cause
-from via_gap.evidence import Judged, judge
-from via_gap.nuisance import BOUND
-from via_gap.places import Place, places
-from via_gap.problem import Problem
-from via_gap.scales import Scales, scales_of
-from via_gap.search import Search, closest
-from via_gap.shots import cut_log
-from via_gap.starts import Start, amount_range
+from via_gap.residual.nuisance import BOUND
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import cut_log
+from via_gap.selection.evidence import Judged, judge
+from via_gap.selection.search import Search, closest
 from via_sim.effects import Effect
 
 MAXWELL = Effect("hysteresis", "transmission", {"torque": 0.03, "stiffness": 0.6}, 1)
@@ -97,7 +97,7 @@ def test_a_cause_is_fitted_however_well_a_better_guess_came_out(monkeypatch):
     names = ("gravity_error", "torque_bias", "torque_gain", "encoder_offset")
     known = {each[1].name: each[1:] for each in ranked(base, jacobian, search.tried)}
     guessed = [(scale * 1e3 * search.few.size, *known[name]) for scale, name in enumerate(names, start=1)]
-    monkeypatch.setattr("via_gap.search.ranked", lambda *_: guessed)
+    monkeypatch.setattr("via_gap.selection.search.ranked", lambda *_: guessed)
     assert "encoder_offset" in {each.fit.effects[0].name for each in search.single(lambda *_: None)}
 
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from gap_logs import flexible as joint
 from gap_logs import log_of, servo
-from via_gap.basis import Basis, ticks_of
-from via_gap.candidates import Fit, fit_base
-from via_gap.ceiling import flexible, lower, solved
+from via_gap.candidates.fit import Fit, fit_base
 from via_gap.diagnose import diagnose
-from via_gap.evidence import judge
-from via_gap.measured import Errors, free_errors
-from via_gap.problem import Problem
-from via_gap.shots import Shots, cut_log
-from via_gap.split import split
+from via_gap.residual.errors import Errors, free_errors
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import Shots, cut_log
+from via_gap.selection.basis import Basis, ticks_of
+from via_gap.selection.bound import flexible, lower, solved
+from via_gap.selection.evidence import judge
+from via_gap.selection.holdout import split
 from via_sim.effects import Effect
 
 DRAG = Effect("quadratic_drag", "link", {"coefficient": 0.01})

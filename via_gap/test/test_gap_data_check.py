@@ -6,8 +6,8 @@ from gap_logs import flexible, log_of
 from hypothesis import given
 from hypothesis import strategies as st
 from via_core.signals import Signals
-from via_gap.data_check import check_log, step_of
-from via_gap.log import JointLog
+from via_gap.logs.checks import check_log, step_of
+from via_gap.logs.log import JointLog
 
 
 def changed(log: JointLog, keep=None, **channels) -> JointLog:

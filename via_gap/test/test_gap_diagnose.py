@@ -5,13 +5,13 @@ import pytest
 from gap_logs import flexible, log_of, rigid
 from via_core.errors import SignalError
 from via_core.signals import Signals
+from via_gap.candidates.localisation import localise
 from via_gap.diagnose import diagnose
-from via_gap.localise import localise
-from via_gap.log import JointLog, read_log
-from via_gap.report import GapReport, save_repair
-from via_gap.residuals import weak_residuals
-from via_gap.shots import cut_log
-from via_gap.withheld import before_and_after
+from via_gap.logs.log import JointLog, read_log
+from via_gap.report.report import GapReport, save_repair
+from via_gap.report.withheld import before_and_after
+from via_gap.residual.equations import weak_residuals
+from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 from via_sim.effects_file import load_effects
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of
+from via_gap.candidates.location import places
 from via_gap.diagnose import diagnose
-from via_gap.places import places
-from via_gap.shots import cut_log
-from via_gap.split import split, split_finely
+from via_gap.residual.segments import cut_log
+from via_gap.selection.holdout import split, split_finely
 from via_sim.effects import Effect
 
 START, STOP = 5.33, 9.57  # in blocks that are held out whole

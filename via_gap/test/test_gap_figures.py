@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, servo
-from via_gap.evidence_figures import (
+from via_gap.report.evidence_figures import (
     BINS,
     POINTS,
     STRETCH,
@@ -16,10 +16,10 @@ from via_gap.evidence_figures import (
     shot_stretches,
     trace_figures,
 )
-from via_gap.measured import free_errors, shot_errors
-from via_gap.problem import Problem
-from via_gap.residuals import weak_residuals
-from via_gap.shots import cut_log
+from via_gap.residual.equations import weak_residuals
+from via_gap.residual.errors import free_errors, shot_errors
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 
 COULOMB = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)

@@ -11,8 +11,8 @@ import pytest
 from gap_logs import flexible, log_of
 from via_core.errors import ViaError
 from via_gap.diagnose import diagnose
-from via_gap.fleet import Row, key_of, row_of, run_fleet
-from via_gap.log import read_log
+from via_gap.logs.log import read_log
+from via_gap.run.fleet import Row, key_of, row_of, run_fleet
 from via_sim.effects import Effect
 
 DEVICE = flexible()
@@ -125,7 +125,7 @@ def test_a_key_is_of_content_name_device_and_topic(logs, tmp_path):
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
-    monkeypatch.setattr("via_gap.fleet.PATIENCE", "1s")
+    monkeypatch.setattr("via_gap.run.fleet.PATIENCE", "1s")
     with pytest.raises(ViaError, match=r"scheduler tcp://127[.]0[.]0[.]1:9") as told:
         run_fleet(logs, DEVICE, tmp_path / "results", scheduler="tcp://127.0.0.1:9")
     assert "\n" not in str(told.value)

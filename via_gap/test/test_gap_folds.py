@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 from gap_logs import log_of, servo
 from via_core.devices import Tolerances
-from via_gap.calibration import calibration
-from via_gap.candidates import Fit, _spread, fit_base
+from via_gap.candidates.fit import Fit, _spread, fit_base
+from via_gap.candidates.location import Place
 from via_gap.diagnose import diagnose
-from via_gap.evidence import Judged, difference
-from via_gap.folds import FOLDS, Folds
-from via_gap.log import JointLog
-from via_gap.nuisance import nuisances
-from via_gap.places import Place
-from via_gap.problem import Problem
-from via_gap.replayed import simulated_log
-from via_gap.shots import Bench, whole_log
-from via_gap.verdict import decide
+from via_gap.logs.log import JointLog
+from via_gap.logs.replay import simulated_log
+from via_gap.residual.nuisance import nuisances
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import Bench, whole_log
+from via_gap.selection.calibration import calibration
+from via_gap.selection.evidence import Judged, difference
+from via_gap.selection.folds import FOLDS, Folds
+from via_gap.selection.verdict import decide
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors

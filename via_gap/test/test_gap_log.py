@@ -1,7 +1,7 @@
 """Logs of several files keep names of their own."""
 
 from via_core.devices import load_device
-from via_gap.log import read_logs
+from via_gap.logs.log import read_logs
 
 
 def test_files_of_one_name_are_told_by_their_folders(tmp_path):

@@ -5,9 +5,9 @@ from math import exp
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of
-from via_gap.memory import held_along, with_memory
-from via_gap.problem import Problem
-from via_gap.shots import cut_log
+from via_gap.residual.memory import held_along, with_memory
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 from via_sim.parameters import P
 from via_sim.plants import JointPlant

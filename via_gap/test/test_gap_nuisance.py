@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 from via_core.devices import device_names, load_device
-from via_gap.nuisance import apply_all, descend, nuisances
-from via_gap.problem import Problem
-from via_gap.repaired import repaired_device
-from via_gap.shots import cut_log
+from via_gap.residual.nuisance import apply_all, descend, nuisances
+from via_gap.residual.repaired_device import repaired_device
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 

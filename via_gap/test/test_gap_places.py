@@ -4,8 +4,8 @@ import pytest
 from gap_logs import flexible, log_of, servo
 from via_core.devices import load_device
 from via_core.signals import Signals
-from via_gap.log import JointLog
-from via_gap.places import OF_READINGS, Place, places, unjudged
+from via_gap.candidates.location import OF_READINGS, Place, places, unjudged
+from via_gap.logs.log import JointLog
 from via_sim.catalogue import EFFECTS
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from via_gap.probability import (
+from via_gap.report.probability import (
     Answer,
     Numbers,
     answer_of,
@@ -11,7 +11,7 @@ from via_gap.probability import (
     shipped_numbers,
     with_probabilities,
 )
-from via_gap.report import Cause, GapReport, Place
+from via_gap.report.report import Cause, GapReport, Place
 
 TRUE = Numbers(steady=0.5, margin=3.0, left=1.5, pair=1.0, answers=1, right=1, seeds="-", origin="-")
 

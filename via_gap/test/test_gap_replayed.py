@@ -5,7 +5,7 @@ import pytest
 from via_core.devices import load_device
 from via_core.errors import SignalError
 from via_core.signals import Signals
-from via_gap.replayed import measure_gap, pooled, simulated_log
+from via_gap.logs.replay import measure_gap, pooled, simulated_log
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate

@@ -5,7 +5,7 @@ from gap_logs import flexible
 from via_core.bags.joints import joint_channels, recorded
 from via_core.bags.reader import Columns
 from via_core.wire import JOINT_STATE, SECOND, VSA_COMMAND
-from via_gap.rolling import RollingLog, columns_of
+from via_gap.logs.rolling import RollingLog, columns_of
 
 DEVICE = flexible()
 EPOCH = 1_700_000_000 * SECOND

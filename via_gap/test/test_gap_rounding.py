@@ -6,11 +6,11 @@ from gap_logs import flexible, log_of, rigid
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.signal import savgol_filter
 from via_core.signals import Signals
-from via_gap.candidates import fit_base
-from via_gap.log import JointLog
-from via_gap.problem import Problem
-from via_gap.rounding import between, correlation, mean_variance, slope_order, variance, variances
-from via_gap.shots import cut_log
+from via_gap.candidates.fit import fit_base
+from via_gap.logs.log import JointLog
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.rounding import between, correlation, mean_variance, slope_order, variance, variances
+from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 
 

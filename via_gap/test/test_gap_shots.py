@@ -7,10 +7,10 @@ import pytest
 from gap_logs import flexible, log_of, rigid, servo
 from via_core.errors import SignalError
 from via_core.signals import Signals
-from via_gap.log import JointLog, believed
-from via_gap.problem import Problem
-from via_gap.shots import cut_log
-from via_gap.split import split
+from via_gap.logs.log import JointLog, believed
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import cut_log
+from via_gap.selection.holdout import split
 from via_sim.effects import Effect
 
 DELAY = Effect("actuator_delay", "command", {"delay": 0.0043})

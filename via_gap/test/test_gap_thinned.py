@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, servo
-from via_gap.problem import Problem
-from via_gap.shots import cut_log
-from via_gap.thinned import BUSIEST, EVEN, thinned
+from via_gap.candidates.subset import BUSIEST, EVEN, thinned
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 
 KNOCK = Effect("external_torque", "environment", {"torque": 0.1, "start": 12.1, "stop": 12.4})

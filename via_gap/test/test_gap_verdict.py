@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from via_gap.calibration import calibration
-from via_gap.candidates import Fit
-from via_gap.evidence import Judged
-from via_gap.places import Place
-from via_gap.report import Gap
-from via_gap.verdict import against_ceiling, decide, helps
+from via_gap.candidates.fit import Fit
+from via_gap.candidates.location import Place
+from via_gap.report.report import Gap
+from via_gap.selection.calibration import calibration
+from via_gap.selection.evidence import Judged
+from via_gap.selection.verdict import against_ceiling, decide, helps
 
 FROZEN = calibration("flexible")
 NOTHING = np.empty(0)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from gap_logs import flexible, log_of
 from via_core.signals import Signals
+from via_gap.design.proposal import with_proposal
 from via_gap.diagnose import diagnose
-from via_gap.log import JointLog
-from via_gap.proposal import with_proposal
-from via_gap.watch import look, rehearse, tuned
-from via_gap.worker import Failed, Finished, Job, Progress, Worker
+from via_gap.logs.log import JointLog
+from via_gap.run.watch import look, rehearse, tuned
+from via_gap.run.worker import Failed, Finished, Job, Progress, Worker
 from via_sim.effects import Effect
 
 DEADLINE = 60.0  # [s]

@@ -14,34 +14,34 @@ from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
-from via_gap.answers import told_apart
-from via_gap.calibration import calibration
-from via_gap.candidates import Fit, events, fit_base, settled
-from via_gap.ceiling import flexible, lower
-from via_gap.data_check import check_log
-from via_gap.equation_bench import EquationBench
-from via_gap.evidence import Judged, judge
-from via_gap.evidence_figures import evidence_figures, joint_sketch
-from via_gap.figures import Figures
-from via_gap.folds import STANDARD_ERRORS, Folds
-from via_gap.localise import SiteShare, localise
-from via_gap.log import JointLog, believed
-from via_gap.measured import Errors, equation_errors, free_errors, shot_errors
-from via_gap.nuisance import BOUND
-from via_gap.places import Place, places, unjudged
-from via_gap.probability import shipped_numbers, with_probabilities
-from via_gap.problem import AnyBench, Problem
-from via_gap.readings import misreadings, with_misreadings
-from via_gap.repaired import repaired_device
-from via_gap.report import Cause, Finding, Gap, GapReport, NuisanceValue, SignalGap, Value, Verdict, Where
-from via_gap.report import Place as Named
-from via_gap.residuals import weak_residuals
-from via_gap.scales import scales_of
-from via_gap.search import Progress, Search
-from via_gap.shots import Bench, Indices, Shots, cut_log, whole_log
-from via_gap.split import one_sided, split, split_finely
-from via_gap.verdict import Decision, against_ceiling, decide
-from via_gap.withheld import runs_free, stretches
+from via_gap.candidates.fit import Fit, events, fit_base, settled
+from via_gap.candidates.localisation import SiteShare, localise
+from via_gap.candidates.location import Place, places, unjudged
+from via_gap.candidates.scales import scales_of
+from via_gap.logs.checks import check_log
+from via_gap.logs.log import JointLog, believed
+from via_gap.report.evidence_figures import evidence_figures, joint_sketch
+from via_gap.report.figures import Figures
+from via_gap.report.probability import shipped_numbers, with_probabilities
+from via_gap.report.report import Cause, Finding, Gap, GapReport, NuisanceValue, SignalGap, Value, Verdict, Where
+from via_gap.report.report import Place as Named
+from via_gap.report.withheld import runs_free, stretches
+from via_gap.residual.equations import weak_residuals
+from via_gap.residual.errors import Errors, equation_errors, free_errors, shot_errors
+from via_gap.residual.inverse_dynamics import EquationBench
+from via_gap.residual.nuisance import BOUND
+from via_gap.residual.repaired_device import repaired_device
+from via_gap.residual.residual_model import AnyBench, Problem
+from via_gap.residual.segments import Bench, Indices, Shots, cut_log, whole_log
+from via_gap.selection.bound import flexible, lower
+from via_gap.selection.calibration import calibration
+from via_gap.selection.evidence import Judged, judge
+from via_gap.selection.folds import STANDARD_ERRORS, Folds
+from via_gap.selection.holdout import one_sided, split, split_finely
+from via_gap.selection.search import Progress, Search
+from via_gap.selection.verdict import Decision, against_ceiling, decide
+from via_gap.sensors.sensor_errors import misreadings, with_misreadings
+from via_gap.sensors.stamps import told_apart
 
 
 def diagnose(

@@ -37,15 +37,15 @@ from rich.table import Table
 from scipy.optimize import least_squares
 from via_core.devices import Device, parse_device
 from via_core.signals import Array, Signals
-from via_gap.candidates import fit_base, refine
+from via_gap.candidates.fit import fit_base, refine
+from via_gap.candidates.location import Place
+from via_gap.candidates.scales import scales_of
+from via_gap.design.proposal import following
 from via_gap.diagnose import diagnose
-from via_gap.log import JointLog
-from via_gap.places import Place
-from via_gap.problem import Problem
-from via_gap.proposal import following
-from via_gap.residuals import weak_residuals
-from via_gap.scales import scales_of
-from via_gap.shots import Shots, cut_log
+from via_gap.logs.log import JointLog
+from via_gap.residual.equations import weak_residuals
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import Shots, cut_log
 from via_sim.effects import Effect
 from via_sim.parameters import P
 from via_sim.plants import JointPlant

@@ -12,13 +12,13 @@ import typer
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from via_core.devices import Device, load_device
 from via_core.errors import ViaError
+from via_gap.design.proposal import with_proposal
 from via_gap.diagnose import diagnose as diagnosed
-from via_gap.log import JointLog, read_logs
-from via_gap.proposal import with_proposal
+from via_gap.logs.log import JointLog, read_logs
 from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
-from via_gap.report import GapReport, read_report, save_repair
-from via_gap.withheld import before_and_after, lacking_before_and_after
+from via_gap.report.report import GapReport, read_report, save_repair
+from via_gap.report.withheld import before_and_after, lacking_before_and_after
 from via_sim.effects_file import load_effects
 
 from via_bringup.cli import gap_blind, gap_fleet, gap_propose, gap_real
@@ -87,7 +87,7 @@ def diagnose(
 def _of_arm(
     arm: str, logs: list[Path], holdout: Sequence[Path], tell: Callable[[str, float], None]
 ) -> tuple[GapReport, ...]:
-    from via_gap.arms import diagnose_arm, load_arm, read_arm_log  # pinocchio takes a second to load
+    from via_gap.run.arms import diagnose_arm, load_arm, read_arm_log  # pinocchio takes a second to load
 
     whole = load_arm(arm)
     read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))
@@ -151,7 +151,7 @@ def simulate(
 
 
 def _joint_of_arm(arm: str, device: Device, logs: list[Path]) -> list[JointLog]:
-    from via_gap.arms import load_arm, read_arm_log
+    from via_gap.run.arms import load_arm, read_arm_log
 
     whole = load_arm(arm)
     names = [each.name for each in whole.devices]

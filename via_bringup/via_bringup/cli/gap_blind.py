@@ -13,10 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 from via_core.devices import load_device
 from via_core.errors import ViaError
-from via_gap.log import read_log
-from via_gap.probability import answer_of, fit_numbers
-from via_gap.report import read_report
-from via_gap.withheld import before_and_after
+from via_gap.logs.log import read_log
+from via_gap.report.probability import answer_of, fit_numbers
+from via_gap.report.report import read_report
+from via_gap.report.withheld import before_and_after
 
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.provenance import provenance
@@ -40,7 +40,7 @@ def make(
     processes: Processes = 2,
 ) -> None:
     """Draw cases from seeds and seal their keys; prints the SHA-256 of every key."""
-    from via_gap.blind.making import make_cases  # MuJoCo takes a second to load
+    from via_gap.benchmark.making import make_cases  # MuJoCo takes a second to load
 
     with _progress(count) as bar:
         made = make_cases(
@@ -63,8 +63,8 @@ def run(
     processes: Processes = 1,
 ) -> None:
     """Diagnose every case in a process of its own, on the recording alone; goes on where it was interrupted."""
-    from via_gap.blind.running import run_cases
-    from via_gap.blind.sealing import names_in
+    from via_gap.benchmark.running import run_cases
+    from via_gap.benchmark.sealing import names_in
 
     with _progress(len(names_in(cases))) as bar:
         ran = run_cases(cases, results, command, patience, processes, lambda _: bar.advance(bar.task_ids[0]))
@@ -92,10 +92,10 @@ def score(
     processes: Processes = 2,
 ) -> None:
     """Open the keys, verify their seals, and score the reports; exit code 1 when a limit is missed."""
-    from via_gap.blind.opening import judged_cases
-    from via_gap.blind.page import as_json, write_page
-    from via_gap.blind.scoring import score as score_of
-    from via_gap.blind.sealing import names_in
+    from via_gap.benchmark.opening import judged_cases
+    from via_gap.benchmark.page import as_json, write_page
+    from via_gap.benchmark.scoring import score as score_of
+    from via_gap.benchmark.sealing import names_in
 
     with _progress(len(names_in(cases))) as bar:
         judged = judged_cases(cases, keys, results, simulate, processes, lambda _: bar.advance(bar.task_ids[0]))
@@ -127,7 +127,7 @@ def calibrate(
     write: Annotated[Path, typer.Option(help="File for the numbers that turn evidence into a probability.")],
 ) -> None:
     """Learn from judged development cases how often an answer with such evidence is right."""
-    from via_gap.blind.sealing import names_in, opened
+    from via_gap.benchmark.sealing import names_in, opened
 
     answers_given, right, seeds = [], [], []
     for name in names_in(cases):

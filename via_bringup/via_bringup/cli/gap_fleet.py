@@ -18,7 +18,7 @@ from via_core.errors import ViaError
 from via_bringup.cli.console import answers, errors, table
 
 if TYPE_CHECKING:
-    from via_gap.fleet import Row
+    from via_gap.run.fleet import Row
 
 HEAD = ("log", "verdict", "where", "causes", "probability", "gap before", "after", "closes")
 
@@ -34,7 +34,7 @@ def fleet(
     markdown: Annotated[Path | None, typer.Option(help="Also write the table to this Markdown file.")] = None,
 ) -> None:
     """Diagnose many logs and print one table; also as fleet.csv and fleet.json in the folder of results."""
-    from via_gap.fleet import run_fleet  # dask takes a second to load
+    from via_gap.run.fleet import run_fleet  # dask takes a second to load
 
     described = load_device(device)
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
@@ -71,7 +71,7 @@ def cells(row: Row) -> tuple[str, ...]:
 
 def as_csv(rows: Sequence[Row]) -> str:
     """Every number of every row, with a header."""
-    from via_gap.fleet import Row
+    from via_gap.run.fleet import Row
 
     out = io.StringIO()
     writer = csv.writer(out)

@@ -14,7 +14,7 @@ from via_core.signals import Array
 from via_core.status import Status
 from via_estimators.contract import Estimates, summarise
 from via_estimators.nodes.estimator import EstimatorNode
-from via_gap.replayed import Gap, gap_to, pooled, simulated_log
+from via_gap.logs.replay import Gap, gap_to, pooled, simulated_log
 from via_interfaces.srv import ResetEstimator
 from via_ros.nodes.player import Player
 from via_ros.nodes.recorder import Recorder

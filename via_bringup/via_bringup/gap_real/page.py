@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
+from via_gap.logs.replay import pooled
 from via_gap.rendering.words import in_part
-from via_gap.replayed import pooled
-from via_gap.report import GapReport
+from via_gap.report.report import GapReport
 
 from via_bringup.gap_real.pictures import draw_arm, draw_joint
 from via_bringup.gap_real.run import ArmJoint, Joint

@@ -17,17 +17,17 @@ import numpy as np
 from via_core.bags import import_recordings
 from via_core.devices import Device, load_device
 from via_core.signals import Array
-from via_gap.arms import diagnose_arm, load_arm, read_arm_log
 from via_gap.diagnose import diagnose
-from via_gap.equation_bench import EquationBench
-from via_gap.log import JointLog, read_log
-from via_gap.nuisance import nuisances
-from via_gap.problem import Problem
-from via_gap.repaired import repaired_device
-from via_gap.replayed import Gap as Replayed
-from via_gap.replayed import measure_gap, pooled
-from via_gap.report import GapReport
-from via_gap.shots import cut_log
+from via_gap.logs.log import JointLog, read_log
+from via_gap.logs.replay import Gap as Replayed
+from via_gap.logs.replay import measure_gap, pooled
+from via_gap.report.report import GapReport
+from via_gap.residual.inverse_dynamics import EquationBench
+from via_gap.residual.nuisance import nuisances
+from via_gap.residual.repaired_device import repaired_device
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import cut_log
+from via_gap.run.arms import diagnose_arm, load_arm, read_arm_log
 from via_sim.plants import JointPlant
 
 DEVICE, ARM = "maccepavd", "dfki_double_pendulum"

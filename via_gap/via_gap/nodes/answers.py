@@ -8,9 +8,9 @@ from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import Effect, EffectHypothesis
 from via_interfaces.msg import SiteShare as SiteMessage
 
-from via_gap.localise import SiteShare
+from via_gap.candidates.localisation import SiteShare
 from via_gap.rendering.words import headline
-from via_gap.report import Cause, GapReport, Where
+from via_gap.report.report import Cause, GapReport, Where
 
 LEAST = 0.01  # probability of a cause that is worth telling
 

@@ -9,7 +9,7 @@ publishes   /<device>/gap       via_interfaces/GapStatus, at `rate`, stamped wit
             /diagnostics        at the same rate
 offers      ~/diagnose          action via_interfaces/DiagnoseGap, of the window or of a recording; one goal at a time
 
-Two things go on. At every tick the last `recent` seconds are held against the model (via_gap.watch): error, and the
+Two things go on. At every tick the last `recent` seconds are held against the model (via_gap.run.watch): error, and the
 share of each site. Every now and then the whole window is diagnosed as `via gap diagnose` does it with a bag, by the
 same code, in a process of its own: the ticks go on meanwhile. What it finds is told with the stamp of its last sample,
 and from then on the model has the device's numbers as it tuned them. A goal ends a diagnosis of the node's own.
@@ -45,13 +45,13 @@ from via_ros.parameters import declare
 from via_ros.serialised import JointStateDecoder
 from via_ros.spin import STEADY, run
 
-from via_gap.log import JointLog
+from via_gap.logs.log import JointLog
+from via_gap.logs.rolling import RollingLog, columns_of
 from via_gap.nodes.answers import failure, hypotheses_of, result_of, sites_of
 from via_gap.rendering.words import headline
-from via_gap.report import GapReport, read_report
-from via_gap.rolling import RollingLog, columns_of
-from via_gap.watch import Look, look, rehearse, tuned
-from via_gap.worker import Finished, Job, Progress, Worker
+from via_gap.report.report import GapReport, read_report
+from via_gap.run.watch import Look, look, rehearse, tuned
+from via_gap.run.worker import Finished, Job, Progress, Worker
 
 STALE = 0.5  # [s] of wall time without a sample
 LIVE = "live"  # what a window is called in its report

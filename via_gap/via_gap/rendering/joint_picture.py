@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from html import escape
 
-from via_gap.figures import JointSketch
+from via_gap.report.figures import JointSketch
 
 # Light to dark, one hue; from the fourth on, white text is read better.
 DEPTHS = ("#ffffff", "#deebf7", "#b3d1ea", "#6aaed6", "#2f7dbb", "#0b4a8f")

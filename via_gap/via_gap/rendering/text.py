@@ -14,7 +14,7 @@ from via_gap.rendering.words import (
     place_words,
     where_words,
 )
-from via_gap.report import Cause, GapReport
+from via_gap.report.report import Cause, GapReport
 
 LIKELY = 0.01  # probability from which a cause is listed
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from via_sim.catalogue import EFFECTS
 
-from via_gap.figures import Member, Trial
-from via_gap.places import OF_READINGS
+from via_gap.candidates.location import OF_READINGS
 from via_gap.rendering.numbers import number, percent
-from via_gap.report import Cause, Finding, GapReport, Place, Proposal, Where
+from via_gap.report.figures import Member, Trial
+from via_gap.report.report import Cause, Finding, GapReport, Place, Proposal, Where
 
 Spot = tuple[str, str, int]  # effect, site, motor
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}

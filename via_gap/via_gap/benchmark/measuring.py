@@ -1,0 +1,44 @@
+"""How far the gap shrinks on the withheld log: a command runs the repaired simulator, so that no code is shared."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import tempfile
+from pathlib import Path
+
+from via_core.errors import ViaError
+
+from via_gap.benchmark.judging import Shrinkage
+from via_gap.benchmark.running import words_of
+
+
+def shrinkage_of(
+    log: Path, device: Path, effects: Path, report: Path, template: str, patience: float = 300.0
+) -> Shrinkage:
+    """Gap before and after on a log. The command writes {json}: an object with `before`, `after` and perhaps `floor`.
+
+    Raises ViaError where the command fails or writes something else.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "gap.json"
+        words = words_of(
+            template,
+            log=log.resolve(),
+            device=device.resolve(),
+            effects=effects.resolve(),
+            report=report.resolve(),
+            json=out,
+        )
+        try:
+            done = subprocess.run(words, capture_output=True, text=True, timeout=patience, check=False)
+            if done.returncode:
+                raise ViaError(f"command '{words[0]}' ended with {done.returncode}: {done.stderr.strip()[-300:]}")
+            told = json.loads(out.read_text(encoding="utf-8"))
+            told = told.get("gap", told)
+            floor = told.get("floor")
+            return Shrinkage(float(told["before"]), float(told["after"]), None if floor is None else float(floor))
+        except subprocess.TimeoutExpired:
+            raise ViaError(f"command '{words[0]}' took longer than {patience:g} s") from None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ViaError(f"command '{words[0]}' wrote no gap: {error}") from None

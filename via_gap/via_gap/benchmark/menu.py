@@ -1,0 +1,371 @@
+"""The catalogue on the side of the second simulator: the thirty named effects, their places, their physics.
+
+Written apart from the catalogue of via_sim, from the specification's words alone. An entry says where the effect may
+sit in a joint, draws what has no size (an order, a direction, a place), and makes Physics of a relative size within
+[low, high]; the search for the wanted gap over noise moves the size alone. The least size of what a wrong number in the
+device file could also be (inertia, friction, stiffness, a gain) lies well outside that file's tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import inf, pi
+from types import MappingProxyType
+
+import numpy as np
+from numpy.random import Generator
+from via_core.devices import Device, TorqueMotor
+
+from via_gap.benchmark.physics import Physics, at, of_motor
+from via_gap.benchmark.scene import Scene
+
+Shape = Mapping[str, float]
+Numbers = dict[str, float]
+Place = tuple[str, int]  # site, number of the motor or transmission (0: none)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One named effect.
+
+    places  of a device where it may sit
+    low, high  [-] relative sizes
+    shape   what is drawn once
+    make    (scene, number, size, shape) -> physics and its parameters as the key tells them
+    """
+
+    name: str
+    places: Callable[[Device], tuple[Place, ...]]
+    low: float
+    high: float
+    shape: Callable[[Generator, Scene], Shape]
+    make: Callable[[Scene, int, float, Shape], tuple[Physics, Numbers]]
+    most: float = inf  # what no parameter may pass: beyond it the joint would be another
+    sensed: Callable[[Scene, int, float, Shape], tuple[Physics, Numbers]] | None = None  # `make` at a torque sensor
+
+    def of_size(self, scene: Scene, place: Place, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+        make = self.sensed if self.sensed is not None and place[0] == "sensor" else self.make
+        return make(scene, place[1], size, shape)
+
+
+def _axes(device: Device) -> tuple[Place, ...]:
+    return (("link", 0), *_motors(device))
+
+
+def _motors(device: Device) -> tuple[Place, ...]:
+    return tuple(("motor", i) for i in range(1, 1 + device.n_motors)) if device.drive == "torque" else ()
+
+
+def _drives(device: Device) -> tuple[Place, ...]:
+    """Motors that turn a command into a torque; the drive of a rigid joint is its motor 1."""
+    return _motors(device) if device.motors else (("motor", 1),)
+
+
+def _torques(device: Device) -> tuple[Place, ...]:
+    """The same, and the sensors of their torque."""
+    return (*_drives(device), *(("sensor", number) for _, number in _motors(device)))
+
+
+def _transmissions(device: Device) -> tuple[Place, ...]:
+    return tuple(("transmission", i) for i in range(1, 1 + device.n_transmissions))
+
+
+def _presets(device: Device) -> tuple[Place, ...]:
+    return _transmissions(device) if device.arrangement in ("antagonistic", "serial") else ()
+
+
+def _encoders(device: Device) -> tuple[Place, ...]:
+    return tuple(("sensor", i) for i in range(1 + device.n_motors))
+
+
+def _clocks(device: Device) -> tuple[Place, ...]:
+    return tuple(("timing", i) for i in range(1 + device.n_motors))
+
+
+def _weighty(device: Device) -> tuple[Place, ...]:
+    return (("link", 0),) if device.link.gravity_torque else ()
+
+
+def _one(site: str) -> Callable[[Device], tuple[Place, ...]]:
+    return lambda _device: ((site, 0),)
+
+
+def _torque_command(device: Device) -> tuple[Place, ...]:
+    return (("command", 0),) if device.drive == "torque" else ()
+
+
+def _plain(_rng: Generator, _scene: Scene) -> Shape:
+    return {}
+
+
+def _signed(rng: Generator, _scene: Scene) -> Shape:
+    return {"sign": float(rng.choice([-1.0, 1.0]))}
+
+
+def _viscous_of(scene: Scene, axis: int) -> float:
+    motor = scene.device.motors[axis - 1] if axis else None
+    return motor.viscous_friction if isinstance(motor, TorqueMotor) else scene.device.link.viscous_friction
+
+
+def _coulomb(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    torque = size * scene.torque[axis]
+    return Physics(friction=at(axis, torque)), {"torque": torque}
+
+
+def _uneven(rng: Generator, _scene: Scene) -> Shape:
+    return {"sign": float(rng.choice([-1.0, 1.0])), "share": float(rng.uniform(0.3, 0.8))}
+
+
+def _asymmetric_coulomb(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    torque = size * scene.torque[axis]
+    half = shape["sign"] * shape["share"] * torque
+    numbers = {"forward": torque + half, "backward": torque - half}
+    return Physics(friction=at(axis, torque), uneven=at(axis, half)), numbers
+
+
+def _falling(rng: Generator, scene: Scene) -> Shape:
+    return {"excess": float(rng.uniform(0.6, 1.6)), "velocity": float(rng.uniform(0.05, 0.25))}
+
+
+def _stribeck(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    kinetic = size * scene.torque[axis]
+    excess, velocity = shape["excess"] * kinetic, shape["velocity"] * scene.speed[axis]
+    physics = Physics(friction=at(axis, kinetic), breakaway=at(axis, excess), stribeck_velocity=at(axis, velocity, 1.0))
+    return physics, {"breakaway": kinetic + excess, "kinetic": kinetic, "velocity": velocity}
+
+
+def _viscous(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    coefficient = size * _viscous_of(scene, axis)
+    return Physics(viscous=at(axis, coefficient)), {"coefficient": coefficient}
+
+
+def _asymmetric_viscous(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    more = size * _viscous_of(scene, axis)
+    half = 0.5 * more
+    forward, backward = (more, 0.0) if shape["sign"] > 0.0 else (0.0, more)
+    physics = Physics(viscous=at(axis, half), uneven_viscous=at(axis, shape["sign"] * half))
+    return physics, {"forward": forward, "backward": backward}
+
+
+def _drag(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    coefficient = size * scene.torque[axis] / scene.speed[axis] ** 2
+    return Physics(drag=at(axis, coefficient)), {"coefficient": coefficient}
+
+
+def _sliding(rng: Generator, _scene: Scene) -> Shape:
+    return {"length": float(np.exp(rng.uniform(np.log(0.01), np.log(0.05))))}
+
+
+def _presliding(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    torque, length = size * scene.torque[axis], shape["length"]
+    physics = Physics(bristle=at(axis, torque), bristle_length=at(axis, length, 1.0))
+    return physics, {"torque": torque, "stiffness": torque / length}
+
+
+def _loaded(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    return Physics(load_friction=at(axis, size)), {"coefficient": size}
+
+
+def _backlash(scene: Scene, number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    gap = size * scene.deflection[number - 1]
+    return Physics(gap=of_motor(number, gap)), {"gap": gap}
+
+
+def _stretch(rng: Generator, _scene: Scene) -> Shape:
+    return {"travel": float(rng.uniform(0.1, 0.4))}
+
+
+def _hysteresis(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    torque = size * scene.load[number - 1]
+    stiffness = torque / (shape["travel"] * scene.deflection[number - 1])
+    physics = Physics(slip_torque=of_motor(number, torque), slip_stiffness=of_motor(number, stiffness))
+    return physics, {"torque": torque, "stiffness": stiffness}
+
+
+def _spring_damping(scene: Scene, number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    difference = scene.speed[0] + scene.speed[number]
+    coefficient = size * scene.load[number - 1] / difference
+    return Physics(spring_damping=of_motor(number, coefficient)), {"coefficient": coefficient}
+
+
+def _spring_law(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    hardening = shape["sign"] * size / (2.0 * scene.deflection[number - 1] ** 2)
+    if shape["sign"] < 0.0:
+        hardening *= 0.4  # twice the RMS deflection must not lose its torque
+    return Physics(hardening=of_motor(number, hardening)), {"scale": 1.0, "hardening": hardening}
+
+
+def _drift(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    rate = shape["sign"] * size / scene.duration
+    return Physics(drift=of_motor(number, rate)), {"rate": rate}
+
+
+def _preset(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    if scene.device.arrangement == "serial":
+        offset = shape["sign"] * size
+        return Physics(preset_shift=offset), {"offset": offset}
+    offset = shape["sign"] * size * scene.deflection[number - 1]
+    return Physics(rest=of_motor(number, offset)), {"offset": offset}
+
+
+def _neighbour(rng: Generator, _scene: Scene) -> Shape:
+    return {"sign": float(rng.choice([-1.0, 1.0])), "period": float(rng.uniform(1.5, 4.0))}
+
+
+def _coupling(scene: Scene, _number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    stiffness = shape["sign"] * size * scene.torque[0]
+    return Physics(coupling=stiffness, neighbour_period=shape["period"]), {"stiffness": stiffness}
+
+
+def _gain(_scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    gain = 1.0 + shape["sign"] * size
+    return Physics(gain=of_motor(number, gain, 1.0)), {"gain": gain}
+
+
+def _sensed_gain(_scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    gain = 1.0 + shape["sign"] * size
+    return Physics(sensed_gain=of_motor(number, gain, 1.0)), {"gain": gain}
+
+
+def _bias(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    torque = shape["sign"] * size * scene.torque[number]
+    return Physics(bias=of_motor(number, torque)), {"torque": torque}
+
+
+def _sensed_bias(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    torque = shape["sign"] * size * scene.torque[number]
+    return Physics(sensed_bias=of_motor(number, torque)), {"torque": torque}
+
+
+def _order(rng: Generator, _scene: Scene) -> Shape:
+    return {"order": float(rng.integers(8, 40)), "phase": float(rng.uniform(-pi, pi))}
+
+
+def _ripple(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    amplitude, order, phase = size * scene.torque[number], shape["order"], shape["phase"]
+    physics = Physics(
+        ripple=of_motor(number, amplitude), ripple_order=of_motor(number, order), ripple_phase=of_motor(number, phase)
+    )
+    return physics, {"amplitude": amplitude, "order": order, "phase": phase}
+
+
+def _saturation(scene: Scene, number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    limit = (1.0 - size) * scene.highest[number]
+    return Physics(limit=of_motor(number, limit, float("inf"))), {"limit": limit}
+
+
+def _lag(_scene: Scene, _number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    return Physics(lag=size), {"time_constant": size}
+
+
+def _delay(_scene: Scene, _number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    delay = max(round(size / 0.5e-3), 1) * 0.5e-3  # a whole number of steps
+    return Physics(delay=delay), {"delay": delay}
+
+
+def _encoder_offset(_scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    offset = shape["sign"] * size
+    return Physics(offset=at(axis, offset)), {"offset": offset}
+
+
+def _phase(rng: Generator, _scene: Scene) -> Shape:
+    return {"phase": float(rng.uniform(-pi, pi))}
+
+
+def _eccentricity(_scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    physics = Physics(eccentricity=at(axis, size), eccentric_phase=at(axis, shape["phase"]))
+    return physics, {"amplitude": size, "phase": shape["phase"]}
+
+
+def _quantisation(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    sensors = scene.device.sensors
+    quantum = size * ((sensors.motor_quantum if axis else sensors.link_quantum) or 0.0)
+    return Physics(quantum=at(axis, quantum)), {"quantum": quantum}
+
+
+def _skew(_scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    return Physics(skew=at(axis, size)), {"delay": size}
+
+
+def _reach(rng: Generator, _scene: Scene) -> Shape:
+    return {"arm": float(rng.uniform(0.1, 0.4))}
+
+
+def _payload(scene: Scene, _axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    mass = size * scene.device.link.inertia / shape["arm"] ** 2
+    return Physics(payload_mass=mass, payload_arm=shape["arm"]), {"mass": mass, "distance": shape["arm"]}
+
+
+def _inertia(scene: Scene, _axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
+    return Physics(inertia=1.0 + size), {"inertia": size * scene.device.link.inertia}
+
+
+def _gravity(scene: Scene, _axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    factor = 1.0 + shape["sign"] * size
+    return Physics(gravity=factor), {"torque": shape["sign"] * size * scene.device.link.gravity_torque, "angle": 0.0}
+
+
+def _place(rng: Generator, _scene: Scene) -> Shape:
+    return {"side": float(rng.choice([-1.0, 1.0])), "depth": float(rng.uniform(0.03, 0.12))}
+
+
+def _contact(scene: Scene, _number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    low, high = scene.angles
+    side, depth = shape["side"], shape["depth"] * (high - low)
+    angle = high - depth if side > 0.0 else low + depth
+    stiffness = size * scene.torque[0] / depth
+    damping = 0.02 * stiffness
+    physics = Physics(wall=angle, wall_side=side, wall_stiffness=stiffness, wall_damping=damping)
+    return physics, {"angle": angle, "side": side, "stiffness": stiffness, "damping": damping}
+
+
+def _when(rng: Generator, scene: Scene) -> Shape:
+    start = float(rng.uniform(0.1, 0.5)) * scene.duration
+    stop = start + float(rng.uniform(0.15, 0.4)) * scene.duration
+    return {"sign": float(rng.choice([-1.0, 1.0])), "start": start, "stop": stop}
+
+
+def _external(scene: Scene, _number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+    torque = shape["sign"] * size * scene.torque[0]
+    physics = Physics(push=torque, push_from=shape["start"], push_until=shape["stop"])
+    return physics, {"torque": torque, "start": shape["start"], "stop": shape["stop"]}
+
+
+MENU: Mapping[str, Entry] = MappingProxyType(
+    {
+        entry.name: entry
+        for entry in (
+            Entry("coulomb_friction", _axes, 0.01, 1.0, _plain, _coulomb),
+            Entry("asymmetric_coulomb", _axes, 0.01, 1.0, _uneven, _asymmetric_coulomb),
+            Entry("stribeck_friction", _axes, 0.01, 0.6, _falling, _stribeck),
+            Entry("viscous_friction", _axes, 0.25, 5.0, _plain, _viscous),
+            Entry("asymmetric_viscous", _axes, 0.25, 6.0, _signed, _asymmetric_viscous),
+            Entry("quadratic_drag", _axes, 0.02, 2.0, _plain, _drag),
+            Entry("presliding_friction", _axes, 0.01, 1.0, _sliding, _presliding),
+            Entry("load_dependent_friction", _axes, 0.02, 0.6, _plain, _loaded),
+            Entry("backlash", _transmissions, 0.02, 1.2, _plain, _backlash, 0.5),
+            Entry("hysteresis", _transmissions, 0.02, 0.8, _stretch, _hysteresis),
+            Entry("spring_damping", _transmissions, 0.02, 2.0, _plain, _spring_damping),
+            Entry("spring_law", _transmissions, 0.15, 3.0, _signed, _spring_law, 900.0),
+            Entry("stiffness_drift", _transmissions, 0.2, 0.9, _signed, _drift),
+            Entry("preset_error", _presets, 0.005, 1.0, _signed, _preset),
+            Entry("joint_coupling", _one("link"), 0.02, 2.0, _neighbour, _coupling),
+            Entry("torque_gain", _torques, 0.15, 0.6, _signed, _gain, inf, _sensed_gain),
+            Entry("torque_bias", _torques, 0.01, 0.8, _signed, _bias, inf, _sensed_bias),
+            Entry("torque_ripple", _drives, 0.01, 0.8, _order, _ripple),
+            Entry("torque_saturation", _drives, 0.1, 0.85, _plain, _saturation),
+            Entry("actuator_lag", _torque_command, 0.5e-3, 0.04, _plain, _lag),
+            Entry("actuator_delay", _one("command"), 1e-3, 0.04, _plain, _delay),
+            Entry("encoder_offset", _encoders, 1e-4, 0.2, _signed, _encoder_offset),
+            Entry("encoder_eccentricity", _encoders, 1e-4, 0.15, _phase, _eccentricity),
+            Entry("encoder_quantisation", _encoders, 3.0, 64.0, _plain, _quantisation),
+            Entry("channel_skew", _clocks, 0.2e-3, 0.03, _plain, _skew),
+            Entry("payload", _weighty, 0.15, 3.0, _reach, _payload),
+            Entry("link_inertia", _one("link"), 0.15, 2.0, _plain, _inertia),
+            Entry("gravity_error", _weighty, 0.15, 0.9, _signed, _gravity),
+            Entry("contact", _one("environment"), 0.5, 50.0, _place, _contact),
+            Entry("external_torque", _one("environment"), 0.02, 1.5, _when, _external),
+        )
+    }
+)

@@ -1,0 +1,171 @@
+"""From what was to what a lab records: sensors, stamps that wobble, samples that are lost, and the bag of it all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from via_core.bags import BagWriter
+from via_core.bags.definitions import typestore_of
+from via_core.bags.layout import filled
+from via_core.devices import Device, TorqueMotor
+from via_core.signals import Array
+from via_core.wire import EQUILIBRIUM_PRESET, JOINT_STATE, MOTOR_TORQUE, VSA_COMMAND
+
+from via_gap.benchmark.physics import Physics
+from via_gap.benchmark.stepping import Drive, Run, read_angles
+
+LEVELS = ("full", "no_torque", "link_only", "commands_only")
+NEIGHBOUR = "neighbour_shaft_joint"
+EPOCH = 1_700_000_000 * 1_000_000_000  # [ns] of the first tick of every log
+
+
+@dataclass(frozen=True)
+class Wobble:
+    """What a mild recorder does to its samples."""
+
+    jitter: float = 0.0  # of a tick: standard deviation of the sampling times, stamped as they were
+    lost: float = 0.0  # share of the samples
+
+
+@dataclass(frozen=True)
+class Log:
+    """What was recorded. NaN: not measured."""
+
+    time: Array  # (N,) [s] of the samples
+    q: Array  # (N,) [rad]
+    theta: Array  # (N, m) [rad]
+    tau: Array  # (N, m) [N m] commanded over the tick that ended at the sample, as the drive shows it
+    command_time: Array  # (K,) [s]
+    commands: Array  # (K, m) [N m] or [rad]
+    damping: Array  # (K,) [0..1]
+    neighbour: Array  # (N,) [rad] of the joint before this one; NaN: the bench has none
+
+
+def sense(rng: Generator, device: Device, physics: Physics, drive: Drive, run: Run, wobble: Wobble = Wobble()) -> Log:
+    """The log of a run through its sensors, at full signal level."""
+    count, motors, period = len(run.time), device.n_motors, 1.0 / drive.rate
+    noise = rng.standard_normal((count, motors)) * device.sensors.torque_noise
+    late = np.clip(rng.standard_normal(count) * wobble.jitter, -0.3, 0.3) * period
+    gone = np.zeros(count, dtype=np.bool_)
+    for start in np.flatnonzero(rng.uniform(size=count) < wobble.lost / 2.0):
+        gone[start : start + int(rng.integers(1, 4))] = True
+    slips = np.cumsum(np.where(rng.uniform(size=count) < 0.25 * period, rng.choice([-1.0, 1.0], count), 0.0))
+    gone[:20] = False
+    time = run.time + late
+    q = read_angles(run.row, 0, _when(run, 0, time - physics.skew[0]) + physics.skipping * slips)
+    theta = np.empty((count, motors))
+    for i in range(motors):
+        theta[:, i] = read_angles(run.row, 1 + i, _when(run, 1 + i, time - physics.skew[1 + i]))
+    tau = np.full((count, motors), np.nan)
+    if device.drive == "torque" and motors:
+        shown = np.vstack([np.zeros((1, motors)), run.commands])
+        tau = np.array(physics.sensed_gain[:motors]) * shown + np.array(physics.sensed_bias[:motors]) + noise
+    keep = ~gone
+    beside = neighbour_angle(physics.neighbour_period, time) if physics.neighbour_period else np.full(count, np.nan)
+    return Log(time[keep], q[keep], theta[keep], tau[keep], run.time[:-1], run.commands, drive.damping, beside[keep])
+
+
+def neighbour_angle(period: float, time: Array) -> Array:
+    """Angle [rad] of the joint before this one: a slow swing that starts at rest."""
+    return 0.5 * np.sin(2.0 * pi * time / period) * np.minimum(time / period, 1.0)
+
+
+def limited(log: Log, level: str) -> Log:
+    """What is left of a log at a signal level."""
+    theta = log.theta if level in ("full", "no_torque") else np.full_like(log.theta, np.nan)
+    tau = log.tau if level in ("full", "link_only") else np.full_like(log.tau, np.nan)
+    return replace(log, theta=theta, tau=tau)
+
+
+def _when(run: Run, axis: int, time: Array) -> Array:
+    """Angle [rad] of an axis between the ticks: cubic in angle and speed; at rest before the first."""
+    period = run.time[1] - run.time[0]
+    at = np.clip(time, run.time[0], run.time[-1])
+    k = np.clip(((at - run.time[0]) / period).astype(np.int64), 0, len(run.time) - 2)
+    u = (at - run.time[k]) / period
+    x0, x1 = run.angle[k, axis], run.angle[k + 1, axis]
+    v0, v1 = run.speed[k, axis] * period, run.speed[k + 1, axis] * period
+    return x0 + u * (v0 + u * (3.0 * (x1 - x0) - 2.0 * v0 - v1 + u * (2.0 * (x0 - x1) + v0 + v1)))
+
+
+def write_log(path: Path, device: Device, log: Log) -> None:
+    """The log as a recorder of ROS would have written it; as a table where no message holds a rigid joint's torque."""
+    if device.motors:
+        _write_bag(path, device, log)
+        return
+    asked = np.append(log.commands[:, 0], log.commands[-1:, 0])
+    columns, names = [log.time, log.q, asked], ["time", "q", "external_torque"]
+    if np.isfinite(log.neighbour).any():
+        columns, names = [*columns, log.neighbour], [*names, "neighbour"]
+    np.savetxt(path, np.column_stack(columns), fmt="%.12g", delimiter=",", header=",".join(names), comments="")
+
+
+def _write_bag(path: Path, device: Device, log: Log) -> None:
+    states = (EPOCH + np.rint(log.time * 1e9).astype(np.int64), _states(device, log))
+    asked = (EPOCH + np.rint(log.command_time * 1e9).astype(np.int64), _commands(device, log))
+    with BagWriter(path) as bag:
+        bag.add_topic(device.command_topic, VSA_COMMAND)
+        bag.add_topic("/joint_states", JOINT_STATE)
+        streams = ((device.command_topic, *asked), ("/joint_states", *states))
+        stamps = np.concatenate([stamp for _, stamp, _ in streams])
+        which = np.repeat([0, 1], [len(stamp) for _, stamp, _ in streams])
+        number = np.concatenate([np.arange(len(stamp)) for _, stamp, _ in streams])
+        for k in np.lexsort((-which, stamps)):  # a command answers the sample of its stamp: that one comes first
+            topic, stamp, messages = streams[which[k]]
+            bag.write(topic, messages[number[k]], int(stamp[number[k]]))
+
+
+def _states(device: Device, log: Log) -> list[bytes]:
+    stamp = EPOCH + np.rint(log.time * 1e9).astype(np.int64)
+    names = [device.link_joint, *device.motor_joints]
+    position = np.column_stack([log.q, log.theta])
+    effort = np.column_stack([np.full(len(log.q), np.nan), log.tau])
+    if np.isfinite(log.neighbour).any():
+        names.append(NEIGHBOUR)
+        position = np.column_stack([position, log.neighbour])
+        effort = np.column_stack([effort, np.full(len(log.q), np.nan)])
+    store = typestore_of(JOINT_STATE)
+    measured = np.isfinite(effort).any()
+    template = store.types[JOINT_STATE](
+        _header(store, device), names, np.zeros(len(names)), np.zeros(0), np.zeros(len(names) if measured else 0)
+    )
+    columns = {**_stamps(stamp), "position": position}
+    if measured:
+        columns["effort"] = effort
+    return filled(store, JOINT_STATE, template, len(stamp), columns)
+
+
+def _commands(device: Device, log: Log) -> list[bytes]:
+    stamp = EPOCH + np.rint(log.command_time * 1e9).astype(np.int64)
+    torque = isinstance(device.motors[0], TorqueMotor)
+    columns: dict[str, NDArray[Any]] = {**_stamps(stamp), "sequence": np.arange(len(stamp)), "damping": log.damping}
+    if torque:
+        columns["motor"] = log.commands
+    else:
+        columns |= {"equilibrium": log.commands[:, 0], "preset": log.commands[:, 1]}
+    store = typestore_of(VSA_COMMAND)
+    template = store.types[VSA_COMMAND](
+        header=_header(store, device),
+        sequence=0,
+        mode=MOTOR_TORQUE if torque else EQUILIBRIUM_PRESET,
+        equilibrium=np.nan,
+        preset=np.nan,
+        damping=0.0,
+        motor=np.zeros(device.n_motors if torque else 0),
+    )
+    return filled(store, VSA_COMMAND, template, len(stamp), columns)
+
+
+def _header(store: Any, device: Device) -> Any:
+    return store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](0, 0), device.name)
+
+
+def _stamps(stamp: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+    seconds, nanoseconds = np.divmod(stamp, 1_000_000_000)
+    return {"header.stamp.sec": seconds, "header.stamp.nanosec": nanoseconds}

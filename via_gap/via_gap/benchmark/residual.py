@@ -1,0 +1,93 @@
+"""How large an effect is in a log: residuals of the true joint's equations over short windows, with and without it.
+
+The equations are integrated against a bump of WINDOW seconds and its derivatives, so that nothing measured is
+differentiated. The ratio 'gap over noise' of a log is the largest, over its equations, of residual RMS with the effect
+over residual RMS of the same motion's sensors without it: what an observer who knew every number of the joint exactly
+would see. Nuisance errors of the nominal file come on top, they are not in it.
+"""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+from scipy.optimize import lsq_linear
+from via_core.devices import Device, ServoMotor
+from via_core.signals import Array
+
+from via_gap.benchmark.recording import Log
+
+WINDOW = 0.06  # [s], at least 12 samples
+SLOW = 0.03  # [rad/s] below which dry friction of the nominal joint is not known, and a window is left out
+
+
+def residuals(device: Device, log: Log, speed: Array) -> Array:
+    """(1+m, N) residual of link [N m] and motors [N m, of a servo rad/s^2], NaN at the ends and where friction sticks.
+
+    log    evenly sampled, full signal level
+    speed  (N, 1+m) [rad/s] true speeds, for the direction of dry friction
+    """
+    period = float(log.time[1] - log.time[0])
+    length = max(round(WINDOW / period), 12)
+    u = (np.arange(length + 1)) / length
+    span = length * period
+    bump = (8.0 / 3.0) * np.sin(pi * u) ** 4 / span
+    first = (8.0 / 3.0) * 4.0 * pi * np.sin(pi * u) ** 3 * np.cos(pi * u) / span**2
+    second = (8.0 / 3.0) * 4.0 * pi**2 * (3.0 * (np.sin(pi * u) * np.cos(pi * u)) ** 2 - np.sin(pi * u) ** 4) / span**3
+
+    def over(weights: Array, signal: Array) -> Array:
+        return np.convolve(signal, weights[::-1], mode="valid") * period
+
+    link = device.link
+    stretched = device.torque_each(log.q, log.theta)
+    damping = np.concatenate([device.damping_of(log.damping), device.damping_of(log.damping[-1:])])
+    static = stretched.sum(axis=1) + link.gravity_torque * np.sin(log.q - link.gravity_angle)
+    static = static + link.coulomb_friction * np.sign(speed[:, 0]) + damping * speed[:, 0]
+    if not device.motors:
+        static = static - _middle(log.commands[:, 0])
+    rows = [link.inertia * over(second, log.q) - link.viscous_friction * over(first, log.q) + over(bump, static)]
+    dry = [link.coulomb_friction]
+    for i, motor in enumerate(device.motors):
+        angle = log.theta[:, i]
+        if isinstance(motor, ServoMotor):
+            w = motor.bandwidth
+            asked = _middle(log.commands[:, i])
+            rows.append(over(second, angle) - 2.0 * w * over(first, angle) + w * w * over(bump, angle - asked))
+            dry.append(0.0)
+            continue
+        torque = 0.5 * (log.tau[:, i] + np.concatenate([log.tau[1:, i], log.tau[-1:, i]]))  # held over each tick
+        static = motor.coulomb_friction * np.sign(speed[:, 1 + i]) - stretched[:, i] - torque
+        rows.append(
+            motor.inertia * over(second, angle) - motor.viscous_friction * over(first, angle) + over(bump, static)
+        )
+        dry.append(motor.coulomb_friction)
+    out = np.array(rows)
+    for axis, size in enumerate(dry):
+        if size > 0.0:
+            slow = np.convolve(np.abs(speed[:, axis]) < SLOW, np.ones(length + 1), mode="valid") > 0.5
+            out[axis, slow] = np.nan
+    return out
+
+
+def _middle(commands: Array) -> Array:
+    """(N+1,) of commands (N,) held over the ticks: at a sample the mean of before and after."""
+    return 0.5 * (np.concatenate([commands[:1], commands]) + np.concatenate([commands, commands[-1:]]))
+
+
+def ratio(with_effect: Array, without: Array) -> float:
+    """Gap over noise of two residuals (1+m, N)."""
+    sizes = [np.sqrt(np.nanmean(np.square(each), axis=1)) for each in (with_effect, without)]
+    return float(np.nanmax(sizes[0] / sizes[1]))
+
+
+def left_by_numbers(with_effect: Array, without: Array, slopes: Array, low: Array, high: Array) -> float:
+    """Gap over noise that remains once the joint's own numbers have made up for all they can.
+
+    slopes     (J, 1+m, N) change of `with_effect` per number, each number between low and high (J,)
+    """
+    sizes = np.sqrt(np.nanmean(np.square(without), axis=1))[:, None]
+    seen = np.isfinite(with_effect) & np.isfinite(slopes).all(axis=0)
+    columns = (slopes / sizes)[:, seen].T
+    basis, triangle = np.linalg.qr(columns)
+    best = lsq_linear(triangle, -basis.T @ (with_effect / sizes)[seen], (low, high)).x
+    return ratio(with_effect + np.tensordot(best, slopes, 1), without)

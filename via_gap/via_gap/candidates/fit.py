@@ -1,0 +1,445 @@
+"""Fit every candidate cause together with the device's own numbers.
+
+First a screen: at each start of each candidate one simulation gives the direction in which the effect moves the
+residual; how much of the residual lies in that direction, once the nuisance parameters have taken theirs, ranks the
+candidates. The best are refined by Gauss-Newton with finite differences, inside the effects' bounds, with a line search
+on the true simulation, so that nothing is accepted that does not help.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from via_core.errors import ParameterError
+from via_core.signals import Array
+from via_sim.catalogue import EFFECTS
+from via_sim.effects import Effect
+
+from via_gap.candidates.location import Place
+from via_gap.candidates.scales import Scales
+from via_gap.candidates.starts import Start, amount_range, combined, size_of, starts
+from via_gap.residual.nuisance import BOUND, descend
+from via_gap.residual.residual_model import STEP, Problem
+
+REACH = 12.0  # times its start: how far the screen extrapolates an effect
+LEAST = 0.02  # times its start: with less of an effect a fit would not find its way
+BATCH = 16  # starts that are simulated at once
+ROUNDS = 14
+SPARSE = 6  # two of so many neighbouring shots are enough to come near the device's own numbers
+LEAST_STEP = 0.003  # of the typical size of a parameter: a finite difference
+TURNS = 2  # at most, of the steps to the end of a fit
+FINE = 0.1  # of a step, where differences are central: what they leave out is then far below a tolerance
+SHARES = (1.0, 0.25)  # of a step, tried at once; damping does the rest
+DONE = 2e-3  # share of the loss: a step that gains less is the last with this Jacobian
+AGED = 0.3  # share of the loss at which a Jacobian of the nuisances was made, below which it says nothing any more
+STALE = 0.9  # the same, below which a fit does not end on it
+LONG = 10.0  # [s] a parameter in seconds that may be longer is a time of the run, not a delay
+TIME_STEPS = (0.1, 0.03, 0.01, 0.003, 0.001, 0.0003, 0.0001)  # of the log's duration
+LAST_STEPS = 3  # of these, once an effect is nearly where it belongs
+MOST_DAMPED = 1.0  # of the curvature of each number: a step that even then does not help is the last
+GIVE_UP = 4.0  # times the best loss so far
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Effects and device numbers that explain the training shots best.
+
+    effects     with their values
+    deviations  (J,) of the nuisances [sd]
+    loss        squared residual plus squared deviations
+    residual    (R,) whitened
+    spread      (p,) standard deviation of the effects' parameters in their order, as if the model were right
+    """
+
+    effects: tuple[Effect, ...]
+    deviations: Array
+    loss: float
+    residual: Array
+    spread: Array
+
+    @property
+    def values(self) -> list[float]:
+        """(p,) parameters of the effects in their order, in their units."""
+        return [value for effect in self.effects for value in effect.parameters.values()]
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        return tuple(Place(effect.name, effect.site, effect.motor) for effect in self.effects)
+
+
+def events(fit: Fit) -> tuple[float, ...]:
+    """When effects begin and end [s since the run began], those that do at a time of the run."""
+    return tuple(
+        effect.parameters[p.name]
+        for effect in fit.effects
+        for p in EFFECTS[effect.name].parameters
+        if p.unit == "s" and p.high > LONG and effect.parameters[p.name] != p.neutral
+    )
+
+
+def make(place: Place, values: Sequence[float]) -> Effect | None:
+    """The effect, or None where these values together make none."""
+    kind = EFFECTS[place.name]
+    inside = {p.name: float(np.clip(v, p.low, p.high)) for p, v in zip(kind.parameters, values, strict=True)}
+    if {"breakaway", "kinetic"} <= inside.keys():
+        inside["breakaway"] = max(inside["breakaway"], inside["kinetic"])
+    try:
+        return place.effect(inside)
+    except ParameterError:
+        return None
+
+
+def fit_base(problem: Problem, effects: Sequence[Effect] = ()) -> tuple[Fit, Array]:
+    """The device's own numbers alone (with effects already accepted) -> fit and Jacobian (R, J)."""
+    few = problem.part([np.flatnonzero(np.arange(len(bench.chosen)) % SPARSE < 2) for bench in problem.benches])[0]
+    begin = few.fit_nuisances(effects, np.zeros(len(problem.nuisances)))[0]
+    deviations, residual, jacobian = problem.fit_nuisances(effects, begin, 2)
+    loss = float(residual @ residual + deviations @ deviations)
+    return Fit(tuple(effects), deviations, loss, residual, np.empty(0)), jacobian
+
+
+@dataclass(frozen=True, eq=False)
+class _Axes:
+    """Where a fit moves: deviations of the nuisances (J,), then every parameter of the effects over its typical size.
+
+    size   (p,) of the parameters, in their units
+    low    (p,) ends of their ranges over `size`; high likewise
+    times  (p,) those that are times of the run, which no slope leads to
+    """
+
+    problem: Problem
+    places: tuple[Place, ...]
+    size: Array
+    low: Array
+    high: Array
+    times: NDArray[np.bool_]
+
+    @staticmethod
+    def of(problem: Problem, places: Sequence[Place], scales: Scales) -> _Axes:
+        parameters = [(place, p) for place in places for p in EFFECTS[place.name].parameters]
+        size = np.array([size_of(p, place, scales) for place, p in parameters])
+        low = np.array([p.low for _, p in parameters]) / size
+        high = np.array([p.high for _, p in parameters]) / size
+        times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
+        return _Axes(problem, tuple(places), size, low, high, times)
+
+    @property
+    def count(self) -> int:
+        """Nuisances, J."""
+        return len(self.problem.nuisances)
+
+    def point(self, deviations: Array, values: Sequence[float]) -> Array:
+        """(J + p,) of deviations and parameters in their units, which are moved into their ranges."""
+        return np.append(deviations, np.clip(np.asarray(values, dtype=np.float64) / self.size, self.low, self.high))
+
+    @property
+    def box(self) -> tuple[Array, Array]:
+        """(J + p,) lowest and highest point."""
+        bound = np.full(self.count, BOUND)
+        return np.append(-bound, self.low), np.append(bound, self.high)
+
+    def effects(self, point: Array) -> list[Effect | None]:
+        values, first, made = point[self.count :] * self.size, 0, []
+        for place in self.places:
+            number = len(EFFECTS[place.name].parameters)
+            made.append(make(place, list(values[first : first + number])))
+            first += number
+        return made
+
+    def losses(self, points: Sequence[Array]) -> tuple[Array, Array]:
+        """(K,) losses and (K, R) residuals of points; infinite where there are no such effects."""
+        count = self.count
+        rows = [self.problem.row_or_none(self.effects(point), point[:count]) for point in points]
+        residuals = np.full((len(points), self.problem.size), np.inf)
+        there = [row for row in rows if row is not None]
+        if there:
+            residuals[[row is not None for row in rows]] = self.problem.residual(there)
+        each = [r @ r + p[:count] @ p[:count] if np.isfinite(r[0]) else np.inf for r, p in zip(residuals, points)]
+        return np.array(each), residuals
+
+    def slopes(self, at: Array, residual: Array) -> Array:
+        """(R, p) of the residual (R,) at a point along every parameter; not finite where a step makes no effect."""
+        here = at[self.count :]
+        steps = np.maximum(LEAST_STEP, 0.03 * np.abs(here))
+        steps = np.where(here + steps > self.high, -steps, steps)
+        moved = self.losses([*(at + np.eye(len(at))[self.count :] * steps[:, None])])[1]
+        return (moved - residual).T / steps
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """What one start of a candidate does: change (R, k) of a residual by each of its directions."""
+
+    place: Place
+    start: Start
+    moved: Array
+
+
+Members = list[tuple[Place, list[float]]]  # and the values they have or start from
+Ranked = list[tuple[float, Place, list[float]]]  # predicted loss, place, values to start from; best first
+
+
+def directions(problem: Problem, base: Fit, candidates: Sequence[Place], scales: Scales) -> list[Direction]:
+    """Every start of every candidate beside the effects of `base`, simulated once."""
+    tried: list[tuple[Place, Start, list[Array]]] = []
+    for place in candidates:
+        for start in starts(place, scales, problem.device):
+            rows = [
+                problem.row_or_none([*base.effects, make(place, list(direction.values()))], base.deviations)
+                for direction in start.directions
+            ]
+            there = [row for row in rows if row is not None]
+            if len(there) == len(start.directions):
+                tried.append((place, start, there))
+    found = []
+    for first in range(0, len(tried), BATCH):
+        batch = tried[first : first + BATCH]
+        moved = problem.residual([row for _, _, rows in batch for row in rows]) - base.residual
+        at = 0
+        for place, start, made in batch:
+            found.append(Direction(place, start, moved[at : at + len(made)].T))
+            at += len(made)
+    return found
+
+
+def member_slopes(problem: Problem, fit: Fit, scales: Scales) -> Array:
+    """(R, k) of the residual along those parameters of a fit's effects on which it depends smoothly."""
+    axes = _Axes.of(problem, fit.places, scales)
+    slopes = axes.slopes(axes.point(fit.deviations, fit.values), fit.residual)
+    return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0) & ~axes.times]
+
+
+def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array | None = None) -> Ranked:
+    """Candidates by the loss that the best amounts of their directions would leave of `base`'s residual (R,).
+
+    slopes  (R, k) of the residual along what `base`'s effects may give way: a cause that is to join them often shows
+            only once they stand elsewhere. None: they stay
+
+    Where an effect is not linear in its amounts, the true simulation of the result would be better or worse than
+    predicted, which `refine` finds out. Directions simulated beside other effects than those of `base` tell roughly.
+    """
+    if slopes is not None and slopes.shape[1]:
+        basis = np.linalg.qr(slopes)[0]
+        jacobian = jacobian - basis @ (basis.T @ jacobian)
+        base = replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
+        tried = [replace(each, moved=each.moved - basis @ (basis.T @ each.moved)) for each in tried]
+    screen = _Screen.of(base, jacobian, tried)
+    alone = map(screen.left, combinations(screen.best_starts(), 1))
+    return sorted(((loss, place, values) for loss, ((place, values),) in alone), key=lambda each: each[0])
+
+
+def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list[tuple[float, Members]]:
+    """Every two candidates by the loss that the best amounts of both together would leave, as `ranked` does each alone.
+
+    Of each candidate only the start that is best alone is combined with others.
+    """
+    screen = _Screen.of(base, jacobian, tried)
+    return sorted(map(screen.left, combinations(screen.best_starts(), 2)), key=lambda each: each[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Screen:
+    """Normal equations of the nuisances (J) and all directions tried (K): what any of these would leave together.
+
+    low    (J + K,) ends of what nuisances and amounts may do; high likewise
+    first  columns at which the directions of each begin, and where the last end
+    """
+
+    base: Fit
+    tried: Sequence[Direction]
+    normal: Array
+    gradient: Array
+    low: Array
+    high: Array
+    first: Sequence[int]
+
+    @staticmethod
+    def of(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> _Screen:
+        count = len(base.deviations)
+        whole = np.hstack([jacobian, *(each.moved for each in tried)])
+        normal, gradient = whole.T @ whole, -(whole.T @ base.residual)
+        normal[range(len(normal)), range(len(normal))] += np.where(np.arange(len(normal)) < count, 1.0, 1e-9)
+        gradient[:count] -= base.deviations
+        ranges = [amount_range(each.place, each.start, REACH) for each in tried]
+        low = np.concatenate([-BOUND - base.deviations, *(lows for lows, _ in ranges)])
+        high = np.concatenate([BOUND - base.deviations, *(highs for _, highs in ranges)])
+        first = count + np.cumsum([0, *(each.moved.shape[1] for each in tried)])
+        return _Screen(base, tried, normal, gradient, low, high, [int(each) for each in first])
+
+    def best_starts(self) -> list[int]:
+        """Of each place the one start that is best alone, by its place in `tried`."""
+        best: dict[Place, tuple[float, int]] = {}
+        for number, each in enumerate(self.tried):
+            loss, _ = self.left((number,))
+            if each.place not in best or loss < best[each.place][0]:
+                best[each.place] = (loss, number)
+        return [number for _, number in best.values()]
+
+    def left(self, which: Sequence[int]) -> tuple[float, Members]:
+        """Predicted loss with the best amounts of some of `tried` and the nuisances moved along, and their values."""
+        count = len(self.base.deviations)
+        columns = [np.arange(self.first[each], self.first[each + 1]) for each in which]
+        chosen = np.concatenate([np.arange(count), *columns])
+        normal, gradient = self.normal[np.ix_(chosen, chosen)], self.gradient[chosen]
+        low, high = self.low[chosen], self.high[chosen]
+        step = descend(normal, gradient, np.clip(np.zeros(len(chosen)), low, high), low, high)
+        loss = self.base.loss - 2.0 * float(gradient @ step) + float(step @ normal @ step)
+        members, at = [], count
+        for number, own in zip(which, columns, strict=True):
+            amounts, each = step[at : at + len(own)], self.tried[number]
+            at += len(own)
+            if not np.any(np.abs(amounts) > LEAST):
+                amounts = np.clip(np.full(len(own), LEAST), self.low[own], self.high[own])
+            members.append((each.place, combined(each.place, each.start, [float(a) for a in amounts])))
+        return loss, members
+
+
+def _settle_times(
+    losses: Callable[[Sequence[Array]], tuple[Array, Array]],
+    at: Array, value: float, residual: Array, which: Sequence[int], low: Array, high: Array,
+    steps: Sequence[float] = TIME_STEPS,
+) -> tuple[Array, float, Array]:  # fmt: skip
+    """When something begins and ends: no slope says how far off it is, so it is sought by ever smaller steps."""
+    for step in steps:
+        for _ in range(3):
+            tries = []
+            for k in which:
+                for sign in (-1.0, 1.0):
+                    moved = at.copy()
+                    moved[k] = np.clip(moved[k] + sign * step, low[k], high[k])
+                    tries.append(moved)
+            loss, residuals = losses(tries)
+            best = int(np.argmin(loss))
+            if not loss[best] < value:
+                break
+            at, value, residual = tries[best], float(loss[best]), residuals[best]
+    return at, value, residual
+
+
+def _spread(normal: Array, width: Array, first: int) -> Array:
+    """(p,) standard deviations of the parameters from `first` on; one that nothing depends on is known to `width`."""
+    informed = normal.copy()
+    informed[range(first, len(normal)), range(first, len(normal))] += width**-2.0
+    scale = np.sqrt(np.diag(informed))
+    inverse = np.linalg.inv(informed / np.outer(scale, scale) + 1e-14 * np.eye(len(normal)))
+    return np.sqrt(np.maximum(np.diag(inverse)[first:], 0.0)) / scale[first:]
+
+
+def refine(
+    problem: Problem,
+    base: Fit,
+    jacobian: Array | None,
+    members: Sequence[tuple[Place, Sequence[float]]],
+    scales: Scales,
+    rival: float = 0.0,
+    rounds: int = ROUNDS,
+) -> Fit | None:
+    """Gauss-Newton on all effects `members` (with the values they start from) and the nuisance parameters together.
+
+    jacobian  (R, J) of the nuisances near there; None: made here
+    rival     loss of the best fit so far: one that is far above it and no longer falls is given up. None: never valid.
+    """
+    axes = _Axes.of(problem, [place for place, _ in members], scales)
+    size, low, high, count, many = axes.size, axes.low, axes.high, axes.count, len(axes.size)
+    box, effects_at, losses, times = axes.box, axes.effects, axes.losses, axes.times
+    at = axes.point(base.deviations, [value for _, values in members for value in values])
+    loss, residuals = losses([at])
+    value, residual = float(loss[0]), residuals[0]
+    if not np.isfinite(value):
+        return None
+    side, fresh, damping = jacobian, jacobian is None, 0.0
+    if side is None:
+        side = problem.nuisance_jacobian([e for e in effects_at(at) if e is not None], at[:count], residual)
+    normal, since = np.eye(count + many), value if fresh else base.loss
+    slopes, sloped = np.empty((problem.size, many)), np.inf
+    apart = np.zeros(many, dtype=bool)
+    for round_ in range(rounds):
+        if times.any():  # at last by milliseconds: with each better size of what begins then it shows better when
+            which = [count + int(k) for k in np.flatnonzero(times)]
+            finer = TIME_STEPS if round_ < 2 else TIME_STEPS[-LAST_STEPS:]
+            at, value, residual = _settle_times(losses, at, value, residual, which, *box, finer)
+        if value < AGED * since:
+            side = problem.nuisance_jacobian([e for e in effects_at(at) if e is not None], at[:count], residual)
+            fresh, since = True, value
+        if value < sloped:
+            slopes = axes.slopes(at, residual)
+            apart = ~np.isfinite(slopes[0])  # no neighbour makes an effect: a side, or a number at its bound
+            slopes[~np.isfinite(slopes)] = 0.0
+            slopes[:, times] = 0.0
+            sloped = value
+        whole = np.hstack([side, slopes])
+        normal = whole.T @ whole
+        normal[:count, :count] += np.eye(count)
+        gradient = whole.T @ (whole @ at - residual)
+        held = damping * np.diag(normal)
+        wanted = descend(normal + np.diag(held), gradient + held * at, at, *box)
+        tries = [at + share * (wanted - at) for share in SHARES]
+        loss, residuals = losses(tries)
+        best = int(np.argmin(loss))
+        gain = value - float(loss[best])
+        if gain > 0.0:
+            at, value, residual = tries[best], float(loss[best]), residuals[best]
+            damping *= 0.1
+        if best > 0 or gain <= 0.0:
+            damping = max(10.0 * damping, 0.01)
+        if round_ >= 1 and value > GIVE_UP * rival > 0.0 and gain < 0.3 * value:
+            break
+        if gain <= 0.0 and fresh and damping <= MOST_DAMPED:  # shorter steps along the same slopes
+            continue
+        if gain < DONE * value:
+            effects = [effect for effect in effects_at(at) if effect is not None]
+            if (fresh and value >= STALE * since) or len(effects) < len(members):
+                break
+            side = problem.nuisance_jacobian(effects, at[:count], residual)
+            fresh, since = True, value
+    effects = [effect for effect in effects_at(at) if effect is not None]
+    excess = max(value / max(len(residual), 1), 1.0)
+    spread = _spread(normal, high - low, count) * np.sqrt(excess)
+    spread = np.where(times, TIME_STEPS[-1], np.where(apart, 0.0, np.minimum(spread, high - low))) * size
+    return Fit(tuple(effects), at[:count].copy(), value, residual, spread)
+
+
+def settled(problem: Problem, fit: Fit, scales: Scales) -> Fit:
+    """A fit led to the end along what hardly changes its loss, with standard deviations that know of it.
+
+    Without a torque on record all torques and inertias of a joint may grow together and nothing shows: only the
+    tolerances of the device's numbers say how far. `refine` ends anywhere on such a line, and its one-sided differences
+    bend it, so that it seems well known. Central differences keep it straight; one step with them is nearly exact,
+    but from where a number of the device stands at the end of its tolerance.
+    """
+    axes = _Axes.of(problem, fit.places, scales)
+    count, many = axes.count, len(axes.size)
+    at = axes.point(fit.deviations, fit.values)
+    steps = FINE * np.append(
+        STEP / np.array([each.tolerance for each in problem.nuisances]),
+        np.maximum(LEAST_STEP, 0.03 * np.abs(at[count:])),
+    )
+    (value,), (residual,) = axes.losses([at])
+    low, high = axes.box
+    for _ in range(TURNS):  # from an end of a tolerance differences are one-sided, and such a step only comes near
+        one_sided = bool(np.any(np.abs(at[:count]) >= BOUND))
+        around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
+        ahead, behind = (axes.losses([*(at + np.diag(each - at))])[1] for each in around)
+        slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
+        known = np.isfinite(slopes[0]) & np.append(np.full(count, True), ~axes.times)
+        slopes[:, ~known] = 0.0
+        normal = slopes.T @ slopes
+        normal[:count, :count] += np.eye(count)
+        wanted = descend(normal, slopes.T @ (slopes @ at - residual), at, low, high)
+        for share in (1.0, 0.5, 0.25):
+            trial = at + share * (wanted - at)
+            (loss,), (moved,) = axes.losses([trial])
+            if loss < value:
+                at, value, residual = trial, float(loss), moved
+                break
+        if not one_sided:
+            break
+    excess = max(float(value) / max(len(residual), 1), 1.0)
+    spread = _spread(normal, axes.high - axes.low, count) * np.sqrt(excess)
+    spread = np.where(known[count:], np.minimum(spread, axes.high - axes.low) * axes.size, fit.spread[-many:])
+    effects = tuple(effect for effect in axes.effects(at) if effect is not None)
+    return Fit(effects, at[:count].copy(), float(value), residual, spread)

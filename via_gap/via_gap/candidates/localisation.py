@@ -1,0 +1,107 @@
+"""Where the gap lies, before any cause is named: which equation, which site, which region of the motion.
+
+Sites from equations: a torque that is missing at the link alone is a link's, at one motor alone that motor's; a
+transmission's error acts on both of its sides with opposite sign. The second moments of the residuals, window by
+window, are therefore a sum with weights >= 0 of a few patterns; the weights are the energy of each site. What fits no
+pattern (both motors at once, a bent link angle in every equation) is left to the sensors, the clock and the commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import nnls
+from via_core.devices import Device
+from via_core.signals import Array
+
+from via_gap.report.figures import Quantity
+from via_gap.report.report import Region
+from via_gap.residual.equations import Residual
+from via_gap.residual.segments import Shots
+
+BINS = 5
+STANDS_OUT = 1.6  # times its share of the data: a region that is named
+
+
+@dataclass(frozen=True)
+class SiteShare:
+    """Energy that one site explains, as a share of what all equations together leave beyond the noise."""
+
+    site: str
+    motor: int
+    equation: str
+    share: float
+    regions: tuple[Region, ...]
+
+
+def localise(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], device: Device) -> tuple[SiteShare, ...]:
+    """Shares of the sites that equations can tell apart, largest first; empty where no equation could be looked at."""
+    axes = [each.axis for each in residuals[0]] if residuals else []
+    if not axes:
+        return ()
+    torques = np.concatenate([np.stack([r.torque for r in each], axis=1) for each in residuals])
+    floors = np.concatenate([np.stack([r.floor for r in each], axis=1) for each in residuals])
+    scale = np.sqrt(np.mean(floors**2, axis=0))
+    whitened = torques / scale
+    moments = whitened.T @ whitened / len(whitened) - np.diag(np.mean((floors / scale) ** 2, axis=0))
+    patterns, names = [], []
+    for k, axis in enumerate(axes):
+        direction = np.zeros(len(axes))
+        direction[k] = 1.0
+        patterns.append(direction)
+        names.append(("link", 0, "link") if axis == 0 else ("motor", axis, f"motor {axis}"))
+        if axis > 0 and axes[0] == 0 and axis <= device.n_transmissions:
+            both = direction / scale[k]
+            both[0] = -1.0 / scale[0]
+            patterns.append(both / np.linalg.norm(both))
+            names.append(("transmission", axis, f"link and motor {axis}"))
+    if axes == [0] and device.n_transmissions:
+        names[0] = ("link", 0, "link")
+    upper = np.triu_indices(len(axes))
+    columns = np.stack([np.outer(p, p)[upper] for p in patterns], axis=1)
+    energy, _ = nnls(columns, moments[upper])
+    total = float(energy.sum())
+    if total <= 0.0:
+        return ()
+    found = []
+    for (site, motor, equation), amount, pattern in zip(names, energy, patterns, strict=True):
+        if amount > 0.02 * total:
+            excess = (whitened @ pattern) ** 2
+            regions = _regions(shots, residuals, excess, device, motor if site != "link" else 0)
+            found.append(SiteShare(site, motor, equation, float(amount / total), regions))
+    return tuple(sorted(found, key=lambda each: -each.share))
+
+
+def _regions(
+    shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], excess: Array, device: Device, axis: int
+) -> tuple[Region, ...]:
+    """Ranges of speed, deflection, angle and time that hold more of the energy than of the data."""
+    centres = [each[0].centre for each in residuals]
+    states = np.concatenate([s.start[c] for s, c in zip(shots, centres, strict=True)])
+    time = np.concatenate([c / s.rate for s, c in zip(shots, centres, strict=True)])
+    against: dict[Quantity, tuple[str, Array]] = {
+        "speed": ("rad/s", np.abs(states[:, 3 + axis])),
+        "angle": ("rad", states[:, 0]),
+        "time": ("s", time),
+    }
+    if device.n_transmissions:
+        motor = max(axis, 1)
+        against["deflection"] = ("rad", states[:, 0] - states[:, motor])
+        against["motor angle"] = ("rad", states[:, motor])
+    total = float(excess.sum())
+    found = []
+    for name, (unit, values) in against.items():
+        if not np.isfinite(values).all() or total <= 0.0:
+            continue
+        edges = np.quantile(values, np.linspace(0.0, 1.0, BINS + 1))
+        for low, high in pairwise(edges):
+            inside = (values >= low) & (values <= high)
+            share, data = float(excess[inside].sum() / total), float(inside.mean())
+            if data > 0.0 and share > STANDS_OUT * data:
+                found.append(
+                    Region(by=name, unit=unit, low=float(low), high=float(high), share=min(share, 1.0), data=data)
+                )
+    return tuple(sorted(found, key=lambda each: -each.share / each.data)[:4])

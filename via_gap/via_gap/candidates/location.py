@@ -1,0 +1,61 @@
+"""Candidate causes: every effect of the catalogue at every place where the device can have it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from via_core.devices import Device
+from via_sim.catalogue import EFFECTS
+from via_sim.effects import Effect
+from via_sim.effects import places as places_of
+
+from via_gap.logs.log import JointLog
+
+# Seen in the readings themselves, see data_check: no simulation of motion shows them.
+OF_READINGS = ("encoder_quantisation",)
+
+
+@dataclass(frozen=True)
+class Place:
+    """An effect at a site; `motor` is the number of motor, transmission or sensor, 0 the link's or none."""
+
+    name: str
+    site: str
+    motor: int
+
+    def effect(self, values: Mapping[str, float]) -> Effect:
+        return Effect(self.name, self.site, dict(values), self.motor)
+
+    def __str__(self) -> str:
+        return f"{self.name} at {self.site}{f' {self.motor}' if self.motor else ''}"
+
+
+def places(device: Device, log: JointLog) -> tuple[Place, ...]:
+    """All places of all effects that this device can have and that a simulation of this log can show."""
+    seen = (0, *(1 + i for i, each in enumerate(log.motors_seen) if each))
+    neighbour = log.commands is not None and "neighbour" in log.commands
+    found = []
+    for kind in EFFECTS.values():
+        if kind.name in OF_READINGS or (kind.name == "joint_coupling" and not neighbour):
+            continue
+        for site, motor in places_of(kind, device):
+            if site == "sensor" and kind.of_drive:
+                continue  # torque sensors: seen in the readings
+            if site in ("sensor", "timing") and motor not in seen:
+                continue
+            found.append(Place(kind.name, site, motor))
+    return tuple(found)
+
+
+def unjudged(device: Device, log: JointLog) -> tuple[str, ...]:
+    """Why effects of the catalogue can be no answer on this log: a sentence for each reason that there is."""
+    offered = {place.name for place in places(device, log)} | set(OF_READINGS)
+    absent = [kind for kind in EFFECTS.values() if kind.name not in offered]
+    nowhere = [kind.name for kind in absent if not places_of(kind, device)]
+    said = []
+    if any(kind.name == "joint_coupling" and kind.name not in nowhere for kind in absent):
+        said.append("the angle of no neighbour was recorded: joint_coupling cannot be judged")
+    if nowhere:
+        said.append(f"'{device.name}' has no place for {', '.join(nowhere)}")
+    return tuple(said)

@@ -1,0 +1,129 @@
+"""How large things are in a log: what fits start from and step by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.signals import Array
+from via_sim.torques import EXTERNAL
+
+from via_gap.residual.equations import Residual
+from via_gap.residual.segments import Shots
+
+ORDERS = np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])  # periods per turn that are screened
+KEPT_ORDERS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Sizes over logs of one device.
+
+    torque      (3,) [N m] typical torque on link, motor 1, motor 2; the drive of a rigid joint is its motor 1
+    speed       (3,) [rad/s] root mean square
+    peak        (2,) [N m] or [rad] largest command of each motor
+    slew        [rad/s] fastest motor
+    angle       [rad] standard deviation of the link angle
+    range       (4,) [rad] its 2, 10, 90 and 98 percent quantiles
+    deflection  [rad] typical
+    duration    [s]
+    busy        intervals [s] that hold most of what is unexplained
+    orders      per axis: periods per turn that its weak-form residual shows most
+    """
+
+    torque: Array
+    speed: Array
+    peak: Array
+    slew: float
+    angle: float
+    range: Array
+    deflection: float
+    duration: float
+    busy: tuple[tuple[float, float], ...]
+    orders: tuple[tuple[float, ...], ...]
+
+
+def scales_of(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], time: Array, excess: Array) -> Scales:
+    """time, excess (S,): when shots begin [s since their log began] and their unexplained mean squared error."""
+    device = shots[0].log.device
+    start = np.concatenate([each.start for each in shots])
+    commands = np.concatenate([each.commands for each in shots])
+    with np.errstate(invalid="ignore"):
+        speed = np.sqrt(np.mean(np.nan_to_num(start[:, 3:6]) ** 2, axis=0))
+    q = start[:, 0]
+    angle = float(np.std(q))
+    peak = np.max(np.abs(commands[:, :2]), axis=0)
+    acceleration = float(np.std(np.gradient(start[:, 3], 1.0 / shots[0].rate)))
+    link, motors = device.link, device.n_motors
+    torque = np.zeros(3)
+    torque[0] = (
+        link.inertia * acceleration + link.viscous_friction * speed[0] + abs(link.gravity_torque) * min(angle, 1)
+    )
+    deflection = 0.1
+    if motors:
+        if device.drive == "torque":
+            torque[1 : 1 + motors] = np.std(commands[:, :motors], axis=0)
+        theta = np.where(np.isfinite(start[:, 1]), start[:, 1], commands[:, 0] if device.drive == "servo" else q)
+        deflection = max(float(np.std(q - theta)), 0.02 * angle)
+    else:
+        speed[1], torque[1], peak[0] = speed[0], np.std(commands[:, EXTERNAL]), np.max(np.abs(commands[:, EXTERNAL]))
+    speed = np.where(speed > 0.0, speed, max(float(speed.max()), 1e-3))
+    torque = np.maximum(torque, 1e-3 * max(float(torque.max()), 1e-3))
+    slew = 1.0
+    if device.drive == "servo":  # of a servo that follows the largest change asked for: w step / e
+        reach = max(float(np.ptp(each.commands[:, 0])) + _first_step(each) for each in shots)
+        slew = max(getattr(motor, "bandwidth", 1.0) for motor in device.motors) * reach / np.e
+    orders = [_orders(shots, residuals, axis) for axis in range(3)]
+    if not motors:
+        orders[1] = orders[0]
+    return Scales(
+        torque, speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
+        np.quantile(q, [0.02, 0.1, 0.9, 0.98]), max(deflection, 1e-3), max(each.log.duration for each in shots),
+        _busiest(time, excess), tuple(orders),
+    )  # fmt: skip
+
+
+def _first_step(shots: Shots) -> float:
+    """[rad] from where motor 1 stood to its first command."""
+    step = abs(float(shots.commands[0, 0] - shots.rest[1]))
+    return step if np.isfinite(step) else 0.0
+
+
+def _busiest(time: Array, excess: Array) -> tuple[tuple[float, float], ...]:
+    """The stretch of time in which the error is most above its mean (largest sum of a segment), and its two halves."""
+    if len(time) < 4:
+        return ()
+    order = np.argsort(time)
+    at, height = time[order], np.log1p(excess[order])
+    level = height - 0.5 * (np.median(height) + np.max(height))
+    best, low, high, total, begin = -np.inf, 0, len(at) - 1, 0.0, 0
+    for i, value in enumerate(level):
+        if total <= 0.0:
+            total, begin = 0.0, i
+        total += value
+        if total > best:
+            best, low, high = total, begin, i
+    step = float(np.median(np.diff(at)))
+    return ((max(float(at[low]), 0.0), float(at[high]) + step),)
+
+
+def _orders(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], axis: int) -> tuple[float, ...]:
+    """Orders whose sine and cosine over the angle of the axis explain most of its residual."""
+    pairs = [(s, r) for s, each in zip(shots, residuals, strict=True) for r in each if r.axis == axis]
+    if not pairs:
+        return (1.0,)
+    angle = np.concatenate([s.start[r.centre, axis] for s, r in pairs])
+    values = np.concatenate([r.torque for _, r in pairs])
+    values = values - values.mean()
+    waves = np.exp(1j * ORDERS[:, None] * angle)
+    power = np.abs(waves @ values) ** 2 / np.maximum(
+        np.sum(np.abs(waves - waves.mean(1, keepdims=True)) ** 2, axis=1), 1.0
+    )
+    kept: list[float] = []
+    for k in np.argsort(-power):
+        if all(abs(ORDERS[k] - other) > 0.6 for other in kept):
+            kept.append(float(ORDERS[k]))
+        if len(kept) == KEPT_ORDERS:
+            break
+    return tuple(kept)

@@ -1,0 +1,1 @@
+"""Motions that separate candidates which one log cannot."""

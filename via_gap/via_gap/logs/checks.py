@@ -1,0 +1,183 @@
+"""Look at the data first: what a log can be used for, in plain words, before anything is fitted to it.
+
+Each finding refuses the log, downgrades what it can tell, or is a note. Nothing here needs the model but the names and
+steps of the device's sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from via_core.devices import TorqueMotor
+from via_core.signals import Array
+
+from via_gap.logs.log import ERRATIC, JointLog, jumps
+from via_gap.report.report import Finding
+
+Severity = Literal["refuse", "downgrade", "note"]
+SHORTEST = 1.0  # [s]
+SLOWEST = 50.0  # [Hz]
+GRID = 0.9  # share of readings on a common grid from which its step is the quantum
+COARSE = 1.5  # times the file's step: an encoder coarser than it says
+DISTINCT = 4096  # readings that are looked at for the step
+
+
+def check_log(log: JointLog) -> list[Finding]:
+    """Everything noticed about a log, worst first."""
+    found = [*_stamps(log), *_channels(log), *_steps(log), *_torques(log), *_alignment(log)]
+    return sorted(found, key=lambda each: ("refuse", "downgrade", "note").index(each.severity))
+
+
+def _finding(log: JointLog, check: str, signal: str, severity: Severity, value: float, text: str) -> Finding:
+    return Finding(log=log.name, check=check, signal=signal, severity=severity, value=float(value), text=text)
+
+
+def _stamps(log: JointLog) -> Iterator[Finding]:
+    steps = np.diff(log.measured.time)
+    period = float(np.median(steps))
+    rate, told = 1.0 / period, log.device.sensors.rate
+    if log.duration < SHORTEST:
+        yield _finding(log, "duration", "time", "refuse", log.duration, f"only {log.duration:.2g} s long")
+    if rate < SLOWEST:
+        yield _finding(log, "rate", "time", "refuse", rate, f"{rate:.3g} Hz are too slow to see what a joint does")
+    elif abs(rate / told - 1.0) > 0.1:
+        yield _finding(log, "rate", "time", "note", rate, f"{rate:.4g} Hz, the device file says {told:.4g} Hz")
+    small = steps[steps < 1.5 * period]
+    jitter = float(np.std(small) / period) if small.size else 0.0
+    if jitter > 0.02:
+        severity: Severity = "downgrade" if jitter > 0.3 else "note"
+        yield _finding(log, "jitter", "time", severity, jitter, f"stamps wobble by {100 * jitter:.0f} % of a sample")
+    gaps = steps[steps > 2.5 * period]
+    if gaps.size:
+        share = float(gaps.sum() / log.duration)
+        severity = "downgrade" if share > 0.1 else "note"
+        text = f"{gaps.size} gaps, {100 * share:.2g} % of the time, the longest {gaps.max():.3g} s: left out"
+        yield _finding(log, "gaps", "time", severity, gaps.size, text)
+    for count, what in zip(log.dropped, ("repeat", "run backward"), strict=True):
+        if count:
+            text = f"{count} samples whose stamps {what} were dropped"
+            yield _finding(log, "duplicates", "time", "note", count, text)
+
+
+def _channels(log: JointLog) -> Iterator[Finding]:
+    if not log.drivable:
+        text = "neither commands nor motor torques were recorded: no simulation can be driven"
+        yield _finding(log, "drive", "commands", "refuse", 0.0, text)
+    for name, values in _angles(log):
+        seen = np.isfinite(values)
+        share = float(np.mean(seen))
+        if share < 0.9 and name == "q":
+            text = f"the link angle is missing in {100 * (1 - share):.0f} % of the samples"
+            yield _finding(log, "missing", name, "refuse" if share < 0.5 else "downgrade", 1.0 - share, text)
+        there = values[seen]
+        if there.size < 2:
+            continue
+        if np.ptp(there) == 0.0:
+            severity: Severity = "refuse" if name == "q" else "downgrade"
+            yield _finding(log, "stale", name, severity, 0.0, f"{name} never changes: is it measured at all?")
+            continue
+        share = jumps(there)
+        if share > 0.0:
+            used = "this encoder is not believed" if share > ERRATIC and name != "q" else "used as it is"
+            text = f"{round(share * there.size)} single samples of {name} jump away and back: {used}"
+            yield _finding(log, "outliers", name, "downgrade", share * there.size, text)
+
+
+def _angles(log: JointLog) -> Iterator[tuple[str, Array]]:
+    yield "q", log.measured["q"]
+    if "theta" in log.measured:
+        for i, column in enumerate(log.measured["theta"].T):
+            if np.isfinite(column).any():
+                yield f"theta_{i + 1}", column
+
+
+def step_of(values: Array) -> float:
+    """The grid [unit of values] that readings stand on; 0 where they stand on none."""
+    there = values[np.isfinite(values)]
+    distinct = np.unique(there[:: max(1, len(there) // DISTINCT)])
+    apart = np.diff(distinct)
+    apart = apart[apart > 1e-12 * max(float(np.ptp(distinct)) if distinct.size else 0.0, 1e-300)]
+    if apart.size < 8:
+        return 0.0
+    step = float(np.quantile(apart, 0.01))
+    for _ in range(3):  # the mean over many steps is known far better than one
+        counts = np.rint(apart / step)
+        near = (counts >= 1.0) & (counts < 50.0)
+        if not near.any():
+            return 0.0
+        step = float(np.sum(apart[near] * counts[near]) / np.sum(counts[near] ** 2))
+    off = np.abs((there - there[0]) / step - np.rint((there - there[0]) / step))
+    return step if float(np.mean(off < 0.1)) >= GRID else 0.0
+
+
+def _steps(log: JointLog) -> Iterator[Finding]:
+    for name, values in _angles(log):
+        told = log.device.sensors.link_quantum if name == "q" else log.device.sensors.motor_quantum
+        step = step_of(values)
+        if step > 0.0 and told is not None and step > COARSE * told:
+            text = f"{name} stands on steps of {step:.4g} rad, the device file says {told:.4g} rad"
+            yield _finding(log, "quantisation", name, "note", step, text)
+
+
+def _torques(log: JointLog) -> Iterator[Finding]:
+    device = log.device
+    if device.drive != "torque" or not device.n_motors or "tau" not in log.measured:
+        return
+    for i, motor in enumerate(device.motors):
+        tau = log.measured["tau"][:, i]
+        seen = np.isfinite(tau)
+        if seen.sum() < 20:
+            continue
+        if np.ptp(tau[seen]) == 0.0:
+            yield _finding(log, "stale", f"tau_{i + 1}", "downgrade", 0.0, f"tau_{i + 1} never changes")
+            continue
+        limit = motor.torque_limit if isinstance(motor, TorqueMotor) else None
+        top = float(np.max(np.abs(tau[seen])))
+        clipped = float(np.mean(np.abs(tau[seen]) > 0.999 * top))
+        if clipped > 0.02 or (limit is not None and float(np.mean(np.abs(tau[seen]) >= 0.999 * limit)) > 0.02):
+            text = f"the torque of motor {i + 1} stands at its largest value in {100 * clipped:.0f} % of the samples"
+            yield _finding(log, "saturation", f"tau_{i + 1}", "note", clipped, text)
+        if all(log.motors_seen) and "theta" in log.measured:
+            explained = _by_angle(log, tau, seen)
+            if explained > 0.9999:
+                text = f"tau_{i + 1} is a function of the angles alone: it speaks of the controller, not of the joint"
+                yield _finding(log, "torque of angle", f"tau_{i + 1}", "downgrade", explained, text)
+
+
+def _by_angle(log: JointLog, tau: Array, seen: NDArray[np.bool_]) -> float:
+    """Share of the variance of a torque that a cubic in the angles explains."""
+    angles = np.column_stack([log.measured["q"], log.measured["theta"]])
+    good = seen & np.isfinite(angles).all(axis=1)
+    if good.sum() < 50:
+        return 0.0
+    every = max(1, int(good.sum()) // 4000)
+    x, y = angles[good][::every], tau[good][::every]
+    x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-9)
+    columns = [np.ones(len(x)), *x.T, *(x**2).T, *(x**3).T]
+    columns += [x[:, a] * x[:, b] for a in range(x.shape[1]) for b in range(a)]
+    design = np.column_stack(columns)
+    left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    return 1.0 - float(np.var(left) / max(np.var(y), 1e-300))
+
+
+def _alignment(log: JointLog) -> Iterator[Finding]:
+    """Measured torques against commanded ones: late, scaled, or off."""
+    if log.commands is None or "motor" not in log.commands or not log.torque_seen or log.device.drive != "torque":
+        return
+    period = float(np.median(np.diff(log.measured.time)))
+    for i in range(log.device.n_motors):
+        tau = log.measured["tau"][:, i]
+        seen = np.isfinite(tau)
+        time = log.measured.time[seen]
+        errors = []
+        for late in range(-2, 8):  # samples; the torque of a sample is that of the tick which ended there
+            at = np.searchsorted(log.commands.time, time - (late + 0.5) * period, side="right") - 1
+            errors.append(float(np.var(tau[seen] - log.commands["motor"][np.clip(at, 0, len(log.commands) - 1), i])))
+        best = int(np.argmin(errors)) - 2
+        spread = float(np.var(tau[seen]))
+        if best != 0 and errors[best + 2] < 0.5 * errors[2] and errors[best + 2] < 0.1 * spread:
+            text = f"tau_{i + 1} follows its command {1e3 * best * period:.3g} ms later than it should"
+            yield _finding(log, "skew", f"tau_{i + 1}", "note", best * period, text)

@@ -1,0 +1,200 @@
+"""A log of one joint: what was measured, what was commanded, and how much of the model that lets one look at."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from via_core.bags import joint_signals, read_bag
+from via_core.devices import Device
+from via_core.errors import SignalError, ViaError
+from via_core.signals import Array, Signals
+
+from via_gap.logs.neighbour import beside
+
+LEVELS = ("full", "no torque", "link only", "commands only")
+ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not believed
+FAR = 8.0  # times the 90 % quantile of the steps between samples
+# Columns of a CSV file, header -> channel; '_1', '_2' number the motors. Held are what somebody commanded.
+_MEASURED = {
+    "q": "rad",
+    "q_velocity": "rad/s",
+    "tau_link": "N m",
+    "theta": "rad",
+    "theta_velocity": "rad/s",
+    "tau": "N m",
+}
+_COMMANDED = {
+    "equilibrium": "rad",
+    "preset": "rad",
+    "damping": "-",
+    "motor": "",
+    "external_torque": "N m",
+    "neighbour": "rad",
+}
+_HEADER = re.compile(rf"({'|'.join((*_MEASURED, *_COMMANDED))})(?:_([12]))?")
+
+
+@dataclass(frozen=True, eq=False)
+class JointLog:
+    """One joint's recording.
+
+    name      what to call it: a file, a run
+    device    the nominal device
+    measured  q (N,) [rad] and what else there is of theta (N, m), tau (N, m), q_velocity, theta_velocity; NaN: not seen
+    commands  held: motor (N, m), or equilibrium and preset [rad]; damping [-]; external_torque [N m],
+              neighbour [rad]; None without any
+    dropped   samples that the reading left out: (repeated stamps, stamps that ran backward)
+    disbelieved  motors whose encoder jumps about: their angles count as not measured
+    """
+
+    name: str
+    device: Device
+    measured: Signals
+    commands: Signals | None
+    dropped: tuple[int, int] = (0, 0)
+    disbelieved: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.measured) < 2:
+            raise SignalError(f"{self.name}: has {len(self.measured)} samples, at least 2 are needed")
+        if "q" not in self.measured or not np.isfinite(self.measured["q"]).any():
+            raise SignalError(f"{self.name}: the link angle of '{self.device.name}' was not recorded")
+
+    @property
+    def duration(self) -> float:
+        """[s] from first to last sample."""
+        return float(self.measured.time[-1] - self.measured.time[0])
+
+    @cached_property
+    def motors_seen(self) -> tuple[bool, ...]:
+        """Per motor: whether its angle was measured in nine samples of ten and can be believed."""
+        if "theta" not in self.measured:
+            return (False,) * self.device.n_motors
+        return tuple(
+            bool(i + 1 not in self.disbelieved and np.mean(np.isfinite(column)) >= 0.9)
+            for i, column in enumerate(self.measured["theta"].T)
+        )
+
+    @property
+    def torque_seen(self) -> bool:
+        """Whether the torque of every motor was measured."""
+        return "tau" in self.measured and bool(np.mean(np.isfinite(self.measured["tau"])) >= 0.9)
+
+    @property
+    def motors_commanded(self) -> bool:
+        """Whether the commands say what the motors were asked for."""
+        names = {"equilibrium"} if self.device.drive == "servo" else set()
+        return self.commands is not None and bool(self.commands.channels.keys() & ({"motor"} | names))
+
+    @property
+    def level(self) -> str:
+        """One of LEVELS: how much of the model can be looked at."""
+        seen = self.motors_seen
+        if self.device.drive == "servo" or not seen:
+            return "full" if all(seen) else "commands only"
+        if all(seen):
+            return "full" if self.torque_seen else "no torque"
+        return "link only"
+
+    @property
+    def drivable(self) -> bool:
+        """Whether there is anything to run a simulation with."""
+        return (
+            self.device.n_motors == 0 or self.motors_commanded or (self.device.drive == "torque" and self.torque_seen)
+        )
+
+
+def believed(logs: Sequence[JointLog]) -> list[JointLog]:
+    """The logs without the motor angles whose encoder jumps about in any of them: it is the same encoder in all."""
+    jumpy = {
+        i + 1
+        for log in logs
+        if "theta" in log.measured
+        for i, column in enumerate(log.measured["theta"].T)
+        if jumps(column) > ERRATIC
+    }
+    return [replace(log, disbelieved=tuple(sorted(jumpy))) for log in logs] if jumpy else list(logs)
+
+
+def jumps(values: Array) -> float:
+    """Share of samples that leave their neighbours by far more than the angle ever moves in one sample, and return."""
+    there = values[np.isfinite(values)]
+    if there.size < 3:
+        return 0.0
+    steps = np.diff(there)
+    apart = np.abs(steps) > FAR * (np.quantile(np.abs(steps), 0.9) + 1e-12)
+    away = apart[1:] & apart[:-1] & (np.sign(steps[1:]) != np.sign(steps[:-1]))
+    return float(np.sum(away) / there.size)
+
+
+def read_log(path: str | Path, device: Device, joint_topic: str = "/joint_states") -> JointLog:
+    """The log in a bag (folder or .mcap file) or a CSV file. Raises ViaError in one line for what is none."""
+    where = Path(path)
+    if where.suffix.lower() == ".csv":
+        return _from_csv(where, device)
+    bag = read_bag(where)
+    measured, commands, reports = joint_signals(bag, device, joint_topic)
+    if commands is not None:
+        commands = beside(commands, bag, device, joint_topic)
+    dropped = (sum(report.repeated for report in reports), sum(report.backward for report in reports))
+    return JointLog(where.name, device, measured, commands, dropped)
+
+
+def read_logs(paths: Sequence[str | Path], device: Device) -> list[JointLog]:
+    """The logs of several files; those of one name, in folders of their own, are called by as much of the path more."""
+    parts = [Path(path).absolute().parts for path in paths]
+    depth = 1
+    while len({each[-depth:] for each in parts}) < len(set(parts)):
+        depth += 1
+    last = [each[-1] for each in parts]
+    names = [str(Path(*each[-depth:])) if last.count(each[-1]) > 1 else each[-1] for each in parts]
+    return [replace(read_log(path, device), name=name) for path, name in zip(paths, names, strict=True)]
+
+
+def _from_csv(path: Path, device: Device) -> JointLog:
+    """Columns `time` [s] and those of docs/notation.md, `theta_1`, `tau_2`, `motor_1`; others are not looked at.
+
+    A device file names the columns of foreign files under `wire.columns`: {q: ShoulderAngle, theta_1: Enc1}.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            header = [name.strip() for name in next(csv.reader(file), [])]
+        table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2, encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SignalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
+    except ValueError as error:
+        raise SignalError(f"{path}: {' '.join(str(error).split())[:120]}") from None
+    renamed = {column: channel for channel, column in device.wire.columns.items()}
+    columns = {renamed.get(name, name): table[:, i] for i, name in enumerate(header) if i < table.shape[1]}
+    if "time" not in columns:
+        raise SignalError(f"{path}: no column 'time'; there are: {', '.join(header) or 'none'}")
+    stamps = columns["time"]
+    latest = np.maximum.accumulate(np.where(np.isfinite(stamps), stamps, -np.inf))
+    keep = np.isfinite(stamps)
+    keep[1:] &= stamps[1:] > latest[:-1]
+    dropped = (int(np.sum(stamps[1:] == stamps[:-1])), int(np.sum(stamps[1:] < latest[:-1])))
+    time = stamps[keep] - stamps[keep][0] if keep.any() else stamps[:0]
+    channels: dict[str, Array] = {}
+    for name, values in columns.items():
+        parts = _HEADER.fullmatch(name)
+        if parts is None:
+            continue
+        if parts[2] is None:
+            channels[parts[1]] = values[keep]
+        else:
+            at = channels.setdefault(parts[1], np.full((len(time), max(device.n_motors, 1)), np.nan))
+            if int(parts[2]) <= at.shape[1]:
+                at[:, int(parts[2]) - 1] = values[keep]
+    try:
+        measured = {name: values for name, values in channels.items() if name in _MEASURED}
+        held = {name: values for name, values in channels.items() if name in _COMMANDED}
+        commands = Signals(time, held, _COMMANDED, frozenset(held)) if held else None
+        return JointLog(path.name, device, Signals(time, measured, _MEASURED), commands, dropped)
+    except ViaError as error:
+        raise SignalError(f"{path}: {error}") from None

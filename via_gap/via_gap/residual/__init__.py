@@ -1,0 +1,1 @@
+"""What the model leaves unexplained: segments of a log, their rollouts, the equations, and device numbers."""

@@ -1,0 +1,117 @@
+"""The gap in numbers: how far the simulated signals are from the measured ones, per signal and over all.
+
+A torque-driven joint is compared in short shots from measured states, because it drifts when run freely; a joint whose
+motors follow their commands is run freely over the whole log, which is what its user will do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.devices import Device
+from via_core.signals import Array
+from via_sim.effects import Effect
+from via_sim.torques import EXTERNAL
+
+from via_gap.logs.replay import simulated_log
+from via_gap.residual.inverse_dynamics import EquationBench
+from via_gap.residual.residual_model import Problem
+from via_gap.residual.segments import Indices, Shots
+
+BLOCK = 2.0  # [s] of a free run that are resampled together
+RESAMPLES = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Squared errors per signal and block, and what they are relative to.
+
+    names     of the signals
+    squares   (B, n) mean squared error of each block [rad^2]
+    variance  (n,) of the measured signals [rad^2]
+    floor     (n,) mean square that the sensors alone leave [rad^2]
+    """
+
+    names: tuple[str, ...]
+    squares: Array
+    variance: Array
+    floor: Array
+
+    @property
+    def signals(self) -> Array:
+        """(n,) gap of each signal."""
+        return np.sqrt(self.squares.mean(axis=0) / self.variance)
+
+    @property
+    def overall(self) -> float:
+        return float(np.sqrt(np.mean(self.squares.mean(axis=0) / self.variance)))
+
+    @property
+    def floors(self) -> Array:
+        return np.sqrt(self.floor / self.variance)
+
+    def resampled(self, seed: int = 0) -> Array:
+        """(RESAMPLES,) overall gaps of resampled blocks."""
+        pick = np.random.default_rng(seed).integers(0, len(self.squares), (RESAMPLES, len(self.squares)))
+        means = self.squares[pick].mean(axis=1) / self.variance
+        return np.sqrt(means.mean(axis=1))
+
+
+def equation_errors(problem: Problem, residual: Array) -> Errors:
+    """Errors from what equations lack (R,) in units of their floors: squares and variance of torques [N m]."""
+    squares, torques, floors, begin = [], [], [], 0
+    for bench in problem.benches:
+        assert isinstance(bench, EquationBench)
+        size = bench.first.size
+        each = residual[begin : begin + size].reshape(bench.first.shape)
+        squares.append(np.mean(each**2, axis=1) * bench.floor**2)
+        torques.append(bench.shots.commands[bench.first.ravel(), EXTERNAL])
+        floors.append(bench.floor**2)
+        begin += size
+    variance = max(float(np.var(np.concatenate(torques))), 1e-12)
+    return Errors(("tau",), np.concatenate(squares)[:, None], np.array([variance]), np.array([np.mean(floors)]))
+
+
+NAMES = ("q", "theta_1", "theta_2")
+
+
+def shot_errors(problem: Problem, residual: Array) -> Errors:
+    """Errors from a whitened residual (R,) of the problem's shots."""
+    axes = problem.benches[0].shots.axes
+    squares, measured, begin = [], [], 0
+    for bench in problem.benches:
+        size = len(bench.chosen) * bench.size
+        each = residual[begin : begin + size].reshape(len(bench.chosen), -1, len(axes))
+        squares.append(np.mean(each**2, axis=1) * bench.shots.noise**2)
+        measured.append(bench.shots.measured[bench.chosen].reshape(-1, len(axes)))
+        begin += size
+    variance = np.maximum(np.var(np.concatenate(measured), axis=0), 1e-12)
+    noise = problem.benches[0].shots.noise
+    return Errors(tuple(NAMES[a] for a in axes), np.concatenate(squares), variance, noise**2)
+
+
+def free_errors(device: Device, effects: Sequence[Effect], shots: Sequence[Shots], chosen: Sequence[Indices]) -> Errors:
+    """Errors of the link angle when every log is simulated from beginning to end; only chosen shots count."""
+    squares, deviations, count = [], 0.0, 0
+    for each, which in zip(shots, chosen, strict=True):
+        if not len(which):
+            continue
+        log = each.log
+        assert log.commands is not None
+        simulated = simulated_log(device, log.measured, log.commands, effects)
+        seen = np.isfinite(log.measured["q"])
+        time, q = log.measured.time[seen], log.measured["q"][seen]
+        error = q - np.interp(time, simulated.time, simulated["q"])
+        shot = np.searchsorted(each.time, time, side="right") - 1
+        inside = np.isin(shot, which)
+        inside |= (shot >= len(each) - 1) & (len(each) - 1 in which)
+        blocks = max(1, round(log.duration / BLOCK))  # as long as one another: each counts alike
+        block = np.minimum((time - time[0]) / log.duration * blocks, blocks - 1).astype(int)
+        for b in np.unique(block[inside]):
+            squares.append([float(np.mean(error[inside & (block == b)] ** 2))])
+        deviations += float(np.sum((q[inside] - np.mean(q[inside])) ** 2))
+        count += int(np.sum(inside))
+    quantum = device.sensors.link_quantum or 0.0
+    return Errors(("q",), np.array(squares), np.array([max(deviations / count, 1e-12)]), np.array([quantum**2 / 12.0]))

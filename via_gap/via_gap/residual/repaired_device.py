@@ -1,0 +1,45 @@
+"""A device whose numbers are those a diagnosis fitted: with its effects, what the simulator needs to be repaired."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from via_core.devices import Device
+from via_core.signals import Array
+
+from via_gap.residual.nuisance import Nuisance
+
+_SCALED = {
+    "linear": ("stiffness",),
+    "cubic": ("coefficient",),
+    "odd_polynomial": ("odd_coefficients",),
+    "exponential": ("k",),
+}
+_FIELDS = {"inertia": "inertia", "viscous friction": "viscous_friction", "dry friction": "coulomb_friction"}
+
+
+def repaired_device(device: Device, nuisances: tuple[Nuisance, ...], deviations: Array) -> Device:
+    """The device with every nuisance moved by its deviation [sd]; rows made from it equal those of the fit."""
+    content: dict[str, Any] = device.model_dump(mode="python")
+    for nuisance, deviation in zip(nuisances, deviations, strict=True):
+        factor = 1.0 + nuisance.tolerance * float(deviation)
+        part, _, what = nuisance.name.partition(" ")
+        if nuisance.name == "gravity torque":
+            content["link"]["gravity_torque"] *= factor
+        elif nuisance.name == "damper":
+            for key in ("minimum", "maximum", "stage"):
+                if key in content["damper"]:
+                    content["damper"][key] *= factor
+        elif part == "spring":
+            spring = content["springs"][int(what[0]) - 1]
+            for key in _SCALED.get(spring["law"], ("k",)):
+                spring[key] = (
+                    tuple(each * factor for each in spring[key])
+                    if isinstance(spring[key], tuple)
+                    else spring[key] * factor
+                )
+        else:
+            target = content["link"] if part == "link" else content["motors"][int(what[0]) - 1]
+            key = what if part == "link" else what[2:]
+            target[_FIELDS.get(key, key)] *= factor
+    return Device.model_validate(content)

@@ -1,0 +1,155 @@
+"""One inverse problem: shots of some logs, and parameter rows made of device numbers and effects.
+
+values = problem.residual([problem.row(effects, deviations)])     # (K, R) whitened
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.devices import Device
+from via_core.errors import ParameterError
+from via_core.signals import Array
+from via_sim.effects import Effect, in_order
+from via_sim.parameters import P
+from via_sim.plants import JointPlant
+
+from via_gap.residual.inverse_dynamics import EquationBench
+from via_gap.residual.nuisance import BOUND, Nuisance, apply_all, descend, nuisances
+from via_gap.residual.segments import Bench, Indices, Shots
+
+AnyBench = Bench | EquationBench
+STEP = 0.01  # of a nuisance parameter: step of its finite differences
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Benches (shots of one log each) that share one device."""
+
+    benches: tuple[AnyBench, ...]
+    plant: JointPlant  # nominal
+    nuisances: tuple[Nuisance, ...]
+
+    @staticmethod
+    def of(
+        shots: Sequence[Shots], chosen: Sequence[Indices], bench: Callable[[Shots, Indices], AnyBench] = Bench.of
+    ) -> Problem:
+        """The shots `chosen` (indices, one array per log), simulated or judged by their equation."""
+        plant = JointPlant.from_device(shots[0].log.device)
+        benches = tuple(bench(each, which) for each, which in zip(shots, chosen, strict=True) if len(which))
+        return Problem(benches, plant, nuisances(plant))
+
+    @property
+    def device(self) -> Device:
+        return self.plant.device
+
+    @property
+    def size(self) -> int:
+        """Values of a residual, R."""
+        return sum(len(bench.chosen) * bench.size for bench in self.benches)
+
+    def row(self, effects: Sequence[Effect], deviations: Array | None = None) -> Array:
+        """Parameter row (N_PARAMETERS,) of the device with its numbers moved by `deviations` [sd] and effects added."""
+        row = self.plant.parameters.copy()
+        if deviations is not None:
+            apply_all(row, self.nuisances, deviations)
+        for effect in in_order(effects):
+            effect.write(row)
+        return row
+
+    def row_or_none(self, effects: Sequence[Effect | None], deviations: Array | None = None) -> Array | None:
+        """The row, or None where an effect has no meaning with these numbers (less friction than none)."""
+        if any(effect is None for effect in effects):
+            return None
+        try:
+            return self.row([effect for effect in effects if effect is not None], deviations)
+        except ParameterError:
+            return None
+
+    def residual(self, rows: Sequence[Array]) -> Array:
+        """Whitened measured minus simulated, (K, R)."""
+        stacked = np.stack(list(rows))
+        parts = []
+        for bench in self.benches:
+            each = stacked.copy()
+            each[:, P.tick], each[:, P.substeps] = bench.nominal[P.tick], bench.nominal[P.substeps]
+            parts.append(bench.residual(each).reshape(len(each), -1))
+        return np.concatenate(parts, axis=1)
+
+    def part(self, kept: Sequence[Indices]) -> tuple[Problem, Indices]:
+        """Some shots of each bench, by their places in `chosen` -> the problem of those, its values' places in (R,)."""
+        places, begin = [], 0
+        for bench, which in zip(self.benches, kept, strict=True):
+            places.append((begin + which[:, None] * bench.size + np.arange(bench.size)).ravel())
+            begin += len(bench.chosen) * bench.size
+        benches = tuple(b.part(which) for b, which in zip(self.benches, kept, strict=True) if len(which))
+        return Problem(benches, self.plant, self.nuisances), np.concatenate(places)
+
+    def per_shot(self, residual: Array) -> Array:
+        """Mean square (..., S) of a residual (..., R) in each shot; 1 is what the sensors explain."""
+        parts, begin = [], 0
+        for bench in self.benches:
+            size = len(bench.chosen) * bench.size
+            cut = residual[..., begin : begin + size].reshape(*residual.shape[:-1], len(bench.chosen), bench.size)
+            parts.append(np.mean(cut**2, axis=-1))
+            begin += size
+        return np.concatenate(parts, axis=-1)
+
+    def nuisance_jacobian(self, effects: Sequence[Effect], deviations: Array, residual: Array) -> Array:
+        """(R, J): change of the residual per standard deviation of each nuisance.
+
+        A step goes towards the middle of the tolerance, or the other way where effects mean nothing beside it (an
+        effect that takes nearly all friction there is); 0 where they do on neither side.
+        """
+        slopes = np.zeros((len(self.nuisances), len(residual)))
+        rows, taken = [], []
+        for k, each in enumerate(self.nuisances):
+            size = STEP / each.tolerance if deviations[k] <= 0.0 else -STEP / each.tolerance
+            for step in (size, -size):
+                moved = deviations.copy()
+                moved[k] += step
+                row = self.row_or_none(effects, moved)
+                if row is not None:
+                    rows.append(row)
+                    taken.append((k, step))
+                    break
+        if rows:
+            which, steps = zip(*taken, strict=True)
+            slopes[list(which)] = (self.residual(rows) - residual) / np.array(steps)[:, None]
+        return slopes.T
+
+    def fit_nuisances(
+        self, effects: Sequence[Effect], deviations: Array, rounds: int = 3
+    ) -> tuple[Array, Array, Array]:
+        """Device numbers fitted inside their tolerance from `deviations` on -> (J,), residual (R,), Jacobian (R, J)."""
+        residual = self.residual([self.row(effects, deviations)])[0]
+        jacobian = self.nuisance_jacobian(effects, deviations, residual)
+        for round_ in range(rounds):
+            if round_:
+                jacobian = self.nuisance_jacobian(effects, deviations, residual)
+            wanted = solve_nuisances(jacobian, residual, deviations)
+            for share in (1.0, 0.5, 0.1):
+                trial = deviations + share * (wanted - deviations)
+                row = self.row_or_none(effects, trial)
+                if row is None:
+                    continue
+                moved = self.residual([row])[0]
+                if moved @ moved + trial @ trial < residual @ residual + deviations @ deviations:
+                    done = residual @ residual - moved @ moved < 1e-3 * (moved @ moved)
+                    deviations, residual = trial, moved
+                    break
+            else:
+                break
+            if done:
+                break
+        return deviations, residual, jacobian
+
+
+def solve_nuisances(jacobian: Array, residual: Array, deviations: Array) -> Array:
+    """One bounded Gauss-Newton step: where the deviations (J,) should stand, in standard deviations."""
+    normal = jacobian.T @ jacobian + np.eye(len(deviations))
+    gradient = jacobian.T @ (jacobian @ deviations - residual)
+    bound = np.full(len(deviations), BOUND)
+    return descend(normal, gradient, deviations, -bound, bound)

@@ -1,0 +1,1 @@
+"""Diagnoses as tasks: of fleets, in a worker process, of arms, on live data."""

@@ -1,0 +1,197 @@
+"""Arms of rigid joints: each joint is diagnosed alone, what the rest of the arm does to it is a known torque.
+
+The rigid bodies (a URDF, recursive Newton-Euler in pinocchio) say what torques the measured motion of all joints needs.
+What a joint's own device file does not account for of it, inertia and gravity at its own angle, the others supply:
+
+    tau_arm,i = M_i qdd_i + g_i(q_i) - [M(q) qdd + c(q, qd) + g(q)]_i
+
+as the command channel `arm_torque`. The engine for one joint then serves unchanged. A torque T that the model lacks has
+bent the measured qdd already, so that M_i (qdd - qdd_simulated) = T whatever M_i is: sizes are unbiased although the
+joint's inertia changes with the arm's pose (docs/adr/0006). The angle of the next joint is the channel `neighbour`.
+
+    arm = load_arm("dfki_double_pendulum")
+    reports = diagnose_arm(arm, [run], [held_out])       # one GapReport per joint, base first
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pinocchio
+import yaml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from scipy.signal import savgol_filter
+from via_core.devices import Device, load_device
+from via_core.errors import DeviceError, SignalError
+from via_core.signals import Array, Signals
+
+from via_gap.diagnose import diagnose
+from via_gap.logs.log import JointLog, read_log
+from via_gap.report.report import GapReport
+from via_gap.residual.inverse_dynamics import EquationBench
+
+SMOOTHING = 0.03  # [s] to either side of a sample: the cubic whose slopes are velocity and acceleration
+UNITS = {"external_torque": "N m", "neighbour": "rad", "arm_torque": "N m"}
+
+
+class ArmFile(BaseModel):
+    """One YAML per arm: its joints base first, and the rigid bodies between them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    title: str
+    source: Annotated[tuple[str, ...], Field(min_length=1)]
+    confidence: str
+    remark: str = ""
+    joints: Annotated[tuple[str, ...], Field(min_length=2)]  # device names, or paths beside this file
+    urdf: str  # beside this file; its joints are called as the devices call their links
+    rotors: tuple[Annotated[float, Field(ge=0.0)], ...] = ()  # [kg m^2] seen at the joints; none: in the URDF's links
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """Rigid joints and the bodies between them.
+
+    devices  one per joint, base first
+    model    pinocchio's, rotors as armature
+    order    (n,) index of each device's joint in the model's vectors
+    """
+
+    name: str
+    devices: tuple[Device, ...]
+    model: pinocchio.Model
+    order: NDArray[np.intp]
+
+    def torques(self, angle: Array, velocity: Array, acceleration: Array) -> Array:
+        """Drive torques (N, n) [N m] of a motion (N, n each) [rad, rad/s, rad/s^2] without any friction."""
+        data = self.model.createData()
+        out = np.empty_like(angle)
+        v, a = np.zeros(self.model.nv), np.zeros(self.model.nv)
+        for k in range(len(angle)):
+            v[self.order], a[self.order] = velocity[k], acceleration[k]
+            out[k] = pinocchio.rnea(self.model, data, self._configuration(angle[k]), v, a)[self.order]
+        return out
+
+    def _configuration(self, angle: Array) -> Array:
+        """pinocchio's q: a joint without end stops is a cosine and a sine there."""
+        q = pinocchio.neutral(self.model)
+        for joint, value in zip(self.model.joints[1:], angle[np.argsort(self.order)], strict=True):
+            q[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(value), np.sin(value)) if joint.nq == 2 else value
+        return q
+
+
+def load_arm(name_or_path: str | Path) -> Arm:
+    """The shipped arm of that name, or the one a YAML file describes. Raises DeviceError in one line."""
+    shipped = Path(str(resources.files("via_core").joinpath("arms")))
+    path = Path(name_or_path)
+    if path.suffix not in (".yaml", ".yml"):
+        path = shipped / f"{name_or_path}.yaml"
+    if not path.is_file():
+        names = ", ".join(sorted(each.stem for each in shipped.glob("*.yaml")))
+        raise DeviceError(f"no arm '{name_or_path}'; there are: {names}")
+    try:
+        file = ArmFile.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+        model = pinocchio.buildModelFromUrdf(str(path.parent / file.urdf))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise DeviceError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    except (OSError, yaml.YAMLError, UnicodeDecodeError, ValueError) as error:
+        raise DeviceError(f"{path.name}: {' '.join(str(error).split())[:120]}") from None
+    beside = [path.parent / joint for joint in file.joints]
+    devices = tuple(
+        load_device(here if here.suffix in (".yaml", ".yml") else joint)
+        for here, joint in zip(beside, file.joints, strict=True)
+    )
+    return _built(path.name, file, devices, model)
+
+
+def _built(shown: str, file: ArmFile, devices: tuple[Device, ...], model: pinocchio.Model) -> Arm:
+    for device in devices:
+        if device.arrangement != "rigid":
+            raise DeviceError(f"{shown}: joint '{device.name}' is {device.arrangement}, an arm's joints must be rigid")
+        if not model.existJointName(device.link_joint):
+            raise DeviceError(f"{shown}: no joint '{device.link_joint}' of '{device.name}' in {file.urdf}")
+    if model.nv != len(devices):
+        raise DeviceError(f"{shown}: {file.urdf} has {model.nv} joints that move, {len(devices)} are described")
+    if len(file.rotors) not in (0, len(devices)):
+        raise DeviceError(f"{shown}: rotors needs 0 or {len(devices)} numbers, got {len(file.rotors)}")
+    order = np.array([model.joints[model.getJointId(device.link_joint)].idx_v for device in devices], dtype=np.intp)
+    if file.rotors:
+        armature = np.zeros(model.nv)
+        armature[order] = file.rotors
+        model.armature = armature
+    return Arm(file.name, devices, model, order)
+
+
+def read_arm_log(path: str | Path, arm: Arm) -> list[JointLog]:
+    """One log per joint of a recording of the whole arm, base first. Raises SignalError where a joint is missing."""
+    return arm_logs([read_log(path, device) for device in arm.devices], arm)
+
+
+def arm_logs(logs: Sequence[JointLog], arm: Arm) -> list[JointLog]:
+    """Logs of all joints, recorded together, with what each must know of the others (`arm_torque`, `neighbour`)."""
+    time = logs[0].measured.time
+    for log in logs:
+        if len(log.measured) != len(time) or not np.array_equal(log.measured.time, time):
+            raise SignalError(f"{log.name}: '{log.device.name}' was not recorded with the rest of the arm")
+        if log.commands is None or "external_torque" not in log.commands:
+            raise SignalError(f"{log.name}: what the drive of '{log.device.name}' was commanded was not recorded")
+    angle, velocity, acceleration = _motion(time, np.stack([log.measured["q"] for log in logs], axis=1))
+    whole = arm.torques(angle, velocity, acceleration)
+    made = []
+    for i, log in enumerate(logs):
+        link = log.device.link
+        own = link.inertia * acceleration[:, i] + link.gravity_torque * np.sin(angle[:, i] - link.gravity_angle)
+        known = {"arm_torque": own - whole[:, i], "neighbour": angle[:, i + 1 if i + 1 < len(logs) else i - 1]}
+        commands = Signals(time, known, UNITS, frozenset(known))
+        assert log.commands is not None
+        asked = log.commands.resample(time)
+        channels = {**asked.channels, **known}
+        commands = Signals(time, channels, {**asked.units, **UNITS}, frozenset(channels))
+        made.append(replace(log, commands=commands))
+    return made
+
+
+def _motion(time: Array, angle: Array) -> tuple[Array, Array, Array]:
+    """Smoothed angles, velocities and accelerations (N, n each) at the stamps; gaps are bridged."""
+    period = float(np.median(np.diff(time)))
+    half = max(2, round(SMOOTHING / period))
+    if len(time) <= 2 * half + 1:
+        raise SignalError(f"{len(time)} samples are too few to tell velocities")
+    grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / period) + 1)
+    found = []
+    for derivative in range(3):
+        columns = []
+        for column in angle.T:
+            there = np.isfinite(column)
+            even = np.interp(grid, time[there], column[there])
+            smooth = savgol_filter(even, 2 * half + 1, 3, deriv=derivative, delta=grid[1] - grid[0])
+            columns.append(np.interp(time, grid, smooth))
+        found.append(np.stack(columns, axis=1))
+    return found[0], found[1], found[2]
+
+
+def diagnose_arm(
+    arm: Arm,
+    logs: Sequence[Sequence[JointLog]],
+    holdout: Sequence[Sequence[JointLog]] = (),
+    progress: Callable[[str, float], None] | None = None,
+) -> tuple[GapReport, ...]:
+    """One report per joint, base first, from recordings of the whole arm (each as `read_arm_log` returns it)."""
+    tell = progress or (lambda _what, _share: None)
+    reports = []
+    for i, device in enumerate(arm.devices):
+
+        def told(what: str, share: float, i: int = i, name: str = device.name) -> None:
+            tell(f"{name}: {what}", (i + share) / len(arm.devices))
+
+        own, held = [run[i] for run in logs], [run[i] for run in holdout]
+        reports.append(diagnose(own, device, held or None, told, EquationBench.of))
+    return tuple(reports)

@@ -1,0 +1,255 @@
+"""Many logs of one kind of device, diagnosed by many processes through dask.distributed.
+
+rows = run_fleet(paths, device, Path("results"), told=lambda done, of, path: ...)
+
+What is found about a log is written the moment it is known, under a key made of the log's content, the device and the
+sources of the diagnosis: an interrupted run goes on where it stopped, and nothing old is taken for new. A worker that
+dies loses nothing: dask gives its log to another. A log that cannot be diagnosed is a row with its reason.
+
+<results>/reports/<log>-<key>.json   the GapReport of a log
+<results>/rows/<key>.json            its Row; written last, so that a row has its report
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+import via_core
+import via_sim
+from distributed import Client, LocalCluster, as_completed
+from distributed.scheduler import KilledWorker
+from via_core.devices import Device
+from via_core.errors import ViaError
+
+import via_gap
+from via_gap.report.report import GapReport, read_report
+from via_gap.run.fleet_task import Outcome, OwnKernels, diagnose_file
+from via_gap.run.undisturbed import undisturbed
+
+Told = Callable[[int, int, Path | None], None]  # logs done, logs in all, the one just done
+LOOPBACK = "127.0.0.1"
+PATIENCE = "20s"  # for a scheduler to answer
+SHOWN = 12  # characters of a key in names of files
+
+
+@dataclass(frozen=True)
+class Row:
+    """One log of a fleet. Numbers are None and texts empty where there is no report."""
+
+    log: str  # as it was given
+    key: str
+    reason: str = ""  # why there is no report, in one line
+    verdict: str = ""
+    where: str = ""  # site with the largest share
+    share: float | None = None  # [-] that it has
+    causes: str = ""  # effects that were added, at their sites
+    probability: float | None = None  # [-] of the first
+    parameters: str = ""  # of the first
+    before: float | None = None  # [-] gap of the device as filed
+    after: float | None = None  # [-] with its numbers tuned and the effects added
+    floor: float | None = None  # [-] that the sensors alone leave
+    closes: float | None = None  # [-] of what can be closed
+    seconds: float | None = None  # [s] that the diagnosis took
+    report: str = ""  # its file, below the results
+
+
+def run_fleet(
+    logs: Sequence[Path],
+    device: Device,
+    results: Path,
+    told: Told = lambda _done, _of, _path: None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    joint_topic: str = "/joint_states",
+) -> list[Row]:
+    """Diagnose every log; rows in the order of `logs`.
+
+    told       hears how many are done, first of all those of earlier runs
+    scheduler  address of a dask scheduler whose workers have VIA and see the same files; None: processes here
+    workers    how many of those; None: one per core
+
+    Raises ViaError where the results cannot be written or the scheduler does not answer.
+    """
+    try:
+        for folder in ("rows", "reports"):
+            (results / folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ViaError(f"{results}: cannot be written: {error.strerror}") from None
+    keys: list[str | Row] = [_key_or_reason(path, device, joint_topic) for path in logs]
+    found = {row.key: row for row in keys if isinstance(row, Row)}
+    found |= {key: row for key in dict.fromkeys(keys) if isinstance(key, str) and (row := _earlier(results, key))}
+    todo = {key: path for key, path in zip(keys, logs, strict=True) if isinstance(key, str) and key not in found}
+    every = len(found) + len(todo)
+    told(len(found), every, None)
+    if todo:
+        with _client(scheduler, workers) as client:
+            for key, row in _diagnosed(client, todo, device, joint_topic, results):
+                found[key] = row
+                told(len(found), every, todo[key])
+    rows = [found[key if isinstance(key, str) else key.key] for key in keys]
+    return [replace(row, log=str(path)) for row, path in zip(rows, logs, strict=True)]
+
+
+def _diagnosed(
+    client: Client, todo: dict[str, Path], device: Device, joint_topic: str, results: Path
+) -> Iterator[tuple[str, Row]]:
+    text = device.model_dump_json()
+    futures = {
+        client.submit(diagnose_file, str(path.resolve()), text, joint_topic, key=f"via-gap-{key}"): key
+        for key, path in todo.items()
+    }
+    try:
+        for future in as_completed(list(futures), loop=client.loop):
+            key = futures.pop(future)
+            path = todo[key]
+            try:
+                outcome = future.result()
+            except KilledWorker:
+                row = Row(str(path), key, "the processes that diagnosed it died, again and again")
+            except Exception as error:  # a fault of the diagnosis; not kept, so that the next run tries again
+                row = Row(str(path), key, f"{type(error).__name__}: {' '.join(str(error).split())[:200]}")
+            else:
+                row = _keep(results, path, key, outcome)
+            yield key, row
+    finally:
+        client.cancel(list(futures))
+
+
+def _keep(results: Path, path: Path, key: str, outcome: Outcome) -> Row:
+    """The row of an outcome, written together with its report."""
+    seconds = round(outcome.seconds, 3)
+    if outcome.reason:
+        row = Row(str(path), key, outcome.reason.removeprefix(f"{path.resolve()}: "), seconds=seconds)
+    else:
+        name = f"reports/{path.stem}-{key[:SHOWN]}.json"
+        _write(results / name, outcome.report)
+        row = replace(row_of(read_report(outcome.report, name), str(path), key), seconds=seconds, report=name)
+    _write(results / "rows" / f"{key}.json", json.dumps(asdict(row), indent=1) + "\n")
+    return row
+
+
+def row_of(report: GapReport, log: str, key: str) -> Row:
+    """What a report says in one line."""
+
+    def place(site: str, motor: int) -> str:
+        return f"{site} {motor}" if motor else site
+
+    cause = report.causes[0] if report.causes and report.verdict != "no_gap" else None
+    values = {} if cause is None else cause.parameters
+    return Row(
+        log=log,
+        key=key,
+        verdict=report.verdict,
+        where=place(report.where[0].site, report.where[0].motor) if report.where else "",
+        share=report.where[0].share if report.where else None,
+        causes=", ".join(f"{each.effect} at {place(each.site, each.motor)}" for each in report.effects),
+        probability=None if cause is None else cause.probability,
+        parameters=", ".join(f"{name} {v.value:.4g} +- {v.sd:.1g} {v.unit}" for name, v in values.items()),
+        before=None if report.gap is None else report.gap.before,
+        after=None if report.gap is None else report.gap.after,
+        floor=None if report.gap is None else report.gap.floor,
+        closes=None if report.gap is None else report.gap.closes,
+    )
+
+
+# ---- keys
+
+
+def key_of(log: Path, device: Device, joint_topic: str = "/joint_states") -> str:
+    """Of a log's content, its device and the sources of the diagnosis. Raises OSError where it cannot be read."""
+    digest = sha256()
+    for part in (engine(), device.model_dump_json(), joint_topic):
+        digest.update(part.encode() + b"\0")
+    # Names count: they are in the report, and whether a file is a bag or a table is told by its ending.
+    digest.update(log.name.encode(errors="surrogateescape") + b"\0")
+    files = sorted(each for each in log.rglob("*") if each.is_file()) if log.is_dir() else [log]
+    for file in files:
+        digest.update(str(file.relative_to(log.parent)).encode(errors="surrogateescape") + b"\0")
+        with file.open("rb") as content:
+            while block := content.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+@cache
+def engine() -> str:
+    """SHA-256 of every source file that a report depends on."""
+    digest = sha256()
+    for package in (via_core, via_sim, via_gap):
+        folder = Path(str(package.__file__)).parent
+        for file in sorted(each for each in folder.rglob("*") if each.suffix in (".py", ".yaml")):
+            digest.update(str(file.relative_to(folder)).encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+def _key_or_reason(path: Path, device: Device, joint_topic: str) -> str | Row:
+    try:
+        return key_of(path, device, joint_topic)
+    except OSError as error:
+        return Row(str(path), f"unreadable: {path}", str(error.strerror))
+
+
+# ---- files
+
+
+def _earlier(results: Path, key: str) -> Row | None:
+    """The row of an earlier run, if it and its report are there and whole."""
+    try:
+        row = Row(**json.loads((results / "rows" / f"{key}.json").read_text(encoding="utf-8")))
+        if row.report:
+            read_report((results / row.report).read_text(encoding="utf-8"), row.report)
+    except (OSError, ValueError, TypeError, ViaError):
+        return None
+    return row
+
+
+def _write(path: Path, text: str) -> None:
+    """The whole file or none of it, whatever ends this process."""
+    aside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        aside.write_text(text, encoding="utf-8")
+        aside.replace(path)
+    except OSError as error:
+        raise ViaError(f"{path}: cannot be written: {error.strerror}") from None
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+# ---- dask
+
+
+@contextmanager
+def _client(scheduler: str | None, workers: int | None) -> Iterator[Client]:
+    """A client of the scheduler, or of one process per core on this machine that nobody else can reach."""
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise ViaError(f"scheduler {scheduler}: {' '.join(str(error).split()) or 'does not answer'}") from None
+        with client:
+            client.register_plugin(OwnKernels())
+            yield client
+        return
+    with tempfile.TemporaryDirectory(prefix="via_fleet_", ignore_cleanup_errors=True) as folder:
+        with undisturbed():
+            cluster = LocalCluster(
+                n_workers=workers or len(os.sched_getaffinity(0)),
+                threads_per_worker=1,
+                processes=True,
+                host=LOOPBACK,
+                dashboard_address=None,
+                local_directory=folder,
+                silence_logs=logging.CRITICAL,
+            )
+        with cluster, Client(cluster, set_as_default=False) as client:
+            client.register_plugin(OwnKernels())
+            yield client

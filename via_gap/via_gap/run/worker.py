@@ -1,0 +1,153 @@
+"""One diagnosis at a time in a process of its own, so that whoever asks for it keeps its pace and can end it at once.
+
+worker = Worker()
+worker.begin(Job(device, log))
+worker.poll()       # Progress, then a Finished or a Failed; None where nothing new has been said
+worker.cancel()     # ends the process; the next job gets a new one
+worker.close()
+
+A thread here waits for what the process says; the process runs at a lower priority and ends with its parent.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from via_core.devices import Device
+from via_core.errors import ViaError
+
+from via_gap.design.proposal import with_proposal
+from via_gap.diagnose import diagnose
+from via_gap.logs.log import JointLog, read_log
+from via_gap.run.undisturbed import undisturbed
+
+NICE = 10  # how much the process gives way to others
+PATIENCE = 1.0  # [s] that an ended process is waited for
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What to diagnose: a log, or a file that holds one."""
+
+    device: Device
+    source: JointLog | Path
+    joint_topic: str = "/joint_states"
+
+
+@dataclass(frozen=True)
+class Progress:
+    doing: str
+    share: float  # 0..1
+
+
+@dataclass(frozen=True)
+class Finished:
+    report: str  # JSON of a GapReport
+
+
+@dataclass(frozen=True)
+class Failed:
+    reason: str  # one line
+
+
+Said = Progress | Finished | Failed
+
+
+class Worker:
+    """Runs a Job at a time; `begin` starts the process where there is none."""
+
+    def __init__(self) -> None:
+        self._context = get_context("spawn")
+        self._process: Any = None
+        self._connection: Connection | None = None
+        self._heard: SimpleQueue[Said] = SimpleQueue()
+        self.busy = False
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process, where there is one."""
+        return None if self._process is None else int(self._process.pid)
+
+    def begin(self, job: Job) -> None:
+        """Start a job; there must be none under way."""
+        assert not self.busy
+        self.busy = True
+        self._heard = SimpleQueue()
+        if self._process is None or not self._process.is_alive():
+            self._start()
+        threading.Thread(
+            target=_converse, args=(self._connection, job, self._heard), name="diagnosis", daemon=True
+        ).start()
+
+    def poll(self, patience: float = 0.0) -> Said | None:
+        """The next thing the process said; None where it says nothing new within `patience` [s]."""
+        try:
+            said = self._heard.get(patience > 0.0, patience)
+        except Empty:
+            return None
+        if not isinstance(said, Progress):
+            self.busy = False
+        return said
+
+    def cancel(self) -> None:
+        """End the job and its process."""
+        process, self._process, self.busy = self._process, None, False
+        self._heard = SimpleQueue()
+        if process is None:
+            return
+        process.terminate()
+        process.join(PATIENCE)
+        if process.is_alive():
+            process.kill()
+            process.join()
+
+    close = cancel
+
+    def _start(self) -> None:
+        here, there = self._context.Pipe()
+        process = self._context.Process(target=_work, args=(there,), name="via_gap diagnosis", daemon=True)
+        with undisturbed():
+            process.start()
+        there.close()
+        self._process, self._connection = process, here
+
+
+def _converse(connection: Connection, job: Job, heard: SimpleQueue[Said]) -> None:
+    """Send the job and hand on what is said about it."""
+    try:
+        connection.send(job)
+        said: Said = connection.recv()
+        while isinstance(said, Progress):
+            heard.put(said)
+            said = connection.recv()
+        heard.put(said)
+    except (EOFError, OSError):
+        heard.put(Failed("the process of the diagnosis ended in the middle of it"))
+
+
+def _work(connection: Connection) -> None:
+    """The process: one job after another, until the parent is gone."""
+    os.nice(NICE)
+    try:
+        while True:
+            connection.send(_done(connection.recv(), connection))
+    except (EOFError, OSError):
+        return
+
+
+def _done(job: Job, connection: Connection) -> Said:
+    try:
+        log = job.source if isinstance(job.source, JointLog) else read_log(job.source, job.device, job.joint_topic)
+        report = diagnose([log], job.device, progress=lambda doing, share: connection.send(Progress(doing, share)))
+        return Finished(with_proposal(report, job.device).to_json())
+    except (ViaError, OSError) as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        return Failed(" ".join(str(error).split()))

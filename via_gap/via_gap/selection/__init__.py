@@ -1,0 +1,1 @@
+"""Which candidates the held-out data support."""

@@ -1,0 +1,131 @@
+"""What a torque that nobody has a name for may depend on: smooth and not so smooth functions of a measured motion.
+
+Polynomials of angle, speed, deflection, motor speed and command up to the third degree with all products; hats over
+each; signs of speeds softened at several widths, alone and times load; the way since the last reversal within several
+widths (play operators, of which hysteresis is made); commands as a drive would lag behind them; time. Together they
+come close to any effect that is a torque, whether or not a catalogue has it, with every weight linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+from via_core.signals import Array
+
+from via_gap.residual.segments import Shots
+
+STEP = 0.004  # [s] over which the functions are held
+SOFT = (0.02, 0.1, 0.5)  # [rad/s] widths of softened signs
+WAYS = (0.02, 0.1, 0.4)  # standard deviations: widths of plays
+LAGS = (0.01, 0.05)  # [s]
+KNOTS = 7  # of the hats over a quantity
+TIME_KNOTS = 10
+FAR = 3.0  # standard deviations beyond which a quantity counts as there
+
+
+@dataclass(frozen=True)
+class Wave:
+    """Sine and cosine of `order` times the angle of an axis that was seen, times the sign of its speed if `signed`."""
+
+    place: int  # of the axis in `Shots.axes`
+    order: int  # per turn
+    signed: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Functions of a motion, scaled by what the quantities were like in the logs they were made from.
+
+    mean, scale  (n,) of each quantity
+    knots        (n, KNOTS) where the hats stand
+    duration     [s] of the longest log
+    moving       columns of the commands that change within a log or from one to another
+    waves        what is added to the rest
+    """
+
+    mean: Array
+    scale: Array
+    knots: Array
+    duration: float
+    moving: tuple[int, ...]
+    waves: tuple[Wave, ...] = ()
+
+    @staticmethod
+    def of(shots: Sequence[Shots]) -> Basis:
+        commands = np.concatenate([each.commands for each in shots])
+        moving = tuple(int(column) for column in np.flatnonzero(np.ptp(commands, axis=0) > 0.0))
+        values = np.concatenate([_quantities(each, moving)[0] for each in shots])
+        scale = np.maximum(values.std(axis=0), 1e-9)
+        knots = np.quantile(values, np.linspace(0.02, 0.98, KNOTS), axis=0).T
+        knots += 1e-9 * scale[:, None] * np.arange(KNOTS)  # a quantity that never moves has them all in one place
+        return Basis(values.mean(axis=0), scale, knots, max(len(each.start) / each.rate for each in shots), moving)
+
+    def values(self, shots: Shots) -> Array:
+        """(steps, K) along a log, each held over `ticks_of` ticks."""
+        raw, speeds, angles, drives = _quantities(shots, self.moving)
+        z = np.clip((raw - self.mean) / self.scale, -FAR, FAR)
+        count = z.shape[1]
+        first, second = np.triu_indices(count)
+        columns = [np.ones((len(z), 1)), z, z[:, first] * z[:, second], z**3]
+        columns += [_hats(raw[:, i], self.knots[i]) for i in range(count)]
+        for i in speeds:
+            signs = np.tanh(raw[:, [i]] / np.array(SOFT))
+            columns += [signs, raw[:, [i]] * np.abs(raw[:, [i]]) / self.scale[i] ** 2]
+            columns += [signs[:, [1]] * np.abs(z[:, [j]]) for j in (*angles, *drives)]
+        columns.append(_plays(z[:, angles]))
+        for i in drives:
+            for lag in LAGS:
+                keep = np.exp(-STEP / lag)
+                behind = lfilter([1.0 - keep], [1.0, -keep], z[:, i], zi=[keep * z[0, i]])[0]
+                columns.append((z[:, i] - behind)[:, None])
+        time = np.arange(len(z)) * ticks_of(shots) / shots.rate / self.duration
+        columns += [_hats(time, np.linspace(0.0, 1.0, TIME_KNOTS)), time[:, None] * z]
+        columns += [wave_values(shots, wave) for wave in self.waves]
+        return np.hstack(columns)
+
+
+def wave_values(shots: Shots, wave: Wave) -> Array:
+    """(steps, 2) along a log, each held over `ticks_of` ticks."""
+    state, axis = shots.start[:: ticks_of(shots)], shots.axes[wave.place]
+    phase = wave.order * state[:, axis]
+    sign = np.tanh(state[:, 3 + axis] / SOFT[1]) if wave.signed else np.ones(len(state))
+    return np.stack([np.cos(phase) * sign, np.sin(phase) * sign], axis=1)
+
+
+def ticks_of(shots: Shots) -> int:
+    """Ticks over which the functions are held."""
+    return max(1, round(STEP * shots.rate))
+
+
+def _quantities(shots: Shots, moving: Sequence[int]) -> tuple[Array, list[int], list[int], list[int]]:
+    """(steps, n) angle, speed, deflections, motor speeds, commands; which are speeds, angles, commands."""
+    every = ticks_of(shots)
+    state, command = shots.start[::every], shots.commands[::every]
+    columns, speeds, angles, drives = [state[:, 0], state[:, 3]], [1], [0], []
+    for axis in shots.axes[1:]:
+        angles.append(len(columns))
+        speeds.append(len(columns) + 1)
+        columns += [state[:, 0] - state[:, axis], state[:, 3 + axis]]
+    for column in moving:
+        drives.append(len(columns))
+        columns.append(command[:, column])
+    return np.stack(columns, axis=1), speeds, angles, drives
+
+
+def _hats(values: Array, knots: Array) -> Array:
+    """(N, k) piecewise linear functions, 1 at one knot and 0 at all others."""
+    return np.stack([np.interp(values, knots, row) for row in np.eye(len(knots))], axis=1)
+
+
+def _plays(values: Array) -> Array:
+    """(N, a w) way of each of (N, a) from where a play of each of WAYS was last pushed to, over its width."""
+    widths = np.tile(WAYS, values.shape[1])
+    ways = np.repeat(values, len(WAYS), axis=1)
+    low, high, at = ways - widths, ways + widths, ways[0]
+    out = np.empty_like(ways)
+    for k in range(len(ways)):
+        out[k] = at = np.minimum(np.maximum(at, low[k]), high[k])
+    return (ways - out) / widths

@@ -1,0 +1,1 @@
+"""Sensor and clock errors that the measurements show by themselves."""
