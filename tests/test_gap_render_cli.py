@@ -4,8 +4,9 @@ import sys
 
 import pytest
 from via_bringup import cli
+from via_gap.logs.findings import Finding
 from via_gap.report.figures import Figures, JointSketch
-from via_gap.report.report import Finding, GapReport
+from via_gap.report.report import GapReport
 
 REFUSED = GapReport(
     joint="elbow", level="link only", logs=("run.csv",), holdout=("blocks of the same logs",), verdict="cannot_tell",

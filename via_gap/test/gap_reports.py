@@ -4,8 +4,10 @@ from functools import cache
 
 from gap_logs import flexible, log_of
 from via_gap.diagnose import diagnose
+from via_gap.logs.findings import Finding
 from via_gap.report.figures import Member, Trial
-from via_gap.report.report import Cause, Finding, Gap, GapReport, Place, Proposal, SignalGap, Value, Where
+from via_gap.report.report import Cause, GapReport, Place, Proposal, Value, Where
+from via_gap.selection.gap import Gap, SignalGap
 
 HOSTILE = "<script>document.title='taken'</script> & \"run\" 1.csv"  # a file may be called that
 VERDICTS = ("effect", "tied", "two_effects", "no_gap", "unknown", "cannot_tell", "refused", "readings")

@@ -7,20 +7,10 @@ import pytest
 from gap_logs import flexible, log_of, rigid, servo
 from scipy.optimize import lsq_linear
 from via_core.devices import Device
-from via_gap.candidates.fit import (
-    REACH,
-    Direction,
-    Fit,
-    directions,
-    fit_base,
-    member_slopes,
-    ranked,
-    ranked_pairs,
-    refine,
-    settled,
-)
+from via_gap.candidates.fit import Fit, fit_base, member_slopes, refine, settled
 from via_gap.candidates.location import Place, places
 from via_gap.candidates.scales import Scales, scales_of
+from via_gap.candidates.screen import REACH, Direction, directions, ranked, ranked_pairs
 from via_gap.candidates.starts import Start, amount_range
 from via_gap.diagnose import _cause
 from via_gap.residual.nuisance import BOUND

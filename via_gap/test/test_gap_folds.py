@@ -11,7 +11,8 @@ from via_gap.logs.log import JointLog
 from via_gap.logs.replay import simulated_log
 from via_gap.residual.nuisance import nuisances
 from via_gap.residual.residual_model import Problem
-from via_gap.residual.segments import Bench, whole_log
+from via_gap.residual.rollout import Bench
+from via_gap.residual.segments import whole_log
 from via_gap.selection.calibration import calibration
 from via_gap.selection.evidence import Judged, difference
 from via_gap.selection.folds import FOLDS, Folds

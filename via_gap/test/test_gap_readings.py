@@ -8,7 +8,8 @@ from gap_logs import flexible, log_of
 from via_core.signals import Signals
 from via_gap.logs.log import JointLog
 from via_gap.report.report import Cause, GapReport, Place, Where
-from via_gap.sensors.sensor_errors import misreadings, with_misreadings
+from via_gap.report.sensor_causes import with_misreadings
+from via_gap.sensors.sensor_errors import misreadings
 from via_sim.effects import Effect
 
 

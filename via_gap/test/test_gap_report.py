@@ -4,7 +4,8 @@ import json
 
 import pytest
 from via_core.errors import ParameterError
-from via_gap.report.report import Cause, Gap, GapReport, Place, SignalGap, Value, Where, read_report, shipped_schema
+from via_gap.report.report import Cause, GapReport, Place, Value, Where, read_report, shipped_schema
+from via_gap.selection.gap import Gap, SignalGap
 from via_sim.effects import Effect
 from via_sim.effects_file import load_effects, save_effects
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Place
-from via_gap.report.report import Gap
 from via_gap.selection.calibration import calibration
 from via_gap.selection.evidence import Judged
+from via_gap.selection.gap import Gap
 from via_gap.selection.verdict import against_ceiling, decide, helps
 
 FROZEN = calibration("flexible")

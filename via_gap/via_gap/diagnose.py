@@ -19,12 +19,14 @@ from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.candidates.location import Place, places, unjudged
 from via_gap.candidates.scales import scales_of
 from via_gap.logs.checks import check_log
+from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog, believed
 from via_gap.report.evidence_figures import evidence_figures, joint_sketch
 from via_gap.report.figures import Figures
 from via_gap.report.probability import shipped_numbers, with_probabilities
-from via_gap.report.report import Cause, Finding, Gap, GapReport, NuisanceValue, SignalGap, Value, Verdict, Where
+from via_gap.report.report import Cause, GapReport, NuisanceValue, Value, Where
 from via_gap.report.report import Place as Named
+from via_gap.report.sensor_causes import with_misreadings
 from via_gap.report.withheld import runs_free, stretches
 from via_gap.residual.equations import weak_residuals
 from via_gap.residual.errors import Errors, equation_errors, free_errors, shot_errors
@@ -32,15 +34,17 @@ from via_gap.residual.inverse_dynamics import EquationBench
 from via_gap.residual.nuisance import BOUND
 from via_gap.residual.repaired_device import repaired_device
 from via_gap.residual.residual_model import AnyBench, Problem
-from via_gap.residual.segments import Bench, Indices, Shots, cut_log, whole_log
+from via_gap.residual.rollout import Bench
+from via_gap.residual.segments import Indices, Shots, cut_log, whole_log
 from via_gap.selection.bound import flexible, lower
 from via_gap.selection.calibration import calibration
 from via_gap.selection.evidence import Judged, judge
 from via_gap.selection.folds import STANDARD_ERRORS, Folds
+from via_gap.selection.gap import Gap, SignalGap
 from via_gap.selection.holdout import one_sided, split, split_finely
 from via_gap.selection.search import Progress, Search
-from via_gap.selection.verdict import Decision, against_ceiling, decide
-from via_gap.sensors.sensor_errors import misreadings, with_misreadings
+from via_gap.selection.verdict import Decision, Verdict, against_ceiling, decide
+from via_gap.sensors.sensor_errors import misreadings
 from via_gap.sensors.stamps import told_apart
 
 

@@ -1,16 +1,12 @@
-"""Fit every candidate cause together with the device's own numbers.
+"""Fit of a candidate's effects together with the device's own numbers, by Gauss-Newton with finite differences.
 
-First a screen: at each start of each candidate one simulation gives the direction in which the effect moves the
-residual; how much of the residual lies in that direction, once the nuisance parameters have taken theirs, ranks the
-candidates. The best are refined by Gauss-Newton with finite differences, inside the effects' bounds, with a line search
-on the true simulation, so that nothing is accepted that does not help.
+Steps stay inside the bounds of the effects; a line search on the true simulation accepts only what lowers the loss.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +17,10 @@ from via_sim.effects import Effect
 
 from via_gap.candidates.location import Place
 from via_gap.candidates.scales import Scales
-from via_gap.candidates.starts import Start, amount_range, combined, size_of, starts
+from via_gap.candidates.starts import size_of
 from via_gap.residual.nuisance import BOUND, descend
 from via_gap.residual.residual_model import STEP, Problem
 
-REACH = 12.0  # times its start: how far the screen extrapolates an effect
-LEAST = 0.02  # times its start: with less of an effect a fit would not find its way
-BATCH = 16  # starts that are simulated at once
 ROUNDS = 14
 SPARSE = 6  # two of so many neighbouring shots are enough to come near the device's own numbers
 LEAST_STEP = 0.003  # of the typical size of a parameter: a finite difference
@@ -170,132 +163,11 @@ class _Axes:
         return (moved - residual).T / steps
 
 
-@dataclass(frozen=True, eq=False)
-class Direction:
-    """What one start of a candidate does: change (R, k) of a residual by each of its directions."""
-
-    place: Place
-    start: Start
-    moved: Array
-
-
-Members = list[tuple[Place, list[float]]]  # and the values they have or start from
-Ranked = list[tuple[float, Place, list[float]]]  # predicted loss, place, values to start from; best first
-
-
-def directions(problem: Problem, base: Fit, candidates: Sequence[Place], scales: Scales) -> list[Direction]:
-    """Every start of every candidate beside the effects of `base`, simulated once."""
-    tried: list[tuple[Place, Start, list[Array]]] = []
-    for place in candidates:
-        for start in starts(place, scales, problem.device):
-            rows = [
-                problem.row_or_none([*base.effects, make(place, list(direction.values()))], base.deviations)
-                for direction in start.directions
-            ]
-            there = [row for row in rows if row is not None]
-            if len(there) == len(start.directions):
-                tried.append((place, start, there))
-    found = []
-    for first in range(0, len(tried), BATCH):
-        batch = tried[first : first + BATCH]
-        moved = problem.residual([row for _, _, rows in batch for row in rows]) - base.residual
-        at = 0
-        for place, start, made in batch:
-            found.append(Direction(place, start, moved[at : at + len(made)].T))
-            at += len(made)
-    return found
-
-
 def member_slopes(problem: Problem, fit: Fit, scales: Scales) -> Array:
     """(R, k) of the residual along those parameters of a fit's effects on which it depends smoothly."""
     axes = _Axes.of(problem, fit.places, scales)
     slopes = axes.slopes(axes.point(fit.deviations, fit.values), fit.residual)
     return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0) & ~axes.times]
-
-
-def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array | None = None) -> Ranked:
-    """Candidates by the loss that the best amounts of their directions would leave of `base`'s residual (R,).
-
-    slopes  (R, k) of the residual along what `base`'s effects may give way: a cause that is to join them often shows
-            only once they stand elsewhere. None: they stay
-
-    Where an effect is not linear in its amounts, the true simulation of the result would be better or worse than
-    predicted, which `refine` finds out. Directions simulated beside other effects than those of `base` tell roughly.
-    """
-    if slopes is not None and slopes.shape[1]:
-        basis = np.linalg.qr(slopes)[0]
-        jacobian = jacobian - basis @ (basis.T @ jacobian)
-        base = replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
-        tried = [replace(each, moved=each.moved - basis @ (basis.T @ each.moved)) for each in tried]
-    screen = _Screen.of(base, jacobian, tried)
-    alone = map(screen.left, combinations(screen.best_starts(), 1))
-    return sorted(((loss, place, values) for loss, ((place, values),) in alone), key=lambda each: each[0])
-
-
-def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list[tuple[float, Members]]:
-    """Every two candidates by the loss that the best amounts of both together would leave, as `ranked` does each alone.
-
-    Of each candidate only the start that is best alone is combined with others.
-    """
-    screen = _Screen.of(base, jacobian, tried)
-    return sorted(map(screen.left, combinations(screen.best_starts(), 2)), key=lambda each: each[0])
-
-
-@dataclass(frozen=True, eq=False)
-class _Screen:
-    """Normal equations of the nuisances (J) and all directions tried (K): what any of these would leave together.
-
-    low    (J + K,) ends of what nuisances and amounts may do; high likewise
-    first  columns at which the directions of each begin, and where the last end
-    """
-
-    base: Fit
-    tried: Sequence[Direction]
-    normal: Array
-    gradient: Array
-    low: Array
-    high: Array
-    first: Sequence[int]
-
-    @staticmethod
-    def of(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> _Screen:
-        count = len(base.deviations)
-        whole = np.hstack([jacobian, *(each.moved for each in tried)])
-        normal, gradient = whole.T @ whole, -(whole.T @ base.residual)
-        normal[range(len(normal)), range(len(normal))] += np.where(np.arange(len(normal)) < count, 1.0, 1e-9)
-        gradient[:count] -= base.deviations
-        ranges = [amount_range(each.place, each.start, REACH) for each in tried]
-        low = np.concatenate([-BOUND - base.deviations, *(lows for lows, _ in ranges)])
-        high = np.concatenate([BOUND - base.deviations, *(highs for _, highs in ranges)])
-        first = count + np.cumsum([0, *(each.moved.shape[1] for each in tried)])
-        return _Screen(base, tried, normal, gradient, low, high, [int(each) for each in first])
-
-    def best_starts(self) -> list[int]:
-        """Of each place the one start that is best alone, by its place in `tried`."""
-        best: dict[Place, tuple[float, int]] = {}
-        for number, each in enumerate(self.tried):
-            loss, _ = self.left((number,))
-            if each.place not in best or loss < best[each.place][0]:
-                best[each.place] = (loss, number)
-        return [number for _, number in best.values()]
-
-    def left(self, which: Sequence[int]) -> tuple[float, Members]:
-        """Predicted loss with the best amounts of some of `tried` and the nuisances moved along, and their values."""
-        count = len(self.base.deviations)
-        columns = [np.arange(self.first[each], self.first[each + 1]) for each in which]
-        chosen = np.concatenate([np.arange(count), *columns])
-        normal, gradient = self.normal[np.ix_(chosen, chosen)], self.gradient[chosen]
-        low, high = self.low[chosen], self.high[chosen]
-        step = descend(normal, gradient, np.clip(np.zeros(len(chosen)), low, high), low, high)
-        loss = self.base.loss - 2.0 * float(gradient @ step) + float(step @ normal @ step)
-        members, at = [], count
-        for number, own in zip(which, columns, strict=True):
-            amounts, each = step[at : at + len(own)], self.tried[number]
-            at += len(own)
-            if not np.any(np.abs(amounts) > LEAST):
-                amounts = np.clip(np.full(len(own), LEAST), self.low[own], self.high[own])
-            members.append((each.place, combined(each.place, each.start, [float(a) for a in amounts])))
-        return loss, members
 
 
 def _settle_times(

@@ -11,19 +11,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import nnls
 from via_core.devices import Device
 from via_core.signals import Array
 
-from via_gap.report.figures import Quantity
-from via_gap.report.report import Region
+from via_gap.logs.findings import Number, Record, Share
 from via_gap.residual.equations import Residual
 from via_gap.residual.segments import Shots
 
+Quantity = Literal["speed", "deflection", "angle", "motor angle", "torque", "time", "reversal"]
 BINS = 5
 STANDS_OUT = 1.6  # times its share of the data: a region that is named
+
+
+class Region(Record):
+    """A range of one quantity that holds more of the gap than its share of the data."""
+
+    by: Quantity
+    unit: str
+    low: Number
+    high: Number
+    share: Share  # of the excess residual energy
+    data: Share  # of the samples
 
 
 @dataclass(frozen=True)

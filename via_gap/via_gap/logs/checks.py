@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from via_core.devices import TorqueMotor
 from via_core.signals import Array
 
+from via_gap.logs.findings import Finding
 from via_gap.logs.log import ERRATIC, JointLog, jumps
-from via_gap.report.report import Finding
 
 Severity = Literal["refuse", "downgrade", "note"]
 SHORTEST = 1.0  # [s]

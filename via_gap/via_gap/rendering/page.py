@@ -17,12 +17,13 @@ from via_core.devices import device_names
 from via_core.errors import ViaError
 from via_sim.effects_file import effects_text
 
+from via_gap.candidates.localisation import Region
 from via_gap.rendering import words
 from via_gap.rendering.joint_picture import joint_picture
 from via_gap.rendering.numbers import chance, number, percent, raised, with_sd
 from via_gap.rendering.pictures import Drawn, Row, after_words, error_rows, gap_ladder, residual_rows, trace_rows
 from via_gap.report.figures import JointSketch
-from via_gap.report.report import Cause, GapReport, Region
+from via_gap.report.report import Cause, GapReport
 
 NEAREST = 3  # causes that are drawn where none is the answer
 LIKELY = 0.01  # probability from which a cause is drawn as one; the others are in the table of what was ruled out

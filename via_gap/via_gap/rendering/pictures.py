@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from via_gap.candidates.localisation import Quantity
 from via_gap.rendering.chart import Curve, Panel, Rung, chart, ladder
 from via_gap.rendering.words import SIGNALS, capital
-from via_gap.report.figures import ErrorFigure, Quantity, ResidualFigure, TraceFigure
-from via_gap.report.report import Gap, GapReport
+from via_gap.report.figures import ErrorFigure, ResidualFigure, TraceFigure
+from via_gap.report.report import GapReport
+from via_gap.selection.gap import Gap
 
 AXES = {"q": "the link", "theta_1": "motor 1", "theta_2": "motor 2", "tau": "the link"}
 UNITS = {"tau": "N m"}  # of signals that are not angles

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.location import OF_READINGS
+from via_gap.logs.findings import Finding
 from via_gap.rendering.numbers import number, percent
 from via_gap.report.figures import Member, Trial
-from via_gap.report.report import Cause, Finding, GapReport, Place, Proposal, Where
+from via_gap.report.report import Cause, GapReport, Place, Proposal, Where
 
 Spot = tuple[str, str, int]  # effect, site, motor
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}

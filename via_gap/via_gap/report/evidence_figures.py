@@ -19,6 +19,7 @@ from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 from via_sim.torques import EXTERNAL
 
+from via_gap.candidates.localisation import Quantity
 from via_gap.candidates.location import OF_READINGS, Place
 from via_gap.logs.log import JointLog
 from via_gap.logs.replay import simulated_log
@@ -28,7 +29,6 @@ from via_gap.report.figures import (
     Figures,
     JointSketch,
     Member,
-    Quantity,
     ResidualBin,
     ResidualFigure,
     TraceFigure,

@@ -7,18 +7,15 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-Quantity = Literal["speed", "deflection", "angle", "motor angle", "torque", "time", "reversal"]
-Number = Annotated[float, Field(allow_inf_nan=False)]
+from via_gap.candidates.localisation import Quantity
+from via_gap.logs.findings import Number, Record
+
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Member(_Part):
+class Member(Record):
     """An effect at a site; `motor` numbers motors, transmissions and sensors, 0 the link's or none."""
 
     effect: str
@@ -26,7 +23,7 @@ class Member(_Part):
     motor: int = 0
 
 
-class JointSketch(_Part):
+class JointSketch(Record):
     """What a picture of the joint needs to know."""
 
     arrangement: Literal["rigid", "flexible", "antagonistic", "serial"]
@@ -35,7 +32,7 @@ class JointSketch(_Part):
     torque_seen: bool
 
 
-class ResidualBin(_Part):
+class ResidualBin(Record):
     """Windows whose quantity lies in [low, high]: torque that acts on the axis and is not in the model.
 
     centre median of the quantity
@@ -52,7 +49,7 @@ class ResidualBin(_Part):
     floor: NotNegative
 
 
-class ResidualFigure(_Part):
+class ResidualFigure(Record):
     """Residual of one equation of the device, its numbers tuned inside their tolerance, against one quantity."""
 
     equation: str  # link, motor 1, motor 2
@@ -61,7 +58,7 @@ class ResidualFigure(_Part):
     bins: tuple[ResidualBin, ...]
 
 
-class ErrorBin(_Part):
+class ErrorBin(Record):
     """Held-out samples whose quantity lies in [low, high], median `centre`: rms of simulated minus measured.
 
     [rad], of signal tau [N m].
@@ -75,7 +72,7 @@ class ErrorBin(_Part):
     floor: NotNegative
 
 
-class ErrorFigure(_Part):
+class ErrorFigure(Record):
     """Error of one simulated signal, before and after the repair, against one quantity."""
 
     signal: str
@@ -84,7 +81,7 @@ class ErrorFigure(_Part):
     bins: tuple[ErrorBin, ...]
 
 
-class TraceFigure(_Part):
+class TraceFigure(Record):
     """One signal over a held-out stretch [rad]: measured, and simulated by the device as filed and as repaired.
 
     Signal tau [N m]: the drive's torque as it was sent, and as the motion needs it by the two models.
@@ -104,7 +101,7 @@ class TraceFigure(_Part):
     restarts: tuple[int, ...] = ()
 
 
-class Trial(_Part):
+class Trial(Record):
     """A cause, or several together, fitted to the end and judged on held-out data.
 
     left       of the squared held-out error, relative to the device's tuned numbers alone
@@ -118,7 +115,7 @@ class Trial(_Part):
     behind_sd: NotNegative
 
 
-class Figures(_Part):
+class Figures(Record):
     """The numbers behind the pictures of one report.
 
     trials      best score first

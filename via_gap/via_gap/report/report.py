@@ -12,38 +12,23 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from via_core.errors import ParameterError
 from via_sim.catalogue import DEVICE_NUMBERS
 from via_sim.effects import Effect
 from via_sim.effects_file import save_effects
 
-from via_gap.report.figures import Figures, Quantity
+from via_gap.candidates.localisation import Region
+from via_gap.logs.findings import Finding, Number, Record, Share
+from via_gap.report.figures import Figures
+from via_gap.selection.gap import Gap
+from via_gap.selection.verdict import Verdict
 
 DEVIATIONS = 1.96  # of a normal distribution to either side hold 95 %
-SITES = ("command", "motor", "transmission", "link", "sensor", "timing", "environment")
-Verdict = Literal["effect", "two_effects", "no_gap", "unknown", "cannot_tell"]
 Site = Literal["command", "motor", "transmission", "link", "sensor", "timing", "environment"]
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Region(_Part):
-    """A range of one quantity that holds more of the gap than its share of the data."""
-
-    by: Quantity
-    unit: str
-    low: Number
-    high: Number
-    share: Share  # of the excess residual energy
-    data: Share  # of the samples
-
-
-class Where(_Part):
+class Where(Record):
     """Where the gap lies; several entries, largest share first."""
 
     joint: str
@@ -54,13 +39,13 @@ class Where(_Part):
     regions: tuple[Region, ...] = ()
 
 
-class Value(_Part):
+class Value(Record):
     value: Number
     sd: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
     unit: str
 
 
-class Cause(_Part):
+class Cause(Record):
     """One effect at one place, with what speaks for it."""
 
     effect: str
@@ -73,49 +58,14 @@ class Cause(_Part):
     score: Number  # mean log squared error of the held-out shots, in units of the noise
 
 
-class Place(_Part):
+class Place(Record):
     effect: str
     site: Site
     joint: str
     motor: int = 0
 
 
-class SignalGap(_Part):
-    """Error of a simulated signal over the standard deviation of the measured one, on held-out data."""
-
-    before: Number
-    after: Number
-    floor: Number
-    ceiling: Number
-    closes: Number
-
-
-class Gap(_Part):
-    """The gap over all signals: root mean square of those of each.
-
-    before    the device file as it stands
-    tuned     its numbers moved inside their tolerance, no effect
-    after     those numbers and the effects named
-    interval  95 % of `after`, from resampled blocks
-    floor     what the sensors alone leave
-    ceiling   what is left by the best this diagnosis reaches: a flexible model of each equation, or the named effects
-    closes    (before - after) / (before - ceiling)
-    by        'shots': short runs from measured states; 'free run': one run over the whole log;
-              'equations': torque that the link's equation lacks, against the drive's
-    """
-
-    by: Literal["shots", "free run", "equations"]
-    before: Number
-    tuned: Number
-    after: Number
-    interval: tuple[Number, Number]
-    floor: Number
-    ceiling: Number
-    closes: Number
-    signals: dict[str, SignalGap]
-
-
-class NuisanceValue(_Part):
+class NuisanceValue(Record):
     """A number of the device as filed and as fitted together with the effects."""
 
     name: str
@@ -126,7 +76,7 @@ class NuisanceValue(_Part):
     at_bound: bool
 
 
-class Stretch(_Part):
+class Stretch(Record):
     """Part of a log that was judged and not fitted; [s] since its first sample.
 
     The sample at `begin` is in it, that at `end` only where the log ends.
@@ -137,18 +87,7 @@ class Stretch(_Part):
     end: Number
 
 
-class Finding(_Part):
-    """One thing the data check noticed."""
-
-    log: str
-    check: str
-    signal: str
-    severity: Literal["refuse", "downgrade", "note"]
-    value: Number
-    text: str
-
-
-class Proposal(_Part):
+class Proposal(Record):
     """A short motion that would separate the causes that this log cannot."""
 
     separates: tuple[Place, ...]
@@ -159,7 +98,7 @@ class Proposal(_Part):
     text: str = ""  # which, why, and what the log must hold, in one sentence
 
 
-class GapReport(_Part):
+class GapReport(Record):
     version: Literal["1"] = "1"
     joint: str
     level: Literal["full", "no torque", "link only", "commands only"]

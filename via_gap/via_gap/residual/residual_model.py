@@ -18,7 +18,8 @@ from via_sim.plants import JointPlant
 
 from via_gap.residual.inverse_dynamics import EquationBench
 from via_gap.residual.nuisance import BOUND, Nuisance, apply_all, descend, nuisances
-from via_gap.residual.segments import Bench, Indices, Shots
+from via_gap.residual.rollout import Bench
+from via_gap.residual.segments import Indices, Shots
 
 AnyBench = Bench | EquationBench
 STEP = 0.01  # of a nuisance parameter: step of its finite differences

@@ -1,26 +1,13 @@
-"""A log cut into short shots: each simulated from the measured state, compared with what was measured from there on.
+"""Short segments of a log, as in multiple shooting: where each starts, what was commanded, what was measured.
 
-A torque-driven joint run freely under recorded torques drifts off for any small error, and says nothing after a second.
-Restarted every quarter of a second it says what the model lacks *there*. Between two shots only angles and velocities
-of the axes that were seen are set anew, and what bristles and slipping springs hold after such a motion (memory.py);
-what else the state holds (commands under way, angles that nobody measured) goes on. Where a shot starts is known only
-as well as the sensors tell: what a wrong start does (to first order, by runs that start beside it) is correlated noise
-of the shot, and every comparison is whitened by it,
-
-    e' (1 + A S A')^-1 e = |w|^2,   w = e - U (1 - 1 / sqrt(1 + s^2)) U' e,   U s V' = A S^1/2
-
-with the error e in units of the noise, A the sensitivities, S the variances of the start. A start of which nothing is
-known would be projected out, a certain one ignored.
+A torque-driven joint that is simulated from the first sample drifts off for any small error and is uninformative after
+a second. Restarted every quarter of a second, the simulation shows what the model lacks in that segment (rollout.py).
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from copy import copy
-from dataclasses import dataclass, field, replace
-from functools import cache
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
@@ -28,18 +15,12 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 from via_core.errors import SignalError
 from via_core.signals import Array
-from via_sim.catalogue import MAX_DELAY
-from via_sim.lockstep import LANES, run_many
-from via_sim.parameters import DYNAMIC, SERVO, P
-from via_sim.plants import JointPlant
-from via_sim.readings import stride, true_angle
 from via_sim.simulate import command_rows
-from via_sim.torques import EXTERNAL, HISTORY, N_COMMANDS, QUEUED, X
+from via_sim.torques import EXTERNAL, N_COMMANDS
 
 from via_gap.logs.checks import step_of
 from via_gap.logs.log import JointLog
 from via_gap.logs.replay import FIRST_SAMPLES
-from via_gap.residual.memory import HELD, held_along, with_memory
 from via_gap.residual.rounding import between, correlation, mean_variance, slope_order, variances
 
 Indices = NDArray[np.intp]
@@ -53,8 +34,6 @@ BESIDE_MOTORS = ("damping", "external_torque", "neighbour", "arm_torque")  # com
 ROUNDED = 1e-6  # of a tick
 LOST = 1.5  # periods from a sample to the next: one between them was lost
 RESTS = 0.01  # [rad] within which an axis rests when a log begins
-LEAD = 0.06  # [s] longer than any lag between channels
-THREADS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,209 +272,3 @@ def _torque_after(log: JointLog, grid: Array) -> Array:
     seen = np.isfinite(log.measured["tau"]).all(axis=1)
     time, tau = log.measured.time[seen], log.measured["tau"][seen]
     return tau[np.clip(np.searchsorted(time, grid + 0.5 * (grid[1] - grid[0])), 0, len(time) - 1)]
-
-
-@cache
-def _threads() -> ThreadPoolExecutor:
-    """One pool for all benches of a process: what a fit asks for takes hardly longer than to start two threads."""
-    return ThreadPoolExecutor(THREADS)
-
-
-os.register_at_fork(after_in_child=_threads.cache_clear)  # threads do not survive a fork
-
-
-@dataclass(frozen=True, eq=False)
-class Bench:
-    """Chosen shots of a log, ready to be simulated with any parameter row.
-
-    chosen       indices of shots, ascending
-    basis        orthonormal (C, b a, k): what a wrong start does to each shot, in units of the noise
-    shrink       (C, k) how much of a residual along each of them is put down to the start
-    """
-
-    shots: Shots
-    chosen: Indices
-    nominal: Array  # (N_PARAMETERS,) row for this rate
-    basis: Array = field(init=False)
-    shrink: Array = field(init=False)
-    lead: int = field(init=False)  # ticks that are simulated before the first shot of a stretch
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "lead", self.shots.ticks)
-        basis, shrink = self._sensitivity(self.nominal)
-        object.__setattr__(self, "basis", basis)
-        object.__setattr__(self, "shrink", shrink)
-
-    @staticmethod
-    def of(shots: Shots, chosen: Indices) -> Bench:
-        return Bench(shots, chosen, JointPlant.from_device(shots.log.device).at_rate(shots.rate))
-
-    def part(self, which: Indices) -> Bench:
-        """Some of the shots, by their places in `chosen`; where all axes were seen, a short lead is enough for them."""
-        other = copy(self)
-        object.__setattr__(other, "chosen", self.chosen[which])
-        object.__setattr__(other, "basis", self.basis[which])
-        object.__setattr__(other, "shrink", self.shrink[which])
-        if all(self.shots.log.motors_seen):
-            object.__setattr__(other, "lead", min(round(LEAD * self.shots.rate), self.shots.ticks))
-        return other
-
-    @property
-    def size(self) -> int:
-        """Whitened values per shot."""
-        return self.shots.measured.shape[1] * len(self.shots.axes)
-
-    def motion(self, rows: Array, offset: Array | None = None, commands: Array | None = None) -> Array:
-        """Angles as compared (K, C, b, a) [rad] of rows (K, N_PARAMETERS).
-
-        offset    (6,) is added to every start
-        commands  (K, T, N_COMMANDS) of each row, instead of the log's
-
-        Every stretch of neighbouring shots with every row is a run of its own; runs of about one length go in lockstep.
-        """
-        stretches = self._stretches()
-        out = np.empty((len(rows), len(self.chosen), *self.shots.measured.shape[1:]))
-        order = np.argsort(-stretches[:, 1], kind="stable")
-        runs = np.stack([np.tile(np.arange(len(rows)), len(order)), np.repeat(order, len(rows))], axis=1)
-        size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # as many on every thread
-        pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
-        drive = self.shots.commands[None] if commands is None else commands
-        held = None  # by elements with memory, where every angle they hang on was seen
-        if with_memory(rows).any() and all(self.shots.log.motors_seen):
-            held = held_along(rows, self.shots.start[:, :3], self.shots.begin[self.chosen])
-        if len(pieces) == 1:
-            self._run(rows, offset, drive, held, stretches, pieces[0], out)
-            return out
-        pool = _threads()  # the kernel releases the GIL
-        for job in [pool.submit(self._run, rows, offset, drive, held, stretches, piece, out) for piece in pieces]:
-            job.result()
-        return out
-
-    def _stretches(self) -> Indices:
-        """(n, 2): place in `chosen` of the first shot of each stretch of neighbours, and how many they are."""
-        first = np.flatnonzero(np.concatenate(([True], np.diff(self.chosen) != 1)))
-        return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
-
-    def _run(
-        self, rows: Array, offset: Array | None, drive: Array, held: Array | None, stretches: Indices, runs: Indices,
-        out: Array,
-    ) -> None:  # fmt: skip
-        """The `runs` (n, 2), row and stretch each; of one with fewer shots than another the lane ends."""
-        shots, axes = self.shots, list(self.shots.axes)
-        known = np.array([*axes, *(3 + axis for axis in axes)])
-        first, count = stretches[runs[:, 1]].T
-        warm = np.maximum(shots.begin[self.chosen[first]] - self.lead, 0)  # before that, nobody knows what is not seen
-        sent = drive.reshape(-1, drive.shape[2])
-        under = runs[:, 0] % len(drive) * drive.shape[1]  # where each run's commands begin in all that were sent
-        states = self._fresh(warm, sent, under)
-        ahead = np.flatnonzero(self.chosen[first] > 0)
-        if ahead.size:
-            begun, moved = states[ahead], np.empty((len(ahead), self.lead + 1, 6))
-            run_many(rows[runs[ahead, 0]], begun, sent, under[ahead] + warm[ahead], moved)
-            states[ahead] = begun
-        moved = np.empty((len(runs), shots.ticks + 1, 6))
-        for j in range(int(count.max())):
-            left = int(np.sum(count > j))  # runs come longest first
-            here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
-            begin = shots.begin[self.chosen[here]]
-            state[:, known] = self._starts(run, begin)[:, known]
-            if held is not None:
-                state[:, X.bristle : X.bristle + HELD] = held[runs[:left, 0], here]
-            if offset is not None:
-                state[:, :6] += offset
-            self._remembered(run, begin, state)
-            run_many(run, state, sent, under[:left] + begin, moved[:left])
-            out[runs[:left, 0], here] = binned(moved[:left][:, :, axes], shots.every, shots.averaged)
-
-    def _fresh(self, ticks: Indices, sent: Array, under: Indices) -> Array:
-        """State rows (n, .) at ticks: what was seen, commands under way, motors that were not seen at their command."""
-        shots = self.shots
-        length = ceil(MAX_DELAY * shots.rate) + 2
-        states = np.zeros((len(ticks), X.queue + QUEUED * length))
-        states[:, X.tick] = ticks
-        known = np.isfinite(shots.rest)
-        queue = states[:, X.queue :].reshape(len(ticks), length, QUEUED)
-        each = np.arange(len(ticks))
-        before = ticks[:, None] - np.arange(1, length + 1)
-        queue[each[:, None], before % length] = sent[under[:, None] + np.maximum(before, 0), :QUEUED]
-        early, back = np.nonzero(before < 0)
-        for axis in (1, 2):  # servos stood where they were before the log began
-            if known[axis] and self.nominal[P.axis_kind + axis] == SERVO:
-                queue[early, before[early, back] % length, axis - 1] = shots.rest[axis]
-        for axis in range(3):
-            if axis in shots.axes:
-                states[:, [axis, 3 + axis]] = shots.start[ticks][:, [axis, 3 + axis]]
-                continue
-            if self.nominal[P.axis_kind + axis] == SERVO:
-                states[:, axis] = sent[under + ticks, axis - 1]
-            elif self.nominal[P.axis_kind + axis] == DYNAMIC:
-                states[:, axis] = shots.start[ticks, 0]
-            if known[axis]:
-                states[ticks == 0, axis] = shots.rest[axis]
-        history = states[:, X.history : X.queue].reshape(len(ticks), -1, 6)
-        history[:, :, :3] = states[:, None, :3]
-        return states
-
-    def _starts(self, rows: Array, ticks: Indices) -> Array:
-        """Where shots start (n, 6): as read there, errors that a row gives its encoders undone."""
-        shots = self.shots
-        states = shots.start[ticks]
-        for axis in shots.axes:
-            skew, swing = rows[:, P.skew + axis] * shots.rate, rows[:, P.eccentricity + axis]
-            late = np.flatnonzero(skew)
-            if late.size:
-                at = np.minimum(ticks[late] + skew[late], len(shots.start) - 1.0)
-                low = at.astype(int)
-                share = (at - low)[:, None]
-                high = np.minimum(low + 1, len(shots.start) - 1)
-                both = [axis, 3 + axis]
-                moved = (1.0 - share) * shots.start[low][:, both] + share * shots.start[high][:, both]
-                states[late, axis], states[late, 3 + axis] = moved[:, 0], moved[:, 1]
-            states[:, axis] = true_angle(rows, axis, states[:, axis])
-            if swing.any():
-                states[:, 3 + axis] /= 1.0 + swing * np.cos(states[:, axis] + rows[:, P.eccentricity_phase + axis])
-        return states
-
-    def _remembered(self, rows: Array, ticks: Indices, states: Array) -> None:
-        """Where axes were before shots that start at `ticks` (n,), for encoders that read late, into states (n, .).
-
-        A late encoder's first readings of a shot are of the time before it: as it read then, not as the shot before it
-        ran, which ended somewhere else.
-        """
-        skews = rows[:, [P.skew + axis for axis in self.shots.axes]].max(axis=1)
-        late = np.flatnonzero(skews > 0.0)
-        if not late.size:
-            return
-        every = stride(1.0 / self.shots.rate)
-        past, history = rows[late], states[late, X.history : X.queue].reshape(len(late), HISTORY, 6)
-        known = [*self.shots.axes, *(3 + axis for axis in self.shots.axes)]
-        for back in range(min(ceil(float(skews.max()) * self.shots.rate / every) + 2, HISTORY)):
-            which = ticks[late] // every - back
-            there = self._starts(past, np.maximum(which * every, 0))
-            history[np.arange(len(late))[:, None], (which % HISTORY)[:, None], known] = there[:, known]
-        states[late, X.history : X.queue] = history.reshape(len(late), -1)
-
-    def _sensitivity(self, row: Array) -> tuple[Array, Array]:
-        """Directions and shares for `residual`, by runs that start one standard deviation beside the measured state."""
-        steps = []
-        for axis, noise in zip(self.shots.axes, self.shots.start_noise, strict=True):
-            for slot, size in ((axis, noise[0]), (3 + axis, noise[1])):
-                offset = np.zeros(6)
-                offset[slot] = size
-                steps.append(offset)
-        plain = self.motion(row[None])[0]
-        columns = np.stack([self.motion(row[None], offset)[0] - plain for offset in steps], axis=-1)
-        columns = columns * (self.shots.weight[self.chosen] / self.shots.noise)[..., None]
-        flat = columns.reshape(len(self.chosen), self.size, len(steps))
-        basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
-        return basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
-
-    def residual(self, rows: Array, commands: Array | None = None) -> Array:
-        """Whitened measured minus simulated (K, C, b a), under commands as of `motion`; what overflowed is huge."""
-        shots = self.shots
-        scale = shots.weight[self.chosen] / shots.noise
-        error = (shots.measured[self.chosen] - self.motion(rows, commands=commands)) * scale
-        flat = error.reshape(len(rows), len(self.chosen), self.size)
-        flat = np.clip(np.nan_to_num(flat, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
-        along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
-        return flat - np.einsum("crk,Kck->Kcr", self.basis, along)

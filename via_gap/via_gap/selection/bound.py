@@ -21,7 +21,8 @@ from via_sim.torques import EXTERNAL, M1
 from via_gap.candidates.fit import Fit
 from via_gap.residual.errors import Errors
 from via_gap.residual.residual_model import Problem
-from via_gap.residual.segments import Bench, Shots
+from via_gap.residual.rollout import Bench
+from via_gap.residual.segments import Shots
 from via_gap.selection.basis import Basis, Wave, ticks_of, wave_values
 
 PIECES = 10  # of a shot, over which a pulse of torque lasts

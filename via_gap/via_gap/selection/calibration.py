@@ -28,7 +28,6 @@ class Calibration(BaseModel):
     significance: float
     margin: float
     temperature: float
-    signature: float
     largest_set: int
     parsimony: float
     rare: dict[str, float]

@@ -120,9 +120,3 @@ def needless(each: Judged, simpler: Judged, calibration: Calibration) -> bool:
         return False
     gain, deviation = difference(simpler, each)
     return gain < max(calibration.margin, calibration.significance * deviation)
-
-
-def signature_correlation(a: Array, b: Array) -> float:
-    """|cosine| between what two effects do to a residual, both (R,)."""
-    size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return abs(float(a @ b)) / size if size > 0.0 else 0.0

@@ -13,19 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.candidates.fit import (
-    Direction,
-    Fit,
-    Members,
-    directions,
-    events,
-    member_slopes,
-    ranked,
-    ranked_pairs,
-    refine,
-)
+from via_gap.candidates.fit import Fit, events, member_slopes, refine
 from via_gap.candidates.location import Place
 from via_gap.candidates.scales import KEPT_ORDERS, Scales
+from via_gap.candidates.screen import Direction, Members, directions, ranked, ranked_pairs
 from via_gap.candidates.subset import thinned
 from via_gap.residual.residual_model import Problem
 from via_gap.selection.calibration import Calibration

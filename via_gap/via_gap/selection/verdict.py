@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Place
-from via_gap.report.report import Gap, Verdict
 from via_gap.selection.calibration import Calibration
 from via_gap.selection.evidence import NOISE, Judged, cost, difference, needless, probabilities, significant
+from via_gap.selection.gap import Gap
 
+Verdict = Literal["effect", "two_effects", "no_gap", "unknown", "cannot_tell"]
 IN_PART = 0.3  # probability of an effect that helps, where even all that help leave much unexplained
 DOUBT = 0.3  # what remains of the probability of a cause that is not the explanation
 

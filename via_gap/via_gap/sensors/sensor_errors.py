@@ -17,14 +17,12 @@ from via_sim.effects import Effect
 
 from via_gap.logs.checks import COARSE, step_of
 from via_gap.logs.log import JointLog
-from via_gap.report.report import Cause, GapReport, Place, Value, Where
 
 SURE = 8.0  # standard deviations from which a gain or a bias is taken for real
 LEAST_GAIN, LEAST_BIAS = 0.02, 0.003  # [-], times the command's standard deviation: what is worth a name
 FOLLOWS = 0.25  # of the variance of a torque that may be left by its command and a straight line
 FULL = 0.98  # of the drive's limit from which its torque is not what was commanded
 LATE = range(6)  # samples by which a reading may follow its command
-PROBABILITY = 0.98  # that such a finding is what it seems
 
 
 @dataclass(frozen=True)
@@ -113,48 +111,3 @@ def _command_and_reading(log: JointLog, motor: int) -> tuple[Array, Array] | Non
     best = max(each, key=lambda values: abs(float(np.cov(values, tau)[0, 1])) / max(float(np.std(values)), 1e-300))
     inside = np.isfinite(best) & (np.abs(best) < FULL * limit)
     return (best[inside], tau[inside]) if inside.sum() >= 100 and np.ptp(best[inside]) > 0.0 else None
-
-
-def with_misreadings(report: GapReport, found: Sequence[Misreading]) -> GapReport:
-    """The report with what the readings show: beside a cause it is a second one, where there was no gap the only one.
-
-    An answer that names nothing stays as it is: what the readings show does not explain it.
-    """
-    if not found or report.verdict not in ("no_gap", "effect", "two_effects"):
-        return report
-    causes = tuple(_cause(report.joint, each) for each in found)
-    places = tuple(Place(effect=c.effect, site=c.site, joint=c.joint, motor=c.motor) for c in causes)
-    named = tuple(c for c in report.causes if _place(c) in {_key(p) for p in report.effects})
-    others = tuple(c for c in report.causes if c not in named)
-    count = len(named) + len(causes)
-    share = 1.0 / count
-    where = tuple(
-        Where(joint=c.joint, site=c.site, motor=c.motor, equation="readings", share=share) for c in causes
-    ) + tuple(each.model_copy(update={"share": each.share * len(named) / count}) for each in report.where)
-    return report.model_copy(
-        update={
-            "verdict": "effect" if count == 1 else "two_effects",
-            "causes": (*named, *causes, *others),
-            "equivalence_set": (*report.equivalence_set, *places),
-            "effects": (*report.effects, *places),
-            "where": tuple(sorted(where, key=lambda each: -each.share)),
-        }
-    )
-
-
-def _place(cause: Cause) -> tuple[str, str, int]:
-    return cause.effect, cause.site, cause.motor
-
-
-def _key(place: Place) -> tuple[str, str, int]:
-    return place.effect, place.site, place.motor
-
-
-def _cause(joint: str, found: Misreading) -> Cause:
-    effect = found.effect
-    unit = {"quantum": "rad", "gain": "-", "torque": "N m"}
-    return Cause(
-        effect=effect.name, site="sensor", joint=joint, motor=effect.motor, probability=PROBABILITY,
-        parameters={n: Value(value=v, sd=found.spread[n], unit=unit[n]) for n, v in effect.parameters.items()},
-        left=found.left, score=float(np.log1p(found.left)),
-    )  # fmt: skip

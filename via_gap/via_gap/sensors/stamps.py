@@ -26,8 +26,8 @@ from via_core.signals import Array
 from via_sim.readings import MAX_SKEW
 
 from via_gap.candidates.location import Place
+from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog
-from via_gap.report.report import Finding
 from via_gap.residual.segments import quantum
 from via_gap.selection.evidence import Judged
 

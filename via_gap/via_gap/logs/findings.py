@@ -1,0 +1,27 @@
+"""Findings of the log checks, and the base class of every record that a report holds."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+
+
+class Record(BaseModel):
+    """An immutable record that accepts no unknown field."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Finding(Record):
+    """One thing the data check noticed."""
+
+    log: str
+    check: str
+    signal: str
+    severity: Literal["refuse", "downgrade", "note"]
+    value: Number
+    text: str
