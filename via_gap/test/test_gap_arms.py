@@ -15,8 +15,8 @@ from via_core.errors import DeviceError, SignalError, ViaError
 from via_core.signals import Array, Signals
 from via_gap.logs.log import JointLog
 from via_gap.report.report import read_report
-from via_gap.residual.inverse_dynamics import EquationBench
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.inverse_dynamics import InverseDynamics
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_gap.run.arms import Arm, arm_logs, load_arm, read_arm_log
 from via_sim.effects import Effect
@@ -153,16 +153,16 @@ def test_a_question_about_no_joint_is_refused(words: list[str], message: str) ->
 def test_the_equation_needs_the_friction_that_was_there_and_counts_none_where_it_stands(arm: Arm) -> None:
     """Along a log with friction the missing torque is that friction with the sign of the motion, whatever the pose."""
     log = moved(arm, 8.0)[0]
-    shots = cut_log(log)
-    problem = Problem.of([shots], [np.flatnonzero(shots.valid)], EquationBench.of)
-    bench = problem.benches[0]
-    assert isinstance(bench, EquationBench)
-    missing = problem.residual([problem.row([])])[0].reshape(bench.first.shape) * bench.floor
-    speed = np.abs(bench.shots.start[bench.first + 18, 3])
+    segments = cut_log(log)
+    problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)], InverseDynamics.of)
+    view = problem.views[0]
+    assert isinstance(view, InverseDynamics)
+    missing = problem.residual([problem.row([])])[0].reshape(view.first.shape) * view.floor
+    speed = np.abs(view.segments.start[view.first + 18, 3])
     fast = speed > 0.4
     assert np.median(np.abs(missing[fast])) == pytest.approx(FRICTION[0], rel=0.05)
     right = Effect("coulomb_friction", "link", {"torque": FRICTION[0]})
-    left = problem.residual([problem.row([right])])[0].reshape(bench.first.shape) * bench.floor
+    left = problem.residual([problem.row([right])])[0].reshape(view.first.shape) * view.floor
     assert np.sqrt(np.mean(left**2)) < 0.25 * np.sqrt(np.mean(missing**2))
 
 
@@ -220,6 +220,6 @@ def test_a_joint_with_motors_of_its_own_has_no_such_bench() -> None:
     time = np.arange(2000) / 1000.0
     channels = {"q": np.sin(time), "theta": np.zeros((2000, device.n_motors))}
     sent = Signals(time, {"motor": np.zeros((2000, device.n_motors))}, {"motor": "N m"}, frozenset({"motor"}))
-    shots = cut_log(JointLog("free", device, Signals(time, channels, {"q": "rad", "theta": "rad"}), sent))
+    segments = cut_log(JointLog("free", device, Signals(time, channels, {"q": "rad", "theta": "rad"}), sent))
     with pytest.raises(SignalError, match="equation of a rigid joint"):
-        EquationBench.of(shots, np.arange(2))
+        InverseDynamics.of(segments, np.arange(2))

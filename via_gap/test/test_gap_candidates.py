@@ -7,16 +7,16 @@ import pytest
 from gap_logs import flexible, log_of, rigid, servo
 from scipy.optimize import lsq_linear
 from via_core.devices import Device
-from via_gap.candidates.fit import Fit, fit_base, member_slopes, refine, settled
-from via_gap.candidates.location import Place, places
+from via_gap.candidates.fit import Fit, converged, fit_base, member_slopes, refine
+from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.candidates.screen import REACH, Direction, directions, ranked, ranked_pairs
 from via_gap.candidates.starts import Start, amount_range
 from via_gap.diagnose import _cause
 from via_gap.residual.nuisance import BOUND
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
-from via_gap.selection.evidence import Judged, judge
+from via_gap.selection.evidence import Evaluation, judge
 from via_gap.selection.search import Search, closest
 from via_sim.effects import Effect
 
@@ -26,7 +26,7 @@ DAMPED = Effect("spring_damping", "transmission", {"coefficient": 0.05}, 1)
 
 
 @cache
-def searched(name: str) -> tuple[Problem, Fit, np.ndarray, Scales]:
+def searched(name: str) -> tuple[ResidualModel, Fit, np.ndarray, Scales]:
     device, effect, duration = {
         "flexible": (flexible(), MAXWELL, 6.0),
         "servo": (servo(), DAMPED, 12.0),
@@ -35,20 +35,20 @@ def searched(name: str) -> tuple[Problem, Fit, np.ndarray, Scales]:
     return fitted(device, effect, duration)
 
 
-def fitted(device: Device, effect: Effect, duration: float) -> tuple[Problem, Fit, np.ndarray, Scales]:
-    shots = cut_log(log_of(device, (effect,), seed=7, duration=duration, tolerance=0.0))
-    problem = Problem.of([shots], [np.arange(1, len(shots))])
+def fitted(device: Device, effect: Effect, duration: float) -> tuple[ResidualModel, Fit, np.ndarray, Scales]:
+    segments = cut_log(log_of(device, (effect,), seed=7, duration=duration, tolerance=0.0))
+    problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base, jacobian = fit_base(problem)
-    scales = scales_of([shots], [()], shots.time[1:], problem.per_shot(base.residual))
+    scales = scales_of([segments], [()], segments.time[1:], problem.per_segment(base.residual))
     return problem, base, jacobian, scales
 
 
 @pytest.mark.parametrize(("name", "effect"), [("flexible", MAXWELL), ("servo", DAMPED), ("rigid", CLIPPED)])
 def test_the_screen_puts_the_cause_first(name, effect):
     problem, base, jacobian, scales = searched(name)
-    tried = directions(problem, base, places(problem.device, problem.benches[0].shots.log), scales)
-    _, place, _ = ranked(base, jacobian, tried)[0]
-    assert place == Place(effect.name, effect.site, effect.motor)
+    tried = directions(problem, base, locations(problem.device, problem.views[0].segments.log), scales)
+    _, location, _ = ranked(base, jacobian, tried)[0]
+    assert location == Location(effect.name, effect.site, effect.motor)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_the_screen_puts_the_cause_first(name, effect):
 )
 def test_a_fit_finds_the_planted_numbers_from_a_poor_start(name, effect, start):
     problem, base, jacobian, scales = searched(name)
-    fit = refine(problem, base, jacobian, [(Place(effect.name, effect.site, effect.motor), start)], scales)
+    fit = refine(problem, base, jacobian, [(Location(effect.name, effect.site, effect.motor), start)], scales)
     planted = problem.residual([problem.row([effect])])[0]
     assert fit is not None and fit.loss < 1.001 * (planted @ planted)  # the device's numbers are the file's
     # Beside servos all torques may grow in one proportion.
@@ -71,19 +71,19 @@ def test_the_screen_reaches_offsets_of_any_size(offset):
     """A rigid joint feels an offset through gravity alone, and hardly: sin(q - offset)."""
     effect = Effect("encoder_offset", "sensor", {"offset": offset})
     problem, base, jacobian, scales = fitted(rigid(), effect, 6.0)
-    place = Place(effect.name, effect.site, effect.motor)
-    _, first, values = ranked(base, jacobian, directions(problem, base, [place], scales))[0]
-    assert first == place and values == pytest.approx([offset], rel=0.25)
+    location = Location(effect.name, effect.site, effect.motor)
+    _, first, values = ranked(base, jacobian, directions(problem, base, [location], scales))[0]
+    assert first == location and values == pytest.approx([offset], rel=0.25)
 
 
 def test_a_cause_is_fitted_however_well_a_better_guess_came_out(monkeypatch):
     """Predictions are compared with predictions: from poor numbers of the device all are far from what fits reach."""
     log = log_of(rigid(), (Effect("encoder_offset", "sensor", {"offset": 0.06}),), seed=5, duration=6.0)
-    shots = cut_log(log)
-    fitted_on, held = (Problem.of([shots], [np.arange(first, len(shots), 2)]) for first in (1, 2))
+    segments = cut_log(log)
+    fitted_on, held = (ResidualModel.of([segments], [np.arange(first, len(segments), 2)]) for first in (1, 2))
     base, jacobian = fit_base(fitted_on)
-    scales = scales_of([shots], [()], shots.time[1::2], fitted_on.per_shot(base.residual))
-    search = Search.of(fitted_on, partial(judge, held), base, jacobian, places(rigid(), log), scales)
+    scales = scales_of([segments], [()], segments.time[1::2], fitted_on.per_segment(base.residual))
+    search = Search.of(fitted_on, partial(judge, held), base, jacobian, locations(rigid(), log), scales)
     names = ("gravity_error", "torque_bias", "torque_gain", "encoder_offset")
     known = {each[1].name: each[1:] for each in ranked(base, jacobian, search.tried)}
     guessed = [(scale * 1e3 * search.few.size, *known[name]) for scale, name in enumerate(names, start=1)]
@@ -95,16 +95,18 @@ def test_a_second_cause_shows_once_the_first_gives_way():
     """A wall is found where the encoder, which is off, shows it: with the offset known it stands elsewhere."""
     wall = Effect("contact", "environment", {"angle": 0.4, "stiffness": 3.0, "damping": 0.02, "side": 1.0})
     offset = Effect("encoder_offset", "sensor", {"offset": 0.02})
-    shots = cut_log(log_of(flexible(), (wall, offset), seed=7, duration=6.0, tolerance=0.0))
-    problem = Problem.of([shots], [np.arange(1, len(shots))])
+    segments = cut_log(log_of(flexible(), (wall, offset), seed=7, duration=6.0, tolerance=0.0))
+    problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base, jacobian = fit_base(problem)
-    scales = scales_of([shots], [()], shots.time[1:], problem.per_shot(base.residual))
-    first = refine(problem, base, jacobian, [(Place("contact", "environment", 0), [*wall.parameters.values()])], scales)
+    scales = scales_of([segments], [()], segments.time[1:], problem.per_segment(base.residual))
+    first = refine(
+        problem, base, jacobian, [(Location("contact", "environment", 0), [*wall.parameters.values()])], scales
+    )
     beside = problem.nuisance_jacobian(first.effects, first.deviations, first.residual)
-    candidates = [each for each in places(problem.device, shots.log) if each not in first.places]
+    candidates = [each for each in locations(problem.device, segments.log) if each not in first.locations]
     tried = directions(problem, first, candidates, scales)
     at_rest, giving_way = (ranked(first, beside, tried, s) for s in (None, member_slopes(problem, first, scales)))
-    assert giving_way[0][1] == Place("encoder_offset", "sensor", 0) != at_rest[0][1]
+    assert giving_way[0][1] == Location("encoder_offset", "sensor", 0) != at_rest[0][1]
 
 
 def test_all_pairs_are_compared_where_the_best_single_cause_is_in_neither():
@@ -114,20 +116,23 @@ def test_all_pairs_are_compared_where_the_best_single_cause_is_in_neither():
     moved = {"coulomb_friction": one, "quadratic_drag": two, "viscous_friction": one + two + 0.1 * rng.normal(size=60)}
     parameter = {name: "torque" if name == "coulomb_friction" else "coefficient" for name in moved}
     tried = [
-        Direction(Place(name, "link", 0), Start(({parameter[name]: 0.1},), (parameter[name],)), each[:, None])
+        Direction(Location(name, "link", 0), Start(({parameter[name]: 0.1},), (parameter[name],)), each[:, None])
         for name, each in moved.items()
     ]
     residual = -(1.5 * one + 1.2 * two) + 0.01 * rng.normal(size=60)
     base = Fit((), np.zeros(2), float(residual @ residual), residual, np.empty(0))
     assert ranked(base, jacobian, tried)[0][1].name == "viscous_friction"
     pairs = ranked_pairs(base, jacobian, tried)
-    assert {place.name for place, _ in pairs[0][1]} == {"coulomb_friction", "quadratic_drag"}
+    assert {location.name for location, _ in pairs[0][1]} == {"coulomb_friction", "quadratic_drag"}
     assert [value for _, (value,) in pairs[0][1]] == pytest.approx([0.15, 0.12], abs=0.01)
     for loss, members in pairs:
-        whole = np.hstack([jacobian, *(moved[place.name][:, None] for place, _ in members)])
+        whole = np.hstack([jacobian, *(moved[location.name][:, None] for location, _ in members)])
         prior = np.eye(2, whole.shape[1])
         reach = [
-            amount_range(each.place, each.start, REACH) for place, _ in members for each in tried if each.place == place
+            amount_range(each.location, each.start, REACH)
+            for location, _ in members
+            for each in tried
+            if each.location == location
         ]
         low, high = ([sign * BOUND] * 2 + [ends[i][0] for ends in reach] for i, sign in ((0, -1.0), (1, 1.0)))
         best = lsq_linear(np.vstack([whole, prior]), -np.r_[residual, 0.0, 0.0], (low, high), tol=1e-14)
@@ -143,21 +148,21 @@ def test_what_is_fitted_to_few_shots_is_not_the_closest():
 def test_what_no_torque_on_record_tells_is_known_as_well_as_the_device_file_says():
     """Beside servos inertia, friction, springs and the effect may grow in one proportion, and nothing shows."""
     problem, base, _, scales = searched("servo")
-    place = Place(DAMPED.name, DAMPED.site, DAMPED.motor)
-    led_astray = Fit((), 0.8 * BOUND * np.sign(base.deviations), 0.0, base.residual, base.spread)
-    fit = refine(problem, led_astray, None, [(place, (0.06,))], scales)
-    end = settled(problem, fit, scales)
+    location = Location(DAMPED.name, DAMPED.site, DAMPED.motor)
+    led_astray = Fit((), 0.8 * BOUND * np.sign(base.deviations), 0.0, base.residual, base.sd)
+    fit = refine(problem, led_astray, None, [(location, (0.06,))], scales)
+    end = converged(problem, fit, scales)
     proportional = [each.tolerance for each in problem.nuisances if "bandwidth" not in each.name]
     factors = [1.0 + n.tolerance * d for n, d in zip(problem.nuisances, end.deviations) if "bandwidth" not in n.name]
     known = 1.0 / np.sqrt(sum((factor / t) ** 2 for factor, t in zip(factors, proportional)))
     planted, (value,) = DAMPED.parameters["coefficient"], end.effects[0].parameters.values()
     assert end.loss <= fit.loss
-    assert known < end.spread[0] / value < 1.3 * known  # the trade with friction beside it
-    assert abs(value - planted) < 0.5 * end.spread[0]
+    assert known < end.sd[0] / value < 1.3 * known  # the trade with friction beside it
+    assert abs(value - planted) < 0.5 * end.sd[0]
 
 
 @pytest.mark.parametrize(("device", "unit"), [(rigid(), "N m"), (servo(), "rad/s")], ids=["torque", "servo"])
 def test_a_limit_is_told_in_the_unit_it_has_on_the_device(device, unit):
     effect, nothing = Effect("torque_saturation", "motor", {"limit": 0.5}, 1), np.empty(0)
-    limit = Judged(Fit((effect,), nothing, 0.0, nothing, np.zeros(1)), nothing, np.full(40, 1.0), 4)
+    limit = Evaluation(Fit((effect,), nothing, 0.0, nothing, np.zeros(1)), nothing, np.full(40, 1.0), 4)
     assert _cause(device, limit, 0.9, limit).parameters["limit"].unit == unit

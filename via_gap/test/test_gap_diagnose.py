@@ -83,15 +83,15 @@ def test_a_log_that_cannot_be_used_is_answered_not_raised():
 @pytest.mark.parametrize(("effect", "site"), [(COULOMB, "motor"), (BACKLASH, "transmission"), (LINK, "link")])
 def test_equations_alone_say_where(effect, site):
     log = log_of(flexible(), (effect,), seed=23, tolerance=0.0)
-    shots = cut_log(log)
-    shares = localise([shots], [weak_residuals(shots, log.device)], log.device)
+    segments = cut_log(log)
+    shares = localise([segments], [weak_residuals(segments, log.device)], log.device)
     assert (shares[0].site, shares[0].share > 0.8) == (site, True)
 
 
 def test_equations_of_the_right_plant_balance_within_the_floor():
     log = log_of(flexible(), (), seed=23, tolerance=0.0)
-    shots = cut_log(log)
-    for residual in weak_residuals(shots, log.device):
+    segments = cut_log(log)
+    for residual in weak_residuals(segments, log.device):
         assert np.sqrt(np.mean((residual.torque / residual.floor) ** 2)) < 1.5
 
 

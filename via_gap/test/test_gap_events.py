@@ -1,9 +1,9 @@
-"""What begins and ends at times of a run: each is seen in one shot, which is fitted, and all others say the rest."""
+"""What begins and ends at times of a run: each is seen in one segment, which is fitted, and all others say the rest."""
 
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of
-from via_gap.candidates.location import places
+from via_gap.candidates.location import locations
 from via_gap.diagnose import diagnose
 from via_gap.residual.segments import cut_log
 from via_gap.selection.holdout import split, split_finely
@@ -16,25 +16,26 @@ OFFERED = ("coulomb_friction", "viscous_friction", "gravity_error", "external_to
 
 
 def test_shots_that_hold_an_event_are_fitted_and_no_shot_is_lost():
-    shots = cut_log(log_of(flexible(), (), seed=22))
-    (plain,), (judged,) = split_finely([shots])
-    event = float(shots.time[judged[3]]) + 0.1  # inside a shot that would be held out
-    edge = float(shots.time[judged[5]]) - 0.001  # at the end of the shot before
-    (train,), (held,) = split_finely([shots], [event, edge])
-    assert np.array_equal(np.sort(np.concatenate([train, held])), np.flatnonzero(shots.valid))
+    segments = cut_log(log_of(flexible(), (), seed=22))
+    (plain,), (judged,) = split_finely([segments])
+    event = float(segments.time[judged[3]]) + 0.1  # inside a segment that would be held out
+    edge = float(segments.time[judged[5]]) - 0.001  # at the end of the segment before
+    (train,), (held,) = split_finely([segments], [event, edge])
+    assert np.array_equal(np.sort(np.concatenate([train, held])), np.flatnonzero(segments.valid))
     assert set(train) - set(plain) == {judged[3], judged[5]}
     assert np.array_equal(np.sort(train), train)
 
 
 def test_a_push_beside_friction_is_named_though_all_its_edges_were_held_out(monkeypatch):
     log = log_of(flexible(), (FRICTION, PUSH), seed=33)
-    shots = cut_log(log)
-    (train,), _, _ = split([shots], [])
-    span = shots.ticks / shots.rate
+    segments = cut_log(log)
+    (train,), _, _ = split([segments], [])
+    span = segments.ticks / segments.rate
     for event in (START, STOP):
-        assert not np.any((shots.time[train] <= event) & (event < shots.time[train] + span))
+        assert not np.any((segments.time[train] <= event) & (event < segments.time[train] + span))
     monkeypatch.setattr(
-        "via_gap.diagnose.places", lambda *of: tuple(place for place in places(*of) if place.name in OFFERED)
+        "via_gap.diagnose.locations",
+        lambda *of: tuple(location for location in locations(*of) if location.name in OFFERED),
     )
     report = diagnose([log], log.device)
     assert report.verdict == "two_effects"

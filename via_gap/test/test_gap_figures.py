@@ -17,8 +17,8 @@ from via_gap.report.evidence_figures import (
     trace_figures,
 )
 from via_gap.residual.equations import weak_residuals
-from via_gap.residual.errors import free_errors, shot_errors
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.errors import free_errors, segment_errors
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 
@@ -27,16 +27,16 @@ COULOMB = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
 
 @cache
 def friction():
-    """Shots of a joint whose every number is right but for friction at its motor."""
+    """Segments of a joint whose every number is right but for friction at its motor."""
     return cut_log(log_of(flexible(), (COULOMB,), seed=23, tolerance=0.0))
 
 
 @cache
 def two_residuals():
-    """A problem of every third pair of shots, with the residuals of the nominal device and of the true one."""
-    shots = friction()
-    chosen = np.flatnonzero(shots.valid)
-    problem = Problem.of([shots], [chosen[chosen % 3 < 2]])
+    """A problem of every third pair of segments, with the residuals of the nominal device and of the true one."""
+    segments = friction()
+    chosen = np.flatnonzero(segments.valid)
+    problem = ResidualModel.of([segments], [chosen[chosen % 3 < 2]])
     return problem, *problem.residual([problem.row(()), problem.row((COULOMB,))])
 
 
@@ -51,9 +51,9 @@ def stretch(error, restarts=None, begin=0.0) -> Stretch:
 
 
 def test_missing_friction_brakes_at_every_speed_and_nowhere_else():
-    shots = friction()
-    residuals = weak_residuals(shots, shots.log.device)
-    figures = {(f.equation, f.by): f for f in residual_figures([shots], [residuals], shots.log.device)}
+    segments = friction()
+    residuals = weak_residuals(segments, segments.log.device)
+    figures = {(f.equation, f.by): f for f in residual_figures([segments], [residuals], segments.log.device)}
     assert {by for _, by in figures} == {"speed", "deflection", "angle", "time"}
     moving = [b for b in figures["motor 1", "speed"].bins if b.low > 0.2]
     assert len(moving) >= BINS // 2
@@ -65,9 +65,9 @@ def test_missing_friction_brakes_at_every_speed_and_nowhere_else():
 
 
 def test_bins_hold_every_window_once():
-    shots = friction()
-    residuals = weak_residuals(shots, shots.log.device)
-    figures = residual_figures([shots], [residuals], shots.log.device)
+    segments = friction()
+    residuals = weak_residuals(segments, segments.log.device)
+    figures = residual_figures([segments], [residuals], segments.log.device)
     whole = float(np.mean(residuals[0].torque ** 2))
     (angle,) = (f for f in figures if f.equation == "link" and f.by == "angle")
     assert np.mean([b.rms**2 for b in angle.bins]) == pytest.approx(whole, rel=0.02)  # bins of equal count
@@ -78,10 +78,10 @@ def test_errors_of_shots_are_those_of_the_gap():
     problem, before, after = two_residuals()
     stretches = shot_stretches(problem, before, after)
     for which, residual in (("before", before), ("after", after)):
-        gap = shot_errors(problem, residual)
+        gap = segment_errors(problem, residual)
         error = np.concatenate([getattr(s, which) - s.measured for s in stretches])
         assert np.sqrt(np.mean(error**2, axis=0) / gap.variance) == pytest.approx(gap.signals, rel=1e-9)
-    assert sum(s.restarts.sum() for s in stretches) == len(problem.benches[0].chosen)
+    assert sum(s.restarts.sum() for s in stretches) == len(problem.views[0].chosen)
     assert len(stretches) > 3 and all(s.restarts[0] for s in stretches)
 
 
@@ -95,11 +95,11 @@ def test_error_figures_fall_where_the_effect_is_added():
 
 
 def test_errors_of_a_free_run_are_those_of_the_gap():
-    shots = cut_log(log_of(servo(), (Effect("coulomb_friction", "link", {"torque": 0.02}),), seed=5, duration=5.9))
-    every = [np.flatnonzero(shots.valid)]
-    device = shots.log.device
-    stretches = free_stretches(device, device, (), [shots], every)
-    gap = free_errors(device, (), [shots], every)
+    segments = cut_log(log_of(servo(), (Effect("coulomb_friction", "link", {"torque": 0.02}),), seed=5, duration=5.9))
+    every = [np.flatnonzero(segments.valid)]
+    device = segments.log.device
+    stretches = free_stretches(device, device, (), [segments], every)
+    gap = free_errors(device, (), [segments], every)
     error = np.concatenate([s.before - s.measured for s in stretches])
     assert np.sqrt(np.mean(error**2)) == pytest.approx(float(gap.signals[0] * np.sqrt(gap.variance[0])), rel=0.03)
     assert all(np.array_equal(s.before, s.after) for s in stretches)

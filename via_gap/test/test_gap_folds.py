@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from gap_logs import log_of, servo
 from via_core.devices import Tolerances
-from via_gap.candidates.fit import Fit, _spread, fit_base
-from via_gap.candidates.location import Place
+from via_gap.candidates.fit import Fit, _standard_deviations, fit_base
+from via_gap.candidates.location import Location
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.logs.replay import simulated_log
 from via_gap.residual.nuisance import nuisances
-from via_gap.residual.residual_model import Problem
-from via_gap.residual.rollout import Bench
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import whole_log
 from via_gap.selection.calibration import calibration
-from via_gap.selection.evidence import Judged, difference
+from via_gap.selection.evidence import Evaluation, difference
 from via_gap.selection.folds import FOLDS, Folds
 from via_gap.selection.verdict import decide
 from via_sim.effects import Effect
@@ -41,19 +41,19 @@ def runs(*seeds):
 
 
 def problem(*seeds):
-    shots = runs(*seeds)
-    return Problem.of(shots, [np.arange(1)] * len(shots))
+    segments = runs(*seeds)
+    return ResidualModel.of(segments, [np.arange(1)] * len(segments))
 
 
 def test_a_whole_log_is_the_free_run():
-    device, (shots,) = servo(), runs(1)
-    assert len(shots) == 1
-    assert shots.ticks / shots.rate == pytest.approx(shots.log.duration, abs=0.005)
-    bench = Bench.of(shots, np.arange(1))
-    assert not bench.shrink.any()  # nothing is put down to the start
-    run = simulated_log(device, shots.log.measured, shots.log.commands)
-    ticks = shots.origin + shots.every * np.arange(1, shots.measured.shape[1] + 1) / shots.rate
-    motion = bench.motion(bench.nominal[None])[0, 0, :, 0]
+    device, (segments,) = servo(), runs(1)
+    assert len(segments) == 1
+    assert segments.ticks / segments.rate == pytest.approx(segments.log.duration, abs=0.005)
+    view = Rollout.of(segments, np.arange(1))
+    assert not view.shrink.any()  # nothing is put down to the start
+    run = simulated_log(device, segments.log.measured, segments.log.commands)
+    ticks = segments.origin + segments.every * np.arange(1, segments.measured.shape[1] + 1) / segments.rate
+    motion = view.motion(view.nominal[None])[0, 0, :, 0]
     # of .5 rad: a start is read off a little differently
     assert motion == pytest.approx(np.interp(ticks, run.time, run["q"]), abs=4e-3)
 
@@ -64,7 +64,7 @@ def test_logs_of_a_group_are_left_out_together_and_each_once():
     assert len(folds.parts) == min(FOLDS, 3)
     assert np.array_equal(np.sort(np.concatenate([where for _, _, where in folds.parts])), np.arange(whole.size))
     for kept, rest, _ in folds.parts:
-        sides = [{GROUPS[int(b.shots.log.name.split()[1]) - 1] for b in part.benches} for part in (kept, rest)]
+        sides = [{GROUPS[int(b.segments.log.name.split()[1]) - 1] for b in part.views} for part in (kept, rest)]
         assert sides[0] | sides[1] == {"a", "b", "c"}
         assert not sides[0] & sides[1]
     assert Folds.of(whole, ("a",) * 4) is None
@@ -78,25 +78,27 @@ def test_a_fold_is_judged_by_a_fit_to_the_others():
         others = problem(*(s for s in (1, 2, 3) if s != seed))
         deviations = others.fit_nuisances((), base.deviations)[0]
         alone = problem(seed)
-        assert judged.shots[i] == pytest.approx(np.mean(alone.residual([alone.row((), deviations)])[0] ** 2), rel=1e-9)
+        assert judged.segments[i] == pytest.approx(
+            np.mean(alone.residual([alone.row((), deviations)])[0] ** 2), rel=1e-9
+        )
     assert judged.mean_square > np.mean(base.residual**2)  # a fit is best where it was fitted
 
 
-def judged_as(shots, places=(), free=True):
-    effects = tuple(place.effect(values) for place, values in places)
-    spread = np.zeros(sum(len(values) for _, values in places))
-    return Judged(Fit(effects, np.zeros(2), 0.0, np.empty(0), spread), np.empty(0), np.asarray(shots), 1, free)
+def judged_as(segments, locations=(), free=True):
+    effects = tuple(location.effect(values) for location, values in locations)
+    sd = np.zeros(sum(len(values) for _, values in locations))
+    return Evaluation(Fit(effects, np.zeros(2), 0.0, np.empty(0), sd), np.empty(0), np.asarray(segments), 1, free)
 
 
 def test_free_runs_are_compared_by_squared_error():
     a, b = judged_as([1000.0, 9.0]), judged_as([900.0, 30.0])
-    assert a.score > b.score  # shot by shot it would be the other way round
+    assert a.score > b.score  # segment by segment it would be the other way round
     assert judged_as([1000.0, 9.0], free=False).score < judged_as([900.0, 30.0], free=False).score
     assert difference(a, b)[0] == pytest.approx(a.score - b.score, rel=1e-3)
 
 
 def test_effects_that_help_without_explaining_are_repaired_and_not_called_the_explanation():
-    lag, dry = Place("actuator_lag", "command", 0), Place("coulomb_friction", "link", 0)
+    lag, dry = Location("actuator_lag", "command", 0), Location("coulomb_friction", "link", 0)
     runs_ = np.linspace(0.8, 1.2, 12)
     tuned = judged_as(1000.0 * runs_)
     single = judged_as(600.0 * runs_, [(lag, {"time_constant": 0.01})])
@@ -119,7 +121,7 @@ def test_what_is_named_does_not_depend_on_what_was_held_out():
     first, second = (diagnose(logs, device, [each]) for each in held)
     assert first.effects == second.effects
     assert (first.causes, first.nuisance, first.verdict) == (second.causes, second.nuisance, second.verdict)
-    assert [place.effect for place in first.effects] == ["actuator_delay"]
+    assert [location.effect for location in first.effects] == ["actuator_delay"]
     assert first.causes[0].parameters["delay"].value == pytest.approx(0.03, abs=1e-3)
     assert first.gap.after < 0.1 * first.gap.before
     assert second.gap.after > 10.0 * first.gap.after
@@ -128,9 +130,9 @@ def test_what_is_named_does_not_depend_on_what_was_held_out():
 def test_a_parameter_that_nothing_depends_on_is_known_to_its_bounds():
     slopes = np.random.default_rng(1).normal(size=(50, 3))
     slopes[:, 2] = 0.0
-    spread = _spread(slopes.T @ slopes, np.array([1e6, 7.0]), 1)
-    assert spread[0] == pytest.approx(np.sqrt(np.linalg.inv(slopes[:, :2].T @ slopes[:, :2])[1, 1]), rel=1e-6)
-    assert spread[1] == pytest.approx(7.0)
+    sd = _standard_deviations(slopes.T @ slopes, np.array([1e6, 7.0]), 1)
+    assert sd[0] == pytest.approx(np.sqrt(np.linalg.inv(slopes[:, :2].T @ slopes[:, :2])[1, 1]), rel=1e-6)
+    assert sd[1] == pytest.approx(7.0)
 
 
 def test_numbers_are_as_loose_as_the_device_file_says():

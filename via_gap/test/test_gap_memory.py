@@ -1,4 +1,4 @@
-"""Elements with memory along a measured motion: the law step by step, and shots that need no past."""
+"""Elements with memory along a measured motion: the law step by step, and segments that need no past."""
 
 from math import exp
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gap_logs import flexible, log_of
 from via_gap.residual.memory import held_along, with_memory
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 from via_sim.parameters import P
@@ -48,8 +48,8 @@ def test_what_is_held_is_the_law_step_by_step():
 def test_shots_cut_out_of_a_log_know_what_was_held_before_them(effect):
     """Both reverse many times between two slips, so that a start that holds nothing is far off."""
     log = log_of(flexible(), (effect,), seed=5, duration=6.0, tolerance=0.0)
-    shots = cut_log(log)
-    whole = Problem.of([shots], [np.arange(1, len(shots))])
-    few, _ = whole.part([np.arange(4, len(shots) - 1, 5)])
-    assert np.max(few.per_shot(few.residual([few.row([effect])])[0])) < 3.0
-    assert np.median(few.per_shot(few.residual([few.row(())])[0])) > 10.0
+    segments = cut_log(log)
+    whole = ResidualModel.of([segments], [np.arange(1, len(segments))])
+    few, _ = whole.part([np.arange(4, len(segments) - 1, 5)])
+    assert np.max(few.per_segment(few.residual([few.row([effect])])[0])) < 3.0
+    assert np.median(few.per_segment(few.residual([few.row(())])[0])) > 10.0

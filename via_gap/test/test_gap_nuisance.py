@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 from via_core.devices import device_names, load_device
 from via_gap.residual.nuisance import apply_all, descend, nuisances
 from via_gap.residual.repaired_device import repaired_device
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
@@ -61,8 +61,8 @@ def test_numbers_that_are_zero_are_no_nuisance():
 
 def test_a_slope_is_taken_on_the_side_where_the_effect_has_a_meaning():
     """Friction that is less by nearly all there is: a step down makes no joint."""
-    shots = cut_log(log_of(rigid(), (), seed=3, duration=6.0, tolerance=0.0))
-    problem = Problem.of([shots], [np.arange(1, len(shots))])
+    segments = cut_log(log_of(rigid(), (), seed=3, duration=6.0, tolerance=0.0))
+    problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     (friction,) = (k for k, each in enumerate(problem.nuisances) if each.name == "link viscous friction")
     here = np.zeros(len(problem.nuisances))
     here[friction] = 0.5

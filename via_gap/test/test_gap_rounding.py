@@ -8,7 +8,7 @@ from scipy.signal import savgol_filter
 from via_core.signals import Signals
 from via_gap.candidates.fit import fit_base
 from via_gap.logs.log import JointLog
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rounding import between, correlation, mean_variance, slope_order, variance, variances
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
@@ -62,9 +62,9 @@ def test_a_coarse_encoder_leaves_no_gap_that_the_device_does_not_explain(motors,
     fine = flexible().sensors
     device = flexible() if motors else rigid().model_copy(update={"sensors": fine})
     coarse = Effect("encoder_quantisation", "sensor", {"quantum": 0.02}, axis)
-    shots = cut_log(log_of(device, (coarse,), seed=1, duration=6.0))
-    fit, _ = fit_base(Problem.of([shots], [np.arange(1, len(shots))]))
-    each = fit.residual.reshape(-1, len(shots.axes))
+    segments = cut_log(log_of(device, (coarse,), seed=1, duration=6.0))
+    fit, _ = fit_base(ResidualModel.of([segments], [np.arange(1, len(segments))]))
+    each = fit.residual.reshape(-1, len(segments.axes))
     assert np.max(np.mean(each**2, axis=0)) < 1.25
     assert np.min(np.mean(each**2, axis=0)) > 0.75  # nor is it taken for more than it is
 
@@ -108,8 +108,8 @@ def test_readings_at_wobbling_times_leave_what_their_encoder_does():
     step = 4.0 * log.device.sensors.link_quantum
     read = {name: step * np.rint(np.interp(time, log.measured.time, each) / step) for name, each in path.items()}
     read["theta"] = read["theta"][:, None]
-    shots = cut_log(JointLog("wobbling", log.device, Signals(time, read, log.measured.units), log.commands))
-    assert not shots.averaged
-    problem = Problem.of([shots], [np.arange(1, len(shots))])
-    left = problem.per_shot(problem.residual([problem.row(())])[0])
+    segments = cut_log(JointLog("wobbling", log.device, Signals(time, read, log.measured.units), log.commands))
+    assert not segments.averaged
+    problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
+    left = problem.per_segment(problem.residual([problem.row(())])[0])
     assert 0.85 < float(np.mean(left)) < 1.15

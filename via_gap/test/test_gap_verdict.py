@@ -1,24 +1,24 @@
-"""From what causes leave of held-out shots, and what a flexible model leaves, to the answer."""
+"""From what causes leave of held-out segments, and what a flexible model leaves, to the answer."""
 
 import numpy as np
 import pytest
 from via_gap.candidates.fit import Fit
-from via_gap.candidates.location import Place
+from via_gap.candidates.location import Location
 from via_gap.selection.calibration import calibration
-from via_gap.selection.evidence import Judged
+from via_gap.selection.evidence import Evaluation
 from via_gap.selection.gap import Gap
 from via_gap.selection.verdict import against_ceiling, decide, helps
 
 FROZEN = calibration("flexible")
 NOTHING = np.empty(0)
-BACKLASH = Place("backlash", "transmission", 1).effect({"gap": 0.01})
-PAYLOAD = Place("payload", "link", 0).effect({"mass": 0.1, "distance": 0.1})
-FRICTION = Place("coulomb_friction", "link", 0).effect({"torque": 0.1})
+BACKLASH = Location("backlash", "transmission", 1).effect({"gap": 0.01})
+PAYLOAD = Location("payload", "link", 0).effect({"mass": 0.1, "distance": 0.1})
+FRICTION = Location("coulomb_friction", "link", 0).effect({"torque": 0.1})
 
 
-def judged(shots: np.ndarray, *effects) -> Judged:
-    """Effects, the device's own numbers alone without, and what they leave of each shot."""
-    return Judged(Fit(effects, NOTHING, 0.0, NOTHING, np.zeros(4)), NOTHING, shots, 4)
+def judged(segments: np.ndarray, *effects) -> Evaluation:
+    """Effects, the device's own numbers alone without, and what they leave of each segment."""
+    return Evaluation(Fit(effects, NOTHING, 0.0, NOTHING, np.zeros(4)), NOTHING, segments, 4)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_what_the_typical_shot_still_shows_is_not_explained(left, verdict):
 
 
 def test_a_second_cause_closes_a_part_of_much_and_a_good_part_of_little():
-    def leaving(square: float) -> Judged:
+    def leaving(square: float) -> Evaluation:
         return judged(np.full(40, square))
 
     assert helps(leaving(81.0), leaving(101.0), leaving(101.0), FROZEN)
@@ -76,5 +76,5 @@ def test_an_answer_far_from_the_ceiling_is_none(effects, tuned, after, verdict):
     )  # fmt: skip
     told = against_ceiling(decision, gap, FROZEN)
     assert decision.verdict == ("effect" if effects == 1 else "two_effects") and told.verdict == verdict
-    assert told.places == decision.places, "the repair keeps what makes the simulator better"
+    assert told.locations == decision.locations, "the repair keeps what makes the simulator better"
     assert (told.ranked[0][1] < 0.5) == (verdict == "unknown")

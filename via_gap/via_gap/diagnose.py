@@ -14,9 +14,9 @@ from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
-from via_gap.candidates.fit import Fit, events, fit_base, settled
+from via_gap.candidates.fit import Fit, converged, events, fit_base
 from via_gap.candidates.localisation import SiteShare, localise
-from via_gap.candidates.location import Place, places, unjudged
+from via_gap.candidates.location import Location, locations, unjudged
 from via_gap.candidates.scales import scales_of
 from via_gap.logs.checks import check_log
 from via_gap.logs.findings import Finding
@@ -26,26 +26,26 @@ from via_gap.report.figures import Figures
 from via_gap.report.probability import shipped_numbers, with_probabilities
 from via_gap.report.report import Cause, GapReport, NuisanceValue, Value, Where
 from via_gap.report.report import Place as Named
-from via_gap.report.sensor_causes import with_misreadings
+from via_gap.report.sensor_causes import with_sensor_errors
 from via_gap.report.withheld import runs_free, stretches
 from via_gap.residual.equations import weak_residuals
-from via_gap.residual.errors import Errors, equation_errors, free_errors, shot_errors
-from via_gap.residual.inverse_dynamics import EquationBench
+from via_gap.residual.errors import Errors, equation_errors, free_errors, segment_errors
+from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.nuisance import BOUND
 from via_gap.residual.repaired_device import repaired_device
-from via_gap.residual.residual_model import AnyBench, Problem
-from via_gap.residual.rollout import Bench
-from via_gap.residual.segments import Indices, Shots, cut_log, whole_log
+from via_gap.residual.residual_model import ResidualModel, View
+from via_gap.residual.rollout import Rollout
+from via_gap.residual.segments import Indices, Segments, cut_log, whole_log
 from via_gap.selection.bound import flexible, lower
 from via_gap.selection.calibration import calibration
-from via_gap.selection.evidence import Judged, judge
+from via_gap.selection.evidence import Evaluation, judge
 from via_gap.selection.folds import STANDARD_ERRORS, Folds
 from via_gap.selection.gap import Gap, SignalGap
 from via_gap.selection.holdout import one_sided, split, split_finely
 from via_gap.selection.search import Progress, Search
 from via_gap.selection.verdict import Decision, Verdict, against_ceiling, decide
-from via_gap.sensors.sensor_errors import misreadings
-from via_gap.sensors.stamps import told_apart
+from via_gap.sensors.sensor_errors import sensor_errors
+from via_gap.sensors.stamps import separate_delays
 
 
 def diagnose(
@@ -53,7 +53,7 @@ def diagnose(
     device: Device,
     holdout: Sequence[JointLog] | None = None,
     progress: Progress | None = None,
-    bench: Callable[[Shots, Indices], AnyBench] = Bench.of,
+    view: Callable[[Segments, Indices], View] = Rollout.of,
     groups: Mapping[str, Hashable] | None = None,
 ) -> GapReport:
     """Where the gap between `logs` and the nominal `device` lies, what causes it, and how far it shrinks.
@@ -61,7 +61,7 @@ def diagnose(
     holdout   logs to judge on; without them blocks of `logs` are held out. Where motors follow their commands, so that
               a log is one free run, causes are chosen by `logs` alone, each judged by fits to others (see `Folds`)
     progress  is told what is being done and how much is done
-    bench     how shots are judged: simulated from measured states, or EquationBench.of by their equation
+    view     how segments are judged: simulated from measured states, or InverseDynamics.of by their equation
     groups    of logs, by their names: those of one group never vouch for each other. Each its own without
 
     Raises SignalError where there is no log at all. A log that cannot be used is a finding in the report.
@@ -96,10 +96,10 @@ def diagnose(
         return short.model_copy(update={"data_check": (*findings, few)})
 
     tell("fitting the device's own numbers", 0.05)
-    fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
-    if not judged_on and one_sided(fitted.per_shot(base.residual), tuned.shots, frozen.no_gap):
+    fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, view)
+    if not judged_on and one_sided(fitted.per_segment(base.residual), tuned.segments, frozen.no_gap):
         train, held = split_finely(everything)
-        fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
+        fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, view)
     folds = None
     if cut is whole_log:
         told = groups or {}
@@ -107,21 +107,21 @@ def diagnose(
     if folds is not None:
         frozen = frozen.model_copy(update={"significance": STANDARD_ERRORS})
         before, (tuned,) = folds.nominal(before.fit), folds.judge([base], None)
-    if isinstance(judged.benches[0], EquationBench):
-        # What smoothing leaves of accelerations is in every shot, whatever the cause.
+    if isinstance(judged.views[0], InverseDynamics):
+        # What smoothing leaves of accelerations is in every segment, whatever the cause.
         frozen = frozen.model_copy(update={"typical": float("inf")})
     tell("localising", 0.15)
     numbers = repaired_device(device, fitted.nuisances, base.deviations)
     residuals = [weak_residuals(each, numbers) for each in everything]
     shares = localise(everything, residuals, numbers) if all(residuals) else ()
-    causes: list[Judged] = []
-    pairs: list[Judged] = []
+    causes: list[Evaluation] = []
+    pairs: list[Evaluation] = []
     begins = [s.time[which] - s.log.measured.time[0] for s, which in zip(everything, train, strict=True)]
     seen = len(everything) if folds is None else len(usable)
-    scales = scales_of(everything[:seen], residuals[:seen], np.concatenate(begins), fitted.per_shot(base.residual))
-    candidates = places(device, everything[0].log)
+    scales = scales_of(everything[:seen], residuals[:seen], np.concatenate(begins), fitted.per_segment(base.residual))
+    candidates = locations(device, everything[0].log)
     if len(everything) > 1:  # what came and went at one time of one run is not the cause of the gap of several
-        candidates = tuple(place for place in candidates if place.name != "external_torque")
+        candidates = tuple(location for location in candidates if location.name != "external_torque")
     if tuned.mean_square > frozen.no_gap:
         tell("trying every effect at every place", 0.2)
         weigh = partial(judge, judged) if folds is None else partial(folds.judge, scales=scales)
@@ -132,19 +132,19 @@ def diagnose(
             causes, pairs = search.more(causes, frozen, tell, at_events=not judged_on)
             leaders = sorted(pairs, key=lambda each: each.mean_square)[:1]
         if not judged_on and any(events(each.fit) for each in leaders):
-            when = _events(search, leaders[0].fit, everything, bench)
+            when = _events(search, leaders[0].fit, everything, view)
             train, held = split_finely(everything, when)
-            fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, bench)
+            fitted, judged, base, jacobian, before, tuned = _two_sides(everything, train, held, view)
             weigh = partial(judge, judged)
-            if len(when) == 2:  # which the shots to fit alone might not lead to
+            if len(when) == 2:  # which the segments to fit alone might not lead to
                 scales = replace(scales, busy=((when[0], when[1]), *scales.busy))
             search = Search.of(fitted, weigh, base, jacobian, candidates, scales)
             causes, pairs = search.more(search.single(tell), frozen, tell)
     tell("weighing the evidence", 0.9)
-    (causes, pairs), answers = told_apart([each.log for each in usable], causes, pairs)
+    (causes, pairs), answers = separate_delays([each.log for each in usable], causes, pairs)
     decision = decide(tuned, causes, pairs, frozen)
-    if decision.places:
-        (chosen,) = weigh([settled(fitted, decision.chosen.fit, scales)])
+    if decision.locations:
+        (chosen,) = weigh([converged(fitted, decision.chosen.fit, scales)])
         decision = decision.with_chosen(chosen)
     tell("measuring the gap", 0.95)
     gap = _gap(device, fitted, judged, everything, held, before, tuned, decision)
@@ -159,8 +159,8 @@ def diagnose(
             "verdict": _honest(decision.verdict, usable[0].log),
             "where": _where(device, shares, decision, tuned),
             "causes": tuple(_cause(device, each, probability, tuned) for each, probability in decision.ranked),
-            "equivalence_set": tuple(_named(device, place) for place in decision.equivalent),
-            "effects": tuple(_named(device, place) for place in decision.places),
+            "equivalence_set": tuple(_named(device, location) for location in decision.equivalent),
+            "effects": tuple(_named(device, location) for location in decision.locations),
             "gap": gap,
             "nuisance": _nuisance(fitted, decision.chosen.fit.deviations),
             "data_check": (*findings, *answers),
@@ -169,19 +169,19 @@ def diagnose(
         }
     )
     report = with_probabilities(report, shipped_numbers())
-    report = with_misreadings(report, misreadings([each.log for each in usable]))
+    report = with_sensor_errors(report, sensor_errors([each.log for each in usable]))
     tell("done", 1.0)
     return GapReport.model_validate(report.model_dump())
 
 
 def _two_sides(
-    everything: Sequence[Shots],
+    everything: Sequence[Segments],
     train: Sequence[Indices],
     held: Sequence[Indices],
-    bench: Callable[[Shots, Indices], AnyBench],
-) -> tuple[Problem, Problem, Fit, Array, Judged, Judged]:
-    """The shots to fit and to judge, the device's own numbers fitted, and what is wrong before and after that."""
-    fitted, judged = Problem.of(everything, train, bench), Problem.of(everything, held, bench)
+    view: Callable[[Segments, Indices], View],
+) -> tuple[ResidualModel, ResidualModel, Fit, Array, Evaluation, Evaluation]:
+    """The segments to fit and to judge, the device's own numbers fitted, and what is wrong before and after that."""
+    fitted, judged = ResidualModel.of(everything, train, view), ResidualModel.of(everything, held, view)
     base, jacobian = fit_base(fitted)
     nominal = Fit((), np.zeros_like(base.deviations), 0.0, np.empty(0), np.empty(0))
     before, tuned = judge(judged, [nominal, base])
@@ -189,52 +189,52 @@ def _two_sides(
 
 
 def _events(
-    search: Search, fit: Fit, everything: Sequence[Shots], bench: Callable[[Shots, Indices], AnyBench]
+    search: Search, fit: Fit, everything: Sequence[Segments], view: Callable[[Segments, Indices], View]
 ) -> tuple[float, ...]:
-    """When what a fit to some shots names begins and ends, sought in all: no other shot tells than the one it is in."""
-    return search.events(fit, Problem.of(everything, [np.flatnonzero(each.valid) for each in everything], bench))
+    """When the effects of a fit to some segments begin and end, sought in all segments."""
+    return search.events(fit, ResidualModel.of(everything, [np.flatnonzero(each.valid) for each in everything], view))
 
 
 def _honest(verdict: Verdict, log: JointLog) -> Verdict:
-    """'None of these' only where it can be known: motors that were not seen drift between shots whatever the cause."""
+    """'None of these' only where it can be known: unmeasured motors drift between segments, whatever the cause."""
     drifts = log.device.drive == "torque" and not all(log.motors_seen)
     return "cannot_tell" if verdict == "unknown" and drifts else verdict
 
 
-def _cut(logs: Sequence[JointLog], cut: Callable[[JointLog], Shots]) -> tuple[list[Shots], list[Finding]]:
-    shots, findings = [], []
+def _cut(logs: Sequence[JointLog], cut: Callable[[JointLog], Segments]) -> tuple[list[Segments], list[Finding]]:
+    segments, findings = [], []
     for log in logs:
         try:
-            shots.append(cut(log))
+            segments.append(cut(log))
         except SignalError as error:
             findings.append(
                 Finding(log=log.name, check="usable", signal="all", severity="refuse", value=0.0, text=str(error))
             )
-    return shots, findings
+    return segments, findings
 
 
 def _gap(
-    device: Device, fitted: Problem, judged: Problem, shots: Sequence[Shots], held: Sequence[Indices],
-    before: Judged, tuned: Judged, decision: Decision,
+    device: Device, fitted: ResidualModel, judged: ResidualModel, segments: Sequence[Segments], held: Sequence[Indices],
+    before: Evaluation, tuned: Evaluation, decision: Decision,
 ) -> Gap:  # fmt: skip
     chosen = decision.chosen.fit
-    if isinstance(judged.benches[0], EquationBench):
+    if isinstance(judged.views[0], InverseDynamics):
         errors = (equation_errors(judged, each.residual) for each in (before, tuned, decision.chosen))
         return _told("equations", *errors)
     model = flexible(fitted, chosen)
     if not runs_free(device):
         by: Literal["shots", "free run"] = "shots"
-        three = [shot_errors(judged, each.residual) for each in (before, tuned, decision.chosen)]
-        reached = shot_errors(judged, model.residual(judged, model.functions(judged)))
+        three = [segment_errors(judged, each.residual) for each in (before, tuned, decision.chosen)]
+        reached = segment_errors(judged, model.residual(judged, model.functions(judged)))
     else:
         by = "free run"
 
         def free(deviations: Array, effects: Sequence[Effect]) -> Errors:
-            return free_errors(repaired_device(device, judged.nuisances, deviations), effects, shots, held)
+            return free_errors(repaired_device(device, judged.nuisances, deviations), effects, segments, held)
 
         three = [free(each.fit.deviations, each.fit.effects) for each in (before, tuned, decision.chosen)]
         repaired = repaired_device(device, judged.nuisances, chosen.deviations)
-        reached = free_errors(repaired, chosen.effects, [model.driven(each) for each in shots], held)
+        reached = free_errors(repaired, chosen.effects, [model.driven(each) for each in segments], held)
     first, second, third = three
     return _told(by, first, second, third, reached)
 
@@ -270,7 +270,7 @@ def _closes(before: float, after: float, ceiling: float) -> float:
     return 1.0 if possible <= 1e-12 else (before - after) / possible
 
 
-def _where(device: Device, shares: tuple[SiteShare, ...], decision: Decision, tuned: Judged) -> tuple[Where, ...]:
+def _where(device: Device, shares: tuple[SiteShare, ...], decision: Decision, tuned: Evaluation) -> tuple[Where, ...]:
     """The sites of the causes found, then what the equations alone say."""
     if decision.verdict == "no_gap":
         return ()
@@ -280,8 +280,8 @@ def _where(device: Device, shares: tuple[SiteShare, ...], decision: Decision, tu
     ]
     weights: dict[tuple[str, int], float] = {}
     if decision.verdict in ("effect", "two_effects"):
-        for place, weight in decision.site_weights:
-            key = (place.site, place.motor)
+        for location, weight in decision.site_weights:
+            key = (location.site, location.motor)
             weights[key] = weights.get(key, 0.0) + weight
     named = []
     for (site, motor), weight in sorted(weights.items(), key=lambda each: -each[1]):
@@ -297,13 +297,13 @@ def _where(device: Device, shares: tuple[SiteShare, ...], decision: Decision, tu
     return (*named, *(w for w in scaled if w.share >= 0.02))
 
 
-def _cause(device: Device, each: Judged, probability: float, tuned: Judged) -> Cause:
+def _cause(device: Device, each: Evaluation, probability: float, tuned: Evaluation) -> Cause:
     effect = each.fit.effects[-1]
     kind = EFFECTS[effect.name]
-    spread = each.fit.spread[-len(kind.parameters) :]
+    sd = each.fit.sd[-len(kind.parameters) :]
     values = {
         p.name: Value(value=effect.parameters[p.name], sd=float(min(max(s, 0.0), 1e12)), unit=p.unit_on(device.drive))
-        for p, s in zip(kind.parameters, spread, strict=True)
+        for p, s in zip(kind.parameters, sd, strict=True)
     }
     left = each.mean_square / max(tuned.mean_square, 1e-12)
     return Cause(
@@ -312,11 +312,11 @@ def _cause(device: Device, each: Judged, probability: float, tuned: Judged) -> C
     )  # fmt: skip
 
 
-def _named(device: Device, place: Place) -> Named:
-    return Named(effect=place.name, site=place.site, joint=device.name, motor=place.motor)  # type: ignore[arg-type]
+def _named(device: Device, location: Location) -> Named:
+    return Named(effect=location.name, site=location.site, joint=device.name, motor=location.motor)  # type: ignore[arg-type]
 
 
-def _nuisance(problem: Problem, deviations: Array) -> tuple[NuisanceValue, ...]:
+def _nuisance(problem: ResidualModel, deviations: Array) -> tuple[NuisanceValue, ...]:
     return tuple(
         NuisanceValue(
             name=n.name,

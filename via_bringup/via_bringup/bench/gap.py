@@ -3,14 +3,14 @@
 The fit: dry friction, viscous friction and inertia of the motor of a flexible joint, from one log of 40 s at 1 kHz, all
 within the same bounds and from the device file's values. Contenders:
 
-    via_gap       its Gauss-Newton on whitened shots, `candidates.refine`
-    scipy         least_squares (trust region, 2-point differences) on the same shots, simulator and whitening
+    via_gap       its Gauss-Newton on whitened segments, `candidates.refine`
+    scipy         least_squares (trust region, 2-point differences) on the same segments, simulator and whitening
     mujoco.sysid  as its documentation goes: a parameter per modifier of the spec, one sequence, its default residual,
                   optimiser and threads; a joint of MuJoCo's, implicitfast at 1 ms
 
 mujoco.sysid runs the whole log in one go from rest, which suits this joint (gravity and friction keep a free run near
-the log) and the program: every sequence is rolled out by a call of its own, so shots would cost it several times more.
-Cutting a log counts for those who cut it. The log comes from via_sim, whose dry friction sticks: MuJoCo's, as set
+the log) and the program: every sequence is rolled out by a call of its own, so segments would cost it several times
+more. Cutting a log counts for those who cut it. The log comes from via_sim, whose dry friction sticks: MuJoCo's, as set
 by default, is a soft constraint, and most of its parameter error is that (a stiff one brings the inertia right). Two
 logs of 400 and 40 s (the beginning of the longer one) then go through the whole diagnosis.
 
@@ -38,14 +38,14 @@ from scipy.optimize import least_squares
 from via_core.devices import Device, parse_device
 from via_core.signals import Array, Signals
 from via_gap.candidates.fit import fit_base, refine
-from via_gap.candidates.location import Place
+from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
 from via_gap.design.proposal import following
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.residual.equations import weak_residuals
-from via_gap.residual.residual_model import Problem
-from via_gap.residual.segments import Shots, cut_log
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import Segments, cut_log
 from via_sim.effects import Effect
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
@@ -132,24 +132,27 @@ def _effects(found: Array) -> list[Effect]:
     ]
 
 
-def _problem(shots: Shots) -> Problem:
-    """All shots that are valid; of the device's numbers only the motor's inertia is free."""
-    whole = Problem.of([shots], [np.flatnonzero(shots.valid)])
-    return Problem(whole.benches, whole.plant, tuple(n for n in whole.nuisances if n.name == "motor 1 inertia"))
+def _problem(segments: Segments) -> ResidualModel:
+    """All segments that are valid; of the device's numbers only the motor's inertia is free."""
+    whole = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
+    return ResidualModel(whole.views, whole.plant, tuple(n for n in whole.nuisances if n.name == "motor 1 inertia"))
 
 
 def by_via(log: JointLog) -> Array:
     """(3,) in the order of NAMES, by this project."""
-    shots = cut_log(log)
-    problem = _problem(shots)
+    segments = cut_log(log)
+    problem = _problem(segments)
     base, jacobian = fit_base(problem)
-    every = np.flatnonzero(shots.valid)
+    every = np.flatnonzero(segments.valid)
     scales = scales_of(
-        [shots], [weak_residuals(shots, shots.log.device)], shots.time[every], problem.per_shot(base.residual)
+        [segments],
+        [weak_residuals(segments, segments.log.device)],
+        segments.time[every],
+        problem.per_segment(base.residual),
     )
     members = [
-        (Place("coulomb_friction", "motor", 1), [START[0]]),
-        (Place("viscous_friction", "motor", 1), [START[1]]),
+        (Location("coulomb_friction", "motor", 1), [START[0]]),
+        (Location("viscous_friction", "motor", 1), [START[1]]),
     ]
     fit = refine(problem, base, jacobian, members, scales)
     assert fit is not None
@@ -159,7 +162,7 @@ def by_via(log: JointLog) -> Array:
 
 
 def by_scipy(log: JointLog) -> Array:
-    """(3,) in the order of NAMES, by scipy over the same shots and simulator."""
+    """(3,) in the order of NAMES, by scipy over the same segments and simulator."""
     problem = _problem(cut_log(log))
     tolerance = problem.nuisances[0].tolerance
 

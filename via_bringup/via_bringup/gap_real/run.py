@@ -22,10 +22,10 @@ from via_gap.logs.log import JointLog, read_log
 from via_gap.logs.replay import Gap as Replayed
 from via_gap.logs.replay import measure_gap, pooled
 from via_gap.report.report import GapReport
-from via_gap.residual.inverse_dynamics import EquationBench
+from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.nuisance import nuisances
 from via_gap.residual.repaired_device import repaired_device
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_gap.run.arms import diagnose_arm, load_arm, read_arm_log
 from via_sim.plants import JointPlant
@@ -114,11 +114,11 @@ def diagnose_both(folder: Path, progress: Progress) -> tuple[ArmJoint, ...]:
 
 
 def _missing(log: JointLog, report: GapReport) -> tuple[Array, Array, Array]:
-    shots = cut_log(log)
-    problem = Problem.of([shots], [np.flatnonzero(shots.valid)], EquationBench.of)
-    bench = problem.benches[0]
-    assert isinstance(bench, EquationBench)
+    segments = cut_log(log)
+    problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)], InverseDynamics.of)
+    bench = problem.views[0]
+    assert isinstance(bench, InverseDynamics)
     moved = np.array([number.deviations for number in report.nuisance])
     before, after = problem.residual([problem.row([]), problem.row(report.repair(), moved)]) * bench.floor
     middle = bench.first.ravel() + bench.weights.shape[1] // 2
-    return shots.start[middle, 3], before, after
+    return segments.start[middle, 3], before, after

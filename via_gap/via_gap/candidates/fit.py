@@ -15,14 +15,14 @@ from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
-from via_gap.candidates.location import Place
+from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
 from via_gap.residual.nuisance import BOUND, descend
-from via_gap.residual.residual_model import STEP, Problem
+from via_gap.residual.residual_model import STEP, ResidualModel
 
 ROUNDS = 14
-SPARSE = 6  # two of so many neighbouring shots are enough to come near the device's own numbers
+SPARSE = 6  # two of so many neighbouring segments are enough to come near the device's own numbers
 LEAST_STEP = 0.003  # of the typical size of a parameter: a finite difference
 TURNS = 2  # at most, of the steps to the end of a fit
 FINE = 0.1  # of a step, where differences are central: what they leave out is then far below a tolerance
@@ -39,20 +39,20 @@ GIVE_UP = 4.0  # times the best loss so far
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Effects and device numbers that explain the training shots best.
+    """Effects and device numbers that explain the training segments best.
 
     effects     with their values
     deviations  (J,) of the nuisances [sd]
     loss        squared residual plus squared deviations
     residual    (R,) whitened
-    spread      (p,) standard deviation of the effects' parameters in their order, as if the model were right
+    sd          (p,) standard deviation of the effects' parameters in their order, as if the model were right
     """
 
     effects: tuple[Effect, ...]
     deviations: Array
     loss: float
     residual: Array
-    spread: Array
+    sd: Array
 
     @property
     def values(self) -> list[float]:
@@ -60,8 +60,8 @@ class Fit:
         return [value for effect in self.effects for value in effect.parameters.values()]
 
     @property
-    def places(self) -> tuple[Place, ...]:
-        return tuple(Place(effect.name, effect.site, effect.motor) for effect in self.effects)
+    def locations(self) -> tuple[Location, ...]:
+        return tuple(Location(effect.name, effect.site, effect.motor) for effect in self.effects)
 
 
 def events(fit: Fit) -> tuple[float, ...]:
@@ -74,21 +74,21 @@ def events(fit: Fit) -> tuple[float, ...]:
     )
 
 
-def make(place: Place, values: Sequence[float]) -> Effect | None:
+def make(location: Location, values: Sequence[float]) -> Effect | None:
     """The effect, or None where these values together make none."""
-    kind = EFFECTS[place.name]
+    kind = EFFECTS[location.name]
     inside = {p.name: float(np.clip(v, p.low, p.high)) for p, v in zip(kind.parameters, values, strict=True)}
     if {"breakaway", "kinetic"} <= inside.keys():
         inside["breakaway"] = max(inside["breakaway"], inside["kinetic"])
     try:
-        return place.effect(inside)
+        return location.effect(inside)
     except ParameterError:
         return None
 
 
-def fit_base(problem: Problem, effects: Sequence[Effect] = ()) -> tuple[Fit, Array]:
+def fit_base(problem: ResidualModel, effects: Sequence[Effect] = ()) -> tuple[Fit, Array]:
     """The device's own numbers alone (with effects already accepted) -> fit and Jacobian (R, J)."""
-    few = problem.part([np.flatnonzero(np.arange(len(bench.chosen)) % SPARSE < 2) for bench in problem.benches])[0]
+    few = problem.part([np.flatnonzero(np.arange(len(view.chosen)) % SPARSE < 2) for view in problem.views])[0]
     begin = few.fit_nuisances(effects, np.zeros(len(problem.nuisances)))[0]
     deviations, residual, jacobian = problem.fit_nuisances(effects, begin, 2)
     loss = float(residual @ residual + deviations @ deviations)
@@ -104,21 +104,21 @@ class _Axes:
     times  (p,) those that are times of the run, which no slope leads to
     """
 
-    problem: Problem
-    places: tuple[Place, ...]
+    problem: ResidualModel
+    locations: tuple[Location, ...]
     size: Array
     low: Array
     high: Array
     times: NDArray[np.bool_]
 
     @staticmethod
-    def of(problem: Problem, places: Sequence[Place], scales: Scales) -> _Axes:
-        parameters = [(place, p) for place in places for p in EFFECTS[place.name].parameters]
-        size = np.array([size_of(p, place, scales) for place, p in parameters])
+    def of(problem: ResidualModel, locations: Sequence[Location], scales: Scales) -> _Axes:
+        parameters = [(location, p) for location in locations for p in EFFECTS[location.name].parameters]
+        size = np.array([size_of(p, location, scales) for location, p in parameters])
         low = np.array([p.low for _, p in parameters]) / size
         high = np.array([p.high for _, p in parameters]) / size
         times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
-        return _Axes(problem, tuple(places), size, low, high, times)
+        return _Axes(problem, tuple(locations), size, low, high, times)
 
     @property
     def count(self) -> int:
@@ -137,9 +137,9 @@ class _Axes:
 
     def effects(self, point: Array) -> list[Effect | None]:
         values, first, made = point[self.count :] * self.size, 0, []
-        for place in self.places:
-            number = len(EFFECTS[place.name].parameters)
-            made.append(make(place, list(values[first : first + number])))
+        for location in self.locations:
+            number = len(EFFECTS[location.name].parameters)
+            made.append(make(location, list(values[first : first + number])))
             first += number
         return made
 
@@ -163,14 +163,14 @@ class _Axes:
         return (moved - residual).T / steps
 
 
-def member_slopes(problem: Problem, fit: Fit, scales: Scales) -> Array:
+def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:
     """(R, k) of the residual along those parameters of a fit's effects on which it depends smoothly."""
-    axes = _Axes.of(problem, fit.places, scales)
+    axes = _Axes.of(problem, fit.locations, scales)
     slopes = axes.slopes(axes.point(fit.deviations, fit.values), fit.residual)
     return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0) & ~axes.times]
 
 
-def _settle_times(
+def _search_times(
     losses: Callable[[Sequence[Array]], tuple[Array, Array]],
     at: Array, value: float, residual: Array, which: Sequence[int], low: Array, high: Array,
     steps: Sequence[float] = TIME_STEPS,
@@ -192,7 +192,7 @@ def _settle_times(
     return at, value, residual
 
 
-def _spread(normal: Array, width: Array, first: int) -> Array:
+def _standard_deviations(normal: Array, width: Array, first: int) -> Array:
     """(p,) standard deviations of the parameters from `first` on; one that nothing depends on is known to `width`."""
     informed = normal.copy()
     informed[range(first, len(normal)), range(first, len(normal))] += width**-2.0
@@ -202,10 +202,10 @@ def _spread(normal: Array, width: Array, first: int) -> Array:
 
 
 def refine(
-    problem: Problem,
+    problem: ResidualModel,
     base: Fit,
     jacobian: Array | None,
-    members: Sequence[tuple[Place, Sequence[float]]],
+    members: Sequence[tuple[Location, Sequence[float]]],
     scales: Scales,
     rival: float = 0.0,
     rounds: int = ROUNDS,
@@ -215,7 +215,7 @@ def refine(
     jacobian  (R, J) of the nuisances near there; None: made here
     rival     loss of the best fit so far: one that is far above it and no longer falls is given up. None: never valid.
     """
-    axes = _Axes.of(problem, [place for place, _ in members], scales)
+    axes = _Axes.of(problem, [location for location, _ in members], scales)
     size, low, high, count, many = axes.size, axes.low, axes.high, axes.count, len(axes.size)
     box, effects_at, losses, times = axes.box, axes.effects, axes.losses, axes.times
     at = axes.point(base.deviations, [value for _, values in members for value in values])
@@ -233,7 +233,7 @@ def refine(
         if times.any():  # at last by milliseconds: with each better size of what begins then it shows better when
             which = [count + int(k) for k in np.flatnonzero(times)]
             finer = TIME_STEPS if round_ < 2 else TIME_STEPS[-LAST_STEPS:]
-            at, value, residual = _settle_times(losses, at, value, residual, which, *box, finer)
+            at, value, residual = _search_times(losses, at, value, residual, which, *box, finer)
         if value < AGED * since:
             side = problem.nuisance_jacobian([e for e in effects_at(at) if e is not None], at[:count], residual)
             fresh, since = True, value
@@ -270,12 +270,12 @@ def refine(
             fresh, since = True, value
     effects = [effect for effect in effects_at(at) if effect is not None]
     excess = max(value / max(len(residual), 1), 1.0)
-    spread = _spread(normal, high - low, count) * np.sqrt(excess)
-    spread = np.where(times, TIME_STEPS[-1], np.where(apart, 0.0, np.minimum(spread, high - low))) * size
-    return Fit(tuple(effects), at[:count].copy(), value, residual, spread)
+    sd = _standard_deviations(normal, high - low, count) * np.sqrt(excess)
+    sd = np.where(times, TIME_STEPS[-1], np.where(apart, 0.0, np.minimum(sd, high - low))) * size
+    return Fit(tuple(effects), at[:count].copy(), value, residual, sd)
 
 
-def settled(problem: Problem, fit: Fit, scales: Scales) -> Fit:
+def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     """A fit led to the end along what hardly changes its loss, with standard deviations that know of it.
 
     Without a torque on record all torques and inertias of a joint may grow together and nothing shows: only the
@@ -283,7 +283,7 @@ def settled(problem: Problem, fit: Fit, scales: Scales) -> Fit:
     bend it, so that it seems well known. Central differences keep it straight; one step with them is nearly exact,
     but from where a number of the device stands at the end of its tolerance.
     """
-    axes = _Axes.of(problem, fit.places, scales)
+    axes = _Axes.of(problem, fit.locations, scales)
     count, many = axes.count, len(axes.size)
     at = axes.point(fit.deviations, fit.values)
     steps = FINE * np.append(
@@ -311,7 +311,7 @@ def settled(problem: Problem, fit: Fit, scales: Scales) -> Fit:
         if not one_sided:
             break
     excess = max(float(value) / max(len(residual), 1), 1.0)
-    spread = _spread(normal, axes.high - axes.low, count) * np.sqrt(excess)
-    spread = np.where(known[count:], np.minimum(spread, axes.high - axes.low) * axes.size, fit.spread[-many:])
+    sd = _standard_deviations(normal, axes.high - axes.low, count) * np.sqrt(excess)
+    sd = np.where(known[count:], np.minimum(sd, axes.high - axes.low) * axes.size, fit.sd[-many:])
     effects = tuple(effect for effect in axes.effects(at) if effect is not None)
-    return Fit(effects, at[:count].copy(), float(value), residual, spread)
+    return Fit(effects, at[:count].copy(), float(value), residual, sd)

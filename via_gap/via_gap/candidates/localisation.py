@@ -20,7 +20,7 @@ from via_core.signals import Array
 
 from via_gap.logs.findings import Number, Record, Share
 from via_gap.residual.equations import Residual
-from via_gap.residual.segments import Shots
+from via_gap.residual.segments import Segments
 
 Quantity = Literal["speed", "deflection", "angle", "motor angle", "torque", "time", "reversal"]
 BINS = 5
@@ -49,7 +49,9 @@ class SiteShare:
     regions: tuple[Region, ...]
 
 
-def localise(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], device: Device) -> tuple[SiteShare, ...]:
+def localise(
+    segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], device: Device
+) -> tuple[SiteShare, ...]:
     """Shares of the sites that equations can tell apart, largest first; empty where no equation could be looked at."""
     axes = [each.axis for each in residuals[0]] if residuals else []
     if not axes:
@@ -82,18 +84,18 @@ def localise(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], de
     for (site, motor, equation), amount, pattern in zip(names, energy, patterns, strict=True):
         if amount > 0.02 * total:
             excess = (whitened @ pattern) ** 2
-            regions = _regions(shots, residuals, excess, device, motor if site != "link" else 0)
+            regions = _regions(segments, residuals, excess, device, motor if site != "link" else 0)
             found.append(SiteShare(site, motor, equation, float(amount / total), regions))
     return tuple(sorted(found, key=lambda each: -each.share))
 
 
 def _regions(
-    shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], excess: Array, device: Device, axis: int
+    segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], excess: Array, device: Device, axis: int
 ) -> tuple[Region, ...]:
     """Ranges of speed, deflection, angle and time that hold more of the energy than of the data."""
     centres = [each[0].centre for each in residuals]
-    states = np.concatenate([s.start[c] for s, c in zip(shots, centres, strict=True)])
-    time = np.concatenate([c / s.rate for s, c in zip(shots, centres, strict=True)])
+    states = np.concatenate([s.start[c] for s, c in zip(segments, centres, strict=True)])
+    time = np.concatenate([c / s.rate for s, c in zip(segments, centres, strict=True)])
     against: dict[Quantity, tuple[str, Array]] = {
         "speed": ("rad/s", np.abs(states[:, 3 + axis])),
         "angle": ("rad", states[:, 0]),

@@ -1,4 +1,4 @@
-"""Candidate causes: every effect of the catalogue at every place where the device can have it."""
+"""Candidate causes: every effect of the catalogue at every location where the device can have it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from via_sim.effects import places as places_of
 
 from via_gap.logs.log import JointLog
 
-# Seen in the readings themselves, see data_check: no simulation of motion shows them.
-OF_READINGS = ("encoder_quantisation",)
+# Seen in the measurements themselves, see sensor_errors.py: no simulation of motion shows them.
+MEASUREMENT_ONLY = ("encoder_quantisation",)
 
 
 @dataclass(frozen=True)
-class Place:
+class Location:
     """An effect at a site; `motor` is the number of motor, transmission or sensor, 0 the link's or none."""
 
     name: str
@@ -31,26 +31,26 @@ class Place:
         return f"{self.name} at {self.site}{f' {self.motor}' if self.motor else ''}"
 
 
-def places(device: Device, log: JointLog) -> tuple[Place, ...]:
-    """All places of all effects that this device can have and that a simulation of this log can show."""
+def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
+    """All locations of all effects that this device can have and that a simulation of this log can show."""
     seen = (0, *(1 + i for i, each in enumerate(log.motors_seen) if each))
     neighbour = log.commands is not None and "neighbour" in log.commands
     found = []
     for kind in EFFECTS.values():
-        if kind.name in OF_READINGS or (kind.name == "joint_coupling" and not neighbour):
+        if kind.name in MEASUREMENT_ONLY or (kind.name == "joint_coupling" and not neighbour):
             continue
         for site, motor in places_of(kind, device):
             if site == "sensor" and kind.of_drive:
                 continue  # torque sensors: seen in the readings
             if site in ("sensor", "timing") and motor not in seen:
                 continue
-            found.append(Place(kind.name, site, motor))
+            found.append(Location(kind.name, site, motor))
     return tuple(found)
 
 
 def unjudged(device: Device, log: JointLog) -> tuple[str, ...]:
     """Why effects of the catalogue can be no answer on this log: a sentence for each reason that there is."""
-    offered = {place.name for place in places(device, log)} | set(OF_READINGS)
+    offered = {location.name for location in locations(device, log)} | set(MEASUREMENT_ONLY)
     absent = [kind for kind in EFFECTS.values() if kind.name not in offered]
     nowhere = [kind.name for kind in absent if not places_of(kind, device)]
     said = []

@@ -10,7 +10,7 @@ from via_core.signals import Array
 from via_sim.torques import EXTERNAL
 
 from via_gap.residual.equations import Residual
-from via_gap.residual.segments import Shots
+from via_gap.residual.segments import Segments
 
 ORDERS = np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])  # periods per turn that are screened
 KEPT_ORDERS = 2
@@ -44,17 +44,19 @@ class Scales:
     orders: tuple[tuple[float, ...], ...]
 
 
-def scales_of(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], time: Array, excess: Array) -> Scales:
-    """time, excess (S,): when shots begin [s since their log began] and their unexplained mean squared error."""
-    device = shots[0].log.device
-    start = np.concatenate([each.start for each in shots])
-    commands = np.concatenate([each.commands for each in shots])
+def scales_of(
+    segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], time: Array, excess: Array
+) -> Scales:
+    """time, excess (S,): when segments begin [s since their log began] and their unexplained mean squared error."""
+    device = segments[0].log.device
+    start = np.concatenate([each.start for each in segments])
+    commands = np.concatenate([each.commands for each in segments])
     with np.errstate(invalid="ignore"):
         speed = np.sqrt(np.mean(np.nan_to_num(start[:, 3:6]) ** 2, axis=0))
     q = start[:, 0]
     angle = float(np.std(q))
     peak = np.max(np.abs(commands[:, :2]), axis=0)
-    acceleration = float(np.std(np.gradient(start[:, 3], 1.0 / shots[0].rate)))
+    acceleration = float(np.std(np.gradient(start[:, 3], 1.0 / segments[0].rate)))
     link, motors = device.link, device.n_motors
     torque = np.zeros(3)
     torque[0] = (
@@ -72,21 +74,21 @@ def scales_of(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], t
     torque = np.maximum(torque, 1e-3 * max(float(torque.max()), 1e-3))
     slew = 1.0
     if device.drive == "servo":  # of a servo that follows the largest change asked for: w step / e
-        reach = max(float(np.ptp(each.commands[:, 0])) + _first_step(each) for each in shots)
+        reach = max(float(np.ptp(each.commands[:, 0])) + _first_step(each) for each in segments)
         slew = max(getattr(motor, "bandwidth", 1.0) for motor in device.motors) * reach / np.e
-    orders = [_orders(shots, residuals, axis) for axis in range(3)]
+    orders = [_orders(segments, residuals, axis) for axis in range(3)]
     if not motors:
         orders[1] = orders[0]
     return Scales(
         torque, speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
-        np.quantile(q, [0.02, 0.1, 0.9, 0.98]), max(deflection, 1e-3), max(each.log.duration for each in shots),
+        np.quantile(q, [0.02, 0.1, 0.9, 0.98]), max(deflection, 1e-3), max(each.log.duration for each in segments),
         _busiest(time, excess), tuple(orders),
     )  # fmt: skip
 
 
-def _first_step(shots: Shots) -> float:
+def _first_step(segments: Segments) -> float:
     """[rad] from where motor 1 stood to its first command."""
-    step = abs(float(shots.commands[0, 0] - shots.rest[1]))
+    step = abs(float(segments.commands[0, 0] - segments.rest[1]))
     return step if np.isfinite(step) else 0.0
 
 
@@ -108,9 +110,9 @@ def _busiest(time: Array, excess: Array) -> tuple[tuple[float, float], ...]:
     return ((max(float(at[low]), 0.0), float(at[high]) + step),)
 
 
-def _orders(shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], axis: int) -> tuple[float, ...]:
+def _orders(segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], axis: int) -> tuple[float, ...]:
     """Orders whose sine and cosine over the angle of the axis explain most of its residual."""
-    pairs = [(s, r) for s, each in zip(shots, residuals, strict=True) for r in each if r.axis == axis]
+    pairs = [(s, r) for s, each in zip(segments, residuals, strict=True) for r in each if r.axis == axis]
     if not pairs:
         return (1.0,)
     angle = np.concatenate([s.start[r.centre, axis] for s, r in pairs])

@@ -14,11 +14,11 @@ import numpy as np
 from via_core.signals import Array
 
 from via_gap.candidates.fit import Fit, make
-from via_gap.candidates.location import Place
+from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import Start, amount_range, combined, starts
 from via_gap.residual.nuisance import BOUND, descend
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 
 REACH = 12.0  # times its start: how far the screen extrapolates an effect
 LEAST = 0.02  # times its start: with less of an effect a fit would not find its way
@@ -29,34 +29,34 @@ BATCH = 16  # starts that are simulated at once
 class Direction:
     """What one start of a candidate does: change (R, k) of a residual by each of its directions."""
 
-    place: Place
+    location: Location
     start: Start
     moved: Array
 
 
-Members = list[tuple[Place, list[float]]]  # and the values they have or start from
-Ranked = list[tuple[float, Place, list[float]]]  # predicted loss, place, values to start from; best first
+Members = list[tuple[Location, list[float]]]  # and the values they have or start from
+Ranked = list[tuple[float, Location, list[float]]]  # predicted loss, location, values to start from; best first
 
 
-def directions(problem: Problem, base: Fit, candidates: Sequence[Place], scales: Scales) -> list[Direction]:
+def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location], scales: Scales) -> list[Direction]:
     """Every start of every candidate beside the effects of `base`, simulated once."""
-    tried: list[tuple[Place, Start, list[Array]]] = []
-    for place in candidates:
-        for start in starts(place, scales, problem.device):
+    tried: list[tuple[Location, Start, list[Array]]] = []
+    for location in candidates:
+        for start in starts(location, scales, problem.device):
             rows = [
-                problem.row_or_none([*base.effects, make(place, list(direction.values()))], base.deviations)
+                problem.row_or_none([*base.effects, make(location, list(direction.values()))], base.deviations)
                 for direction in start.directions
             ]
             there = [row for row in rows if row is not None]
             if len(there) == len(start.directions):
-                tried.append((place, start, there))
+                tried.append((location, start, there))
     found = []
     for first in range(0, len(tried), BATCH):
         batch = tried[first : first + BATCH]
         moved = problem.residual([row for _, _, rows in batch for row in rows]) - base.residual
         at = 0
-        for place, start, made in batch:
-            found.append(Direction(place, start, moved[at : at + len(made)].T))
+        for location, start, made in batch:
+            found.append(Direction(location, start, moved[at : at + len(made)].T))
             at += len(made)
     return found
 
@@ -77,7 +77,7 @@ def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array
         tried = [replace(each, moved=each.moved - basis @ (basis.T @ each.moved)) for each in tried]
     screen = _Screen.of(base, jacobian, tried)
     alone = map(screen.left, combinations(screen.best_starts(), 1))
-    return sorted(((loss, place, values) for loss, ((place, values),) in alone), key=lambda each: each[0])
+    return sorted(((loss, location, values) for loss, ((location, values),) in alone), key=lambda each: each[0])
 
 
 def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list[tuple[float, Members]]:
@@ -112,19 +112,19 @@ class _Screen:
         normal, gradient = whole.T @ whole, -(whole.T @ base.residual)
         normal[range(len(normal)), range(len(normal))] += np.where(np.arange(len(normal)) < count, 1.0, 1e-9)
         gradient[:count] -= base.deviations
-        ranges = [amount_range(each.place, each.start, REACH) for each in tried]
+        ranges = [amount_range(each.location, each.start, REACH) for each in tried]
         low = np.concatenate([-BOUND - base.deviations, *(lows for lows, _ in ranges)])
         high = np.concatenate([BOUND - base.deviations, *(highs for _, highs in ranges)])
         first = count + np.cumsum([0, *(each.moved.shape[1] for each in tried)])
         return _Screen(base, tried, normal, gradient, low, high, [int(each) for each in first])
 
     def best_starts(self) -> list[int]:
-        """Of each place the one start that is best alone, by its place in `tried`."""
-        best: dict[Place, tuple[float, int]] = {}
+        """For each location the one start that is best alone, by its index in `tried`."""
+        best: dict[Location, tuple[float, int]] = {}
         for number, each in enumerate(self.tried):
             loss, _ = self.left((number,))
-            if each.place not in best or loss < best[each.place][0]:
-                best[each.place] = (loss, number)
+            if each.location not in best or loss < best[each.location][0]:
+                best[each.location] = (loss, number)
         return [number for _, number in best.values()]
 
     def left(self, which: Sequence[int]) -> tuple[float, Members]:
@@ -142,5 +142,5 @@ class _Screen:
             at += len(own)
             if not np.any(np.abs(amounts) > LEAST):
                 amounts = np.clip(np.full(len(own), LEAST), self.low[own], self.high[own])
-            members.append((each.place, combined(each.place, each.start, [float(a) for a in amounts])))
+            members.append((each.location, combined(each.location, each.start, [float(a) for a in amounts])))
         return loss, members

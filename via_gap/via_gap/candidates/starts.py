@@ -14,7 +14,7 @@ import numpy as np
 from via_core.devices import Device
 from via_sim.catalogue import EFFECTS, EffectParameter
 
-from via_gap.candidates.location import Place
+from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 
 Values = dict[str, float]
@@ -36,11 +36,11 @@ class Start:
     through: tuple[str, ...] = ()
 
 
-def starts(place: Place, scales: Scales, device: Device) -> tuple[Start, ...]:
+def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, ...]:
     """All starts of a candidate."""
-    parameters = EFFECTS[place.name].parameters
-    axis = place.motor if place.site in ("motor", "transmission", "sensor", "timing") else 0
-    made = _STARTS[place.name](_Here(scales, axis, place, device))
+    parameters = EFFECTS[location.name].parameters
+    axis = location.motor if location.site in ("motor", "transmission", "sensor", "timing") else 0
+    made = _STARTS[location.name](_Here(scales, axis, location, device))
     clipped = []
     for start in made:
         directions = tuple(
@@ -51,9 +51,9 @@ def starts(place: Place, scales: Scales, device: Device) -> tuple[Start, ...]:
     return tuple(clipped)
 
 
-def combined(place: Place, start: Start, amounts: Sequence[float]) -> list[float]:
+def combined(location: Location, start: Start, amounts: Sequence[float]) -> list[float]:
     """Parameter values, in their order, of a start's directions in these amounts."""
-    parameters = EFFECTS[place.name].parameters
+    parameters = EFFECTS[location.name].parameters
     first = start.directions[0]
     values = dict(first)
     if start.wave:
@@ -71,13 +71,13 @@ def combined(place: Place, start: Start, amounts: Sequence[float]) -> list[float
     return [float(np.clip(values[p.name], p.low, p.high)) for p in parameters]
 
 
-def amount_range(place: Place, start: Start, reach: float) -> tuple[list[float], list[float]]:
+def amount_range(location: Location, start: Start, reach: float) -> tuple[list[float], list[float]]:
     """How much of each direction the effect's bounds allow, within +-reach."""
     lows, highs = [], []
     for direction in start.directions:
         low, high = (-reach, reach) if start.wave else ((1.0, 1.0) if not start.scaled else (-reach, reach))
         if not start.wave:
-            for p in EFFECTS[place.name].parameters:
+            for p in EFFECTS[location.name].parameters:
                 step = direction[p.name] - p.neutral
                 if p.name in start.scaled and step != 0.0:
                     ends = sorted(((p.low - p.neutral) / step, (p.high - p.neutral) / step))
@@ -87,13 +87,13 @@ def amount_range(place: Place, start: Start, reach: float) -> tuple[list[float],
     return lows, highs
 
 
-def size_of(parameter: EffectParameter, place: Place, scales: Scales) -> float:
+def size_of(parameter: EffectParameter, location: Location, scales: Scales) -> float:
     """A typical size of a parameter, in its unit: the length of a long step of a fit."""
-    axis = place.motor if place.site in ("motor", "transmission") else 0
-    torque, speed = _typical(scales, place, axis)
+    axis = location.motor if location.site in ("motor", "transmission") else 0
+    torque, speed = _typical(scales, location, axis)
     sizes = {
         "N m": torque,
-        "rad": scales.deflection if place.site == "transmission" else scales.angle,
+        "rad": scales.deflection if location.site == "transmission" else scales.angle,
         "rad/s": speed,
         "N m s/rad": torque / speed,
         "N m s^2/rad^2": torque / speed**2,
@@ -106,8 +106,8 @@ def size_of(parameter: EffectParameter, place: Place, scales: Scales) -> float:
         "s": scales.duration if parameter.high > 10.0 else 0.02,
     }
     size = sizes.get(parameter.unit) or 1.0
-    if place.name == "torque_saturation":
-        size = float(scales.peak[max(place.motor, 1) - 1]) or size
+    if location.name == "torque_saturation":
+        size = float(scales.peak[max(location.motor, 1) - 1]) or size
     if parameter.unit == "kg m^2":
         size = torque / max(speed * 10.0, 1e-6)
     return float(min(size, parameter.high - parameter.low))
@@ -117,22 +117,22 @@ def size_of(parameter: EffectParameter, place: Place, scales: Scales) -> float:
 class _Here:
     scales: Scales
     axis: int
-    place: Place
+    location: Location
     device: Device
 
     @property
     def torque(self) -> float:
-        return _typical(self.scales, self.place, self.axis)[0]
+        return _typical(self.scales, self.location, self.axis)[0]
 
     @property
     def speed(self) -> float:
-        return _typical(self.scales, self.place, self.axis)[1]
+        return _typical(self.scales, self.location, self.axis)[1]
 
 
-def _typical(scales: Scales, place: Place, axis: int) -> tuple[float, float]:
+def _typical(scales: Scales, location: Location, axis: int) -> tuple[float, float]:
     """Torque [N m] and speed [rad/s] at a place; a transmission passes what the link takes, whatever drives it."""
     torque, speed = float(scales.torque[axis]), float(scales.speed[axis])
-    return (max(torque, float(scales.torque[0])), speed) if place.site == "transmission" else (torque, speed)
+    return (max(torque, float(scales.torque[0])), speed) if location.site == "transmission" else (torque, speed)
 
 
 def _one(values: Callable[[_Here], Values], *scaled: str) -> Callable[[_Here], list[Start]]:

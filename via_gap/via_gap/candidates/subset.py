@@ -1,7 +1,7 @@
-"""Fewer shots to search on: neighbouring pairs spread evenly over the logs, and those in which most is unexplained.
+"""Fewer segments to search on: neighbouring pairs spread evenly over the logs, and those in which most is unexplained.
 
 What ranks candidates and finds their numbers roughly needs no more data than this, however long the logs are; what is
-kept is fitted to all shots and judged on those held out.
+kept is fitted to all segments and judged on those held out.
 """
 
 from __future__ import annotations
@@ -9,23 +9,23 @@ from __future__ import annotations
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices
 
-EVEN = 28  # shots spread over the logs
-BUSIEST = 8  # shots with the largest errors besides
+EVEN = 28  # segments spread over the logs
+BUSIEST = 8  # segments with the largest errors besides
 
 
-def thinned(problem: Problem, residual: Array) -> tuple[Problem, Indices]:
+def subset(problem: ResidualModel, residual: Array) -> tuple[ResidualModel, Indices]:
     """The problem to search on, and where its values stand in a residual (R,); all of it where that is not much.
 
-    Motors that nobody saw need the shots before, and those of servos are few and long: then nothing is left out.
+    Motors that nobody saw need the segments before, and those of servos are few and long: then nothing is left out.
     """
-    counts = [len(bench.chosen) for bench in problem.benches]
-    seen = all(all(bench.shots.log.motors_seen) for bench in problem.benches)
+    counts = [len(view.chosen) for view in problem.views]
+    seen = all(all(view.segments.log.motors_seen) for view in problem.views)
     if problem.device.drive == "servo" or not seen or sum(counts) < 1.5 * (EVEN + BUSIEST):
         return problem, np.arange(len(residual))
-    excess = problem.per_shot(residual)
+    excess = problem.per_segment(residual)
     pair = np.concatenate([np.arange(n) // 2 + 10**6 * i for i, n in enumerate(counts)])  # of no two logs
     numbers, which = np.unique(pair, return_inverse=True)
     kept = np.zeros(len(numbers), dtype=bool)

@@ -24,13 +24,13 @@ from via_sim.sensors import Sensors
 from via_sim.simulate import Simulator, simulate
 
 from via_gap.candidates.fit import make
-from via_gap.candidates.location import Place
+from via_gap.candidates.location import Location
 from via_gap.design.motions import DURATION, MOTIONS, REST, Motion
 from via_gap.logs.log import JointLog
 from via_gap.report.report import Cause, GapReport, Proposal
 from via_gap.report.report import Place as Named
 from via_gap.residual.nuisance import BOUND, descend, nuisances
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 
 RATE = 1000.0  # [Hz] at least, of the commands
@@ -61,15 +61,15 @@ class Proposed:
     motion: Motion
     size: float  # [rad] largest motor angle
     commands: Signals
-    separates: tuple[Place, ...]
-    pair: tuple[Place, Place]
+    separates: tuple[Location, ...]
+    pair: tuple[Location, Location]
     disagreement: float
     score: float
 
     @property
     def text(self) -> str:
         """One sentence for people."""
-        first, second = (str(place).replace("_", " ") for place in self.pair)
+        first, second = (str(location).replace("_", " ") for location in self.pair)
         needs = "the log must hold the link angle, every motor angle and the commands, from rest to rest"
         if self.score < ENOUGH:
             return (
@@ -146,7 +146,7 @@ def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed
 class _Known:
     """A cause with its values (p,) and how freely they may move (p,)."""
 
-    place: Place
+    location: Location
     values: Array
     free: Array
 
@@ -156,12 +156,12 @@ class _Known:
         values = np.array([cause.parameters[name].value for name in names])
         spread = np.array([cause.parameters[name].sd for name in names])
         free = np.maximum(FREE * spread, WIDE * np.abs(values))
-        return _Known(Place(cause.effect, cause.site, cause.motor), values, np.maximum(free, 1e-9))
+        return _Known(Location(cause.effect, cause.site, cause.motor), values, np.maximum(free, 1e-9))
 
     def effect(self) -> Effect:
-        made = make(self.place, list(self.values))
+        made = make(self.location, list(self.values))
         if made is None:
-            raise ParameterError(f"{self.place}: the report's values make no such effect")
+            raise ParameterError(f"{self.location}: the report's values make no such effect")
         return made
 
 
@@ -169,47 +169,47 @@ def _tried(
     device: Device, plant: JointPlant, causes: Sequence[_Known], deviations: Array, motion: Motion, size: float
 ) -> Proposed | None:
     """The motion of this size, if it keeps within limits whichever cause is true."""
-    blank = Problem((), plant, nuisances(plant))
+    blank = ResidualModel((), plant, nuisances(plant))
     plants = [JointPlant(device, blank.row([cause.effect()], deviations), (cause.effect(),)) for cause in causes]
     commands, start = commands_of(plants[0], motion, size)
     logs = [recorded(each, commands, start, seed) for seed, each in enumerate(plants)]
     if not all(log is not None and _allowed(log, size) for log in logs):
         return None
-    hardest, pair, apart = inf, (causes[0].place, causes[1].place), 0.0
-    scores: dict[int, tuple[Problem, Array]] = {}
+    hardest, pair, apart = inf, (causes[0].location, causes[1].location), 0.0
+    scores: dict[int, tuple[ResidualModel, Array]] = {}
     for true, log in enumerate(logs):
         assert log is not None
-        shots = cut_log(log)
-        problem = Problem.of([shots], [np.flatnonzero(shots.valid)])
-        scores[true] = problem, problem.per_shot(problem.residual([plants[true].parameters])[0])
+        segments = cut_log(log)
+        problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
+        scores[true] = problem, problem.per_segment(problem.residual([plants[true].parameters])[0])
     for true, other in permutations(range(len(causes)), 2):
-        if _includes(causes[other].place, causes[true].place):
+        if _includes(causes[other].location, causes[true].location):
             continue  # as the simpler one is preferred, what the richer one can do as well settles nothing
         problem, own = scores[true]
-        wrong = problem.per_shot(_imitated(problem, causes[other], deviations))
+        wrong = problem.per_segment(_imitated(problem, causes[other], deviations))
         score = float(np.mean(np.log1p(wrong) - np.log1p(own)))
         if score < hardest:
-            hardest, pair = score, (causes[true].place, causes[other].place)
+            hardest, pair = score, (causes[true].location, causes[other].location)
             apart = float(np.sqrt(max(float(np.mean(wrong) - np.mean(own)), 0.0)))
-    return Proposed(motion, size, commands, tuple(c.place for c in causes), pair, apart, hardest)
+    return Proposed(motion, size, commands, tuple(c.location for c in causes), pair, apart, hardest)
 
 
-def _includes(richer: Place, simpler: Place) -> bool:
+def _includes(richer: Location, simpler: Location) -> bool:
     """Whether a diagnosis would take the simpler of two effects at one place if the richer does nothing more."""
     same = (richer.site, richer.motor) == (simpler.site, simpler.motor)
     return same and len(EFFECTS[richer.name].parameters) > len(EFFECTS[simpler.name].parameters)
 
 
-def _imitated(problem: Problem, cause: _Known, deviations: Array) -> Array:
+def _imitated(problem: ResidualModel, cause: _Known, deviations: Array) -> Array:
     """Residual (R,) of a cause that has moved its numbers and the device's to look like what was recorded."""
     count = len(deviations)
-    kind = EFFECTS[cause.place.name].parameters
+    kind = EFFECTS[cause.location.name].parameters
     low = np.concatenate([np.full(count, -BOUND), (np.array([p.low for p in kind]) - cause.values) / cause.free])
     high = np.concatenate([np.full(count, BOUND), (np.array([p.high for p in kind]) - cause.values) / cause.free])
     middle = np.append(deviations, np.zeros(len(kind)))
 
     def row(point: Array) -> Array | None:
-        effect = make(cause.place, list(cause.values + point[count:] * cause.free))
+        effect = make(cause.location, list(cause.values + point[count:] * cause.free))
         return problem.row_or_none([effect], point[:count])
 
     def loss(point: Array, residual: Array) -> float:

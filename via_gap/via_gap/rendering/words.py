@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from via_sim.catalogue import EFFECTS
 
-from via_gap.candidates.location import OF_READINGS
+from via_gap.candidates.location import MEASUREMENT_ONLY
 from via_gap.logs.findings import Finding
 from via_gap.rendering.numbers import number, percent
 from via_gap.report.figures import Member, Trial
@@ -115,7 +115,7 @@ def in_part(report: GapReport) -> bool:
 def of_readings(place: Place | Cause) -> bool:
     """Whether an effect is seen in a sensor's readings and not in the motion."""
     drives = place.effect in EFFECTS and EFFECTS[place.effect].of_drive
-    return place.site == "sensor" and (place.effect in OF_READINGS or drives)
+    return place.site == "sensor" and (place.effect in MEASUREMENT_ONLY or drives)
 
 
 def cautions(report: GapReport) -> tuple[str, ...]:

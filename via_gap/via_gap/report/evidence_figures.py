@@ -1,7 +1,7 @@
 """The numbers behind a report's pictures, computed from what the diagnosis already has.
 
-Short shots are compared as the gap is: what a start known only as well as the sensors tell can explain is not counted,
-so that 'simulated' is the measured angle less the error that remains.
+Short segments are compared as the gap is: what a start known only as well as the sensors tell can explain is not
+counted, so that 'simulated' is the measured angle less the error that remains.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from via_sim.effects import Effect
 from via_sim.torques import EXTERNAL
 
 from via_gap.candidates.localisation import Quantity
-from via_gap.candidates.location import OF_READINGS, Place
+from via_gap.candidates.location import MEASUREMENT_ONLY, Location
 from via_gap.logs.log import JointLog
 from via_gap.logs.replay import simulated_log
 from via_gap.report.figures import (
@@ -36,16 +36,16 @@ from via_gap.report.figures import (
 )
 from via_gap.residual.equations import Residual
 from via_gap.residual.errors import NAMES
-from via_gap.residual.inverse_dynamics import EquationBench
+from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.repaired_device import repaired_device
-from via_gap.residual.residual_model import Problem
-from via_gap.residual.segments import Indices, Shots
-from via_gap.selection.evidence import Judged, difference
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import Indices, Segments
+from via_gap.selection.evidence import Evaluation, difference
 
 BINS = 10  # of equal count
 TIME_BINS = 20  # of equal length
 FEWEST = 3  # samples of a bin that is shown
-STRETCH = 2.0  # [s] of shots that are drawn, and
+STRETCH = 2.0  # [s] of segments that are drawn, and
 FREE_STRETCH = 5.0  # [s] of a free run
 POINTS = 240  # of a trace
 STRETCHES: tuple[Literal["after", "before"], ...] = ("after", "before", "after")  # each the worst of what is left
@@ -78,16 +78,16 @@ class Stretch:
 
 def evidence_figures(
     device: Device,
-    shots: Sequence[Shots],
+    segments: Sequence[Segments],
     held: Sequence[Indices],
     residuals: Sequence[Sequence[Residual]],
     numbers: Device,
-    judged: Problem,
-    before: Judged,
-    tuned: Judged,
-    chosen: Judged,
-    trials: Sequence[Judged],
-    candidates: Sequence[Place],
+    judged: ResidualModel,
+    before: Evaluation,
+    tuned: Evaluation,
+    chosen: Evaluation,
+    trials: Sequence[Evaluation],
+    candidates: Sequence[Location],
     by: Literal["shots", "free run", "equations"],
 ) -> Figures:
     """All pictures of one diagnosis.
@@ -103,10 +103,10 @@ def evidence_figures(
         longest, stretches = FREE_STRETCH, equation_stretches(judged, before.residual, chosen.residual)
     else:
         moved = repaired_device(device, judged.nuisances, chosen.fit.deviations)
-        longest, stretches = FREE_STRETCH, free_stretches(device, moved, chosen.fit.effects, shots, held)
+        longest, stretches = FREE_STRETCH, free_stretches(device, moved, chosen.fit.effects, segments, held)
     return Figures(
-        joint=joint_sketch(shots[0].log),
-        residuals=residual_figures(shots, residuals, numbers),
+        joint=joint_sketch(segments[0].log),
+        residuals=residual_figures(segments, residuals, numbers),
         errors=error_figures(stretches, device.n_transmissions),
         traces=trace_figures(stretches, longest),
         trials=trial_figures(trials, tuned),
@@ -126,7 +126,7 @@ def joint_sketch(log: JointLog) -> JointSketch:
 
 
 def residual_figures(
-    shots: Sequence[Shots], residuals: Sequence[Sequence[Residual]], device: Device
+    segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], device: Device
 ) -> tuple[ResidualFigure, ...]:
     """Residual of every equation against speed, deflection, angle and time; none where a log allows no equation."""
     if not residuals or not all(residuals):
@@ -135,8 +135,8 @@ def residual_figures(
     for k, first in enumerate(residuals[0]):
         torque = np.concatenate([each[k].torque for each in residuals])
         floor = np.concatenate([each[k].floor for each in residuals])
-        states = np.concatenate([s.start[each[k].centre] for s, each in zip(shots, residuals, strict=True)])
-        time = np.concatenate([each[k].centre / s.rate for s, each in zip(shots, residuals, strict=True)])
+        states = np.concatenate([s.start[each[k].centre] for s, each in zip(segments, residuals, strict=True)])
+        time = np.concatenate([each[k].centre / s.rate for s, each in zip(segments, residuals, strict=True)])
         for by, (unit, values) in _quantities(states, time, first.axis, device.n_transmissions).items():
             along = torque * np.sign(states[:, 3 + first.axis]) if by == "speed" else torque
             bins = tuple(
@@ -148,54 +148,58 @@ def residual_figures(
     return tuple(found)
 
 
-def shot_stretches(problem: Problem, before: Array, after: Array) -> list[Stretch]:
-    """Neighbouring shots of a problem, with whitened residuals (R,) of two simulations."""
+def shot_stretches(problem: ResidualModel, before: Array, after: Array) -> list[Stretch]:
+    """Neighbouring segments of a problem, with whitened residuals (R,) of two simulations."""
     found, begin = [], 0
-    for bench in problem.benches:
-        shots, size = bench.shots, len(bench.chosen) * bench.size
-        shape = (len(bench.chosen), -1, len(shots.axes))
-        errors = [each[begin : begin + size].reshape(shape) * shots.noise for each in (before, after)]
+    for view in problem.views:
+        segments, size = view.segments, len(view.chosen) * view.size
+        shape = (len(view.chosen), -1, len(segments.axes))
+        errors = [each[begin : begin + size].reshape(shape) * segments.noise for each in (before, after)]
         begin += size
-        for run in np.split(np.arange(len(bench.chosen)), np.flatnonzero(np.diff(bench.chosen) > 1) + 1):
-            measured = shots.measured[bench.chosen[run]]
+        for run in np.split(np.arange(len(view.chosen)), np.flatnonzero(np.diff(view.chosen) > 1) + 1):
+            measured = segments.measured[view.chosen[run]]
             bins = measured.shape[1]
-            ticks = (shots.begin[bench.chosen[run]][:, None] + shots.every * np.arange(1, bins + 1)).ravel()
-            flat = measured.reshape(-1, len(shots.axes))
+            ticks = (segments.begin[view.chosen[run]][:, None] + segments.every * np.arange(1, bins + 1)).ravel()
+            flat = measured.reshape(-1, len(segments.axes))
             first, second = (flat - each[run].reshape(flat.shape) for each in errors)
             restarts = np.arange(len(ticks)) % bins == 0
             found.append(
-                Stretch(shots.log.name, shots.axes, ticks / shots.rate, shots.start[ticks], flat, first, second,
-                        restarts, shots.noise)
+                Stretch(segments.log.name, segments.axes, ticks / segments.rate, segments.start[ticks], flat, first,
+                        second, restarts, segments.noise)
             )  # fmt: skip
     return found
 
 
-def equation_stretches(problem: Problem, before: Array, after: Array) -> list[Stretch]:
-    """Neighbouring shots of a problem of equations, with what two models lack (R,), window by window."""
+def equation_stretches(problem: ResidualModel, before: Array, after: Array) -> list[Stretch]:
+    """Neighbouring segments of a problem of equations, with what two models lack (R,), window by window."""
     found, begin = [], 0
-    for bench in problem.benches:
-        assert isinstance(bench, EquationBench)
-        shots, size = bench.shots, bench.first.size
-        missing = [each[begin : begin + size].reshape(bench.first.shape) * bench.floor for each in (before, after)]
+    for view in problem.views:
+        assert isinstance(view, InverseDynamics)
+        segments, size = view.segments, view.first.size
+        missing = [each[begin : begin + size].reshape(view.first.shape) * view.floor for each in (before, after)]
         begin += size
-        sent = bench.over(shots.commands[:, EXTERNAL], 0)
-        for run in np.split(np.arange(len(bench.chosen)), np.flatnonzero(np.diff(bench.chosen) > 1) + 1):
-            ticks = (bench.first[run] + bench.weights.shape[1] // 2).ravel()
+        sent = view.over(segments.commands[:, EXTERNAL], 0)
+        for run in np.split(np.arange(len(view.chosen)), np.flatnonzero(np.diff(view.chosen) > 1) + 1):
+            ticks = (view.first[run] + view.weights.shape[1] // 2).ravel()
             flat = sent[run].reshape(-1, 1)
             first, second = (flat + each[run].reshape(-1, 1) for each in missing)
             found.append(
-                Stretch(shots.log.name, (0,), ticks / shots.rate, shots.start[ticks], flat, first, second,
-                        np.zeros(len(ticks), dtype=bool), np.array([bench.floor]), True)
+                Stretch(segments.log.name, (0,), ticks / segments.rate, segments.start[ticks], flat, first, second,
+                        np.zeros(len(ticks), dtype=bool), np.array([view.floor]), True)
             )  # fmt: skip
     return found
 
 
 def free_stretches(
-    nominal: Device, repaired: Device, effects: Sequence[Effect], shots: Sequence[Shots], chosen: Sequence[Indices]
+    nominal: Device,
+    repaired: Device,
+    effects: Sequence[Effect],
+    segments: Sequence[Segments],
+    chosen: Sequence[Indices],
 ) -> list[Stretch]:
     """Held-out stretches of logs that are simulated from beginning to end; the link angle only."""
     found = []
-    for each, which in zip(shots, chosen, strict=True):
+    for each, which in zip(segments, chosen, strict=True):
         log = each.log
         if not len(which) or log.commands is None:
             continue
@@ -206,8 +210,8 @@ def free_stretches(
             for device, added in ((nominal, ()), (repaired, effects))
         ]
         before, after = (np.interp(time, run.time, run["q"])[:, None] for run in runs)
-        shot = np.clip(np.searchsorted(each.time, time, side="right") - 1, 0, len(each) - 1)
-        inside = np.flatnonzero(np.isin(shot, which))
+        segment = np.clip(np.searchsorted(each.time, time, side="right") - 1, 0, len(each) - 1)
+        inside = np.flatnonzero(np.isin(segment, which))
         ticks = np.clip(np.rint((time - each.origin) * each.rate).astype(int), 0, len(each.start) - 1)
         quantum = nominal.sensors.link_quantum or 0.0
         for run_ in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
@@ -254,37 +258,37 @@ def trace_figures(stretches: Sequence[Stretch], longest: float) -> tuple[TraceFi
     return tuple(found)
 
 
-def trial_figures(judged: Sequence[Judged], tuned: Judged) -> tuple[Trial, ...]:
+def trial_figures(judged: Sequence[Evaluation], tuned: Evaluation) -> tuple[Trial, ...]:
     """Causes and sets of causes with what speaks for them, best score first, each place once."""
-    best: dict[frozenset[Place], Judged] = {}
+    best: dict[frozenset[Location], Evaluation] = {}
     for each in sorted(judged, key=lambda each: each.score):
-        best.setdefault(frozenset(each.fit.places), each)
+        best.setdefault(frozenset(each.fit.locations), each)
     ranked = list(best.values())[:TRIALS]
     found = []
     for each in ranked:
         behind, deviation = difference(each, ranked[0])
         left = each.mean_square / max(tuned.mean_square, 1e-12)
         found.append(
-            Trial(effects=tuple(map(_member, each.fit.places)), left=_six(left), behind=_six(behind),
+            Trial(effects=tuple(map(_member, each.fit.locations)), left=_six(left), behind=_six(behind),
                   behind_sd=_six(deviation))
         )  # fmt: skip
     return tuple(found)
 
 
-def screened_members(candidates: Sequence[Place], judged: Sequence[Judged]) -> tuple[Member, ...]:
+def screened_members(candidates: Sequence[Location], judged: Sequence[Evaluation]) -> tuple[Member, ...]:
     """Candidates that are in no trial."""
-    fitted = {place for each in judged for place in each.fit.places}
-    return tuple(_member(place) for place in candidates if place not in fitted)
+    fitted = {location for each in judged for location in each.fit.locations}
+    return tuple(_member(location) for location in candidates if location not in fitted)
 
 
-def untried_effects(candidates: Sequence[Place]) -> tuple[str, ...]:
+def untried_effects(candidates: Sequence[Location]) -> tuple[str, ...]:
     """Effects of the catalogue that are no candidate at all, nor seen in the readings."""
-    told = {*OF_READINGS, *(place.name for place in candidates)}
+    told = {*MEASUREMENT_ONLY, *(location.name for location in candidates)}
     return tuple(name for name in EFFECTS if name not in told)
 
 
-def _member(place: Place) -> Member:
-    return Member(effect=place.name, site=place.site, motor=place.motor)
+def _member(location: Location) -> Member:
+    return Member(effect=location.name, site=location.site, motor=location.motor)
 
 
 def _quantities(states: Array, time: Array, axis: int, n_transmissions: int) -> Mapping[Quantity, tuple[str, Array]]:

@@ -55,7 +55,7 @@ class Cause(Record):
     probability: Share
     parameters: dict[str, Value]
     left: Number  # of the squared held-out error, relative to the device's tuned numbers alone: 0 explains all
-    score: Number  # mean log squared error of the held-out shots, in units of the noise
+    score: Number  # mean log squared error of the held-out segments, in units of the noise
 
 
 class Place(Record):

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from via_gap.report.report import Cause, GapReport, Place, Value, Where
-from via_gap.sensors.sensor_errors import Misreading
+from via_gap.sensors.sensor_errors import SensorError
 
 PROBABILITY = 0.98  # that such a finding is what it seems
 
 
-def with_misreadings(report: GapReport, found: Sequence[Misreading]) -> GapReport:
+def with_sensor_errors(report: GapReport, found: Sequence[SensorError]) -> GapReport:
     """The report with what the readings show: beside a cause it is a second one, where there was no gap the only one.
 
     An answer that names nothing stays as it is: what the readings show does not explain it.
@@ -47,11 +47,11 @@ def _key(place: Place) -> tuple[str, str, int]:
     return place.effect, place.site, place.motor
 
 
-def _cause(joint: str, found: Misreading) -> Cause:
+def _cause(joint: str, found: SensorError) -> Cause:
     effect = found.effect
     unit = {"quantum": "rad", "gain": "-", "torque": "N m"}
     return Cause(
         effect=effect.name, site="sensor", joint=joint, motor=effect.motor, probability=PROBABILITY,
-        parameters={n: Value(value=v, sd=found.spread[n], unit=unit[n]) for n, v in effect.parameters.items()},
+        parameters={n: Value(value=v, sd=found.sd[n], unit=unit[n]) for n, v in effect.parameters.items()},
         left=found.left, score=float(np.log1p(found.left)),
     )  # fmt: skip

@@ -11,10 +11,10 @@ from via_sim.effects import Effect
 
 from via_gap.logs.log import JointLog, believed
 from via_gap.report.report import Stretch
-from via_gap.residual.errors import Errors, equation_errors, free_errors, shot_errors
-from via_gap.residual.inverse_dynamics import EquationBench
-from via_gap.residual.residual_model import Problem
-from via_gap.residual.segments import Indices, Shots, cut_log
+from via_gap.residual.errors import Errors, equation_errors, free_errors, segment_errors
+from via_gap.residual.inverse_dynamics import InverseDynamics
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import Indices, Segments, cut_log
 
 
 def before_and_after(
@@ -22,33 +22,33 @@ def before_and_after(
 ) -> tuple[Errors, Errors]:
     """Errors of the nominal device, and of the one with `effects` and what device numbers stand among them.
 
-    Measured as in the report: in short shots where motors are driven by torque, else in one free run; over the whole
+    Measured as in the report: in short segments where motors are driven by torque, else in one free run; over the whole
     logs, or over the stretches that a report held out. Raises SignalError where nothing can be simulated.
     """
-    shots, chosen = _chosen(logs, held_out)
+    segments, chosen = _chosen(logs, held_out)
     if runs_free(device):
-        return free_errors(device, (), shots, chosen), free_errors(device, effects, shots, chosen)
-    problem = Problem.of(shots, chosen)
+        return free_errors(device, (), segments, chosen), free_errors(device, effects, segments, chosen)
+    problem = ResidualModel.of(segments, chosen)
     before, after = problem.residual([problem.row(()), problem.row(effects)])
-    return shot_errors(problem, before), shot_errors(problem, after)
+    return segment_errors(problem, before), segment_errors(problem, after)
 
 
 def lacking_before_and_after(
     logs: Sequence[JointLog], effects: Sequence[Effect], held_out: Sequence[Stretch] = ()
 ) -> tuple[Errors, Errors]:
     """The same of one joint of an arm (logs of `via_gap.run.arms`), by the torque that its equation lacks."""
-    problem = Problem.of(*_chosen(logs, held_out), EquationBench.of)
+    problem = ResidualModel.of(*_chosen(logs, held_out), InverseDynamics.of)
     before, after = problem.residual([problem.row(()), problem.row(effects)])
     return equation_errors(problem, before), equation_errors(problem, after)
 
 
-def _chosen(logs: Sequence[JointLog], held_out: Sequence[Stretch]) -> tuple[list[Shots], list[Indices]]:
-    """The logs cut into shots, and which of them count."""
-    shots = [cut_log(log) for log in believed(logs)]
-    chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in shots]
+def _chosen(logs: Sequence[JointLog], held_out: Sequence[Stretch]) -> tuple[list[Segments], list[Indices]]:
+    """The logs cut into segments, and which of them count."""
+    segments = [cut_log(log) for log in believed(logs)]
+    chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in segments]
     if not any(map(len, chosen)):
         raise SignalError(f"{logs[0].name}: {'not what the report held out' if held_out else 'too short to compare'}")
-    return shots, chosen
+    return segments, chosen
 
 
 def runs_free(device: Device) -> bool:
@@ -56,22 +56,22 @@ def runs_free(device: Device) -> bool:
     return device.drive == "servo" and device.n_motors > 0
 
 
-def stretches(shots: Sequence[Shots], held: Sequence[Indices]) -> tuple[Stretch, ...]:
-    """The shots `held` (indices, one array per log), neighbours joined."""
+def stretches(segments: Sequence[Segments], held: Sequence[Indices]) -> tuple[Stretch, ...]:
+    """The segments `held` (indices, one array per log), neighbours joined."""
     found = []
-    for each, which in zip(shots, held, strict=True):
+    for each, which in zip(segments, held, strict=True):
         begins = each.time - each.log.measured.time[0]
         for run in np.split(which, np.flatnonzero(np.diff(which) != 1) + 1):
             if len(run):
                 end = begins[run[-1]] + each.ticks / each.rate
                 if run[-1] == len(each) - 1 and runs_free(each.log.device):
-                    end = each.log.duration  # what is left after the last shot counts there
+                    end = each.log.duration  # what is left after the last segment counts there
                 found.append(Stretch(log=each.log.name, begin=float(begins[run[0]]), end=float(end)))
     return tuple(found)
 
 
-def _held(shots: Shots, held_out: Sequence[Stretch]) -> Indices:
-    """Shots of one log whose middle lies in a stretch of it."""
-    middle = shots.time - shots.log.measured.time[0] + 0.5 * shots.ticks / shots.rate
-    inside = [(s.begin < middle) & (middle < s.end) for s in held_out if s.log == shots.log.name]
-    return np.flatnonzero(shots.valid & np.any(inside, axis=0)) if inside else np.empty(0, dtype=np.intp)
+def _held(segments: Segments, held_out: Sequence[Stretch]) -> Indices:
+    """Segments of one log whose middle lies in a stretch of it."""
+    middle = segments.time - segments.log.measured.time[0] + 0.5 * segments.ticks / segments.rate
+    inside = [(s.begin < middle) & (middle < s.end) for s in held_out if s.log == segments.log.name]
+    return np.flatnonzero(segments.valid & np.any(inside, axis=0)) if inside else np.empty(0, dtype=np.intp)

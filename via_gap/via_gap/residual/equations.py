@@ -22,7 +22,7 @@ from via_core.signals import Array
 from via_core.weak_form import window_weights
 from via_sim.torques import ARM, EXTERNAL
 
-from via_gap.residual.segments import Shots
+from via_gap.residual.segments import Segments
 
 WINDOW = 0.06  # [s]
 STRIDE = 0.5  # of a window
@@ -52,51 +52,51 @@ class Residual:
         return "link" if self.axis == 0 else f"motor {self.axis}"
 
 
-def equations(shots: Shots, device: Device) -> tuple[int, ...]:
+def equations(segments: Segments, device: Device) -> tuple[int, ...]:
     """The axes whose equation the signals of a log allow: the link needs all motor angles, a motor its own and q."""
-    seen = shots.log.motors_seen
+    seen = segments.log.motors_seen
     link = (0,) if all(seen) else ()
     if device.drive != "torque":
         return link
     return (*link, *(1 + i for i, each in enumerate(seen) if each))
 
 
-def weak_residuals(shots: Shots, device: Device) -> tuple[Residual, ...]:
+def weak_residuals(segments: Segments, device: Device) -> tuple[Residual, ...]:
     """Residuals of every equation of `device` (its numbers may be fitted ones) that the log allows."""
-    ticks = max(5, round(WINDOW * shots.rate) + 1)
-    if len(shots.angles) < ticks:
+    ticks = max(5, round(WINDOW * segments.rate) + 1)
+    if len(segments.angles) < ticks:
         return ()
-    weights = window_weights(ORDER, np.arange(ticks) / shots.rate)
-    first = np.arange(0, len(shots.angles) - ticks + 1, max(1, round(STRIDE * (ticks - 1))))
+    weights = window_weights(ORDER, np.arange(ticks) / segments.rate)
+    first = np.arange(0, len(segments.angles) - ticks + 1, max(1, round(STRIDE * (ticks - 1))))
 
     def applied(values: Array, row: int) -> Array:
         return sliding_window_view(values, ticks)[first] @ weights[row]
 
-    column = {axis: i for i, axis in enumerate(shots.axes)}
-    q = shots.angles[:, 0]
+    column = {axis: i for i, axis in enumerate(segments.axes)}
+    q = segments.angles[:, 0]
     theta = np.zeros((len(q), device.n_motors))
     for i in range(device.n_motors):
         if 1 + i in column:
-            theta[:, i] = shots.angles[:, column[1 + i]]
+            theta[:, i] = segments.angles[:, column[1 + i]]
     springs = device.torque_each(q, theta) if device.n_transmissions else np.zeros((len(q), 0))
     sigma = device.stiffness_each(q, theta) if device.n_transmissions else springs
     quanta = [device.sensors.link_quantum or 0.0, device.sensors.motor_quantum or 0.0]
     sizes = np.sqrt(np.sum(weights**2, axis=1))
     found = []
-    for axis in equations(shots, device):
+    for axis in equations(segments, device):
         angle = q if axis == 0 else theta[:, axis - 1]
-        speed = shots.start[:, 3 + axis]
+        speed = segments.start[:, 3 + axis]
         noise = quanta[min(axis, 1)] / np.sqrt(12.0)
         if axis == 0:
-            known = shots.commands[:, EXTERNAL] + shots.commands[:, ARM]
+            known = segments.commands[:, EXTERNAL] + segments.commands[:, ARM]
             torque = known - device.link.gravity_torque * np.sin(q - device.link.gravity_angle)
-            torque = torque - springs.sum(axis=1) - device.damping_of(shots.commands[:, 2]) * speed
+            torque = torque - springs.sum(axis=1) - device.damping_of(segments.commands[:, 2]) * speed
             inertia, viscous, dry = device.link.inertia, device.link.viscous_friction, device.link.coulomb_friction
             stiff = sigma.sum(axis=1) if sigma.shape[1] else np.zeros(len(q))
         else:
             motor = device.motors[axis - 1]
             assert isinstance(motor, TorqueMotor)
-            held = shots.commands[:, axis - 1]
+            held = segments.commands[:, axis - 1]
             limit = motor.torque_limit if motor.torque_limit is not None else np.inf
             held = np.clip(held, -limit, limit)
             torque = 0.5 * (held + np.concatenate((held[:1], held[:-1])))

@@ -1,7 +1,7 @@
 """The gap in numbers: how far the simulated signals are from the measured ones, per signal and over all.
 
-A torque-driven joint is compared in short shots from measured states, because it drifts when run freely; a joint whose
-motors follow their commands is run freely over the whole log, which is what its user will do.
+A torque-driven joint is compared in short segments from measured states, because it drifts when run freely; a joint
+whose motors follow their commands is run freely over the whole log, which is what its user will do.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from via_sim.effects import Effect
 from via_sim.torques import EXTERNAL
 
 from via_gap.logs.replay import simulated_log
-from via_gap.residual.inverse_dynamics import EquationBench
-from via_gap.residual.residual_model import Problem
-from via_gap.residual.segments import Indices, Shots
+from via_gap.residual.inverse_dynamics import InverseDynamics
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import Indices, Segments
 
 BLOCK = 2.0  # [s] of a free run that are resampled together
 RESAMPLES = 400
@@ -59,16 +59,16 @@ class Errors:
         return np.sqrt(means.mean(axis=1))
 
 
-def equation_errors(problem: Problem, residual: Array) -> Errors:
+def equation_errors(problem: ResidualModel, residual: Array) -> Errors:
     """Errors from what equations lack (R,) in units of their floors: squares and variance of torques [N m]."""
     squares, torques, floors, begin = [], [], [], 0
-    for bench in problem.benches:
-        assert isinstance(bench, EquationBench)
-        size = bench.first.size
-        each = residual[begin : begin + size].reshape(bench.first.shape)
-        squares.append(np.mean(each**2, axis=1) * bench.floor**2)
-        torques.append(bench.shots.commands[bench.first.ravel(), EXTERNAL])
-        floors.append(bench.floor**2)
+    for view in problem.views:
+        assert isinstance(view, InverseDynamics)
+        size = view.first.size
+        each = residual[begin : begin + size].reshape(view.first.shape)
+        squares.append(np.mean(each**2, axis=1) * view.floor**2)
+        torques.append(view.segments.commands[view.first.ravel(), EXTERNAL])
+        floors.append(view.floor**2)
         begin += size
     variance = max(float(np.var(np.concatenate(torques))), 1e-12)
     return Errors(("tau",), np.concatenate(squares)[:, None], np.array([variance]), np.array([np.mean(floors)]))
@@ -77,25 +77,27 @@ def equation_errors(problem: Problem, residual: Array) -> Errors:
 NAMES = ("q", "theta_1", "theta_2")
 
 
-def shot_errors(problem: Problem, residual: Array) -> Errors:
-    """Errors from a whitened residual (R,) of the problem's shots."""
-    axes = problem.benches[0].shots.axes
+def segment_errors(problem: ResidualModel, residual: Array) -> Errors:
+    """Errors from a whitened residual (R,) of the problem's segments."""
+    axes = problem.views[0].segments.axes
     squares, measured, begin = [], [], 0
-    for bench in problem.benches:
-        size = len(bench.chosen) * bench.size
-        each = residual[begin : begin + size].reshape(len(bench.chosen), -1, len(axes))
-        squares.append(np.mean(each**2, axis=1) * bench.shots.noise**2)
-        measured.append(bench.shots.measured[bench.chosen].reshape(-1, len(axes)))
+    for view in problem.views:
+        size = len(view.chosen) * view.size
+        each = residual[begin : begin + size].reshape(len(view.chosen), -1, len(axes))
+        squares.append(np.mean(each**2, axis=1) * view.segments.noise**2)
+        measured.append(view.segments.measured[view.chosen].reshape(-1, len(axes)))
         begin += size
     variance = np.maximum(np.var(np.concatenate(measured), axis=0), 1e-12)
-    noise = problem.benches[0].shots.noise
+    noise = problem.views[0].segments.noise
     return Errors(tuple(NAMES[a] for a in axes), np.concatenate(squares), variance, noise**2)
 
 
-def free_errors(device: Device, effects: Sequence[Effect], shots: Sequence[Shots], chosen: Sequence[Indices]) -> Errors:
-    """Errors of the link angle when every log is simulated from beginning to end; only chosen shots count."""
+def free_errors(
+    device: Device, effects: Sequence[Effect], segments: Sequence[Segments], chosen: Sequence[Indices]
+) -> Errors:
+    """Errors of the link angle when every log is simulated from beginning to end; only chosen segments count."""
     squares, deviations, count = [], 0.0, 0
-    for each, which in zip(shots, chosen, strict=True):
+    for each, which in zip(segments, chosen, strict=True):
         if not len(which):
             continue
         log = each.log
@@ -104,9 +106,9 @@ def free_errors(device: Device, effects: Sequence[Effect], shots: Sequence[Shots
         seen = np.isfinite(log.measured["q"])
         time, q = log.measured.time[seen], log.measured["q"][seen]
         error = q - np.interp(time, simulated.time, simulated["q"])
-        shot = np.searchsorted(each.time, time, side="right") - 1
-        inside = np.isin(shot, which)
-        inside |= (shot >= len(each) - 1) & (len(each) - 1 in which)
+        segment = np.searchsorted(each.time, time, side="right") - 1
+        inside = np.isin(segment, which)
+        inside |= (segment >= len(each) - 1) & (len(each) - 1 in which)
         blocks = max(1, round(log.duration / BLOCK))  # as long as one another: each counts alike
         block = np.minimum((time - time[0]) / log.duration * blocks, blocks - 1).astype(int)
         for b in np.unique(block[inside]):

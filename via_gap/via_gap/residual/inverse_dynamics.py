@@ -5,10 +5,10 @@ the model leaves the log within tenths of a second, whatever is wrong with it. A
 inertia, the best model of the *angle* is one that hardly moves (huge inertia, huge damping). The torque that is missing
 along the measured motion has neither fault: the drive's torque stands in it with a fixed factor, nothing is run.
 
-    missing = M <q, psi''> - <torque(q, qd, commands; effects), psi>          windows of residuals.py
+    missing = M <q, psi''> - <torque(q, qd, commands; effects), psi>          windows of equations.py
 
-`equation_torques` of via_sim holds every effect as the simulator has it. An `EquationBench` stands where a bench of
-shots does: candidates, evidence and verdict are the same.
+`equation_torques` of via_sim holds every effect as the simulator has it. An `InverseDynamics` stands where a view of
+segments does: candidates, evidence and verdict are the same.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from via_sim.parameters import LINK, P
 from via_sim.plants import JointPlant
 
 from via_gap.residual.equations import ORDER, STANDING, STRIDE, WINDOW
-from via_gap.residual.segments import Indices, Shots
+from via_gap.residual.segments import Indices, Segments
 
 
 @dataclass(frozen=True, eq=False)
-class EquationBench:
-    """Chosen shots of a rigid joint's log, each a row of windows.
+class InverseDynamics:
+    """Chosen segments of a rigid joint's log, each a row of windows.
 
-    first  (C, w) tick at which each window of each chosen shot begins
+    first  (C, w) tick at which each window of each chosen segment begins
     floor  [N m] standard deviation of a window's torque that the encoder explains
     """
 
-    shots: Shots
+    segments: Segments
     chosen: Indices
     nominal: Array  # (N_PARAMETERS,)
     record: Record = field(init=False)
@@ -45,32 +45,32 @@ class EquationBench:
     floor: float = field(init=False)
 
     def __post_init__(self) -> None:
-        shots, rate = self.shots, self.shots.rate
+        segments, rate = self.segments, self.segments.rate
         ticks = max(5, round(WINDOW * rate) + 1)
-        if shots.log.device.n_motors or shots.ticks < ticks:
-            raise SignalError(f"{shots.log.name}: the equation of a rigid joint is judged in windows of {WINDOW} s")
-        angle, velocity = np.full((2, len(shots.angles), 3), np.nan)
-        angle[:, LINK], velocity[:, LINK] = shots.angles[:, 0], shots.start[:, 3]
+        if segments.log.device.n_motors or segments.ticks < ticks:
+            raise SignalError(f"{segments.log.name}: the equation of a rigid joint is judged in windows of {WINDOW} s")
+        angle, velocity = np.full((2, len(segments.angles), 3), np.nan)
+        angle[:, LINK], velocity[:, LINK] = segments.angles[:, 0], segments.start[:, 3]
         time = np.arange(len(angle)) / rate
         weights = window_weights(ORDER, np.arange(ticks) / rate)
-        inside = np.arange(0, shots.ticks - ticks + 1, max(1, round(STRIDE * (ticks - 1))))
+        inside = np.arange(0, segments.ticks - ticks + 1, max(1, round(STRIDE * (ticks - 1))))
         set_ = object.__setattr__
-        set_(self, "record", Record(time, angle, velocity, time, shots.commands, still=STANDING))
-        set_(self, "first", shots.begin[self.chosen][:, None] + inside)
+        set_(self, "record", Record(time, angle, velocity, time, segments.commands, still=STANDING))
+        set_(self, "first", segments.begin[self.chosen][:, None] + inside)
         set_(self, "weights", weights)
-        set_(self, "floor", float(self.nominal[P.inertia] * shots.reading[0] * np.sqrt(np.sum(weights[2] ** 2))))
+        set_(self, "floor", float(self.nominal[P.inertia] * segments.reading[0] * np.sqrt(np.sum(weights[2] ** 2))))
 
     @staticmethod
-    def of(shots: Shots, chosen: Indices) -> EquationBench:
-        return EquationBench(shots, chosen, JointPlant.from_device(shots.log.device).at_rate(shots.rate))
+    def of(segments: Segments, chosen: Indices) -> InverseDynamics:
+        return InverseDynamics(segments, chosen, JointPlant.from_device(segments.log.device).at_rate(segments.rate))
 
-    def part(self, which: Indices) -> EquationBench:
-        """Some of the shots, by their places in `chosen`."""
-        return EquationBench(self.shots, self.chosen[which], self.nominal)
+    def part(self, which: Indices) -> InverseDynamics:
+        """Some of the segments, by their indices into `chosen`."""
+        return InverseDynamics(self.segments, self.chosen[which], self.nominal)
 
     @property
     def size(self) -> int:
-        """Whitened values per shot."""
+        """Whitened values per segment."""
         return self.first.shape[1]
 
     def residual(self, rows: Array) -> Array:

@@ -2,7 +2,7 @@
 
     held = held_along(rows, angles, ticks)      # (K, n, 5)
 
-A shot starts from measured angles; what its elements hold there depends on every reversal since they last slipped,
+A segment starts from measured angles; what its elements hold there depends on every reversal since they last slipped,
 which may be seconds ago. The same law that the simulator integrates (`remember`) is therefore led along the measured
 angles from the beginning of the log on, once per parameter row, instead of being guessed and simulated for a while.
 """

@@ -1,4 +1,4 @@
-"""One inverse problem: shots of some logs, and parameter rows made of device numbers and effects.
+"""One inverse problem: segments of some logs, and parameter rows made of device numbers and effects.
 
 values = problem.residual([problem.row(effects, deviations)])     # (K, R) whitened
 """
@@ -16,31 +16,31 @@ from via_sim.effects import Effect, in_order
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 
-from via_gap.residual.inverse_dynamics import EquationBench
+from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.nuisance import BOUND, Nuisance, apply_all, descend, nuisances
-from via_gap.residual.rollout import Bench
-from via_gap.residual.segments import Indices, Shots
+from via_gap.residual.rollout import Rollout
+from via_gap.residual.segments import Indices, Segments
 
-AnyBench = Bench | EquationBench
+View = Rollout | InverseDynamics
 STEP = 0.01  # of a nuisance parameter: step of its finite differences
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """Benches (shots of one log each) that share one device."""
+class ResidualModel:
+    """Views (segments of one log each) that share one device."""
 
-    benches: tuple[AnyBench, ...]
+    views: tuple[View, ...]
     plant: JointPlant  # nominal
     nuisances: tuple[Nuisance, ...]
 
     @staticmethod
     def of(
-        shots: Sequence[Shots], chosen: Sequence[Indices], bench: Callable[[Shots, Indices], AnyBench] = Bench.of
-    ) -> Problem:
-        """The shots `chosen` (indices, one array per log), simulated or judged by their equation."""
-        plant = JointPlant.from_device(shots[0].log.device)
-        benches = tuple(bench(each, which) for each, which in zip(shots, chosen, strict=True) if len(which))
-        return Problem(benches, plant, nuisances(plant))
+        segments: Sequence[Segments], chosen: Sequence[Indices], view: Callable[[Segments, Indices], View] = Rollout.of
+    ) -> ResidualModel:
+        """The segments `chosen` (indices, one array per log), simulated or judged by their equation."""
+        plant = JointPlant.from_device(segments[0].log.device)
+        views = tuple(view(each, which) for each, which in zip(segments, chosen, strict=True) if len(which))
+        return ResidualModel(views, plant, nuisances(plant))
 
     @property
     def device(self) -> Device:
@@ -49,7 +49,7 @@ class Problem:
     @property
     def size(self) -> int:
         """Values of a residual, R."""
-        return sum(len(bench.chosen) * bench.size for bench in self.benches)
+        return sum(len(view.chosen) * view.size for view in self.views)
 
     def row(self, effects: Sequence[Effect], deviations: Array | None = None) -> Array:
         """Parameter row (N_PARAMETERS,) of the device with its numbers moved by `deviations` [sd] and effects added."""
@@ -73,27 +73,27 @@ class Problem:
         """Whitened measured minus simulated, (K, R)."""
         stacked = np.stack(list(rows))
         parts = []
-        for bench in self.benches:
+        for view in self.views:
             each = stacked.copy()
-            each[:, P.tick], each[:, P.substeps] = bench.nominal[P.tick], bench.nominal[P.substeps]
-            parts.append(bench.residual(each).reshape(len(each), -1))
+            each[:, P.tick], each[:, P.substeps] = view.nominal[P.tick], view.nominal[P.substeps]
+            parts.append(view.residual(each).reshape(len(each), -1))
         return np.concatenate(parts, axis=1)
 
-    def part(self, kept: Sequence[Indices]) -> tuple[Problem, Indices]:
-        """Some shots of each bench, by their places in `chosen` -> the problem of those, its values' places in (R,)."""
-        places, begin = [], 0
-        for bench, which in zip(self.benches, kept, strict=True):
-            places.append((begin + which[:, None] * bench.size + np.arange(bench.size)).ravel())
-            begin += len(bench.chosen) * bench.size
-        benches = tuple(b.part(which) for b, which in zip(self.benches, kept, strict=True) if len(which))
-        return Problem(benches, self.plant, self.nuisances), np.concatenate(places)
+    def part(self, kept: Sequence[Indices]) -> tuple[ResidualModel, Indices]:
+        """Some segments of each view, by their indices into `chosen` -> their model, indices of its values in (R,)."""
+        indices, begin = [], 0
+        for view, which in zip(self.views, kept, strict=True):
+            indices.append((begin + which[:, None] * view.size + np.arange(view.size)).ravel())
+            begin += len(view.chosen) * view.size
+        views = tuple(b.part(which) for b, which in zip(self.views, kept, strict=True) if len(which))
+        return ResidualModel(views, self.plant, self.nuisances), np.concatenate(indices)
 
-    def per_shot(self, residual: Array) -> Array:
-        """Mean square (..., S) of a residual (..., R) in each shot; 1 is what the sensors explain."""
+    def per_segment(self, residual: Array) -> Array:
+        """Mean square (..., S) of a residual (..., R) in each segment; 1 is what the sensors explain."""
         parts, begin = [], 0
-        for bench in self.benches:
-            size = len(bench.chosen) * bench.size
-            cut = residual[..., begin : begin + size].reshape(*residual.shape[:-1], len(bench.chosen), bench.size)
+        for view in self.views:
+            size = len(view.chosen) * view.size
+            cut = residual[..., begin : begin + size].reshape(*residual.shape[:-1], len(view.chosen), view.size)
             parts.append(np.mean(cut**2, axis=-1))
             begin += size
         return np.concatenate(parts, axis=-1)

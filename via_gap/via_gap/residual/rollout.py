@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cache
 from math import ceil
 
@@ -30,7 +29,7 @@ from via_sim.readings import stride, true_angle
 from via_sim.torques import HISTORY, QUEUED, X
 
 from via_gap.residual.memory import HELD, held_along, with_memory
-from via_gap.residual.segments import Indices, Shots, binned
+from via_gap.residual.segments import Indices, Segments, binned
 
 LEAD = 0.06  # [s] longer than any lag between channels
 THREADS = 2
@@ -38,7 +37,7 @@ THREADS = 2
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    """One pool for all benches of a process: what a fit asks for takes hardly longer than to start two threads."""
+    """One pool for all views of a process: what a fit asks for takes hardly longer than to start two threads."""
     return ThreadPoolExecutor(THREADS)
 
 
@@ -46,45 +45,39 @@ os.register_at_fork(after_in_child=_threads.cache_clear)  # threads do not survi
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
-    """Chosen shots of a log, ready to be simulated with any parameter row.
+class Rollout:
+    """Chosen segments of a log, ready to be simulated with any parameter row.
 
-    chosen       indices of shots, ascending
-    basis        orthonormal (C, b a, k): what a wrong start does to each shot, in units of the noise
+    chosen       indices of segments, ascending
+    basis        orthonormal (C, b a, k): what a wrong start does to each segment, in units of the noise
     shrink       (C, k) how much of a residual along each of them is put down to the start
     """
 
-    shots: Shots
+    segments: Segments
     chosen: Indices
     nominal: Array  # (N_PARAMETERS,) row for this rate
-    basis: Array = field(init=False)
-    shrink: Array = field(init=False)
-    lead: int = field(init=False)  # ticks that are simulated before the first shot of a stretch
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "lead", self.shots.ticks)
-        basis, shrink = self._sensitivity(self.nominal)
-        object.__setattr__(self, "basis", basis)
-        object.__setattr__(self, "shrink", shrink)
+    basis: Array
+    shrink: Array
+    lead: int  # ticks that are simulated before the first segment of a stretch
 
     @staticmethod
-    def of(shots: Shots, chosen: Indices) -> Bench:
-        return Bench(shots, chosen, JointPlant.from_device(shots.log.device).at_rate(shots.rate))
+    def of(segments: Segments, chosen: Indices) -> Rollout:
+        nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
+        unknown = Rollout(segments, chosen, nominal, np.empty(0), np.empty(0), segments.ticks)
+        basis, shrink = unknown._sensitivity(nominal)
+        return replace(unknown, basis=basis, shrink=shrink)
 
-    def part(self, which: Indices) -> Bench:
-        """Some of the shots, by their places in `chosen`; where all axes were seen, a short lead is enough for them."""
-        other = copy(self)
-        object.__setattr__(other, "chosen", self.chosen[which])
-        object.__setattr__(other, "basis", self.basis[which])
-        object.__setattr__(other, "shrink", self.shrink[which])
-        if all(self.shots.log.motors_seen):
-            object.__setattr__(other, "lead", min(round(LEAD * self.shots.rate), self.shots.ticks))
-        return other
+    def part(self, which: Indices) -> Rollout:
+        """Some of the segments, by their indices into `chosen`; a short lead is enough where all axes were measured."""
+        lead = self.lead
+        if all(self.segments.log.motors_seen):
+            lead = min(round(LEAD * self.segments.rate), self.segments.ticks)
+        return replace(self, chosen=self.chosen[which], basis=self.basis[which], shrink=self.shrink[which], lead=lead)
 
     @property
     def size(self) -> int:
-        """Whitened values per shot."""
-        return self.shots.measured.shape[1] * len(self.shots.axes)
+        """Whitened values per segment."""
+        return self.segments.measured.shape[1] * len(self.segments.axes)
 
     def motion(self, rows: Array, offset: Array | None = None, commands: Array | None = None) -> Array:
         """Angles as compared (K, C, b, a) [rad] of rows (K, N_PARAMETERS).
@@ -92,18 +85,19 @@ class Bench:
         offset    (6,) is added to every start
         commands  (K, T, N_COMMANDS) of each row, instead of the log's
 
-        Every stretch of neighbouring shots with every row is a run of its own; runs of about one length go in lockstep.
+        Every stretch of neighbouring segments with every row is a run of its own; runs of about one length go in
+        lockstep.
         """
         stretches = self._stretches()
-        out = np.empty((len(rows), len(self.chosen), *self.shots.measured.shape[1:]))
+        out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
         order = np.argsort(-stretches[:, 1], kind="stable")
         runs = np.stack([np.tile(np.arange(len(rows)), len(order)), np.repeat(order, len(rows))], axis=1)
         size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # as many on every thread
         pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
-        drive = self.shots.commands[None] if commands is None else commands
+        drive = self.segments.commands[None] if commands is None else commands
         held = None  # by elements with memory, where every angle they hang on was seen
-        if with_memory(rows).any() and all(self.shots.log.motors_seen):
-            held = held_along(rows, self.shots.start[:, :3], self.shots.begin[self.chosen])
+        if with_memory(rows).any() and all(self.segments.log.motors_seen):
+            held = held_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
         if len(pieces) == 1:
             self._run(rows, offset, drive, held, stretches, pieces[0], out)
             return out
@@ -113,7 +107,7 @@ class Bench:
         return out
 
     def _stretches(self) -> Indices:
-        """(n, 2): place in `chosen` of the first shot of each stretch of neighbours, and how many they are."""
+        """(n, 2): index into `chosen` of the first segment of each stretch of neighbours, and how many they are."""
         first = np.flatnonzero(np.concatenate(([True], np.diff(self.chosen) != 1)))
         return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
 
@@ -121,11 +115,13 @@ class Bench:
         self, rows: Array, offset: Array | None, drive: Array, held: Array | None, stretches: Indices, runs: Indices,
         out: Array,
     ) -> None:  # fmt: skip
-        """The `runs` (n, 2), row and stretch each; of one with fewer shots than another the lane ends."""
-        shots, axes = self.shots, list(self.shots.axes)
+        """The `runs` (n, 2), row and stretch each; of one with fewer segments than another the lane ends."""
+        segments, axes = self.segments, list(self.segments.axes)
         known = np.array([*axes, *(3 + axis for axis in axes)])
         first, count = stretches[runs[:, 1]].T
-        warm = np.maximum(shots.begin[self.chosen[first]] - self.lead, 0)  # before that, nobody knows what is not seen
+        warm = np.maximum(
+            segments.begin[self.chosen[first]] - self.lead, 0
+        )  # before that, nobody knows what is not seen
         sent = drive.reshape(-1, drive.shape[2])
         under = runs[:, 0] % len(drive) * drive.shape[1]  # where each run's commands begin in all that were sent
         states = self._fresh(warm, sent, under)
@@ -134,11 +130,11 @@ class Bench:
             begun, moved = states[ahead], np.empty((len(ahead), self.lead + 1, 6))
             run_many(rows[runs[ahead, 0]], begun, sent, under[ahead] + warm[ahead], moved)
             states[ahead] = begun
-        moved = np.empty((len(runs), shots.ticks + 1, 6))
+        moved = np.empty((len(runs), segments.ticks + 1, 6))
         for j in range(int(count.max())):
             left = int(np.sum(count > j))  # runs come longest first
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
-            begin = shots.begin[self.chosen[here]]
+            begin = segments.begin[self.chosen[here]]
             state[:, known] = self._starts(run, begin)[:, known]
             if held is not None:
                 state[:, X.bristle : X.bristle + HELD] = held[runs[:left, 0], here]
@@ -146,15 +142,15 @@ class Bench:
                 state[:, :6] += offset
             self._remembered(run, begin, state)
             run_many(run, state, sent, under[:left] + begin, moved[:left])
-            out[runs[:left, 0], here] = binned(moved[:left][:, :, axes], shots.every, shots.averaged)
+            out[runs[:left, 0], here] = binned(moved[:left][:, :, axes], segments.every, segments.averaged)
 
     def _fresh(self, ticks: Indices, sent: Array, under: Indices) -> Array:
         """State rows (n, .) at ticks: what was seen, commands under way, motors that were not seen at their command."""
-        shots = self.shots
-        length = ceil(MAX_DELAY * shots.rate) + 2
+        segments = self.segments
+        length = ceil(MAX_DELAY * segments.rate) + 2
         states = np.zeros((len(ticks), X.queue + QUEUED * length))
         states[:, X.tick] = ticks
-        known = np.isfinite(shots.rest)
+        known = np.isfinite(segments.rest)
         queue = states[:, X.queue :].reshape(len(ticks), length, QUEUED)
         each = np.arange(len(ticks))
         before = ticks[:, None] - np.arange(1, length + 1)
@@ -162,35 +158,35 @@ class Bench:
         early, back = np.nonzero(before < 0)
         for axis in (1, 2):  # servos stood where they were before the log began
             if known[axis] and self.nominal[P.axis_kind + axis] == SERVO:
-                queue[early, before[early, back] % length, axis - 1] = shots.rest[axis]
+                queue[early, before[early, back] % length, axis - 1] = segments.rest[axis]
         for axis in range(3):
-            if axis in shots.axes:
-                states[:, [axis, 3 + axis]] = shots.start[ticks][:, [axis, 3 + axis]]
+            if axis in segments.axes:
+                states[:, [axis, 3 + axis]] = segments.start[ticks][:, [axis, 3 + axis]]
                 continue
             if self.nominal[P.axis_kind + axis] == SERVO:
                 states[:, axis] = sent[under + ticks, axis - 1]
             elif self.nominal[P.axis_kind + axis] == DYNAMIC:
-                states[:, axis] = shots.start[ticks, 0]
+                states[:, axis] = segments.start[ticks, 0]
             if known[axis]:
-                states[ticks == 0, axis] = shots.rest[axis]
+                states[ticks == 0, axis] = segments.rest[axis]
         history = states[:, X.history : X.queue].reshape(len(ticks), -1, 6)
         history[:, :, :3] = states[:, None, :3]
         return states
 
     def _starts(self, rows: Array, ticks: Indices) -> Array:
-        """Where shots start (n, 6): as read there, errors that a row gives its encoders undone."""
-        shots = self.shots
-        states = shots.start[ticks]
-        for axis in shots.axes:
-            skew, swing = rows[:, P.skew + axis] * shots.rate, rows[:, P.eccentricity + axis]
+        """Where segments start (n, 6): as read there, errors that a row gives its encoders undone."""
+        segments = self.segments
+        states = segments.start[ticks]
+        for axis in segments.axes:
+            skew, swing = rows[:, P.skew + axis] * segments.rate, rows[:, P.eccentricity + axis]
             late = np.flatnonzero(skew)
             if late.size:
-                at = np.minimum(ticks[late] + skew[late], len(shots.start) - 1.0)
+                at = np.minimum(ticks[late] + skew[late], len(segments.start) - 1.0)
                 low = at.astype(int)
                 share = (at - low)[:, None]
-                high = np.minimum(low + 1, len(shots.start) - 1)
+                high = np.minimum(low + 1, len(segments.start) - 1)
                 both = [axis, 3 + axis]
-                moved = (1.0 - share) * shots.start[low][:, both] + share * shots.start[high][:, both]
+                moved = (1.0 - share) * segments.start[low][:, both] + share * segments.start[high][:, both]
                 states[late, axis], states[late, 3 + axis] = moved[:, 0], moved[:, 1]
             states[:, axis] = true_angle(rows, axis, states[:, axis])
             if swing.any():
@@ -198,19 +194,19 @@ class Bench:
         return states
 
     def _remembered(self, rows: Array, ticks: Indices, states: Array) -> None:
-        """Where axes were before shots that start at `ticks` (n,), for encoders that read late, into states (n, .).
+        """Where axes were before segments that start at `ticks` (n,), for encoders that read late, into states (n, .).
 
-        A late encoder's first readings of a shot are of the time before it: as it read then, not as the shot before it
-        ran, which ended somewhere else.
+        A late encoder's first readings of a segment are of the time before it: as it read then, not as the segment
+        before it ran, which ended somewhere else.
         """
-        skews = rows[:, [P.skew + axis for axis in self.shots.axes]].max(axis=1)
+        skews = rows[:, [P.skew + axis for axis in self.segments.axes]].max(axis=1)
         late = np.flatnonzero(skews > 0.0)
         if not late.size:
             return
-        every = stride(1.0 / self.shots.rate)
+        every = stride(1.0 / self.segments.rate)
         past, history = rows[late], states[late, X.history : X.queue].reshape(len(late), HISTORY, 6)
-        known = [*self.shots.axes, *(3 + axis for axis in self.shots.axes)]
-        for back in range(min(ceil(float(skews.max()) * self.shots.rate / every) + 2, HISTORY)):
+        known = [*self.segments.axes, *(3 + axis for axis in self.segments.axes)]
+        for back in range(min(ceil(float(skews.max()) * self.segments.rate / every) + 2, HISTORY)):
             which = ticks[late] // every - back
             there = self._starts(past, np.maximum(which * every, 0))
             history[np.arange(len(late))[:, None], (which % HISTORY)[:, None], known] = there[:, known]
@@ -219,23 +215,23 @@ class Bench:
     def _sensitivity(self, row: Array) -> tuple[Array, Array]:
         """Directions and shares for `residual`, by runs that start one standard deviation beside the measured state."""
         steps = []
-        for axis, noise in zip(self.shots.axes, self.shots.start_noise, strict=True):
+        for axis, noise in zip(self.segments.axes, self.segments.start_noise, strict=True):
             for slot, size in ((axis, noise[0]), (3 + axis, noise[1])):
                 offset = np.zeros(6)
                 offset[slot] = size
                 steps.append(offset)
         plain = self.motion(row[None])[0]
         columns = np.stack([self.motion(row[None], offset)[0] - plain for offset in steps], axis=-1)
-        columns = columns * (self.shots.weight[self.chosen] / self.shots.noise)[..., None]
+        columns = columns * (self.segments.weight[self.chosen] / self.segments.noise)[..., None]
         flat = columns.reshape(len(self.chosen), self.size, len(steps))
         basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
         return basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
         """Whitened measured minus simulated (K, C, b a), under commands as of `motion`; what overflowed is huge."""
-        shots = self.shots
-        scale = shots.weight[self.chosen] / shots.noise
-        error = (shots.measured[self.chosen] - self.motion(rows, commands=commands)) * scale
+        segments = self.segments
+        scale = segments.weight[self.chosen] / segments.noise
+        error = (segments.measured[self.chosen] - self.motion(rows, commands=commands)) * scale
         flat = error.reshape(len(rows), len(self.chosen), self.size)
         flat = np.clip(np.nan_to_num(flat, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)

@@ -24,7 +24,7 @@ from via_gap.logs.replay import FIRST_SAMPLES
 from via_gap.residual.rounding import between, correlation, mean_variance, slope_order, variances
 
 Indices = NDArray[np.intp]
-SPAN = 0.25  # [s] of a shot of a torque-driven joint
+SPAN = 0.25  # [s] of a segment of a torque-driven joint
 SERVO_SPAN = 1.5  # [s] of one whose motors follow their commands: it does not drift
 SLOWEST = 500.0  # [Hz] ticks; a slower log is simulated with several ticks per sample
 BIN = 0.004  # [s] over which angles are averaged before they are compared
@@ -37,18 +37,18 @@ RESTS = 0.01  # [rad] within which an axis rests when a log begins
 
 
 @dataclass(frozen=True, eq=False)
-class Shots:
-    """One log as S shots of n ticks; b bins per shot, a axes that were seen.
+class Segments:
+    """One log as S segments of n ticks; b bins per segment, a axes that were seen.
 
     commands  (T, N_COMMANDS) held over each tick
-    begin     (S,) first tick of each shot
+    begin     (S,) first tick of each segment
     angles    (T, a) [rad] as measured, gaps bridged
     start     (T, 6) smoothed angles and velocities [rad, rad/s] on every tick; NaN: not seen
     measured  (S, b, a) [rad] averaged over bins
     weight    (S, b, a) of a value in comparisons: 0 where samples were lost, for those that were not a bit over 1, so
               that mean squares are of what was read
     rest      (3,) [rad] where the axes stood when the log began; NaN: nobody knows
-    valid     (S,) whether every value of the shot was measured
+    valid     (S,) whether every value of the segment was measured
     reading   (a,) [rad] standard deviation of a reading
     noise     (a,) [rad] of a bin
     start_noise  (a, 2) [rad], [rad/s] of a smoothed state
@@ -78,12 +78,12 @@ class Shots:
 
     @property
     def time(self) -> Array:
-        """(S,) [s] at which shots begin, on the log's clock."""
+        """(S,) [s] at which segments begin, on the log's clock."""
         return self.origin + self.begin / self.rate
 
 
-def cut_log(log: JointLog, span: float | None = None) -> Shots:
-    """The shots of a log. Raises SignalError where it has no drive to simulate with, or is too short."""
+def cut_log(log: JointLog, span: float | None = None) -> Segments:
+    """The segments of a log. Raises SignalError where it has no drive to simulate with, or is too short."""
     device = log.device
     if not log.drivable:
         raise SignalError(f"{log.name}: neither commands nor motor torques were recorded, nothing can be simulated")
@@ -128,7 +128,7 @@ def cut_log(log: JointLog, span: float | None = None) -> Shots:
     read = (binned(lost, every, averaged) == 0.0) | (not uniform)  # without a clock nobody knows what was lost
     weight = read * np.sqrt(read[0].size / np.maximum(np.sum(read, axis=(1, 2), keepdims=True), 1))
     drive = _drive(log, grid)
-    return Shots(
+    return Segments(
         log,
         rate,
         origin,
@@ -150,13 +150,13 @@ def cut_log(log: JointLog, span: float | None = None) -> Shots:
     )
 
 
-def whole_log(log: JointLog) -> Shots:
-    """One shot over all of a log, from where it stood when it began: a free run. Raises SignalError as `cut_log` does.
+def whole_log(log: JointLog) -> Segments:
+    """The whole log as one segment, from its first sample: a free run. Raises SignalError as `cut_log` does.
 
     Such a log is compared as it is: of errors beyond the sensors' most would else be put down to the start.
     """
-    shots = cut_log(log, log.duration)
-    return replace(shots, start_noise=np.zeros_like(shots.start_noise))
+    segments = cut_log(log, log.duration)
+    return replace(segments, start_noise=np.zeros_like(segments.start_noise))
 
 
 def binned(angles: Array, every: int, averaged: bool) -> Array:
@@ -226,7 +226,7 @@ def _smoothed(angles: Array, axes: Sequence[int], rate: float, reach: float, qua
     """(T, 6) angle of a quadratic and velocity of a quadratic or a cubic, fitted over `reach` [s] to either side.
 
     A quadratic's slope is wrong by reach^2 / 10 times the third derivative: in quick motion more than a fine encoder's
-    steps make of a cubic's. A coarse one's make so much of a cubic's that its first order in a shot does not explain
+    steps make of a cubic's. A coarse one's make so much of a cubic's that its first order in a segment does not explain
     to finer encoders beside it what follows.
     """
     half = max(2, round(reach * rate))

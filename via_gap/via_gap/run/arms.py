@@ -34,7 +34,7 @@ from via_core.signals import Array, Signals
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport
-from via_gap.residual.inverse_dynamics import EquationBench
+from via_gap.residual.inverse_dynamics import InverseDynamics
 
 SMOOTHING = 0.03  # [s] to either side of a sample: the cubic whose slopes are velocity and acceleration
 UNITS = {"external_torque": "N m", "neighbour": "rad", "arm_torque": "N m"}
@@ -193,5 +193,5 @@ def diagnose_arm(
             tell(f"{name}: {what}", (i + share) / len(arm.devices))
 
         own, held = [run[i] for run in logs], [run[i] for run in holdout]
-        reports.append(diagnose(own, device, held or None, told, EquationBench.of))
+        reports.append(diagnose(own, device, held or None, told, InverseDynamics.of))
     return tuple(reports)

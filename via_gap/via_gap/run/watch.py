@@ -17,10 +17,10 @@ from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.logs.log import JointLog, believed
 from via_gap.report.report import GapReport
 from via_gap.residual.equations import weak_residuals
-from via_gap.residual.errors import shot_errors
+from via_gap.residual.errors import segment_errors
 from via_gap.residual.nuisance import nuisances
 from via_gap.residual.repaired_device import repaired_device
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 
 STILL = 1e-3  # [rad] a link that moves less than this tells nothing
@@ -50,17 +50,17 @@ class Look:
 def look(log: JointLog, device: Device) -> Look:
     """The log against `device`. Raises SignalError where it has no drive to simulate with, or is too short."""
     (log,) = believed([log])
-    shots = cut_log(log)
-    problem = Problem.of([shots], [np.arange(len(shots))])
-    errors = shot_errors(problem, problem.residual([JointPlant.from_device(device).parameters])[0])
-    residuals = weak_residuals(shots, device)
+    segments = cut_log(log)
+    problem = ResidualModel.of([segments], [np.arange(len(segments))])
+    errors = segment_errors(problem, problem.residual([JointPlant.from_device(device).parameters])[0])
+    residuals = weak_residuals(segments, device)
     whitened = [(each.torque / each.floor) ** 2 for each in residuals]
     return Look(
         window=log.duration,
         error=float(np.sqrt(np.mean(errors.squares[:, 0]))),
         normalised_error=float(errors.signals[0]),
         residual_ratio=float(np.sqrt(np.mean(whitened))) if whitened else float("nan"),
-        sites=localise([shots], [residuals], device) if residuals else (),
+        sites=localise([segments], [residuals], device) if residuals else (),
         moves=bool(np.nanmax(log.measured["q"]) - np.nanmin(log.measured["q"]) > STILL),
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.signal import lfilter
 from via_core.signals import Array
 
-from via_gap.residual.segments import Shots
+from via_gap.residual.segments import Segments
 
 STEP = 0.004  # [s] over which the functions are held
 SOFT = (0.02, 0.1, 0.5)  # [rad/s] widths of softened signs
@@ -30,7 +30,7 @@ FAR = 3.0  # standard deviations beyond which a quantity counts as there
 class Wave:
     """Sine and cosine of `order` times the angle of an axis that was seen, times the sign of its speed if `signed`."""
 
-    place: int  # of the axis in `Shots.axes`
+    place: int  # of the axis in `Segments.axes`
     order: int  # per turn
     signed: bool
 
@@ -54,18 +54,18 @@ class Basis:
     waves: tuple[Wave, ...] = ()
 
     @staticmethod
-    def of(shots: Sequence[Shots]) -> Basis:
-        commands = np.concatenate([each.commands for each in shots])
+    def of(segments: Sequence[Segments]) -> Basis:
+        commands = np.concatenate([each.commands for each in segments])
         moving = tuple(int(column) for column in np.flatnonzero(np.ptp(commands, axis=0) > 0.0))
-        values = np.concatenate([_quantities(each, moving)[0] for each in shots])
+        values = np.concatenate([_quantities(each, moving)[0] for each in segments])
         scale = np.maximum(values.std(axis=0), 1e-9)
         knots = np.quantile(values, np.linspace(0.02, 0.98, KNOTS), axis=0).T
         knots += 1e-9 * scale[:, None] * np.arange(KNOTS)  # a quantity that never moves has them all in one place
-        return Basis(values.mean(axis=0), scale, knots, max(len(each.start) / each.rate for each in shots), moving)
+        return Basis(values.mean(axis=0), scale, knots, max(len(each.start) / each.rate for each in segments), moving)
 
-    def values(self, shots: Shots) -> Array:
+    def values(self, segments: Segments) -> Array:
         """(steps, K) along a log, each held over `ticks_of` ticks."""
-        raw, speeds, angles, drives = _quantities(shots, self.moving)
+        raw, speeds, angles, drives = _quantities(segments, self.moving)
         z = np.clip((raw - self.mean) / self.scale, -FAR, FAR)
         count = z.shape[1]
         first, second = np.triu_indices(count)
@@ -81,31 +81,31 @@ class Basis:
                 keep = np.exp(-STEP / lag)
                 behind = lfilter([1.0 - keep], [1.0, -keep], z[:, i], zi=[keep * z[0, i]])[0]
                 columns.append((z[:, i] - behind)[:, None])
-        time = np.arange(len(z)) * ticks_of(shots) / shots.rate / self.duration
+        time = np.arange(len(z)) * ticks_of(segments) / segments.rate / self.duration
         columns += [_hats(time, np.linspace(0.0, 1.0, TIME_KNOTS)), time[:, None] * z]
-        columns += [wave_values(shots, wave) for wave in self.waves]
+        columns += [wave_values(segments, wave) for wave in self.waves]
         return np.hstack(columns)
 
 
-def wave_values(shots: Shots, wave: Wave) -> Array:
+def wave_values(segments: Segments, wave: Wave) -> Array:
     """(steps, 2) along a log, each held over `ticks_of` ticks."""
-    state, axis = shots.start[:: ticks_of(shots)], shots.axes[wave.place]
+    state, axis = segments.start[:: ticks_of(segments)], segments.axes[wave.place]
     phase = wave.order * state[:, axis]
     sign = np.tanh(state[:, 3 + axis] / SOFT[1]) if wave.signed else np.ones(len(state))
     return np.stack([np.cos(phase) * sign, np.sin(phase) * sign], axis=1)
 
 
-def ticks_of(shots: Shots) -> int:
+def ticks_of(segments: Segments) -> int:
     """Ticks over which the functions are held."""
-    return max(1, round(STEP * shots.rate))
+    return max(1, round(STEP * segments.rate))
 
 
-def _quantities(shots: Shots, moving: Sequence[int]) -> tuple[Array, list[int], list[int], list[int]]:
+def _quantities(segments: Segments, moving: Sequence[int]) -> tuple[Array, list[int], list[int], list[int]]:
     """(steps, n) angle, speed, deflections, motor speeds, commands; which are speeds, angles, commands."""
-    every = ticks_of(shots)
-    state, command = shots.start[::every], shots.commands[::every]
+    every = ticks_of(segments)
+    state, command = segments.start[::every], segments.commands[::every]
     columns, speeds, angles, drives = [state[:, 0], state[:, 3]], [1], [0], []
-    for axis in shots.axes[1:]:
+    for axis in segments.axes[1:]:
         angles.append(len(columns))
         speeds.append(len(columns) + 1)
         columns += [state[:, 0] - state[:, axis], state[:, 3 + axis]]

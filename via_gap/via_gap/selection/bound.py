@@ -1,10 +1,10 @@
 """The ceiling: what a flexible model of everything a repair leaves would still close.
 
 Beside the repaired plant acts a torque on every axis that has a torque, a weighted sum of the functions of `Basis` of
-the measured motion. The weights come from the shots that are fitted, by ridge regression on what a pulse of torque does
-to a shot (one simulation per piece of a shot and axis serves every function and all shots at once), with the ridge
-chosen on blocks left out; the torque is then simulated, and the rest fitted again. What it leaves of shots that were
-not fitted is the ceiling, or what the named effects leave where that is less.
+the measured motion. The weights come from the segments that are fitted, by ridge regression on what a pulse of torque
+does to a segment (one simulation per piece of a segment and axis serves every function and all segments at once), with
+the ridge chosen on blocks left out; the torque is then simulated, and the rest fitted again. What it leaves of segments
+that were not fitted is the ceiling, or what the named effects leave where that is less.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from via_sim.torques import EXTERNAL, M1
 
 from via_gap.candidates.fit import Fit
 from via_gap.residual.errors import Errors
-from via_gap.residual.residual_model import Problem
-from via_gap.residual.rollout import Bench
-from via_gap.residual.segments import Shots
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.rollout import Rollout
+from via_gap.residual.segments import Segments
 from via_gap.selection.basis import Basis, Wave, ticks_of, wave_values
 
-PIECES = 10  # of a shot, over which a pulse of torque lasts
+PIECES = 10  # of a segment, over which a pulse of torque lasts
 PULSE = 0.01  # of the typical torque: small enough to be linear
 RIDGES = np.geomspace(1e-7, 1e-1, 5)  # of the mean squared size of a function's effect
 FOLDS = 4
-BLOCK = 4  # shots that are left out together
+BLOCK = 4  # segments that are left out together
 ROUNDS = 3
 ORDERS = range(3, 33)  # waves per turn that are looked for in what the rest leaves
 WAVES = 6  # of them that are taken
@@ -53,43 +53,43 @@ class Flexible:
     limits: Array
     weights: Array
 
-    def functions(self, problem: Problem) -> list[Array]:
-        """(steps, K) of the log of each bench."""
-        return [self.basis.values(bench.shots) for bench in problem.benches]
+    def functions(self, problem: ResidualModel) -> list[Array]:
+        """(steps, K) of the log of each view."""
+        return [self.basis.values(rollout.segments) for rollout in problem.views]
 
-    def residual(self, problem: Problem, functions: Sequence[Array]) -> Array:
-        """Whitened measured minus simulated (R,) of a problem's shots."""
+    def residual(self, problem: ResidualModel, functions: Sequence[Array]) -> Array:
+        """Whitened measured minus simulated (R,) of a problem's segments."""
         parts = []
-        for bench, values in zip(_simulated(problem), functions, strict=True):
-            commands = _limited(bench.shots.commands, self.limits)
-            commands[:, list(self.columns)] += self._torque(bench.shots, values)
-            parts.append(_run(bench, self.row, commands[None])[0])
+        for rollout, values in zip(_simulated(problem), functions, strict=True):
+            commands = _limited(rollout.segments.commands, self.limits)
+            commands[:, list(self.columns)] += self._torque(rollout.segments, values)
+            parts.append(_run(rollout, self.row, commands[None])[0])
         return np.concatenate(parts)
 
-    def driven(self, shots: Shots) -> Shots:
+    def driven(self, segments: Segments) -> Segments:
         """The log as if the torques had been commanded, for runs from beginning to end."""
-        log = shots.log
+        log = segments.log
         assert log.commands is not None
-        held = log.commands.resample(shots.origin + np.arange(len(shots.commands)) / shots.rate)
-        torque = self._torque(shots, self.basis.values(shots))[:, 0]
-        channels = {**held.channels, "external_torque": shots.commands[:, EXTERNAL] + torque}
+        held = log.commands.resample(segments.origin + np.arange(len(segments.commands)) / segments.rate)
+        torque = self._torque(segments, self.basis.values(segments))[:, 0]
+        channels = {**held.channels, "external_torque": segments.commands[:, EXTERNAL] + torque}
         units = {**held.units, "external_torque": "N m"}
         commands = Signals(held.time, channels, units, held.held | {"external_torque"})
-        return replace(shots, log=replace(log, commands=commands))
+        return replace(segments, log=replace(log, commands=commands))
 
-    def _torque(self, shots: Shots, values: Array) -> Array:
+    def _torque(self, segments: Segments, values: Array) -> Array:
         """(T, columns) [N m] on every tick of a log."""
-        return np.repeat(values @ self.weights.T, ticks_of(shots), axis=0)[: len(shots.commands)]
+        return np.repeat(values @ self.weights.T, ticks_of(segments), axis=0)[: len(segments.commands)]
 
 
-def flexible(fitted: Problem, start: Fit) -> Flexible:
-    """The flexible model beside the effects and numbers of `start`, fitted to the shots of `fitted`."""
+def flexible(fitted: ResidualModel, start: Fit) -> Flexible:
+    """The flexible model beside the effects and numbers of `start`, fitted to the segments of `fitted`."""
     row = fitted.row(start.effects, start.deviations)
     limits = row[P.torque_limit : P.torque_limit + 2].copy()
     row[P.torque_limit : P.torque_limit + 2] = np.inf
     columns = [EXTERNAL]
     columns += [M1 + i for i in range(2) if row[P.axis_kind + 1 + i] == DYNAMIC]
-    basis = Basis.of([bench.shots for bench in fitted.benches])
+    basis = Basis.of([rollout.segments for rollout in fitted.views])
     model = Flexible(basis, row, tuple(columns), limits, np.empty((len(columns), 0)))
     functions = model.functions(fitted)
     model = replace(model, weights=np.zeros((len(columns), functions[0].shape[1])))
@@ -109,7 +109,7 @@ def flexible(fitted: Problem, start: Fit) -> Flexible:
 
 
 def _descended(
-    fitted: Problem, model: Flexible, functions: Sequence[Array], pulses: Sequence[Array], residual: Array,
+    fitted: ResidualModel, model: Flexible, functions: Sequence[Array], pulses: Sequence[Array], residual: Array,
     folded: _Folded,
 ) -> tuple[Flexible, Array]:  # fmt: skip
     """Weights fitted to what is left and simulated, a few times -> model, residual (R,). `folded` at that residual."""
@@ -140,11 +140,11 @@ def lower(first: Errors, second: Errors) -> Array:
     return np.maximum(np.minimum(first.signals, second.signals), first.floors)
 
 
-def _simulated(problem: Problem) -> list[Bench]:
-    """The benches of a problem; all run, for a torque can be added only to what is run."""
-    benches = [bench for bench in problem.benches if isinstance(bench, Bench)]
-    assert len(benches) == len(problem.benches)
-    return benches
+def _simulated(problem: ResidualModel) -> list[Rollout]:
+    """The views of a problem; all run, for a torque can be added only to what is run."""
+    views = [rollout for rollout in problem.views if isinstance(rollout, Rollout)]
+    assert len(views) == len(problem.views)
+    return views
 
 
 def _limited(commands: Array, limits: Array) -> Array:
@@ -154,11 +154,11 @@ def _limited(commands: Array, limits: Array) -> Array:
     return moved
 
 
-def _run(bench: Bench, row: Array, commands: Array) -> Array:
+def _run(rollout: Rollout, row: Array, commands: Array) -> Array:
     """Residuals (n, C values) of one row under each of commands (n, T, N_COMMANDS)."""
     rows = np.repeat(row[None], len(commands), axis=0)
-    rows[:, P.tick], rows[:, P.substeps] = bench.nominal[P.tick], bench.nominal[P.substeps]
-    return bench.residual(rows, commands).reshape(len(commands), -1)
+    rows[:, P.tick], rows[:, P.substeps] = rollout.nominal[P.tick], rollout.nominal[P.substeps]
+    return rollout.residual(rows, commands).reshape(len(commands), -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +174,7 @@ class _Folded:
 
     @staticmethod
     def of(
-        problem: Problem, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weights: Array
+        problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weights: Array
     ) -> _Folded:
         """At a residual that already has a torque of `weights` in it: the pull is that of the total."""
         normals, pulls = np.zeros((FOLDS, weights.size, weights.size)), np.zeros((FOLDS, weights.size))
@@ -186,7 +186,12 @@ class _Folded:
         return _Folded(normals, pulls + normals @ weights.reshape(-1), others)
 
     def moved(
-        self, problem: Problem, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weights: Array
+        self,
+        problem: ResidualModel,
+        pulses: Sequence[Array],
+        functions: Sequence[Array],
+        residual: Array,
+        weights: Array,
     ) -> _Folded:
         """The same pulses at another residual."""
         pulls = self.normals @ weights.reshape(-1)
@@ -211,42 +216,42 @@ class _Folded:
 
 
 def _blocks(
-    problem: Problem, pulses: Sequence[Array], functions: Sequence[Array], residual: Array
+    problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], residual: Array
 ) -> Iterator[tuple[int, Array, Array]]:
-    """Fold, what the functions do (r, columns K) and the residual (r,) of each block of neighbouring shots."""
+    """Fold, what the functions do (r, columns K) and the residual (r,) of each block of neighbouring segments."""
     begin = 0
-    for bench, values, each in zip(_simulated(problem), functions, pulses, strict=True):
-        size = len(bench.chosen) * bench.size
-        rest = residual[begin : begin + size].reshape(len(bench.chosen), -1)
+    for rollout, values, each in zip(_simulated(problem), functions, pulses, strict=True):
+        size = len(rollout.chosen) * rollout.size
+        rest = residual[begin : begin + size].reshape(len(rollout.chosen), -1)
         begin += size
-        for first in range(0, len(bench.chosen), BLOCK):
+        for first in range(0, len(rollout.chosen), BLOCK):
             block = slice(first, first + BLOCK)
-            there = each[:, :, block].transpose(0, 2, 3, 1) @ _pieces(bench, values, block)  # (columns, C, values, K)
+            there = each[:, :, block].transpose(0, 2, 3, 1) @ _pieces(rollout, values, block)  # (columns, C, values, K)
             count = there.shape[0] * there.shape[3]
             matrix = there.transpose(1, 2, 0, 3).reshape(-1, count)
             yield (first // BLOCK) % FOLDS, matrix, rest[block].reshape(-1)
 
 
-def _pieces(bench: Bench, values: Array, block: slice) -> Array:
-    """(C, PIECES, K) mean of functions (steps, K) over each piece of the shots of a block."""
-    edges = np.linspace(0, bench.shots.ticks, PIECES + 1).astype(int)
-    ticks = bench.shots.begin[bench.chosen[block]][:, None] + np.arange(bench.shots.ticks)
-    sums = np.add.reduceat(values[ticks // ticks_of(bench.shots)], edges[:-1], axis=1)
+def _pieces(rollout: Rollout, values: Array, block: slice) -> Array:
+    """(C, PIECES, K) mean of functions (steps, K) over each piece of the segments of a block."""
+    edges = np.linspace(0, rollout.segments.ticks, PIECES + 1).astype(int)
+    ticks = rollout.segments.begin[rollout.chosen[block]][:, None] + np.arange(rollout.segments.ticks)
+    sums = np.add.reduceat(values[ticks // ticks_of(rollout.segments)], edges[:-1], axis=1)
     return np.asarray(sums / np.diff(edges)[:, None])
 
 
-def _waves(problem: Problem, pulses: Sequence[Array], residual: Array) -> tuple[Wave, ...]:
+def _waves(problem: ResidualModel, pulses: Sequence[Array], residual: Array) -> tuple[Wave, ...]:
     """Of all waves those of which a torque would close most, each alone."""
-    axes = problem.benches[0].shots.axes
+    axes = problem.views[0].segments.axes
     every = [Wave(place, order, signed) for place in range(len(axes)) for order in ORDERS for signed in (False, True)]
-    functions = [np.hstack([wave_values(bench.shots, wave) for wave in every]) for bench in problem.benches]
+    functions = [np.hstack([wave_values(rollout.segments, wave) for wave in every]) for rollout in problem.views]
     slope = np.zeros((len(pulses[0]), 2 * len(every)))
     curve, begin = np.full_like(slope, 1e-300), 0
-    for bench, values, each in zip(_simulated(problem), functions, pulses, strict=True):
-        size = len(bench.chosen) * bench.size
-        rest = residual[begin : begin + size].reshape(len(bench.chosen), -1)
+    for rollout, values, each in zip(_simulated(problem), functions, pulses, strict=True):
+        size = len(rollout.chosen) * rollout.size
+        rest = residual[begin : begin + size].reshape(len(rollout.chosen), -1)
         begin += size
-        pieces = _pieces(bench, values, slice(None))
+        pieces = _pieces(rollout, values, slice(None))
         along = np.einsum("apcr,cr->acp", each, rest)
         size_of = np.einsum("apcr,apcr->acp", each, each)
         slope += np.einsum("acp,cpk->ak", along, pieces)
@@ -280,36 +285,36 @@ def solved(normal: Array, pull: Array, ridge: float) -> Array:
     return _Curves.of(normal).solved(pull, ridge)
 
 
-def _all_pulses(problem: Problem, model: Flexible, residual: Array) -> list[Array]:
-    """Of every bench, see `_pulses`."""
+def _all_pulses(problem: ResidualModel, model: Flexible, residual: Array) -> list[Array]:
+    """Of every view, see `_pulses`."""
     found, begin = [], 0
-    for bench in _simulated(problem):
-        size = len(bench.chosen) * bench.size
-        found.append(_pulses(bench, model, residual[begin : begin + size]))
+    for rollout in _simulated(problem):
+        size = len(rollout.chosen) * rollout.size
+        found.append(_pulses(rollout, model, residual[begin : begin + size]))
         begin += size
     return found
 
 
-def _pulses(bench: Bench, model: Flexible, residual: Array) -> Array:
-    """(columns, PIECES, C, values) change of each shot's residual by a torque of 1 N m on each axis over each piece.
+def _pulses(rollout: Rollout, model: Flexible, residual: Array) -> Array:
+    """(columns, PIECES, C, values) change of each segment's residual by a torque of 1 N m on each axis over each piece.
 
     A change does not depend on a fraction of a tick of dead time, with which runs cannot go in lockstep.
     """
-    shots, row = bench.shots, model.row
-    whole = round(row[P.delay] * shots.rate) / shots.rate
+    segments, row = rollout.segments, model.row
+    whole = round(row[P.delay] * segments.rate) / segments.rate
     if abs(row[P.delay] - whole) > 1e-9:
         row = row.copy()
         row[P.delay] = whole
-        residual = _run(bench, row, _limited(shots.commands, model.limits)[None])[0]
-    edges = np.linspace(0, shots.ticks, PIECES + 1).astype(int)
-    piece = np.searchsorted(edges, np.arange(len(shots.commands)) % shots.ticks, side="right") - 1
-    commands = _limited(shots.commands, model.limits)
+        residual = _run(rollout, row, _limited(segments.commands, model.limits)[None])[0]
+    edges = np.linspace(0, segments.ticks, PIECES + 1).astype(int)
+    piece = np.searchsorted(edges, np.arange(len(segments.commands)) % segments.ticks, side="right") - 1
+    commands = _limited(segments.commands, model.limits)
     typical = max(float(np.std(commands[:, list(model.columns)])), 0.1 * abs(float(model.row[P.gravity_torque])), 0.1)
 
     found = []
     for column in model.columns:
         moved = np.repeat(commands[None], PIECES, axis=0)
         moved[:, :, column] += np.where(piece == np.arange(PIECES)[:, None], PULSE * typical, 0.0)
-        change = (_run(bench, row, moved) - residual) / (PULSE * typical)
-        found.append(change.reshape(PIECES, len(bench.chosen), -1))
+        change = (_run(rollout, row, moved) - residual) / (PULSE * typical)
+        found.append(change.reshape(PIECES, len(rollout.chosen), -1))
     return np.stack(found)

@@ -17,9 +17,9 @@ import numpy as np
 
 from via_gap.candidates.fit import Fit, refine
 from via_gap.candidates.scales import Scales
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices
-from via_gap.selection.evidence import Judged
+from via_gap.selection.evidence import Evaluation
 
 STANDARD_ERRORS = 1.0  # by which an effect more has to be better
 FOLDS = 3
@@ -31,41 +31,43 @@ REFITS = 4  # rounds from the fit to all logs to that without some
 class Folds:
     """A problem and its parts: of each fold the logs kept, those left out, and where their values stand in (R,).
 
-    block  shots of one group, which are resampled together
+    block  segments of one group, which are resampled together
     """
 
-    whole: Problem
-    parts: tuple[tuple[Problem, Problem, Indices], ...]
+    whole: ResidualModel
+    parts: tuple[tuple[ResidualModel, ResidualModel, Indices], ...]
     block: int
 
     @staticmethod
-    def of(whole: Problem, groups: Sequence[Hashable]) -> Folds | None:
-        """Groups are of the benches of `whole`. None where there are fewer than two."""
+    def of(whole: ResidualModel, groups: Sequence[Hashable]) -> Folds | None:
+        """Groups are of the views of `whole`. None where there are fewer than two."""
         names = list(dict.fromkeys(groups))
         if len(names) < 2:
             return None
         parts = []
         for fold in range(min(FOLDS, len(names))):
             out = [names.index(group) % FOLDS == fold for group in groups]
-            sizes = [np.arange(len(bench.chosen)) for bench in whole.benches]
+            sizes = [np.arange(len(view.chosen)) for view in whole.views]
             kept = whole.part([each[:0] if left else each for each, left in zip(sizes, out, strict=True)])[0]
             rest, where = whole.part([each if left else each[:0] for each, left in zip(sizes, out, strict=True)])
             parts.append((kept, rest, where))
         return Folds(whole, tuple(parts), max(1, round(sum(map(len, sizes)) / len(names))))
 
-    def judge(self, fits: Sequence[Fit], scales: Scales | None) -> list[Judged]:
+    def judge(self, fits: Sequence[Fit], scales: Scales | None) -> list[Evaluation]:
         """The closest fits, fitted again without each fold (with `scales` where they have effects), judged on it."""
         order = sorted(fits, key=lambda fit: fit.loss)
         return [self._judged(fit, scales) for fit in order[:JUDGED]]
 
-    def nominal(self, fit: Fit) -> Judged:
+    def nominal(self, fit: Fit) -> Evaluation:
         """What a fit that was not fitted is worth."""
         residual = self.whole.residual([self.whole.row(fit.effects, fit.deviations)])[0]
-        return Judged(fit, residual, self.whole.per_shot(residual), self.block, free=True)
+        return Evaluation(fit, residual, self.whole.per_segment(residual), self.block, free=True)
 
-    def _judged(self, fit: Fit, scales: Scales | None) -> Judged:
+    def _judged(self, fit: Fit, scales: Scales | None) -> Evaluation:
         residual = np.empty(self.whole.size)
-        members = [(place, list(e.parameters.values())) for place, e in zip(fit.places, fit.effects, strict=True)]
+        members = [
+            (location, list(e.parameters.values())) for location, e in zip(fit.locations, fit.effects, strict=True)
+        ]
         for kept, rest, where in self.parts:
             effects, deviations = fit.effects, fit.deviations
             if members and scales is not None:
@@ -75,4 +77,4 @@ class Folds:
             else:
                 deviations = kept.fit_nuisances(effects, deviations)[0]
             residual[where] = rest.residual([rest.row(effects, deviations)])[0]
-        return Judged(fit, residual, self.whole.per_shot(residual), self.block, free=True)
+        return Evaluation(fit, residual, self.whole.per_segment(residual), self.block, free=True)

@@ -7,24 +7,26 @@ from collections.abc import Sequence
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.residual.segments import Indices, Shots
+from via_gap.residual.segments import Indices, Segments
 
 BLOCK = 2.0  # [s] at least
-SHOTS = 6  # of a block at least
-NEAR = 0.02  # [s] to either side of a shot: what happens there shows in it, too
+SEGMENTS = 6  # of a block at least
+NEAR = 0.02  # [s] to either side of a segment: what happens there shows in it, too
 LEAST = 0.02  # of the error of one side that the other has to have
 PATTERN = (True, True, False, True, False)  # which of five neighbouring blocks are fitted
 
 
-def split(shots: Sequence[Shots], holdout: Sequence[Shots]) -> tuple[list[Indices], list[Indices], list[Shots]]:
-    """Indices of the shots to fit and to judge, per log of the list returned last (all logs, then the held-out)."""
-    everything = [*shots, *holdout]
+def split(
+    segments: Sequence[Segments], holdout: Sequence[Segments]
+) -> tuple[list[Indices], list[Indices], list[Segments]]:
+    """Indices of the segments to fit and to judge, per log of the list returned last (all logs, then the held-out)."""
+    everything = [*segments, *holdout]
     valid: list[Indices] = [np.flatnonzero(each.valid) for each in everything]
     none: Indices = np.empty(0, dtype=np.intp)
     if holdout:
-        train = [valid[i] if i < len(shots) else none for i in range(len(everything))]
-        return train, [none if i < len(shots) else valid[i] for i in range(len(everything))], everything
-    size = [max(SHOTS, int(np.ceil(BLOCK * each.rate / each.ticks))) for each in everything]
+        train = [valid[i] if i < len(segments) else none for i in range(len(everything))]
+        return train, [none if i < len(segments) else valid[i] for i in range(len(everything))], everything
+    size = [max(SEGMENTS, int(np.ceil(BLOCK * each.rate / each.ticks))) for each in everything]
     if len(everything) > 2 and all(len(v) < 5 * n for v, n in zip(valid, size, strict=True)):
         third = [i % 3 == 2 for i in range(len(everything))]  # of many short logs every third is judged
         train = [none if h else v for v, h in zip(valid, third, strict=True)]
@@ -33,13 +35,13 @@ def split(shots: Sequence[Shots], holdout: Sequence[Shots]) -> tuple[list[Indice
     return train, held, everything
 
 
-def split_finely(shots: Sequence[Shots], events: Sequence[float] = ()) -> tuple[list[Indices], list[Indices]]:
-    """Indices of the shots to fit and to judge, of blocks of one shot: for what happens in one place of a log only.
+def split_finely(segments: Sequence[Segments], events: Sequence[float] = ()) -> tuple[list[Indices], list[Indices]]:
+    """Indices of the segments to fit and to judge, of blocks of one segment: for what happens once in a log.
 
-    events  [s since the logs began] of what begins or ends. No other shot tells when: those that hold one are fitted
+    events  [s since the logs began] of what begins or ends. No other segment tells when: those that hold one are fitted
     """
-    train, held = _by_blocks([np.flatnonzero(each.valid) for each in shots], [1] * len(shots))
-    for i, each in enumerate(shots):
+    train, held = _by_blocks([np.flatnonzero(each.valid) for each in segments], [1] * len(segments))
+    for i, each in enumerate(segments):
         begin, span = each.time - each.log.measured.time[0], each.ticks / each.rate
         known = np.array([any(b - NEAR <= event <= b + span + NEAR for event in events) for b in begin], dtype=bool)
         train[i] = np.union1d(train[i], held[i][known[held[i]]])
@@ -48,7 +50,7 @@ def split_finely(shots: Sequence[Shots], events: Sequence[float] = ()) -> tuple[
 
 
 def one_sided(fitted: Array, judged: Array, noise: float) -> bool:
-    """Whether what is unexplained, as mean squared errors (S,) of shots, is seen by one side only."""
+    """Whether what is unexplained, as mean squared errors (S,) of segments, is seen by one side only."""
     sizes = [float(np.mean(np.maximum(each - noise, 0.0))) for each in (fitted, judged)]
     return max(sizes) > noise and min(sizes) < LEAST * max(sizes)
 

@@ -26,24 +26,24 @@ LATE = range(6)  # samples by which a reading may follow its command
 
 
 @dataclass(frozen=True)
-class Misreading:
+class SensorError:
     """What one sensor does wrong.
 
-    spread  standard deviation of each parameter, as if the sensor's noise were white
+    sd      standard deviation of each parameter, as if the sensor's noise were white
     left    of the squared error of the reading once it is put right
     """
 
     effect: Effect
-    spread: dict[str, float]
+    sd: dict[str, float]
     left: float
 
 
-def misreadings(logs: Sequence[JointLog]) -> tuple[Misreading, ...]:
+def sensor_errors(logs: Sequence[JointLog]) -> tuple[SensorError, ...]:
     """Everything that the readings of these logs (of one device) alone show, the surest first."""
     return tuple(sorted((*_coarse(logs), *_scaled(logs)), key=lambda each: each.left))
 
 
-def _coarse(logs: Sequence[JointLog]) -> list[Misreading]:
+def _coarse(logs: Sequence[JointLog]) -> list[SensorError]:
     device, found = logs[0].device, []
     for axis in range(1 + device.n_motors):
         told = device.sensors.link_quantum if axis == 0 else device.sensors.motor_quantum
@@ -52,7 +52,7 @@ def _coarse(logs: Sequence[JointLog]) -> list[Misreading]:
             continue
         step = float(np.median(steps))
         effect = Effect("encoder_quantisation", "sensor", {"quantum": step}, axis)
-        found.append(Misreading(effect, {"quantum": 1e-3 * step}, (told / step) ** 2))
+        found.append(SensorError(effect, {"quantum": 1e-3 * step}, (told / step) ** 2))
     return found
 
 
@@ -63,7 +63,7 @@ def _angle(log: JointLog, axis: int) -> Array | None:
     return log.measured["theta"][:, axis - 1] if log.motors_seen[axis - 1] else None
 
 
-def _scaled(logs: Sequence[JointLog]) -> list[Misreading]:
+def _scaled(logs: Sequence[JointLog]) -> list[SensorError]:
     device, found = logs[0].device, []
     if device.drive != "torque":
         return []
@@ -87,7 +87,7 @@ def _scaled(logs: Sequence[JointLog]) -> list[Misreading]:
             named.append(("torque_bias", "torque", float(bias), float(sd_bias)))
         for name, parameter, value, sd in named:
             effect = Effect(name, "sensor", {parameter: value}, motor + 1)
-            found.append(Misreading(effect, {parameter: sd}, min(left / before, 1.0)))
+            found.append(SensorError(effect, {parameter: sd}, min(left / before, 1.0)))
     return found
 
 

@@ -25,14 +25,14 @@ from scipy.signal import savgol_coeffs
 from via_core.signals import Array
 from via_sim.readings import MAX_SKEW
 
-from via_gap.candidates.location import Place
+from via_gap.candidates.location import Location
 from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog
 from via_gap.residual.segments import quantum
-from via_gap.selection.evidence import Judged
+from via_gap.selection.evidence import Evaluation
 
-LATE_COMMAND = Place("actuator_delay", "command", 0)
-LATE_ANGLE = Place("channel_skew", "timing", 0)
+LATE_COMMAND = Location("actuator_delay", "command", 0)
+LATE_ANGLE = Location("channel_skew", "timing", 0)
 DIFFERENCES = 3
 ANSWER = range(9)  # samples over which a controller answers: a filtered speed
 WINDOW, DEGREE = 13, 5  # samples and degree of the polynomial
@@ -58,17 +58,17 @@ def stamped_late(logs: Sequence[JointLog], late: float) -> bool | None:
     return False if at_once < ANSWERS else None
 
 
-def told_apart(logs: Sequence[JointLog], *found: list[Judged]) -> tuple[list[list[Judged]], list[Finding]]:
+def separate_delays(logs: Sequence[JointLog], *found: list[Evaluation]) -> tuple[list[list[Evaluation]], list[Finding]]:
     """Causes and sets, in which of a late command and a late angle only that is left which the drive's answers allow.
 
     On a rigid joint alone: elsewhere the other angles tell. What was fitted as the one holds for the other.
     """
     unchanged = [list(each) for each in found]
-    fits = [each.fit for some in found for each in some if {LATE_COMMAND, LATE_ANGLE} & {*each.fit.places}]
+    fits = [each.fit for some in found for each in some if {LATE_COMMAND, LATE_ANGLE} & {*each.fit.locations}]
     if not fits or logs[0].device.n_motors:
         return unchanged, []
     best = min(fits, key=lambda fit: (-len(fit.residual), fit.loss))
-    where = next(i for i, place in enumerate(best.places) if place in (LATE_COMMAND, LATE_ANGLE))
+    where = next(i for i, location in enumerate(best.locations) if location in (LATE_COMMAND, LATE_ANGLE))
     delay = best.effects[where].parameters["delay"]
     late = stamped_late(logs, delay)
     if late is None or delay > MAX_SKEW:
@@ -83,18 +83,18 @@ def told_apart(logs: Sequence[JointLog], *found: list[Judged]) -> tuple[list[lis
     return [_renamed(each, wrong, right) for each in found], [finding]
 
 
-def _renamed(found: Sequence[Judged], wrong: Place, right: Place) -> list[Judged]:
-    """The same with the one place in the other's stead, best first; none is there twice."""
-    kept = [each for each in found if wrong not in each.fit.places]
-    there = {frozenset(each.fit.places) for each in kept}
+def _renamed(found: Sequence[Evaluation], wrong: Location, right: Location) -> list[Evaluation]:
+    """The same with the one location in place of the other, best first; none is there twice."""
+    kept = [each for each in found if wrong not in each.fit.locations]
+    there = {frozenset(each.fit.locations) for each in kept}
     for each in found:
-        places = frozenset(right if place == wrong else place for place in each.fit.places)
-        if wrong not in each.fit.places or right in each.fit.places or places in there:
+        locations = frozenset(right if location == wrong else location for location in each.fit.locations)
+        if wrong not in each.fit.locations or right in each.fit.locations or locations in there:
             continue
-        effects = zip(each.fit.places, each.fit.effects, strict=True)
-        named = tuple(right.effect(effect.parameters) if place == wrong else effect for place, effect in effects)
+        effects = zip(each.fit.locations, each.fit.effects, strict=True)
+        named = tuple(right.effect(effect.parameters) if location == wrong else effect for location, effect in effects)
         kept.append(replace(each, fit=replace(each.fit, effects=named)))
-        there.add(places)
+        there.add(locations)
     return sorted(kept, key=lambda each: each.score)
 
 
@@ -138,10 +138,10 @@ def _regular(log: JointLog, period: float) -> tuple[Array, Array]:
         (log.measured.time, log.measured["q"]),
         (log.commands.time, log.commands["external_torque"]),
     ):
-        place = np.rint((time - origin) / period).astype(np.intp)
-        there = (np.abs(time - origin - place * period) < ON_TIME * period) & (place >= 0) & (place < count)
+        sample = np.rint((time - origin) / period).astype(np.intp)
+        there = (np.abs(time - origin - sample * period) < ON_TIME * period) & (sample >= 0) & (sample < count)
         column = np.full(count, np.nan)
-        column[place[there]] = values[there]
+        column[sample[there]] = values[there]
         columns.append(column)
     return columns[0], columns[1]
 

@@ -4,7 +4,7 @@ import pytest
 from gap_logs import flexible, log_of, servo
 from via_core.devices import load_device
 from via_core.signals import Signals
-from via_gap.candidates.location import OF_READINGS, Place, places, unjudged
+from via_gap.candidates.location import MEASUREMENT_ONLY, Location, locations, unjudged
 from via_gap.logs.log import JointLog
 from via_sim.catalogue import EFFECTS
 
@@ -20,15 +20,15 @@ def beside(log: JointLog, name: str) -> JointLog:
 def test_what_is_no_candidate_is_told(device):
     log = log_of(flexible() if device.drive == "torque" else servo(), (), seed=5, duration=2.0)
     log = JointLog(log.name, device, log.measured, log.commands)
-    offered = {place.name for place in places(device, log)}
+    offered = {location.name for location in locations(device, log)}
     told = " ".join(unjudged(device, log))
     for name in EFFECTS:
-        assert (name in offered) != (name in told) or name in OF_READINGS, name
+        assert (name in offered) != (name in told) or name in MEASUREMENT_ONLY, name
 
 
 def test_a_torque_driven_joint_beside_a_neighbour_can_have_all_thirty():
     log = beside(log_of(flexible(), (), seed=5, duration=2.0), "neighbour")
-    assert {place.name for place in places(log.device, log)} | set(OF_READINGS) == EFFECTS.keys()
+    assert {location.name for location in locations(log.device, log)} | set(MEASUREMENT_ONLY) == EFFECTS.keys()
     assert unjudged(log.device, log) == ()
 
 
@@ -36,6 +36,6 @@ def test_an_encoder_that_was_not_recorded_is_no_candidate():
     log = log_of(flexible(), (), seed=5, duration=2.0)
     blind = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
     unseen = JointLog("unseen", log.device, blind, log.commands)
-    assert Place("encoder_offset", "sensor", 1) in places(log.device, log)
-    assert Place("encoder_offset", "sensor", 1) not in places(log.device, unseen)
-    assert Place("encoder_offset", "sensor", 0) in places(log.device, unseen)
+    assert Location("encoder_offset", "sensor", 1) in locations(log.device, log)
+    assert Location("encoder_offset", "sensor", 1) not in locations(log.device, unseen)
+    assert Location("encoder_offset", "sensor", 0) in locations(log.device, unseen)

@@ -7,13 +7,13 @@ import pytest
 from gap_logs import rigid
 from via_core.signals import Array, Signals
 from via_gap.candidates.fit import Fit
-from via_gap.candidates.location import Place
+from via_gap.candidates.location import Location
 from via_gap.logs.log import JointLog
-from via_gap.selection.evidence import Judged
-from via_gap.sensors.stamps import LATE_ANGLE, LATE_COMMAND, stamped_late, told_apart
+from via_gap.selection.evidence import Evaluation
+from via_gap.sensors.stamps import LATE_ANGLE, LATE_COMMAND, separate_delays, stamped_late
 
 SUBSTEPS = 20
-DRY = Place("coulomb_friction", "link", 0)
+DRY = Location("coulomb_friction", "link", 0)
 
 
 def joint(dead: int, stamp: float, answers: bool, seed: int = 3) -> JointLog:
@@ -85,10 +85,10 @@ def test_lost_samples_are_left_out():
     assert stamped_late([JointLog(log.name, log.device, thinner, log.commands)], 2.9e-3) is True
 
 
-def judged(*places: Place, loss: float) -> Judged:
-    effects = tuple(p.effect({"torque": 0.1} if p == DRY else {"delay": 2.9e-3}) for p in places)
+def judged(*locations: Location, loss: float) -> Evaluation:
+    effects = tuple(p.effect({"torque": 0.1} if p == DRY else {"delay": 2.9e-3}) for p in locations)
     some: Array = np.ones(4)
-    return Judged(Fit(effects, np.zeros(1), loss, some, np.zeros(1)), some, loss * some, 1)
+    return Evaluation(Fit(effects, np.zeros(1), loss, some, np.zeros(1)), some, loss * some, 1)
 
 
 @pytest.mark.parametrize(
@@ -99,14 +99,14 @@ def judged(*places: Place, loss: float) -> Judged:
 def test_what_the_drive_rules_out_is_no_cause_alone_nor_beside_another(log, right, wrong):
     causes = [judged(wrong, loss=1.0), judged(right, loss=1.1), judged(DRY, loss=9.0)]
     sets = [judged(wrong, DRY, loss=1.0)]
-    (causes, sets), (finding,) = told_apart([log()], causes, sets)
-    assert [each.fit.places for each in causes] == [(right,), (DRY,)]
+    (causes, sets), (finding,) = separate_delays([log()], causes, sets)
+    assert [each.fit.locations for each in causes] == [(right,), (DRY,)]
     assert causes[0].fit.loss == 1.1  # the fit of the right one itself
-    assert [each.fit.places for each in sets] == [(right, DRY)]  # there is no other: the same numbers hold
+    assert [each.fit.locations for each in sets] == [(right, DRY)]  # there is no other: the same numbers hold
     assert sets[0].fit.effects[0].parameters == {"delay": 2.9e-3}
     assert finding.check == "answers" and finding.severity == "note"
 
 
 def test_without_a_delay_nothing_is_asked():
     causes = [judged(DRY, loss=1.0)]
-    assert told_apart([late_angle()], causes, []) == ([causes, []], [])
+    assert separate_delays([late_angle()], causes, []) == ([causes, []], [])

@@ -9,8 +9,8 @@ from gap_logs import log_of, servo
 from via_gap.candidates.fit import Fit, fit_base
 from via_gap.diagnose import diagnose
 from via_gap.residual.errors import Errors, free_errors
-from via_gap.residual.residual_model import Problem
-from via_gap.residual.segments import Shots, cut_log
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import Segments, cut_log
 from via_gap.selection.basis import Basis, ticks_of
 from via_gap.selection.bound import flexible, lower, solved
 from via_gap.selection.evidence import judge
@@ -20,11 +20,11 @@ from via_sim.effects import Effect
 DRAG = Effect("quadratic_drag", "link", {"coefficient": 0.01})
 
 
-def prepared(device, effects, duration=12.0) -> tuple[Problem, Problem, Fit, Shots]:
-    shots = cut_log(log_of(device, effects, seed=31, duration=duration))
-    train, held, everything = split([shots], [])
-    fitted, judged = Problem.of(everything, train), Problem.of(everything, held)
-    return fitted, judged, fit_base(fitted)[0], shots
+def prepared(device, effects, duration=12.0) -> tuple[ResidualModel, ResidualModel, Fit, Segments]:
+    segments = cut_log(log_of(device, effects, seed=31, duration=duration))
+    train, held, everything = split([segments], [])
+    fitted, judged = ResidualModel.of(everything, train), ResidualModel.of(everything, held)
+    return fitted, judged, fit_base(fitted)[0], segments
 
 
 def test_a_flexible_torque_closes_a_gap_without_knowing_its_name():
@@ -43,11 +43,11 @@ def test_it_finds_nothing_where_there_is_nothing():
 
 
 def test_the_torque_found_is_the_one_that_is_missing():
-    fitted, _, base, shots = prepared(joint(), (DRAG,))
+    fitted, _, base, segments = prepared(joint(), (DRAG,))
     model = flexible(fitted, base)
     (values,) = model.functions(fitted)
     torque = (values @ model.weights.T)[:, 0]
-    speed = shots.start[:: ticks_of(shots), 3]
+    speed = segments.start[:: ticks_of(segments), 3]
     missing = -0.01 * speed * np.abs(speed)
     fast = np.abs(speed) > 1.0  # elsewhere the tuned viscous friction has taken some of it
     assert np.corrcoef(torque[fast], missing[fast])[0, 1] > 0.9
@@ -56,11 +56,11 @@ def test_the_torque_found_is_the_one_that_is_missing():
 def test_a_joint_of_servos_is_run_freely_with_it():
     device = servo()
     damped = Effect("viscous_friction", "link", {"coefficient": 0.05})
-    fitted, judged, base, shots = prepared(device, (damped, DRAG), 24.0)
+    fitted, judged, base, segments = prepared(device, (damped, DRAG), 24.0)
     model = flexible(fitted, replace(base, deviations=np.zeros_like(base.deviations)))
-    held = [bench.chosen for bench in judged.benches]
-    plain = free_errors(device, (), [shots], held)
-    reached = free_errors(device, (), [model.driven(shots)], held)
+    held = [view.chosen for view in judged.views]
+    plain = free_errors(device, (), [segments], held)
+    reached = free_errors(device, (), [model.driven(segments)], held)
     assert reached.overall < 0.5 * plain.overall
 
 
@@ -73,10 +73,10 @@ def test_the_ceiling_is_the_lesser_of_both_and_not_below_the_floor():
 
 
 def test_what_a_torque_may_depend_on_is_finite_where_nothing_moves():
-    shots = cut_log(log_of(joint(), (), seed=31, duration=12.0))
+    segments = cut_log(log_of(joint(), (), seed=31, duration=12.0))
     still = Basis(np.zeros(5), np.full(5, 1e-9), np.zeros((5, 7)) + 1e-12 * np.arange(7), 12.0, (0,))
-    assert np.isfinite(still.values(shots)).all()
-    assert Basis.of([shots]).values(shots).shape[0] == -(-len(shots.start) // ticks_of(shots))
+    assert np.isfinite(still.values(segments)).all()
+    assert Basis.of([segments]).values(segments).shape[0] == -(-len(segments.start) // ticks_of(segments))
 
 
 def test_a_report_says_how_much_of_what_can_be_closed_is():
@@ -90,13 +90,13 @@ def test_a_report_says_how_much_of_what_can_be_closed_is():
 
 def test_a_torque_that_repeats_along_the_way_is_found_by_its_waves():
     ripple = Effect("torque_ripple", "motor", {"amplitude": 0.02, "order": 9.0, "phase": 0.3}, 1)
-    fitted, judged, base, shots = prepared(joint(), (ripple,), 20.0)
+    fitted, judged, base, segments = prepared(joint(), (ripple,), 20.0)
     model = flexible(fitted, base)
     assert 9 in {wave.order for wave in model.basis.waves}
     (left,) = judge(judged, [base])
     reached = float(np.mean(model.residual(judged, model.functions(judged)) ** 2))
     assert reached < 0.05 * left.mean_square
-    assert Basis.of([shots]).waves == ()
+    assert Basis.of([segments]).waves == ()
 
 
 def test_functions_that_a_log_cannot_tell_apart_are_solved_for():

@@ -8,8 +8,8 @@ from gap_logs import flexible, log_of
 from via_core.signals import Signals
 from via_gap.logs.log import JointLog
 from via_gap.report.report import Cause, GapReport, Place, Where
-from via_gap.report.sensor_causes import with_misreadings
-from via_gap.sensors.sensor_errors import misreadings
+from via_gap.report.sensor_causes import with_sensor_errors
+from via_gap.sensors.sensor_errors import sensor_errors
 from via_sim.effects import Effect
 
 
@@ -29,7 +29,7 @@ def without(log: JointLog, *names: str) -> JointLog:
     ids=lambda effect: f"{effect.name}-{effect.motor}",
 )
 def test_a_planted_misreading_is_found_with_its_value(effect: Effect) -> None:
-    (found,) = misreadings([log_of(flexible(), (effect,), seed=31, duration=6.0)])
+    (found,) = sensor_errors([log_of(flexible(), (effect,), seed=31, duration=6.0)])
     assert (found.effect.name, found.effect.site, found.effect.motor) == (effect.name, "sensor", effect.motor)
     for name, value in effect.parameters.items():
         assert found.effect.parameters[name] == pytest.approx(value, rel=0.02)
@@ -37,16 +37,16 @@ def test_a_planted_misreading_is_found_with_its_value(effect: Effect) -> None:
 
 
 def test_sound_sensors_and_a_weak_motor_read_right() -> None:
-    assert misreadings([log_of(flexible(), (), seed=32, duration=6.0)]) == ()
+    assert sensor_errors([log_of(flexible(), (), seed=32, duration=6.0)]) == ()
     weak = Effect("torque_gain", "motor", {"gain": 0.8}, 1)
-    assert misreadings([log_of(flexible(), (weak,), seed=32, duration=6.0)]) == ()
+    assert sensor_errors([log_of(flexible(), (weak,), seed=32, duration=6.0)]) == ()
 
 
 def test_what_was_not_recorded_shows_nothing() -> None:
     log = log_of(flexible(), (Effect("torque_gain", "sensor", {"gain": 0.8}, 1),), seed=31, duration=6.0)
-    assert len(misreadings([log])) == 1
-    assert misreadings([without(log, "tau")]) == ()
-    assert misreadings([replace(log, commands=None)]) == ()
+    assert len(sensor_errors([log])) == 1
+    assert sensor_errors([without(log, "tau")]) == ()
+    assert sensor_errors([replace(log, commands=None)]) == ()
 
 
 def report(verdict: str, *causes: Cause) -> GapReport:
@@ -62,18 +62,18 @@ def report(verdict: str, *causes: Cause) -> GapReport:
 
 
 def test_it_stands_beside_what_was_named_and_alone_where_there_was_no_gap() -> None:
-    found = misreadings([log_of(flexible(), (Effect("torque_bias", "sensor", {"torque": 0.1}, 1),), seed=31)])
-    alone = with_misreadings(report("no_gap"), found)
+    found = sensor_errors([log_of(flexible(), (Effect("torque_bias", "sensor", {"torque": 0.1}, 1),), seed=31)])
+    alone = with_sensor_errors(report("no_gap"), found)
     assert (alone.verdict, alone.causes[0].effect, alone.where[0].site) == ("effect", "torque_bias", "sensor")
     assert alone.repair()[0].parameters["torque"] == pytest.approx(0.1, rel=0.02)
     other = Cause(
         effect="coulomb_friction", site="link", joint="joint", probability=0.9, parameters={}, left=0.1, score=0.7
     )
-    both = with_misreadings(report("effect", other), found)
+    both = with_sensor_errors(report("effect", other), found)
     assert (both.verdict, len(both.effects)) == ("two_effects", 2)
     assert {(w.site, w.share) for w in both.where} == {("link", 0.5), ("sensor", 0.5)}
     for verdict in ("unknown", "cannot_tell"):
-        assert with_misreadings(report(verdict), found) == report(verdict)
+        assert with_sensor_errors(report(verdict), found) == report(verdict)
 
 
 def test_a_torque_that_does_not_follow_its_command_tells_of_no_sensor() -> None:
@@ -81,4 +81,4 @@ def test_a_torque_that_does_not_follow_its_command_tells_of_no_sensor() -> None:
     tau = np.roll(log.measured["tau"], 700, axis=0)
     channels = {**log.measured.channels, "tau": tau}
     moved = replace(log, measured=Signals(log.measured.time, channels, log.measured.units))
-    assert misreadings([moved]) == ()
+    assert sensor_errors([moved]) == ()

@@ -1,4 +1,4 @@
-"""Shots: only a log's own plant explains it, down to the sensors' steps, for every effect that the row can hold."""
+"""Segments: only a log's own plant explains it, down to the sensors' steps, for every effect that the row can hold."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from gap_logs import flexible, log_of, rigid, servo
 from via_core.errors import SignalError
 from via_core.signals import Signals
 from via_gap.logs.log import JointLog, believed
-from via_gap.residual.residual_model import Problem
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_gap.selection.holdout import split
 from via_sim.effects import Effect
@@ -23,10 +23,10 @@ MAXWELL = Effect("hysteresis", "transmission", {"torque": 0.05, "stiffness": 1.0
 
 
 def explained(log: JointLog, effects) -> float:
-    """Median mean squared whitened error of the shots under a plant: 1 is what the sensors leave."""
-    shots = cut_log(log)
-    problem = Problem.of([shots], [np.arange(1, len(shots))])
-    return float(np.median(problem.per_shot(problem.residual([problem.row(effects)])[0])))
+    """Median mean squared whitened error of the segments under a plant: 1 is what the sensors leave."""
+    segments = cut_log(log)
+    problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
+    return float(np.median(problem.per_segment(problem.residual([problem.row(effects)])[0])))
 
 
 @pytest.mark.parametrize("effect", [None, DELAY, SKEW, OFFSET, ECCENTRIC, BACKLASH, PULSE, MAXWELL], ids=str)
@@ -34,7 +34,7 @@ def test_only_its_own_plant_explains_a_log(effect):
     effects = () if effect is None else (effect,)
     log = log_of(flexible(), effects, seed=5, duration=6.0, tolerance=0.0)
     assert 0.5 < explained(log, effects) < 1.5
-    if effect is not None and effect is not PULSE:  # which is over in most shots
+    if effect is not None and effect is not PULSE:  # which is over in most segments
         assert explained(log, ()) > 10.0
 
 
@@ -55,8 +55,10 @@ def test_jitter_does_not_move_commands_off_their_ticks():
     angles["q"] = np.interp(time, log.measured.time, log.measured["q"])
     angles["theta"] = np.interp(time, log.measured.time, log.measured["theta"][:, 0])[:, None]
     jittered = JointLog("jittered", log.device, Signals(time, angles, log.measured.units), log.commands)
-    shots = cut_log(jittered)
-    assert np.allclose((shots.origin * shots.rate) % 1.0, [0.0], atol=1e-6) or np.isclose((shots.origin * 1000) % 1, 1)
+    segments = cut_log(jittered)
+    assert np.allclose((segments.origin * segments.rate) % 1.0, [0.0], atol=1e-6) or np.isclose(
+        (segments.origin * 1000) % 1, 1
+    )
     assert explained(jittered, ()) < 2.0
 
 
@@ -68,13 +70,13 @@ def test_a_log_without_a_drive_cannot_be_cut():
 
 
 def test_fitted_and_judged_shots_are_disjoint_and_all():
-    shots = cut_log(log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0))
-    (train,), (held,), _ = split([shots], [])
-    assert sorted([*train, *held]) == list(range(len(shots)))
-    assert len(held) > 0.25 * len(shots)
-    train, held, logs = split([shots], [shots])
+    segments = cut_log(log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0))
+    (train,), (held,), _ = split([segments], [])
+    assert sorted([*train, *held]) == list(range(len(segments)))
+    assert len(held) > 0.25 * len(segments)
+    train, held, logs = split([segments], [segments])
     assert len(logs) == 2
-    assert (len(train[0]), len(train[1]), len(held[0]), len(held[1])) == (len(shots), 0, 0, len(shots))
+    assert (len(train[0]), len(train[1]), len(held[0]), len(held[1])) == (len(segments), 0, 0, len(segments))
 
 
 def test_an_encoder_that_jumps_in_one_log_is_believed_in_none():
@@ -89,10 +91,10 @@ def test_an_encoder_that_jumps_in_one_log_is_believed_in_none():
 
 def test_a_late_encoder_reads_what_was_before_the_shot():
     late = Effect("channel_skew", "timing", {"delay": 0.0047}, 0)
-    shots = cut_log(log_of(rigid(), (late,), seed=3, duration=4.0, tolerance=0.0))
-    problem = Problem.of([shots], [np.arange(1, len(shots))])
+    segments = cut_log(log_of(rigid(), (late,), seed=3, duration=4.0, tolerance=0.0))
+    problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     delayed = Effect("actuator_delay", "command", {"delay": 0.0047})
-    found = problem.per_shot(problem.residual([problem.row([late]), problem.row([delayed])]))
+    found = problem.per_segment(problem.residual([problem.row([late]), problem.row([delayed])]))
     assert np.max(found[0]) < 2.5
     assert np.mean(found[0]) == pytest.approx(np.mean(found[1]), abs=0.05)  # of one encoder the two are the same
 
@@ -105,12 +107,12 @@ def test_a_shot_starts_at_the_speed_of_quick_motion():
     quantum = device.sensors.link_quantum
     q = quantum * np.rint(amplitude * np.sin(rate * time) / quantum)
     measured = Signals(time, {"q": q, "theta": q[:, None]}, {"q": "rad", "theta": "rad"})
-    shots = cut_log(JointLog("quick", device, measured, log.commands))
-    speed = amplitude * rate * np.cos(rate * (time + shots.origin))[20:-20]
-    error = shots.start[20 : 20 + len(speed), 3] - speed
+    segments = cut_log(JointLog("quick", device, measured, log.commands))
+    speed = amplitude * rate * np.cos(rate * (time + segments.origin))[20:-20]
+    error = segments.start[20 : 20 + len(speed), 3] - speed
     assert np.max(np.abs(speed)) > 2.0
     assert np.sqrt(np.mean(error**2)) < 0.01  # a quadratic's slope: 0.04
-    assert np.sqrt(np.mean(error**2)) < shots.start_noise[0, 1]
+    assert np.sqrt(np.mean(error**2)) < segments.start_noise[0, 1]
 
 
 @pytest.mark.parametrize("early", [0.0, 1e-12], ids=["at", "before"])
@@ -118,8 +120,8 @@ def test_commands_that_rounding_puts_before_their_samples_change_on_the_same_tic
     log = log_of(rigid(), (), seed=3, duration=4.0, tolerance=0.0)
     sent = log.commands
     commands = Signals(sent.time - early, sent.channels, sent.units, sent.held)
-    shots = cut_log(JointLog("rounded", log.device, log.measured, commands))
-    assert shots.origin == pytest.approx(log.measured.time[0], abs=1e-9)
+    segments = cut_log(JointLog("rounded", log.device, log.measured, commands))
+    assert segments.origin == pytest.approx(log.measured.time[0], abs=1e-9)
 
 
 @pytest.mark.parametrize("device", [rigid(), flexible()], ids=["sample by sample", "in bins"])
@@ -129,10 +131,12 @@ def test_what_stands_for_lost_samples_is_not_compared(device):
     lost[100:-100:47] = True
     there = {name: values[~lost] for name, values in log.measured.channels.items()}
     gappy = JointLog("gappy", log.device, Signals(log.measured.time[~lost], there, log.measured.units), log.commands)
-    shots = cut_log(gappy)
-    assert shots.valid.all() and 0.01 < np.mean(shots.weight == 0.0) < 0.1
-    assert np.allclose(np.mean(shots.weight**2, axis=(1, 2)), 1.0)
-    problem = Problem.of([shots], [np.arange(1, len(shots))])
-    moved = Problem.of([replace(shots, measured=shots.measured + (shots.weight == 0.0))], [np.arange(1, len(shots))])
-    left, same = (each.per_shot(each.residual([each.row(())])[0]) for each in (problem, moved))
+    segments = cut_log(gappy)
+    assert segments.valid.all() and 0.01 < np.mean(segments.weight == 0.0) < 0.1
+    assert np.allclose(np.mean(segments.weight**2, axis=(1, 2)), 1.0)
+    problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
+    moved = ResidualModel.of(
+        [replace(segments, measured=segments.measured + (segments.weight == 0.0))], [np.arange(1, len(segments))]
+    )
+    left, same = (each.per_segment(each.residual([each.row(())])[0]) for each in (problem, moved))
     assert np.array_equal(left, same) and np.max(left) < 1.6
