@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.candidates.fit import Fit, make
+from via_gap.candidates.fit import Fit, Members, make
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import Start, amount_range, combined, starts
@@ -34,7 +34,6 @@ class Direction:
     moved: Array
 
 
-Members = list[tuple[Location, list[float]]]  # and the values they have or start from
 Ranked = list[tuple[float, Location, list[float]]]  # predicted loss, location, values to start from; best first
 
 

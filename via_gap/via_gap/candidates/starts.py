@@ -51,6 +51,12 @@ def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, .
     return tuple(clipped)
 
 
+def size_parameters(location: Location) -> tuple[str, ...]:
+    """Names of the parameters that say how large an effect is: at their neutral values it is absent."""
+    named = _SIZES.get(location.name)
+    return named or tuple(p.name for p in EFFECTS[location.name].parameters if p.linear)
+
+
 def combined(location: Location, start: Start, amounts: Sequence[float]) -> list[float]:
     """Parameter values, in their order, of a start's directions in these amounts."""
     parameters = EFFECTS[location.name].parameters
@@ -261,4 +267,25 @@ _STARTS: Mapping[str, Callable[[_Here], list[Start]]] = {
     "gravity_error": _each(lambda h: {"torque": 0.1 * h.torque}, lambda _h: {"angle": 0.05}),
     "contact": _contact,
     "external_torque": _external,
+}
+
+_SIZES: Mapping[str, tuple[str, ...]] = {  # where they are not those that the torques are linear in
+    "presliding_friction": ("torque",),
+    "hysteresis": ("torque",),
+    "backlash": ("gap",),
+    "spring_law": ("scale", "hardening"),
+    "stiffness_drift": ("rate",),
+    "preset_error": ("offset",),
+    "torque_gain": ("gain",),
+    "torque_ripple": ("amplitude",),
+    "torque_saturation": ("limit",),
+    "actuator_lag": ("time_constant",),
+    "actuator_delay": ("delay",),
+    "channel_skew": ("delay",),
+    "encoder_offset": ("offset",),
+    "encoder_eccentricity": ("amplitude",),
+    "payload": ("mass",),
+    "link_inertia": ("inertia",),
+    "gravity_error": ("torque", "angle"),
+    "contact": ("stiffness",),
 }

@@ -17,8 +17,8 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
-from via_sim.torques import EXTERNAL
 
+from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.localisation import Quantity
 from via_gap.candidates.location import MEASUREMENT_ONLY, Location
 from via_gap.logs.log import JointLog
@@ -41,6 +41,8 @@ from via_gap.residual.repaired_device import repaired_device
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices, Segments
 from via_gap.selection.evidence import Evaluation, difference
+from via_gap.selection.experiment import Experiment
+from via_gap.selection.verdict import Decision
 
 BINS = 10  # of equal count
 TIME_BINS = 20  # of equal length
@@ -77,41 +79,27 @@ class Stretch:
 
 
 def evidence_figures(
-    device: Device,
-    segments: Sequence[Segments],
-    held: Sequence[Indices],
-    residuals: Sequence[Sequence[Residual]],
-    numbers: Device,
-    judged: ResidualModel,
-    before: Evaluation,
-    tuned: Evaluation,
-    chosen: Evaluation,
-    trials: Sequence[Evaluation],
-    candidates: Sequence[Location],
-    by: Literal["shots", "free run", "equations"],
-) -> Figures:
-    """All pictures of one diagnosis.
-
-    numbers  the device with the numbers that `residuals` were computed with
-    before, tuned, chosen  the device as filed, with its numbers moved, and the repair, judged on `held`
-    trials   every cause and set of causes that was fitted to the end
-    by       how the gap was measured
-    """
-    if by == "shots":
-        longest, stretches = STRETCH, shot_stretches(judged, before.residual, chosen.residual)
-    elif by == "equations":
-        longest, stretches = FREE_STRETCH, equation_stretches(judged, before.residual, chosen.residual)
-    else:
+    experiment: Experiment, candidates: CandidateSet, decision: Decision, models: Sequence[Evaluation],
+    by: Literal["segments", "free run", "inverse dynamics"],
+) -> Figures:  # fmt: skip
+    """All pictures of one diagnosis; `by` is how the gap was measured."""
+    judged, segments, chosen = experiment.judged, experiment.segments, decision.chosen
+    device = judged.device
+    if by == "free run":
         moved = repaired_device(device, judged.nuisances, chosen.fit.deviations)
-        longest, stretches = FREE_STRETCH, free_stretches(device, moved, chosen.fit.effects, segments, held)
+        longest, stretches = FREE_STRETCH, free_stretches(device, moved, chosen.fit.effects, segments, experiment.held)
+    else:
+        two = judged.residual([judged.row(e.fit.effects, e.fit.deviations) for e in (experiment.nominal, chosen)])
+        cut, longest = (segment_stretches, STRETCH) if by == "segments" else (torque_stretches, FREE_STRETCH)
+        stretches = cut(judged, *two)
     return Figures(
         joint=joint_sketch(segments[0].log),
-        residuals=residual_figures(segments, residuals, numbers),
+        residuals=residual_figures(segments, candidates.residuals, candidates.numbers),
         errors=error_figures(stretches, device.n_transmissions),
         traces=trace_figures(stretches, longest),
-        trials=trial_figures(trials, tuned),
-        screened=screened_members(candidates, trials) if trials else (),
-        untried=untried_effects(candidates),
+        trials=trial_figures(models, experiment.tuned),
+        screened=screened_members(candidates.locations, models) if models else (),
+        untried=untried_effects(candidates.locations),
     )
 
 
@@ -148,7 +136,7 @@ def residual_figures(
     return tuple(found)
 
 
-def shot_stretches(problem: ResidualModel, before: Array, after: Array) -> list[Stretch]:
+def segment_stretches(problem: ResidualModel, before: Array, after: Array) -> list[Stretch]:
     """Neighbouring segments of a problem, with whitened residuals (R,) of two simulations."""
     found, begin = [], 0
     for view in problem.views:
@@ -170,22 +158,25 @@ def shot_stretches(problem: ResidualModel, before: Array, after: Array) -> list[
     return found
 
 
-def equation_stretches(problem: ResidualModel, before: Array, after: Array) -> list[Stretch]:
-    """Neighbouring segments of a problem of equations, with what two models lack (R,), window by window."""
+def torque_stretches(problem: ResidualModel, before: Array, after: Array) -> list[Stretch]:
+    """Neighbouring segments judged by inverse dynamics, with what two models lack (R,), window by window."""
     found, begin = [], 0
     for view in problem.views:
         assert isinstance(view, InverseDynamics)
-        segments, size = view.segments, view.first.size
-        missing = [each[begin : begin + size].reshape(view.first.shape) * view.floor for each in (before, after)]
+        segments, windows, size = view.segments, view.windows, len(view.chosen) * view.size
+        shape = (len(view.chosen), len(windows.axes), -1)
+        missing = [each[begin : begin + size].reshape(shape) * windows.floor[:, None] for each in (before, after)]
         begin += size
-        sent = view.over(segments.commands[:, EXTERNAL], 0)
+        sent = np.stack([view.over(windows.drive[:, i], 0) for i in range(len(windows.axes))], axis=1)
         for run in np.split(np.arange(len(view.chosen)), np.flatnonzero(np.diff(view.chosen) > 1) + 1):
-            ticks = (view.first[run] + view.weights.shape[1] // 2).ravel()
-            flat = sent[run].reshape(-1, 1)
-            first, second = (flat + each[run].reshape(-1, 1) for each in missing)
+            ticks = (view.first[run] + windows.weights.shape[1] // 2).ravel()
+            flat, first, second = (
+                each[run].transpose(0, 2, 1).reshape(len(ticks), -1)
+                for each in (sent, sent + missing[0], sent + missing[1])
+            )
             found.append(
-                Stretch(segments.log.name, (0,), ticks / segments.rate, segments.start[ticks], flat, first, second,
-                        np.zeros(len(ticks), dtype=bool), np.array([view.floor]), True)
+                Stretch(segments.log.name, windows.axes, ticks / segments.rate, segments.start[ticks], flat, first,
+                        second, np.zeros(len(ticks), dtype=bool), windows.floor, True)
             )  # fmt: skip
     return found
 
@@ -356,7 +347,9 @@ def _traces(piece: Stretch, by: Literal["after", "before"]) -> list[TraceFigure]
 
 
 def _signal(stretch: Stretch, axis: int) -> str:
-    return "tau" if stretch.torque else NAMES[axis]
+    if not stretch.torque:
+        return NAMES[axis]
+    return "tau" if stretch.axes == (0,) else "tau_link" if axis == 0 else f"tau_{axis}"
 
 
 def _rms(values: Array) -> float:

@@ -40,9 +40,13 @@ class Where(Record):
 
 
 class Value(Record):
+    """A fitted parameter with its standard deviation, and the ends of the range it was fitted in."""
+
     value: Number
     sd: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
     unit: str
+    low: Number | None = None
+    high: Number | None = None
 
 
 class Cause(Record):
@@ -99,12 +103,14 @@ class Proposal(Record):
 
 
 class GapReport(Record):
-    version: Literal["1"] = "1"
+    version: Literal["2"] = "2"
     joint: str
     level: Literal["full", "no torque", "link only", "commands only"]
     logs: tuple[str, ...]
     holdout: tuple[str, ...]  # names of logs, or 'blocks of the same logs'
     verdict: Verdict
+    reason: str = ""  # why nothing is named, where the verdict is cannot_tell
+    explained: Share = 0.0  # of the error that could be explained, by the effects named
     where: tuple[Where, ...]
     causes: tuple[Cause, ...]
     equivalence_set: tuple[Place, ...]

@@ -11,8 +11,9 @@ from via_sim.effects import Effect
 
 from via_gap.logs.log import JointLog, believed
 from via_gap.report.report import Stretch
-from via_gap.residual.errors import Errors, equation_errors, free_errors, segment_errors
+from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.inverse_dynamics import InverseDynamics
+from via_gap.residual.recordings import follows
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices, Segments, cut_log
 
@@ -26,7 +27,7 @@ def before_and_after(
     logs, or over the stretches that a report held out. Raises SignalError where nothing can be simulated.
     """
     segments, chosen = _chosen(logs, held_out)
-    if runs_free(device):
+    if follows(device):
         return free_errors(device, (), segments, chosen), free_errors(device, effects, segments, chosen)
     problem = ResidualModel.of(segments, chosen)
     before, after = problem.residual([problem.row(()), problem.row(effects)])
@@ -39,7 +40,7 @@ def lacking_before_and_after(
     """The same of one joint of an arm (logs of `via_gap.run.arms`), by the torque that its equation lacks."""
     problem = ResidualModel.of(*_chosen(logs, held_out), InverseDynamics.of)
     before, after = problem.residual([problem.row(()), problem.row(effects)])
-    return equation_errors(problem, before), equation_errors(problem, after)
+    return torque_errors(problem, before), torque_errors(problem, after)
 
 
 def _chosen(logs: Sequence[JointLog], held_out: Sequence[Stretch]) -> tuple[list[Segments], list[Indices]]:
@@ -51,11 +52,6 @@ def _chosen(logs: Sequence[JointLog], held_out: Sequence[Stretch]) -> tuple[list
     return segments, chosen
 
 
-def runs_free(device: Device) -> bool:
-    """Whether the gap is that of one free run: where motors follow their commands."""
-    return device.drive == "servo" and device.n_motors > 0
-
-
 def stretches(segments: Sequence[Segments], held: Sequence[Indices]) -> tuple[Stretch, ...]:
     """The segments `held` (indices, one array per log), neighbours joined."""
     found = []
@@ -64,7 +60,7 @@ def stretches(segments: Sequence[Segments], held: Sequence[Indices]) -> tuple[St
         for run in np.split(which, np.flatnonzero(np.diff(which) != 1) + 1):
             if len(run):
                 end = begins[run[-1]] + each.ticks / each.rate
-                if run[-1] == len(each) - 1 and runs_free(each.log.device):
+                if run[-1] == len(each) - 1 and follows(each.log.device):
                     end = each.log.duration  # what is left after the last segment counts there
                 found.append(Stretch(log=each.log.name, begin=float(begins[run[0]]), end=float(end)))
     return tuple(found)

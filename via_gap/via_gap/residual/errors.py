@@ -13,7 +13,6 @@ import numpy as np
 from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.effects import Effect
-from via_sim.torques import EXTERNAL
 
 from via_gap.logs.replay import simulated_log
 from via_gap.residual.inverse_dynamics import InverseDynamics
@@ -59,19 +58,21 @@ class Errors:
         return np.sqrt(means.mean(axis=1))
 
 
-def equation_errors(problem: ResidualModel, residual: Array) -> Errors:
+def torque_errors(problem: ResidualModel, residual: Array) -> Errors:
     """Errors from what equations lack (R,) in units of their floors: squares and variance of torques [N m]."""
-    squares, torques, floors, begin = [], [], [], 0
+    squares, drives, floors, begin = [], [], [], 0
     for view in problem.views:
         assert isinstance(view, InverseDynamics)
-        size = view.first.size
-        each = residual[begin : begin + size].reshape(view.first.shape)
-        squares.append(np.mean(each**2, axis=1) * view.floor**2)
-        torques.append(view.segments.commands[view.first.ravel(), EXTERNAL])
-        floors.append(view.floor**2)
+        windows, size = view.windows, len(view.chosen) * view.size
+        each = residual[begin : begin + size].reshape(len(view.chosen), len(windows.axes), -1)
         begin += size
-    variance = max(float(np.var(np.concatenate(torques))), 1e-12)
-    return Errors(("tau",), np.concatenate(squares)[:, None], np.array([variance]), np.array([np.mean(floors)]))
+        squares.append(np.mean(each**2, axis=2) * windows.floor**2)
+        drives.append(windows.drive[view.first.ravel()])
+        floors.append(windows.floor**2)
+    axes = problem.views[0].windows.axes
+    names = ("tau",) if axes == (0,) else tuple("tau_link" if axis == 0 else f"tau_{axis}" for axis in axes)
+    variance = np.maximum(np.var(np.concatenate(drives), axis=0), 1e-12)
+    return Errors(names, np.concatenate(squares), variance, np.mean(floors, axis=0))
 
 
 NAMES = ("q", "theta_1", "theta_2")

@@ -1,93 +1,213 @@
-"""Logs judged by the torque their link's equation lacks, where runs from measured states say nothing.
+"""The second view: the torque that each equation lacks along the measured motion, nothing simulated.
 
-A controller holds an arm upright, where the joint alone falls over: run without its controller from a measured state
-the model leaves the log within tenths of a second, whatever is wrong with it. And where the missing torque outweighs
-inertia, the best model of the *angle* is one that hardly moves (huge inertia, huge damping). The torque that is missing
-along the measured motion has neither fault: the drive's torque stands in it with a fixed factor, nothing is run.
+    missing = [ <torque(q, qd, commands; effects), psi> - I <q, psi''> ] / gain
 
-    missing = M <q, psi''> - <torque(q, qd, commands; effects), psi>          windows of equations.py
+for every axis whose equation the signals allow: the link, and each motor. `equation_torques` of via_sim holds every
+effect as the simulator has it; psi modulates windows (via_core.weak_form), so that no angle is differentiated.
 
-`equation_torques` of via_sim holds every effect as the simulator has it. An `InverseDynamics` stands where a view of
-segments does: candidates, evidence and verdict are the same.
+Where measured torque does not predict the motion (a controller moves a light motor evenly; an arm is held upright),
+simulated segments favour whatever keeps the model from moving, and this view judges alone. It has a trivial minimum of
+its own, a model in which neither drive nor inertia acts, and is guarded against it: torques are compared where they
+enter, so that a small gain of the drive enlarges what is missing (`gain` above), and a view in which no model predicts
+the drive's torque better than its mean does not judge (`baseline`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from via_core.errors import SignalError
 from via_core.signals import Array
 from via_core.weak_form import window_weights
-from via_sim.equations import Record, equation_torques
-from via_sim.parameters import LINK, P
+from via_sim.equations import EquationTorques, Record, equation_torques
+from via_sim.parameters import P
 from via_sim.plants import JointPlant
+from via_sim.torques import EXTERNAL
 
-from via_gap.residual.equations import ORDER, STANDING, STRIDE, WINDOW
+from via_gap.residual.equations import ORDER, STANDING, STRIDE, WINDOW, equations
 from via_gap.residual.segments import Indices, Segments
+
+LONGEST = 4  # times WINDOW at most
+QUIET = 0.1  # of the drive's torque: sensor noise in a window long enough
+TAKING = np.concatenate(  # slots of a row whose effects can keep the torque of a drive from acting
+    [np.arange(start, start + 3) for start in (P.torque_gain, P.saturation, P.load_friction)] + [np.array([P.lag])]
+)
+SMALLEST = 1e-9  # [N m] of a floor
+LEAST_GAIN = 0.05  # of a drive: with less of it nothing is compared where it enters
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """One log's samples as the equations take them, shared by all selections of its segments.
+
+    axes     equations that the signals allow: 0 link, 1, 2 motors
+    weights  (3, n) of a window: <f, psi>, <f, psi'>, <f, psi''>
+    stride   ticks from one window to the next
+    floor    (a,) [N m] standard deviation that the sensors explain
+    drive    (T, a) [N m] what drives each axis: its motor, of a link behind springs the springs
+    """
+
+    record: Record
+    axes: tuple[int, ...]
+    weights: Array
+    stride: int
+    floor: Array
+    drive: Array
 
 
 @dataclass(frozen=True, eq=False)
 class InverseDynamics:
-    """Chosen segments of a rigid joint's log, each a row of windows.
+    """Chosen segments of a log, each a row of windows for every axis.
 
     first  (C, w) tick at which each window of each chosen segment begins
-    floor  [N m] standard deviation of a window's torque that the encoder explains
     """
 
     segments: Segments
     chosen: Indices
     nominal: Array  # (N_PARAMETERS,)
-    record: Record = field(init=False)
+    windows: Windows
     first: Indices = field(init=False)
-    weights: Array = field(init=False)
-    floor: float = field(init=False)
 
     def __post_init__(self) -> None:
-        segments, rate = self.segments, self.segments.rate
-        ticks = max(5, round(WINDOW * rate) + 1)
-        if segments.log.device.n_motors or segments.ticks < ticks:
-            raise SignalError(f"{segments.log.name}: the equation of a rigid joint is judged in windows of {WINDOW} s")
-        angle, velocity = np.full((2, len(segments.angles), 3), np.nan)
-        angle[:, LINK], velocity[:, LINK] = segments.angles[:, 0], segments.start[:, 3]
-        time = np.arange(len(angle)) / rate
-        weights = window_weights(ORDER, np.arange(ticks) / rate)
-        inside = np.arange(0, segments.ticks - ticks + 1, max(1, round(STRIDE * (ticks - 1))))
-        set_ = object.__setattr__
-        set_(self, "record", Record(time, angle, velocity, time, segments.commands, still=STANDING))
-        set_(self, "first", segments.begin[self.chosen][:, None] + inside)
-        set_(self, "weights", weights)
-        set_(self, "floor", float(self.nominal[P.inertia] * segments.reading[0] * np.sqrt(np.sum(weights[2] ** 2))))
+        span = self.windows.weights.shape[1]
+        inside = np.arange(0, max(self.segments.ticks - span, 0) + 1, self.windows.stride)
+        first = self.segments.begin[self.chosen][:, None] + inside
+        object.__setattr__(self, "first", np.minimum(first, len(self.segments.angles) - span))
 
     @staticmethod
     def of(segments: Segments, chosen: Indices) -> InverseDynamics:
-        return InverseDynamics(segments, chosen, JointPlant.from_device(segments.log.device).at_rate(segments.rate))
+        """Raises SignalError where the signals allow no equation."""
+        nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
+        return InverseDynamics(segments, chosen, nominal, _windows(segments, nominal))
+
+    @staticmethod
+    def witness(segments: Segments, chosen: Indices) -> InverseDynamics:
+        """The same in windows as long as a segment: the time scale on which simulated segments judge."""
+        nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
+        return InverseDynamics(segments, chosen, nominal, _windows(segments, nominal, segments.ticks + 1))
 
     def part(self, which: Indices) -> InverseDynamics:
-        """Some of the segments, by their indices into `chosen`."""
-        return InverseDynamics(self.segments, self.chosen[which], self.nominal)
+        """Some of the segments, by their indices in `chosen`."""
+        return replace(self, chosen=self.chosen[which])
 
     @property
     def size(self) -> int:
         """Whitened values per segment."""
-        return self.first.shape[1]
+        return self.first.shape[1] * len(self.windows.axes)
 
     def residual(self, rows: Array) -> Array:
-        """Missing torque in units of the floor (K, C, w) of rows (K, N_PARAMETERS)."""
-        return np.stack([self._missing(row) for row in rows]) / self.floor
+        """Missing torque in units of the floor (K, C, w a) of rows (K, N_PARAMETERS)."""
+        return np.stack([self._missing(row) for row in rows])
 
-    def _missing(self, row: Array) -> Array:
-        """(C, w) [N m]; where the link nearly stands, dry friction takes what it can."""
-        told = equation_torques(row, self.record)
-        gliding = self.over(told.torque[:, LINK] + told.friction[:, LINK], 0)
-        missing = told.inertia[LINK] * self.over(told.angle[:, LINK], 2) - gliding
-        slipping = missing + self.over(told.friction[:, LINK], 0)
-        standing = sliding_window_view(told.standing[:, LINK], self.weights.shape[1])[self.first].any(axis=-1)
-        capacity = self.over(told.capacity[:, LINK], 0)
-        held = np.sign(missing) * np.maximum(np.abs(missing) - capacity, 0.0)
-        return np.where(standing, held, slipping)
+    def baseline(self) -> Array:
+        """(C, w a) the drive's torque less its mean, in units of the floor: a model that predicts nothing."""
+        drive = self.windows.drive
+        parts = [self.over(drive[:, i], 0) for i in range(drive.shape[1])]
+        scaled = [(part - part.mean()) / floor for part, floor in zip(parts, self.windows.floor, strict=True)]
+        return np.concatenate(scaled, axis=1)
 
     def over(self, values: Array, derivative: int) -> Array:
         """Integral of values (T,) against a derivative of psi, over each window (C, w)."""
-        return sliding_window_view(values, self.weights.shape[1])[self.first] @ self.weights[derivative]
+        weights = self.windows.weights
+        return sliding_window_view(values, weights.shape[1])[self.first] @ weights[derivative]
+
+    def _missing(self, row: Array) -> Array:
+        """(C, w a) in units of the floor."""
+        terms = equation_torques(row, self.windows.record)
+        parts = []
+        for axis, floor in zip(self.windows.axes, self.windows.floor, strict=True):
+            parts.append(self._missing_at(terms, axis) / (floor * self._passed(row, axis)))
+        return np.concatenate(parts, axis=1)
+
+    def _passed(self, row: Array, axis: int) -> float:
+        """Share of the drive's torque that a row lets act on an axis: 1 unless an effect takes some of it.
+
+        A model whose drive is weak, saturated, slow or held by friction that grows with its torque would lack little
+        whatever the motion: what is missing is compared with the torque that is left.
+        """
+        behind_springs = axis == 0 and self.segments.log.device.n_transmissions > 0
+        if behind_springs or np.array_equal(row[TAKING], self.nominal[TAKING]):
+            return 1.0
+        record = self.windows.record
+        column = EXTERNAL if axis == 0 else axis - 1
+        without = record.commands.copy()
+        without[:, column] = 0.0
+        none = equation_torques(row, replace(record, commands=without)).torque[:, axis]
+        acts = self.over(equation_torques(row, record).torque[:, axis] - none, 0)
+        sent = self.over(record.commands[:, column], 0)
+        return max(float(np.linalg.norm(acts) / max(np.linalg.norm(sent), SMALLEST)), LEAST_GAIN)
+
+    def _missing_at(self, terms: EquationTorques, axis: int) -> Array:
+        """(C, w) [N m]; while an axis nearly stands, dry friction takes what it can."""
+        standing, friction = terms.standing[:, axis], terms.friction[:, axis]
+        acting = terms.torque[:, axis] + np.where(standing, friction, 0.0)  # friction where the axis slips alone
+        missing = terms.inertia[axis] * self.over(terms.angle[:, axis], 2) - self.over(acting, 0)
+        capacity = self.over(np.where(standing, terms.capacity[:, axis], 0.0), 0)
+        return np.sign(missing) * np.maximum(np.abs(missing) - capacity, 0.0)
+
+
+def _windows(segments: Segments, nominal: Array, span: int = 0) -> Windows:
+    """Windows of `span` ticks, or of the fewest in which sensor noise is small beside the drive's torque."""
+    log, rate = segments.log, segments.rate
+    axes = equations(segments, log.device)
+    if not axes:
+        raise SignalError(f"{log.name}: the signals allow no equation of the joint")
+    angle, velocity = np.full((2, len(segments.angles), 3), np.nan)
+    for i, axis in enumerate(segments.axes):
+        angle[:, axis], velocity[:, axis] = segments.angles[:, i], segments.start[:, 3 + axis]
+    time = np.arange(len(angle)) / rate
+    sensed = bool(log.device.n_motors) and not log.motors_commanded
+    record = Record(time, angle, velocity, time, segments.commands, sensed, STANDING)
+    drive = _drives(equation_torques(nominal, record), segments, axes)
+    slopes = _slopes(segments, axes)
+    for times in range(1, LONGEST + 1):
+        ticks = span or max(5, round(times * WINDOW * rate) + 1)
+        if ticks > segments.ticks + 1:
+            raise SignalError(f"{log.name}: segments are shorter than a window of {times * WINDOW:g} s")
+        weights = window_weights(ORDER, np.arange(ticks) / rate)
+        floor = _floor(nominal, segments, slopes, axes, np.sqrt(np.sum(weights**2, axis=1)))
+        if span or np.all(floor <= QUIET * drive.std(axis=0)) or 2 * ticks > segments.ticks:
+            break
+    return Windows(record, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, drive)
+
+
+def _drives(terms: EquationTorques, segments: Segments, axes: tuple[int, ...]) -> Array:
+    """(T, a) [N m] what drives each axis."""
+    device, commands = segments.log.device, segments.commands
+    columns = []
+    for axis in axes:
+        if axis > 0:
+            columns.append(commands[:, axis - 1])
+        elif device.n_transmissions:
+            columns.append(np.nansum(terms.transmission, axis=1))
+        else:
+            columns.append(commands[:, EXTERNAL])
+    return np.stack(columns, axis=1)
+
+
+def _slopes(segments: Segments, axes: tuple[int, ...]) -> Array:
+    """(a, 3) [N m/rad] root mean square change of the torque on an axis by each angle, through the springs."""
+    device = segments.log.device
+    slopes = np.zeros((len(axes), 3))
+    if not device.n_transmissions:
+        return slopes
+    theta = np.zeros((len(segments.angles), device.n_motors))
+    for i, axis in enumerate(segments.axes[1:], start=1):
+        theta[:, axis - 1] = segments.angles[:, i]
+    stiffness = np.sqrt(np.mean(device.stiffness_each(segments.angles[:, 0], theta) ** 2, axis=0))
+    for k, axis in enumerate(axes):
+        if axis == 0:
+            slopes[k, 0], slopes[k, 1 : 1 + len(stiffness)] = stiffness.sum(), stiffness
+        elif axis <= len(stiffness):
+            slopes[k, [0, axis]] = stiffness[axis - 1]
+    return slopes
+
+
+def _floor(nominal: Array, segments: Segments, slopes: Array, axes: tuple[int, ...], sizes: Array) -> Array:
+    """(a,) [N m] standard deviation of a window by sensor noise alone; sizes (3,) root sums of squared weights."""
+    noise = np.zeros(3)
+    noise[list(segments.axes)] = segments.reading
+    own = np.array([nominal[P.inertia + axis] * noise[axis] * sizes[2] for axis in axes])
+    return np.sqrt(own**2 + (slopes**2 @ noise**2) * sizes[0] ** 2 + SMALLEST**2)

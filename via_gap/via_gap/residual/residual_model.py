@@ -6,7 +6,7 @@ values = problem.residual([problem.row(effects, deviations)])     # (K, R) white
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from via_core.devices import Device
@@ -27,11 +27,15 @@ STEP = 0.01  # of a nuisance parameter: step of its finite differences
 
 @dataclass(frozen=True, eq=False)
 class ResidualModel:
-    """Views (segments of one log each) that share one device."""
+    """Views (segments of one log each) that share one device.
+
+    weights  (S,) of the squared residual of each segment; None: all alike
+    """
 
     views: tuple[View, ...]
     plant: JointPlant  # nominal
     nuisances: tuple[Nuisance, ...]
+    weights: Array | None = None
 
     @staticmethod
     def of(
@@ -45,6 +49,11 @@ class ResidualModel:
     @property
     def device(self) -> Device:
         return self.plant.device
+
+    @property
+    def simulates(self) -> bool:
+        """Whether segments are simulated; otherwise their equations are balanced."""
+        return isinstance(self.views[0], Rollout)
 
     @property
     def size(self) -> int:
@@ -77,7 +86,12 @@ class ResidualModel:
             each = stacked.copy()
             each[:, P.tick], each[:, P.substeps] = view.nominal[P.tick], view.nominal[P.substeps]
             parts.append(view.residual(each).reshape(len(each), -1))
-        return np.concatenate(parts, axis=1)
+        found = np.concatenate(parts, axis=1)
+        return found if self.weights is None else found * np.sqrt(self.weights)[self.segment_of_value()]
+
+    def weighted(self, weights: Array | None) -> ResidualModel:
+        """The same segments with other weights (S,)."""
+        return replace(self, weights=weights)
 
     def part(self, kept: Sequence[Indices]) -> tuple[ResidualModel, Indices]:
         """Some segments of each view, by their indices into `chosen` -> their model, indices of its values in (R,)."""
@@ -97,6 +111,15 @@ class ResidualModel:
             parts.append(np.mean(cut**2, axis=-1))
             begin += size
         return np.concatenate(parts, axis=-1)
+
+    def segment_of_value(self) -> Indices:
+        """(R,) index of the segment that each value of a residual belongs to, counted over all views."""
+        counts = np.array([len(view.chosen) for view in self.views])
+        return np.repeat(np.arange(counts.sum()), np.repeat([view.size for view in self.views], counts))
+
+    def baseline(self) -> Array:
+        """(R,) whitened error of a prediction without any model, see the views."""
+        return np.concatenate([view.baseline().ravel() for view in self.views])
 
     def nuisance_jacobian(self, effects: Sequence[Effect], deviations: Array, residual: Array) -> Array:
         """(R, J): change of the residual per standard deviation of each nuisance.

@@ -232,7 +232,21 @@ class Rollout:
         segments = self.segments
         scale = segments.weight[self.chosen] / segments.noise
         error = (segments.measured[self.chosen] - self.motion(rows, commands=commands)) * scale
-        flat = error.reshape(len(rows), len(self.chosen), self.size)
-        flat = np.clip(np.nan_to_num(flat, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
+        return self._less_starts(error.reshape(len(rows), len(self.chosen), self.size))
+
+    def baseline(self) -> Array:
+        """Whitened measured minus a straight line from each measured start (C, b a): motion without any model."""
+        segments = self.segments
+        ticks = np.arange(segments.ticks + 1) / segments.rate
+        start = segments.start[segments.begin[self.chosen]]
+        axes = list(segments.axes)
+        line = start[:, None, axes] + ticks[None, :, None] * start[:, None, [3 + axis for axis in axes]]
+        error = segments.measured[self.chosen] - binned(line, segments.every, segments.averaged)
+        scaled = error * segments.weight[self.chosen] / segments.noise
+        return self._less_starts(scaled.reshape(1, len(self.chosen), self.size))[0]
+
+    def _less_starts(self, error: Array) -> Array:
+        """Errors (K, C, b a) without what uncertain starts explain; what overflowed is huge."""
+        flat = np.clip(np.nan_to_num(error, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
         return flat - np.einsum("crk,Kck->Kcr", self.basis, along)

@@ -54,9 +54,10 @@ class Basis:
     waves: tuple[Wave, ...] = ()
 
     @staticmethod
-    def of(segments: Sequence[Segments]) -> Basis:
+    def of(segments: Sequence[Segments], commanded: bool = True) -> Basis:
+        """Functions of the motion, and of what was commanded unless that is left out."""
         commands = np.concatenate([each.commands for each in segments])
-        moving = tuple(int(column) for column in np.flatnonzero(np.ptp(commands, axis=0) > 0.0))
+        moving = tuple(int(column) for column in np.flatnonzero(np.ptp(commands, axis=0) > 0.0)) if commanded else ()
         values = np.concatenate([_quantities(each, moving)[0] for each in segments])
         scale = np.maximum(values.std(axis=0), 1e-9)
         knots = np.quantile(values, np.linspace(0.02, 0.98, KNOTS), axis=0).T

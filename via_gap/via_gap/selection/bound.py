@@ -13,13 +13,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import cho_factor, cho_solve
 from via_core.signals import Array, Signals
 from via_sim.parameters import DYNAMIC, P
 from via_sim.torques import EXTERNAL, M1
 
 from via_gap.candidates.fit import Fit
-from via_gap.residual.errors import Errors
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Segments
@@ -135,11 +134,6 @@ def _descended(
     return model, residual
 
 
-def lower(first: Errors, second: Errors) -> Array:
-    """(n,) gap of each signal: the lesser of two, never less than what the sensors leave."""
-    return np.maximum(np.minimum(first.signals, second.signals), first.floors)
-
-
 def _simulated(problem: ResidualModel) -> list[Rollout]:
     """The views of a problem; all run, for a torque can be added only to what is run."""
     views = [rollout for rollout in problem.views if isinstance(rollout, Rollout)]
@@ -163,14 +157,10 @@ def _run(rollout: Rollout, row: Array, commands: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Folded:
-    """Normal equations of every fold: normals (F, K, K), and what the residual at hand says, pulls (F, K).
-
-    others  (F,) all folds but one together, taken apart once for every ridge and every residual
-    """
+    """Normal equations of every fold: normals (F, K, K), and what the residual at hand says, pulls (F, K)."""
 
     normals: Array
     pulls: Array
-    others: tuple[_Curves, ...]
 
     @staticmethod
     def of(
@@ -181,9 +171,7 @@ class _Folded:
         for fold, matrix, rest in _blocks(problem, pulses, functions, residual):
             normals[fold] += matrix.T @ matrix
             pulls[fold] -= matrix.T @ rest
-        whole = normals.sum(axis=0)
-        others = tuple(_Curves.of(whole - normal) for normal in normals)
-        return _Folded(normals, pulls + normals @ weights.reshape(-1), others)
+        return _Folded(normals, pulls + normals @ weights.reshape(-1))
 
     def moved(
         self,
@@ -201,11 +189,10 @@ class _Folded:
 
     def ridge(self) -> tuple[float, float]:
         """The one of RIDGES with which folds left out are predicted best, and the loss of them, up to a constant."""
-        losses = np.zeros(len(RIDGES))
-        for normal, pull, rest in zip(self.normals, self.pulls, self.others, strict=True):
-            said = self.pulls.sum(axis=0) - pull
+        losses, whole, all_pulls = np.zeros(len(RIDGES)), self.normals.sum(axis=0), self.pulls.sum(axis=0)
+        for normal, pull in zip(self.normals, self.pulls, strict=True):
             for k, ridge in enumerate(RIDGES):
-                w = rest.solved(said, float(ridge))
+                w = solved(whole - normal, all_pulls - pull, float(ridge))
                 losses[k] += w @ normal @ w - 2.0 * w @ pull
         best = int(np.argmin(losses))
         return float(RIDGES[best]), float(losses[best])
@@ -260,29 +247,12 @@ def _waves(problem: ResidualModel, pulses: Sequence[Array], residual: Array) -> 
     return tuple(every[k] for k in np.argsort(-worth)[:WAVES])
 
 
-@dataclass(frozen=True, eq=False)
-class _Curves:
-    """A normal matrix over its scale (K,), taken apart: curvatures (K,) along its axes (K, K)."""
-
-    scale: Array
-    curves: Array
-    axes: Array
-
-    @staticmethod
-    def of(normal: Array) -> _Curves:
-        scale = np.sqrt(np.diag(normal) + 1e-12 * np.max(np.diag(normal)) + 1e-300)
-        # Of functions that the log hardly tells apart rounding makes curvatures below zero, which no factor would take.
-        curves, axes = eigh(normal / np.outer(scale, scale))
-        return _Curves(scale, np.maximum(curves, 0.0), axes)
-
-    def solved(self, pull: Array, ridge: float) -> Array:
-        """See `solved`."""
-        return np.asarray(self.axes @ ((pull / self.scale @ self.axes) / (self.curves + ridge)) / self.scale)
-
-
 def solved(normal: Array, pull: Array, ridge: float) -> Array:
     """argmin w' N w - 2 p' w + ridge |D w|^2, D^2 the diagonal of N."""
-    return _Curves.of(normal).solved(pull, ridge)
+    scale = np.sqrt(np.diag(normal) + 1e-12 * np.max(np.diag(normal)) + 1e-300)
+    regular = normal / np.outer(scale, scale)
+    regular[range(len(scale)), range(len(scale))] += ridge + 1e-12
+    return np.asarray(cho_solve(cho_factor(regular, check_finite=False), pull / scale, check_finite=False) / scale)
 
 
 def _all_pulses(problem: ResidualModel, model: Flexible, residual: Array) -> list[Array]:

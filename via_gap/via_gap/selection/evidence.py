@@ -1,123 +1,132 @@
-"""Evidence on data not fitted: held-out segments simulated with each fitted cause, compared segment by segment.
+"""Held-out evidence: what a fitted model is worth on segments it was not fitted to, and when one model beats another.
 
-A cause's score is the mean over held-out segments of log(1 + z^2), z^2 the mean squared whitened error of a segment: an
-error halved counts the same wherever it is, and nothing is gained below the noise. Free runs are scored by log(1 + mean
-z^2): their gap is the mean squared error, far beyond the noise wherever a model is not quite right. Neighbouring
-segments share what the joint was doing, so that differences are judged by resampling blocks of segments, never as if
-rows were independent.
+The loss of a segment is log(1 + z^2), with z^2 its mean squared whitened error: halving an error counts the same at any
+size, and nothing is gained below the noise. A run over a whole recording (servo drives) counts as log(1 + mean z^2),
+because its gap is the mean squared error. Neighbouring segments share what the joint was doing; differences between
+two models are therefore resampled in blocks, never row by row.
+
+One criterion serves every comparison (adding, dropping, replacing an effect; a veto of the other view): model a is
+clearly worse than model b where the lower end of the one-sided confidence interval of loss(a) - loss(b) exceeds the
+margin below which a difference does not matter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
+from scipy.stats import norm
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.fit import Fit
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.selection.calibration import Calibration
+from via_gap.selection.numbers import NUMBERS
 
 BLOCK = 1.0  # [s] of segments that are resampled together, at least one segment
 RESAMPLES = 300
-NOISE = float(np.log(2.0))  # score of an error that is the sensors' own
+NOISE = float(np.log(2.0))  # loss of an error that is the sensors' own
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A fit and what it is worth on held-out segments.
+    """A fit and its held-out evidence.
 
-    residual  (R,) whitened, held out
+    residual  (R,) whitened, held out, in the view that judges
     segments  (S,) mean squared whitened error of each segment
     block     segments that are resampled together
-    free      whether they are free runs
+    whole     whether segments are runs over whole recordings
+    witness   (W,) mean squared whitened error of each segment in the other view; empty where it cannot judge
     """
 
     fit: Fit
     residual: Array
     segments: Array
     block: int
-    free: bool = False
+    whole: bool = False
+    witness: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def score(self) -> float:
-        return float(np.log1p(self.mean_square) if self.free else np.mean(np.log1p(self.segments)))
+        """Mean loss; log 2 = .69 where only noise is left."""
+        return float(np.log1p(self.mean_square) if self.whole else np.mean(np.log1p(self.segments)))
 
     @property
     def mean_square(self) -> float:
         return float(np.mean(self.segments))
 
+    @property
+    def rms(self) -> float:
+        """Root mean squared whitened error; 1 where only noise is left."""
+        return float(np.sqrt(self.mean_square))
 
-def judge(held: ResidualModel, fits: Sequence[Fit]) -> list[Evaluation]:
-    """Every fit on the held-out segments, in the order given."""
+
+def evaluate(held: ResidualModel, fits: Sequence[Fit], other: ResidualModel | None = None) -> list[Evaluation]:
+    """Every fit on the held-out segments of the view that judges and of the `other` view, in the order given."""
     if not fits:
         return []
-    residuals = held.residual([held.row(fit.effects, fit.deviations) for fit in fits])
+    rows = [held.row(fit.effects, fit.deviations) for fit in fits]
+    residuals = held.residual(rows)
     first = held.views[0].segments
     block = max(1, round(BLOCK * first.rate / first.ticks))
+    seen = other.per_segment(other.residual(rows)) if other is not None else np.empty((len(fits), 0))
     return [
-        Evaluation(fit, residual, held.per_segment(residual), block)
-        for fit, residual in zip(fits, residuals, strict=True)
+        Evaluation(fit, residual, held.per_segment(residual), block, witness=witness)
+        for fit, residual, witness in zip(fits, residuals, seen, strict=True)
     ]
 
 
-def difference(a: Evaluation, b: Evaluation, seed: int = 0) -> tuple[float, float]:
-    """How much worse a scores than b, and the standard deviation of that by resampled blocks."""
-    if not a.free:
-        return _resampled(np.log1p(a.segments) - np.log1p(b.segments), a.block, seed)
-    between = 1.0 + 0.5 * (a.mean_square + b.mean_square)  # the slope of the logarithm between the two
-    return _resampled((a.segments - b.segments) / between, a.block, seed)
+def losses(each: Evaluation, reference: Evaluation) -> Array:
+    """(S,) losses whose mean differences are differences of scores; of whole runs linear about the two."""
+    if not each.whole:
+        return np.log1p(each.segments)
+    return each.segments / (1.0 + 0.5 * (each.mean_square + reference.mean_square))
 
 
-def _resampled(values: Array, block: int, seed: int) -> tuple[float, float]:
-    """Mean of values (S,) and its standard deviation by resampled blocks."""
-    size = min(block, max(1, len(values) // 4))
-    blocks = [float(np.mean(values[i : i + size])) for i in range(0, len(values), size)]
-    pick = np.random.default_rng(seed).integers(0, len(blocks), (RESAMPLES, len(blocks)))
-    return float(np.mean(values)), float(np.std(np.array(blocks)[pick].mean(axis=1)))
+def difference(a: Evaluation, b: Evaluation) -> tuple[float, float]:
+    """How much worse a scores than b, and the standard deviation of that difference by resampled blocks."""
+    values = losses(a, b) - losses(b, a)
+    means = block_means(values[None], a.block)[0]
+    picked = means[resamples(len(means))].mean(axis=1)
+    return float(np.mean(values)), float(np.std(picked))
 
 
-def significant(worse: Evaluation, better: Evaluation, calibration: Calibration) -> bool:
-    """Whether one is better than the other and not by chance: in ratios, by segment, or in squared error as a whole.
-
-    An effect that acts in a few segments only shows in the second, one that acts everywhere a little in the first.
-    """
-    for gap, deviation in (difference(worse, better), _resampled(worse.segments - better.segments, worse.block, 0)):
-        if gap > 0.0 and gap >= calibration.significance * deviation:
-            return True
-    return False
+def clearly_worse(a: Evaluation, b: Evaluation) -> bool:
+    """Whether a's loss exceeds b's by more than the margin, with the confidence that `NUMBERS` states."""
+    gap, deviation = difference(a, b)
+    return gap - quantile() * deviation > NUMBERS.margin
 
 
-def probabilities(judged: Sequence[Evaluation], calibration: Calibration) -> Array:
-    """Softmax of costs against the best, each softened by how well the difference in score is known."""
-    best = min(judged, key=lambda each: cost(each, calibration))
-    exponents = []
-    for each in judged:
-        _, deviation = difference(each, best)
-        gap = cost(each, calibration) - cost(best, calibration)
-        exponents.append(-max(gap, 0.0) / (calibration.temperature + deviation))
-    weights = np.exp(np.array(exponents) - max(exponents))
-    return weights / weights.sum()
+def vetoed(candidate: Evaluation, reference: Evaluation) -> bool:
+    """Whether the other view clearly contradicts `candidate`: its held-out error grows beside that of `reference`."""
+    if not candidate.witness.size:
+        return False
+    views = (Evaluation(e.fit, e.witness, e.witness, e.block) for e in (candidate, reference))
+    return clearly_worse(*views)
+
+
+def block_means(values: Array, block: int) -> Array:
+    """(K, S) values of segments -> (K, B) means of blocks of neighbouring segments, at least four blocks."""
+    size = min(block, max(1, values.shape[1] // 4))
+    edges = np.arange(0, values.shape[1], size)
+    counts = np.diff(np.append(edges, values.shape[1]))
+    return np.asarray(np.add.reduceat(values, edges, axis=1) / counts)
+
+
+@cache
+def resamples(blocks: int) -> Array:
+    """(RESAMPLES, blocks) indices of blocks, the same for every comparison."""
+    return np.random.default_rng(0).integers(0, blocks, (RESAMPLES, blocks))
+
+
+@cache
+def quantile() -> float:
+    """Standard deviations of the one-sided confidence interval."""
+    return float(norm.ppf(1.0 - NUMBERS.significance))
 
 
 def freedom(fit: Fit) -> int:
-    """Number of parameters of the effects."""
+    """Number of parameters of the effects that are not at their neutral values by default."""
     return sum(len(EFFECTS[effect.name].parameters) for effect in fit.effects)
-
-
-def cost(each: Evaluation, calibration: Calibration) -> float:
-    """Held-out score, and what it costs to be the less simple or the rarer of two causes that no log tells apart."""
-    rare = sum(calibration.rare.get(effect.name, 0.0) for effect in each.fit.effects)
-    return each.score + calibration.parsimony * freedom(each.fit) + rare
-
-
-def needless(each: Evaluation, simpler: Evaluation, calibration: Calibration) -> bool:
-    """Whether a richer effect at the same place does nothing that the simpler one does not."""
-    if freedom(each.fit) <= freedom(simpler.fit) or each.fit.locations[-1].site != simpler.fit.locations[-1].site:
-        return False
-    if each.fit.locations[-1].motor != simpler.fit.locations[-1].motor:
-        return False
-    gain, deviation = difference(simpler, each)
-    return gain < max(calibration.margin, calibration.significance * deviation)

@@ -2,10 +2,10 @@
 
 Logs held out by the caller say how far a repair carries. Were they also asked which effects to add, and there are
 many to choose from, they would no longer be held out. So that runs of the same motion do not vouch for each other, logs
-of one group are left out together. An effect that closes less than a standard error is not added.
+of one group are left out together.
 
-Source: Hastie, Tibshirani, Friedman, The Elements of Statistical Learning (2009), 7.10: what has to be left out, and
-the one-standard-error rule.
+Source: T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning (2009), 7.10: what has to be left
+out.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from via_core.signals import Array
 
 from via_gap.candidates.fit import Fit, refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices
+from via_gap.selection.bound import flexible
 from via_gap.selection.evidence import Evaluation
 
-STANDARD_ERRORS = 1.0  # by which an effect more has to be better
 FOLDS = 3
 JUDGED = 4  # of the fits, those that are closest to the logs they were fitted to
 REFITS = 4  # rounds from the fit to all logs to that without some
@@ -53,15 +54,23 @@ class Folds:
             parts.append((kept, rest, where))
         return Folds(whole, tuple(parts), max(1, round(sum(map(len, sizes)) / len(names))))
 
-    def judge(self, fits: Sequence[Fit], scales: Scales | None) -> list[Evaluation]:
+    def evaluate(self, fits: Sequence[Fit], scales: Scales | None) -> list[Evaluation]:
         """The closest fits, fitted again without each fold (with `scales` where they have effects), judged on it."""
         order = sorted(fits, key=lambda fit: fit.loss)
         return [self._judged(fit, scales) for fit in order[:JUDGED]]
 
+    def flexible(self, fit: Fit) -> Array:
+        """(S,) mean squared whitened error that a flexible model beside a fit leaves of each fold it did not see."""
+        residual = np.empty(self.whole.size)
+        for kept, rest, where in self.parts:
+            model = flexible(kept, fit)
+            residual[where] = model.residual(rest, model.functions(rest))
+        return self.whole.per_segment(residual)
+
     def nominal(self, fit: Fit) -> Evaluation:
         """What a fit that was not fitted is worth."""
         residual = self.whole.residual([self.whole.row(fit.effects, fit.deviations)])[0]
-        return Evaluation(fit, residual, self.whole.per_segment(residual), self.block, free=True)
+        return Evaluation(fit, residual, self.whole.per_segment(residual), self.block, whole=True)
 
     def _judged(self, fit: Fit, scales: Scales | None) -> Evaluation:
         residual = np.empty(self.whole.size)
@@ -77,4 +86,4 @@ class Folds:
             else:
                 deviations = kept.fit_nuisances(effects, deviations)[0]
             residual[where] = rest.residual([rest.row(effects, deviations)])[0]
-        return Evaluation(fit, residual, self.whole.per_segment(residual), self.block, free=True)
+        return Evaluation(fit, residual, self.whole.per_segment(residual), self.block, whole=True)

@@ -1,195 +1,165 @@
-"""From held-out scores to an answer: an effect, two, none of these, no gap, or that this log cannot tell."""
+"""One decision from the evidence: verdict, named effects, ranking, probabilities and ties all follow from it.
+
+Steps lead from the device's own numbers to larger sets of effects, each clearly and materially better than the one
+before. With E the root mean squared whitened held-out error and `bound` the lowest error that a flexible model reaches,
+
+    explained = (E(device numbers) - E(step)) / (E(device numbers) - E(bound))
+
+The first step that explains everything is the answer (`effect`, `several_effects`). Otherwise the first that explains
+most of it names the main cause (`main_effect`), and otherwise nothing is named (`unknown`), provided that the flexible
+model shows that there is something to explain; what no model of the motion explains is `cannot_tell`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from via_gap.candidates.fit import Fit
+from via_gap.candidates.fit import converged
 from via_gap.candidates.location import Location
-from via_gap.selection.calibration import Calibration
-from via_gap.selection.evidence import NOISE, Evaluation, cost, difference, needless, probabilities, significant
-from via_gap.selection.gap import Gap
+from via_gap.candidates.scales import Scales
+from via_gap.selection.confidence_set import confidence_set
+from via_gap.selection.evidence import Evaluation, block_means, clearly_worse, freedom, losses, resamples
+from via_gap.selection.experiment import Experiment
+from via_gap.selection.numbers import NUMBERS
 
-Verdict = Literal["effect", "two_effects", "no_gap", "unknown", "cannot_tell"]
-IN_PART = 0.3  # probability of an effect that helps, where even all that help leave much unexplained
-DOUBT = 0.3  # what remains of the probability of a cause that is not the explanation
+Verdict = Literal["effect", "several_effects", "main_effect", "unknown", "no_gap", "cannot_tell"]
+Locations = tuple[Location, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Decision:
     """The answer.
 
-    chosen        what the repaired simulator gets: device numbers and the effects named
-    ranked        single causes with probabilities, best first (of a pair: each as fitted within it)
-    equivalent    causes that this log does not separate from the best
-    locations     of the effects in `chosen`
-    site_weights  how much of the gap each location explains
+    chosen      what the repaired simulator gets: device numbers and the effects named
+    explained   fraction of the explainable error that `chosen` explains; 1 where nothing is to explain
+    bound       lowest root mean squared whitened error that is achievable, the unit of `Evaluation.rms`
+    shares      (location, share) of every cause compared, largest first: how often it is in the best model under
+                resampling, ties shared; at most 1
+    models      the model that speaks for each of `shares`
+    equivalent  locations that held-out data do not tell from those named
+    reason      why nothing is named, for `cannot_tell`
     """
 
     verdict: Verdict
     chosen: Evaluation
-    ranked: tuple[tuple[Evaluation, float], ...]
-    equivalent: tuple[Location, ...]
-    locations: tuple[Location, ...]
-    site_weights: tuple[tuple[Location, float], ...]
+    explained: float
+    bound: float
+    shares: tuple[tuple[Location, float], ...] = ()
+    models: tuple[Evaluation, ...] = ()
+    equivalent: Locations = ()
+    reason: str = ""
 
-    def with_chosen(self, chosen: Evaluation) -> Decision:
-        """The same answer with the effects of `chosen`, its fit led further, as the report tells them."""
-        alone = {location: _alone(chosen, i) for i, location in enumerate(chosen.fit.locations)}
-        mine = self.chosen.fit.deviations
-        ranked = tuple(
-            (alone[each.fit.locations[-1]] if each.fit.deviations is mine else each, probability)
-            for each, probability in self.ranked
-        )
-        return replace(self, chosen=chosen, ranked=ranked)
+    @property
+    def named(self) -> Locations:
+        return self.chosen.fit.locations
 
-
-def decide(
-    tuned: Evaluation, causes: Sequence[Evaluation], sets: Sequence[Evaluation], frozen: Calibration
-) -> Decision:
-    """The verdict from single causes and sets of two or more effects, both best first."""
-    if tuned.mean_square <= frozen.no_gap or not causes:
-        return Decision("no_gap" if tuned.mean_square <= frozen.no_gap else "unknown", tuned, (), (), (), ())
-    kept = _without_needless(causes, frozen)
-    best = kept[0]
-    weights = probabilities(kept, frozen)
-    tied = [each for each in kept if _ties(each, best, frozen)]
-    equivalent = tuple(each.fit.locations[-1] for each in tied)
-    pair = _accepted(sets, best, tuned, frozen)
-    if pair is not None and _explained(tuned, pair, frozen):
-        members = tuple((_alone(pair, i), 0.95) for i in range(len(pair.fit.effects)))
-        shares = _shares(pair, kept, tuned)
-        locations = pair.fit.locations
-        equivalent = _alike(pair, sets, frozen)
-        return Decision("two_effects", pair, members, equivalent, locations, tuple(zip(locations, shares, strict=True)))
-    ranked = tuple(sorted(zip(kept, map(float, weights), strict=True), key=lambda each: -each[1]))
-    site_weights = tuple((each.fit.locations[-1], weight) for each, weight in ranked)
-    gain = 1.0 - (best.mean_square - 1.0) / max(tuned.mean_square - 1.0, 1e-9)
-    if not _explained(tuned, best, frozen):
-        if gain < frozen.no_gap_gain or not significant(tuned, best, frozen):
-            chosen = tuned
+    def converged(self, experiment: Experiment, scales: Scales) -> Decision:
+        """The same answer with the chosen fit led to its end, as the repair states it."""
+        if not self.named:
+            return self
+        fit = converged(experiment.fitted, self.chosen.fit, scales)
+        if experiment.folds is not None:
+            (chosen,) = experiment.folds.evaluate([fit], scales)
         else:
-            chosen = best
-        doubt = _doubted(ranked)
-        if pair is not None and (pair.free or len(pair.fit.effects) > 2):
-            # What is known of the cause, short of all of it, is worth repairing.
-            chosen, equivalent = pair, _alike(pair, sets, frozen)
-            others = tuple((each, share) for each, share in doubt if each.fit.locations[-1] not in pair.fit.locations)
-            doubt = (*((_alone(pair, i), IN_PART) for i in range(len(pair.fit.effects))), *others)
-        locations = chosen.fit.locations
-        return Decision("unknown", chosen, doubt, equivalent, locations, site_weights)
-    if len(tied) > frozen.largest_set:
-        return Decision("cannot_tell", best, ranked, equivalent, best.fit.locations, site_weights)
-    return Decision("effect", best, ranked, equivalent, best.fit.locations, site_weights)
+            (chosen,) = experiment.evaluate([fit])
+        models = tuple(chosen if each is self.chosen else each for each in self.models)
+        return replace(self, chosen=chosen, models=models)
 
 
-def against_ceiling(decision: Decision, gap: Gap, frozen: Calibration) -> Decision:
-    """The answer, or none of these where a flexible model beside it closes what the cause itself would have closed.
+def decide(tuned: Evaluation, models: Sequence[Evaluation], bound_beside: Callable[[Evaluation], float]) -> Decision:
+    """The decision about `models`, which are plausible, supported by both views, and compared on the same segments.
 
-    Only what the device's own numbers leave counts: of a gap that they nearly close, every effect closes the same.
-    Three effects or more, nearly a flexible model themselves, have to come as near as it does.
+    bound_beside  root mean squared whitened error of a flexible model beside the effects of a model
     """
-    if decision.verdict not in ("effect", "two_effects") or gap.after <= frozen.near * gap.ceiling:
-        return decision
-    closes = gap.tuned - gap.after >= frozen.explained_nearly * (gap.tuned - gap.ceiling)
-    if closes and len(decision.locations) <= 2:
-        return decision
-    return replace(decision, verdict="unknown", ranked=_doubted(decision.ranked))
+    if tuned.mean_square <= NUMBERS.no_gap:
+        return Decision("no_gap", tuned, 1.0, tuned.rms)
+    steps = ladder(tuned, models)
+    last = steps[-1]
+    bound = min(bound_beside(last), last.rms)
+    explained = [fraction(tuned, step, bound) for step in steps]
+    if last is tuned:
+        something = tuned.rms - bound > NUMBERS.material * tuned.rms
+        reason = "" if something else "what the model leaves does not repeat with the motion"
+        return _unnamed("unknown" if something else "cannot_tell", tuned, models, bound, reason)
+    enough = [k for k, share in enumerate(explained) if share >= NUMBERS.complete]
+    main = [k for k, share in enumerate(explained) if share >= NUMBERS.most]
+    if not main:
+        return _unnamed("unknown", tuned, models, bound, "")
+    k = enough[0] if enough else main[0]
+    chosen = steps[k]
+    rivals = [each for each in models if len(each.fit.effects) == len(chosen.fit.effects)]
+    tied = _tied(chosen, rivals)
+    verdict: Verdict = "main_effect"
+    if enough:
+        verdict = "effect" if len(chosen.fit.effects) == 1 else "several_effects"
+    reason = ""
+    if len(tied) > NUMBERS.largest_set:
+        verdict, reason = "cannot_tell", f"{len(tied)} causes explain these data equally well"
+    equivalent = tuple(dict.fromkeys(place for each in (chosen, *tied) for place in each.fit.locations))
+    shares, spoken = _shares(rivals)
+    return Decision(verdict, chosen, explained[k], bound, shares, spoken, equivalent, reason)
 
 
-def _doubted(ranked: Sequence[tuple[Evaluation, float]]) -> tuple[tuple[Evaluation, float], ...]:
-    return tuple((each, DOUBT * weight) for each, weight in ranked)
+def fraction(tuned: Evaluation, model: Evaluation, bound: float) -> float:
+    """Fraction of the explainable error that a model explains, at most 1."""
+    possible = tuned.rms - max(bound, 1.0)
+    return 1.0 if possible <= 0.0 else min((tuned.rms - max(model.rms, 1.0)) / possible, 1.0)
 
 
-def _alike(chosen: Evaluation, sets: Sequence[Evaluation], frozen: Calibration) -> tuple[Location, ...]:
-    """Places of a set of effects and of those as large that these data do not tell from it."""
-    locations = chosen.fit.locations
-    alike = [each for each in sets if len(each.fit.locations) == len(locations) and _ties(each, chosen, frozen)]
-    return tuple(dict.fromkeys((*locations, *(location for each in alike for location in each.fit.locations))))
+def matters(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
+    """Whether a model with more effects is clearly better than one with fewer, and by a share that is material."""
+    gain = fewer.rms - max(more.rms, 1.0)
+    return gain > NUMBERS.material * (tuned.rms - 1.0) and clearly_worse(fewer, more)
 
 
-def _without_needless(causes: Sequence[Evaluation], frozen: Calibration) -> list[Evaluation]:
-    """Causes but for those that a simpler one at the same place does as well."""
-    kept = [c for c in causes if not any(needless(c, other, frozen) for other in causes if other is not c)]
-    return sorted(kept, key=lambda each: cost(each, frozen))
+def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
+    """The device's own numbers, then ever larger sets of effects, each of which matters beside the one before it."""
+    steps = [tuned]
+    for size in sorted({len(each.fit.effects) for each in models} - {0}):
+        step = simplest([each for each in models if len(each.fit.effects) == size])
+        if matters(step, steps[-1], tuned):
+            steps.append(step)
+    return steps
 
 
-def _ties(each: Evaluation, best: Evaluation, frozen: Calibration) -> bool:
-    gap, deviation = difference(each, best)
-    return gap <= max(frozen.margin, 2.0 * deviation if gap < 0.2 or each.free else 0.0)
+def simplest(models: Sequence[Evaluation]) -> Evaluation:
+    """Of the models that are not clearly worse than the best, the one with the fewest parameters, then the best."""
+    best = min(models, key=lambda each: each.score)
+    close = [each for each in models if not clearly_worse(each, best) and each.score - best.score < 2 * NUMBERS.margin]
+    return min(close, key=lambda each: (freedom(each.fit), each.score))
 
 
-def rms(each: Evaluation) -> float:
-    """Root mean square whitened error beyond the noise."""
-    return float(np.sqrt(max(each.mean_square - 1.0, 0.0)))
+def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
+    """The models in the confidence set of all models as large as the chosen one, the chosen one first."""
+    stacked = block_means(np.stack([losses(each, chosen) for each in rivals]), chosen.block)
+    kept, _ = confidence_set(stacked, resamples(stacked.shape[1]), NUMBERS.margin, NUMBERS.significance)
+    others = [rivals[k] for k in kept if rivals[k] is not chosen]
+    return [chosen, *others]
 
 
-def _explained(tuned: Evaluation, after: Evaluation, frozen: Calibration) -> bool:
-    """Whether next to nothing is left, or enough of what the tuned device leaves beyond the noise.
-
-    Where nearly every segment is at the noise again, a few may stick out more: those in which something begins or ends,
-    which no other segment could tell to the millisecond. Where even the typical segment sticks out, something like the
-    cause acts and not the cause itself: a share of the squared error is soon closed by what is only alike.
-    """
-    closed = 1.0 - rms(after) / max(rms(tuned), 1e-9)
-    everywhere = 1.0 - (after.score - NOISE) / max(tuned.score - NOISE, 1e-9)
-    exact = max(frozen.typical, frozen.slight * tuned.mean_square)
-    sticks_out = not after.free and float(np.median(after.segments)) > exact
-    if sticks_out and max(closed, everywhere) < frozen.explained_nearly:
-        return False
-    if after.mean_square <= frozen.explained:
-        return True
-    return closed >= frozen.explained_share or (
-        closed >= frozen.explained_most and everywhere >= frozen.explained_nearly
-    )
+def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
+    """How often each location is in the best of `rivals` on resampled blocks; models within the margin share."""
+    stacked = block_means(np.stack([losses(each, rivals[0]) for each in rivals]), rivals[0].block)
+    means = stacked[:, resamples(stacked.shape[1])].mean(axis=2)
+    weight = np.exp(-(means - means.min(axis=0)) / NUMBERS.margin)
+    share = (weight / weight.sum(axis=0)).mean(axis=1)
+    total: dict[Location, float] = {}
+    model: dict[Location, tuple[float, Evaluation]] = {}
+    for each, part in zip(rivals, map(float, share), strict=True):
+        for place in each.fit.locations:
+            total[place] = total.get(place, 0.0) + part
+            if place not in model or part > model[place][0]:
+                model[place] = part, each
+    order = sorted(total, key=lambda place: (-total[place], freedom(model[place][1].fit)))
+    return tuple((place, min(total[place], 1.0)) for place in order), tuple(model[place][1] for place in order)
 
 
-def helps(larger: Evaluation, smaller: Evaluation, single: Evaluation, frozen: Calibration) -> bool:
-    """Whether an effect more closes enough of what the best single cause left, and not by chance.
-
-    Of what is next to nothing it has to close a good part: every fit leaves a little that something else would take.
-    """
-    share = (rms(smaller) - rms(larger)) / max(rms(single), 1e-9)
-    least = frozen.second_gain if smaller.mean_square > frozen.explained else frozen.last_gain
-    return share >= least and significant(smaller, larger, frozen)
-
-
-def _accepted(
-    sets: Sequence[Evaluation], best: Evaluation, tuned: Evaluation, frozen: Calibration
-) -> Evaluation | None:
-    """The set of effects that leaves least, or the simplest as good as it, if it helps beyond the best single cause."""
-    if not sets:
-        return None
-    least = min(sets, key=rms)
-    alike = [
-        each for each in sets if len(each.fit.locations) <= len(least.fit.locations) and _ties(each, least, frozen)
-    ]
-    least = min((least, *alike), key=lambda each: cost(each, frozen))
-    return least if helps(least, best, best, frozen) else None
-
-
-def _alone(whole: Evaluation, member: int) -> Evaluation:
-    """One effect of a set with the set's evidence."""
-    fit = whole.fit
-    first = sum(len(effect.parameters) for effect in fit.effects[:member])
-    sd = fit.sd[first : first + len(fit.effects[member].parameters)]
-    return Evaluation(
-        Fit((fit.effects[member],), fit.deviations, fit.loss, fit.residual, sd),
-        whole.residual,
-        whole.segments,
-        whole.block,
-        whole.free,
-    )
-
-
-def _shares(whole: Evaluation, causes: Sequence[Evaluation], tuned: Evaluation) -> list[float]:
-    """How much of the gap each member of a set closes alone, as shares of all; none is next to nothing."""
-    alone = {each.fit.locations[-1]: max(rms(tuned) - rms(each), 0.0) for each in causes}
-    sizes = [alone.get(location, 0.0) for location in whole.fit.locations]
-    total = sum(sizes)
-    shares = [max(size / total, 0.1) if total > 0.0 else 1.0 for size in sizes]
-    return [share / sum(shares) for share in shares]
+def _unnamed(verdict: Verdict, tuned: Evaluation, models: Sequence[Evaluation], bound: float, reason: str) -> Decision:
+    """Nothing is named: the device's own numbers stay, single causes are ranked beside them."""
+    singles = [each for each in models if len(each.fit.effects) == 1]
+    shares, spoken = _shares([tuned, *singles])
+    return Decision(verdict, tuned, 0.0, bound, shares, spoken, (), reason)

@@ -58,21 +58,20 @@ def stamped_late(logs: Sequence[JointLog], late: float) -> bool | None:
     return False if at_once < ANSWERS else None
 
 
-def separate_delays(logs: Sequence[JointLog], *found: list[Evaluation]) -> tuple[list[list[Evaluation]], list[Finding]]:
-    """Causes and sets, in which of a late command and a late angle only that is left which the drive's answers allow.
+def separate_delays(logs: Sequence[JointLog], models: Sequence[Evaluation]) -> tuple[list[Evaluation], list[Finding]]:
+    """The models in which, of a late command and a late angle, only the one is left that the drive's answers allow.
 
     On a rigid joint alone: elsewhere the other angles tell. What was fitted as the one holds for the other.
     """
-    unchanged = [list(each) for each in found]
-    fits = [each.fit for some in found for each in some if {LATE_COMMAND, LATE_ANGLE} & {*each.fit.locations}]
+    fits = [each.fit for each in models if {LATE_COMMAND, LATE_ANGLE} & {*each.fit.locations}]
     if not fits or logs[0].device.n_motors:
-        return unchanged, []
+        return list(models), []
     best = min(fits, key=lambda fit: (-len(fit.residual), fit.loss))
     where = next(i for i, location in enumerate(best.locations) if location in (LATE_COMMAND, LATE_ANGLE))
     delay = best.effects[where].parameters["delay"]
     late = stamped_late(logs, delay)
     if late is None or delay > MAX_SKEW:
-        return unchanged, []
+        return list(models), []
     wrong, right = (LATE_COMMAND, LATE_ANGLE) if late else (LATE_ANGLE, LATE_COMMAND)
     text = (
         "commands answer to readings that the log holds only later: the link angle is stamped late"
@@ -80,7 +79,7 @@ def separate_delays(logs: Sequence[JointLog], *found: list[Evaluation]) -> tuple
         else "commands answer to the link angle as it is stamped: it is not late, a delay is one of the command"
     )
     finding = Finding(log=logs[0].name, check="answers", signal="q", severity="note", value=float(late), text=text)
-    return [_renamed(each, wrong, right) for each in found], [finding]
+    return _renamed(models, wrong, right), [finding]
 
 
 def _renamed(found: Sequence[Evaluation], wrong: Location, right: Location) -> list[Evaluation]:

@@ -1,0 +1,55 @@
+"""Where the gap may come from: the equations' residuals, the sites they point at, and every candidate cause."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.devices import Device
+
+from via_gap.candidates.fit import Fit
+from via_gap.candidates.localisation import SiteShare, localise
+from via_gap.candidates.location import Location, locations
+from via_gap.candidates.scales import Scales, scales_of
+from via_gap.residual.equations import Residual, weak_residuals
+from via_gap.residual.repaired_device import repaired_device
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import Indices, Segments
+
+ONE_RUN = ("external_torque",)  # happens at one time of one run, so that it is not the cause of the gap of several
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateSet:
+    """Candidates of one experiment.
+
+    locations  every effect at every location
+    scales     typical sizes in these logs
+    numbers    the device with its own numbers as fitted
+    residuals  weak-form residuals of its equations, one tuple per log
+    shares     what each site explains of them
+    """
+
+    locations: tuple[Location, ...]
+    scales: Scales
+    numbers: Device
+    residuals: tuple[tuple[Residual, ...], ...]
+    shares: tuple[SiteShare, ...]
+
+    @staticmethod
+    def of(segments: Sequence[Segments], train: Sequence[Indices], base: Fit, fitted: ResidualModel) -> CandidateSet:
+        """base: the device's own numbers, fitted to the segments `train` (one array per log) of the model `fitted`."""
+        numbers = repaired_device(fitted.device, fitted.nuisances, base.deviations)
+        residuals = tuple(weak_residuals(each, numbers) for each in segments)
+        shares = localise(segments, residuals, numbers) if all(residuals) else ()
+        seen = [i for i, which in enumerate(train) if len(which)]
+        begins = [segments[i].time[train[i]] - segments[i].log.measured.time[0] for i in seen]
+        scales = scales_of(
+            [segments[i] for i in seen], [residuals[i] for i in seen], np.concatenate(begins),
+            fitted.per_segment(base.residual),
+        )  # fmt: skip
+        excluded = ONE_RUN if len(segments) > 1 else ()
+        found = locations(fitted.device, segments[0].log)
+        kept = tuple(location for location in found if location.name not in excluded)
+        return CandidateSet(kept, scales, numbers, residuals, shares)

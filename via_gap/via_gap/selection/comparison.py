@@ -1,0 +1,65 @@
+"""The models that are compared: searched, and only those that may be named.
+
+What begins or ends at one time of a run is seen in the segments it lies in alone. Where the best model has such times,
+they are sought in all segments, and the comparison is made again with those segments fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from via_gap.candidates.candidate_set import CandidateSet
+from via_gap.candidates.fit import FINISHING, events, members_of, refine
+from via_gap.selection.evidence import Evaluation, clearly_worse, vetoed
+from via_gap.selection.experiment import Experiment
+from via_gap.selection.numbers import NUMBERS
+from via_gap.selection.plausibility import doubt
+from via_gap.selection.search import Progress, Search
+from via_gap.selection.verdict import ladder
+
+Models = list[Evaluation]
+
+
+def compared(
+    experiment: Experiment, candidates: CandidateSet, progress: Progress
+) -> tuple[Experiment, CandidateSet, Models]:
+    """The experiment that was compared on, its candidates, and every model evaluated that may be named."""
+    if experiment.tuned.mean_square <= NUMBERS.no_gap:
+        return experiment, candidates, []
+    models = _searched(experiment, candidates, progress)
+    best = ladder(experiment.tuned, models)[-1]
+    if experiment.folds is not None or not events(best.fit):
+        return experiment, candidates, models
+    everywhere = experiment.everywhere()
+    sought = refine(everywhere, best.fit, None, members_of(best.fit), candidates.scales, rounds=FINISHING)
+    times = events(sought or best.fit)
+    scales = candidates.scales
+    if len(times) == 2:  # which the segments that are fitted alone might not lead to
+        scales = replace(scales, busy=((times[0], times[1]), *scales.busy))
+    experiment, candidates = experiment.around(times), replace(candidates, scales=scales)
+    return experiment, candidates, _searched(experiment, candidates, progress)
+
+
+def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progress) -> Models:
+    evaluate = experiment.evaluate
+    folds = experiment.folds
+    if folds is not None:
+        evaluate = lambda fits: folds.evaluate(fits, candidates.scales)  # noqa: E731
+    supported = _supported(experiment, candidates)
+    search = Search.of(
+        experiment.fitted, evaluate, supported, experiment.tuned, candidates.locations, candidates.scales
+    )
+    return search.run(progress)
+
+
+def _supported(experiment: Experiment, candidates: CandidateSet) -> Callable[[Evaluation], bool]:
+    """Whether a model may be named: plausible, no worse than no model, and not contradicted by the other view."""
+    contradicts = experiment.contradicts
+
+    def supported(each: Evaluation) -> bool:
+        if doubt(each.fit, candidates.scales) or clearly_worse(each, experiment.baseline):
+            return False
+        return not (contradicts and vetoed(each, experiment.tuned))
+
+    return supported

@@ -1,0 +1,57 @@
+"""Whether a fitted effect may be named at all: determined by the data, and inside the bounds of its device.
+
+Three things rule a fit out, each of which would otherwise end in a repair: parameters that the data do not separate
+from the absence of the effect, a parameter at the end of its range, and a model that loses to a prediction without any
+model. What rules it out is kept as a sentence.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+from via_core.signals import Array
+from via_sim.catalogue import EFFECTS
+
+from via_gap.candidates.fit import Fit, bounds_of
+from via_gap.candidates.scales import Scales
+from via_gap.candidates.starts import size_parameters
+from via_gap.selection.numbers import NUMBERS
+
+EDGE = 1e-3  # of a range: closer to its end a parameter counts as there
+
+
+def doubt(fit: Fit, scales: Scales) -> str:
+    """Why the effects of a fit may not be named, in one phrase; empty where they may."""
+    first = 0
+    for location, effect in zip(fit.locations, fit.effects, strict=True):
+        parameters = EFFECTS[effect.name].parameters
+        own = slice(first, first + len(parameters))
+        first += len(parameters)
+        which = [i for i, p in enumerate(parameters) if p.name in size_parameters(location)]
+        values = np.array([effect.parameters[p.name] for p in parameters])
+        neutral = np.array([p.neutral for p in parameters])
+        low, high = bounds_of(location, scales)
+        edge = EDGE * (high - low)
+        at_end = (values >= high - edge) | ((values <= low + edge) & (low != neutral))
+        for i in which:
+            if at_end[i]:
+                return f"{location}: {parameters[i].name} is at the end of its range"
+        if not np.any(values[which] != neutral[which]):
+            return f"{location}: is absent"
+        size, slopes = _size(effect.name, values, neutral, which)
+        information = np.linalg.pinv(slopes @ fit.covariance[own, own] @ slopes.T, hermitian=True)
+        if float(size @ information @ size) < chi2.ppf(1.0 - NUMBERS.significance, len(size)):
+            return f"{location}: its size is consistent with zero"
+    return ""
+
+
+def _size(name: str, values: Array, neutral: Array, which: list[int]) -> tuple[Array, Array]:
+    """How far an effect is from its absence (k,), and the derivatives of that by its parameters (k, p)."""
+    if name == "payload":  # mass and distance alone are hardly known where their product is
+        mass, distance = values
+        return np.array([mass * distance]), np.array([[distance, mass]])
+    away = values[which] - neutral[which]
+    slopes = np.eye(len(values))[which]
+    if name == "torque_saturation":  # absent where the limit is beyond all torques
+        away = values[which]
+    return away, slopes
