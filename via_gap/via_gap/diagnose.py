@@ -61,7 +61,7 @@ def diagnose(
     holdout   logs to judge on; without them blocks of `logs` are held out. Where motors follow their commands, so that
               a log is one free run, causes are chosen by `logs` alone, each judged by fits to others (see `Folds`)
     progress  is told what is being done and how much is done
-    view     how segments are judged: simulated from measured states, or InverseDynamics.of by their equation
+    view      how segments are compared: Rollout.of simulates them, InverseDynamics.of balances their equation
     groups    of logs, by their names: those of one group never vouch for each other. Each its own without
 
     Raises SignalError where there is no log at all. A log that cannot be used is a finding in the report.
