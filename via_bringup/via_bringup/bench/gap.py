@@ -3,7 +3,7 @@
 The fit: dry friction, viscous friction and inertia of the motor of a flexible joint, from one log of 40 s at 1 kHz, all
 within the same bounds and from the device file's values. Contenders:
 
-    via_gap       its Gauss-Newton on whitened segments, `candidates.refine`
+    via_gap       its Gauss-Newton on whitened segments, `candidates.fit.refine`
     scipy         least_squares (trust region, 2-point differences) on the same segments, simulator and whitening
     mujoco.sysid  as its documentation goes: a parameter per modifier of the spec, one sequence, its default residual,
                   optimiser and threads; a joint of MuJoCo's, implicitfast at 1 ms

@@ -27,7 +27,7 @@ STEP = 0.01  # of a nuisance parameter: step of its finite differences
 
 @dataclass(frozen=True, eq=False)
 class ResidualModel:
-    """Views (segments of one log each) that share one device.
+    """Residual of several logs of one device under any parameter row; one view (rollout or equation) per log.
 
     weights  (S,) of the squared residual of each segment; None: all alike
     """

@@ -27,10 +27,10 @@ LATE = range(6)  # samples by which a reading may follow its command
 
 @dataclass(frozen=True)
 class SensorError:
-    """What one sensor does wrong.
+    """An error of one sensor.
 
-    sd      standard deviation of each parameter, as if the sensor's noise were white
-    left    of the squared error of the reading once it is put right
+    sd    standard deviation of each parameter, as if the sensor's noise were white
+    left  of the squared error of the reading once it is put right
     """
 
     effect: Effect
