@@ -162,7 +162,7 @@ class Proposal(_Part):
 class GapReport(_Part):
     version: Literal["1"] = "1"
     joint: str
-    level: Literal["full", "no torque", "link only", "commands only"]
+    level: Literal["full", "no torque", "link only", "commands only", "encoder and command"]
     logs: tuple[str, ...]
     holdout: tuple[str, ...]  # names of logs, or 'blocks of the same logs'
     verdict: Verdict

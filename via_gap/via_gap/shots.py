@@ -283,7 +283,7 @@ def _drive(log: JointLog, grid: Array) -> Array:
     if device.n_motors and not log.motors_commanded:
         rows[:, : device.n_motors] = _torque_after(log, grid)
     drive_told = log.commands is not None and "external_torque" in log.commands
-    if not device.n_motors and not drive_told and log.torque_seen:
+    if device.drive == "torque" and not device.n_motors and not drive_told and log.torque_seen:
         rows[:, EXTERNAL] = _torque_after(log, grid)[:, 0]
     return rows
 
