@@ -16,7 +16,9 @@ from via_sim.simulate import simulate
 
 
 def run_file(device: Device, effects: Sequence[Effect], commands: Path, record: Path, rate: float, seed: int) -> None:
-    """Commands of a table, from rest where they begin (a drive that is off: where the link hangs), to a table of measurements and the commands beside them.
+    """Commands of a table, from rest where they begin, to a table of measurements and the commands beside them.
+
+    A joint whose drive is off at first begins where its link hangs.
 
     Raises ViaError for files that cannot be read or written, and for commands that the device does not understand.
     """
