@@ -303,3 +303,43 @@ def test_wrong_parameters_are_refused_with_the_reason(graph, tmp_path):
         graph.add(SimulatorNode, mode="warp")
     with pytest.raises(ParameterError, match="cannot be read"):
         graph.add(SimulatorNode, effects=str(tmp_path / "none.yaml"))
+
+
+def test_a_position_drive_is_commanded_by_its_goal_switched_off_and_read_back_from_the_bag(graph, tmp_path):
+    """A goal of NaN is no drive; effort is NaN, since no torque is measured; commands of torques are refused."""
+    ticks = 200
+    bench = Bench(graph, device="xl330", mode="lockstep", rate=200.0, duration=ticks / 200.0)
+    goals = np.where(np.arange(ticks) < 150, 0.5 * np.sin(0.05 * np.arange(ticks)), np.nan)
+    heard, asked, refused = [], [], []
+    bench.peer.create_subscription(JointState, "/joint_states", heard.append, qos.SAMPLES)
+    bench.peer.create_subscription(VsaCommand, bench.device.command_topic, asked.append, qos.SAMPLES)
+
+    def answers(tick):
+        if tick == 10 and not refused:
+            refused.append(tick)
+            bench.send(bench.samples[-1][0], [0.1])
+        if tick < ticks:
+            command = Command(VsaCommand.EQUILIBRIUM_PRESET, goals[tick], np.nan, 0.0, np.empty(0))
+            bench.commands.publish(bench.writer.numbered(bench.samples[-1][0], command))
+
+    bench.answers = answers
+    graph.until(lambda: bench.node.finished.done() and len(heard) == ticks + 1 and len(asked) == ticks + 1)
+    assert np.isnan([message.effort[1] for message in heard]).all()
+    held = Signals(np.arange(ticks) / 200.0, {"equilibrium": goals}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))
+    plant = JointPlant.from_device(bench.device)
+    run = simulate(plant, held, ticks / 200.0, 200.0, (), Sensors.of_device(bench.device))
+    np.testing.assert_array_equal(bench.angles[:, 0], run.measured["q"])
+    with BagWriter(tmp_path / "bag") as bag:
+        for topic, kind, messages in zip(
+            ("/joint_states", bench.device.command_topic),
+            (JOINT_STATE, VSA_COMMAND),
+            (heard, [message for message in asked if message.mode == VsaCommand.EQUILIBRIUM_PRESET]),
+        ):
+            bag.add_topic(topic, kind)
+            for message in messages:
+                bag.write(topic, serialize_message(message), nanoseconds(message.header.stamp))
+    log = read_log(tmp_path / "bag", bench.device)
+    assert (log.level, log.drivable, "tau" in log.measured) == ("encoder and command", True, False)
+    np.testing.assert_array_equal(log.commands["equilibrium"], goals)
+    again = simulate(plant, log.commands, ticks / 200.0, 200.0, (), Sensors.of_device(bench.device)).measured
+    np.testing.assert_array_equal(again["q"], log.measured["q"])

@@ -18,6 +18,8 @@ from via_sim.simulate import simulate
 def run_file(device: Device, effects: Sequence[Effect], commands: Path, record: Path, rate: float, seed: int) -> None:
     """Commands of a table, from rest where they begin, to a table of measurements and the commands beside them.
 
+    A joint whose drive is off at first begins where its link hangs.
+
     Raises ViaError for files that cannot be read or written, and for commands that the device does not understand.
     """
     asked = read_motion(commands, device)
@@ -26,6 +28,9 @@ def run_file(device: Device, effects: Sequence[Effect], commands: Path, record: 
         preset = asked["preset"][0] if "preset" in asked else 0.0
         start[1 : 1 + device.n_motors] = device.motor_angles(asked["equilibrium"][0], preset)
         start[0] = asked["equilibrium"][0]
+    if device.drive == "position" and "equilibrium" in asked:
+        goal = asked["equilibrium"][0]
+        start[0] = goal if np.isfinite(goal) else device.link.gravity_angle
     period = asked.time[-1] - asked.time[-2] if len(asked) > 1 else 1.0 / rate
     run = simulate(
         JointPlant.from_device(device), asked, float(asked.time[-1] - asked.time[0] + period), rate, effects,

@@ -345,3 +345,51 @@ def test_a_device_without_damper_adds_no_damping() -> None:
     device: Device = load_device("qbmove_a")
     assert device.damper_map is None
     np.testing.assert_array_equal(device.damping_of(np.ones((2, 3))), np.zeros((2, 3)))
+
+
+POSITIONED = {
+    "name": "joint",
+    "title": "A joint",
+    "source": ["a test"],
+    "confidence": "assumed",
+    "arrangement": "rigid",
+    "drive": "position",
+    "link": {"inertia": 0.1, "viscous_friction": 0.0},
+    "servo": {"kp": 2.0, "kd": 0.1, "torque_limit": 1.0, "speed_limit": 5.0, "delay": 0.01},
+    "sensors": {"rate": 100.0},
+    "tolerances": {"kp": 0.65, "torque_limit": 0.01},
+    "wire": {"columns": {"q": "angle", "equilibrium": {"column": "goal", "scale": 0.5, "enable": "torque_on"}}},
+}
+
+
+def test_a_position_drive_is_described_by_its_servo() -> None:
+    device = parse_device(yaml.safe_dump(POSITIONED), "file.yaml")
+    assert (device.n_motors, device.n_drives, device.drive) == (0, 1, "position")
+    assert device.servo is not None and device.servo.kp == 2.0 and device.servo.delay == 0.01
+    assert (device.tolerances.kp, device.tolerances.kd, device.tolerances.torque_limit) == (0.65, 0.05, 0.01)
+    columns = device.wire.columns
+    assert (columns["q"].column, columns["q"].scale, columns["q"].offset) == ("angle", 1.0, 0.0)
+    assert (columns["equilibrium"].scale, columns["equilibrium"].enable) == (0.5, "torque_on")
+    plain = parse_device(yaml.safe_dump(POSITIONED | {"servo": {"kp": 2.0, "kd": 0.0}}), "file.yaml").servo
+    assert plain is not None and plain.torque_limit is None and plain.speed_limit is None and plain.delay == 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"servo": None}, "servo: is missing"),
+        ({"drive": "torque"}, "servo: drive 'torque' has none"),
+        ({"servo": {"kp": 0.0, "kd": 0.1}}, "servo.kp: must be greater than 0, got 0.0"),
+        ({"servo": {"kp": 1.0}}, "servo.kd: is missing"),
+        ({"servo": {"kp": 1.0, "kd": 0.1, "delay": 0.2}}, "servo.delay: must be less than or equal to 0.1, got 0.2"),
+        ({"tolerances": {"kp": 0.7}}, "tolerances.kp: must be less than or equal to 0.65, got 0.7"),
+        ({"wire": {"columns": {"q": {"column": "a", "gain": 2.0}}}}, "wire.columns.q.gain: is no known key"),
+        ({"wire": {"columns": {"q": {"scale": 2.0}}}}, "wire.columns.q.column: is missing"),
+    ],
+)
+def test_impossible_position_drives_and_columns_are_refused(change: dict, message: str) -> None:
+    assert message in refusal(POSITIONED | change)
+
+
+def test_only_rigid_joints_have_a_position_drive() -> None:
+    assert "drive: 'position' needs arrangement 'rigid', got 'antagonistic'" in refusal(edited("drive", "position"))

@@ -76,6 +76,24 @@ class ServoMotor(_Part):
     bandwidth: Positive  # w [rad/s]
 
 
+class PositionDrive(_Part):
+    """A drive on the link of a rigid joint that is commanded by a goal angle; no motor angle and no torque is measured.
+
+        tau = clip(kp (goal - q), -torque_limit, torque_limit) - kd qd
+
+    with the goal as it was commanded `delay` ago. A goal of NaN switches the drive off: it gives no torque at all, and
+    only friction is left. Of a DC servo with supply voltage V, torque constant kt and resistance R (both seen at the
+    joint) whose duty cycle is proportional to the error: kp = kt V/R times duty per error, torque_limit = kt V/R (full
+    duty), kd = kt^2/R (back electromotive force).
+    """
+
+    kp: Positive  # [N m/rad]
+    kd: NotNegative  # [N m s/rad]
+    torque_limit: Positive | None = None  # [N m], none known
+    speed_limit: Positive | None = None  # [rad/s] at most so fast the drive's own goal follows the command, none known
+    delay: Annotated[float, Field(strict=True, ge=0.0, le=0.1)] = 0.0  # [s] dead time of the goal
+
+
 def _motor_kind(motor: Any) -> str:
     has = motor.keys() if isinstance(motor, dict) else vars(motor).keys() if isinstance(motor, BaseModel) else ()
     return "servo" if "bandwidth" in has else "torque"
@@ -267,6 +285,23 @@ class Tolerances(_Part):
     bandwidth: Tolerance = 0.05  # of servos
     spring: Tolerance = 0.05  # torque at a deflection
     damper: Tolerance = 0.05  # damping at a command
+    kp: Tolerance = 0.05  # of a position drive: small where gains are known, large where they are to be fitted
+    kd: Tolerance = 0.05
+    torque_limit: Tolerance = 0.05  # of a position drive
+
+
+class WireColumn(_Part):
+    """A column of a foreign CSV file in other units: value = scale times the number in the file + offset."""
+
+    column: Text
+    scale: Number = 1.0
+    offset: Number = 0.0  # in the channel's unit
+    enable: Text | None = None  # another column: where it is 0 the value counts as NaN
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_header(cls, entry: Any) -> Any:
+        return {"column": entry} if isinstance(entry, str) else entry
 
 
 class Wire(_Part):
@@ -275,7 +310,7 @@ class Wire(_Part):
     link: str = ""
     motors: tuple[str, ...] = ()
     command: str = ""
-    columns: dict[str, str] = {}  # channel (time, q, theta_1, tau_1 ...) -> header of a foreign CSV file
+    columns: dict[str, WireColumn] = {}  # channel (time, q, theta_1, tau_1 ...) -> column of a foreign CSV file
 
 
 class Device(_Part):
@@ -287,8 +322,9 @@ class Device(_Part):
     confidence: Literal["measured", "published", "identified", "copied", "assumed"]
     remark: str = ""
     arrangement: Literal["rigid", "flexible", "antagonistic", "serial"]
-    drive: Literal["torque", "servo"] = "torque"
+    drive: Literal["torque", "servo", "position"] = "torque"
     link: Link
+    servo: PositionDrive | None = None
     motors: tuple[Motor, ...] = ()
     springs: tuple[Spring, ...] = ()
     damper: Damping | None = None
@@ -303,6 +339,10 @@ class Device(_Part):
             has = len(getattr(self, part))
             if has != wanted:
                 raise ValueError(f"{part}: arrangement '{self.arrangement}' needs exactly {wanted}, got {has}")
+        if self.drive == "position" and self.arrangement != "rigid":
+            raise ValueError(f"drive: 'position' needs arrangement 'rigid', got '{self.arrangement}'")
+        if (self.servo is not None) != (self.drive == "position"):
+            raise ValueError("servo: is missing" if self.servo is None else f"servo: drive '{self.drive}' has none")
         for i, motor in enumerate(self.motors):
             if _motor_kind(motor) != self.drive:
                 raise ValueError(f"motors.{i}: drive is '{self.drive}' but this is a {_motor_kind(motor)} motor")
@@ -494,7 +534,7 @@ _TAGS = {
 
 def _told(problem: Any) -> str:
     """One pydantic problem as 'dotted.key: what is allowed, got value'."""
-    key = ".".join(str(part) for part in problem["loc"] if part not in _TAGS)
+    key = ".".join(str(part) for i, part in enumerate(problem["loc"]) if i == 0 or part not in _TAGS)
     text = problem["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
     if problem["type"] == "missing":
         return f"{key}: is missing"

@@ -23,6 +23,11 @@ def rigid(link: str = LINK) -> Device:
     return device("rigid", link)
 
 
+def positioned(link: str = LINK, servo: str = "{kp: 4.0, kd: 0.1}", rest: str = "") -> Device:
+    """A rigid joint whose drive is commanded by a goal angle."""
+    return device("rigid", link, f"drive: position\nservo: {servo}\n{rest}")
+
+
 def flexible(
     stiffness: float = 10.0, link: str = LINK, motor: str = "{inertia: 0.01, viscous_friction: 0.0}"
 ) -> Device:

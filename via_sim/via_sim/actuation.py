@@ -15,8 +15,9 @@ from math import copysign, exp, inf
 from via_core.servos import servo_acceleration, servo_step
 from via_core.signals import Array
 
-from via_sim.parameters import DYNAMIC, P
-from via_sim.torques import BESIDE, EXTERNAL, LAGS, TARGET, X, bare
+from via_sim.parameters import DYNAMIC, POSITION_DRIVE, TORQUE_DRIVE, P
+from via_sim.position_drive import acting_goal
+from via_sim.torques import ACTING, BESIDE, EXTERNAL, FOLLOWED, LAGGED, LAGS, TARGET, X, bare
 
 _PHASES = 4  # free, slewing, free again, and one more should the command lie on the other side
 
@@ -44,10 +45,12 @@ def couple(p: Array, neighbour: float, arm: float, u: Array) -> None:
 
 @bare
 def supply(p: Array, modes: Array, x: Array, u: Array, after: float) -> None:
-    """Torques that act `after` [s] the state x -> u (N_INPUTS,)."""
+    """Torques that act `after` [s] the state x, of a position drive its goal -> u (N_INPUTS,)."""
     u[EXTERNAL] = u[BESIDE]
+    if p[P.link_drive] == POSITION_DRIVE:
+        u[ACTING] = acting_goal(p, u[TARGET], u[FOLLOWED], u[LAGGED], after)
     for axis in range(3):
-        driven = p[P.link_drive] != 0.0 if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
+        driven = p[P.link_drive] == TORQUE_DRIVE if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
         if driven:
             torque = u[TARGET + axis] if modes[LAGS] == 0 else lagged(p, axis, x, u, after)
             torque = p[P.torque_gain + axis] * torque + p[P.torque_bias + axis]

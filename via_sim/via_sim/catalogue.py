@@ -170,6 +170,13 @@ def _pulse(row: Array, _axis: int, _site: str, value: Values) -> None:
     row[P.pulse_torque], row[P.pulse_start], row[P.pulse_stop] = value["torque"], value["start"], value["stop"]
 
 
+def _dead_time(row: Array, _axis: int, _site: str, value: Values) -> None:
+    total = row[P.delay] + value["delay"]
+    if total > MAX_DELAY:
+        raise ParameterError(f"delay {value['delay']} and the drive's own are {total:.6g} s, must stay <= {MAX_DELAY}")
+    row[P.delay] = total
+
+
 def _into(slot: int, name: str, first: int = 0) -> Callable[[Array, int, str, Values], None]:
     """A writer of one number into one slot per axis, of which `first` is the first that has one."""
 
@@ -403,7 +410,8 @@ _KINDS = (
     EffectKind(
         "actuator_lag",
         ("command",),
-        "a lag of first order between command and torque, of all drives; a servo's 2/w grows by it",
+        "a lag of first order between command and torque, of all drives; a servo's 2/w grows by it; a position drive's "
+        "goal lags",
         "T dy/dt = u - y",
         "actuator_delay: the answer to a step bends at once",
         (EffectParameter("time_constant", "s", 0.0, 0.5, 0.0, "T"),),
@@ -412,11 +420,12 @@ _KINDS = (
     EffectKind(
         "actuator_delay",
         ("command",),
-        "dead time between a command and what it does, in any fraction of a tick; all commands of the joint",
+        "dead time between a command and what it does, in any fraction of a tick; all commands of the joint; beside "
+        "that of a position drive",
         "u(t - delay)",
         "actuator_lag, friction, a filter: linear in frequency, not in 1/v",
         (EffectParameter("delay", "s", 0.0, MAX_DELAY, 0.0, "dead time"),),
-        _into(P.delay, "delay"),
+        _dead_time,
     ),
     EffectKind(
         "encoder_offset",

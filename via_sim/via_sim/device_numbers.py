@@ -7,11 +7,12 @@ with the effects that were fitted beside them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 
 from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL
 
-from via_sim.parameters import DYNAMIC, NO_DAMPER, SERVO, P
+from via_sim.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, P
 
 AXES = ("link", "motor 1", "motor 2")
 NAMES = (
@@ -20,6 +21,9 @@ NAMES = (
     *(f"spring {i} torque" for i in (1, 2)),
     "gravity torque",
     "damper",
+    "servo kp",
+    "servo kd",
+    "servo torque limit",
 )
 
 
@@ -55,4 +59,9 @@ def numbers_of(row: Array) -> tuple[DeviceNumber, ...]:
     add("gravity torque", "N m", row[P.gravity_torque], P.gravity_torque)
     if row[P.damper_site] != NO_DAMPER:
         add("damper", "-", 1.0, P.damper, P.damper + 1)
+    if row[P.link_drive] == POSITION_DRIVE:
+        add("servo kp", "N m/rad", row[P.drive_stiffness], P.drive_stiffness)
+        add("servo kd", "N m s/rad", row[P.drive_damping], P.drive_damping)
+        if isfinite(row[P.drive_torque_limit]):
+            add("servo torque limit", "N m", row[P.drive_torque_limit], P.drive_torque_limit)
     return tuple(found)

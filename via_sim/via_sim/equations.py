@@ -24,28 +24,40 @@ from math import cos, exp, isfinite, nan, sin
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from via_core.dampers import damper_value
-from via_core.devices import Device
-from via_core.errors import ParameterError, SignalError
+from via_core.errors import ParameterError
 from via_core.servos import servo_acceleration
-from via_core.signals import Array, Signals, locked
+from via_core.signals import Array
 
 from via_sim.actuation import couple, saturated, servo_bandwidth
-from via_sim.parameters import ABSENT, DYNAMIC, N_PARAMETERS, NO_DAMPER, SERVO, P
+from via_sim.encoders import read_motion
+from via_sim.parameters import (
+    ABSENT,
+    DYNAMIC,
+    N_PARAMETERS,
+    NO_DAMPER,
+    POSITION_DRIVE,
+    SERVO,
+    TORQUE_DRIVE,
+    P,
+)
+from via_sim.position_drive import followed, mean_followed
 from via_sim.readings import hermite
-from via_sim.simulate import command_rows
+from via_sim.records import Record
 from via_sim.torques import (
+    ACTING,
     ARM,
     BESIDE,
     DAMPING,
     EXTERNAL,
     FLANK,
-    M1,
+    GOAL,
     N_COMMANDS,
     N_INPUTS,
     N_MODES,
     NEIGHBOUR,
+    ON,
+    POWER,
     RARE,
     SPRING,
     TOUCH,
@@ -66,96 +78,12 @@ from via_sim.torques import (
     viscous_friction,
 )
 
-STILL = 0.02  # [rad/s] below which an axis nearly stands, unless the caller knows his velocities better
 _SLEWING = 0.98  # share of its speed limit from which a servo is at it
 
 # Columns of the result.
 _Columns = namedtuple("_Columns", "torque friction capacity angle velocity transmission")
 _C: Any = _Columns(0, 3, 6, 9, 12, 15)
 _N_COLUMNS = 17
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """A log of one joint as its equations take it.
-
-    time          (N,) [s] strictly increasing
-    angle         (N, 3) [rad] link, motor 1, motor 2 as measured; NaN where not
-    velocity      (N, 3) [rad/s] likewise, measured or estimated by the caller
-    command_time  (K,) [s] strictly increasing; the first command also stands before it
-    commands      (K, 5) held from its time on, columns as of the simulator
-    sensed        whether the motor torques among them were read by sensors, whose errors are then undone
-    still         (3,) [rad/s] speeds below which an axis nearly stands
-
-    Arrays are copied and locked. Raises SignalError where they do not fit.
-    """
-
-    time: Array
-    angle: Array
-    velocity: Array
-    command_time: Array
-    commands: Array
-    sensed: bool = False
-    still: ArrayLike = STILL
-
-    def __post_init__(self) -> None:
-        still = np.broadcast_to(np.asarray(self.still, dtype=np.float64), (3,))
-        object.__setattr__(self, "still", locked(still, "still"))
-        for name in ("time", "angle", "velocity", "command_time", "commands"):
-            object.__setattr__(self, name, locked(getattr(self, name), name))
-        shapes: dict[str, tuple[int, ...]] = {"angle": (len(self), 3), "velocity": (len(self), 3)}
-        shapes |= {"time": (len(self),), "command_time": (len(self.commands),)}
-        shapes["commands"] = (len(self.command_time), N_COMMANDS)
-        for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise SignalError(f"'{name}' of a record must have shape {shape}, got {getattr(self, name).shape}")
-        for name in ("time", "command_time"):
-            if len(getattr(self, name)) < 1 or not np.all(np.diff(getattr(self, name)) > 0.0):
-                raise SignalError(f"'{name}' of a record must increase and have at least one entry")
-        if not np.all(np.isfinite(self.commands)):
-            raise SignalError("commands of a record must be finite")
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    @staticmethod
-    def of_commands(device: Device, measured: Signals, velocity: ArrayLike, commands: Signals, still: ArrayLike = STILL
-    ) -> Record:  # fmt: skip
-        """A record driven by what was commanded; `commands` as `command_rows` takes them."""
-        rows = command_rows(device, commands, commands.time)
-        return Record(measured.time, _angles(device, measured), np.asarray(velocity), commands.time, rows, False, still)
-
-    @staticmethod
-    def of_torques(
-        device: Device, measured: Signals, velocity: ArrayLike, commands: Signals | None, still: ArrayLike = STILL
-    ) -> Record:
-        """A record driven by the measured motor torques `tau`; of sample k it acted since the sample before.
-
-        commands  damping, external torque and neighbour, where there are any; motor torques among them are not used
-        """
-        tau = measured["tau"].reshape(len(measured), -1)
-        seen = np.isfinite(tau).all(axis=1)
-        if not seen.any():
-            raise SignalError("no motor torque was measured")
-        ends, torques = measured.time[seen], tau[seen]
-        begins = np.concatenate(([ends[0] - 1.0], ends[:-1])) if len(ends) else ends
-        times, rows = begins, np.zeros((len(begins), N_COMMANDS))
-        beside = {"damping", "external_torque", "neighbour", "arm_torque"}
-        others = None if commands is None else beside & commands.channels.keys()
-        if commands is not None and others:
-            times = np.union1d(begins, commands.time)
-            rows = command_rows(device, commands.select(sorted(others)), times)
-        last = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
-        rows[:, M1 : M1 + tau.shape[1]] = torques[last]
-        return Record(measured.time, _angles(device, measured), np.asarray(velocity), times, rows, True, still)
-
-
-def _angles(device: Device, measured: Signals) -> Array:
-    angle = np.full((len(measured), 3), nan)
-    angle[:, 0] = measured["q"]
-    if device.n_motors and "theta" in measured:
-        angle[:, 1 : 1 + device.n_motors] = measured["theta"].reshape(len(measured), -1)
-    return angle
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +164,9 @@ def _driving(p: Array, commands: Array, k: int, column: int, sensed: bool) -> fl
             return 0.0
         return damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], value)
     if column == EXTERNAL:
-        return saturated(p, 0, value) if p[P.link_drive] != 0.0 else value
+        return saturated(p, 0, value) if p[P.link_drive] == TORQUE_DRIVE else value
+    if column == GOAL and p[P.link_drive] == POSITION_DRIVE:
+        return value * commands[k, POWER]  # only while it is on: over the share of a mean it is, see `_aim`
     if column >= NEIGHBOUR or p[P.axis_kind + 1 + column] != DYNAMIC:
         return value
     if sensed:
@@ -281,6 +211,27 @@ def _slipping(p: Array, axis: int, before: float, speed: float, after: float, lo
     return friction
 
 
+@bare
+def _aim(p: Array, held: Array, reading: float, width: float, x: Array, u: Array) -> None:
+    """Mean goal of a position drive over a cell of `width` [s], and the share of it that the drive is on -> u.
+
+    held (N_COMMANDS,): means of commands; reading [rad]: where the goal of a drive waits that is off. x carries where
+    the goal stands behind the speed limit and behind the lag, both absolute [rad] here.
+    """
+    u[ON] = held[POWER]
+    if u[ON] <= 0.0:
+        x[X.behind] = x[X.lag] = u[ACTING] = reading
+        return
+    asked = held[GOAL] / u[ON]
+    u[ACTING] = mean_followed(p, asked, x[X.behind], width)
+    x[X.behind] = followed(p, asked, x[X.behind], width)
+    if p[P.lag] > 0.0:
+        passed = u[ACTING] + (x[X.lag] - u[ACTING]) * exp(-width / p[P.lag])
+        if width > 0.0:
+            u[ACTING] -= p[P.lag] * (passed - x[X.lag]) / width
+        x[X.lag] = passed
+
+
 @compiled
 def walk(
     p: Array, time: Array, angle: Array, velocity: Array, command_time: Array, commands: Array, sensed: bool, out: Array
@@ -312,7 +263,7 @@ def _walk(
         else:
             now[EXTERNAL], now[NEIGHBOUR], now[ARM] = held[EXTERNAL], held[NEIGHBOUR], held[ARM]
         couple(p, now[NEIGHBOUR], now[ARM], u)
-        if p[P.link_drive] == 0.0:
+        if p[P.link_drive] != TORQUE_DRIVE:
             u[BESIDE] += now[EXTERNAL]
         if p[P.pulse_torque] != 0.0 and width > 0.0:
             from_age = age - (time[n] - begin)
@@ -321,7 +272,7 @@ def _walk(
         u[EXTERNAL], u[DAMPING] = u[BESIDE], held[DAMPING]
         for axis in range(3):
             asked = held[EXTERNAL] if axis == 0 else held[axis - 1]
-            if p[P.axis_kind + axis] != DYNAMIC or (axis == 0 and p[P.link_drive] == 0.0):
+            if p[P.axis_kind + axis] != DYNAMIC or (axis == 0 and p[P.link_drive] != TORQUE_DRIVE):
                 continue
             if p[P.lag] > 0.0:
                 if n == 0:
@@ -348,6 +299,12 @@ def _walk(
                 x[axis] = y[axis]
             way = y[axis] - x[axis]
             modes[axis] = 1 if way > 0.0 else (-1 if way < 0.0 else 0)
+        if p[P.link_drive] == POSITION_DRIVE:
+            reading, _ = read_motion(p, 0, y[0], y[3])
+            if n == 0:
+                x[X.behind] = x[X.lag] = held[GOAL] / held[POWER] if held[POWER] > 0.0 else reading
+            _aim(p, held, reading, width, x, u)
+            u[DAMPING] += u[ON] * p[P.drive_damping]
         if modes[RARE] != 0 and isfinite(y[0] + y[1] + y[2]):
             remember(p, modes, x, y)
         for axis in range(6):

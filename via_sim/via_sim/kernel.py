@@ -35,19 +35,27 @@ from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS
 
 from via_sim.actuation import couple, lagged, saturated, servo_motion, supply
-from via_sim.parameters import DYNAMIC, NO_DAMPER, SERVO, P
+from via_sim.encoders import read_motion
+from via_sim.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
 from via_sim.phi_functions import phi_functions
+from via_sim.position_drive import acting_goal, drive_torque, followed
 from via_sim.readings import observe, record, stride
 from via_sim.torques import (
+    ACTING,
     ARM,
     BESIDE,
     DAMPING,
     EVERY,
     EXTERNAL,
+    FOLLOWED,
+    GOAL,
+    LAGGED,
     LAGS,
     N_INPUTS,
     N_MODES,
     NEIGHBOUR,
+    ON,
+    POWER,
     QUEUED,
     SPRING,
     SWITCHES,
@@ -185,7 +193,10 @@ def _accept(p: Array, modes: Array, x: Array, y: Array, u: Array, h: float) -> N
     """State x moves to what a step of h [s] made of it."""
     for i in range(6):
         x[i] = y[i]
-    if modes[LAGS] != 0:
+    if p[P.link_drive] == POSITION_DRIVE:
+        u[LAGGED] = acting_goal(p, u[TARGET], u[FOLLOWED], u[LAGGED], h)
+        u[FOLLOWED] = followed(p, u[TARGET], u[FOLLOWED], h)
+    elif modes[LAGS] != 0:
         for axis in range(3):
             x[X.lag + axis] = lagged(p, axis, x, u, h)
 
@@ -251,6 +262,26 @@ def _advance(
 
 
 @bare
+def recall_goal(p: Array, x: Array, last: int, u: Array) -> None:
+    """Where a position drive's goal stood when the last tick ended, with its command at `last` of x -> u."""
+    u[FOLLOWED], _ = read_motion(p, 0, x[0], x[3])  # of a drive that was off
+    u[LAGGED] = u[FOLLOWED]
+    if x[last + POWER] > 0.5:
+        u[FOLLOWED] = x[last + GOAL] - x[X.behind]
+        u[LAGGED] = u[FOLLOWED] - x[X.lag]
+
+
+@bare
+def take_goal(p: Array, x: Array, held: int, u: Array) -> None:
+    """What a position drive is commanded by the command at `held` of x -> u (N_INPUTS,)."""
+    u[TARGET], u[ON] = x[held + GOAL], 1.0 if x[held + POWER] > 0.5 else 0.0
+    if u[ON] == 0.0:
+        u[TARGET], _ = read_motion(p, 0, x[0], x[3])
+        u[FOLLOWED] = u[LAGGED] = u[TARGET]
+    u[ACTING] = u[TARGET]
+
+
+@bare
 def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weights: Array, y: Array) -> None:
     """State x lives through one tick under `command` (N_COMMANDS,), in place; the rest is scratch that `begin` made."""
     c1, c2 = p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
@@ -266,7 +297,7 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
     for i in range(2):
         u[SPRING + i] = spring_factor(p, i, age + 0.5 * period)
     couple(p, command[NEIGHBOUR], command[ARM], u)
-    if p[P.link_drive] == 0.0:
+    if p[P.link_drive] != TORQUE_DRIVE:
         u[BESIDE] += command[EXTERNAL]
     if p[P.pulse_torque] != 0.0:  # its mean over the tick
         overlap = min(age + period, p[P.pulse_stop]) - max(age, p[P.pulse_start])
@@ -275,6 +306,9 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
     rest = p[P.delay] - whole * period
     if rest < 1e-9 * period:
         rest = 0.0
+    positioned = p[P.link_drive] == POSITION_DRIVE
+    if positioned:
+        recall_goal(p, x, X.queue + QUEUED * ((tick - whole - 1) % length), u)
     for piece in range(2):  # until the command of this tick arrives, and from then on
         duration = rest if piece == 0 else period - rest
         if duration <= 0.0:
@@ -285,18 +319,24 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
             limit = p[P.torque_limit + i]
             u[i] = x[held + i] if p[P.axis_kind + 1 + i] == SERVO else 0.0
             u[TARGET + 1 + i] = saturated(p, 1 + i, min(max(x[held + i], -limit), limit))
+        if positioned:
+            take_goal(p, x, held, u)
         supply(p, modes, x, u, 0.0)
-        u[DAMPING] = 0.0
+        damping = 0.0
         if p[P.damper_site] != NO_DAMPER:
-            u[DAMPING] = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[held + DAMPING])
+            damping = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[held + DAMPING])
+        u[DAMPING] = damping + u[ON] * p[P.drive_damping]
         substeps = max(1, ceil(p[P.substeps] * duration / period - 1e-9))
         h = duration / substeps
         for _ in range(substeps):
             _advance(p, c1, c2, x, u, h, modes, weights, y)
-        x[X.damping], x[X.external] = u[DAMPING], u[EXTERNAL]
+        x[X.damping], x[X.external] = damping, u[EXTERNAL]
         for i in range(2):
             x[X.motor_torque + i] = u[i]
-        if modes[LAGS] == 0:
+        if positioned:
+            x[X.external] += drive_torque(p, u[ACTING], u[ON], x[0])
+            x[X.behind], x[X.lag] = u[TARGET] - u[FOLLOWED], u[FOLLOWED] - u[LAGGED]
+        elif modes[LAGS] == 0:
             for axis in range(3):
                 x[X.lag + axis] = u[TARGET + axis]
     x[X.tick] += 1.0

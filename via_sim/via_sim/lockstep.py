@@ -4,7 +4,8 @@ Between events the right-hand side is smooth (torques.py), and most ticks of mos
 takes the same Krogstad step together, every operation a loop over lanes that the compiler turns into vector
 instructions: the link's angle of lane l stands in z[Z.start, l]. A lane in which an axis comes to a stop, breaks away,
 crosses a flank of its gap, meets a wall or whose Maxwell element begins to slip takes this tick again on its own
-(`kernel.advance_tick`), and so does one with what is not written out here (fractions of a tick of dead time, servos).
+(`kernel.advance_tick`), and so does one with what is not written out here (fractions of a tick of dead time, servos,
+a position drive whose goal is limited in speed or lags, or whose encoder is off its axis).
 Results differ from those of `kernel.run` by rounding only: sine and exponential are polynomials here, right to 1e-13,
 because a call of the library's would break the vector loop.
 """
@@ -22,16 +23,19 @@ from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.actuation import saturated
 from via_sim.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
-from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, P
+from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
+from via_sim.position_drive import drive_torque
 from via_sim.readings import record, sense, stride
 from via_sim.torques import (
     ARM,
     DAMPING,
     EVERY,
     EXTERNAL,
+    GOAL,
     N_INPUTS,
     N_MODES,
     NEIGHBOUR,
+    POWER,
     QUEUED,
     X,
     bare,
@@ -56,7 +60,9 @@ _ENOUGH = 1e300  # [N m] margin of what is not watched
 #   which a Maxwell element slips, 0 where it sticks; TOUCH 1: 1 where the wall is; LAG 3: drive torques behind the lag,
 #   ASKED 3: before it; then what the parameter rows say (RISE, FALL, GROWTH of springs that grow exponentially; LEVEL,
 #   BEND of bristles, MOST, GIVE of Maxwell elements; RUB of spring dampers; WALL, PUSH, SOFTEN, SIDE, OPEN of the wall;
-#   KEPT: share of a lag that is left at the beginning, the middle and the end of a step).
+#   KEPT: share of a lag that is left at the beginning, the middle and the end of a step). Of a position drive AIM 1:
+#   goal less the encoder's offset, PULL 1: torque per error, REACH 1: most of it, STRENGTH, SHIFT 1: gain and bias
+#   while it is on, OWN 1: its torque but for kd, BRAKE 1: kd while it is on.
 _SIZES = {
     "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "middle": 3, "input": 3, "beside": 3, "damp": 1,
     "factor": 2, "sign": 3, "held": 3, "margin": 1, "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1,
@@ -66,13 +72,14 @@ _SIZES = {
     "solid": 2, "rise": 2, "fall": 2, "growth": 2, "level": 3, "bend": 3, "most": 2, "give": 2, "drag": 3,
     "ripple": 3, "order": 3, "phase": 3, "rub": 2, "wall": 1, "push": 1, "soften": 1, "side": 1, "open": 1,
     "gain": 3, "bias": 3, "kept": 3,
+    "aim": 1, "pull": 1, "reach": 1, "strength": 1, "shift": 1, "own": 1, "brake": 1,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
 _N_ROWS = sum(_SIZES.values())
 
 # Bits of what some lane of a block has and most joints lack; of the first four one for each axis or transmission.
-_BRISTLE, _DRAG, _RIPPLE, _MAXWELL, _RUB, _WALL, _LAG = 0, 3, 6, 9, 11, 12, 13
+_BRISTLE, _DRAG, _RIPPLE, _MAXWELL, _RUB, _WALL, _LAG, _POSITION = 0, 3, 6, 9, 11, 12, 13, 14
 
 
 @bare
@@ -169,6 +176,12 @@ def _maxwell(z: Array, i: int, lane: int) -> float:
 @bare
 def _rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
     """Terms of the bits `rare`, added to three rows from `out` on."""
+    if rare >> _POSITION & 1:  # as `position_drive.drive_torque`
+        for lane in range(z.shape[1]):
+            reach = z[Z.reach, lane]
+            torque = min(max(z[Z.pull, lane] * (z[Z.aim, lane] - z[Z.at, lane]), -reach), reach)
+            z[Z.own, lane] = z[Z.strength, lane] * torque + z[Z.shift, lane]
+            z[out, lane] += z[Z.own, lane]
     for axis in range(axes):
         here = axis
         if rare >> (_DRAG + axis) & 1:
@@ -321,6 +334,9 @@ def _torques(
         if count == 0:
             for lane in range(z.shape[1]):
                 z[Z.loaded, lane] = abs(z[Z.input, lane] - z[Z.beside, lane])
+            if rare >> _POSITION & 1:
+                for lane in range(z.shape[1]):
+                    z[Z.loaded, lane] = abs(z[Z.own, lane] - z[Z.brake, lane] * z[Z.at + 3, lane])
         elif axis == 0:
             for lane in range(z.shape[1]):
                 z[Z.loaded, lane] = abs(z[Z.spring, lane] + z[Z.spring + 1, lane])
@@ -437,6 +453,8 @@ def _written_out(p: Array) -> bool:
     known = not fraction
     for axis in range(1, 3):
         known &= p[P.axis_kind + axis] <= DYNAMIC
+    if p[P.link_drive] == POSITION_DRIVE:
+        known &= p[P.lag] <= 0.0 and p[P.drive_speed_limit] == inf and p[P.eccentricity] == 0.0
     return known
 
 
@@ -460,11 +478,12 @@ def _enter(p: Array, z: Array, lane: int) -> None:
         z[Z.drag + here, lane] = p[P.quadratic_drag + axis]
         z[Z.ripple + here, lane], z[Z.order + here, lane] = p[P.ripple_amplitude + axis], p[P.ripple_order + axis]
         z[Z.phase + here, lane] = p[P.ripple_phase + axis]
-        driven = p[P.link_drive] != 0.0 if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
+        driven = p[P.link_drive] == TORQUE_DRIVE if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
         z[Z.gain + here, lane] = p[P.torque_gain + axis] if driven else 0.0
         z[Z.bias + here, lane] = p[P.torque_bias + axis] if driven else 0.0
         share = 0.5 * axis * p[P.tick] / max(1.0, floor(p[P.substeps]))
         z[Z.kept + here, lane] = exp(-share / p[P.lag]) if p[P.lag] > 0.0 else 0.0
+    z[Z.pull, lane], z[Z.reach, lane] = p[P.drive_stiffness], min(p[P.drive_torque_limit], p[P.saturation])
     z[Z.gravity, lane], z[Z.angle, lane] = p[P.gravity_torque], p[P.gravity_angle]
     for k in range(2 * N_COEFFICIENTS):
         z[Z.coefficient + k, lane] = p[P.spring + k]
@@ -506,14 +525,18 @@ def _drive(p: Array, x: Array, command: Array, slot: int, late: int, age: float,
         x[X.queue + QUEUED * slot + i] = command[i]
     neighbour = command[NEIGHBOUR]
     link = (p[P.coupling] + p[P.coupling + 1] + p[P.coupling + 2]) * neighbour + command[ARM]
-    if p[P.link_drive] == 0.0:
+    if p[P.link_drive] != TORQUE_DRIVE:
         link += command[EXTERNAL]
     if p[P.pulse_torque] != 0.0:
         overlap = min(age + p[P.tick], p[P.pulse_stop]) - max(age, p[P.pulse_start])
         link += p[P.pulse_torque] * max(overlap, 0.0) / p[P.tick]
     z[Z.beside, lane], z[Z.asked, lane] = link, saturated(p, 0, x[held + EXTERNAL])
-    if p[P.link_drive] != 0.0:
+    if p[P.link_drive] == TORQUE_DRIVE:
         link += p[P.torque_gain] * z[Z.asked, lane] + p[P.torque_bias]
+    if p[P.link_drive] == POSITION_DRIVE:
+        power = 1.0 if x[held + POWER] > 0.5 else 0.0
+        z[Z.aim, lane], z[Z.brake, lane] = x[held + GOAL] - p[P.encoder_offset], power * p[P.drive_damping]
+        z[Z.strength, lane], z[Z.shift, lane] = power * p[P.torque_gain], power * p[P.torque_bias]
     z[Z.input, lane] = link
     for i in range(2):
         limit = p[P.torque_limit + i]
@@ -527,19 +550,25 @@ def _drive(p: Array, x: Array, command: Array, slot: int, late: int, age: float,
     damping = 0.0
     if p[P.damper_site] != NO_DAMPER:
         damping = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[held + DAMPING])
-    z[Z.damp, lane] = damping
+    z[Z.damp, lane] = damping + z[Z.brake, lane]
 
 
 @bare
 def _note(p: Array, x: Array, command: Array, slot: int, late: int, z: Array, lane: int) -> None:
     """What acted last into state x, as `kernel.advance_tick` leaves it there."""
     held = _held(x, slot, late)
-    x[X.external], x[X.damping], x[X.lag] = z[Z.input, lane], z[Z.damp, lane], saturated(p, 0, x[held + EXTERNAL])
+    x[X.external], x[X.damping] = z[Z.input, lane], z[Z.damp, lane] - z[Z.brake, lane]
+    positioned = p[P.link_drive] == POSITION_DRIVE  # its goal is behind nothing here
+    if positioned:
+        x[X.external] += drive_torque(p, x[held + GOAL], 1.0 if x[held + POWER] > 0.5 else 0.0, x[0])
+    else:
+        x[X.lag] = saturated(p, 0, x[held + EXTERNAL])
     for i in range(2):
         limit = p[P.torque_limit + i]
         x[X.reported_torque + i] = min(max(command[i], -limit), limit)
         x[X.motor_torque + i] = z[Z.input + 1 + i, lane]
-        x[X.lag + 1 + i] = saturated(p, 1 + i, min(max(x[held + i], -limit), limit))
+        if not positioned:
+            x[X.lag + 1 + i] = saturated(p, 1 + i, min(max(x[held + i], -limit), limit))
 
 
 @bare
@@ -576,6 +605,7 @@ def _place(p: Array, x: Array, z: Array, lane: int) -> bool:
 def _rare_bits(p: Array) -> int:
     """Which terms a row has that most joints lack."""
     bits = int(p[P.contact_stiffness] > 0.0) << _WALL | int(p[P.lag] > 0.0) << _LAG
+    bits |= int(p[P.link_drive] == POSITION_DRIVE) << _POSITION
     for axis in range(3):
         bits |= int(p[P.bristle_torque + axis] > 0.0) << (_BRISTLE + axis)
         bits |= int(p[P.quadratic_drag + axis] != 0.0) << (_DRAG + axis)
@@ -684,7 +714,7 @@ def _run_block(
                 x[X.tick] += 1.0
                 if last:
                     _note(p, x, command, now % length, late[lane], z, lane)
-                if p[P.lag] > 0.0:
+                if p[P.lag] > 0.0 and joins[lane] != 0:
                     for axis in range(3):
                         x[X.lag + axis] = z[Z.lag + axis, lane]
             else:

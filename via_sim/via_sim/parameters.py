@@ -23,6 +23,7 @@ from via_core.springs import N_COEFFICIENTS
 LINK, MOTOR_1, MOTOR_2 = range(3)  # axes
 ABSENT, DYNAMIC, SERVO = range(3)  # what moves an axis: nothing, its own dynamics, a position servo
 NO_DAMPER, AT_LINK, AT_TRANSMISSION = range(3)
+NO_DRIVE, TORQUE_DRIVE, POSITION_DRIVE = range(3)  # on the link: none, or of a rigid joint
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,11 @@ SLOTS = (
     Slot("pulse_torque", "N m", "on the link, from pulse_start until pulse_stop"),
     Slot("pulse_start", "s", "age of the run"),
     Slot("pulse_stop", "s", "age of the run"),
-    Slot("link_drive", "-", "1: external torque is what a rigid joint's drive is commanded; 0: environment"),
+    Slot("link_drive", "-", "NO_DRIVE, TORQUE_DRIVE (its command is the external torque) or POSITION_DRIVE"),
+    Slot("drive_stiffness", "N m/rad", "kp of the position drive on the link"),
+    Slot("drive_damping", "N m s/rad", "kd, of the link's speed; acts while the drive is on"),
+    Slot("drive_torque_limit", "N m", "of kp times the error, which the drive knows of", 1, np.inf),
+    Slot("drive_speed_limit", "rad/s", "at which the goal that acts follows the one commanded, at most", 1, np.inf),
     Slot("transmissions", "-", "number of springs, 0 to 2"),
     Slot("serial", "-", "1: motor 2 is the preset of spring 1; 0: each spring has its own motor"),
     Slot("spring_kind", "-", "law of via_core.springs", 2),

@@ -23,11 +23,14 @@ from via_sim.parameters import (
     LINK,
     MOTOR_1,
     N_PARAMETERS,
+    NO_DRIVE,
+    POSITION_DRIVE,
     SERVO,
+    TORQUE_DRIVE,
     P,
     neutral_row,
 )
-from via_sim.torques import N_INPUTS, SPRING, X, spring_factor, viscous_rate
+from via_sim.torques import ACTING, DAMPING, GOAL, N_INPUTS, ON, POWER, SPRING, X, spring_factor, viscous_rate
 
 GRAVITY = 9.80665  # [m/s^2]
 MAX_SUBSTEPS = 4096  # per tick; beyond it a parameter row is refused
@@ -83,7 +86,8 @@ class JointPlant:
     def derivative(self, state: ArrayLike, inputs: ArrayLike) -> Array:
         """d/dt of (q, theta_1, theta_2, qd, thd_1, thd_2) (6,): pure in parameters, state and input.
 
-        inputs (4,): torque of motor 1 and 2 [N m], damping [N m s/rad], external torque at the link [N m]. Axes the
+        inputs (4,): torque of motor 1 and 2 [N m] (of a position drive its goal [rad] and 1, or 0 to switch it off),
+        damping [N m s/rad], external torque at the link [N m]. Axes the
         joint does not have stay at zero, servo axes report their velocity and no acceleration (their motion is closed).
         """
         x, u = np.array(state, dtype=np.float64), np.array(inputs, dtype=np.float64)
@@ -92,6 +96,9 @@ class JointPlant:
         row, out = self.parameters.copy(), np.empty(6)  # a locked row would be another type to numba
         state_row, inputs_row = np.zeros(X.queue), np.zeros(N_INPUTS)
         state_row[:6], inputs_row[:4] = x, u
+        if row[P.link_drive] == POSITION_DRIVE:
+            inputs_row[ACTING], inputs_row[ON] = u[GOAL], u[POWER]
+            inputs_row[DAMPING] += u[POWER] * row[P.drive_damping]
         inputs_row[SPRING : SPRING + 2] = [spring_factor(row, i, row[P.origin]) for i in range(2)]
         derivative(row, state_row, inputs_row, out)
         return out
@@ -118,7 +125,13 @@ def _row_of(device: Device) -> Array:
         else:
             row[P.axis_kind + axis] = SERVO
             row[P.bandwidth + i] = motor.bandwidth
-    row[P.link_drive] = float(device.n_motors == 0)
+    row[P.link_drive] = TORQUE_DRIVE if device.n_motors == 0 else NO_DRIVE
+    if device.servo is not None:
+        row[P.link_drive] = POSITION_DRIVE
+        row[P.drive_stiffness], row[P.drive_damping] = device.servo.kp, device.servo.kd
+        row[P.drive_torque_limit] = device.servo.torque_limit or np.inf
+        row[P.drive_speed_limit] = device.servo.speed_limit or np.inf
+        row[P.delay] = device.servo.delay
     row[P.serial] = float(device.arrangement == "serial")
     row[P.transmissions] = device.n_transmissions
     for i, law in enumerate(device.spring_laws):
@@ -185,6 +198,7 @@ def _stiffest(row: Array, device: Device) -> Array:
         stiffness[0] += sigma
         stiffness[1 + i] = sigma
     stiffness[0] += abs(row[P.gravity_torque]) + row[P.contact_stiffness]
+    stiffness[0] += abs(row[P.torque_gain]) * row[P.drive_stiffness]
     for axis in range(3):
         if row[P.bristle_torque + axis] > 0.0:
             stiffness[axis] += row[P.bristle_stiffness + axis]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from via_core.signals import Array
 
+from via_sim.encoders import read_motion
 from via_sim.parameters import DYNAMIC, P
 from via_sim.torques import (
     HISTORY,
@@ -125,16 +126,6 @@ def hermite(a: float, va: float, b: float, vb: float, h: float, share: float) ->
     value = rest * a + share * b + share * rest * (rest * bend_a + share * bend_b)
     slope = (b - a) + (rest - share) * (rest * bend_a + share * bend_b) + share * rest * (bend_b - bend_a)
     return value, slope / h
-
-
-@bare
-def read_motion(p: Array, axis: int, angle: float, velocity: float) -> tuple[float, float]:
-    """What the encoder of an axis reads, and the speed of that reading, but for noise and steps [rad, rad/s]."""
-    swing, turned = p[P.eccentricity + axis], angle + p[P.eccentricity_phase + axis]
-    if swing != 0.0:
-        angle += swing * sin(turned)
-        velocity += swing * cos(turned) * velocity
-    return angle + p[P.encoder_offset + axis], velocity
 
 
 def true_angle(p: Array, axis: int, read: ArrayLike) -> Array:

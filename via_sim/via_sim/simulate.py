@@ -27,7 +27,7 @@ from via_sim.parameters import ABSENT, SERVO, P
 from via_sim.plants import JointPlant
 from via_sim.readings import MEASURED, TRUTH
 from via_sim.sensors import IDEAL, Sensors
-from via_sim.torques import ARM, DAMPING, EXTERNAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, QUEUED, X
+from via_sim.torques import ARM, DAMPING, EXTERNAL, GOAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, POWER, QUEUED, X
 
 MAX_SEED = 2**53 - 1
 
@@ -72,8 +72,9 @@ class Simulator:
     def step(self, state: Array, command: ArrayLike) -> tuple[Array, Array, Array]:
         """(next state (n,), measured (9,), truth (16,)) after one tick under command (4,) or (N_COMMANDS,).
 
-        command  motor 1, motor 2 [N m or rad], damping command [-], external torque at the link [N m],
-                 and of an arm the neighbour's angle [rad] and the torque of its other joints on the link [N m]
+        command  motor 1, motor 2 [N m or rad] (of a position drive its goal [rad] and 1, or 0 to switch it off),
+                 damping command [-], external torque at the link [N m], and of an arm the neighbour's angle [rad] and
+                 the torque of its other joints on the link [N m]
 
         Raises ParameterError when the command is not finite or has another shape.
         """
@@ -110,7 +111,7 @@ def initial_state(plant: JointPlant, rate: float, initial: ArrayLike | None, see
 
 
 def passive_command(plant: JointPlant, state: Array) -> Array:
-    """The command (N_COMMANDS,) that asks for nothing: zero torque, servos where they are, no damping."""
+    """The command (N_COMMANDS,) that asks for nothing: zero torque, servos where they are, drives off, no damping."""
     servo = plant.parameters[P.axis_kind + 1 : P.axis_kind + 3] == SERVO
     row = np.zeros(N_COMMANDS)
     row[:2] = np.where(servo, state[1:3], 0.0)
@@ -120,7 +121,8 @@ def passive_command(plant: JointPlant, state: Array) -> Array:
 def command_rows(device: Device, commands: Signals, time: Array) -> Array:
     """Commands (N, N_COMMANDS) held at `time`, from the channels a device understands.
 
-    `motor` (N, m) torque [N m] or servo position [rad]; servo devices take `equilibrium` and `preset` [rad] instead.
+    `motor` (N, m) torque [N m] or servo position [rad]; servo devices take `equilibrium` and `preset` [rad] instead. A
+    position drive takes its goal as `equilibrium`, NaN where it is switched off; it has no preset, and one is not used.
     `damping` [-], `external_torque` [N m], `neighbour` [rad] and `arm_torque` [N m] are optional. Raises ParameterError
     on a channel that does not fit.
     """
@@ -130,7 +132,10 @@ def command_rows(device: Device, commands: Signals, time: Array) -> Array:
         raise ParameterError(f"no command channel '{sorted(strangers)[0]}'; there are: {', '.join(sorted(known))}")
     held = Signals(commands.time, commands.channels, commands.units, frozenset(commands.channels))
     held = held.resample(time + 1e-9 + 4.0 * np.spacing(np.abs(time)))  # 0.02 * 7 must not come one tick after 0.14
+    positioned = device.drive == "position"
     for name, values in held.channels.items():
+        if positioned and (name == "preset" or (name == "equilibrium" and not np.any(np.isinf(values)))):
+            continue
         if not np.all(np.isfinite(values)):
             first = int(np.flatnonzero(~np.isfinite(values.reshape(len(time), -1).sum(axis=1)))[0])
             raise ParameterError(f"command '{name}' is not finite at {time[first]:.6g} s")
@@ -145,6 +150,9 @@ def command_rows(device: Device, commands: Signals, time: Array) -> Array:
                 f"command 'motor' has {motor.shape[1]} columns, '{device.name}' {device.n_motors} motors"
             )
         rows[:, M1 : M1 + device.n_motors] = motor
+    elif positioned and "equilibrium" in held:
+        on = np.isfinite(held["equilibrium"])
+        rows[:, GOAL], rows[:, POWER] = np.where(on, held["equilibrium"], 0.0), on
     elif angles:
         if device.drive != "servo" or device.n_motors == 0:
             raise ParameterError(f"'{device.name}' has no position servos: command 'motor' torques instead")

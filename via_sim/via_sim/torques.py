@@ -15,9 +15,6 @@ alone, not on speed. Within a mode both are closed forms of the travel since the
 of a step) and equations (samples of an encoder, never differentiated) share them and neither needs an integrator.
 Sources: Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); Piiroinen, Kuznetsov, An event-driven method to
 simulate Filippov systems, ACM TOMS 34 (2008).
-
-Functions of the inner loop are compiled without numba's runtime (`_nrt=False`): they allocate nothing, and counting
-references to their array arguments took three quarters of the time. They must return no array.
 """
 
 from __future__ import annotations
@@ -26,11 +23,12 @@ from collections import namedtuple
 from math import copysign, exp, inf, sin
 from typing import Any
 
-from numba import njit
 from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS, spring_stiffness, spring_torque
 
-from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, NO_DAMPER, P
+from via_sim.compiled import bare, compiled
+from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, NO_DAMPER, POSITION_DRIVE, P
+from via_sim.position_drive import drive_torque
 
 HISTORY = 34  # samples of the past that a late encoder is read from
 
@@ -38,33 +36,35 @@ HISTORY = 34  # samples of the past that a late encoder is read from
 #   position (3) [rad] and velocity (3) [rad/s] of link, motor 1, motor 2; tick: number of this one; seed of the noise;
 #   reported_torque (2) [N m] commanded over the last tick; motor_torque (2) [N m] or [rad], damping [N m s/rad] and
 #   external torque [N m] that then acted; bristle (3) and hysteresis (2): torques [N m] of the elements with memory;
-#   lag (3) [N m]: drive torques behind the lag; history (HISTORY, 6): motion at past ticks, a ring; queue (L, QUEUED):
-#   the last L commands, a ring by tick, for the dead time.
+#   lag (3) [N m]: drive torques behind the lag, of a position drive [rad] how far its goal is behind it; behind [rad]:
+#   how far its goal is behind the command's for the speed limit; history (HISTORY, 6): motion at past ticks, a ring;
+#   queue (L, QUEUED): the last L commands, a ring by tick, for the dead time.
 State = namedtuple(
     "State",
-    "position velocity tick seed reported_torque motor_torque damping external bristle hysteresis lag history queue",
+    "position velocity tick seed reported_torque motor_torque damping external bristle hysteresis lag behind history "
+    "queue",
 )
-X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 17, 19, 22, 22 + 6 * HISTORY)
+X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 17, 19, 22, 23, 23 + 6 * HISTORY)
 
 # Command row, held over a tick: motor 1, motor 2 [N m or rad], damping [-], external torque at the link [N m], angle of
 # the neighbour joint [rad], torque of the rest of an arm on the link [N m]. The first QUEUED wait out the dead time.
+# A position drive has no motors: in their places stand its goal [rad] and whether it is on (1) or off (0).
 N_COMMANDS, QUEUED = 6, 4
 M1, M2, DAMPING, EXTERNAL, NEIGHBOUR, ARM = range(N_COMMANDS)
+GOAL, POWER = M1, M2
 
 # Inputs u of the equations: torque on motor 1, motor 2 [N m] (position [rad] of a servo), damping [N m s/rad], torque
-# on the link [N m]; factors of the two springs [-]; what the drives of link, motor 1, motor 2 are commanded [N m], and
-# what acts on these axes beside their drives [N m].
-N_INPUTS = 12
-SPRING, TARGET, BESIDE = 4, 6, 9
+# on the link [N m]; factors of the two springs [-]; what the drives of link, motor 1, motor 2 are commanded [N m, the
+# goal of a position drive: rad], and what acts on these axes beside their drives [N m]; of a position drive the goal
+# that acts [rad], whether it is on, its goal when the step began behind the speed limit and behind the lag [rad].
+N_INPUTS = 16
+SPRING, TARGET, BESIDE, ACTING, ON, FOLLOWED, LAGGED = 4, 6, 9, 12, 13, 14, 15
 
 # Modes: of the three axes STUCK, SMOOTH (no dry friction) or slip direction -1, +1; of the two transmissions the flank
 # they lie on, 0 within the gap; of their Maxwell elements 0 or slip direction; whether the wall is touched; whether
 # anything can switch at all; whether any rare term is there; whether the drives lag; ticks between records of the past.
 STUCK, SMOOTH, FLANK, SLIP, TOUCH, SWITCHES, RARE, LAGS, EVERY = 0, 2, 3, 5, 7, 8, 9, 10, 11
 N_MODES = 12
-
-compiled = njit(cache=True, error_model="numpy", nogil=True)
-bare = njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
 
 
 @compiled
@@ -81,7 +81,7 @@ def prepare(p: Array, modes: Array) -> None:
         rare |= p[P.quadratic_drag + i] != 0.0 or p[P.bristle_torque + i] > 0.0 or p[P.ripple_amplitude + i] != 0.0
     for i in range(2):
         rare |= p[P.hysteresis_torque + i] > 0.0 or p[P.spring_damping + i] != 0.0
-    modes[RARE], modes[LAGS] = rare, p[P.lag] > 0.0
+    modes[RARE], modes[LAGS] = rare, p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf
 
 
 @bare
@@ -208,6 +208,10 @@ def motive_torques(
     """
     link, first, second = u[EXTERNAL], u[M1], u[M2]
     carried, load1, load2 = link - u[BESIDE], 0.0, 0.0
+    if p[P.link_drive] == POSITION_DRIVE:
+        torque = drive_torque(p, u[ACTING], u[ON], q)
+        link += torque
+        carried = torque - u[ON] * p[P.drive_damping] * w
     if p[P.gravity_torque] != 0.0:
         link -= p[P.gravity_torque] * sin(q - p[P.gravity_angle])
     if p[P.transmissions] > 0.0:
@@ -245,9 +249,10 @@ def motive_torques(
 
 @bare
 def viscous_friction(p: Array, axis: int, damping: float) -> float:
-    """Torque per speed [N m s/rad] of an axis, damper included; mean of both directions."""
+    """Torque per speed [N m s/rad] of an axis, damper and drive included; mean of both directions."""
     site, viscous = p[P.damper_site], p[P.viscous_friction + axis]
-    if (axis == 0 and site != NO_DAMPER) or (axis == 1 and site == AT_TRANSMISSION):
+    rubs = site != NO_DAMPER or p[P.link_drive] == POSITION_DRIVE
+    if (axis == 0 and rubs) or (axis == 1 and site == AT_TRANSMISSION):
         viscous += damping
     return viscous + (p[P.spring_damping] + p[P.spring_damping + 1] if axis == 0 else p[P.spring_damping + axis - 1])
 

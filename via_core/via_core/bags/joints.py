@@ -60,7 +60,8 @@ def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") 
               those of which at least one value was measured
               of a rigid joint tau (N, 1) is its drive's
     commands  equilibrium, preset [rad], damping [-], or motor (N, m) [rad] or [N m], held between samples; the torque
-              that the drive of a rigid joint is sent is external_torque [N m]
+              that the drive of a rigid joint is sent is external_torque [N m]; a position drive's goal is equilibrium,
+              NaN where it is switched off
 
     Time 0 of both is the first measurement, so that the first commands may stand at negative times. Joints are found by
     name in every message. Raises BagError when the topic or the joint is not in the bag.

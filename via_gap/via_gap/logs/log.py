@@ -17,7 +17,7 @@ from via_core.signals import Array, Signals
 
 from via_gap.logs.neighbour import beside
 
-LEVELS = ("full", "no torque", "link only", "commands only")
+LEVELS = ("full", "no torque", "link only", "commands only", "encoder and command")
 ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not believed
 FAR = 8.0  # times the 90 % quantile of the steps between samples
 # Columns of a CSV file, header -> channel; '_1', '_2' number the motors. Held are what somebody commanded.
@@ -89,13 +89,15 @@ class JointLog:
     @property
     def motors_commanded(self) -> bool:
         """Whether the commands say what the motors were asked for."""
-        names = {"equilibrium"} if self.device.drive == "servo" else set()
+        names = {"equilibrium"} if self.device.drive in ("servo", "position") else set()
         return self.commands is not None and bool(self.commands.channels.keys() & ({"motor"} | names))
 
     @property
     def level(self) -> str:
         """One of LEVELS: how much of the model can be looked at."""
         seen = self.motors_seen
+        if self.device.drive == "position":
+            return "full" if self.torque_seen else "encoder and command"
         if self.device.drive == "servo" or not seen:
             return "full" if all(seen) else "commands only"
         if all(seen):
@@ -105,6 +107,8 @@ class JointLog:
     @property
     def drivable(self) -> bool:
         """Whether there is anything to run a simulation with."""
+        if self.device.drive == "position":
+            return self.motors_commanded
         return (
             self.device.n_motors == 0 or self.motors_commanded or (self.device.drive == "torque" and self.torque_seen)
         )
@@ -157,10 +161,25 @@ def read_logs(paths: Sequence[str | Path], device: Device) -> list[JointLog]:
     return [replace(read_log(path, device), name=name) for path, name in zip(paths, names, strict=True)]
 
 
+def _in_si(columns: dict[str, Array], device: Device) -> dict[str, Array]:
+    """Columns of a file by the channels that the device file gives them, in SI units; the others as they are."""
+    given = {channel: entry for channel, entry in device.wire.columns.items() if entry.column in columns}
+    taken = {entry.column for entry in given.values()}
+    found = {name: values for name, values in columns.items() if name not in taken}
+    for channel, entry in given.items():
+        values = columns[entry.column]
+        if (entry.scale, entry.offset) != (1.0, 0.0):
+            values = entry.scale * values + entry.offset
+        off = columns.get(entry.enable or "")
+        found[channel] = values if off is None else np.where(off != 0.0, values, np.nan)
+    return found
+
+
 def _from_csv(path: Path, device: Device) -> JointLog:
     """Columns `time` [s] and those of docs/notation.md, `theta_1`, `tau_2`, `motor_1`; others are not looked at.
 
-    A device file names the columns of foreign files under `wire.columns`: {q: ShoulderAngle, theta_1: Enc1}.
+    A device file names the columns of foreign files under `wire.columns`, with their units where they have others:
+    {q: ShoulderAngle, theta_1: {column: Enc1, scale: 1.534e-3}}.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:
@@ -170,8 +189,7 @@ def _from_csv(path: Path, device: Device) -> JointLog:
         raise SignalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
     except ValueError as error:
         raise SignalError(f"{path}: {' '.join(str(error).split())[:120]}") from None
-    renamed = {column: channel for channel, column in device.wire.columns.items()}
-    columns = {renamed.get(name, name): table[:, i] for i, name in enumerate(header) if i < table.shape[1]}
+    columns = _in_si({name: table[:, i] for i, name in enumerate(header) if i < table.shape[1]}, device)
     if "time" not in columns:
         raise SignalError(f"{path}: no column 'time'; there are: {', '.join(header) or 'none'}")
     stamps = columns["time"]

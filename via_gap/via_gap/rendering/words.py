@@ -35,6 +35,7 @@ LEVELS = {
     "full": "link, motors and torques were seen: every equation of the model can be looked at",
     "no torque": "motor angles were seen, torques were not: commands stand for them",
     "link only": "no motor angle was seen: only the simulated link can be compared",
+    "encoder and command": "the link's angle and the commanded angle were seen; the drive's torque follows from both",
     "commands only": "only commands and the link were seen: only the simulated link can be compared",
 }
 SIGNALS = {"q": "link angle q", "theta_1": "motor 1 angle", "theta_2": "motor 2 angle", "tau": "drive torque tau"}

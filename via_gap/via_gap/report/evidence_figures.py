@@ -107,7 +107,7 @@ def joint_sketch(log: JointLog) -> JointSketch:
     """What a picture of the log's joint needs."""
     return JointSketch(
         arrangement=log.device.arrangement,
-        drive=log.device.drive,
+        drive="servo" if log.device.drive == "servo" else "torque",
         motors_seen=log.motors_seen,
         torque_seen=log.torque_seen,
     )

@@ -105,7 +105,7 @@ class Proposal(Record):
 class GapReport(Record):
     version: Literal["2"] = "2"
     joint: str
-    level: Literal["full", "no torque", "link only", "commands only"]
+    level: Literal["full", "no torque", "link only", "commands only", "encoder and command"]
     logs: tuple[str, ...]
     holdout: tuple[str, ...]  # names of logs, or 'blocks of the same logs'
     verdict: Verdict

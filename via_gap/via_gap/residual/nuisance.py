@@ -45,6 +45,8 @@ def nuisances(plant: JointPlant) -> tuple[Nuisance, ...]:
 def _tolerance(known: Tolerances, name: str) -> float:
     """What the device file says of the number that `numbers_of` calls `name`."""
     part, _, what = name.partition(" ")
+    if part == "servo":  # of a position drive: kp, kd, torque limit
+        return float(getattr(known, what.replace(" ", "_")))
     kind = next(key for key in ("bandwidth", "inertia", "friction", "") if key in what)
     if kind in ("inertia", "friction"):
         return float(getattr(known, f"{part}_{kind}"))

@@ -30,6 +30,8 @@ def repaired_device(device: Device, nuisances: tuple[Nuisance, ...], deviations:
             for key in ("minimum", "maximum", "stage"):
                 if key in content["damper"]:
                     content["damper"][key] *= factor
+        elif part == "servo":
+            content["servo"][what.replace(" ", "_")] *= factor
         elif part == "spring":
             spring = content["springs"][int(what[0]) - 1]
             for key in _SCALED.get(spring["law"], ("k",)):

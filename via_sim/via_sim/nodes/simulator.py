@@ -33,7 +33,7 @@ from via_sim.nodes.simulation import SimulationNode, TimeParameters
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import MAX_SEED, Simulator, passive_command
-from via_sim.torques import DAMPING, EXTERNAL, M1, N_COMMANDS
+from via_sim.torques import DAMPING, EXTERNAL, GOAL, M1, N_COMMANDS, POWER
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,8 @@ class SimulatorNode(SimulationNode[Array]):
 
     def _row_of(self, told: Command) -> Array | None:
         """The kernel's row (N_COMMANDS,); the drive of a rigid joint acts on its link."""
+        if self.device.drive == "position":
+            return _aimed(told)
         command = followed(told, self.device.n_drives)
         if command is None:
             return None
@@ -128,7 +130,8 @@ class SimulatorNode(SimulationNode[Array]):
         self._samples.position[:count] = measured[:count]
         self._samples.velocity[:count] = measured[5 : 5 + count]
         self._samples.effort[0] = measured[8]
-        self._samples.effort[1:] = measured[3 : 2 + count] if self.device.n_motors else self._sent
+        if self.device.drive != "position":  # which measures no torque: NaN
+            self._samples.effort[1:] = measured[3 : 2 + count] if self.device.n_motors else self._sent
         return self._samples.stamped(stamp)
 
     def _told(self) -> tuple[dict[str, bool], dict[str, Any]]:
@@ -154,6 +157,17 @@ class SimulatorNode(SimulationNode[Array]):
     def _active(self) -> str:
         effects = self._simulator.plant.effects
         return ", ".join(f"{e.name} at {e.site}{f' {e.motor}' if e.motor else ''}" for e in effects) or "nominal model"
+
+
+def _aimed(told: Command) -> Array | None:
+    """The kernel's row (N_COMMANDS,) of a position drive: an equilibrium of NaN switches it off."""
+    if told.mode != VsaCommand.EQUILIBRIUM_PRESET or np.isinf(told.equilibrium) or not np.isfinite(told.damping):
+        return None
+    row = np.zeros(N_COMMANDS)
+    row[DAMPING] = told.damping
+    if np.isfinite(told.equilibrium):
+        row[GOAL], row[POWER] = told.equilibrium, 1.0
+    return row
 
 
 def _effect(message: Any) -> Effect:

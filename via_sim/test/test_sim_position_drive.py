@@ -1,0 +1,255 @@
+"""Position drives on rigid joints: closed forms, limits, delay, a drive switched off, both kernels, equations."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from sim_joints import SIZES, positioned
+from via_core.errors import ParameterError, SignalError
+from via_core.signals import Signals
+from via_core.weak_form import window_weights
+from via_sim.catalogue import EFFECTS
+from via_sim.device_numbers import numbers_of
+from via_sim.effects import Effect, places
+from via_sim.equations import Record, equation_torques
+from via_sim.kernel import run
+from via_sim.parameters import P
+from via_sim.plants import JointPlant
+from via_sim.sensors import IDEAL
+from via_sim.simulate import Simulator, command_rows, initial_state, simulate, simulate_rows
+from via_sim.torques import GOAL, POWER, X
+
+RATE = 1000.0
+M, KP, KD = 0.02, 4.0, 0.1
+GRAVITY = f"{{inertia: {M}, viscous_friction: 0.02, gravity_torque: 0.3, gravity_angle: 0.2}}"
+PLACES = [(name, *place) for name in EFFECTS for place in places(name, positioned(GRAVITY))]
+
+
+def goals(values, rate: float = RATE, **others) -> Signals:
+    channels = {"equilibrium": np.asarray(values, dtype=np.float64), **others}
+    return Signals(np.arange(len(values)) / rate, channels, dict.fromkeys(channels, "-"), frozenset(channels))
+
+
+def step(device, duration: float = 1.0, goal: float = 1.0, **how):
+    return simulate(JointPlant.from_device(device), goals([goal]), duration, RATE, **how).truth
+
+
+def wave(ticks: int) -> np.ndarray:
+    t = np.arange(ticks) / RATE
+    return 0.6 * np.sin(5.0 * t) + 0.3 * np.sin(13.0 * t)
+
+
+def test_a_step_is_answered_as_a_second_order_system_with_kp_and_kd() -> None:
+    truth = step(positioned())
+    a, w = 0.5 * KD / M, np.sqrt(KP / M - (0.5 * KD / M) ** 2)
+    t = truth.time
+    expected = 1.0 - np.exp(-a * t) * (np.cos(w * t) + a / w * np.sin(w * t))
+    assert np.max(np.abs(truth["q"] - expected)) < 1e-6
+
+
+def test_friction_and_gravity_are_those_of_the_link() -> None:
+    q = step(positioned(f"{{inertia: {M}, viscous_friction: 0.1, gravity_torque: 0.3}}"), 5.0)["q"][-1]
+    assert KP * (1.0 - q) == pytest.approx(0.3 * np.sin(q), abs=1e-9)
+
+
+def test_the_torque_limit_bounds_kp_times_the_error() -> None:
+    """A constant torque against kd: v = limit/kd (1 - exp(-kd t/M)) while the error is large."""
+    truth = step(positioned(servo="{kp: 4.0, kd: 0.1, torque_limit: 0.5}"), 0.1, goal=3.0)
+    expected = 5.0 * (1.0 - np.exp(-KD / M * truth.time))
+    assert np.max(np.abs(truth["q_velocity"] - expected)) < 1e-9
+    limited = step(positioned(), 0.1, goal=3.0, effects=[Effect("torque_saturation", "motor", {"limit": 0.5}, 1)])
+    assert np.array_equal(truth["q"], limited["q"])
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.05])
+def test_the_goal_is_followed_no_faster_than_the_speed_limit_and_then_lags(lag: float) -> None:
+    """Against the same joint written out and integrated with tight tolerances."""
+    effects = [Effect("actuator_lag", "command", {"time_constant": lag})] if lag else []
+    truth = step(positioned(servo="{kp: 4.0, kd: 0.1, speed_limit: 2.0}"), 1.0, effects=effects)
+
+    def rate(t, x):
+        asked = min(2.0 * t, 1.0)
+        goal = x[2] if lag else asked
+        return x[1], (KP * (goal - x[0]) - KD * x[1]) / M, (asked - x[2]) / lag if lag else 0.0
+
+    found = solve_ivp(rate, (0.0, 1.0), np.zeros(3), t_eval=truth.time, rtol=1e-10, atol=1e-12, max_step=0.01).y[0]
+    assert np.max(np.abs(truth["q"] - found)) < 2e-6
+
+
+def test_the_goal_acts_after_the_delay_to_a_fraction_of_a_tick() -> None:
+    prompt, late = step(positioned()), step(positioned(servo="{kp: 4.0, kd: 0.1, delay: 0.0105}"))
+    assert np.all(late["q"][:11] == 0.0)
+    between = np.interp(late.time[11:], prompt.time + 0.0105, prompt["q"])
+    assert np.max(np.abs(late["q"][11:] - between)) < 5e-5  # of the interpolation: h^2/8 times 200 rad/s^2
+    both = step(
+        positioned(servo="{kp: 4.0, kd: 0.1, delay: 0.0065}"),
+        effects=[Effect("actuator_delay", "command", {"delay": 0.004})],
+    )
+    assert np.max(np.abs(both["q"] - late["q"])) < 1e-12
+
+
+def test_delays_beyond_what_is_kept_of_commands_are_refused() -> None:
+    late = JointPlant.from_device(positioned(servo="{kp: 4.0, kd: 0.1, delay: 0.05}"))
+    with pytest.raises(ParameterError, match=r"drive's own are 0.11 s, must stay <= 0.1"):
+        late.with_effects([Effect("actuator_delay", "command", {"delay": 0.06})])
+
+
+def test_a_drive_that_is_switched_off_gives_no_torque_at_all() -> None:
+    """The pendulum falls as if there were no drive, and the drive returns when there is a goal again."""
+    off = np.full(600, np.nan)
+    plant, start = JointPlant.from_device(positioned(GRAVITY)), (1.5, 0, 0, 0, 0, 0)
+    fallen = simulate(plant, goals(off), 0.6, RATE, initial=start).truth
+    free = simulate(
+        JointPlant.from_device(positioned(GRAVITY, "{kp: 1e-9, kd: 0.0}")), goals(off), 0.6, RATE, initial=start
+    ).truth
+    assert np.array_equal(fallen["q"], free["q"])
+    assert fallen["q"].min() < 0.2
+    passive = simulate(plant, None, 0.6, RATE, initial=start).truth
+    assert np.array_equal(fallen["q"], passive["q"])
+    biased = simulate(plant, goals(off), 0.6, RATE, [Effect("torque_bias", "motor", {"torque": 0.2}, 1)], initial=start)
+    assert np.array_equal(fallen["q"], biased.truth["q"])
+    back = simulate(plant, goals(np.concatenate([off, np.full(6000, 0.5)])), 6.6, RATE, initial=start).truth
+    q = back["q"][-1]
+    assert KP * (0.5 - q) == pytest.approx(0.3 * np.sin(q - 0.2), abs=1e-6)
+
+
+def test_a_goal_that_is_limited_in_speed_begins_where_the_link_is_when_the_drive_is_switched_on() -> None:
+    slow = positioned(servo="{kp: 4.0, kd: 0.1, speed_limit: 1.0}")
+    sent = goals(np.concatenate([np.full(100, np.nan), np.full(1000, 1.0)]))
+    truth = simulate(JointPlant.from_device(slow), sent, 1.0, RATE, initial=(0.8, 0, 0, 0, 0, 0)).truth
+    assert np.all(truth["q"][:100] == 0.8)
+    assert 0.0 < truth["q_velocity"].max() < 2.0  # the ramp from .8, and not a jump to 1 or a fall to 0
+    assert truth["q"].min() == 0.8
+
+
+def test_the_drive_closes_its_loop_over_its_own_encoder() -> None:
+    """An encoder that reads .1 rad too much stops at the goal by its own reading, .1 rad before it."""
+    device = positioned(f"{{inertia: {M}, viscous_friction: 0.1}}")
+    found = simulate(
+        JointPlant.from_device(device), goals([1.0]), 8.0, RATE, [Effect("encoder_offset", "sensor", {"offset": 0.1})]
+    )
+    assert found.truth["q"][-1] == pytest.approx(0.9, abs=1e-9)
+    assert found.measured["q"][-1] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_every_place_an_effect_can_take() -> None:
+    taken = {(name, site, motor) for name, site, motor in PLACES}
+    for name in ("torque_gain", "torque_bias", "torque_ripple", "torque_saturation"):
+        assert (name, "motor", 1) in taken
+        assert (name, "sensor", 1) not in taken  # no torque is measured
+    for name in ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "payload"):
+        assert (name, "link", 0) in taken and (name, "motor", 1) not in taken
+    for name, site in (("actuator_delay", "command"), ("actuator_lag", "command"), ("encoder_offset", "sensor")):
+        assert (name, site, 0) in taken
+    assert ("channel_skew", "timing", 0) in taken and ("encoder_eccentricity", "sensor", 0) in taken
+
+
+def test_the_gains_are_numbers_of_the_device() -> None:
+    row = JointPlant.from_device(positioned(servo="{kp: 4.0, kd: 0.1, torque_limit: 0.7}")).parameters
+    named = {each.name: (each.value, each.unit) for each in numbers_of(row)}
+    assert named["servo kp"] == (4.0, "N m/rad")
+    assert named["servo kd"] == (0.1, "N m s/rad")
+    assert named["servo torque limit"] == (0.7, "N m")
+    assert "servo torque limit" not in {
+        each.name for each in numbers_of(JointPlant.from_device(positioned()).parameters)
+    }
+    scaled = JointPlant.from_device(positioned()).with_effects([Effect("device_numbers", "device", {"servo kp": 1.1})])
+    assert scaled.parameters[P.drive_stiffness] == pytest.approx(4.4)
+
+
+SERVOS = ("{kp: 4.0, kd: 0.1, torque_limit: 1.5}", "{kp: 4.0, kd: 0.1, speed_limit: 3.0, delay: 0.0023}")
+
+
+@pytest.mark.parametrize("servo", SERVOS)
+def test_lockstep_is_the_scalar_kernel(servo: str) -> None:
+    """Every effect in a lane of its own, the drive switched off and on again on the way."""
+    device = positioned(GRAVITY, servo)
+    nominal = JointPlant.from_device(device)
+    plants = [nominal, *(nominal.with_effects([Effect(n, s, SIZES[n], m)]) for n, s, m in PLACES)]
+    values = wave(500)
+    values[200:260] = np.nan
+    sent = command_rows(device, goals(values, neighbour=np.cos(0.003 * np.arange(500))), np.arange(500) / RATE)
+    rows = np.stack([plant.at_rate(RATE) for plant in plants])
+    rows[:, P.substeps] = rows[:, P.substeps].max()
+    states = np.stack([initial_state(plant, RATE, (0.1, 0, 0, 0.5, 0, 0), 0) for plant in plants])
+    own = states.copy()
+    together = simulate_rows(rows, states, sent)
+    for k, plant in enumerate(plants):
+        measured, truth = np.empty((501, 9)), np.empty((501, 16))
+        run(rows[k], IDEAL.row(), own[k], sent, measured, truth)
+        if "encoder_quantisation" not in [effect.name for effect in plant.effects]:
+            assert np.max(np.abs(together[k, :, 0] - measured[:, 0])) < 1e-9, plant.effects
+            assert np.max(np.abs(together[k, :, 3] - measured[:, 5])) < 1e-9, plant.effects
+        assert np.max(np.abs(states[k] - own[k])) < 1e-9, plant.effects
+
+
+def test_stepping_gives_the_bits_of_the_batch() -> None:
+    device = positioned(GRAVITY, SERVOS[1])
+    plant = JointPlant.from_device(device).with_effects([Effect("actuator_lag", "command", {"time_constant": 0.01})])
+    values = wave(300)
+    values[100:150] = np.nan
+    batch = simulate(plant, goals(values), 0.3, RATE).truth
+    simulator = Simulator(plant, RATE)
+    state = simulator.init()
+    for k, row in enumerate(command_rows(device, goals(values), np.arange(300) / RATE)):
+        state, _, truth = simulator.step(state, row)
+        assert truth[0] == batch["q"][k + 1]
+    assert state[X.behind] != 0.0 or state[X.lag] != 0.0
+
+
+def residual(plant, record, span: int = 60) -> np.ndarray:
+    """(windows,) M <q, psi''> - <torque, psi> [N m] of the link, once a goal that is limited in speed is known."""
+    found = equation_torques(plant.parameters, record)
+    W = window_weights(4, record.time[: span + 1])
+    rows = np.arange(600, len(record) - span - 1, 7)[:, None] + np.arange(span + 1)
+    out = found.inertia[0] * np.einsum("k,nk->n", W[2], found.angle[rows, 0])
+    out = out - np.einsum("k,nk->n", W[0], found.torque[rows, 0])
+    return out[~np.any(found.standing[rows, 0], axis=1)]
+
+
+@pytest.mark.parametrize("servo", ["{kp: 4.0, kd: 0.1}", *SERVOS])
+@pytest.mark.parametrize(("name", "site", "motor"), [each for each in PLACES if each[0] != "encoder_quantisation"])
+def test_equations_balance_a_simulated_run_without_any_torque_measured(servo, name, site, motor) -> None:
+    """With the effect in the equations next to nothing is left; without it much more."""
+    device = positioned(GRAVITY, servo)
+    nominal = JointPlant.from_device(device)
+    plant = nominal.with_effects([Effect(name, site, SIZES[name], motor)])
+    sent = goals(wave(3000), neighbour=np.cos(0.003 * np.arange(3000)))
+    seen = simulate(plant, sent, 2.999, RATE).measured
+    velocity = np.zeros((len(seen), 3))
+    velocity[:, 0] = seen["q_velocity"]
+    record = Record.of_commands(device, seen, velocity, sent)
+    right, wrong = np.abs(residual(plant, record)), np.abs(residual(nominal, record))
+    assert np.sqrt(np.mean(right**2)) < 1.5e-3
+    assert np.sqrt(np.mean(wrong**2)) > 20.0 * np.sqrt(np.mean(right**2))
+
+
+def test_equations_know_a_drive_that_is_switched_off() -> None:
+    device = positioned(GRAVITY)
+    plant = JointPlant.from_device(device)
+    values = wave(2000)
+    values[700:1200] = np.nan
+    seen = simulate(plant, goals(values), 1.999, RATE).measured
+    velocity = np.zeros((len(seen), 3))
+    velocity[:, 0] = seen["q_velocity"]
+    record = Record.of_commands(device, seen, velocity, goals(values))
+    assert np.max(np.abs(residual(plant, record))) < 2e-3
+    with pytest.raises(SignalError, match="driven by its commands"):
+        Record.of_torques(device, seen, velocity, goals(values))
+
+
+def test_commands_of_a_position_drive() -> None:
+    device = positioned()
+    rows = command_rows(device, goals([0.5, np.nan], preset=np.array([np.nan, 0.0])), np.arange(2) / RATE)
+    assert np.array_equal(rows[:, [GOAL, POWER]], [[0.5, 1.0], [0.0, 0.0]])
+    with pytest.raises(ParameterError, match="'equilibrium' is not finite"):
+        command_rows(device, goals([np.inf]), np.zeros(1))
+    with pytest.raises(ParameterError, match="'joint' 0 motors"):
+        command_rows(device, Signals(np.zeros(1), {"motor": np.ones((1, 1))}, {"motor": "-"}), np.zeros(1))
+
+
+def test_the_derivative_has_the_drive() -> None:
+    plant = JointPlant.from_device(positioned())
+    on = plant.derivative((0.2, 0, 0, 0.5, 0, 0), (1.0, 1.0, 0.0, 0.1))
+    assert on[3] == pytest.approx((KP * 0.8 - KD * 0.5 + 0.1) / M)
+    off = plant.derivative((0.2, 0, 0, 0.5, 0, 0), (1.0, 0.0, 0.0, 0.1))
+    assert off[3] == pytest.approx(0.1 / M)

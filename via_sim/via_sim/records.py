@@ -1,0 +1,102 @@
+"""A log of one joint as its equations take it: angles, velocities, and what drove the joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import nan
+
+import numpy as np
+from numpy.typing import ArrayLike
+from via_core.devices import Device
+from via_core.errors import SignalError
+from via_core.signals import Array, Signals, locked
+
+from via_sim.simulate import command_rows
+from via_sim.torques import M1, N_COMMANDS
+
+STILL = 0.02  # [rad/s] below which an axis nearly stands, unless the caller knows his velocities better
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A log of one joint as its equations take it.
+
+    time          (N,) [s] strictly increasing
+    angle         (N, 3) [rad] link, motor 1, motor 2 as measured; NaN where not
+    velocity      (N, 3) [rad/s] likewise, measured or estimated by the caller
+    command_time  (K,) [s] strictly increasing; the first command also stands before it
+    commands      (K, 5) held from its time on, columns as of the simulator
+    sensed        whether the motor torques among them were read by sensors, whose errors are then undone
+    still         (3,) [rad/s] speeds below which an axis nearly stands
+
+    Arrays are copied and locked. Raises SignalError where they do not fit.
+    """
+
+    time: Array
+    angle: Array
+    velocity: Array
+    command_time: Array
+    commands: Array
+    sensed: bool = False
+    still: ArrayLike = STILL
+
+    def __post_init__(self) -> None:
+        still = np.broadcast_to(np.asarray(self.still, dtype=np.float64), (3,))
+        object.__setattr__(self, "still", locked(still, "still"))
+        for name in ("time", "angle", "velocity", "command_time", "commands"):
+            object.__setattr__(self, name, locked(getattr(self, name), name))
+        shapes: dict[str, tuple[int, ...]] = {"angle": (len(self), 3), "velocity": (len(self), 3)}
+        shapes |= {"time": (len(self),), "command_time": (len(self.commands),)}
+        shapes["commands"] = (len(self.command_time), N_COMMANDS)
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise SignalError(f"'{name}' of a record must have shape {shape}, got {getattr(self, name).shape}")
+        for name in ("time", "command_time"):
+            if len(getattr(self, name)) < 1 or not np.all(np.diff(getattr(self, name)) > 0.0):
+                raise SignalError(f"'{name}' of a record must increase and have at least one entry")
+        if not np.all(np.isfinite(self.commands)):
+            raise SignalError("commands of a record must be finite")
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @staticmethod
+    def of_commands(device: Device, measured: Signals, velocity: ArrayLike, commands: Signals, still: ArrayLike = STILL
+    ) -> Record:  # fmt: skip
+        """A record driven by what was commanded; `commands` as `command_rows` takes them."""
+        rows = command_rows(device, commands, commands.time)
+        return Record(measured.time, _angles(device, measured), np.asarray(velocity), commands.time, rows, False, still)
+
+    @staticmethod
+    def of_torques(
+        device: Device, measured: Signals, velocity: ArrayLike, commands: Signals | None, still: ArrayLike = STILL
+    ) -> Record:
+        """A record driven by the measured motor torques `tau`; of sample k it acted since the sample before.
+
+        commands  damping, external torque and neighbour, where there are any; motor torques among them are not used
+        """
+        if device.drive == "position":
+            raise SignalError(f"'{device.name}' is driven by its commands, not by measured torques")
+        tau = measured["tau"].reshape(len(measured), -1)
+        seen = np.isfinite(tau).all(axis=1)
+        if not seen.any():
+            raise SignalError("no motor torque was measured")
+        ends, torques = measured.time[seen], tau[seen]
+        begins = np.concatenate(([ends[0] - 1.0], ends[:-1])) if len(ends) else ends
+        times, rows = begins, np.zeros((len(begins), N_COMMANDS))
+        beside = {"damping", "external_torque", "neighbour", "arm_torque"}
+        others = None if commands is None else beside & commands.channels.keys()
+        if commands is not None and others:
+            times = np.union1d(begins, commands.time)
+            rows = command_rows(device, commands.select(sorted(others)), times)
+        last = np.clip(np.searchsorted(begins, times, side="right") - 1, 0, len(begins) - 1)
+        rows[:, M1 : M1 + tau.shape[1]] = torques[last]
+        return Record(measured.time, _angles(device, measured), np.asarray(velocity), times, rows, True, still)
+
+
+def _angles(device: Device, measured: Signals) -> Array:
+    angle = np.full((len(measured), 3), nan)
+    angle[:, 0] = measured["q"]
+    if device.n_motors and "theta" in measured:
+        angle[:, 1 : 1 + device.n_motors] = measured["theta"].reshape(len(measured), -1)
+    return angle
