@@ -57,6 +57,7 @@ POSITIONS = 256  # within a step, at which rho is tabulated
 TERMS = 60  # of the Fourier series: at .02 steps of noise, the next one is damped to .003
 OUTLIER = 3.0  # standard deviations: normal values beyond are .3 %, and change the mean by .1 % of one
 QUICKEST = 100.0  # [Hz] at least of strided samples: four in a period of the quickest motion looked for, 25 Hz
+LONGEST = 0.9  # correlation from sample to sample: of a longer one, a stride of four shows too little
 EVERY = 4  # windows from one to the next for which rounding is predicted: it changes with speed only
 
 
@@ -157,17 +158,17 @@ def clock_of(time: Array) -> Clock:
     """Period and jitter of stamps (N,) [s]. Lost samples are counted as such, a clock that drifts is followed."""
     period = float(np.median(np.diff(time)))
     count = np.concatenate(([0.0], np.cumsum(np.maximum(np.rint(np.diff(time) / period), 1.0))))
-    return Clock(period, channel_noise(count * period, time, None).white)
+    return Clock(period, channel_noise(count * period, time, 0.0).white)
 
 
 def channel_noise(time: Array, values: Array, quantum: float | None = None) -> ChannelNoise:
     """Noise of `values` (N,) measured at `time` (N,) [s], increasing; NaN marks lost measurements.
 
-    quantum  step that the device file declares; a coarser grid on which the values lie replaces it
+    quantum  step that the device file declares, 0 for none; a coarser grid on which the values lie replaces it
     """
     there = np.isfinite(values)
     t, x = np.asarray(time)[there], np.asarray(values)[there]
-    visible = step_of(x) if len(x) > 1 else 0.0
+    visible = step_of(x) if len(x) > 1 and quantum != 0.0 else 0.0
     step = max(quantum or 0.0, visible)
     rounded = step / sqrt(12.0)
     resolution = float(np.spacing(np.max(np.abs(x)))) if x.size else 0.0
@@ -338,18 +339,18 @@ def _rounding(time: Array, speed: Array, weights: Array, size: int) -> Array:
     total = np.ones((len(time), len(SIGMAS)))
     for a, b in combinations(range(time.shape[1]), 2):
         apart = speed * (time[:, b] - time[:, a])
-        place = ((apart - np.floor(apart)) * POSITIONS).astype(np.intp)
+        place = np.minimum((apart - np.floor(apart)) * POSITIONS, POSITIONS - 1).astype(np.intp)
         total += (2.0 * weights[:, a] * weights[:, b])[:, None] * _covariance()[place]
     return total.reshape(-1, size, len(SIGMAS)).mean(axis=1)
 
 
 @cache
 def _covariance() -> Array:
-    """rho (POSITIONS + 1, SIGMAS) at the middle of every interval of a step."""
-    d = (np.arange(POSITIONS + 1) + 0.5) / POSITIONS
+    """rho (POSITIONS, SIGMAS) at the middle of every interval of a step."""
+    d = (np.arange(POSITIONS) + 0.5) / POSITIONS
     k = np.arange(1, TERMS + 1)
     damped = np.exp(-4.0 * pi**2 * np.outer(k**2, SIGMAS[1:] ** 2)) / k[:, None] ** 2
-    sharp = 1.0 - 6.0 * d % 1.0 * (1.0 - d % 1.0)
+    sharp = 1.0 - 6.0 * d * (1.0 - d)
     return np.column_stack([sharp, 6.0 / pi**2 * np.cos(2.0 * pi * np.outer(d, k)) @ damped])
 
 
@@ -420,13 +421,16 @@ def _correlated(levels: list[_Level], rate: float) -> tuple[float, float]:
     relative = np.array([each.error for each in three]) / seen
     if np.any(np.diff(seen) <= 0.0) or seen[2] - seen[0] < STANDARD_ERRORS * np.hypot(three[0].error, three[2].error):
         return white
-    best = (float(np.sum(relative**-2.0)), *white)
-    for a in np.linspace(0.0, 0.98, 50):
+    tried = []
+    for a in np.linspace(0.0, LONGEST, 46):
         ratio = np.log(seen / [_share(a ** (each.stride / first.stride), each.degree) for each in three])
         mean = float(np.average(ratio, weights=relative**-2.0))
         misfit = float(np.sum(((ratio - mean) / relative) ** 2))
-        best = min(best, (misfit, exp(mean), float(a)))
-    return best[1:] if best[0] < STANDARD_ERRORS**2 else white
+        tried.append((misfit, exp(mean), float(a)))
+    best = min(tried)[0]
+    if best > STANDARD_ERRORS**2:
+        return white
+    return next((variance, a) for misfit, variance, a in tried if misfit <= best + 1.0)  # least within an error
 
 
 def _differences(degree: int) -> Array:
