@@ -191,7 +191,7 @@ def channel_noise(time: Array, values: Array, quantum: float | None = None) -> C
         smooth = first.total + STANDARD_ERRORS * first.spread < first.rounded and not still
         how = "smoothed" if smooth else "rounding only"
     lag = -period * first.stride / np.log(ar1) if ar1 > 0.0 and white > 0.0 else 0.0
-    relative = 0.5 * first.error / sd**2
+    relative = min(0.5 * first.error / sd**2, 1.0)
     return ChannelNoise(sd, white, step, ar1, float(lag), sqrt(first.jitter), relative, first.samples, how)
 
 

@@ -1,0 +1,1 @@
+"""Which parts of the recordings are fitted and which are held out."""
