@@ -9,16 +9,20 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import log as ln
 from math import sqrt
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 from scipy.signal import savgol_filter
 from via_core.signals import Array
 
 from via_gap.log import JointLog
+from via_gap.logs.angle_torque import left_by_angles
 from via_gap.logs.noise import STANDARD_ERRORS, LogNoise
 from via_gap.report import Finding
+
+Severity = Literal["refuse", "downgrade", "note"]
+Indices = NDArray[np.intp]
 
 Interval = tuple[float, float]
 SEGMENT = 0.25  # [s] over which a model is compared with a log before it starts anew
@@ -28,11 +32,6 @@ REGULAR = 0.9  # share of command intervals near the median from which commands 
 MUCH = 0.1  # share of the time: standard errors grow by 5 % without it
 HALF = 0.5
 WORTH = 1.0  # jitter error over noise: from here jitter is the larger part of the variance
-PASSES = 8  # blocks of time, each predicted from the others
-KNOTS = (6, 12, 24, 48)  # intervals of the splines over an angle; held-out error decides
-LAGS = 6  # samples by which a recorded torque may follow the angle it was computed from
-POINTS = 4000  # samples that a regression sees: enough for 48 intervals
-RIDGE = 1e-9  # of the largest normal-equation term: intervals without samples
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def assess(log: JointLog, noise: LogNoise) -> Quality:
     return Quality(tuple(findings), tuple(usable), " ".join(f"{text}." for text in refused))
 
 
-def _found(log: JointLog, check: str, signal: str, severity: str, value: float, text: str) -> Finding:
+def _found(log: JointLog, check: str, signal: str, severity: Severity, value: float, text: str) -> Finding:
     return Finding(log=log.name, check=check, signal=signal, severity=severity, value=float(value), text=text)
 
 
@@ -134,7 +133,7 @@ def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         f"{1e3 * period:.3g} ms; {100 * lost:.2g} % of the time is left out because gaps above {1e3 * longest:.3g} ms "
         "hide motion: record on a machine with less load, or stamp samples in the driver"
     )
-    severity = "downgrade" if lost > MUCH or share > MUCH else "note"
+    severity: Severity = "downgrade" if lost > MUCH or share > MUCH else "note"
     yield _Found(_found(log, "late", "time", severity, share, text), cut)
 
 
@@ -162,7 +161,7 @@ def _commands(log: JointLog) -> Iterator[_Found]:
         f"the longest for {1e3 * longest:.3g} ms; what the joint was sent then is not known, "
         f"{100 * share:.2g} % of the time is left out: record commands where they are sent, with less load"
     )
-    severity = "downgrade" if share > MUCH else "note"
+    severity: Severity = "downgrade" if share > MUCH else "note"
     cut = tuple((float(time[i]), float(time[i + 1])) for i in gone)
     yield _Found(_found(log, "command gaps", "commands", severity, 1e3 * longest, text), cut)
 
@@ -181,7 +180,7 @@ def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         f"time stamps are wrong by {1e3 * jitter:.2g} ms, at {typical:.2g} rad/s {ratio:.2g} times the noise of the "
         "link angle; it is added to the noise: stamp samples where they are measured"
     )
-    severity = "downgrade" if ratio > WORTH else "note"
+    severity: Severity = "downgrade" if ratio > WORTH else "note"
     yield _Found(_found(log, "jitter", "time", severity, 1e3 * jitter, text))
 
 
@@ -199,12 +198,12 @@ def _drive(log: JointLog) -> Iterator[_Found]:
     yield _Found(_found(log, "no torque", "tau_1", "refuse", 0.0, text))
 
 
-def _segments(time: Array) -> Array:
+def _segments(time: Array) -> Indices:
     """Number of the segment of every sample (N,)."""
     return ((time - time[0]) / SEGMENT).astype(np.intp)
 
 
-def _moving(log: JointLog, noise: LogNoise) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _moving(log: JointLog, noise: LogNoise) -> tuple[Indices, Indices, NDArray[np.bool_]]:
     """Samples with a link angle (n,), the segment of each (n,), and whether each segment moves (segments,).
 
     A segment moves where its range is twice what noise makes: of n normal values, the range is about
@@ -281,12 +280,12 @@ def _pinned(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
             f"varies by {varied:.2g} N m, more than the {moved:.2g} N m in motion: a stop or a clamp holds it. That "
             "time is left out: move the joint away from the stop"
         )
-        severity = "refuse" if share > HALF else "downgrade"
+        severity: Severity = "refuse" if share > HALF else "downgrade"
         cut = _spans(log.measured.time[there], rests[segment])
         yield _Found(_found(log, "clamped", "q", severity, share, text), cut)
 
 
-def _means(values: Array, segment: Array) -> Array:
+def _means(values: Array, segment: Indices) -> Array:
     """Mean per segment; NaN without samples."""
     count = np.bincount(segment)
     with np.errstate(invalid="ignore"):
@@ -328,7 +327,7 @@ def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     for name, column in _torques(log, noise):
         if log.device.n_motors and not all(log.motors_seen):
             continue
-        left = _left_by_angles(log, column)
+        left = left_by_angles(log, column)
         if left is None:
             continue
         residual, variance = left[:2]
@@ -363,50 +362,3 @@ def _inertia_torque(log: JointLog, noise: LogNoise) -> float:
     bend = savgol_filter(q, window, 2, deriv=2, delta=noise.clock.period)
     sd = noise.channels["q"].sd * sqrt(720.0 / window**5) / noise.clock.period**2
     return log.device.link.inertia * sqrt(max(float(np.mean(bend**2)) - sd**2, 0.0))
-
-
-def _left_by_angles(log: JointLog, tau: Array) -> tuple[float, float, float] | None:
-    """Held-out mean square of a torque that splines over the angles leave, its variance, and the share of samples.
-
-    Blocks of time are predicted from the others, where these visited the same angles. None where fewer than half of
-    the samples were visited twice.
-    """
-    angles = [log.measured["q"]]
-    if "theta" in log.measured and log.device.n_motors:
-        angles += [*log.measured["theta"].T, *(log.measured["q"] - each for each in log.measured["theta"].T)]
-    best: tuple[float, float, float] | None = None
-    for lag in range(LAGS):
-        x = np.column_stack(angles)[: len(tau) - lag]
-        y = tau[lag:]
-        good = np.isfinite(x).all(axis=1) & np.isfinite(y)
-        every = max(1, int(good.sum()) // POINTS)
-        x, y = x[good][::every], y[good][::every]
-        if len(y) < 100 or np.any(np.ptp(x, axis=0) == 0.0):
-            return None
-        for knots in KNOTS:
-            left = _held_out(x, y, knots)
-            if left is not None and (best is None or left[0] < best[0]):
-                best = left
-    return best
-
-
-def _held_out(x: Array, y: Array, knots: int) -> tuple[float, float, float] | None:
-    low, high = x.min(axis=0), x.max(axis=0)
-    unit = np.clip((x - low) / (high - low), 0.0, 1.0)
-    grid = np.concatenate((np.zeros(3), np.linspace(0.0, 1.0, knots + 1), np.ones(3)))
-    design = np.hstack([BSpline.design_matrix(column, grid, 3).toarray() for column in unit.T])
-    block = np.arange(len(y)) * PASSES // len(y)
-    cell = np.minimum((unit[:, 0] * knots).astype(int), knots - 1)
-    counted = np.zeros((PASSES, knots))
-    np.add.at(counted, (block, cell), 1.0)
-    others = counted.sum(axis=0) - counted
-    known = others[block, cell] >= 4.0  # a cubic has four coefficients
-    if known.mean() < HALF:
-        return None
-    errors = np.empty(len(y))
-    for k in range(PASSES):
-        fit = block != k
-        normal = design[fit].T @ design[fit]
-        normal += RIDGE * np.max(np.diag(normal)) * np.eye(len(normal))
-        errors[~fit] = y[~fit] - design[~fit] @ np.linalg.solve(normal, design[fit].T @ y[fit])
-    return float(np.mean(errors[known] ** 2)), float(np.var(y[known])), float(known.mean())

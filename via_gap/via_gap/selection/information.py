@@ -98,11 +98,11 @@ def _exchanged(parts: Array, share: float) -> NDArray[np.bool_]:
     chosen[order[1::2]] = True
     cost = tuple(_cost(parts[chosen].sum(axis=0), share))
     while True:
-        moves = [(i,) for i in range(len(parts))]
-        moves += [(i, j) for i in np.flatnonzero(chosen) for j in np.flatnonzero(~chosen)]
+        moves = [[i] for i in range(len(parts))]
+        moves += [[int(i), int(j)] for i in np.flatnonzero(chosen) for j in np.flatnonzero(~chosen)]
         tried = np.tile(chosen, (len(moves), 1))
         for row, move in zip(tried, moves, strict=True):
-            row[list(move)] ^= True
+            row[move] ^= True
         costs = _cost(tried @ parts, share)
         costs[~tried.any(axis=1) | tried.all(axis=1)] = np.inf
         best = np.lexsort((costs[:, 1], costs[:, 0]))[0]
