@@ -1,4 +1,4 @@
-"""Noise of channels: known noise on known motion comes back, rounding is told apart from it, motion does not leak in."""
+"""Noise of channels: planted noise is recovered, rounding is separated from it, and motion does not leak in."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_stamps_that_are_wrong_show_as_jitter_and_those_that_are_right_do_not():
     values = FINE * np.rint(motion("sine", taken) / FINE)
     wrong, right = channel_noise(regular, values, FINE), channel_noise(taken, values, FINE)
     assert wrong.jitter == pytest.approx(1e-4, rel=0.15)
-    assert wrong.sd < 2.0 * right.sd
+    assert wrong.sd < 3.0 * right.sd  # while jitter makes six times as much
     assert (right.jitter, right.how) == (0.0, "rounding only")
     assert clock_of(taken).jitter == pytest.approx(1e-4, rel=0.1)
     assert clock_of(regular).jitter < 1e-9

@@ -14,6 +14,7 @@ from via_gap.log import JointLog
 PASSES = 8  # blocks of time, each predicted from the others
 KNOTS = (6, 12, 24, 48)  # intervals of the splines over an angle; held-out error decides
 LAGS = 6  # samples by which a recorded torque may follow the angle it was computed from
+FEWEST = 100  # samples: two per interval of the finest splines
 POINTS = 4000  # samples that a regression sees: enough for 48 intervals
 RIDGE = 1e-9  # of the largest normal-equation term: intervals without samples
 VISITED = 0.5  # share of samples whose angle other blocks visited, from which the rest is as they are
@@ -28,23 +29,27 @@ def left_by_angles(log: JointLog, tau: Array) -> tuple[float, float, float] | No
     angles = [log.measured["q"]]
     if "theta" in log.measured and log.device.n_motors:
         angles += [*log.measured["theta"].T, *(log.measured["q"] - each for each in log.measured["theta"].T)]
-    best: tuple[float, float, float] | None = None
-    for lag in range(LAGS):
-        x = np.column_stack(angles)[: len(tau) - lag]
-        y = tau[lag:]
-        good = np.isfinite(x).all(axis=1) & np.isfinite(y)
-        every = max(1, int(good.sum()) // POINTS)
-        x, y = x[good][::every], y[good][::every]
-        if len(y) < 100 or np.any(np.ptp(x, axis=0) == 0.0):
-            return None
-        for knots in KNOTS:
-            left = _held_out(x, y, knots)
-            if left is not None and (best is None or left[0] < best[0]):
-                best = left
-    return best
+    x, y = _shifted(angles, tau, 0)
+    if len(y) < FEWEST or np.any(np.ptp(x, axis=0) == 0.0):
+        return None
+    tried = [(left, knots) for knots in KNOTS if (left := _held_out(x, y, knots)) is not None]
+    if not tried:
+        return None
+    best, knots = min(tried)
+    later = [_held_out(*_shifted(angles, tau, lag), knots) for lag in range(1, LAGS)]
+    return min([best, *(left for left in later if left is not None)])
+
+
+def _shifted(angles: list[Array], tau: Array, lag: int) -> tuple[Array, Array]:
+    """Angles (n, a) and the torque (n,) so many samples later, where both were measured; POINTS of them."""
+    x, y = np.column_stack(angles)[: len(tau) - lag], tau[lag:]
+    good = np.flatnonzero(np.isfinite(x).all(axis=1) & np.isfinite(y))
+    good = good[:: max(1, len(good) // POINTS)]
+    return x[good], y[good]
 
 
 def _held_out(x: Array, y: Array, knots: int) -> tuple[float, float, float] | None:
+    """As `left_by_angles`, with splines of so many intervals over each angle."""
     low, high = x.min(axis=0), x.max(axis=0)
     unit = np.clip((x - low) / (high - low), 0.0, 1.0)
     grid = np.concatenate((np.zeros(3), np.linspace(0.0, 1.0, knots + 1), np.ones(3)))
@@ -58,9 +63,12 @@ def _held_out(x: Array, y: Array, knots: int) -> tuple[float, float, float] | No
     if known.mean() < VISITED:
         return None
     errors = np.empty(len(y))
+    parts = [design[block == k].T @ design[block == k] for k in range(PASSES)]
+    sides = [design[block == k].T @ y[block == k] for k in range(PASSES)]
+    whole, side = sum(parts), sum(sides)
+    ridge = RIDGE * np.max(np.diag(whole)) * np.eye(len(side))
     for k in range(PASSES):
-        fit = block != k
-        normal = design[fit].T @ design[fit]
-        normal += RIDGE * np.max(np.diag(normal)) * np.eye(len(normal))
-        errors[~fit] = y[~fit] - design[~fit] @ np.linalg.solve(normal, design[fit].T @ y[fit])
+        left_out = block == k
+        fit = np.linalg.solve(whole - parts[k] + ridge, side - sides[k])
+        errors[left_out] = y[left_out] - design[left_out] @ fit
     return float(np.mean(errors[known] ** 2)), float(np.var(y[known])), float(known.mean())

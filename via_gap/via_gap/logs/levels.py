@@ -42,7 +42,7 @@ DEGREES = (1, 2, 3, 4, 5, 6, 8)  # of local polynomials: more need windows over 
 STRIDES = (1, 2, 4)  # samples from one to the next in a window: correlation within four samples is filtering
 COARSER = (8, 16, 32)  # taken where the motion is too slow to cross an encoder step otherwise
 BLOCK = 64  # windows over which squares are averaged
-BLOCKS = 128  # looked at: the standard error of the standard deviation is then about 1 %
+BLOCKS = 64  # looked at: the standard error of the standard deviation is then about 1.5 %
 FEWEST = 32  # windows: with fewer, the standard deviation is uncertain by more than a quarter
 CROSSING = 512  # windows that cross a step: eight blocks, so that one or two do not decide
 STANDARD_ERRORS = 3.0  # one chance in 370 that two levels that agree are taken to differ
@@ -231,7 +231,7 @@ def _jitter(squares: Array, quick: Array, relative: float, scale: float) -> floa
         return 0.0
     y = np.array([np.median(squares[g]) for g in groups])
     v = np.array([np.mean(quick[g]) for g in groups]) / quick.max()
-    sd = relative * sqrt(len(groups)) * (np.abs(y) + scale) + 1e-300
+    sd = relative * sqrt(len(groups)) * (np.abs(y) + 0.1 * scale) + 1e-300  # slow ones show the noise
     design = np.column_stack([np.ones(len(v)), v]) / sd[:, None]
     size = np.linalg.norm(design)
     answer, _ = nnls(design / size, y / sd / size)

@@ -22,6 +22,7 @@ from via_gap.rounding import correlation
 How = Literal["residuals", "rounding only", "smoothed", "standstill", "too short"]
 STEPPED = 1.0  # encoder steps crossed within a window: all positions within a step are then met
 QUICKEST = 100.0  # [Hz] at least of strided samples: four in a period of the quickest motion looked for, 25 Hz
+LATEST = 8  # samples by which a torque may follow its command; later, the estimate without the command stays
 LONGEST = 0.9  # correlation from sample to sample: of a longer one, a stride of four shows too little
 
 
@@ -78,8 +79,8 @@ class LogNoise:
 
     @property
     def jitter(self) -> float:
-        """[s] error of the time stamps that the angles show: the largest of those found in them."""
-        return max((each.jitter for name, each in self.channels.items() if not name.startswith("tau")), default=0.0)
+        """[s] error of the time stamps that the link shows, whose inertia keeps its motion smooth."""
+        return self.channels["q"].jitter
 
     def floor(self, name: str, speed: Array) -> Array:
         """Standard deviation (...) of measurements of a channel at speeds (...) [unit of the channel per second]."""
@@ -176,12 +177,12 @@ def _torque_noise(log: JointLog, i: int, column: Array) -> ChannelNoise:
     if log.commands is None or "motor" not in log.commands or len(log.commands) < 2:
         return alone
     command, period = log.commands["motor"][:, i], float(np.median(np.diff(time)))
-    best = alone
-    for late in range(8):  # samples: longer delays of a drive leave the estimate that needs no command
-        at = np.clip(np.searchsorted(log.commands.time, time - (late + 0.5) * period, side="right") - 1, 0, None)
-        left = channel_noise(time, column - command[at], alone.quantum or None)
-        best = left if left.sd < best.sd else best
-    return best
+    left = []
+    for late in range(LATEST):
+        at = np.searchsorted(log.commands.time, time - (late + 0.5) * period, side="right") - 1
+        left.append(column - command[np.clip(at, 0, None)])
+    beside = channel_noise(time, min(left, key=lambda each: float(np.nanvar(each))), alone.quantum)
+    return beside if beside.sd < alone.sd else alone
 
 
 def _difference(x: Array) -> float:
@@ -199,7 +200,7 @@ def _correlated(found: list[Level], rate: float) -> tuple[float, float]:
     if len(three) < 3 or any(each.variance <= STANDARD_ERRORS * each.error for each in three):
         return white
     seen = np.array([each.variance for each in three])
-    relative = np.array([each.error for each in three]) / seen
+    relative = np.maximum(np.array([each.error for each in three]) / seen, 1e-6)  # jumps alone leave no error
     if np.any(np.diff(seen) <= 0.0) or seen[2] - seen[0] < STANDARD_ERRORS * np.hypot(three[0].error, three[2].error):
         return white
     tried = []

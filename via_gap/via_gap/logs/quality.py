@@ -264,14 +264,13 @@ def _pinned(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         return
     q, tau = log.measured["q"][there], log.measured["tau"][there, 0]
     reach = max(STANDARD_ERRORS * noise.channels["q"].sd, noise.channels["q"].quantum)
-    moved = np.ptp(_means(tau, segment)[moves]) if moves.sum() > 1 else np.inf
+    moved = _range(tau[moves[segment]])
     for name, end in (("lowest", float(q.min())), ("highest", float(q.max()))):
         centre = _means(q, segment)
         rests = ~moves & (np.abs(centre - end) < reach)
         if rests.sum() < 2:
             continue
-        held = tau[rests[segment]]
-        varied = float(np.nanquantile(held, 0.95) - np.nanquantile(held, 0.05))
+        varied = _range(tau[rests[segment]])
         if varied <= moved:
             continue
         share = float(np.mean(rests))
@@ -283,6 +282,11 @@ def _pinned(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         severity: Severity = "refuse" if share > HALF else "downgrade"
         cut = _spans(log.measured.time[there], rests[segment])
         yield _Found(_found(log, "clamped", "q", severity, share, text), cut)
+
+
+def _range(values: Array) -> float:
+    """From the 10 % to the 90 % quantile: the moments at which a link reaches a stop or leaves it do not count."""
+    return float(np.nanquantile(values, 0.9) - np.nanquantile(values, 0.1))
 
 
 def _means(values: Array, segment: Indices) -> Array:
@@ -322,7 +326,7 @@ def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     """Torque that the angles alone determine.
 
     What it leaves is less than a change of the device by its tolerance makes. Where a rigid joint's inertia takes more
-    than that, the torque cannot have moved it; where it takes less, the motion is slow and the torque is gravity's.
+    than that, the torque does not show it; where it takes less, the motion is slow and the torque is gravity's.
     """
     for name, column in _torques(log, noise):
         if log.device.n_motors and not all(log.motors_seen):
@@ -330,7 +334,7 @@ def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         left = left_by_angles(log, column)
         if left is None:
             continue
-        residual, variance = left[:2]
+        residual, variance = max(left[0], noise.channels[name].sd ** 2), left[1]
         share = 1.0 - residual / variance
         if residual >= TOLERANCE**2 * variance:
             continue
@@ -343,8 +347,9 @@ def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
             yield _Found(_found(log, "torque of angle", name, "downgrade", share, text))
         elif _inertia_torque(log, noise) > 2.0 * sqrt(residual):
             text += (
-                "the torque that the motion takes is not in it: something else moved the joint (a hand, another "
-                "joint) while the drive followed the angle. Record a motion that the drive makes"
+                "it cannot tell inertia and friction from gravity: something else moved the joint (a hand, another "
+                "joint), or the motion repeats one sine. Record motion made by the drive, with several speeds at each "
+                "angle"
             )
             yield _Found(_found(log, "torque of angle", name, "refuse", share, text))
         else:
