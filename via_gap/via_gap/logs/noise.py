@@ -12,16 +12,18 @@ from math import exp, pi, sqrt
 from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from via_core.signals import Array
 
 from via_gap.data_check import step_of
 from via_gap.log import JointLog
 from via_gap.logs.levels import STANDARD_ERRORS, Level, levels, share_shown
-from via_gap.rounding import correlation
+from via_gap.rounding import PLACES, correlation
 
 How = Literal["residuals", "rounding only", "smoothed", "standstill", "too short"]
 STEPPED = 1.0  # encoder steps crossed within a window: all positions within a step are then met
 QUICKEST = 100.0  # [Hz] at least of strided samples: four in a period of the quickest motion looked for, 25 Hz
+HARMONICS = 12  # of the sawtooth: at .05 steps of noise the next is damped to 6e-8, without noise to .6 % of the first
 LATEST = 8  # samples by which a torque may follow its command; later, the estimate without the command stays
 LONGEST = 0.9  # correlation from sample to sample: of a longer one, a stride of four shows too little
 
@@ -151,11 +153,23 @@ def error_correlation(noise: ChannelNoise, angle: Array, lags: int, run: int = 0
     As `via_gap.rounding.correlation`, of rounding with noise: noise before it whitens rounding errors.
     """
     rounded, white = noise.quantum**2 / 12.0, noise.white**2
-    sharp = correlation(angle, noise.quantum, lags, run) if noise.quantum > 0.0 else np.eye(1, lags)[0]
-    before = noise.ar1 ** np.arange(lags)
-    dither = exp(-4.0 * pi**2 * white / noise.quantum**2) if noise.quantum > 0.0 else 0.0
-    after = sharp * np.where(np.arange(lags) == 0, 1.0, dither)
-    return (white * before + rounded * after) / (white + rounded) if white + rounded > 0.0 else sharp
+    before = np.power(noise.ar1, np.arange(lags, dtype=np.float64))
+    if rounded == 0.0:
+        return before
+    sharp = correlation(angle, noise.quantum, lags, run)
+    if white == 0.0:
+        return sharp
+    windows = sliding_window_view(angle, min(max(lags, run), len(angle))) / noise.quantum
+    windows = windows[:: max(1, len(windows) // PLACES)]
+    apart = windows[:, :lags] - windows[:, :1]
+    if run:
+        apart = apart[np.ptp(windows, axis=1) >= 1.0]
+    harmonics = np.arange(1, HARMONICS + 1)
+    damped = np.exp(-4.0 * pi**2 * harmonics**2 * white / noise.quantum**2) / harmonics**2
+    cosines = [np.cos(2.0 * pi * k * apart).mean(axis=0) if len(apart) else np.zeros(lags) for k in harmonics]
+    after = 6.0 / pi**2 * damped @ np.array(cosines)
+    after[0] = 1.0  # one measurement with itself shares its noise
+    return (white * before + rounded * after) / (white + rounded)
 
 
 def _angles(log: JointLog) -> list[tuple[str, Array, float | None]]:
