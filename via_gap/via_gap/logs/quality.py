@@ -28,7 +28,7 @@ Interval = tuple[float, float]
 SEGMENT = 0.25  # [s] over which a model is compared with a log before it starts anew
 TOLERANCE = 0.05  # by which device numbers are wrong: motion has to show a change of this size (via_core.devices)
 MISSED = 1.5  # periods: a sample or a command that comes later was due before
-REGULAR = 0.9  # share of command intervals near the median from which commands are sent by a clock
+REGULAR = 0.5  # share of command intervals near the median from which a clock sends them; a loaded one delays many
 MUCH = 0.1  # share of the time: standard errors grow by 5 % without it
 HALF = 0.5
 WORTH = 1.0  # jitter error over noise: from here jitter is the larger part of the variance
@@ -144,7 +144,7 @@ def _commands(log: JointLog) -> Iterator[_Found]:
     time = log.commands.time
     steps = np.diff(time)
     period = float(np.median(steps))
-    if float(np.mean(np.abs(steps - period) < HALF * period)) < REGULAR - HALF:
+    if float(np.mean(np.abs(steps - period) < HALF * period)) < REGULAR:
         return  # sent when they change
     changed = np.zeros(len(steps), dtype=bool)
     for values in log.commands.channels.values():
