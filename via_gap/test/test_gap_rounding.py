@@ -8,8 +8,8 @@ from scipy.signal import savgol_filter
 from via_core.signals import Signals
 from via_gap.candidates.fit import fit_base
 from via_gap.logs.log import JointLog
+from via_gap.logs.rounding import between, correlation, mean_variance, slope_order, variance, variances
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.rounding import between, correlation, mean_variance, slope_order, variance, variances
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 

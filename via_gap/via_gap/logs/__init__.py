@@ -1,1 +1,1 @@
-"""Logs of a joint: reading, cleaning, checks, and their replay on the nominal model."""
+"""What a recording can answer: the noise of its channels and the quality of its samples."""

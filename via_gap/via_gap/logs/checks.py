@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from via_core.devices import TorqueMotor
 from via_core.signals import Array
 
@@ -18,7 +17,7 @@ from via_gap.logs.findings import Finding
 from via_gap.logs.log import ERRATIC, JointLog, jumps
 
 Severity = Literal["refuse", "downgrade", "note"]
-SHORTEST = 1.0  # [s]
+SHORTEST = 0.5  # [s] two segments; short recordings are fitted together
 SLOWEST = 50.0  # [Hz]
 GRID = 0.9  # share of readings on a common grid from which its step is the quantum
 COARSE = 1.5  # times the file's step: an encoder coarser than it says
@@ -45,17 +44,6 @@ def _stamps(log: JointLog) -> Iterator[Finding]:
         yield _finding(log, "rate", "time", "refuse", rate, f"{rate:.3g} Hz are too slow to see what a joint does")
     elif abs(rate / told - 1.0) > 0.1:
         yield _finding(log, "rate", "time", "note", rate, f"{rate:.4g} Hz, the device file says {told:.4g} Hz")
-    small = steps[steps < 1.5 * period]
-    jitter = float(np.std(small) / period) if small.size else 0.0
-    if jitter > 0.02:
-        severity: Severity = "downgrade" if jitter > 0.3 else "note"
-        yield _finding(log, "jitter", "time", severity, jitter, f"stamps wobble by {100 * jitter:.0f} % of a sample")
-    gaps = steps[steps > 2.5 * period]
-    if gaps.size:
-        share = float(gaps.sum() / log.duration)
-        severity = "downgrade" if share > 0.1 else "note"
-        text = f"{gaps.size} gaps, {100 * share:.2g} % of the time, the longest {gaps.max():.3g} s: left out"
-        yield _finding(log, "gaps", "time", severity, gaps.size, text)
     for count, what in zip(log.dropped, ("repeat", "run backward"), strict=True):
         if count:
             text = f"{count} samples whose stamps {what} were dropped"
@@ -140,27 +128,6 @@ def _torques(log: JointLog) -> Iterator[Finding]:
         if clipped > 0.02 or (limit is not None and float(np.mean(np.abs(tau[seen]) >= 0.999 * limit)) > 0.02):
             text = f"the torque of motor {i + 1} stands at its largest value in {100 * clipped:.0f} % of the samples"
             yield _finding(log, "saturation", f"tau_{i + 1}", "note", clipped, text)
-        if all(log.motors_seen) and "theta" in log.measured:
-            explained = _by_angle(log, tau, seen)
-            if explained > 0.9999:
-                text = f"tau_{i + 1} is a function of the angles alone: it speaks of the controller, not of the joint"
-                yield _finding(log, "torque of angle", f"tau_{i + 1}", "downgrade", explained, text)
-
-
-def _by_angle(log: JointLog, tau: Array, seen: NDArray[np.bool_]) -> float:
-    """Share of the variance of a torque that a cubic in the angles explains."""
-    angles = np.column_stack([log.measured["q"], log.measured["theta"]])
-    good = seen & np.isfinite(angles).all(axis=1)
-    if good.sum() < 50:
-        return 0.0
-    every = max(1, int(good.sum()) // 4000)
-    x, y = angles[good][::every], tau[good][::every]
-    x = (x - x.mean(axis=0)) / np.maximum(x.std(axis=0), 1e-9)
-    columns = [np.ones(len(x)), *x.T, *(x**2).T, *(x**3).T]
-    columns += [x[:, a] * x[:, b] for a in range(x.shape[1]) for b in range(a)]
-    design = np.column_stack(columns)
-    left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
-    return 1.0 - float(np.var(left) / max(np.var(y), 1e-300))
 
 
 def _alignment(log: JointLog) -> Iterator[Finding]:

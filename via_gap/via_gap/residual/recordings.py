@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,8 @@ from via_core.errors import SignalError
 from via_gap.logs.checks import check_log
 from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog, believed
+from via_gap.logs.noise import LogNoise, log_noise
+from via_gap.logs.quality import Quality, assess
 from via_gap.residual.segments import Segments, cut_log, whole_log
 
 FEWEST = 8  # segments: with fewer there is nothing to hold out
@@ -26,6 +28,8 @@ class Recordings:
     names     of all logs to fit, `holdout` of those to judge on
     fitted    segments of the logs to fit; `judged` of those to judge on
     findings  everything noticed about the data, refusals included
+    noise     of the channels of each log, by its name
+    unusable  why a log answers nothing and what to record instead; empty where each can answer
     """
 
     device: Device
@@ -36,6 +40,8 @@ class Recordings:
     fitted: tuple[Segments, ...]
     judged: tuple[Segments, ...]
     findings: tuple[Finding, ...]
+    noise: Mapping[str, LogNoise]
+    unusable: str
 
     @staticmethod
     def of(logs: Sequence[JointLog], holdout: Sequence[JointLog] | None, device: Device) -> Recordings:
@@ -43,10 +49,13 @@ class Recordings:
         every = believed([*logs, *(holdout or ())])
         findings = [finding for log in every for finding in check_log(log)]
         refused = {finding.log for finding in findings if finding.severity == "refuse"}
+        quality = {log.name: assess(log, log_noise(log)) for log in every if log.name not in refused}
+        findings += [finding for each in quality.values() for finding in each.findings]
+        refused |= {name for name, each in quality.items() if each.cannot_tell}
         cut = whole_log if holdout and follows(device) else cut_log
         sides: list[tuple[Segments, ...]] = []
         for side in (every[: len(logs)], every[len(logs) :]):
-            segments, failures = _cut([log for log in side if log.name not in refused], cut)
+            segments, failures = _cut([log for log in side if log.name not in refused], cut, quality)
             sides.append(tuple(segments))
             findings += failures
         fitted, judged = sides
@@ -54,9 +63,11 @@ class Recordings:
             findings.append(_few(fitted[0]))
             fitted = ()
         usable = tuple(each.log for each in fitted)
-        names = tuple(log.name for log in logs)
+        names = [tuple(log.name for log in side) for side in (logs, holdout or ())]
+        noise = {log.name: quality[log.name].noise for log in usable}
+        unusable = next((each.cannot_tell for each in quality.values() if each.cannot_tell), "")
         return Recordings(
-            device, every[0], usable, names, tuple(log.name for log in holdout or ()), fitted, judged, tuple(findings)
+            device, every[0], usable, names[0], names[1], fitted, judged, tuple(findings), noise, unusable
         )
 
     @property
@@ -70,11 +81,13 @@ def follows(device: Device) -> bool:
     return device.drive == "servo" and device.n_motors > 0
 
 
-def _cut(logs: Sequence[JointLog], cut: Callable[[JointLog], Segments]) -> tuple[list[Segments], list[Finding]]:
+def _cut(
+    logs: Sequence[JointLog], cut: Callable[..., Segments], quality: Mapping[str, Quality]
+) -> tuple[list[Segments], list[Finding]]:
     segments, findings = [], []
     for log in logs:
         try:
-            segments.append(cut(log))
+            segments.append(cut(log, quality=quality[log.name]))
         except SignalError as error:
             findings.append(
                 Finding(log=log.name, check="usable", signal="all", severity="refuse", value=0.0, text=str(error))

@@ -20,8 +20,10 @@ from via_sim.torques import EXTERNAL, N_COMMANDS
 
 from via_gap.logs.checks import step_of
 from via_gap.logs.log import JointLog
+from via_gap.logs.noise import error_correlation, log_noise
+from via_gap.logs.quality import Quality
 from via_gap.logs.replay import FIRST_SAMPLES
-from via_gap.residual.rounding import between, correlation, mean_variance, slope_order, variances
+from via_gap.logs.rounding import between, mean_variance, slope_order, variances
 
 Indices = NDArray[np.intp]
 SPAN = 0.25  # [s] of a segment of a torque-driven joint
@@ -32,6 +34,8 @@ START, START_SPEED = 2.0, 0.03  # times the sensor's noise; [rad/s]: how well a 
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
 BESIDE_MOTORS = ("damping", "external_torque", "neighbour", "arm_torque")  # commands that do not drive motors
 ROUNDED = 1e-6  # of a tick
+SMALLEST = 1e-6  # [rad] of a noise
+EDGE = 1e-3  # [s] by which a segment may leave a stretch that can be used
 LOST = 1.5  # periods from a sample to the next: one between them was lost
 RESTS = 0.01  # [rad] within which an axis rests when a log begins
 
@@ -82,8 +86,8 @@ class Segments:
         return self.origin + self.begin / self.rate
 
 
-def cut_log(log: JointLog, span: float | None = None) -> Segments:
-    """The segments of a log. Raises SignalError where it has no drive to simulate with, or is too short."""
+def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = None) -> Segments:
+    """The segments of a log, those valid that lie in stretches that `quality` lets use. Raises SignalError where it has no drive to simulate with, or is too short."""
     device = log.device
     if not log.drivable:
         raise SignalError(f"{log.name}: neither commands nor motor torques were recorded, nothing can be simulated")
@@ -97,7 +101,7 @@ def cut_log(log: JointLog, span: float | None = None) -> Segments:
     origin = _aligned(log, rate)
     grid = origin + np.arange(int((log.measured.time[-1] - origin) * rate + 1e-6) + 1) / rate
     every = per_sample if per_sample > 1 else max(1, round(BIN * rate))
-    wanted = span or (SPAN if device.drive == "torque" else SERVO_SPAN)
+    wanted = span or (SERVO_SPAN if device.n_motors and device.drive == "servo" else SPAN)
     ticks = min(max(every, round(wanted * rate / every) * every), (len(grid) - 1) // every * every)
     if ticks < 4 * every:
         raise SignalError(f"{log.name}: {log.duration:.3g} s are too short to compare anything")
@@ -108,21 +112,27 @@ def cut_log(log: JointLog, span: float | None = None) -> Segments:
     quanta = np.array([quantum(log, axis) for axis in axes])
     states = _smoothed(angles, axes, rate, reach, quanta, max(1, round(rate * period)))
     averaged = per_sample == 1 and uniform
+    known = log_noise(log) if quality is None else quality.noise
+    channels = [known.channels["q" if axis == 0 else f"theta_{axis}"] for axis in axes]
+    sd = np.array([channel.sd for channel in channels])
     share = np.full(len(axes), 1.0 / every if averaged else 1.0)  # of a reading's variance in what is compared
-    for i in np.flatnonzero(quanta > 0.0):
+    for i in np.flatnonzero(sd > 0.0):
         path = states[:, axes[i]]
         if averaged:
             run = min(ticks, round(SPAN * rate))
-            share[i] = mean_variance(correlation(path, quanta[i], every, run))
+            share[i] = mean_variance(error_correlation(channels[i], path, every, run))
         else:
-            read = correlation(path[:: max(1, round(rate * period))], quanta[i], mixed.shape[-1])
+            read = error_correlation(channels[i], path[:: max(1, round(rate * period))], mixed.shape[-1])
             compared = (begin[:, None] + np.arange(every, ticks + 1, every)).ravel()
             share[i] = np.mean(variances(mixed[compared, i], read))
-    noise = np.sqrt(quanta**2 / 12.0 * share + (1e-6) ** 2)
-    reading = np.sqrt(quanta**2 / 12.0 + (1e-6) ** 2)
+    late = known.jitter**2 * np.nanmean(states[:, [3 + axis for axis in axes]] ** 2, axis=0)  # of uncertain stamps
+    noise = np.sqrt(sd**2 * share + late / (every if averaged else 1) + SMALLEST**2)
+    reading = np.sqrt(sd**2 + late + SMALLEST**2)
     sure = np.stack([START * reading, START * reading / reach + START_SPEED], axis=1)
     cut = np.stack([angles[b : b + ticks + 1] for b in begin])
     valid = np.array([missing[b : b + ticks + 1].mean() < 0.02 for b in begin])
+    if quality is not None:
+        valid &= _inside(origin + begin / rate, ticks / rate, quality.usable)
     measured = binned(cut, every, averaged)
     lost = np.stack([bridged[b : b + ticks + 1].astype(np.float64) for b in begin])
     read = (binned(lost, every, averaged) == 0.0) | (not uniform)  # without a clock nobody knows what was lost
@@ -150,7 +160,13 @@ def cut_log(log: JointLog, span: float | None = None) -> Segments:
     )
 
 
-def whole_log(log: JointLog) -> Segments:
+def _inside(begin: Array, span: float, usable: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
+    """(S,) whether segments that begin at `begin` [s] lie within one of the intervals."""
+    within = [(low - EDGE <= begin) & (begin + span <= high + EDGE) for low, high in usable]
+    return np.any(within, axis=0) if within else np.zeros(len(begin), dtype=np.bool_)
+
+
+def whole_log(log: JointLog, quality: Quality | None = None) -> Segments:
     """The whole log as one segment, from its first sample: a free run. Raises SignalError as `cut_log` does.
 
     Such a log is compared as it is: of errors beyond the sensors' most would else be put down to the start.
@@ -262,7 +278,7 @@ def _drive(log: JointLog, grid: Array) -> Array:
     if device.n_motors and not log.motors_commanded:
         rows[:, : device.n_motors] = _torque_after(log, grid)
     drive_told = log.commands is not None and "external_torque" in log.commands
-    if not device.n_motors and not drive_told and log.torque_seen:
+    if device.drive == "torque" and not device.n_motors and not drive_told and log.torque_seen:
         rows[:, EXTERNAL] = _torque_after(log, grid)[:, 0]
     return rows
 

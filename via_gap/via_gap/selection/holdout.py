@@ -8,6 +8,7 @@ import numpy as np
 from via_core.signals import Array
 
 from via_gap.residual.segments import Indices, Segments
+from via_gap.selection.information import describe, hold_out
 
 BLOCK = 2.0  # [s] at least
 SEGMENTS = 6  # of a block at least
@@ -28,11 +29,23 @@ def split(
         return train, [none if i < len(segments) else valid[i] for i in range(len(everything))], everything
     size = [max(SEGMENTS, int(np.ceil(BLOCK * each.rate / each.ticks))) for each in everything]
     if len(everything) > 2 and all(len(v) < 5 * n for v, n in zip(valid, size, strict=True)):
-        third = [i % 3 == 2 for i in range(len(everything))]  # of many short logs every third is judged
-        train = [none if h else v for v, h in zip(valid, third, strict=True)]
-        return train, [v if h else none for v, h in zip(valid, third, strict=True)], everything
+        judged = _informative(everything, valid)  # of several short logs whole ones, none of which is nearly still
+        train = [none if h else v for v, h in zip(valid, judged, strict=True)]
+        return train, [v if h else none for v, h in zip(valid, judged, strict=True)], everything
     train, held = _by_blocks(valid, size)
     return train, held, everything
+
+
+def _informative(segments: Sequence[Segments], valid: Sequence[Indices]) -> list[bool]:
+    """Which logs are held out, so that both sides see comparable motion."""
+    windows = [
+        each.begin[which][:, None] + np.arange(min(s.ticks for s in segments)) for each, which in zip(segments, valid)
+    ]
+    angle = np.concatenate([each.start[w, 0] for each, w in zip(segments, windows, strict=True)])
+    speed = np.concatenate([each.start[w, 3] for each, w in zip(segments, windows, strict=True)])
+    log_of = np.repeat(np.arange(len(segments)), [len(each) for each in valid])
+    held = hold_out(describe(angle, speed), list(map(int, log_of))).held
+    return [bool(i in set(log_of[held])) for i in range(len(segments))]
 
 
 def split_finely(segments: Sequence[Segments], events: Sequence[float] = ()) -> tuple[list[Indices], list[Indices]]:

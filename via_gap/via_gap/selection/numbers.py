@@ -21,6 +21,7 @@ class Numbers(BaseModel):
     no_gap: Annotated[float, Field(gt=1.0)]
     most: Share
     complete: Share
+    substantial: Share
     material: Share
     largest_set: Annotated[int, Field(ge=1)]
 

@@ -91,6 +91,9 @@ def decide(tuned: Evaluation, models: Sequence[Evaluation], bound_beside: Callab
         return _unnamed("unknown", tuned, models, bound, "")
     k = enough[0] if enough else main[0]
     chosen = steps[k]
+    if fraction(tuned, chosen, 1.0) < NUMBERS.substantial:
+        reason = f"what is left repeats with no motion and outweighs what {chosen.fit.locations[0]} would explain"
+        return _unnamed("cannot_tell", tuned, models, bound, reason)
     rivals = [each for each in models if len(each.fit.effects) == len(chosen.fit.effects)]
     tied = _tied(chosen, rivals)
     verdict: Verdict = "main_effect"

@@ -1,0 +1,229 @@
+"""Measurement noise of every channel, estimated from the log itself (`via_gap.logs.levels` derives how).
+
+The device file cannot state the noise before an encoder's rounding, nor that of a filter or of time stamps. The
+estimate stands beside what it declares, and is the floor of every comparison.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import exp, pi, sqrt
+from typing import Literal
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from via_core.signals import Array
+
+from via_gap.logs.checks import step_of
+from via_gap.logs.levels import STANDARD_ERRORS, Level, levels, share_shown
+from via_gap.logs.log import JointLog
+from via_gap.logs.rounding import PLACES, correlation
+
+How = Literal["residuals", "rounding only", "smoothed", "standstill", "too short"]
+STEPPED = 1.0  # encoder steps crossed within a window: all positions within a step are then met
+QUICKEST = 100.0  # [Hz] at least of strided samples: four in a period of the quickest motion looked for, 25 Hz
+HARMONICS = 12  # of the sawtooth: at .05 steps of noise the next is damped to 6e-8, without noise to .6 % of the first
+LATEST = 8  # samples by which a torque may follow its command; later, the estimate without the command stays
+LONGEST = 0.9  # correlation from sample to sample: of a longer one, a stride of four shows too little
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """Noise of one measured channel, in its unit.
+
+    sd                one measurement's standard deviation, rounding included: the floor of any comparison
+    white             the same before rounding; 0 where rounding explains everything
+    quantum           step of the grid on which the values lie, or the declared one; 0: no step
+    ar1               correlation of the noise before rounding from one sample to the next
+    correlation_time  [s] over which it falls to 1/e; 0: white
+    jitter            [s] error of the time stamps, as residuals that grow with speed show it
+    error             standard error of `sd`, relative
+    samples           residuals used
+    how               where `sd` comes from; 'smoothed': values smoother than their step allows, `sd` is the step's
+    """
+
+    sd: float
+    white: float
+    quantum: float
+    ar1: float
+    correlation_time: float
+    jitter: float
+    error: float
+    samples: int
+    how: How
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Sampling of a log.
+
+    period      [s] from sample to sample, the median
+    jitter      [s] standard deviation of stamps about the nearest smooth clock
+    """
+
+    period: float
+    jitter: float
+
+
+@dataclass(frozen=True)
+class LogNoise:
+    """Noise of all measured channels of a log: q, theta_1, theta_2, tau_1, tau_2.
+
+    channels  name -> estimate
+    declared  name -> standard deviation by the device file: step / sqrt(12), or the torque noise; None: not stated
+    clock     of the time stamps
+    """
+
+    channels: Mapping[str, ChannelNoise]
+    declared: Mapping[str, float | None]
+    clock: Clock
+
+    @property
+    def jitter(self) -> float:
+        """[s] error of the time stamps that the link shows, whose inertia keeps its motion smooth."""
+        return self.channels["q"].jitter
+
+    def floor(self, name: str, speed: Array) -> Array:
+        """Standard deviation (...) of measurements of a channel at speeds (...) [unit of the channel per second]."""
+        noise = self.channels[name]
+        return np.sqrt(noise.sd**2 + (noise.jitter * np.asarray(speed)) ** 2)
+
+
+def log_noise(log: JointLog) -> LogNoise:
+    """Noise of every measured channel of a log, beside what the device file declares."""
+    sensors, time = log.device.sensors, log.measured.time
+    channels: dict[str, ChannelNoise] = {}
+    declared: dict[str, float | None] = {}
+    for name, column, quantum in _angles(log):
+        channels[name] = channel_noise(time, column, quantum)
+        declared[name] = None if quantum is None else quantum / sqrt(12.0)
+    if "tau" in log.measured:
+        for i, column in enumerate(log.measured["tau"].T):
+            if np.isfinite(column).sum() >= 2:
+                channels[f"tau_{i + 1}"] = _torque_noise(log, i, column)
+                declared[f"tau_{i + 1}"] = sensors.torque_noise or None
+    return LogNoise(channels, declared, clock_of(time))
+
+
+def clock_of(time: Array) -> Clock:
+    """Period and jitter of stamps (N,) [s]. Lost samples are counted as such, a clock that drifts is followed."""
+    period = float(np.median(np.diff(time)))
+    count = np.concatenate(([0.0], np.cumsum(np.maximum(np.rint(np.diff(time) / period), 1.0))))
+    return Clock(period, channel_noise(count * period, time, 0.0).white)
+
+
+def channel_noise(time: Array, values: Array, quantum: float | None = None) -> ChannelNoise:
+    """Noise of `values` (N,) measured at `time` (N,) [s], increasing; NaN marks lost measurements.
+
+    quantum  step that the device file declares, 0 for none; a coarser grid on which the values lie replaces it
+    """
+    there = np.isfinite(values)
+    t, x = np.asarray(time)[there], np.asarray(values)[there]
+    visible = step_of(x) if len(x) > 1 and quantum != 0.0 else 0.0
+    step = max(quantum or 0.0, visible)
+    rounded = step / sqrt(12.0)
+    resolution = float(np.spacing(np.max(np.abs(x)))) if x.size else 0.0
+    if len(x) < 2 or np.ptp(x) == 0.0:
+        return ChannelNoise(max(rounded, resolution), 0.0, step, 0.0, 0.0, 0.0, 0.0, len(x), "too short")
+    found = levels(t, x, step, STEPPED)
+    still = not found
+    if still:
+        found = levels(t, x, step, 0.0)
+    if not found:
+        sd = max(rounded, resolution) if step > 0.0 else max(min(float(np.std(x)), _difference(x)), resolution)
+        return ChannelNoise(sd, 0.0 if step > 0.0 else sd, step, 0.0, 0.0, 0.0, 1.0, len(x), "too short")
+    first, period = found[0], float(np.median(np.diff(t)))
+    variance, ar1 = _correlated(found, 1.0 / period)
+    significant = variance > STANDARD_ERRORS * first.error
+    white = sqrt(variance) if significant or step == 0.0 else 0.0
+    sd = sqrt(white**2 + rounded**2 + resolution**2)
+    how: How = "standstill" if still and step > 0.0 else "residuals"
+    if step > 0.0 and not significant:
+        smooth = first.total + STANDARD_ERRORS * first.spread < first.rounded and not still
+        how = "smoothed" if smooth else "rounding only"
+    lag = -period * first.stride / np.log(ar1) if ar1 > 0.0 and white > 0.0 else 0.0
+    relative = min(0.5 * first.error / sd**2, 1.0)
+    return ChannelNoise(sd, white, step, ar1, float(lag), sqrt(first.jitter), relative, first.samples, how)
+
+
+def error_correlation(noise: ChannelNoise, angle: Array, lags: int, run: int = 0) -> Array:
+    """(lags,) mean correlation of the errors of measurements so many samples apart; `angle` (T,) as smooth as known.
+
+    As `via_gap.logs.rounding.correlation`, of rounding with noise: noise before it whitens rounding errors.
+    """
+    rounded, white = noise.quantum**2 / 12.0, noise.white**2
+    before = np.power(noise.ar1, np.arange(lags, dtype=np.float64))
+    if rounded == 0.0:
+        return before
+    sharp = correlation(angle, noise.quantum, lags, run)
+    if white == 0.0:
+        return sharp
+    windows = sliding_window_view(angle, min(max(lags, run), len(angle))) / noise.quantum
+    windows = windows[:: max(1, len(windows) // PLACES)]
+    apart = windows[:, :lags] - windows[:, :1]
+    if run:
+        apart = apart[np.ptp(windows, axis=1) >= 1.0]
+    harmonics = np.arange(1, HARMONICS + 1)
+    damped = np.exp(-4.0 * pi**2 * harmonics**2 * white / noise.quantum**2) / harmonics**2
+    cosines = [np.cos(2.0 * pi * k * apart).mean(axis=0) if len(apart) else np.zeros(lags) for k in harmonics]
+    after = 6.0 / pi**2 * damped @ np.array(cosines)
+    after[0] = 1.0  # one measurement with itself shares its noise
+    return (white * before + rounded * after) / (white + rounded)
+
+
+def _angles(log: JointLog) -> list[tuple[str, Array, float | None]]:
+    sensors = log.device.sensors
+    found: list[tuple[str, Array, float | None]] = [("q", log.measured["q"], sensors.link_quantum)]
+    for i, column in enumerate(log.measured["theta"].T if "theta" in log.measured else ()):
+        if np.isfinite(column).sum() >= 2:
+            found.append((f"theta_{i + 1}", column, sensors.motor_quantum))
+    return found
+
+
+def _torque_noise(log: JointLog, i: int, column: Array) -> ChannelNoise:
+    """That of a torque: where its command is known, of what the command does not account for, if that is less.
+
+    A controller's own noise is in the torque, too: without the command the estimate is an upper bound.
+    """
+    time = log.measured.time
+    alone = channel_noise(time, column)
+    if log.commands is None or "motor" not in log.commands or len(log.commands) < 2:
+        return alone
+    command, period = log.commands["motor"][:, i], float(np.median(np.diff(time)))
+    left = []
+    for late in range(LATEST):
+        at = np.searchsorted(log.commands.time, time - (late + 0.5) * period, side="right") - 1
+        left.append(column - command[np.clip(at, 0, None)])
+    beside = channel_noise(time, min(left, key=lambda each: float(np.nanvar(each))), alone.quantum)
+    return beside if beside.sd < alone.sd else alone
+
+
+def _difference(x: Array) -> float:
+    return float(np.sqrt(np.median(np.diff(x) ** 2) / 2.0) * 1.4826) if len(x) > 2 else 0.0
+
+
+def _correlated(found: list[Level], rate: float) -> tuple[float, float]:
+    """Variance before rounding, and its correlation from sample to sample, of the levels at growing strides.
+
+    Noise of a first-order filter grows from stride to stride by one number; motion that is too quick for a stride grows
+    otherwise. Without three strides that agree on that number, noise counts as white.
+    """
+    first, three = found[0], [each for each in found[:3] if rate / each.stride >= QUICKEST]
+    white = (first.variance, 0.0)
+    if len(three) < 3 or any(each.variance <= STANDARD_ERRORS * each.error for each in three):
+        return white
+    seen = np.array([each.variance for each in three])
+    relative = np.maximum(np.array([each.error for each in three]) / seen, 1e-6)  # jumps alone leave no error
+    if np.any(np.diff(seen) <= 0.0) or seen[2] - seen[0] < STANDARD_ERRORS * np.hypot(three[0].error, three[2].error):
+        return white
+    tried = []
+    for a in np.linspace(0.0, LONGEST, 46):
+        ratio = np.log(seen / [share_shown(a ** (each.stride / first.stride), each.degree) for each in three])
+        mean = float(np.average(ratio, weights=relative**-2.0))
+        misfit = float(np.sum(((ratio - mean) / relative) ** 2))
+        tried.append((misfit, exp(mean), float(a)))
+    best = min(tried)[0]
+    if best > STANDARD_ERRORS**2:
+        return white
+    return next((variance, a) for misfit, variance, a in tried if misfit <= best + 1.0)  # least within an error

@@ -1,0 +1,371 @@
+"""What a recording can answer: its findings, the time that may be used, and the reason where it can answer nothing.
+
+Every limit follows from the noise of the log itself or from the error that a fault makes; constants state their reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import log as ln
+from math import sqrt
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+from via_core.signals import Array
+
+from via_gap.logs.angle_torque import left_by_angles
+from via_gap.logs.findings import Finding
+from via_gap.logs.log import JointLog
+from via_gap.logs.noise import STANDARD_ERRORS, LogNoise
+
+Severity = Literal["refuse", "downgrade", "note"]
+Indices = NDArray[np.intp]
+
+Interval = tuple[float, float]
+SEGMENT = 0.25  # [s] over which a model is compared with a log before it starts anew
+TOLERANCE = 0.05  # by which device numbers are wrong: motion has to show a change of this size (via_core.devices)
+MISSED = 1.5  # periods: a sample or a command that comes later was due before
+REGULAR = 0.5  # share of command intervals near the median from which a clock sends them; a loaded one delays many
+MUCH = 0.1  # share of the time: standard errors grow by 5 % without it
+HALF = 0.5
+WORTH = 1.0  # jitter error over noise: from here jitter is the larger part of the variance
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What a log can be used for.
+
+    findings     worst first, as in the report
+    usable       (begin, end) [s] on the log's clock, without the stretches that must not be compared
+    cannot_tell  why the whole log answers nothing and what to record instead; empty: it can be diagnosed
+    noise        of its channels
+    """
+
+    findings: tuple[Finding, ...]
+    usable: tuple[Interval, ...]
+    noise: LogNoise
+    cannot_tell: str = ""
+
+    @property
+    def seconds(self) -> float:
+        """[s] that may be used."""
+        return float(sum(end - begin for begin, end in self.usable))
+
+
+@dataclass(frozen=True)
+class _Found:
+    finding: Finding
+    cut: tuple[Interval, ...] = ()
+
+
+def assess(log: JointLog, noise: LogNoise) -> Quality:
+    """The quality of a log whose noise was estimated by `via_gap.logs.noise.log_noise`."""
+    found = [
+        *_samples(log, noise),
+        *_commands(log),
+        *_jitter(log, noise),
+        *_drive(log),
+        *_motion(log, noise),
+        *_pinned(log, noise),
+        *_fast_torque(log, noise),
+        *_torque_of_angle(log, noise),
+    ]
+    order = ("refuse", "downgrade", "note")
+    findings = sorted((each.finding for each in found), key=lambda f: order.index(f.severity))
+    whole = (float(log.measured.time[0]), float(log.measured.time[-1]))
+    usable = _without(whole, [cut for each in found for cut in each.cut])
+    refused = [f.text for f in findings if f.severity == "refuse"]
+    if not refused and sum(end - begin for begin, end in usable) < SEGMENT:
+        refused = ["no stretch of the log is long enough to compare: record it again on a machine with less load"]
+    return Quality(tuple(findings), tuple(usable), noise, " ".join(f"{text}." for text in refused))
+
+
+def _found(log: JointLog, check: str, signal: str, severity: Severity, value: float, text: str) -> Finding:
+    return Finding(log=log.name, check=check, signal=signal, severity=severity, value=float(value), text=text)
+
+
+def _without(whole: Interval, cuts: Sequence[Interval]) -> list[Interval]:
+    """What is left of an interval without others."""
+    left, begin = [], whole[0]
+    for start, stop in sorted(cuts):
+        if start > begin:
+            left.append((begin, min(start, whole[1])))
+        begin = max(begin, stop)
+    if begin < whole[1]:
+        left.append((begin, whole[1]))
+    return left
+
+
+def _spans(time: Array, which: NDArray[np.bool_]) -> tuple[Interval, ...]:
+    """Intervals of neighbouring samples for which `which` (N,) holds."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], which, [False])).astype(int)))
+    return tuple((float(time[a]), float(time[b - 1])) for a, b in edges.reshape(-1, 2))
+
+
+def _curvature(log: JointLog, noise: LogNoise) -> float:
+    """95 % quantile of the link's acceleration, of parabolas over a segment's tenth to either side; without noise."""
+    there = np.isfinite(log.measured["q"])
+    q, half = log.measured["q"][there], max(3, round(0.1 * SEGMENT / noise.clock.period))
+    if len(q) < 2 * half + 1:
+        return 0.0
+    bend = savgol_filter(q, 2 * half + 1, 2, deriv=2, delta=noise.clock.period)
+    n = 2 * half + 1
+    sd = noise.channels["q"].sd * sqrt(720.0 / n**5) / noise.clock.period**2  # of a parabola's second derivative
+    return max(float(np.quantile(np.abs(bend), 0.95)) - STANDARD_ERRORS * sd, 0.0)
+
+
+def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
+    """Late samples. A straight line over a gap g errs by g^2 / 8 times the acceleration: beyond the noise it is cut."""
+    time, period = log.measured.time, noise.clock.period
+    steps = np.diff(time)
+    late = steps > MISSED * period
+    if not late.any():
+        return
+    bend = _curvature(log, noise)
+    longest = max(MISSED * period, sqrt(8.0 * noise.channels["q"].sd / bend) if bend > 0.0 else np.inf)
+    gone = np.flatnonzero(steps > longest)
+    cut = tuple((float(time[i]), float(time[i + 1])) for i in gone)
+    lost = float(steps[gone].sum() / log.duration) if gone.size else 0.0
+    share = float(np.mean(late))
+    text = (
+        f"{100 * share:.2g} % of the samples came late, the longest after {1e3 * steps.max():.3g} ms instead of "
+        f"{1e3 * period:.3g} ms; {100 * lost:.2g} % of the time is left out because gaps above {1e3 * longest:.3g} ms "
+        "hide motion: record on a machine with less load, or stamp samples in the driver"
+    )
+    severity: Severity = "downgrade" if lost > MUCH or share > MUCH else "note"
+    yield _Found(_found(log, "late", "time", severity, share, text), cut)
+
+
+def _commands(log: JointLog) -> Iterator[_Found]:
+    """Commands that a clock sends, held longer than its period, after which they have moved on."""
+    if log.commands is None or len(log.commands) < 10:
+        return
+    time = log.commands.time
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    if float(np.mean(np.abs(steps - period) < HALF * period)) < REGULAR:
+        return  # sent when they change
+    changed = np.zeros(len(steps), dtype=bool)
+    for values in log.commands.channels.values():
+        columns = values.reshape(len(values), -1)
+        moved = np.abs(np.diff(columns, axis=0))
+        usual = np.nanmedian(moved, axis=0)
+        changed |= np.any(moved > usual, axis=1)
+    gone = np.flatnonzero((steps > MISSED * period) & changed)
+    if not gone.size:
+        return
+    longest, share = float(steps[gone].max()), float(steps[gone].sum() / max(log.duration, period))
+    text = (
+        f"{gone.size} times a command is missing for longer than {1e3 * MISSED * period:.3g} ms while commands change, "
+        f"the longest for {1e3 * longest:.3g} ms; what the joint was sent then is not known, "
+        f"{100 * share:.2g} % of the time is left out: record commands where they are sent, with less load"
+    )
+    severity: Severity = "downgrade" if share > MUCH else "note"
+    cut = tuple((float(time[i]), float(time[i + 1])) for i in gone)
+    yield _Found(_found(log, "command gaps", "commands", severity, 1e3 * longest, text), cut)
+
+
+def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
+    jitter, own = noise.jitter, noise.channels["q"]
+    if jitter <= 0.0:
+        return
+    there = np.isfinite(log.measured["q"])
+    speed = np.gradient(log.measured["q"][there], log.measured.time[there])
+    typical = float(np.sqrt(np.quantile(speed**2, 0.75)))  # jitter speaks in the quick half
+    ratio = jitter * typical / own.sd
+    if ratio < 1.0 / STANDARD_ERRORS:  # less than a tenth of the variance
+        return
+    text = (
+        f"time stamps are wrong by {1e3 * jitter:.2g} ms, at {typical:.2g} rad/s {ratio:.2g} times the noise of the "
+        "link angle; it is added to the noise: stamp samples where they are measured"
+    )
+    severity: Severity = "downgrade" if ratio > WORTH else "note"
+    yield _Found(_found(log, "jitter", "time", severity, 1e3 * jitter, text))
+
+
+def _drive(log: JointLog) -> Iterator[_Found]:
+    """Whether a rigid joint's torque is known at all: a simulation without it would run with none."""
+    if log.device.drive != "torque" or log.device.n_motors or log.torque_seen:
+        return
+    if log.commands is not None and "external_torque" in log.commands:
+        return
+    text = (
+        "no drive torque was recorded and no command stands for it, so that nothing says what moved the joint: record "
+        "the effort of the drive (tau_1) or its command (external_torque); if nothing drives the joint, say so by an "
+        "external_torque of zero"
+    )
+    yield _Found(_found(log, "no torque", "tau_1", "refuse", 0.0, text))
+
+
+def _segments(time: Array) -> Indices:
+    """Number of the segment of every sample (N,)."""
+    return ((time - time[0]) / SEGMENT).astype(np.intp)
+
+
+def _moving(log: JointLog, noise: LogNoise) -> tuple[Indices, Indices, NDArray[np.bool_]]:
+    """Samples with a link angle (n,), the segment of each (n,), and whether each segment moves (segments,).
+
+    A segment moves where its range is twice what noise makes: of n normal values, the range is about
+    2 sqrt(2 ln n) standard deviations.
+    """
+    there = np.flatnonzero(np.isfinite(log.measured["q"]))
+    segment = _segments(log.measured.time[there])
+    q, own = log.measured["q"][there], noise.channels["q"]
+    count = int(segment[-1]) + 1
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, segment, q)
+    np.maximum.at(high, segment, q)
+    each = max(2.0, len(q) / count)
+    limit = 4.0 * sqrt(2.0 * ln(each)) * own.white + STANDARD_ERRORS * own.quantum
+    limit = max(limit, 4.0 * own.sd)
+    return there, segment, high - low > limit
+
+
+def _motion(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
+    """Whether a change of the device's numbers by their tolerance shows in the motion.
+
+    It changes a segment by TOLERANCE times its range r. With noise sd and m segments that move, it shows by
+    TOLERANCE r sqrt(m) / sd standard errors.
+    """
+    there, segment, moves = _moving(log, noise)
+    q, own = log.measured["q"][there], noise.channels["q"]
+    ranges = np.array([np.ptp(q[segment == k]) if np.any(segment == k) else 0.0 for k in np.flatnonzero(moves)])
+    shown = TOLERANCE * float(np.sqrt(np.sum(ranges**2))) / own.sd
+    share = float(np.mean(moves))
+    if shown < STANDARD_ERRORS:
+        held = "its torque varies, so that a stop, a brake or a clamp may hold it: free the joint, and "
+        text = (
+            f"the link moves by {np.ptp(q):.2g} rad, {np.ptp(q) / own.sd:.2g} times its noise, and "
+            f"{100 * share:.0f} % of the time: a change of {100 * TOLERANCE:.0f} % in the device shows by "
+            f"{shown:.2g} standard errors; {held if _varies(log, noise) else ''}move it further and for longer"
+        )
+        yield _Found(_found(log, "too little motion", "q", "refuse", shown, text))
+    elif share < HALF:
+        text = (
+            f"the link moves {100 * share:.0f} % of the time: the rest says nothing about inertia and viscous friction"
+        )
+        yield _Found(_found(log, "still", "q", "note", share, text))
+
+
+def _varies(log: JointLog, noise: LogNoise) -> bool:
+    if "tau_1" not in noise.channels:
+        return False
+    tau = log.measured["tau"][:, 0]
+    return float(np.nanstd(tau)) > STANDARD_ERRORS * noise.channels["tau_1"].sd
+
+
+def _pinned(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
+    """A link that rests at one end of its range while the torque varies by more than moving it takes."""
+    if log.device.n_motors or not log.torque_seen:
+        return
+    there, segment, moves = _moving(log, noise)
+    if moves.all() or not moves.any():
+        return
+    q, tau = log.measured["q"][there], log.measured["tau"][there, 0]
+    reach = max(STANDARD_ERRORS * noise.channels["q"].sd, noise.channels["q"].quantum)
+    moved = _range(tau[moves[segment]])
+    for name, end in (("lowest", float(q.min())), ("highest", float(q.max()))):
+        centre = _means(q, segment)
+        rests = ~moves & (np.abs(centre - end) < reach)
+        if rests.sum() < 2:
+            continue
+        varied = _range(tau[rests[segment]])
+        if varied <= moved:
+            continue
+        share = float(np.mean(rests))
+        text = (
+            f"the link rests at its {name} angle of {end:.3g} rad for {100 * share:.0f} % of the time while its torque "
+            f"varies by {varied:.2g} N m, more than the {moved:.2g} N m in motion: a stop or a clamp holds it. That "
+            "time is left out: move the joint away from the stop"
+        )
+        severity: Severity = "refuse" if share > HALF else "downgrade"
+        cut = _spans(log.measured.time[there], rests[segment])
+        yield _Found(_found(log, "clamped", "q", severity, share, text), cut)
+
+
+def _range(values: Array) -> float:
+    """From the 10 % to the 90 % quantile: the moments at which a link reaches a stop or leaves it do not count."""
+    return float(np.nanquantile(values, 0.9) - np.nanquantile(values, 0.1))
+
+
+def _means(values: Array, segment: Indices) -> Array:
+    """Mean per segment; NaN without samples."""
+    count = np.bincount(segment)
+    with np.errstate(invalid="ignore"):
+        return np.bincount(segment, np.nan_to_num(values)) / np.where(count > 0, count, np.nan)
+
+
+def _torques(log: JointLog, noise: LogNoise) -> Iterator[tuple[str, Array]]:
+    if log.device.drive != "torque" or "tau" not in log.measured:
+        return
+    for i, column in enumerate(log.measured["tau"].T):
+        if f"tau_{i + 1}" in noise.channels and np.isfinite(column).mean() >= 0.9 and np.nanstd(column) > 0.0:
+            yield f"tau_{i + 1}", column
+
+
+def _fast_torque(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
+    """Torque that is no longer correlated from sample to sample.
+
+    Held over a sample, a torque of correlation c errs with 2 (1 - c) times its variance; its mean errs with once. Below
+    c = 1/2 the mean of the log predicts it better than the sample before it.
+    """
+    for name, column in _torques(log, noise):
+        there = column[np.isfinite(column)]
+        share = float(np.mean(np.diff(there) ** 2) / (2.0 * np.var(there)))
+        if share > HALF:
+            text = (
+                f"{name} changes from sample to sample by {100 * sqrt(share):.0f} % of its overall variation: its "
+                "drive is faster than the log, or it is mostly noise, and no simulation can be driven with it. Record "
+                "at the rate of the drive, or the mean over each sample"
+            )
+            yield _Found(_found(log, "decimated", name, "downgrade", share, text))
+
+
+def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
+    """Torque that the angles alone determine.
+
+    What it leaves is less than a change of the device by its tolerance makes. Where a rigid joint's inertia takes more
+    than that, the torque does not show it; where it takes less, the motion is slow and the torque is gravity's.
+    """
+    for name, column in _torques(log, noise):
+        if log.device.n_motors and not all(log.motors_seen):
+            continue
+        left = left_by_angles(log, column)
+        if left is None:
+            continue
+        residual, variance = max(left[0], noise.channels[name].sd ** 2), left[1]
+        share = 1.0 - residual / variance
+        if residual >= TOLERANCE**2 * variance:
+            continue
+        text = (
+            f"{name} is a function of the angle alone, which predicts {100 * share:.3g} % of its variance in passes "
+            "held out; "
+        )
+        if log.device.n_motors:
+            text += "it shows the controller more than the joint: use a reference that varies"
+            yield _Found(_found(log, "torque of angle", name, "downgrade", share, text))
+        elif _inertia_torque(log, noise) > 2.0 * sqrt(residual):
+            text += (
+                "it cannot tell inertia and friction from gravity: something else moved the joint (a hand, another "
+                "joint), or the motion repeats one sine. Record motion made by the drive, with several speeds at each "
+                "angle"
+            )
+            yield _Found(_found(log, "torque of angle", name, "refuse", share, text))
+        else:
+            text += "the motion is so slow that it shows gravity only: move faster to see inertia and friction"
+            yield _Found(_found(log, "torque of angle", name, "downgrade", share, text))
+
+
+def _inertia_torque(log: JointLog, noise: LogNoise) -> float:
+    """Root mean square [N m] of the nominal inertia times the acceleration of a rigid link, without noise."""
+    there = np.isfinite(log.measured["q"])
+    half = max(2, round(0.5 * SEGMENT / noise.clock.period))
+    window, q = 2 * half + 1, log.measured["q"][there]
+    if len(q) < window:
+        return 0.0
+    bend = savgol_filter(q, window, 2, deriv=2, delta=noise.clock.period)
+    sd = noise.channels["q"].sd * sqrt(720.0 / window**5) / noise.clock.period**2
+    return log.device.link.inertia * sqrt(max(float(np.mean(bend**2)) - sd**2, 0.0))

@@ -1,0 +1,111 @@
+"""Hold-out by information: both sides see comparable motion, and the report says how much.
+
+A segment's descriptors are sums over it of what makes parameters visible, such as squared speed, reversals, squared
+acceleration, and the time spent in each part of the angle range. A held-out part is representative if it carries its
+share of each of them. Groups (a log, the runs of one motion) are held out as a whole, so that neighbouring segments do
+not judge each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from via_core.signals import Array
+
+Indices = NDArray[np.intp]
+SHARE = 0.4  # of the information that is held out: two of five, as in alternating blocks
+LEAST = 0.5  # of that share which every descriptor has to reach: standard errors grow by 1.4 at most
+EXHAUSTIVE = 12  # groups of which all 2^12 choices are tried; of more, one group after another is exchanged
+
+
+@dataclass(frozen=True, eq=False)
+class HoldOut:
+    """Segments to fit and to judge.
+
+    train, held  indices of segments, ascending
+    shares       (k,) part of the total of each descriptor that is held out
+    enough       whether each descriptor has at least LEAST of its share on the held-out side, and on the fitted one
+    """
+
+    train: Indices
+    held: Indices
+    shares: Array
+    enough: bool
+
+
+def hold_out(information: Array, groups: Sequence[Hashable], share: float = SHARE) -> HoldOut:
+    """The groups whose segments carry `share` of every descriptor most evenly.
+
+    information  (S, k) not negative, per segment; a column without any is not looked at
+    groups       (S,) which group each segment belongs to
+    The choice minimises the largest squared difference from `share`, then their sum; ties keep the first. With one
+    group, nothing is held out.
+    """
+    names = list(dict.fromkeys(groups))
+    which = np.array([names.index(group) for group in groups], dtype=np.intp)
+    total = information.sum(axis=0)
+    seen = total > 0.0
+    carried = np.zeros((len(names), information.shape[1]))
+    np.add.at(carried, which, information)
+    parts = np.divide(carried, total, out=np.zeros_like(carried), where=seen)
+    if len(names) < 2 or not seen.any():
+        none: Indices = np.empty(0, dtype=np.intp)
+        return HoldOut(np.arange(len(which)), none, np.zeros(len(total)), False)
+    chosen = _every(parts[:, seen], share) if len(names) <= EXHAUSTIVE else _exchanged(parts[:, seen], share)
+    shares = parts[chosen].sum(axis=0)
+    low = LEAST * min(share, 1.0 - share)
+    enough = bool(np.all(shares[seen] >= low) and np.all(1.0 - shares[seen] >= low))
+    held = chosen[which]
+    return HoldOut(np.flatnonzero(~held), np.flatnonzero(held), shares, enough)
+
+
+def describe(angle: Array, speed: Array, cells: int = 4) -> Array:
+    """Descriptors (S, 3 + cells) of segments from their angles and speeds (S, n) [rad], [rad/s].
+
+    Squared speed (friction), squared change of speed (inertia), reversals (dry friction, backlash), and squared speed
+    in each of `cells` equal parts of the angle range (gravity, springs, torque ripple).
+    """
+    energy = speed**2
+    sign = np.where(np.abs(speed) > 0.1 * np.sqrt(np.mean(energy)), np.sign(speed), 0.0)  # rest is no reversal
+    reversals = np.array([float(np.sum(np.diff(row[row != 0.0]) != 0.0)) for row in sign])
+    low, high = float(angle.min()), float(angle.max())
+    cell = np.clip((cells * (angle - low) / max(high - low, 1e-300)).astype(int), 0, cells - 1)
+    within = [np.sum(energy * (cell == k), axis=1) for k in range(cells)]
+    return np.column_stack([energy.sum(axis=1), np.sum(np.diff(speed, axis=1) ** 2, axis=1), reversals, *within])
+
+
+def _cost(shares: Array, share: float) -> Array:
+    """(..., 2): the largest squared difference of shares (..., k) from the wanted one, and their mean."""
+    off = (shares - share) ** 2
+    return np.stack([off.max(axis=-1), off.mean(axis=-1)], axis=-1)
+
+
+def _every(parts: Array, share: float) -> NDArray[np.bool_]:
+    """The best of all proper choices of groups."""
+    count = len(parts)
+    choices = (np.arange(1, 2**count - 1)[:, None] >> np.arange(count)) % 2 == 1
+    cost = _cost(choices @ parts, share)
+    return choices[np.lexsort((cost[:, 1], cost[:, 0]))[0]]
+
+
+def _exchanged(parts: Array, share: float) -> NDArray[np.bool_]:
+    """A choice that no single group added, taken away or exchanged makes better, from alternating groups on."""
+    order = np.argsort(-parts.sum(axis=1), kind="stable")
+    chosen = np.zeros(len(parts), dtype=bool)
+    chosen[order[1::2]] = True
+    cost = tuple(_cost(parts[chosen].sum(axis=0), share))
+    while True:
+        moves = [[i] for i in range(len(parts))]
+        moves += [[int(i), int(j)] for i in np.flatnonzero(chosen) for j in np.flatnonzero(~chosen)]
+        tried = np.tile(chosen, (len(moves), 1))
+        for row, move in zip(tried, moves, strict=True):
+            row[move] ^= True
+        costs = _cost(tried @ parts, share)
+        costs[~tried.any(axis=1) | tried.all(axis=1)] = np.inf
+        best = np.lexsort((costs[:, 1], costs[:, 0]))[0]
+        if tuple(costs[best]) >= cost:
+            return chosen
+        chosen, cost = tried[best], tuple(costs[best])
