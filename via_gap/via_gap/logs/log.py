@@ -86,6 +86,17 @@ class JointLog:
         """Whether the torque of every motor was measured."""
         return "tau" in self.measured and bool(np.mean(np.isfinite(self.measured["tau"])) >= 0.9)
 
+    @cached_property
+    def torque(self) -> Array | None:
+        """(N, m) [N m] of the drives at the samples: measured, or of a rigid joint's drive what it was commanded."""
+        if "tau" in self.measured:
+            return self.measured["tau"]
+        if self.device.n_motors or self.commands is None or "external_torque" not in self.commands:
+            return None
+        if self.device.drive != "torque":
+            return None
+        return self.commands.resample(self.measured.time)["external_torque"][:, None]
+
     @property
     def motors_commanded(self) -> bool:
         """Whether the commands say what the motors were asked for."""

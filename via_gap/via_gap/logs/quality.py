@@ -253,7 +253,7 @@ def _motion(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
 def _varies(log: JointLog, noise: LogNoise) -> bool:
     if "tau_1" not in noise.channels:
         return False
-    tau = log.measured["tau"][:, 0]
+    tau = log.torque[:, 0]
     return float(np.nanstd(tau)) > STANDARD_ERRORS * noise.channels["tau_1"].sd
 
 
@@ -299,9 +299,9 @@ def _means(values: Array, segment: Indices) -> Array:
 
 
 def _torques(log: JointLog, noise: LogNoise) -> Iterator[tuple[str, Array]]:
-    if log.device.drive != "torque" or "tau" not in log.measured:
+    if log.device.drive != "torque" or log.torque is None:
         return
-    for i, column in enumerate(log.measured["tau"].T):
+    for i, column in enumerate(log.torque.T):
         if f"tau_{i + 1}" in noise.channels and np.isfinite(column).mean() >= 0.9 and np.nanstd(column) > 0.0:
             yield f"tau_{i + 1}", column
 

@@ -94,17 +94,17 @@ def decide(tuned: Evaluation, models: Sequence[Evaluation], bound_beside: Callab
     if fraction(tuned, chosen, 1.0) < NUMBERS.substantial:
         reason = f"what is left repeats with no motion and outweighs what {chosen.fit.locations[0]} would explain"
         return _unnamed("cannot_tell", tuned, models, bound, reason)
-    rivals = [each for each in models if len(each.fit.effects) == len(chosen.fit.effects)]
+    rivals = without_needless([each for each in models if len(each.fit.effects) == len(chosen.fit.effects)])
     tied = _tied(chosen, rivals)
     verdict: Verdict = "main_effect"
     if enough:
         verdict = "effect" if len(chosen.fit.effects) == 1 else "several_effects"
-    reason = ""
-    if len(tied) > NUMBERS.largest_set:
-        verdict, reason = "cannot_tell", f"{len(tied)} causes explain these data equally well"
     equivalent = tuple(dict.fromkeys(place for each in (chosen, *tied) for place in each.fit.locations))
+    if len(tied) > NUMBERS.largest_set:
+        reason = f"{len(tied)} causes explain these data equally well"
+        return replace(_unnamed("cannot_tell", tuned, models, bound, reason), equivalent=equivalent)
     shares, spoken = _shares(rivals)
-    return Decision(verdict, chosen, explained[k], bound, shares, spoken, equivalent, reason)
+    return Decision(verdict, chosen, explained[k], bound, shares, spoken, equivalent)
 
 
 def fraction(tuned: Evaluation, model: Evaluation, bound: float) -> float:
@@ -136,6 +136,20 @@ def simplest(models: Sequence[Evaluation]) -> Evaluation:
     return min(close, key=lambda each: (freedom(each.fit), each.score))
 
 
+def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
+    """The models but for those that one with fewer parameters at the same sites does as well as."""
+
+    def needless(each: Evaluation, other: Evaluation) -> bool:
+        same = _sites(each) == _sites(other) and freedom(other.fit) < freedom(each.fit)
+        return same and not clearly_worse(other, each)
+
+    return [each for each in models if not any(needless(each, other) for other in models)]
+
+
+def _sites(each: Evaluation) -> list[tuple[str, int]]:
+    return sorted((location.site, location.motor) for location in each.fit.locations)
+
+
 def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
     """The models in the confidence set of all models as large as the chosen one, the chosen one first."""
     stacked = block_means(np.stack([losses(each, chosen) for each in rivals]), chosen.block)
@@ -163,6 +177,6 @@ def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float],
 
 def _unnamed(verdict: Verdict, tuned: Evaluation, models: Sequence[Evaluation], bound: float, reason: str) -> Decision:
     """Nothing is named: the device's own numbers stay, single causes are ranked beside them."""
-    singles = [each for each in models if len(each.fit.effects) == 1]
+    singles = without_needless([each for each in models if len(each.fit.effects) == 1])
     shares, spoken = _shares([tuned, *singles])
     return Decision(verdict, tuned, 0.0, bound, shares, spoken, (), reason)
