@@ -10,6 +10,7 @@ from via_core.signals import Array
 from via_sim.effects import Effect
 
 from via_gap.candidates.fit import Fit
+from via_gap.candidates.location import Location
 from via_gap.logs.findings import Number, Record
 from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.recordings import follows
@@ -61,8 +62,7 @@ class Achievable:
 
     def __init__(self, experiment: Experiment) -> None:
         self._experiment = experiment
-        self._fit: Fit | None = None
-        self._model: Flexible | None = None
+        self._models: dict[tuple[Location, ...], Flexible] = {}
 
     def beside(self, each: Evaluation) -> float:
         """Root mean squared whitened held-out error of the flexible model beside an evaluated fit."""
@@ -76,9 +76,10 @@ class Achievable:
         return float(np.sqrt(np.mean(experiment.judged.per_segment(residual))))
 
     def model(self, fit: Fit) -> Flexible:
-        if self._model is None or self._fit is not fit:
-            self._fit, self._model = fit, flexible(self._experiment.fitted, fit)
-        return self._model
+        """Beside the effects at the locations of `fit`, as they were fitted when first asked for."""
+        if fit.locations not in self._models:
+            self._models[fit.locations] = flexible(self._experiment.fitted, fit)
+        return self._models[fit.locations]
 
 
 def measured_gap(experiment: Experiment, chosen: Evaluation, achievable: Achievable) -> Gap:
