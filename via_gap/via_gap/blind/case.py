@@ -17,8 +17,19 @@ from via_core.errors import ParameterError
 
 from via_gap.blind.bench import AgainError, Bench, Drawn, draw_bench, inside, noisier, push_of, search
 from via_gap.blind.excitation import start_of
-from via_gap.blind.joints import CONTROLLED, FAMILIES, PAIRS, POSITIONED, TOLERANCE, WIDE, Content
-from via_gap.blind.joints import believed, device_of, draw_joint, noisier_content
+from via_gap.blind.joints import (
+    CONTROLLED,
+    FAMILIES,
+    PAIRS,
+    POSITIONED,
+    TOLERANCE,
+    WIDE,
+    Content,
+    believed,
+    device_of,
+    draw_joint,
+    noisier_content,
+)
 from via_gap.blind.menu import MENU, Entry, Numbers, Place
 from via_gap.blind.model import STEP
 from via_gap.blind.physics import Physics
