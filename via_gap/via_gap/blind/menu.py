@@ -1,8 +1,9 @@
 """The catalogue of the second simulator: the thirty named effects, their places, their physics.
 
-Written apart from via_sim's, from the specification's words alone. An entry says where the effect may sit in a joint, draws what has no size (an order, a direction, a place), and makes Physics of a relative size within
-[low, high]; the search for the wanted gap over noise moves the size alone. The least size of what a wrong number in the
-device file could also be (inertia, friction, stiffness, a gain) lies well outside that file's tolerance.
+Written apart from via_sim's, from the specification's words alone. An entry says where the effect may sit in a joint,
+draws what has no size (an order, a direction, a place), and makes Physics of a relative size within [low, high]; the
+search for the wanted gap over noise moves the size alone. The least size of what a wrong number in the device file
+could also be (inertia, friction, stiffness, a gain) lies well outside that file's tolerance.
 """
 
 from __future__ import annotations
@@ -86,12 +87,8 @@ def _weighty(device: Device) -> tuple[Place, ...]:
     return (("link", 0),) if device.link.gravity_torque else ()
 
 
-def _one(site: str) -> Callable[[Device], tuple[Place, ...]]:
-    return lambda _device: ((site, 0),)
-
-
-def _torque_command(device: Device) -> tuple[Place, ...]:
-    return (("command", 0),) if device.drive == "torque" else ()
+def _one(site: str, drive: str = "") -> Callable[[Device], tuple[Place, ...]]:
+    return lambda device: ((site, 0),) if drive in ("", device.drive) else ()
 
 
 def _plain(_rng: Generator, _scene: Scene) -> Shape:
@@ -384,7 +381,7 @@ MENU: Mapping[str, Entry] = MappingProxyType(
             Entry("torque_bias", _torques, 0.01, 0.8, _signed, _bias, inf, _sensed_bias),
             Entry("torque_ripple", _drives, 0.01, 0.8, _order, _ripple),
             Entry("torque_saturation", _drives, 0.1, 0.85, _plain, _saturation),
-            Entry("actuator_lag", _torque_command, 0.5e-3, 0.04, _plain, _lag),
+            Entry("actuator_lag", _one("command", "torque"), 0.5e-3, 0.04, _plain, _lag),
             Entry("actuator_delay", _one("command"), 1e-3, 0.04, _plain, _delay),
             Entry("encoder_offset", _encoders, 1e-4, 0.2, _signed, _encoder_offset),
             Entry("encoder_eccentricity", _encoders, 1e-4, 0.15, _phase, _eccentricity),

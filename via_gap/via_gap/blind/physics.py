@@ -130,7 +130,7 @@ def terms_at(place: int, places: int, values: Sequence[float], others: float = 0
 
 def alike(physics: Physics) -> Physics:
     """What `physics` does to motor 1, on both motors."""
-    changes = {}
+    changes: dict[str, Any] = {}
     for name in mine_of(physics):
         value = getattr(physics, name)
         if isinstance(value, tuple):

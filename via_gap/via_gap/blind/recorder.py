@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 from via_core.signals import Array
 
 RATES = (100.0, 250.0, 500.0, 1000.0)  # [Hz] of logs
@@ -88,9 +89,9 @@ def acting(rng: Generator, recorder: Recorder, count: int, rate: float) -> Array
     return out
 
 
-def in_gaps(rng: Generator, recorder: Recorder, time: Array) -> Array:
+def in_gaps(rng: Generator, recorder: Recorder, time: Array) -> NDArray[np.bool_]:
     """(N,) whether a command given at `time` [s] falls into a gap."""
     count = rng.poisson(recorder.gaps * (time[-1] - time[0]))
     begin = rng.uniform(time[0] + 0.1, time[-1], count)
     end = begin + rng.uniform(0.25 * recorder.gap, recorder.gap, count)
-    return ((time[:, None] >= begin) & (time[:, None] < end)).any(axis=1)
+    return np.asarray(((time[:, None] >= begin) & (time[:, None] < end)).any(axis=1), dtype=np.bool_)

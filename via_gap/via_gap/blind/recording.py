@@ -86,7 +86,8 @@ def sense(
         if recorder.stamped_due and every == 1:
             time = time - sampled + run.time[ticks]
         asked_at, asked, damping = time, _of_rows(drive, run, recorder, ticks), np.zeros(count)
-        gone |= in_gaps(rng, recorder, time) if recorder.gaps and recorder.gaps_in_log else False
+        if recorder.gaps and recorder.gaps_in_log:
+            gone |= in_gaps(rng, recorder, time)
         kept = ~gone
     keep = ~gone
     return Log(time[keep], q[keep], theta[keep], tau[keep], asked_at[kept], asked[kept], damping[kept], beside[keep])
