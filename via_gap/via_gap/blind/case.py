@@ -267,8 +267,9 @@ def _truth(
 def _with_dirt(rng: Generator, bench: Bench, physics: Physics, ratio: float) -> tuple[Physics, Dirt]:
     """A small unmodelled effect beside the others: its own gap is DIRT of theirs.
 
-    Skips of an encoder are left out: they do not shrink with their share. Gaps below the noise cannot be measured; the size is found where its gap equals theirs, and scaled from there: gaps
-    of these effects grow about in proportion to their size.
+    Skips of an encoder are left out: they do not shrink with their share. Gaps below the noise cannot be measured; the
+    size is found where its gap equals theirs, and scaled from there: gaps of these effects grow about in proportion to
+    their size.
     """
     names = [name for name, entry in STRANGERS.items() if entry.places(bench.device) and name != "skipping_encoder"]
     entry = STRANGERS[str(rng.choice(names))]

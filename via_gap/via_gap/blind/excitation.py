@@ -79,7 +79,7 @@ def turn(rng: Generator, device: Device, duration: float, rate: float) -> Drive:
     else:
         references = float(rng.uniform(1.0, 3.0)) * _pieces(rng, time)
         asked = np.gradient(references) * rate
-    w = float(rng.uniform(25.0, 60.0))
+    w = float(rng.uniform(15.0, 35.0))
     stiffness, damping = device.link.inertia * w * w, 1.4 * device.link.inertia * w
     integral = 0.0 if by_speed else stiffness * float(rng.uniform(1.0, 4.0))
     zero = np.zeros((len(time), 1))

@@ -219,8 +219,8 @@ def _controlled_motor(rng: Generator) -> Content:
     """A bare rotor or a light geared one, with dry friction that its drive fights all the time."""
     inertia = _between(rng, 1.5e-4, 2e-3)
     link: Content = {"inertia": inertia, "viscous_friction": _between(rng, 0.3, 2.0) * inertia}
-    link["coulomb_friction"] = _between(rng, 4e-3, 2e-2)
-    step = _round(2.0 * pi / 2 ** int(rng.integers(13, 17)))
+    link["coulomb_friction"] = _round(float(rng.uniform(20.0, 70.0)) * inertia)  # [rad/s^2], as of a bare rotor
+    step = _round(2.0 * pi / 2 ** int(rng.integers(14, 18)))
     return {"arrangement": "rigid", "link": link, "sensors": {"rate": 1000.0, "link_quantum": step}}
 
 
