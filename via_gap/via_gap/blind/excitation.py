@@ -62,26 +62,22 @@ def excite(
 
 
 def turn(rng: Generator, device: Device, duration: float, rate: float) -> Drive:
-    """A light motor under velocity or position control: even turns at slow and faster speeds, or slow moves.
+    """A light motor under velocity or position control that turns evenly, at slow and faster speeds.
 
-    A PI controller of the speed is a PD controller of the angle whose reference turns at the wanted speed.
+    A PI controller of the speed is a PD controller of the angle whose reference turns at the wanted speed; position
+    control has an integral term beside it.
     """
     time = np.arange(round(duration * rate)) / rate
-    by_speed = bool(rng.uniform() < 0.6)
-    if by_speed:
-        edges = np.concatenate([[0.0], _changes(rng, time)])
-        speeds = rng.choice([-1.0, 1.0], len(edges)) * np.exp(rng.uniform(np.log(0.2), np.log(6.0), len(edges)))
-        level = speeds[np.clip(np.searchsorted(edges, time, side="right") - 1, 0, None)]
-        half = max(int(0.15 * rate), 1)
-        window = np.hanning(2 * half + 1)
-        asked = np.convolve(np.pad(level, half, mode="edge"), window / window.sum(), mode="valid") * _fade(time)
-        references = np.cumsum(asked) / rate
-    else:
-        references = float(rng.uniform(1.0, 3.0)) * _pieces(rng, time)
-        asked = np.gradient(references) * rate
+    edges = np.concatenate([[0.0], _changes(rng, time)])
+    speeds = rng.choice([-1.0, 1.0], len(edges)) * np.exp(rng.uniform(np.log(0.2), np.log(6.0), len(edges)))
+    level = speeds[np.clip(np.searchsorted(edges, time, side="right") - 1, 0, None)]
+    half = max(int(0.15 * rate), 1)
+    window = np.hanning(2 * half + 1)
+    asked = np.convolve(np.pad(level, half, mode="edge"), window / window.sum(), mode="valid") * _fade(time)
+    references = np.cumsum(asked) / rate
     w = float(rng.uniform(15.0, 35.0))
     stiffness, damping = device.link.inertia * w * w, 1.4 * device.link.inertia * w
-    integral = 0.0 if by_speed else stiffness * float(rng.uniform(1.0, 4.0))
+    integral = stiffness * float(rng.uniform(1.0, 4.0)) if rng.uniform() < 0.4 else 0.0
     zero = np.zeros((len(time), 1))
     return Drive(
         references[:, None], asked[:, None], zero, zero[:, 0], (stiffness,), (damping,), rate, (integral,)
