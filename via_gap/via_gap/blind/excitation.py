@@ -69,7 +69,8 @@ def turn(rng: Generator, device: Device, duration: float, rate: float) -> Drive:
     """
     time = np.arange(round(duration * rate)) / rate
     edges = np.concatenate([[0.0], _changes(rng, time)])
-    speeds = rng.choice([-1.0, 1.0], len(edges)) * np.exp(rng.uniform(np.log(0.2), np.log(6.0), len(edges)))
+    turns = np.cumprod(rng.choice([-1.0, -1.0, -1.0, 1.0], len(edges)))  # mostly there and back
+    speeds = turns * np.exp(rng.uniform(np.log(0.2), np.log(6.0), len(edges)))
     level = speeds[np.clip(np.searchsorted(edges, time, side="right") - 1, 0, None)]
     half = max(int(0.15 * rate), 1)
     window = np.hanning(2 * half + 1)
