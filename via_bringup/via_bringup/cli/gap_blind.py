@@ -127,6 +127,7 @@ def calibrate(
     write: Annotated[Path, typer.Option(help="File for the numbers that turn evidence into a probability.")],
 ) -> None:
     """Learn from judged development cases how often an answer with such evidence is right."""
+    from via_gap.blind.judging import judge
     from via_gap.blind.sealing import names_in, opened
 
     answers_given, right, seeds = [], [], []
@@ -140,7 +141,7 @@ def calibrate(
             raise ViaError(f"{name}: seed {key['seed']} is of the set that judges, not one to learn from")
         if answer is not None:
             answers_given.append(answer)
-            right.append(report.causes[0].effect in {each["effect"] for each in key["effects"]})
+            right.append(judge(name, key, json.loads(report.to_json()), None, None).first_right)
             seeds.append(int(key["seed"]))
     if not seeds:
         raise ViaError(f"no report in {results} names a cause")
