@@ -108,8 +108,11 @@ def servo_torque(servo: Servo, log: Log, speed: Array) -> Array:
 
 def ratio(with_effect: Array, without: Array) -> float:
     """Gap over noise of two residuals (1+m, N)."""
-    sizes = [np.sqrt(np.nanmean(np.square(each), axis=1)) for each in (with_effect, without)]
-    return float(np.nanmax(sizes[0] / sizes[1]))
+    seen = np.isfinite(with_effect).any(axis=1) & np.isfinite(without).any(axis=1)  # an axis may stick all the time
+    if not seen.any():
+        return 1.0
+    sizes = [np.sqrt(np.nanmean(np.square(each[seen]), axis=1)) for each in (with_effect, without)]
+    return float(np.max(sizes[0] / sizes[1]))
 
 
 def left_by_numbers(with_effect: Array, without: Array, slopes: Array, low: Array, high: Array) -> float:
