@@ -14,7 +14,7 @@ from rich.text import Text
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_gap.logs.log import read_log
-from via_gap.report.probability import answer_of, fit_numbers
+from via_gap.probability import answer_of, fit_numbers
 from via_gap.report.report import read_report
 from via_gap.report.withheld import before_and_after
 
@@ -24,7 +24,7 @@ from via_bringup.provenance import provenance
 app = typer.Typer(help="Check the diagnosis on data whose effect is withheld.", no_args_is_help=True)
 
 DIAGNOSE = "via gap diagnose {bag} --device {device} --json {json} --effects-out {effects}"
-SEED = 100_020  # where a block of seeds begins: every named effect as often as any other
+SEED = 100_016  # where a block of seeds begins: every named effect as often as any other
 MEASURE = "via gap blind measure {log} --device {device} --report {report} --json {json}"
 Cases = Annotated[Path, typer.Argument(help="Folder of the cases.")]
 Processes = Annotated[int, typer.Option(min=1, max=256, help="How many at a time.")]
@@ -35,7 +35,7 @@ def make(
     out: Annotated[Path, typer.Option(help="New folder for the cases: recordings and nominal device files.")],
     keys: Annotated[Path, typer.Option(help="New folder for the keys, outside the cases.")],
     seed_from: Annotated[int, typer.Option(min=0, help="First seed; below 100000 they are for development.")] = SEED,
-    count: Annotated[int, typer.Option(min=1, max=1000, help="How many cases.")] = 240,
+    count: Annotated[int, typer.Option(min=1, max=1000, help="How many cases.")] = 376,
     duration: Annotated[float, typer.Option(min=5.0, max=600.0, help="Seconds of a recording.")] = 40.0,
     processes: Processes = 2,
 ) -> None:
@@ -100,13 +100,13 @@ def score(
     with _progress(len(names_in(cases))) as bar:
         judged = judged_cases(cases, keys, results, simulate, processes, lambda _: bar.advance(bar.task_ids[0]))
     scored = score_of(judged)
-    listing = table(f"{len(judged)} cases", "number", "ours", "limit", "cases", "verdict")
+    listing = table(f"{len(judged)} cases", "group", "number", "ours", "limit", "cases", "verdict")
     for number in scored.numbers:
         word = {None: "", True: "ok", False: "MISSED"}[number.kept]
         limit = "" if number.limit is None else f"{'>=' if number.at_least else '<='} {number.limit:g}"
         ours = "-" if number.value is None else f"{number.value:.3f}"
         style = {"ok": "green", "MISSED": "bold red"}.get(word, "")
-        listing.add_row(number.name, ours, limit, str(number.cases), Text(word, style))
+        listing.add_row(number.group, number.name, ours, limit, str(number.cases), Text(word, style))
     answers.print(listing)
     if as_file is not None:
         as_file.write_text(json.dumps(as_json(scored), indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -127,6 +127,7 @@ def calibrate(
     write: Annotated[Path, typer.Option(help="File for the numbers that turn evidence into a probability.")],
 ) -> None:
     """Learn from judged development cases how often an answer with such evidence is right."""
+    from via_gap.benchmark.judging import judge
     from via_gap.benchmark.sealing import names_in, opened
 
     answers_given, right, seeds = [], [], []
@@ -140,7 +141,7 @@ def calibrate(
             raise ViaError(f"{name}: seed {key['seed']} is of the set that judges, not one to learn from")
         if answer is not None:
             answers_given.append(answer)
-            right.append(report.causes[0].effect in {each["effect"] for each in key["effects"]})
+            right.append(judge(name, key, json.loads(report.to_json()), None, None).first_right)
             seeds.append(int(key["seed"]))
     if not seeds:
         raise ViaError(f"no report in {results} names a cause")
