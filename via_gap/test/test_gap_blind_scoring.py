@@ -21,7 +21,16 @@ from via_gap.benchmark.measuring import shrinkage_of
 from via_gap.benchmark.page import as_json, markdown, picture, reason, write_page
 from via_gap.benchmark.rightness import Place, covered, explanations, names, places, same_site
 from via_gap.benchmark.running import RUNS, run_cases, words_of
-from via_gap.benchmark.scoring import OVERALL, Bin, Number, Score, calibration_error, parameter_coverage, reliability, score
+from via_gap.benchmark.scoring import (
+    OVERALL,
+    Bin,
+    Number,
+    Score,
+    calibration_error,
+    parameter_coverage,
+    reliability,
+    score,
+)
 
 COULOMB = {"effect": "coulomb_friction", "site": "motor", "motor": 1}
 LAG = {"effect": "actuator_lag", "site": "command", "motor": 0}

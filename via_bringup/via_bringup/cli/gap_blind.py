@@ -14,9 +14,9 @@ from rich.text import Text
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_gap.logs.log import read_log
-from via_gap.probability import answer_of, fit_numbers
 from via_gap.report.report import read_report
 from via_gap.report.withheld import before_and_after
+from via_gap.selection.reliability import Calibrated, calibrated
 
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.provenance import provenance
@@ -124,31 +124,31 @@ def calibrate(
     cases: Cases,
     keys: Annotated[Path, typer.Option(help="Folder of the keys.")],
     results: Annotated[Path, typer.Option(help="Folder of the reports.")],
-    write: Annotated[Path, typer.Option(help="File for the numbers that turn evidence into a probability.")],
+    write: Annotated[Path, typer.Option(help="File for the counts: selection/reliability.yaml of via_gap.")],
 ) -> None:
-    """Learn from judged development cases how often an answer with such evidence is right."""
+    """Count on judged development cases how often answers of each verdict are right, and what conformal sets need."""
     from via_gap.benchmark.judging import judge
     from via_gap.benchmark.sealing import names_in, opened
 
-    answers_given, right, seeds = [], [], []
+    judged, seeds = [], []
     for name in names_in(cases):
         file = results / f"{name}.json"
         if not file.exists():
             continue
-        report = read_report(_text(file), str(file))
-        answer, key = answer_of(report), opened(name, cases, keys).key
+        report, key = read_report(_text(file), str(file)), opened(name, cases, keys).key
         if key["seed"] >= SEED:
             raise ViaError(f"{name}: seed {key['seed']} is of the set that judges, not one to learn from")
-        if answer is not None:
-            answers_given.append(answer)
-            right.append(judge(name, key, json.loads(report.to_json()), None, None).first_right)
-            seeds.append(int(key["seed"]))
-    if not seeds:
-        raise ViaError(f"no report in {results} names a cause")
-    spoken = f"{len(seeds)} of {min(seeds)} to {max(seeds)}"
-    numbers = fit_numbers(answers_given, right, spoken, str(provenance("via gap blind calibrate")))
+        causes = [(each["effect"], each["site"], each["motor"]) for each in key["effects"]]
+        shares = {(c.effect, c.site, c.motor): c.share for c in report.causes}
+        first_right = judge(name, key, json.loads(report.to_json()), None, None).first_right
+        truth = min((shares.get(cause, 0.0) for cause in causes), default=None) if key["kind"] != "unknown" else None
+        judged.append(Calibrated(report.verdict, report.level, bool(report.causes), first_right, truth))
+        seeds.append(int(key["seed"]))
+    if not judged:
+        raise ViaError(f"no report in {results}")
+    numbers = calibrated(judged, str(provenance("via gap blind calibrate")), f"{min(seeds)} to {max(seeds)}")
     write.write_text(yaml.safe_dump(numbers.model_dump(), sort_keys=False), encoding="utf-8")
-    answers.print(f"{numbers.right} of {numbers.answers} answers were right; numbers in {write}")
+    answers.print(f"{len(judged)} answers counted; numbers in {write}")
 
 
 @app.command()
