@@ -137,7 +137,7 @@ class InverseDynamics:
         none = equation_torques(row, replace(record, commands=without)).torque[:, axis]
         acts = self.over(equation_torques(row, record).torque[:, axis] - none, 0)
         sent = self.over(record.commands[:, column], 0)
-        return max(float(np.linalg.norm(acts) / max(np.linalg.norm(sent), SMALLEST)), LEAST_GAIN)
+        return max(float(np.linalg.norm(acts)) / max(float(np.linalg.norm(sent)), SMALLEST), LEAST_GAIN)
 
     def _missing_at(self, terms: EquationTorques, axis: int) -> Array:
         """(C, w) [N m]; while an axis nearly stands, dry friction takes what it can."""
