@@ -38,7 +38,8 @@ def unanswered(recordings: Recordings) -> GapReport:
     refusals = [each.text for each in recordings.findings if each.severity == "refuse"]
     return GapReport(
         joint=recordings.device.name, level=recordings.first.level, logs=recordings.names, holdout=_judges(recordings),
-        verdict="cannot_tell", reason=recordings.unusable or next(iter(refusals), ""), where=(), causes=(), equivalence_set=(),
+        verdict="cannot_tell", reason=recordings.unusable or next(iter(refusals), ""), where=(), causes=(),
+        equivalence_set=(),
         effects=(), gap=None, nuisance=(), data_check=recordings.findings, not_judged=_not_judged(recordings.first),
         figures=Figures(joint=joint_sketch(recordings.first)),
     )  # fmt: skip
