@@ -54,6 +54,17 @@ def serial_servo() -> Device:
     )
 
 
+# What a periodic effect may have beside its first harmonic.
+RIPPLES = {"amplitude_2": 0.05, "order_2": 3.5, "phase_2": 1.0, "amplitude_8": 0.02, "order_8": 24.0, "phase_8": -0.4}
+ENCODER_ERRORS = {
+    "order": 2.0,
+    "amplitude_2": 0.01,
+    "order_2": 7.5,
+    "phase_2": 1.0,
+    "amplitude_4": 0.005,
+    "order_4": 36.0,
+}
+
 # A moderate amount of every effect, for joints that move with about 1 rad, 5 rad/s and 1 N m.
 SIZES = {
     "coulomb_friction": {"torque": 0.1},

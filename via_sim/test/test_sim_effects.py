@@ -66,7 +66,7 @@ def test_every_effect_of_the_catalogue_has_a_place_on_some_joint():
 @pytest.mark.parametrize(("joint", "name", "site", "motor"), EVERYWHERE)
 def test_a_neutral_effect_leaves_every_bit_and_a_strong_one_does_not(joint, name, site, motor):
     plant, sent = JointPlant.from_device(joint), commands_of(joint)
-    neutral = {parameter.name: parameter.neutral for parameter in EFFECTS[name].parameters}
+    neutral = {parameter.name: parameter.neutral for parameter in EFFECTS[name].all_parameters}
     nominal = readings(plant, sent)
     assert np.array_equal(readings(plant, sent, [Effect(name, site, neutral, motor)]), nominal, equal_nan=True)
     changed = plant.with_effects([Effect(name, site, SIZES[name], motor)])
@@ -224,13 +224,38 @@ def test_effects_that_do_not_fit_the_joint_are_refused():
         JointPlant.from_device(flexible()).with_effects([Effect("torque_gain", "motor", {"gain": 1.0}, 1, "other")])
 
 
+def test_harmonics_that_are_left_out_are_not_there():
+    """The parameter row of an effect with one harmonic is the one with the others neutral; orders default to 2, 3, ..."""
+    for name, site in (("torque_ripple", "motor"), ("encoder_eccentricity", "sensor")):
+        kind, plant = EFFECTS[name], JointPlant.from_device(flexible())
+        short = Effect(name, site, SIZES[name], 1)
+        assert short.parameters.keys() == SIZES[name].keys()
+        full = Effect(name, site, {p.name: p.neutral for p in kind.optional} | SIZES[name], 1)
+        rows = [plant.with_effects([effect]).parameters for effect in (short, full)]
+        assert np.array_equal(*rows)
+        third = plant.with_effects(
+            [Effect(name, site, {"amplitude": 0.0, "phase": 0.0, "order": 1.0, "amplitude_3": 0.1}, 1)]
+        )
+        changed = np.flatnonzero(third.parameters != plant.parameters)
+        amplitude, order = (
+            (P.ripple_amplitude, P.ripple_order) if site == "motor" else (P.eccentricity, P.eccentricity_order)
+        )
+        assert {amplitude + 7, order + 7} <= set(changed)
+        assert (third.parameters[amplitude + 7], third.parameters[order + 7]) == (0.1, 3.0)
+    with pytest.raises(ParameterError, match="amplitude_9: is no known key"):
+        Effect("torque_ripple", "motor", SIZES["torque_ripple"] | {"amplitude_9": 0.1}, 1)
+    with pytest.raises(ParameterError, match="torque_ripple.order: is missing"):
+        Effect("torque_ripple", "motor", {"amplitude": 0.1, "phase": 0.0, "order_2": 3.0}, 1)
+
+
 @st.composite
 def effects(draw):
     kind = draw(st.sampled_from(list(EFFECTS.values())))
     site = draw(st.sampled_from(kind.sites))
     numbers = {"motor": (1, 2), "transmission": (1, 2), "sensor": (0, 1, 2), "timing": (0, 1, 2)}
     motor = draw(st.sampled_from(numbers.get(site, (0,))))
-    values = {p.name: draw(st.floats(p.low, p.high)) for p in kind.parameters}
+    given = (*kind.parameters, *(p for p in kind.optional if draw(st.booleans())))
+    values = {p.name: draw(st.floats(p.low, p.high)) for p in given}
     return Effect(kind.name, site, values, motor, draw(st.sampled_from(["", "joint"])))
 
 

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_joints import SIZES, antagonistic, device, flexible, rigid, serial_servo, servo_flexible
+from sim_joints import (
+    ENCODER_ERRORS,
+    RIPPLES,
+    SIZES,
+    antagonistic,
+    device,
+    flexible,
+    rigid,
+    serial_servo,
+    servo_flexible,
+)
 from via_core.devices import load_device
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
@@ -56,6 +66,9 @@ def test_every_effect_gives_the_same_in_lockstep_as_alone(joint):
     for name in EFFECTS.keys() - {"encoder_quantisation"}:
         for site, motor in places(name, joint):
             plants += [nominal.with_effects([Effect(name, site, SIZES[name], motor)]), nominal]
+            more = {"torque_ripple": RIPPLES, "encoder_eccentricity": ENCODER_ERRORS}.get(name)
+            if more:
+                plants += [nominal.with_effects([Effect(name, site, SIZES[name] | more, motor)]), nominal]
             if name == "spring_law":  # to where it pushes
                 softened = Effect(name, site, {"scale": 1.0, "hardening": -12.0}, motor)
                 plants += [nominal.with_effects([softened]), nominal]

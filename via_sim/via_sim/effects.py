@@ -35,7 +35,7 @@ class Effect:
 
     name        key of EFFECTS, or 'device_numbers'
     site        where: one of the kind's sites
-    parameters  name -> value, all of the kind's parameters (of device_numbers: some), inside their bounds
+    parameters  name -> value, all of the kind's parameters and any of its optional ones, inside their bounds
     motor       1 or 2: which motor or transmission, at a sensor whose (0: the link's); else 0
     joint       name of the device it belongs to; empty means whichever it is given to
 
@@ -60,15 +60,16 @@ class Effect:
             if allowed != (0,):
                 wanted = f"{', '.join(str(number) for number in allowed[:-1])} or {allowed[-1]}"
             raise ParameterError(f"{self.name}.motor: must be {wanted}, got {self.motor!r}")
-        names = [parameter.name for parameter in kind.parameters]
+        names = [parameter.name for parameter in kind.all_parameters]
+        must = {parameter.name for parameter in kind.parameters}
         for key in self.parameters:
             if key not in names:
                 raise ParameterError(f"{self.name}.{key}: is no known key; there are {', '.join(names)}")
-        for parameter in kind.parameters:
+        for parameter in kind.all_parameters:
             key = f"{self.name}.{parameter.name}"
             reach = f"{parameter.low:g} to {parameter.high:g} {parameter.unit}"
             if parameter.name not in self.parameters:
-                if kind.partial:
+                if parameter.name not in must:
                     continue
                 raise ParameterError(f"{key}: is missing, {reach}")
             value = self.parameters[parameter.name]

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from dataclasses import dataclass
-from math import cos, exp, isfinite, nan, sin
+from math import exp, isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,7 @@ from via_core.signals import Array, Signals, locked
 
 from via_sim.actuation import couple, saturated, servo_bandwidth
 from via_sim.parameters import ABSENT, DYNAMIC, N_PARAMETERS, NO_DAMPER, SERVO, P
-from via_sim.readings import hermite
+from via_sim.readings import hermite, true_motion
 from via_sim.simulate import command_rows
 from via_sim.torques import (
     ARM,
@@ -202,19 +202,6 @@ def equation_torques(row: Array, record: Record) -> EquationTorques:
 
 
 @bare
-def _undone(p: Array, axis: int, angle: float, velocity: float) -> tuple[float, float]:
-    """Angle and velocity of an axis whose encoder reads these: offset and eccentricity taken back."""
-    angle -= p[P.encoder_offset + axis]
-    swing, phase = p[P.eccentricity + axis], p[P.eccentricity_phase + axis]
-    if swing == 0.0:
-        return angle, velocity
-    true = angle - swing * sin(angle + phase)
-    for _ in range(3):  # Newton on true + swing sin(true + phase) = angle
-        true -= (true + swing * sin(true + phase) - angle) / (1.0 + swing * cos(true + phase))
-    return true, velocity / (1.0 + swing * cos(true + phase))
-
-
-@bare
 def _ahead(time: Array, angle: Array, velocity: Array, axis: int, n: int, skew: float) -> tuple[float, float]:
     """Reading and velocity of an axis `skew` [s] after sample n, from the samples around that time."""
     when, k, last = time[n] + skew, n, time.size - 1
@@ -343,7 +330,7 @@ def _walk(
                 y[axis], y[3 + axis] = angle[n, axis], velocity[n, axis]
                 if p[P.skew + axis] > 0.0:
                     y[axis], y[3 + axis] = _ahead(time, angle, velocity, axis, n, p[P.skew + axis])
-                y[axis], y[3 + axis] = _undone(p, axis, y[axis], y[3 + axis])
+                y[axis], y[3 + axis] = true_motion(p, axis, y[axis], y[3 + axis])
             if n == 0 or not isfinite(x[axis]):
                 x[axis] = y[axis]
             way = y[axis] - x[axis]

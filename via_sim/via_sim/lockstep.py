@@ -22,7 +22,7 @@ from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.actuation import saturated
 from via_sim.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
-from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, P
+from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, ENCODER_HARMONICS, NO_DAMPER, RIPPLE_HARMONICS, P
 from via_sim.readings import record, sense, stride
 from via_sim.torques import (
     ARM,
@@ -64,15 +64,17 @@ _SIZES = {
     "kinetic": 3, "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3, "gravity": 1, "angle": 1,
     "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2, "half": 2,
     "solid": 2, "rise": 2, "fall": 2, "growth": 2, "level": 3, "bend": 3, "most": 2, "give": 2, "drag": 3,
-    "ripple": 3, "order": 3, "phase": 3, "rub": 2, "wall": 1, "push": 1, "soften": 1, "side": 1, "open": 1,
-    "gain": 3, "bias": 3, "kept": 3,
+    "rub": 2, "wall": 1, "push": 1, "soften": 1, "side": 1, "open": 1,
+    "gain": 3, "bias": 3, "kept": 3, "ripple": 3 * RIPPLE_HARMONICS, "order": 3 * RIPPLE_HARMONICS,
+    "phase": 3 * RIPPLE_HARMONICS,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
 _N_ROWS = sum(_SIZES.values())
 
-# Bits of what some lane of a block has and most joints lack; of the first four one for each axis or transmission.
-_BRISTLE, _DRAG, _RIPPLE, _MAXWELL, _RUB, _WALL, _LAG = 0, 3, 6, 9, 11, 12, 13
+# Bits of what some lane of a block has and most joints lack: of the first three one for each axis or transmission, of
+# the last one for each axis of each harmonic.
+_BRISTLE, _DRAG, _MAXWELL, _RUB, _WALL, _LAG, _RIPPLE = 0, 3, 6, 8, 9, 10, 11
 
 
 @bare
@@ -175,10 +177,12 @@ def _rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
             for lane in range(z.shape[1]):
                 v = z[Z.at + 3 + here, lane]
                 z[out + here, lane] -= z[Z.drag + here, lane] * v * abs(v)
-        if rare >> (_RIPPLE + axis) & 1:
-            for lane in range(z.shape[1]):
-                turned = z[Z.order + here, lane] * z[Z.at + here, lane] + z[Z.phase + here, lane]
-                z[out + here, lane] += z[Z.ripple + here, lane] * _sine(turned)
+        if rare >> _RIPPLE != 0:
+            for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
+                if rare >> (_RIPPLE + k) & 1:
+                    for lane in range(z.shape[1]):
+                        turned = z[Z.order + k, lane] * z[Z.at + here, lane] + z[Z.phase + k, lane]
+                        z[out + here, lane] += z[Z.ripple + k, lane] * _sine(turned)
         if rare >> (_BRISTLE + axis) & 1:
             for lane in range(z.shape[1]):
                 z[out + here, lane] -= _bristle(z, here, lane)
@@ -458,8 +462,9 @@ def _enter(p: Array, z: Array, lane: int) -> None:
         z[Z.level + here, lane] = level
         z[Z.bend + here, lane] = p[P.bristle_stiffness + axis] / level if level > 0.0 else 0.0
         z[Z.drag + here, lane] = p[P.quadratic_drag + axis]
-        z[Z.ripple + here, lane], z[Z.order + here, lane] = p[P.ripple_amplitude + axis], p[P.ripple_order + axis]
-        z[Z.phase + here, lane] = p[P.ripple_phase + axis]
+        for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
+            z[Z.ripple + k, lane], z[Z.order + k, lane] = p[P.ripple_amplitude + k], p[P.ripple_order + k]
+            z[Z.phase + k, lane] = p[P.ripple_phase + k]
         driven = p[P.link_drive] != 0.0 if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
         z[Z.gain + here, lane] = p[P.torque_gain + axis] if driven else 0.0
         z[Z.bias + here, lane] = p[P.torque_bias + axis] if driven else 0.0
@@ -579,7 +584,8 @@ def _rare_bits(p: Array) -> int:
     for axis in range(3):
         bits |= int(p[P.bristle_torque + axis] > 0.0) << (_BRISTLE + axis)
         bits |= int(p[P.quadratic_drag + axis] != 0.0) << (_DRAG + axis)
-        bits |= int(p[P.ripple_amplitude + axis] != 0.0) << (_RIPPLE + axis)
+        for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
+            bits |= int(p[P.ripple_amplitude + k] != 0.0) << (_RIPPLE + k)
     for i in range(2):
         bits |= int(p[P.hysteresis_torque + i] > 0.0) << (_MAXWELL + i)
         bits |= int(p[P.spring_damping + i] != 0.0) << _RUB
@@ -702,5 +708,7 @@ def _reads_true(p: Array) -> bool:
     """Whether encoders read angles as they are."""
     true = True
     for axis in range(3):
-        true &= p[P.skew + axis] <= 0.0 and p[P.eccentricity + axis] == 0.0 and p[P.encoder_offset + axis] == 0.0
+        true &= p[P.skew + axis] <= 0.0 and p[P.encoder_offset + axis] == 0.0
+        for k in range(axis, 3 * ENCODER_HARMONICS, 3):
+            true &= p[P.eccentricity + k] == 0.0
     return true

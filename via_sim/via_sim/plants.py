@@ -23,6 +23,7 @@ from via_sim.parameters import (
     LINK,
     MOTOR_1,
     N_PARAMETERS,
+    RIPPLE_HARMONICS,
     SERVO,
     P,
     neutral_row,
@@ -188,7 +189,8 @@ def _stiffest(row: Array, device: Device) -> Array:
     for axis in range(3):
         if row[P.bristle_torque + axis] > 0.0:
             stiffness[axis] += row[P.bristle_stiffness + axis]
-        stiffness[axis] += abs(row[P.ripple_amplitude + axis] * row[P.ripple_order + axis])
+        for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
+            stiffness[axis] += abs(row[P.ripple_amplitude + k] * row[P.ripple_order + k])
     return stiffness
 
 

@@ -30,7 +30,7 @@ from numba import njit
 from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS, spring_stiffness, spring_torque
 
-from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, NO_DAMPER, P
+from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, NO_DAMPER, RIPPLE_HARMONICS, P
 
 HISTORY = 34  # samples of the past that a late encoder is read from
 
@@ -59,9 +59,10 @@ SPRING, TARGET, BESIDE = 4, 6, 9
 
 # Modes: of the three axes STUCK, SMOOTH (no dry friction) or slip direction -1, +1; of the two transmissions the flank
 # they lie on, 0 within the gap; of their Maxwell elements 0 or slip direction; whether the wall is touched; whether
-# anything can switch at all; whether any rare term is there; whether the drives lag; ticks between records of the past.
-STUCK, SMOOTH, FLANK, SLIP, TOUCH, SWITCHES, RARE, LAGS, EVERY = 0, 2, 3, 5, 7, 8, 9, 10, 11
-N_MODES = 12
+# anything can switch at all; whether any rare term is there; whether the drives lag; ticks between records of the past;
+# of the three axes the harmonics of their ripple, up to the last that is not zero.
+STUCK, SMOOTH, FLANK, SLIP, TOUCH, SWITCHES, RARE, LAGS, EVERY, RIPPLES = 0, 2, 3, 5, 7, 8, 9, 10, 11, 12
+N_MODES = 15
 
 compiled = njit(cache=True, error_model="numpy", nogil=True)
 bare = njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
@@ -78,7 +79,11 @@ def prepare(p: Array, modes: Array) -> None:
     """What a parameter row never changes of modes (N_MODES,): which kinds of terms there are."""
     rare = p[P.contact_stiffness] > 0.0
     for i in range(3):
-        rare |= p[P.quadratic_drag + i] != 0.0 or p[P.bristle_torque + i] > 0.0 or p[P.ripple_amplitude + i] != 0.0
+        modes[RIPPLES + i] = 0
+        for k in range(RIPPLE_HARMONICS):
+            if p[P.ripple_amplitude + 3 * k + i] != 0.0:
+                modes[RIPPLES + i] = k + 1
+        rare |= p[P.quadratic_drag + i] != 0.0 or p[P.bristle_torque + i] > 0.0 or modes[RIPPLES + i] > 0
     for i in range(2):
         rare |= p[P.hysteresis_torque + i] > 0.0 or p[P.spring_damping + i] != 0.0
     modes[RARE], modes[LAGS] = rare, p[P.lag] > 0.0
@@ -179,9 +184,13 @@ def contact_torque(p: Array, q: float, w: float) -> float:
 
 
 @bare
-def ripple_torque(p: Array, axis: int, angle: float) -> float:
-    """Torque [N m] that an axis has over its angle and nobody commanded."""
-    return p[P.ripple_amplitude + axis] * sin(p[P.ripple_order + axis] * angle + p[P.ripple_phase + axis])
+def ripple_torque(p: Array, axis: int, angle: float, harmonics: int) -> float:
+    """Torque [N m] that an axis has over its angle and nobody commanded: the sum of its first harmonics."""
+    torque = 0.0
+    for k in range(harmonics):
+        here = 3 * k + axis
+        torque += p[P.ripple_amplitude + here] * sin(p[P.ripple_order + here] * angle + p[P.ripple_phase + here])
+    return torque
 
 
 @bare
@@ -190,8 +199,8 @@ def _rare_torque(p: Array, modes: Array, x: Array, axis: int, angle: float, spee
     torque = -p[P.quadratic_drag + axis] * speed * abs(speed)
     if p[P.bristle_torque + axis] > 0.0:
         torque -= bristle_torque(p, axis, modes[axis], x[X.bristle + axis], angle - x[axis])
-    if p[P.ripple_amplitude + axis] != 0.0:
-        torque += ripple_torque(p, axis, angle)
+    if modes[RIPPLES + axis] > 0:
+        torque += ripple_torque(p, axis, angle, modes[RIPPLES + axis])
     return torque
 
 
