@@ -225,7 +225,7 @@ def test_effects_that_do_not_fit_the_joint_are_refused():
 
 
 def test_harmonics_that_are_left_out_are_not_there():
-    """The parameter row of an effect with one harmonic is the one with the others neutral; orders default to 2, 3, ..."""
+    """An effect with one harmonic writes what it writes with the others neutral; orders default to 2, 3, ..."""
     for name, site in (("torque_ripple", "motor"), ("encoder_eccentricity", "sensor")):
         kind, plant = EFFECTS[name], JointPlant.from_device(flexible())
         short = Effect(name, site, SIZES[name], 1)
@@ -244,7 +244,7 @@ def test_harmonics_that_are_left_out_are_not_there():
         assert (third.parameters[amplitude + 7], third.parameters[order + 7]) == (0.1, 3.0)
     with pytest.raises(ParameterError, match="amplitude_9: is no known key"):
         Effect("torque_ripple", "motor", SIZES["torque_ripple"] | {"amplitude_9": 0.1}, 1)
-    with pytest.raises(ParameterError, match="torque_ripple.order: is missing"):
+    with pytest.raises(ParameterError, match=r"torque_ripple\.order: is missing"):
         Effect("torque_ripple", "motor", {"amplitude": 0.1, "phase": 0.0, "order_2": 3.0}, 1)
 
 

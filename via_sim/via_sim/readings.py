@@ -1,8 +1,8 @@
 """What sensors read of a state: errors of the encoder first, then noise, then the quantiser; torques likewise.
 
 An encoder reads  angle(t - skew) + offset + sum_k amplitude_k sin(order_k angle + phase_k).  The angle `skew` ago is a
-cubic through motion kept in the state's ring of the past (one sample in every `stride` ticks), whose error is below 1e-9 rad where
-motion has no more than 100 Hz.
+cubic through motion kept in the state's ring of the past (one sample in every `stride` ticks), whose error is below
+1e-9 rad where motion has no more than 100 Hz.
 """
 
 from __future__ import annotations
