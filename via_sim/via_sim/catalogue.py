@@ -307,7 +307,7 @@ _KINDS = (
     EffectKind(
         "encoder_eccentricity",
         ("sensor",),
-        "periodic error of an encoder: order 1 where it is off its axis, higher ones of its scale; `motor` 0 is the link's",
+        "periodic error of an encoder, of order 1 where it is off its axis; `motor` 0 is the link's",
         "reads angle + sum_k amplitude_k sin(order_k angle + phase_k)",
         "torque_ripple: it bends every equation that uses the angle",
         (_SWING[0], _SWING[2]),

@@ -138,7 +138,7 @@ def write_bias(row: Array, axis: int, site: str, value: Values) -> None:
 
 
 def _harmonics(value: Values, count: int) -> Iterator[tuple[int, float, float, float]]:
-    """(number from 0, amplitude, order, phase) of `count` terms; what is left out is zero, an order the term's number."""
+    """(number from 0, amplitude, order, phase) of `count` terms; orders that are left out count 1, 2, 3."""
     for k in range(count):
         of = harmonic_suffix(k)
         yield k, value.get(f"amplitude{of}", 0.0), value.get(f"order{of}", k + 1.0), value.get(f"phase{of}", 0.0)
