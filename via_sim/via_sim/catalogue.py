@@ -15,8 +15,9 @@ from via_sim.device_numbers import NAMES
 from via_sim.effect_kinds import (
     EffectKind,
     EffectParameter,
-    harmonic_suffix,
+    harmonic,
     into_slot,
+    more_harmonics,
     write_asymmetric_coulomb,
     write_asymmetric_viscous,
     write_bias,
@@ -27,6 +28,7 @@ from via_sim.effect_kinds import (
     write_gravity,
     write_hysteresis,
     write_link_inertia,
+    write_load_friction,
     write_numbers,
     write_payload,
     write_presliding,
@@ -44,24 +46,7 @@ NEVER = 1e6  # [s] later than any run; also a torque [N m] and a speed [rad/s] b
 
 _FRICTION = ("motor", "link")
 _TORQUE = EffectParameter("torque", "N m", 0.0, 1e3, 0.0, "breakaway and kinetic friction", True)
-
-
-def _harmonic(k: int, unit: str, high: float) -> tuple[EffectParameter, EffectParameter, EffectParameter]:
-    """Amplitude, order and phase of harmonic k (from 0) of an effect over the angle, amplitudes up to `high`."""
-    of = harmonic_suffix(k)
-    return (
-        EffectParameter(f"amplitude{of}", unit, 0.0, high, 0.0, "largest value", True),
-        EffectParameter(f"order{of}", "1/rev", 0.5, 1e3, k + 1.0, "periods per turn, no integer behind a gear"),
-        EffectParameter(f"phase{of}", "rad", -2.0 * pi, 2.0 * pi, 0.0, "at angle zero"),
-    )
-
-
-def _more_harmonics(count: int, unit: str, high: float) -> tuple[EffectParameter, ...]:
-    """The parameters of all harmonics but the first."""
-    return tuple(parameter for k in range(1, count) for parameter in _harmonic(k, unit, high))
-
-
-_SWING = _harmonic(0, "rad", 0.5)
+_SWING = harmonic(0, "rad", 0.5)
 
 _KINDS = (
     EffectKind(
@@ -153,12 +138,24 @@ _KINDS = (
     EffectKind(
         "load_dependent_friction",
         _FRICTION,
-        "dry friction in proportion to the torque the axis carries: of its transmissions, of a rigid joint its drive's",
-        "-coefficient |load| s",
+        "dry friction that grows with the load T of an axis, the torque of its transmissions (of a rigid joint of its "
+        "drive), and with the counter torque C from the other side (of a motor its drive, of a link gravity, walls and "
+        "external torque); both press the teeth of a gear together where they oppose one another",
+        "-(|coefficient T - counter_coefficient C| + exp(-(v/velocity)^2) (|stribeck T - counter_stribeck C| + "
+        "quadratic min(|T|, |C|)^2 where T C < 0)) s",
         "coulomb_friction: the same speeds under another load; torque_gain: reversals",
-        (EffectParameter("coefficient", "-", 0.0, 1.0, 0.0, "friction per torque", True),),
-        into_slot(P.load_friction, "coefficient"),
+        (EffectParameter("coefficient", "-", 0.0, 1.0, 0.0, "friction per load, at any speed", True),),
+        write_load_friction,
         needs_torque_drive=True,
+        optional=(
+            EffectParameter("counter_coefficient", "-", 0.0, 1.0, 0.0, "friction per counter torque, at any speed"),
+            EffectParameter("stribeck", "-", 0.0, 1.0, 0.0, "what standstill adds per load"),
+            EffectParameter("counter_stribeck", "-", 0.0, 1.0, 0.0, "what standstill adds per counter torque"),
+            EffectParameter("velocity", "rad/s", 1e-3, 1e2, 1.0, "speed that leaves 1/e of what standstill adds"),
+            EffectParameter(
+                "quadratic", "1/(N m)", 0.0, 10.0, 0.0, "what it adds per square of the smaller torque", True
+            ),
+        ),
     ),
     EffectKind(
         "backlash",
@@ -257,11 +254,11 @@ _KINDS = (
         "cogging: a torque over the angle of the motor, a Fourier series of a few orders",
         "sum_k amplitude_k sin(order_k theta + phase_k)",
         "encoder_eccentricity: its order, and its sign under reversal",
-        _harmonic(0, "N m", 1e3),
+        harmonic(0, "N m", 1e3),
         write_ripple,
         needs_torque_drive=True,
         of_drive=True,
-        optional=_more_harmonics(RIPPLE_HARMONICS, "N m", 1e3),
+        optional=more_harmonics(RIPPLE_HARMONICS, "N m", 1e3),
     ),
     EffectKind(
         "torque_saturation",
@@ -269,11 +266,7 @@ _KINDS = (
         "a limit of the drive that nobody knows: of its torque; of a servo the speed [rad/s] at which it slews",
         "clip(u, -limit, limit)",
         "torque_gain: only large commands",
-        (
-            EffectParameter(
-                "limit", "N m", 1e-3, NEVER, NEVER, "largest torque; of a servo speed [rad/s]", servo_unit="rad/s"
-            ),
-        ),
+        (EffectParameter("limit", "N m", 1e-3, NEVER, NEVER, "largest torque; speed of a servo", servo_unit="rad/s"),),
         into_slot(P.saturation, "limit"),
         of_drive=True,
     ),
@@ -312,7 +305,7 @@ _KINDS = (
         "torque_ripple: it bends every equation that uses the angle",
         (_SWING[0], _SWING[2]),
         write_encoder_error,
-        optional=(_SWING[1], *_more_harmonics(ENCODER_HARMONICS, "rad", 0.5)),
+        optional=(_SWING[1], *more_harmonics(ENCODER_HARMONICS, "rad", 0.5)),
     ),
     EffectKind(
         "encoder_quantisation",

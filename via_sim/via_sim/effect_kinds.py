@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from math import pi
 
 from via_core.errors import ParameterError
 from via_core.signals import Array
@@ -65,9 +66,24 @@ class EffectKind:
         return (*self.parameters, *self.optional)
 
 
-def harmonic_suffix(k: int) -> str:
+def _suffix(k: int) -> str:
     """What the names of harmonic k (from 0) end with: '', '_2', '_3'."""
     return f"_{k + 1}" if k else ""
+
+
+def harmonic(k: int, unit: str, high: float) -> tuple[EffectParameter, EffectParameter, EffectParameter]:
+    """Amplitude, order and phase of harmonic k (from 0) of an effect over the angle, amplitudes up to `high`."""
+    of = _suffix(k)
+    return (
+        EffectParameter(f"amplitude{of}", unit, 0.0, high, 0.0, "largest value", True),
+        EffectParameter(f"order{of}", "1/rev", 0.5, 1e3, k + 1.0, "periods per turn, no integer behind a gear"),
+        EffectParameter(f"phase{of}", "rad", -2.0 * pi, 2.0 * pi, 0.0, "at angle zero"),
+    )
+
+
+def more_harmonics(count: int, unit: str, high: float) -> tuple[EffectParameter, ...]:
+    """The parameters of all harmonics but the first."""
+    return tuple(parameter for k in range(1, count) for parameter in harmonic(k, unit, high))
 
 
 def write_coulomb(row: Array, axis: int, _site: str, value: Values) -> None:
@@ -124,6 +140,19 @@ def write_hysteresis(row: Array, axis: int, _site: str, value: Values) -> None:
     row[P.hysteresis_stiffness + axis - MOTOR_1] = value["stiffness"]
 
 
+def write_load_friction(row: Array, axis: int, _site: str, value: Values) -> None:
+    """Dry friction that depends on both torques on an axis, see friction.py."""
+    row[P.load_friction + axis] = value["coefficient"]
+    for name, slot in (
+        ("counter_coefficient", P.counter_friction),
+        ("stribeck", P.load_stribeck),
+        ("counter_stribeck", P.counter_stribeck),
+        ("quadratic", P.load_quadratic),
+    ):
+        row[slot + axis] = value.get(name, 0.0)
+    row[P.load_velocity + axis] = value.get("velocity", 1.0)
+
+
 def write_spring_law(row: Array, axis: int, _site: str, value: Values) -> None:
     row[P.spring_scale + axis - MOTOR_1] = value["scale"]
     row[P.spring_hardening + axis - MOTOR_1] = value["hardening"]
@@ -140,7 +169,7 @@ def write_bias(row: Array, axis: int, site: str, value: Values) -> None:
 def _harmonics(value: Values, count: int) -> Iterator[tuple[int, float, float, float]]:
     """(number from 0, amplitude, order, phase) of `count` terms; orders that are left out count 1, 2, 3."""
     for k in range(count):
-        of = harmonic_suffix(k)
+        of = _suffix(k)
         yield k, value.get(f"amplitude{of}", 0.0), value.get(f"order{of}", k + 1.0), value.get(f"phase{of}", 0.0)
 
 

@@ -32,6 +32,7 @@ from via_core.servos import servo_acceleration
 from via_core.signals import Array, Signals, locked
 
 from via_sim.actuation import couple, saturated, servo_bandwidth
+from via_sim.friction import breakaway, dry_friction, has_friction, viscous_friction
 from via_sim.parameters import ABSENT, DYNAMIC, N_PARAMETERS, NO_DAMPER, SERVO, P
 from via_sim.readings import hermite, true_motion
 from via_sim.simulate import command_rows
@@ -51,11 +52,8 @@ from via_sim.torques import (
     TOUCH,
     X,
     bare,
-    breakaway,
     compiled,
     deflection,
-    dry_friction,
-    has_friction,
     laws,
     motive_torques,
     prepare,
@@ -63,7 +61,6 @@ from via_sim.torques import (
     remember,
     spring_factor,
     transmission_torque,
-    viscous_friction,
 )
 
 STILL = 0.02  # [rad/s] below which an axis nearly stands, unless the caller knows his velocities better
@@ -253,7 +250,7 @@ def _means(p: Array, times: Array, commands: Array, sensed: bool, k: int, a: flo
 
 
 @bare
-def _slipping(p: Array, axis: int, before: float, speed: float, after: float, load: float) -> float:
+def _slipping(p: Array, axis: int, before: float, speed: float, after: float, load: float, counter: float) -> float:
     """Dry friction [N m] on a slipping axis, its mean over a cell in which the speed may change its sign."""
     swing = 0.25 * abs(after - before)  # of the speed over half a cell
     if isfinite(swing) and abs(speed) < swing:
@@ -262,9 +259,9 @@ def _slipping(p: Array, axis: int, before: float, speed: float, after: float, lo
         forwards = 1.0 if speed > 0.0 else (0.0 if speed < 0.0 else 0.5)
     friction = 0.0
     if forwards > 0.0:
-        friction += forwards * dry_friction(p, axis, 1, abs(speed), load)
+        friction += forwards * dry_friction(p, axis, 1, abs(speed), load, counter)
     if forwards < 1.0:
-        friction -= (1.0 - forwards) * dry_friction(p, axis, -1, abs(speed), load)
+        friction -= (1.0 - forwards) * dry_friction(p, axis, -1, abs(speed), load, counter)
     return friction
 
 
@@ -349,14 +346,15 @@ def _walk(
         modes[TOUCH] = p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0 and p[P.contact_stiffness] > 0.0
         torques = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
         for axis in range(3):
-            kind, load = p[P.axis_kind + axis], torques[3 + axis]
+            kind, load, counter = p[P.axis_kind + axis], torques[3 + axis], torques[6 + axis]
             friction = capacity = 0.0
             torque = nan
             if kind == DYNAMIC:
                 if has_friction(p, axis):
                     before, after = velocity[max(n - 1, 0), axis], velocity[min(n + 1, last), axis]
-                    friction = _slipping(p, axis, before, x[3 + axis], after, load)
-                    capacity = 0.5 * (breakaway(p, axis, 1, load) + breakaway(p, axis, -1, load))
+                    friction = _slipping(p, axis, before, x[3 + axis], after, load, counter)
+                    most = breakaway(p, axis, 1, load, counter)
+                    capacity = 0.5 * (most + breakaway(p, axis, -1, load, counter))
                 torque = torques[axis] - viscous_friction(p, axis, u[DAMPING]) * x[3 + axis] - friction
             elif kind == SERVO:
                 v, w = x[3 + axis], servo_bandwidth(p, axis - 1)

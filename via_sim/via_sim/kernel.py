@@ -35,6 +35,7 @@ from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS
 
 from via_sim.actuation import couple, lagged, saturated, servo_motion, supply
+from via_sim.friction import viscous_rate
 from via_sim.parameters import DYNAMIC, NO_DAMPER, SERVO, P
 from via_sim.phi_functions import phi_functions
 from via_sim.readings import observe, record, stride
@@ -62,7 +63,6 @@ from via_sim.torques import (
     settle,
     spring_factor,
     violation,
-    viscous_rate,
 )
 
 PER_AXIS, _FOR = 20, 60  # integrator weights per axis; where step and damping stand that they are for
@@ -293,7 +293,7 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
         h = duration / substeps
         for _ in range(substeps):
             _advance(p, c1, c2, x, u, h, modes, weights, y)
-        x[X.damping], x[X.external] = u[DAMPING], u[EXTERNAL]
+        x[X.damping], x[X.external], x[X.beside] = u[DAMPING], u[EXTERNAL], u[BESIDE]
         for i in range(2):
             x[X.motor_torque + i] = u[i]
         if modes[LAGS] == 0:

@@ -21,6 +21,7 @@ from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.actuation import saturated
+from via_sim.friction import feels_both_sides, has_friction
 from via_sim.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
 from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, ENCODER_HARMONICS, NO_DAMPER, RIPPLE_HARMONICS, P
 from via_sim.readings import record, sense, stride
@@ -37,7 +38,6 @@ from via_sim.torques import (
     bare,
     compiled,
     deflection,
-    has_friction,
     preset_of,
     spring_factor,
     transmission_torque,
@@ -51,8 +51,9 @@ _ENOUGH = 1e300  # [N m] margin of what is not watched
 #   START 6: state at the beginning of a step; AT 6: where torques are evaluated; N, A, B, D 3 each: torques of the
 #   stages; MIDDLE 3: speeds; INPUT 3: torque on link, motor 1, motor 2; BESIDE 3: what of it is not a drive's;
 #   DAMP 1; FACTOR 2: of the springs; SIGN 3: direction of slip, 0 without friction; HELD 3: 1 where an axis stands;
-#   MARGIN 1: positive while the lane has kept its modes; FLANK 2; SPRING 2: torques; PHI, INSIDE, SLOPE, LOADED 1:
-#   scratch; WEIGHT 60 as of `weigh`; BRISTLE 3, MAXWELL 2: torques held when the step began; SLIP 2: direction in
+#   MARGIN 1: positive while the lane has kept its modes; FLANK 2; SPRING 2: torques; PHI, INSIDE, SLOPE 1: scratch;
+#   LOADED, ADDED 1: friction from the load at any speed, what standstill adds to it; COUNTER 1: counter torque;
+#   WEIGHT 60 as of `weigh`; BRISTLE 3, MAXWELL 2: torques held when the step began; SLIP 2: direction in
 #   which a Maxwell element slips, 0 where it sticks; TOUCH 1: 1 where the wall is; LAG 3: drive torques behind the lag,
 #   ASKED 3: before it; then what the parameter rows say (RISE, FALL, GROWTH of springs that grow exponentially; LEVEL,
 #   BEND of bristles, MOST, GIVE of Maxwell elements; RUB of spring dampers; WALL, PUSH, SOFTEN, SIDE, OPEN of the wall;
@@ -60,13 +61,14 @@ _ENOUGH = 1e300  # [N m] margin of what is not watched
 _SIZES = {
     "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "middle": 3, "input": 3, "beside": 3, "damp": 1,
     "factor": 2, "sign": 3, "held": 3, "margin": 1, "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1,
-    "loaded": 1, "weight": 3 * PER_AXIS, "bristle": 3, "maxwell": 2, "slip": 2, "touch": 1, "lag": 3, "asked": 3,
+    "loaded": 1, "added": 1, "counter": 1, "weight": 3 * PER_AXIS, "bristle": 3, "maxwell": 2, "slip": 2, "touch": 1,
+    "lag": 3, "asked": 3,
     "kinetic": 3, "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3, "gravity": 1, "angle": 1,
     "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2, "half": 2,
     "solid": 2, "rise": 2, "fall": 2, "growth": 2, "level": 3, "bend": 3, "most": 2, "give": 2, "drag": 3,
     "rub": 2, "wall": 1, "push": 1, "soften": 1, "side": 1, "open": 1,
     "gain": 3, "bias": 3, "kept": 3, "ripple": 3 * RIPPLE_HARMONICS, "order": 3 * RIPPLE_HARMONICS,
-    "phase": 3 * RIPPLE_HARMONICS,
+    "phase": 3 * RIPPLE_HARMONICS, "opposed": 3, "standing": 3, "opposed_standing": 3, "squared": 3, "fading": 3,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
@@ -74,7 +76,7 @@ _N_ROWS = sum(_SIZES.values())
 
 # Bits of what some lane of a block has and most joints lack: of the first three one for each axis or transmission, of
 # the last one for each axis of each harmonic.
-_BRISTLE, _DRAG, _MAXWELL, _RUB, _WALL, _LAG, _RIPPLE = 0, 3, 6, 8, 9, 10, 11
+_BRISTLE, _DRAG, _MAXWELL, _RUB, _WALL, _LAG, _LOADS, _RIPPLE = 0, 3, 6, 8, 9, 10, 11, 12
 
 
 @bare
@@ -200,9 +202,7 @@ def _rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
                 z[out + motor, lane] += rub * z[Z.at + 3, lane]
     if rare >> _WALL & 1:
         for lane in range(z.shape[1]):
-            side, depth = z[Z.side, lane], z[Z.at, lane] - z[Z.wall, lane]
-            push = side * (z[Z.push, lane] * depth + z[Z.soften, lane] * z[Z.at + 3, lane])
-            z[out, lane] -= z[Z.touch, lane] * side * max(push, 0.0)
+            z[out, lane] += _wall(z, lane)
 
 
 @bare
@@ -293,6 +293,31 @@ def _springs(z: Array, rows: Array, first: int, terms: int) -> None:
 
 
 @bare
+def _counter(z: Array, axis: int, count: int, gravity: bool, rare: int) -> None:
+    """Counter torque of an axis with `count` transmissions in the joint -> COUNTER, as `torques.motive_torques`."""
+    if axis > 0:
+        for lane in range(z.shape[1]):
+            z[Z.counter, lane] = z[Z.input + axis, lane] - z[Z.beside + axis, lane]
+        return
+    for lane in range(z.shape[1]):
+        z[Z.counter, lane] = z[Z.beside, lane] if count == 0 else z[Z.input, lane]
+    if gravity:
+        for lane in range(z.shape[1]):
+            z[Z.counter, lane] -= z[Z.gravity, lane] * _sine(z[Z.at, lane] - z[Z.angle, lane])
+    if rare >> _WALL & 1:
+        for lane in range(z.shape[1]):
+            z[Z.counter, lane] += _wall(z, lane)
+
+
+@bare
+def _wall(z: Array, lane: int) -> float:
+    """`torques.contact_torque` at AT, 0 where the wall is not touched."""
+    side, depth = z[Z.side, lane], z[Z.at, lane] - z[Z.wall, lane]
+    push = side * (z[Z.push, lane] * depth + z[Z.soften, lane] * z[Z.at + 3, lane])
+    return -z[Z.touch, lane] * side * max(push, 0.0)
+
+
+@bare
 def _torques(
     z: Array, rows: Array, first: int, axes: int, out: int, terms: int, gravity: bool, friction: int, falls: bool,
     holds: bool, rare: int,
@@ -324,16 +349,27 @@ def _torques(
         here = axis
         if count == 0:
             for lane in range(z.shape[1]):
-                z[Z.loaded, lane] = abs(z[Z.input, lane] - z[Z.beside, lane])
+                z[Z.loaded, lane] = z[Z.input, lane] - z[Z.beside, lane]
         elif axis == 0:
             for lane in range(z.shape[1]):
-                z[Z.loaded, lane] = abs(z[Z.spring, lane] + z[Z.spring + 1, lane])
+                z[Z.loaded, lane] = -(z[Z.spring, lane] + z[Z.spring + 1, lane])
         else:
             for lane in range(z.shape[1]):
-                z[Z.loaded, lane] = abs(z[Z.spring + here - 1, lane])
+                z[Z.loaded, lane] = z[Z.spring + here - 1, lane]
+        if rare >> _LOADS & 1:
+            _counter(z, here, count, gravity, rare)
+            for lane in range(z.shape[1]):
+                load, counter = z[Z.loaded, lane], z[Z.counter, lane]
+                squared = min(abs(load), abs(counter)) ** 2 if load * counter < 0.0 else 0.0
+                added = z[Z.standing + here, lane] * load - z[Z.opposed_standing + here, lane] * counter
+                z[Z.loaded, lane] = abs(z[Z.load + here, lane] * load - z[Z.opposed + here, lane] * counter)
+                z[Z.added, lane] = abs(added) + z[Z.squared + here, lane] * squared
+        else:
+            for lane in range(z.shape[1]):
+                z[Z.loaded, lane] = z[Z.load + here, lane] * abs(z[Z.loaded, lane])
         for lane in range(z.shape[1]):
             sign, v = z[Z.sign + here, lane], z[Z.at + 3 + here, lane]
-            size = z[Z.kinetic + here, lane] + z[Z.load + here, lane] * z[Z.loaded, lane]
+            size = z[Z.kinetic + here, lane] + z[Z.loaded, lane]
             size += sign * (z[Z.asymmetry + here, lane] + z[Z.viscous + here, lane] * sign * v)
             z[out + here, lane] -= sign * size
         if falls:
@@ -341,10 +377,14 @@ def _torques(
                 ratio = z[Z.at + 3 + here, lane] * z[Z.inverse + here, lane]
                 excess = z[Z.excess + here, lane] * _decay(ratio * ratio)
                 z[out + here, lane] -= z[Z.sign + here, lane] * excess
+        if rare >> _LOADS & 1:
+            for lane in range(z.shape[1]):
+                ratio = z[Z.at + 3 + here, lane] * z[Z.fading + here, lane]
+                z[out + here, lane] -= z[Z.sign + here, lane] * z[Z.added, lane] * _decay(ratio * ratio)
         if holds:  # friction takes all of the torque on an axis that stands, as long as it can
             for lane in range(z.shape[1]):
                 held, torque, skewed = z[Z.held + here, lane], z[out + here, lane], z[Z.asymmetry + here, lane]
-                most = z[Z.kinetic + here, lane] + z[Z.excess + here, lane] + z[Z.load + here, lane] * z[Z.loaded, lane]
+                most = z[Z.kinetic + here, lane] + z[Z.excess + here, lane] + z[Z.loaded, lane] + z[Z.added, lane]
                 room = min(most + skewed - torque, most - skewed + torque) + (1.0 - held) * _ENOUGH
                 z[Z.margin, lane] = min(z[Z.margin, lane], room)
                 z[out + here, lane] = (1.0 - held) * torque
@@ -457,7 +497,11 @@ def _enter(p: Array, z: Array, lane: int) -> None:
             p[P.friction_asymmetry + axis],
             p[P.viscous_asymmetry + axis],
         )
-        z[Z.load + here, lane] = p[P.load_friction + axis]
+        z[Z.load + here, lane], z[Z.opposed + here, lane] = p[P.load_friction + axis], p[P.counter_friction + axis]
+        z[Z.standing + here, lane] = p[P.load_stribeck + axis]
+        z[Z.opposed_standing + here, lane] = p[P.counter_stribeck + axis]
+        z[Z.squared + here, lane] = p[P.load_quadratic + axis]
+        z[Z.fading + here, lane] = 1.0 / p[P.load_velocity + axis]
         level = max(p[P.bristle_torque + axis], 0.0)
         z[Z.level + here, lane] = level
         z[Z.bend + here, lane] = p[P.bristle_stiffness + axis] / level if level > 0.0 else 0.0
@@ -539,6 +583,7 @@ def _drive(p: Array, x: Array, command: Array, slot: int, late: int, age: float,
 def _note(p: Array, x: Array, command: Array, slot: int, late: int, z: Array, lane: int) -> None:
     """What acted last into state x, as `kernel.advance_tick` leaves it there."""
     held = _held(x, slot, late)
+    x[X.beside] = z[Z.beside, lane]
     x[X.external], x[X.damping], x[X.lag] = z[Z.input, lane], z[Z.damp, lane], saturated(p, 0, x[held + EXTERNAL])
     for i in range(2):
         limit = p[P.torque_limit + i]
@@ -584,6 +629,7 @@ def _rare_bits(p: Array) -> int:
     for axis in range(3):
         bits |= int(p[P.bristle_torque + axis] > 0.0) << (_BRISTLE + axis)
         bits |= int(p[P.quadratic_drag + axis] != 0.0) << (_DRAG + axis)
+        bits |= int(feels_both_sides(p, axis)) << _LOADS
         for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
             bits |= int(p[P.ripple_amplitude + k] != 0.0) << (_RIPPLE + k)
     for i in range(2):

@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from via_core.signals import Array
 
+from via_sim.friction import breakaway, dry_friction
 from via_sim.parameters import DYNAMIC, ENCODER_HARMONICS, P
 from via_sim.torques import (
     HISTORY,
     X,
     bare,
-    breakaway,
     compiled,
+    contact_torque,
     deflection,
-    dry_friction,
     preset_of,
     spring_factor,
     transmission_stiffness,
@@ -207,15 +207,20 @@ def _undo(rows: Array, axis: int, motion: Array) -> None:
 def dissipated_torque(p: Array, x: Array) -> float:
     """Torque [N m] in the clutch of a rigid joint, positive as d qd: its damper's and the dry friction at the link.
 
-    At standstill friction takes what the external torque and gravity ask of it, up to breakaway.
+    At standstill friction takes what the external torque, gravity and a wall ask of it, up to breakaway.
     """
-    speed, load = x[3], abs(x[X.external])
+    speed, load = x[3], x[X.external] - x[X.beside]
+    outside = -p[P.gravity_torque] * sin(x[0] - p[P.gravity_angle])
+    if p[P.contact_stiffness] > 0.0 and p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0:
+        outside += contact_torque(p, x[0], speed)
+    counter = x[X.beside] + outside
     if speed != 0.0:
         direction = 1 if speed > 0.0 else -1
-        dry = direction * dry_friction(p, 0, direction, abs(speed), load)
+        dry = direction * dry_friction(p, 0, direction, abs(speed), load, counter)
         return x[X.damping] * speed + dry + x[X.bristle]
-    asked = x[X.external] - p[P.gravity_torque] * sin(x[0] - p[P.gravity_angle]) - x[X.bristle]
-    return min(max(asked, -breakaway(p, 0, -1, load)), breakaway(p, 0, 1, load)) + x[X.bristle]
+    asked = x[X.external] + outside - x[X.bristle]
+    least, most = -breakaway(p, 0, -1, load, counter), breakaway(p, 0, 1, load, counter)
+    return min(max(asked, least), most) + x[X.bristle]
 
 
 @bare
