@@ -38,6 +38,7 @@ WIDEST = 30.0  # times the typical size in a log: beyond it an effect is no long
 SCALED = ("N m", "N m s/rad", "N m s^2/rad^2", "kg m^2")  # units whose bounds the device sets
 CLUSTERS = 30  # blocks of neighbouring segments whose errors may have something in common
 FINISHING = 6  # rounds from the best on a subset to the best on all
+ALIKE = 0.8  # mean weight from which reweighting changes nothing that matters
 REWEIGHTED, SHORT = 2, 2  # times that weights are made anew, and rounds after the first
 GIVE_UP = 4.0  # times the best loss so far
 
@@ -142,6 +143,8 @@ def robust(problem: ResidualModel, fit: Fit, scales: Scales, rounds: int = FINIS
     """
     for _ in range(REWEIGHTED):
         weights = np.minimum(2.0 / (1.0 + problem.per_segment(fit.residual)), 1.0)
+        if np.mean(weights) > ALIKE:
+            break
         weighed = problem.weighted(weights)
         start = on(weighed, fit)
         found = refine(weighed, start, None, members_of(fit), scales, rounds=rounds)

@@ -127,7 +127,8 @@ def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     bend = _curvature(log, noise)
     longest = max(MISSED * period, sqrt(8.0 * noise.channels["q"].sd / bend) if bend > 0.0 else np.inf)
     gone = np.flatnonzero(steps > longest)
-    cut = tuple((float(time[i]), float(time[i + 1])) for i in gone)
+    regular = float(np.mean(np.abs(steps - period) < MUCH * period)) > 1.0 - TOLERANCE
+    cut = () if regular else tuple((float(time[i]), float(time[i + 1])) for i in gone)  # else only these samples
     lost = float(steps[gone].sum() / log.duration) if gone.size else 0.0
     share = float(np.mean(late))
     text = (
@@ -164,7 +165,8 @@ def _commands(log: JointLog) -> Iterator[_Found]:
         f"{100 * share:.2g} % of the time is left out: record commands where they are sent, with less load"
     )
     severity: Severity = "downgrade" if share > MUCH else "note"
-    cut = tuple((float(time[i]), float(time[i + 1])) for i in gone)
+    regular = float(np.mean(np.abs(steps - period) < MUCH * period)) > 1.0 - TOLERANCE
+    cut = () if regular else tuple((float(time[i]), float(time[i + 1])) for i in gone)  # else only these samples
     yield _Found(_found(log, "command gaps", "commands", severity, 1e3 * longest, text), cut)
 
 
