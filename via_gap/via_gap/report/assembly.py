@@ -8,6 +8,7 @@ import numpy as np
 from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
+from via_sim.effects import spots
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import bounds_of
@@ -144,7 +145,7 @@ def _where(device: Device, candidates: CandidateSet, decision: Decision, sensors
     seen = {(c.site, c.motor) for c in sensors}
     named = []
     for (site, motor), weight in sorted(weights.items(), key=lambda each: -each[1]):
-        same = shares.get((site, motor))
+        same = max((shares[each] for each in spots(site, motor) if each in shares), key=lambda s: s.share, default=None)
         equation = "measurements" if (site, motor) in seen else same.equation if same else "simulation"
         regions = same.regions if same else ()
         named.append(

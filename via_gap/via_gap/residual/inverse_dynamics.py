@@ -36,7 +36,8 @@ STANDING = 0.02  # [rad/s] below which an axis nearly stands
 LONGEST = 4  # times WINDOW at most
 QUIET = 0.1  # of the drive's torque: sensor noise in a window long enough
 TAKING = np.concatenate(  # slots of a row whose effects can keep the torque of a drive from acting
-    [np.arange(start, start + 3) for start in (P.torque_gain, P.saturation, P.load_friction)] + [np.array([P.lag])]
+    [np.arange(start, start + 3) for start in (P.torque_gain, P.saturation)]
+    + [np.arange(P.load_friction, P.load_velocity), np.array([P.lag])]
 )
 SMALLEST = 1e-9  # [N m] of a floor
 LEAST_GAIN = 0.05  # of a drive: with less of it nothing is compared where it enters

@@ -146,7 +146,7 @@ class Search:
             jacobian = self.few.nuisance_jacobian(here.effects, here.deviations, here.residual)
             slopes = member_slopes(self.few, here, self.scales)
             most = FITTED_WHOLE if self.tuned.whole else FITTED_NEXT
-            known = [each for each in self.tried if each.location not in fit.locations]
+            known = [each for each in self.tried if not any(map(each.location.overlaps, fit.locations))]
             near = [place for _, place, _ in ranked(here, jacobian, known, slopes)[: BESIDE * most]]
             hopeful = ranked(here, jacobian, directions(self.few, here, near, self.scales), slopes)[:most]
         fits: list[Fit] = []

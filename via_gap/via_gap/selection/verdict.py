@@ -150,7 +150,8 @@ def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def _sites(each: Evaluation) -> list[tuple[str, int]]:
-    return sorted((location.site, location.motor) for location in each.fit.locations)
+    """Every single place, so that one cause at both motors is held against one at each."""
+    return sorted(spot for location in each.fit.locations for spot in location.spots)
 
 
 def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
