@@ -12,6 +12,7 @@ from jinja2 import Environment, StrictUndefined
 from via_gap.logs.replay import pooled
 from via_gap.rendering.words import in_part
 from via_gap.report.report import GapReport
+from via_sim.effects import place_name
 
 from via_bringup.gap_real.pictures import draw_arm, draw_joint
 from via_bringup.gap_real.run import ArmJoint, Joint
@@ -65,7 +66,7 @@ def causes(report: GapReport) -> str:
     rows = ["| cause | where | probability | squared error left | parameters |", "|---|---|---|---|---|"]
     for cause in report.causes[:6]:
         values = ", ".join(f"{name} {v.value:.3g} +- {v.sd:.1g} {v.unit}" for name, v in cause.parameters.items())
-        place = f"{cause.site} {cause.motor or ''}".strip()
+        place = place_name(cause.site, cause.motor)
         rows.append(f"| {cause.effect} | {place} | {cause.probability:.2f} | {100 * cause.left:.3g} % | {values} |")
     return "\n".join(rows) if report.causes else "No cause was tried."
 

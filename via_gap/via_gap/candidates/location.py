@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from via_core.devices import Device
 from via_sim.catalogue import EFFECTS
-from via_sim.effects import Effect
+from via_sim.effects import Effect, place_name, spots
 from via_sim.effects import places as places_of
 
 from via_gap.logs.log import JointLog
@@ -18,7 +18,7 @@ MEASUREMENT_ONLY = ("encoder_quantisation",)
 
 @dataclass(frozen=True)
 class Location:
-    """An effect at a site; `motor` is the number of motor, transmission or sensor, 0 the link's or none."""
+    """An effect at a site; `motor` is the number of motor, transmission or sensor, 0 the link's, both or none."""
 
     name: str
     site: str
@@ -27,8 +27,22 @@ class Location:
     def effect(self, values: Mapping[str, float]) -> Effect:
         return Effect(self.name, self.site, dict(values), self.motor)
 
+    @property
+    def spots(self) -> tuple[tuple[str, int], ...]:
+        """(site, number) of every single place: of both motors these two."""
+        return spots(self.site, self.motor)
+
+    @property
+    def axis(self) -> int:
+        """The axis whose motion and torques are typical of it, 0 the link, 1, 2 motors; of both motors the first's."""
+        return self.spots[0][1] if self.site in ("motor", "transmission", "sensor", "timing") else 0
+
+    def overlaps(self, other: Location) -> bool:
+        """Whether it is the same effect at some place of the other: the two together would be one effect twice."""
+        return self.name == other.name and not set(self.spots).isdisjoint(other.spots)
+
     def __str__(self) -> str:
-        return f"{self.name} at {self.site}{f' {self.motor}' if self.motor else ''}"
+        return f"{self.name} at {place_name(self.site, self.motor)}"
 
 
 def locations(device: Device, log: JointLog) -> tuple[Location, ...]:

@@ -37,10 +37,9 @@ class Start:
 
 
 def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, ...]:
-    """All starts of a candidate."""
+    """All starts of a candidate, of both motors alike those of the first; optional parameters stay neutral."""
     parameters = EFFECTS[location.name].parameters
-    axis = location.motor if location.site in ("motor", "transmission", "sensor", "timing") else 0
-    made = _STARTS[location.name](_Here(scales, axis, location, device))
+    made = _STARTS[location.name](_Here(scales, location.axis, location, device))
     clipped = []
     for start in made:
         directions = tuple(
@@ -95,7 +94,7 @@ def amount_range(location: Location, start: Start, reach: float) -> tuple[list[f
 
 def size_of(parameter: EffectParameter, location: Location, scales: Scales) -> float:
     """A typical size of a parameter, in its unit: the length of a long step of a fit."""
-    axis = location.motor if location.site in ("motor", "transmission") else 0
+    axis = location.axis if location.site in ("motor", "transmission") else 0
     torque, speed = _typical(scales, location, axis)
     sizes = {
         "N m": torque,
@@ -113,7 +112,7 @@ def size_of(parameter: EffectParameter, location: Location, scales: Scales) -> f
     }
     size = sizes.get(parameter.unit) or 1.0
     if location.name == "torque_saturation":
-        size = float(scales.peak[max(location.motor, 1) - 1]) or size
+        size = float(scales.peak[max(axis, 1) - 1]) or size
     if parameter.unit == "kg m^2":
         size = torque / max(speed * 10.0, 1e-6)
     return float(min(size, parameter.high - parameter.low))

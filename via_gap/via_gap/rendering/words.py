@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from via_sim.catalogue import EFFECTS
+from via_sim.effects import place_name
 
 from via_gap.candidates.location import MEASUREMENT_ONLY
 from via_gap.logs.findings import Finding
@@ -24,13 +25,12 @@ AT = {
 }
 AT_LINK = {
     "command": "in the command path",
-    "motor": "at the drive",
-    "transmission": "in the transmission",
     "sensor": "in the link's encoder",
     "timing": "in the timing of the link's channel",
     "link": "at the link",
     "environment": "from the environment",
 }
+AT_BOTH = {"motor": "at both motors", "transmission": "in both transmissions"}
 LEVELS = {
     "full": "link, motors and torques were seen: every equation of the model can be looked at",
     "no torque": "motor angles were seen, torques were not: commands stand for them",
@@ -55,8 +55,8 @@ def effect_words(name: str) -> str:
 
 
 def site_words(site: str, motor: int) -> str:
-    """(motor, 1) -> at motor 1."""
-    return AT[site].format(motor) if motor and site in AT else AT_LINK.get(site, site)
+    """(motor, 1) -> at motor 1, (motor, 0) -> at both motors."""
+    return AT[site].format(motor) if motor and site in AT else AT_BOTH.get(site, AT_LINK.get(site, site))
 
 
 def place_words(place: Place | Cause | Member) -> str:
@@ -193,8 +193,8 @@ def log_words(names: Sequence[str]) -> str:
 
 
 def where_words(where: Where) -> str:
-    """transmission 1, link..."""
-    return f"{where.site} {where.motor}" if where.motor else where.site
+    """transmission 1, both motors, link..."""
+    return place_name(where.site, where.motor)
 
 
 def seen_in(where: Where) -> str:

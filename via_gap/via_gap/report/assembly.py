@@ -8,6 +8,7 @@ import numpy as np
 from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
+from via_sim.effects import spots
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import bounds_of
@@ -39,7 +40,8 @@ def unanswered(recordings: Recordings) -> GapReport:
     return GapReport(
         joint=recordings.device.name, level=recordings.first.level, logs=recordings.names, holdout=_judges(recordings),
         verdict="cannot_tell", reason=recordings.unusable or next(iter(refusals), ""), where=(), causes=(),
-        equivalence_set=(), effects=(), gap=None, nuisance=(), data_check=recordings.findings, not_judged=_not_judged(recordings.first),
+        equivalence_set=(),
+        effects=(), gap=None, nuisance=(), data_check=recordings.findings, not_judged=_not_judged(recordings.first),
         figures=Figures(joint=joint_sketch(recordings.first)),
     )  # fmt: skip
 
@@ -143,7 +145,7 @@ def _where(device: Device, candidates: CandidateSet, decision: Decision, sensors
     seen = {(c.site, c.motor) for c in sensors}
     named = []
     for (site, motor), weight in sorted(weights.items(), key=lambda each: -each[1]):
-        same = shares.get((site, motor))
+        same = max((shares[each] for each in spots(site, motor) if each in shares), key=lambda s: s.share, default=None)
         equation = "measurements" if (site, motor) in seen else same.equation if same else "simulation"
         regions = same.regions if same else ()
         named.append(

@@ -87,7 +87,7 @@ class Segments:
 
 
 def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = None) -> Segments:
-    """The segments of a log; valid are those inside the stretches that `quality` allows.
+    """The segments of a log, those valid that lie in stretches that `quality` lets use.
 
     Raises SignalError where the log has no drive to simulate with, or is too short.
     """

@@ -70,21 +70,26 @@ class Decision:
         return replace(self, chosen=chosen, models=models)
 
 
-def decide(tuned: Evaluation, models: Sequence[Evaluation], bound_beside: Callable[[Evaluation], float]) -> Decision:
+def decide(
+    tuned: Evaluation, models: Sequence[Evaluation], flexible_beside: Callable[[Evaluation], Evaluation]
+) -> Decision:
     """The decision about `models`, which are plausible, supported by both views, and compared on the same segments.
 
-    bound_beside  root mean squared whitened error of a flexible model beside the effects of a model
+    flexible_beside  evaluation of a flexible torque model beside the effects of a model
     """
     if tuned.mean_square <= NUMBERS.no_gap:
         return Decision("no_gap", tuned, 1.0, tuned.rms)
     steps = ladder(tuned, models)
     last = steps[-1]
-    bound = min(bound_beside(last), last.rms)
+    flexible = flexible_beside(last)
+    if last.mean_square > NUMBERS.no_gap and last is not tuned:  # beside a wrong cause it may explain less than alone
+        flexible = min(flexible, flexible_beside(tuned), key=lambda each: each.score)
+    bound = min(flexible.rms, last.rms)
     explained = [fraction(tuned, step, bound) for step in steps]
     if last is tuned:
-        something = tuned.rms - bound > NUMBERS.material * tuned.rms
-        reason = "" if something else "what the model leaves does not repeat with the motion"
-        return _unnamed("unknown" if something else "cannot_tell", tuned, models, bound, reason)
+        if matters(flexible, tuned, tuned):
+            return _unnamed("unknown", tuned, models, bound, "")
+        return _unnamed("cannot_tell", tuned, models, bound, "what the model leaves does not repeat with the motion")
     enough = [k for k, share in enumerate(explained) if share >= NUMBERS.complete]
     main = [k for k, share in enumerate(explained) if share >= NUMBERS.most]
     if not main:
@@ -130,10 +135,8 @@ def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def simplest(models: Sequence[Evaluation]) -> Evaluation:
-    """Of the models that are not clearly worse than the best, the one with the fewest parameters, then the best."""
-    best = min(models, key=lambda each: each.score)
-    close = [each for each in models if not clearly_worse(each, best) and each.score - best.score < 2 * NUMBERS.margin]
-    return min(close, key=lambda each: (freedom(each.fit), each.score))
+    """The best of the models without the needless ones."""
+    return min(without_needless(models), key=lambda each: each.score)
 
 
 def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
@@ -147,7 +150,8 @@ def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def _sites(each: Evaluation) -> list[tuple[str, int]]:
-    return sorted((location.site, location.motor) for location in each.fit.locations)
+    """Every single place, so that one cause at both motors is held against one at each."""
+    return sorted(spot for location in each.fit.locations for spot in location.spots)
 
 
 def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
