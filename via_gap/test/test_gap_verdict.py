@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -48,7 +50,12 @@ def evidence(draw: st.DrawFn) -> tuple[Evaluation, list[Evaluation], float]:
 
 def decided(case: tuple[Evaluation, list[Evaluation], float]) -> Decision:
     tuned, models, bound = case
-    return decide(tuned, models, lambda _: bound)
+    return decide(tuned, models, reaching(bound))
+
+
+def reaching(rms: float) -> Callable[[Evaluation], Evaluation]:
+    """A flexible model that leaves as much, whatever it stands beside."""
+    return lambda each: replace(each, segments=np.full(SEGMENTS, rms**2))
 
 
 @settings(max_examples=300, deadline=None)
@@ -97,11 +104,12 @@ def test_shares_are_sorted_and_add_up_to_the_number_of_effects(case):
 
 @settings(max_examples=300, deadline=None)
 @given(evidence())
-def test_a_cause_that_is_named_alone_is_as_likely_as_any_other(case):
+def test_a_cause_that_is_likelier_than_the_one_named_is_said_to_do_as_well(case):
     decision = decided(case)
     if len(decision.named) == 1:
         known = dict(decision.shares)
-        assert known[decision.named[0]] >= max(known.values()) - 1e-9
+        likelier = {place for place, share in known.items() if share > known[decision.named[0]]}
+        assert likelier <= set(decision.equivalent)
 
 
 @settings(max_examples=100, deadline=None)
@@ -131,7 +139,7 @@ def leaving(square: float, *locations: Location, seed: int = 0) -> Evaluation:
 
 
 def test_noise_alone_is_no_gap():
-    assert decide(leaving(1.5), [leaving(1.0, COULOMB)], lambda _: 1.0).verdict == "no_gap"
+    assert decide(leaving(1.5), [leaving(1.0, COULOMB)], reaching(1.0)).verdict == "no_gap"
 
 
 @pytest.mark.parametrize(
@@ -140,7 +148,7 @@ def test_noise_alone_is_no_gap():
     ids=["all", "most of it", "some of it", "all that can be"],
 )
 def test_how_much_is_explained_of_what_can_be(left, bound, verdict):
-    decision = decide(leaving(100.0), [leaving(left, BACKLASH), leaving(90.0, PAYLOAD)], lambda _: bound)
+    decision = decide(leaving(100.0), [leaving(left, BACKLASH), leaving(90.0, PAYLOAD)], reaching(bound))
     assert decision.verdict == verdict
     assert decision.named == ((BACKLASH,) if verdict != "unknown" else ())
     assert decision.shares[0][0] == BACKLASH
@@ -149,38 +157,39 @@ def test_how_much_is_explained_of_what_can_be(left, bound, verdict):
 def test_a_second_effect_is_named_where_it_matters_and_not_where_it_does_not():
     tuned, best = leaving(100.0), leaving(5.0, BACKLASH)
     both = leaving(1.0, BACKLASH, PAYLOAD, seed=1)
-    assert decide(tuned, [best, both], lambda _: 1.0).verdict == "several_effects"
-    assert set(decide(tuned, [best, both], lambda _: 1.0).named) == {BACKLASH, PAYLOAD}
+    assert decide(tuned, [best, both], reaching(1.0)).verdict == "several_effects"
+    assert set(decide(tuned, [best, both], reaching(1.0)).named) == {BACKLASH, PAYLOAD}
     hardly = leaving(4.8, BACKLASH, PAYLOAD)
-    assert decide(tuned, [best, hardly], lambda _: 1.0).named == (BACKLASH,)
+    assert decide(tuned, [best, hardly], reaching(1.0)).named == (BACKLASH,)
 
 
 def test_the_richer_effect_at_a_place_is_not_named_where_the_plainer_does_as_well():
     tuned = leaving(100.0)
-    decision = decide(tuned, [leaving(1.2, COULOMB), leaving(1.19, STRIBECK, seed=1)], lambda _: 1.0)
+    decision = decide(tuned, [leaving(1.2, COULOMB), leaving(1.19, STRIBECK, seed=1)], reaching(1.0))
     assert decision.named == (COULOMB,) and decision.equivalent == (COULOMB,)
-    decision = decide(tuned, [leaving(4.0, COULOMB), leaving(1.0, STRIBECK, seed=1)], lambda _: 1.0)
+    decision = decide(tuned, [leaving(4.0, COULOMB), leaving(1.0, STRIBECK, seed=1)], reaching(1.0))
     assert decision.named == (STRIBECK,) and decision.equivalent == (STRIBECK,)
 
 
 def test_causes_that_do_as_well_as_one_another_are_named_together_up_to_three():
     tuned, each = leaving(100.0), (COULOMB, BACKLASH, INERTIA, DRAG)
     three = [leaving(1.2, place, seed=i) for i, place in enumerate(each[:3])]
-    decision = decide(tuned, three, lambda _: 1.0)
+    decision = decide(tuned, three, reaching(1.0))
     assert decision.verdict == "effect" and set(decision.equivalent) == set(each[:3])
-    four = decide(tuned, [*three, leaving(1.2, DRAG, seed=4)], lambda _: 1.0)
+    four = decide(tuned, [*three, leaving(1.2, DRAG, seed=4)], reaching(1.0))
     assert four.verdict == "cannot_tell" and not four.named
     assert set(four.equivalent) == set(each) and "4 causes" in four.reason
 
 
 def test_what_repeats_with_no_motion_is_not_explained_by_whatever_helps_a_little():
     """A flexible model reaches little more than the effect does, and nearly all of the error stays."""
-    decision = decide(leaving(100.0), [leaving(81.0, INERTIA)], lambda _: 8.9)
+    decision = decide(leaving(100.0), [leaving(81.0, INERTIA)], reaching(8.9))
     assert decision.verdict == "cannot_tell" and "link_inertia" in decision.reason
-    decision = decide(leaving(100.0), [leaving(99.0, VISCOUS)], lambda _: 9.9)
+    decision = decide(leaving(100.0), [leaving(99.0, VISCOUS)], reaching(9.9))
     assert decision.verdict == "cannot_tell" and "does not repeat" in decision.reason
 
 
-def test_the_simplest_of_models_that_are_as_good_is_taken():
+def test_the_best_of_models_is_taken_unless_a_plainer_one_at_its_place_does_as_well():
     good = [leaving(1.20, STRIBECK), leaving(1.21, DAMPING, seed=2), leaving(2.0, COULOMB)]
-    assert simplest(good).fit.locations == (DAMPING,)
+    assert simplest(good).fit.locations == (STRIBECK,)
+    assert simplest([*good, leaving(1.22, VISCOUS, seed=3)]).fit.locations == (DAMPING,)
