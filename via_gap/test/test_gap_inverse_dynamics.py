@@ -91,8 +91,9 @@ def test_what_drives_a_joint_is_its_torque_of_a_link_behind_springs_theirs():
     segments = cut_log(log)
     view = InverseDynamics.of(segments, np.arange(len(segments)))
     sent = log.commands["motor"][:, 0]
-    assert view.windows.drive[: len(sent), 1] == pytest.approx(sent, abs=1e-9)
-    deflection = log.measured["theta"][:, 0] - log.measured["q"]
+    held = 0.5 * (sent[1:] + sent[:-1])  # of the ticks before and after a sample, half each
+    assert view.windows.drive[1 : len(sent), 1] == pytest.approx(held, abs=1e-9)
+    deflection = log.measured["q"] - log.measured["theta"][:, 0]
     spring = 6.0 * deflection + 10.0 * deflection**3
     assert view.windows.drive[:, 0] == pytest.approx(spring[: len(view.windows.drive)], abs=5e-3)
 
@@ -138,7 +139,7 @@ def coasting() -> JointLog:
 def test_a_straight_line_predicts_what_nothing_drives_to_the_noise():
     segments = cut_log(coasting())
     view = Rollout.of(segments, np.arange(1, len(segments)))
-    assert 0.6 < np.mean(view.baseline() ** 2) < 1.5
+    assert 0.4 < np.mean(view.baseline() ** 2) < 1.5
 
 
 def test_a_straight_line_leaves_half_the_acceleration_times_time_squared():
@@ -150,7 +151,7 @@ def test_a_straight_line_leaves_half_the_acceleration_times_time_squared():
     line = start[:, None, [0]] + ticks[None, :, None] * start[:, None, [3]]
     on_line = replace(segments, measured=binned(line, segments.every, segments.averaged))
     assert Rollout.of(on_line, chosen).baseline() == pytest.approx(0.0, abs=1e-6)
-    parabola = 0.5 * 0.3 * ticks**2
+    parabola = 0.5 * 3.0 * ticks**2
     off = replace(segments, measured=binned(line + parabola[None, :, None], segments.every, segments.averaged))
     view = Rollout.of(off, chosen)
     expected = binned(np.tile(parabola[None, :, None], (len(chosen), 1, 1)), segments.every, segments.averaged)
