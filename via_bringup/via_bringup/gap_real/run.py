@@ -116,9 +116,9 @@ def diagnose_both(folder: Path, progress: Progress) -> tuple[ArmJoint, ...]:
 def _missing(log: JointLog, report: GapReport) -> tuple[Array, Array, Array]:
     segments = cut_log(log)
     problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)], InverseDynamics.of)
-    bench = problem.views[0]
-    assert isinstance(bench, InverseDynamics)
+    view = problem.views[0]
+    assert isinstance(view, InverseDynamics)
     moved = np.array([number.deviations for number in report.nuisance])
-    before, after = problem.residual([problem.row([]), problem.row(report.repair(), moved)]) * bench.floor
-    middle = bench.first.ravel() + bench.weights.shape[1] // 2
+    before, after = problem.residual([problem.row([]), problem.row(report.repair(), moved)]) * view.windows.floor[0]
+    middle = view.first.ravel() + view.windows.weights.shape[1] // 2
     return segments.start[middle, 3], before, after

@@ -20,6 +20,7 @@ from via_sim.effects_file import save_effects
 
 from via_gap.candidates.localisation import Region
 from via_gap.logs.findings import Finding, Number, Record, Share
+from via_gap.logs.log import Level
 from via_gap.report.figures import Figures
 from via_gap.selection.gap import Gap
 from via_gap.selection.verdict import Verdict
@@ -106,7 +107,7 @@ class Proposal(Record):
 class GapReport(Record):
     version: Literal["2"] = "2"
     joint: str
-    level: Literal["full", "no torque", "link only", "commands only", "encoder and command"]
+    level: Level
     logs: tuple[str, ...]
     holdout: tuple[str, ...]  # names of logs, or 'blocks of the same logs'
     verdict: Verdict
@@ -127,6 +128,11 @@ class GapReport(Record):
 
     def to_json(self) -> str:
         return self.model_dump_json(indent=2)
+
+    @property
+    def by_equations(self) -> bool:
+        """Whether the gap was measured by inverse dynamics: the torque that the equations lack."""
+        return self.gap is not None and self.gap.by == "inverse dynamics"
 
     def repair(self) -> tuple[Effect, ...]:
         """The named effects with their values, as via_sim takes them."""
