@@ -1,4 +1,4 @@
-"""Evidence for and against causes in sentences: held-out error, tied causes, rejected causes, findings about the data."""
+"""Evidence for and against causes in sentences: held-out error, tied and rejected causes, findings about the data."""
 
 from __future__ import annotations
 

@@ -179,7 +179,9 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
         at = f", first at {where_words(report.where[0])}" if report.where else ""
         said.append(f"Look for an effect outside the catalogue{at}: sections 2 and 4 show where the error is largest.")
     if report.verdict == "no_gap" and report.nuisance:
-        said.append("Simulate with the fitted parameters below; put those that are better known now into the device file.")
+        said.append(
+            "Simulate with the fitted parameters below; put those that are better known now into the device file."
+        )
     return tuple(said)
 
 

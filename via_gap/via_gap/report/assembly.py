@@ -39,8 +39,8 @@ def unanswered(recordings: Recordings) -> GapReport:
     refusals = [each.text for each in recordings.findings if each.severity == "refuse"]
     return GapReport(
         joint=recordings.device.name, level=recordings.first.level, logs=recordings.names, holdout=_judges(recordings),
-        verdict="cannot_tell", reason=recordings.unusable or next(iter(refusals), ""), where=(), causes=(), equivalence_set=(),
-        effects=(), gap=None, nuisance=(), data_check=recordings.findings, noise=_noise(recordings),
+        verdict="cannot_tell", reason=recordings.unusable or next(iter(refusals), ""), where=(), causes=(),
+        equivalence_set=(), effects=(), gap=None, nuisance=(), data_check=recordings.findings, noise=_noise(recordings),
         not_judged=_not_judged(recordings.first),
         figures=Figures(joint=joint_sketch(recordings.first)),
     )  # fmt: skip
@@ -69,7 +69,8 @@ def answered(
         where=_where(device, candidates, decision, wrong if effects != named else ()), causes=causes,
         equivalence_set=equivalent, effects=effects, gap=gap,
         nuisance=_device_numbers(experiment.fitted, decision.chosen.fit.deviations),
-        data_check=(*recordings.findings, *findings), noise=_noise(recordings), not_judged=_not_judged(recordings.first),
+        data_check=(*recordings.findings, *findings), noise=_noise(recordings),
+        not_judged=_not_judged(recordings.first),
         figures=evidence_figures(experiment, candidates, decision, models, gap.by),
         held_out=stretches(experiment.segments, experiment.held),
     )  # fmt: skip

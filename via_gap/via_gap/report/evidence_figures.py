@@ -45,7 +45,11 @@ from via_gap.selection.verdict import Decision
 STRETCH = 2.0  # [s] of segments that are drawn, and
 FREE_STRETCH = 5.0  # [s] of a free run
 POINTS = 240  # of a trace
-STRETCHES: tuple[Literal["after", "before"], ...] = ("after", "before", "after")  # each the worst of those not yet drawn
+STRETCHES: tuple[Literal["after", "before"], ...] = (
+    "after",
+    "before",
+    "after",
+)  # worst of those left
 TRIALS = 16  # that are listed
 
 

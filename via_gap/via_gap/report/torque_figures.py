@@ -86,7 +86,8 @@ def residual_figures(missing: Sequence[MissingTorque], n_transmissions: int) -> 
             bins = tuple(
                 ResidualBin(
                     low=six(low), high=six(high), centre=six(np.median(values[inside])),
-                    before=six(np.mean((each.before * along)[inside])), after=six(np.mean((each.after * along)[inside])),
+                    before=six(np.mean((each.before * along)[inside])),
+                    after=six(np.mean((each.after * along)[inside])),
                     before_rms=rms(each.before[inside]), after_rms=rms(each.after[inside]),
                     floor=rms(each.floor[inside]),
                 )
