@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 from via_gap.logs.replay import pooled
-from via_gap.rendering.words import in_part
 from via_gap.report.report import GapReport
 from via_sim.effects import place_name
 
@@ -23,9 +22,10 @@ ADR = "0008-free-runs-judge-themselves.md"
 EDGES = (0.0, 0.15, 0.3, 0.5, 0.8, 1.1)  # [s] of runs: standing, setting off, swinging, settling, at rest
 SAID = {
     "effect": "One effect explains it",
-    "two_effects": "Two or more effects together explain it",
+    "several_effects": "Several effects together explain it",
+    "main_effect": "Known effects explain most of it",
     "no_gap": "No gap",
-    "unknown": "None of the known effects alone explains it",
+    "unknown": "No effect of the catalogue accounts for it",
     "cannot_tell": "These logs cannot tell",
 }
 
@@ -50,8 +50,7 @@ def write(joint: Joint, arm: Sequence[ArmJoint], source: Provenance, folder: Pat
 def verdict(report: GapReport) -> str:
     """One sentence: the answer, what was added to the simulator, and what this log does not tell apart."""
     named = ", ".join(f"{place.effect} ({place.site})" for place in report.effects)
-    said = "Known effects explain it in part" if in_part(report) else SAID[report.verdict]
-    sentence = f"**{said}**" + (f"; in the repair: {named}." if named else "; nothing is repaired.")
+    sentence = f"**{SAID[report.verdict]}**" + (f"; in the repair: {named}." if named else "; nothing is repaired.")
     tied = [place.effect for place in report.equivalence_set]
     others = [place.effect for place in report.equivalence_set if place not in report.effects]
     if len(report.effects) > 1:
