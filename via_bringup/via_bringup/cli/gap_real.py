@@ -23,7 +23,9 @@ def real(
     names: Annotated[
         list[str] | None, typer.Argument(help="Cases, patterns such as 'pendulum_*' among them; else all.")
     ] = None,
-    data: Annotated[Path | None, typer.Option(help="Folder of the recordings; else shared/data beside the repo.")] = None,
+    data: Annotated[
+        Path | None, typer.Option(help="Folder of the recordings; else shared/data beside the repo.")
+    ] = None,
     results: Annotated[
         Path, typer.Option(help="Folder that keeps the result of each case; an interrupted run goes on from there.")
     ] = Path("out/gap-real"),
@@ -83,7 +85,9 @@ def _show(pairs: list[tuple[Case, Result]]) -> None:
     """The table and the summary."""
     from via_bringup.gap_real.summary import first_cause, gap_words, summary, worse
 
-    shown = table("Real robots", "case", "verdict", "first cause", "p", "explained", "gap held out", "judged", "worse", "s")
+    shown = table(
+        "Real robots", "case", "verdict", "first cause", "p", "explained", "gap held out", "judged", "worse", "s"
+    )
     for case, result in pairs:
         report = result.report
         first = report.causes[0] if report is not None and report.causes else None
