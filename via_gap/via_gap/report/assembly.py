@@ -25,7 +25,7 @@ from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.gap import Gap
-from via_gap.selection.reliability import reliability
+from via_gap.selection.reliability import in_conformal_set, reliability
 from via_gap.selection.verdict import Decision
 from via_gap.sensors.sensor_errors import SensorError
 
@@ -38,7 +38,8 @@ def unanswered(recordings: Recordings) -> GapReport:
     refusals = [each.text for each in recordings.findings if each.severity == "refuse"]
     return GapReport(
         joint=recordings.device.name, level=recordings.first.level, logs=recordings.names, holdout=_judges(recordings),
-        verdict="cannot_tell", reason=recordings.unusable or next(iter(refusals), ""), where=(), causes=(), equivalence_set=(),
+        verdict="cannot_tell", reason=recordings.unusable or next(iter(refusals), ""), where=(), causes=(),
+        equivalence_set=(),
         effects=(), gap=None, nuisance=(), data_check=recordings.findings, not_judged=_not_judged(recordings.first),
         figures=Figures(joint=joint_sketch(recordings.first)),
     )  # fmt: skip
@@ -64,7 +65,7 @@ def answered(
         joint=device.name, level=recordings.first.level, logs=recordings.names, holdout=_judges(recordings),
         verdict=verdict, reason=decision.reason, explained=float(np.clip(decision.explained, 0.0, 1.0)),
         where=_where(device, candidates, decision, wrong if effects != named else ()), causes=causes,
-        equivalence_set=equivalent, effects=effects, gap=gap,
+        equivalence_set=equivalent, conformal_set=_conformal(recordings.first.level, causes), effects=effects, gap=gap,
         nuisance=_device_numbers(experiment.fitted, decision.chosen.fit.deviations),
         data_check=(*recordings.findings, *findings), not_judged=_not_judged(recordings.first),
         figures=evidence_figures(experiment, candidates, decision, models, gap.by),
@@ -80,15 +81,15 @@ def _judges(recordings: Recordings) -> tuple[str, ...]:
 def _causes(device: Device, decision: Decision, scales: Scales, tuned: Evaluation) -> tuple[Cause, ...]:
     """Every cause compared, those named first, then by probability."""
     trust = reliability(decision.verdict)
-    found = []
+    found: list[tuple[bool, float, Cause]] = []
     for (location, share), model in zip(decision.shares, decision.models, strict=True):
-        found.append((location in decision.named, share, _cause(device, location, model, trust * share, scales, tuned)))
+        found.append((location in decision.named, share, _cause(device, location, model, share, scales, tuned)))
     found.sort(key=lambda each: (-each[0], -each[1]))
-    return tuple(cause for _, _, cause in found)
+    return tuple(cause.model_copy(update={"probability": trust * cause.share}) for _, _, cause in found)
 
 
 def _cause(
-    device: Device, location: Location, model: Evaluation, probability: float, scales: Scales, tuned: Evaluation
+    device: Device, location: Location, model: Evaluation, share: float, scales: Scales, tuned: Evaluation
 ) -> Cause:
     number = model.fit.locations.index(location)
     effect = model.fit.effects[number]
@@ -105,7 +106,7 @@ def _cause(
     }  # fmt: skip
     return Cause(
         effect=effect.name, site=effect.site, joint=device.name, motor=effect.motor,  # type: ignore[arg-type]
-        probability=float(np.clip(probability, 0.0, 1.0)), parameters=values,
+        probability=0.0, share=float(np.clip(share, 0.0, 1.0)), parameters=values,
         left=model.mean_square / max(tuned.mean_square, 1e-12), score=model.score,
     )  # fmt: skip
 
@@ -114,10 +115,16 @@ def _sensor_cause(joint: str, found: SensorError) -> Cause:
     effect = found.effect
     unit = {"quantum": "rad", "gain": "-", "torque": "N m"}
     return Cause(
-        effect=effect.name, site="sensor", joint=joint, motor=effect.motor, probability=SENSOR,
+        effect=effect.name, site="sensor", joint=joint, motor=effect.motor, probability=SENSOR, share=1.0,
         parameters={n: Value(value=v, sd=found.sd[n], unit=unit[n]) for n, v in effect.parameters.items()},
         left=found.left, score=float(np.log1p(found.left)),
     )  # fmt: skip
+
+
+def _conformal(level: str, causes: Sequence[Cause]) -> tuple[Place, ...]:
+    inside = in_conformal_set([cause.share for cause in causes], level)
+    kept = [cause for cause, within in zip(causes, inside, strict=True) if within]
+    return tuple(Place(effect=c.effect, site=c.site, joint=c.joint, motor=c.motor) for c in kept)
 
 
 def _place(device: Device, location: Location) -> Place:

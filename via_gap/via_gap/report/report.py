@@ -57,6 +57,7 @@ class Cause(Record):
     joint: str
     motor: int = 0
     probability: Share
+    share: Share  # of resampled comparisons in which it is in the best model, ties shared
     parameters: dict[str, Value]
     left: Number  # of the squared held-out error, relative to the device's tuned numbers alone: 0 explains all
     score: Number  # mean log squared error of the held-out segments, in units of the noise
@@ -113,7 +114,8 @@ class GapReport(Record):
     explained: Share = 0.0  # of the error that could be explained, by the effects named
     where: tuple[Where, ...]
     causes: tuple[Cause, ...]
-    equivalence_set: tuple[Place, ...]
+    equivalence_set: tuple[Place, ...]  # causes that held-out data do not tell from those named
+    conformal_set: tuple[Place, ...] = ()  # holds the true cause in 95 % of cases like those it was calibrated on
     effects: tuple[Place, ...]  # that were added for `after`, in the order they were found
     gap: Gap | None
     nuisance: tuple[NuisanceValue, ...]

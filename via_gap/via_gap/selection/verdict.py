@@ -70,21 +70,24 @@ class Decision:
         return replace(self, chosen=chosen, models=models)
 
 
-def decide(tuned: Evaluation, models: Sequence[Evaluation], bound_beside: Callable[[Evaluation], float]) -> Decision:
+def decide(
+    tuned: Evaluation, models: Sequence[Evaluation], flexible_beside: Callable[[Evaluation], Evaluation]
+) -> Decision:
     """The decision about `models`, which are plausible, supported by both views, and compared on the same segments.
 
-    bound_beside  root mean squared whitened error of a flexible model beside the effects of a model
+    flexible_beside  evaluation of a flexible torque model beside the effects of a model
     """
     if tuned.mean_square <= NUMBERS.no_gap:
         return Decision("no_gap", tuned, 1.0, tuned.rms)
     steps = ladder(tuned, models)
     last = steps[-1]
-    bound = min(bound_beside(last), last.rms)
+    flexible = flexible_beside(last)
+    bound = min(flexible.rms, last.rms)
     explained = [fraction(tuned, step, bound) for step in steps]
     if last is tuned:
-        something = tuned.rms - bound > NUMBERS.material * tuned.rms
-        reason = "" if something else "what the model leaves does not repeat with the motion"
-        return _unnamed("unknown" if something else "cannot_tell", tuned, models, bound, reason)
+        if matters(flexible, tuned, tuned):
+            return _unnamed("unknown", tuned, models, bound, "")
+        return _unnamed("cannot_tell", tuned, models, bound, "what the model leaves does not repeat with the motion")
     enough = [k for k, share in enumerate(explained) if share >= NUMBERS.complete]
     main = [k for k, share in enumerate(explained) if share >= NUMBERS.most]
     if not main:
