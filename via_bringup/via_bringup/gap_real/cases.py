@@ -160,8 +160,8 @@ def _servo() -> tuple[Case, ...]:
         (
             "payload", {"link": lighter},
             Truth(
-                "mass of .3 kg in the nominal device and .49 kg on the robot: payload of .19 kg at .1 m, m l = .019 kg m; "
-                "friction left out as well", (frozenset({"payload"}),), DRY | LOAD,
+                "mass of .3 kg in the nominal device and .49 kg on the robot: payload of .19 kg at .1 m, m l = .019 "
+                "kg m; friction left out as well", (frozenset({"payload"}),), DRY | LOAD,
                 sizes={"payload": 0.019, **size},
             ),
         ),
