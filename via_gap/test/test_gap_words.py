@@ -64,6 +64,8 @@ def test_tied_causes_come_with_the_reason_and_a_motion_that_separates_them():
     unwritten = report.proposal.model_copy(update={"file": "", "text": "run 'slow ladder' for 8 s"})
     step = next_steps(report.model_copy(update={"proposal": unwritten}))[0]
     assert step.startswith("Run 'slow ladder' for 8 s; via gap propose REPORT.json")
+    no = report.proposal.model_copy(update={"text": "no motion tells stribeck friction apart", "separable": False})
+    assert next_steps(report.model_copy(update={"proposal": no}))[0] == "No motion tells Stribeck friction apart."
     assert tie_words(report_of("effect")) == tie_words(report_of("unknown")) == ()
 
 
@@ -183,7 +185,7 @@ def test_names_of_effects_and_locations_are_words():
 def test_well_known_combinations_are_beside_the_parameters():
     moment = Combination(expression="mass * distance", value=0.225, sd=0.013, unit="kg m")
     shown = values_words(cause(BACKLASH, 0.9).model_copy(update={"combinations": (moment,)}))
-    assert shown == ("gap 0.0200 ± 0.0001 rad", "mass * distance 0.23 ± 0.01 kg m")
+    assert shown == ("gap 0.0200 ± 0.0001 rad", "mass · distance 0.23 ± 0.01 kg m")
 
 
 def test_numbers_have_no_exponents_and_few_digits():

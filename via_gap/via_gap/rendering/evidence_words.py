@@ -18,7 +18,7 @@ from via_gap.rendering.names import (
     site_words,
     spot_of,
 )
-from via_gap.rendering.numbers import number, percent, with_sd
+from via_gap.rendering.numbers import number, percent, raised, with_sd
 from via_gap.report.figures import Trial
 from via_gap.report.report import Cause, GapReport, Place, Where
 
@@ -39,7 +39,10 @@ def seen_in(where: Where) -> str:
 def values_words(cause: Cause) -> tuple[str, ...]:
     """Every parameter with its standard deviation, then the combinations that are better known."""
     single = (f"{name} {with_sd(v.value, v.sd, v.unit)}" for name, v in cause.parameters.items())
-    return (*single, *(f"{c.expression} {with_sd(c.value, c.sd, c.unit)}" for c in cause.combinations))
+    return (
+        *single,
+        *(f"{raised(c.expression).replace('*', '·')} {with_sd(c.value, c.sd, c.unit)}" for c in cause.combinations),
+    )
 
 
 def evidence(report: GapReport, cause: Cause) -> str:

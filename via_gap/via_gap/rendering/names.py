@@ -55,7 +55,8 @@ def effect_words(name: str) -> str:
 
 def plain(text: str) -> str:
     """A sentence in which the catalogue's names of effects are words."""
-    return re.sub(r"\b[a-z]+(?:_[a-z]+)+\b", lambda m: effect_words(m[0]) if m[0] in EFFECTS else m[0], text)
+    named = re.sub(r"\b[a-z]+(?:_[a-z]+)+\b", lambda m: effect_words(m[0]) if m[0] in EFFECTS else m[0], text)
+    return re.sub(rf"\b(?:{'|'.join(PROPER)})\b", lambda m: PROPER[m[0]], named)
 
 
 def site_words(site: str, motor: int) -> str:

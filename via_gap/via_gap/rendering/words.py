@@ -6,7 +6,7 @@ threshold of its own, so that none can contradict the verdict.
 
 from __future__ import annotations
 
-from via_gap.rendering.evidence_words import names_causes, tie_words, ties
+from via_gap.rendering.evidence_words import names_causes, ties
 from via_gap.rendering.names import (
     QUANTITIES,
     SIGNALS,
@@ -123,8 +123,7 @@ def gap_words(report: GapReport) -> str:
     gap = report.gap
     if gap is None:
         return ""
-    effects = ", with the effects added as well" if report.effects else ""
-    after = f"{effects} {percent(gap.after)}" if report.effects else ""
+    after = f", and {percent(gap.after)} with the effects added as well" if report.effects else ""
     return (
         f"{METHOD[gap.by]} It is {percent(gap.before)} with the device file as filed, {percent(gap.tuned)} with its "
         f"parameters fitted inside their tolerances{after} (95 % interval {percent(gap.interval[0])} to "
@@ -161,9 +160,9 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
     """What to do now, most useful first."""
     said = []
     refused = [each for each in report.data_check if each.severity == "refuse"]
-    if report.proposal is not None and report.verdict not in ("no_gap", "unknown"):
+    if ties(report) and report.proposal is not None:
         said.append(_proposed(report.proposal))
-    elif tie_words(report):
+    elif ties(report):
         hows = sorted({tie.separated_by for tie in ties(report)} - {""})
         wish = f" ({listed(hows)})" if hows else ""
         said.append(f"Record a motion that separates the tied causes{wish}, then diagnose again with both logs.")
@@ -192,6 +191,8 @@ def _proposed(proposal: Proposal) -> str:
         f"run a motion of {number(proposal.duration)} s that separates {apart}: their predictions differ there by "
         f"{number(proposal.expected_disagreement, 2)} times the noise"
     )
+    if not proposal.separable:
+        return f"{capital(plain(shown))}."
     commands = (
         f"its commands are in {proposal.file}"
         if proposal.file

@@ -115,7 +115,7 @@ class Stretch(Record):
 
 
 class Proposal(Record):
-    """A short motion that would separate the causes that this log cannot."""
+    """The short motion that separates the causes best which this log cannot separate."""
 
     separates: tuple[Place, ...]
     expected_disagreement: Number  # [-] of their predictions, in units of the noise
@@ -123,6 +123,7 @@ class Proposal(Record):
     file: str  # of its commands, empty until one is written
     motion: str = ""  # its name
     text: str = ""  # which, why, and what the log must hold, in one sentence
+    separable: bool = True  # whether a diagnosis of such a log is expected to separate them
 
 
 class GapReport(Record):
