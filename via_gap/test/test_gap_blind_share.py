@@ -8,7 +8,7 @@ from pathlib import Path
 from typer.testing import CliRunner
 from via_bringup.cli.gap_blind import app
 
-SEEDS = {"2001": "quadratic_drag", "2006": "encoder_offset"}  # rigid joints: two seconds each
+SEEDS = {"5051": "coulomb_friction", "7079": "quadratic_drag"}  # clean, good recordings of rigid joints
 
 
 def test_cases_drawn_here_are_answered_right(tmp_path: Path) -> None:

@@ -1,11 +1,19 @@
 """Every effect of the catalogue is a candidate, or the report says why it is not."""
 
+import numpy as np
 import pytest
 from gap_logs import flexible, log_of, servo
 from via_core.devices import load_device
 from via_core.signals import Signals
+from via_gap.candidates.fit import Fit, make
 from via_gap.candidates.location import MEASUREMENT_ONLY, Location, locations, unjudged
+from via_gap.candidates.scales import Scales
+from via_gap.candidates.screen import Direction, directions, ranked_pairs
+from via_gap.candidates.starts import Start, size_of, starts
 from via_gap.logs.log import JointLog
+from via_gap.rendering.joint_picture import joint_picture
+from via_gap.rendering.words import site_words
+from via_gap.report.figures import JointSketch
 from via_sim.catalogue import EFFECTS
 
 
@@ -39,3 +47,72 @@ def test_an_encoder_that_was_not_recorded_is_no_candidate():
     assert Location("encoder_offset", "sensor", 1) in locations(log.device, log)
     assert Location("encoder_offset", "sensor", 1) not in locations(log.device, unseen)
     assert Location("encoder_offset", "sensor", 0) in locations(log.device, unseen)
+
+
+PAIR = load_device("cubic_aa_vsa")
+BOTH = Location("torque_gain", "motor", 0)
+EACH = tuple(Location("torque_gain", "motor", i) for i in (1, 2))
+SCALES = Scales(
+    torque=np.array([0.5, 0.3, 0.2]), speed=np.array([2.0, 3.0, 4.0]), peak=np.array([0.7, 0.9]), slew=5.0, angle=0.4,
+    range=np.array([-1.0, -0.5, 0.5, 1.0]), deflection=0.2, duration=8.0, busy=((1.0, 2.0),),
+    orders=((1.0, 2.0), (3.0, 4.0), (5.0, 6.0)),
+)  # fmt: skip
+
+
+def pair_log() -> JointLog:
+    log = log_of(flexible(), (), seed=5, duration=2.0)
+    return JointLog(log.name, PAIR, log.measured, log.commands)
+
+
+def test_both_motors_alike_are_one_candidate_beside_each():
+    found = locations(PAIR, pair_log())
+    assert {BOTH, *EACH, Location("backlash", "transmission", 0)} <= set(found)
+    assert all(BOTH.overlaps(each) and each.overlaps(BOTH) for each in EACH)
+    assert not EACH[0].overlaps(EACH[1]) and not BOTH.overlaps(Location("torque_bias", "motor", 1))
+    assert BOTH.spots == (("motor", 1), ("motor", 2)) and Location("torque_gain", "sensor", 0).spots == (("sensor", 0),)
+    assert not Location("coulomb_friction", "link", 0).overlaps(Location("coulomb_friction", "motor", 0))
+    assert not [each for each in locations(flexible(), pair_log()) if each.site == "motor" and each.motor == 0]
+
+
+def test_both_motors_alike_start_as_the_first():
+    alike = [each for each in locations(PAIR, pair_log()) if each.site in ("motor", "transmission") and not each.motor]
+    assert len(alike) > 10
+    for both in alike:
+        first = Location(both.name, both.site, 1)
+        assert starts(both, SCALES, PAIR) == starts(first, SCALES, PAIR)
+        for p in EFFECTS[both.name].parameters:
+            assert size_of(p, both, SCALES) == size_of(p, first, SCALES)
+
+
+def test_every_start_makes_an_effect_whose_other_parameters_are_neutral():
+    for location in locations(PAIR, pair_log()):
+        for start in starts(location, SCALES, PAIR):
+            for direction in start.directions:
+                effect = make(location, list(direction.values()))
+                assert effect is not None and [*effect.parameters] == [
+                    p.name for p in EFFECTS[location.name].parameters
+                ]
+
+
+def test_no_effect_is_put_twice_at_one_place():
+    """As the simulator refuses it: an effect of motor 1 beside the same one of both motors."""
+    rng = np.random.default_rng(3)
+    moved, residual = rng.normal(size=(3, 40, 1)), rng.normal(size=40)
+    tried = [Direction(at, Start(({"gain": 1.1},), ("gain",)), each) for at, each in zip((BOTH, *EACH), moved)]
+    base = Fit((), np.zeros(1), float(residual @ residual), residual, np.empty(0))
+    pairs = [{place for place, _ in members} for _, members in ranked_pairs(base, rng.normal(size=(40, 1)), tried)]
+    assert pairs == [set(EACH)]
+
+    class Nothing:
+        """A residual that nobody is to ask for."""
+
+    there = Fit((BOTH.effect({"gain": 0.9}),), np.zeros(1), 1.0, residual, np.empty(0))
+    assert directions(Nothing(), there, EACH, SCALES) == []
+
+
+def test_both_motors_are_told_and_drawn_as_both():
+    assert str(BOTH) == "torque_gain at both motors" and str(EACH[1]) == "torque_gain at motor 2"
+    assert site_words("motor", 0) == "at both motors" and site_words("transmission", 0) == "in both transmissions"
+    sketch = JointSketch(arrangement="antagonistic", drive="torque", motors_seen=(True, True), torque_seen=True)
+    drawn = joint_picture(sketch, {("motor", 0): 0.6, ("motor", 2): 0.2, ("transmission", 0): 0.15})
+    assert [drawn.count(f">{share} %<") for share in (60, 80, 15)] == [1, 1, 2]

@@ -59,6 +59,24 @@ def serial_servo() -> Device:
     )
 
 
+# Friction that depends on the torques from both sides, as M5 and M6 of friction.py.
+BOTH_SIDES = {
+    "coefficient": 0.1, "counter_coefficient": 0.2, "stribeck": 0.15, "counter_stribeck": 0.05, "velocity": 0.7,
+    "quadratic": 0.1,
+}  # fmt: skip
+# What a periodic effect may have beside its first harmonic.
+RIPPLES = {"amplitude_2": 0.05, "order_2": 3.5, "phase_2": 1.0, "amplitude_8": 0.02, "order_8": 24.0, "phase_8": -0.4}
+ENCODER_ERRORS = {
+    "order": 2.0,
+    "amplitude_2": 0.01,
+    "order_2": 7.5,
+    "phase_2": 1.0,
+    "amplitude_4": 0.005,
+    "order_4": 36.0,
+}
+# Beside what an effect must have.
+MORE = {"torque_ripple": RIPPLES, "encoder_eccentricity": ENCODER_ERRORS, "load_dependent_friction": BOTH_SIDES}
+
 # A moderate amount of every effect, for joints that move with about 1 rad, 5 rad/s and 1 N m.
 SIZES = {
     "coulomb_friction": {"torque": 0.1},

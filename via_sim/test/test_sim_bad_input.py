@@ -10,8 +10,8 @@ HUGE = "1" + "0" * 400  # a whole number beyond all floats
 @pytest.mark.parametrize(
     ("entry", "complaint"),
     [
-        ("motor: 1.0, parameters: {torque: 0.1}", "motor: must be 1 or 2, got 1.0"),
-        ("motor: true, parameters: {torque: 0.1}", "motor: must be 1 or 2, got True"),
+        ("motor: 1.0, parameters: {torque: 0.1}", "motor: must be 1, 2 or 0 (both), got 1.0"),
+        ("motor: true, parameters: {torque: 0.1}", "motor: must be 1, 2 or 0 (both), got True"),
         (f"motor: 1, parameters: {{torque: {HUGE}}}", "torque: must be 0 to 1000 N m"),
         (f"motor: 1, parameters: {{torque: -{HUGE}}}", "torque: must be 0 to 1000 N m"),
         ("motor: 1, parameters: {torque: .nan}", "torque: must be a finite number"),

@@ -5,10 +5,11 @@ from math import exp, pi, sin
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from sim_joints import SIZES, flexible, rigid, serial_servo, servo_flexible
+from sim_joints import ENCODER_ERRORS, RIPPLES, SIZES, flexible, rigid, serial_servo, servo_flexible
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.effects import Effect
+from via_sim.encoders import read_motion, true_angle, true_motions
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate
 
@@ -62,7 +63,11 @@ def slow(name: str, site: str, e: dict, steps: int = 25) -> np.ndarray:
         if name == "torque_bias":
             torque = u + e["torque"]
         if name == "torque_ripple":
-            torque = u + e["amplitude"] * sin(e["order"] * th + e["phase"])
+            torque = u + sum(
+                e[f"amplitude{k}"] * sin(e[f"order{k}"] * th + e[f"phase{k}"])
+                for k in ("", "_2", "_8")
+                if f"amplitude{k}" in e
+            )
         if name == "payload":
             inertia, gravity = M + e["mass"] * e["distance"] ** 2, G + e["mass"] * 9.80665 * e["distance"]
         if name == "link_inertia":
@@ -122,6 +127,7 @@ SLOW = [
     ("joint_coupling", "link", 0, {}),
     ("torque_bias", "motor", 1, {}),
     ("torque_ripple", "motor", 1, {}),
+    ("torque_ripple", "motor", 1, RIPPLES),
     ("torque_saturation", "motor", 1, {}),
     ("actuator_lag", "command", 0, {}),
     ("payload", "link", 0, {}),
@@ -331,6 +337,55 @@ def test_encoders_err_as_their_equations_say():
     assert np.array_equal(q, nominal["q"])  # a sensor moves nothing
 
 
+def test_an_encoder_errs_with_several_orders():
+    sent = held(motor=np.sin(0.01 * np.arange(500))[:, None])
+    values = {"amplitude": 0.03, "phase": 0.7} | ENCODER_ERRORS
+    run = simulate(
+        JointPlant.from_device(JOINT), sent, 0.5, RATE, [Effect("encoder_eccentricity", "sensor", values, 1)]
+    )
+    theta, w = run.truth["theta"], run.truth["theta_velocity"]
+    terms = ((0.03, 2.0, 0.7), (0.01, 7.5, 1.0), (0.005, 36.0, 0.0))
+    error, slope = (sum(a * o**d * f(o * theta + c) for a, o, c in terms) for d, f in ((0, np.sin), (1, np.cos)))
+    assert np.allclose(run.measured["theta"], theta + error, rtol=0, atol=1e-15)
+    assert np.allclose(run.measured["theta_velocity"], w * (1.0 + slope), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"amplitude": 0.03, "phase": 0.7},
+        {"amplitude": 0.03, "phase": 0.7} | ENCODER_ERRORS,
+        {"amplitude": 0.45, "phase": 0.7, "order": 2.2},
+        {
+            "amplitude": 0.24,
+            "phase": 0.3,
+            "order": 2.0,
+            "amplitude_2": 0.12,
+            "order_2": 2.2,
+            "amplitude_3": 2.4e-4,
+            "order_3": 1e3,
+        },
+    ],
+    ids=["one", "several", "steep", "steep sum"],
+)
+def test_a_true_angle_is_what_its_encoder_reads(values):
+    """Readings whose slope falls to nearly nothing included; the velocity likewise."""
+    plant = JointPlant.from_device(JOINT).with_effects(
+        [Effect("encoder_eccentricity", "sensor", values, 1), Effect("encoder_offset", "sensor", {"offset": 0.2}, 1)]
+    )
+    angle, velocity = np.linspace(-20.0, 20.0, 4001), np.linspace(-3.0, 5.0, 4001)
+    row = plant.parameters.copy()
+    read, speed = np.array([read_motion(row, 1, a, v) for a, v in zip(angle, velocity, strict=True)]).T
+    assert np.all(np.diff(read) > 0.0)
+    many = np.tile(row, (len(angle), 1))
+    for found in (true_angle(row, 1, read), true_angle(many, 1, read), true_motions(many, 1, read, speed)[0]):
+        assert np.max(np.abs(found - angle)) < 1e-11
+    assert true_motions(row, 1, read, speed)[1] == pytest.approx(velocity, abs=1e-8)
+    assert true_angle(row, 1, read[7]) == pytest.approx(angle[7], abs=1e-11)
+    assert np.isnan(true_angle(row, 1, np.nan))
+    assert np.array_equal(true_angle(row, 0, read), read)
+
+
 def test_torque_sensors_err_and_nothing_moves():
     sent = held(motor=np.sin(0.01 * np.arange(500))[:, None])
     effects = [Effect("torque_gain", "sensor", {"gain": 1.2}, 1), Effect("torque_bias", "sensor", {"torque": 0.05}, 1)]
@@ -366,6 +421,10 @@ def test_preset_error_of_a_serial_joint_is_another_preset():
         ),
         (Effect("external_torque", "environment", {"torque": 1.0, "start": 2.0, "stop": 1.0}), "must not be before"),
         (Effect("asymmetric_viscous", "link", {"forward": 0.1, "backward": -0.2}), "must stay >= 0"),
+        (
+            Effect("encoder_eccentricity", "sensor", {"amplitude": 0.3, "phase": 0.0, "amplitude_2": 0.35}),
+            "amplitude times order adds up to 1, must stay < 1",
+        ),
     ],
 )
 def test_numbers_that_do_not_fit_one_another_are_refused(effect, message):

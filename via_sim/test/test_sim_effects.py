@@ -66,7 +66,7 @@ def test_every_effect_of_the_catalogue_has_a_place_on_some_joint():
 @pytest.mark.parametrize(("joint", "name", "site", "motor"), EVERYWHERE)
 def test_a_neutral_effect_leaves_every_bit_and_a_strong_one_does_not(joint, name, site, motor):
     plant, sent = JointPlant.from_device(joint), commands_of(joint)
-    neutral = {parameter.name: parameter.neutral for parameter in EFFECTS[name].parameters}
+    neutral = {parameter.name: parameter.neutral for parameter in EFFECTS[name].all_parameters}
     nominal = readings(plant, sent)
     assert np.array_equal(readings(plant, sent, [Effect(name, site, neutral, motor)]), nominal, equal_nan=True)
     changed = plant.with_effects([Effect(name, site, SIZES[name], motor)])
@@ -80,7 +80,10 @@ def test_places_of_a_joint_are_those_it_accepts():
     assert places("coulomb_friction", rigid()) == (("link", 0),)
     assert places("torque_gain", rigid()) == (("motor", 1),)
     assert places("torque_gain", SENSED) == (("motor", 1), ("sensor", 0))
-    assert places("torque_saturation", serial_servo()) == (("motor", 1), ("motor", 2))
+    assert places("torque_saturation", serial_servo()) == (("motor", 1), ("motor", 2), ("motor", 0))
+    assert places("torque_gain", flexible()) == (("motor", 1), ("sensor", 1))
+    assert places("backlash", antagonistic()) == (("transmission", 1), ("transmission", 2), ("transmission", 0))
+    assert places("coulomb_friction", antagonistic()) == (("motor", 1), ("motor", 2), ("motor", 0), ("link", 0))
     assert places("encoder_offset", flexible()) == (("sensor", 0), ("sensor", 1))
     assert places("preset_error", load_device("maccepavd")) == (("transmission", 1),)
     spring = "{law: linear, stiffness: 10.0, max_deflection: 1.0}"
@@ -194,7 +197,8 @@ def test_effects_can_change_while_a_simulation_runs():
     [
         (("rust", "motor", {}, 1), "effect: must be one of coulomb_friction, .*, got 'rust'"),
         (("backlash", "link", {"gap": 0.1}), "backlash.site: must be one of transmission, got 'link'"),
-        (("backlash", "transmission", {"gap": 0.1}), "backlash.motor: must be 1 or 2, got 0"),
+        (("backlash", "transmission", {"gap": 0.1}, 3), "must be 1, 2 or 0 .both., got 3"),
+        (("encoder_offset", "sensor", {"offset": 0.1}, 3), "must be 0 .the link's., 1 or 2, got 3"),
         (("coulomb_friction", "link", {"torque": 0.1}, 1), "must be left out at site 'link', got 1"),
         (("backlash", "transmission", {"gap": 0.9}, 1), "backlash.gap: must be 0 to 0.5 rad, got 0.9"),
         (("backlash", "transmission", {"gap": float("nan")}, 1), "must be a finite number, 0 to 0.5 rad, got nan"),
@@ -224,13 +228,70 @@ def test_effects_that_do_not_fit_the_joint_are_refused():
         JointPlant.from_device(flexible()).with_effects([Effect("torque_gain", "motor", {"gain": 1.0}, 1, "other")])
 
 
+@pytest.mark.parametrize("joint", JOINTS, ids=lambda joint: joint.arrangement)
+def test_both_motors_alike_are_one_effect_on_each(joint):
+    nominal, found = JointPlant.from_device(joint), 0
+    for name in EFFECTS:
+        for site in {site for site, motor in places(name, joint) if site in ("motor", "transmission") and motor == 0}:
+            both = Effect(name, site, SIZES[name], 0)
+            each = [Effect(name, site, SIZES[name], motor) for motor in (1, 2)]
+            assert np.array_equal(nominal.with_effects([both]).parameters, nominal.with_effects(each).parameters)
+            assert parse_effects(effects_text([both]), "x") == (both,)
+            found += 1
+    assert found == {"antagonistic": 12 + 7, "serial": 1, "rigid": 0}[joint.arrangement]
+
+
+def test_both_motors_and_one_of_them_add_up_or_are_there_twice():
+    plant = JointPlant.from_device(antagonistic())
+    friction = [
+        Effect("coulomb_friction", "motor", {"torque": torque}, motor) for torque, motor in ((0.1, 0), (0.2, 2))
+    ]
+    row = plant.with_effects(friction).parameters
+    assert row[P.kinetic_friction : P.kinetic_friction + 3] == pytest.approx([0.0, 0.1, 0.3])
+    gains = [Effect("torque_gain", "motor", {"gain": 0.9}, motor) for motor in (0, 2)]
+    with pytest.raises(ParameterError, match="torque_gain at motor 2: is there twice"):
+        plant.with_effects(gains)
+    with pytest.raises(ParameterError, match="torque_gain at both motors: is there twice"):
+        plant.with_effects(gains[::-1])
+    with pytest.raises(ParameterError, match="torque_gain at both motors: 'joint' has no two motors"):
+        JointPlant.from_device(flexible()).with_effects(gains[:1])
+    slack = Effect("backlash", "transmission", {"gap": 0.1})
+    with pytest.raises(ParameterError, match="backlash at both transmissions: 'joint' has no two transmissions"):
+        JointPlant.from_device(serial_servo()).with_effects([slack])
+
+
+def test_harmonics_that_are_left_out_are_not_there():
+    """An effect with one harmonic writes what it writes with the others neutral; orders default to 2, 3, ..."""
+    for name, site in (("torque_ripple", "motor"), ("encoder_eccentricity", "sensor")):
+        kind, plant = EFFECTS[name], JointPlant.from_device(flexible())
+        short = Effect(name, site, SIZES[name], 1)
+        assert short.parameters.keys() == SIZES[name].keys()
+        full = Effect(name, site, {p.name: p.neutral for p in kind.optional} | SIZES[name], 1)
+        rows = [plant.with_effects([effect]).parameters for effect in (short, full)]
+        assert np.array_equal(*rows)
+        third = plant.with_effects(
+            [Effect(name, site, {"amplitude": 0.0, "phase": 0.0, "order": 1.0, "amplitude_3": 0.1}, 1)]
+        )
+        changed = np.flatnonzero(third.parameters != plant.parameters)
+        amplitude, order = (
+            (P.ripple_amplitude, P.ripple_order) if site == "motor" else (P.eccentricity, P.eccentricity_order)
+        )
+        assert {amplitude + 7, order + 7} <= set(changed)
+        assert (third.parameters[amplitude + 7], third.parameters[order + 7]) == (0.1, 3.0)
+    with pytest.raises(ParameterError, match="amplitude_9: is no known key"):
+        Effect("torque_ripple", "motor", SIZES["torque_ripple"] | {"amplitude_9": 0.1}, 1)
+    with pytest.raises(ParameterError, match=r"torque_ripple\.order: is missing"):
+        Effect("torque_ripple", "motor", {"amplitude": 0.1, "phase": 0.0, "order_2": 3.0}, 1)
+
+
 @st.composite
 def effects(draw):
     kind = draw(st.sampled_from(list(EFFECTS.values())))
     site = draw(st.sampled_from(kind.sites))
-    numbers = {"motor": (1, 2), "transmission": (1, 2), "sensor": (0, 1, 2), "timing": (0, 1, 2)}
-    motor = draw(st.sampled_from(numbers.get(site, (0,))))
-    values = {p.name: draw(st.floats(p.low, p.high)) for p in kind.parameters}
+    numbered = site in ("motor", "transmission", "sensor", "timing")
+    motor = draw(st.sampled_from((0, 1, 2))) if numbered else 0
+    given = (*kind.parameters, *(p for p in kind.optional if draw(st.booleans())))
+    values = {p.name: draw(st.floats(p.low, p.high)) for p in given}
     return Effect(kind.name, site, values, motor, draw(st.sampled_from(["", "joint"])))
 
 
@@ -279,8 +340,9 @@ def test_a_number_that_the_device_lacks_is_refused():
         ("- {site: link}", "entry 1: effect: must be a name, got None"),
         (
             "- {effect: backlash, site: transmission, motor: one, parameters: {gap: 0.1}}",
-            "motor: must be 1 or 2, got 'one'",
+            "motor: must be 1, 2 or 0 .both., got 'one'",
         ),
+        ("- {effect: backlash, site: transmission, parameters: {gap: 0.1}}", "entry 1: motor: is missing at site 'tra"),
         ("- {effect: [", "test.yaml: line"),
         ("- {effect: backlash, site: transmission, motor: 1, parameters: {gap: wide}}", "must be a finite number"),
     ],

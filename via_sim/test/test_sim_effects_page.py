@@ -17,10 +17,11 @@ One piece of unmodelled physics each. An effects file lists those a joint has; t
   parameters: {torque: 0.02}
 ```
 
-`motor` numbers motors and transmissions from 1, sensors and late channels from 0, the link's. A rigid joint has no
-motor of its own; what its drive does wrong stands at motor 1, and its drive's command is the external torque. Values
-outside the bounds are refused. At its neutral values an effect is absent to the last bit. `linear` marks numbers in
-which the torques of the joint's equations are linear. In formulas v is the speed of the axis, s its sign, phi the
+`motor` numbers motors and transmissions from 1; 0 there means both alike, which is one cause and not two. Sensors and
+late channels count from 0, the link's. A rigid joint has no motor of its own; what its drive does wrong stands at
+motor 1, and its drive's command is the external torque. Values outside the bounds are refused. At its neutral values
+an effect is absent to the last bit. A parameter that may be left out is then neutral. `linear` marks numbers in which
+the torques of the joint's equations are linear. In formulas v is the speed of the axis, s its sign, phi the
 deflection of the transmission, u a command. An entry may have `intervals` beside its parameters, which nothing reads.
 This page is written from the registry by `python via_sim/test/test_sim_effects_page.py`.
 
@@ -54,13 +55,14 @@ def page() -> str:
     for kind in EFFECTS.values():
         lines.append(f"\n## {kind.name}\n\n{kind.text[0].upper()}{kind.text[1:]}.\n\n")
         lines.append("| Parameter | Unit | From | To | Neutral | Linear | |\n|---|---|---|---|---|---|---|\n")
-        for p in kind.parameters:
+        for p in kind.all_parameters:
             linear = "yes" if p.linear else ""
+            text = f"{p.text}; may be left out" if p in kind.optional else p.text
             lines.append(
-                f"| {p.name} | {p.unit} | {p.low:.6g} | {p.high:.6g} | {p.neutral:.6g} | {linear} | {p.text} |\n"
+                f"| {p.name} | {p.unit} | {p.low:.6g} | {p.high:.6g} | {p.neutral:.6g} | {linear} | {text} |\n"
             )
     lines.append(f"\n## {DEVICE_NUMBERS.name}\n\n{NUMBERS}")
-    lines += [f"- `{p.name}`\n" for p in DEVICE_NUMBERS.parameters]
+    lines += [f"- `{p.name}`\n" for p in DEVICE_NUMBERS.optional]
     return "".join(lines)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sim_joints import SIZES, antagonistic, flexible, rigid, serial_servo
+from sim_joints import BOTH_SIDES, ENCODER_ERRORS, RIPPLES, SIZES, antagonistic, flexible, rigid, serial_servo
 from via_core.errors import ParameterError, SignalError
 from via_core.signals import Signals
 from via_core.weak_form import window_weights
@@ -76,6 +76,20 @@ PLANTED = [
     for site, motor in places(name, joint)
     if not {name, f"{name}-{site}"} & SILENT
     and not (name == "encoder_offset" and joint.arrangement == "serial" and motor == 2)
+]
+PLANTED += [
+    pytest.param(joint, Effect(name, site, SIZES[name] | more, 1), id=f"{joint.arrangement}-{name}-several")
+    for name, site, more in (
+        ("torque_ripple", "motor", RIPPLES),
+        ("encoder_eccentricity", "sensor", ENCODER_ERRORS),
+        ("load_dependent_friction", "motor", BOTH_SIDES),
+    )
+    for joint in JOINTS[:3]
+    if (site, 1) in places(name, joint)
+]
+PLANTED += [
+    pytest.param(joint, Effect("load_dependent_friction", "link", BOTH_SIDES), id=f"{joint.arrangement}-both_sides")
+    for joint in JOINTS[:3]
 ]
 
 

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_joints import SIZES, antagonistic, device, flexible, rigid, serial_servo, servo_flexible
+from sim_joints import (
+    BOTH_SIDES,
+    MORE,
+    SIZES,
+    antagonistic,
+    device,
+    flexible,
+    rigid,
+    serial_servo,
+    servo_flexible,
+)
 from via_core.devices import load_device
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
@@ -56,6 +66,9 @@ def test_every_effect_gives_the_same_in_lockstep_as_alone(joint):
     for name in EFFECTS.keys() - {"encoder_quantisation"}:
         for site, motor in places(name, joint):
             plants += [nominal.with_effects([Effect(name, site, SIZES[name], motor)]), nominal]
+            if name in MORE:
+                more = MORE[name]
+                plants += [nominal.with_effects([Effect(name, site, SIZES[name] | more, motor)]), nominal]
             if name == "spring_law":  # to where it pushes
                 softened = Effect(name, site, {"scale": 1.0, "hardening": -12.0}, motor)
                 plants += [nominal.with_effects([softened]), nominal]
@@ -76,6 +89,7 @@ ALL_AT_ONCE = [
     Effect("hysteresis", "transmission", {"torque": 0.05, "stiffness": 3.0}, 1),
     Effect("spring_damping", "transmission", {"coefficient": 0.03}, 1),
     Effect("quadratic_drag", "link", {"coefficient": 0.02}),
+    Effect("load_dependent_friction", "link", {name: 0.3 * value for name, value in BOTH_SIDES.items()}),
     Effect("torque_ripple", "motor", {"amplitude": 0.1, "order": 7.0, "phase": 0.5}, 1),
     Effect("contact", "environment", {"angle": 0.2, "stiffness": 30.0, "damping": 0.1, "side": 1.0}),
     Effect("actuator_lag", "command", {"time_constant": 0.02}),

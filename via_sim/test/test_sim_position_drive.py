@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from sim_joints import SIZES, positioned
+from sim_joints import MORE, SIZES, positioned
 from via_core.errors import ParameterError, SignalError
 from via_core.signals import Signals
 from via_core.weak_form import window_weights
@@ -22,6 +22,12 @@ RATE = 1000.0
 M, KP, KD = 0.02, 4.0, 0.1
 GRAVITY = f"{{inertia: {M}, viscous_friction: 0.02, gravity_torque: 0.3, gravity_angle: 0.2}}"
 PLACES = [(name, *place) for name in EFFECTS for place in places(name, positioned(GRAVITY))]
+EFFECT_SETS = [
+    *([Effect(name, site, SIZES[name], motor)] for name, site, motor in PLACES),
+    *([Effect(name, site, SIZES[name] | MORE[name], motor)] for name, site, motor in PLACES if name in MORE),
+]
+RICH = [each for each in EFFECT_SETS if each[0].name in MORE and len(each[0].parameters) > len(SIZES[each[0].name])]
+EFFECT_SETS += [RICH[0] + RICH[1], [*RICH[0], *RICH[1], *RICH[2]]]
 
 
 def goals(values, rate: float = RATE, **others) -> Signals:
@@ -164,7 +170,7 @@ def test_lockstep_is_the_scalar_kernel(servo: str) -> None:
     """Every effect in a lane of its own, the drive switched off and on again on the way."""
     device = positioned(GRAVITY, servo)
     nominal = JointPlant.from_device(device)
-    plants = [nominal, *(nominal.with_effects([Effect(n, s, SIZES[n], m)]) for n, s, m in PLACES)]
+    plants = [nominal, *map(nominal.with_effects, EFFECT_SETS)]
     values = wave(500)
     values[200:260] = np.nan
     sent = command_rows(device, goals(values, neighbour=np.cos(0.003 * np.arange(500))), np.arange(500) / RATE)
@@ -207,12 +213,16 @@ def residual(plant, record, span: int = 60) -> np.ndarray:
 
 
 @pytest.mark.parametrize("servo", ["{kp: 4.0, kd: 0.1}", *SERVOS])
-@pytest.mark.parametrize(("name", "site", "motor"), [each for each in PLACES if each[0] != "encoder_quantisation"])
-def test_equations_balance_a_simulated_run_without_any_torque_measured(servo, name, site, motor) -> None:
-    """With the effect in the equations next to nothing is left; without it much more."""
+@pytest.mark.parametrize(
+    "effects",
+    [each for each in EFFECT_SETS if each[0].name != "encoder_quantisation"],
+    ids=lambda each: "-".join(f"{e.name}-{len(e.parameters)}" for e in each),
+)
+def test_equations_balance_a_simulated_run_without_any_torque_measured(servo, effects) -> None:
+    """With the effects in the equations next to nothing is left; without them much more."""
     device = positioned(GRAVITY, servo)
     nominal = JointPlant.from_device(device)
-    plant = nominal.with_effects([Effect(name, site, SIZES[name], motor)])
+    plant = nominal.with_effects(effects)
     sent = goals(wave(3000), neighbour=np.cos(0.003 * np.arange(3000)))
     seen = simulate(plant, sent, 2.999, RATE).measured
     velocity = np.zeros((len(seen), 3))
@@ -253,3 +263,63 @@ def test_the_derivative_has_the_drive() -> None:
     assert on[3] == pytest.approx((KP * 0.8 - KD * 0.5 + 0.1) / M)
     off = plant.derivative((0.2, 0, 0, 0.5, 0, 0), (1.0, 0.0, 0.0, 0.1))
     assert off[3] == pytest.approx(0.1 / M)
+
+
+def gear_friction(load, counter, speed):
+    """Of BOTH_SIDES [N m], on paper."""
+    e = MORE["load_dependent_friction"]
+    least = np.where(load * counter < 0.0, np.minimum(np.abs(load), np.abs(counter)), 0.0)
+    standing = np.abs(e["stribeck"] * load - e["counter_stribeck"] * counter) + e["quadratic"] * least**2
+    sliding = np.abs(e["coefficient"] * load - e["counter_coefficient"] * counter)
+    return sliding + np.exp(-((speed / e["velocity"]) ** 2)) * standing
+
+
+GEAR = Effect("load_dependent_friction", "link", MORE["load_dependent_friction"])
+
+
+@pytest.mark.parametrize("speed", [-0.9, 0.2, 2.0])
+@pytest.mark.parametrize(("goal", "push"), [(0.5, 0.1), (-0.3, 0.1), (0.45, -0.6), (np.nan, 0.3)])
+def test_a_gear_is_loaded_by_what_passes_through_it(goal, push, speed) -> None:
+    """The drive's torque, its damping included, against gravity and what pushes; nothing of a drive that is off."""
+    plant = JointPlant.from_device(positioned(GRAVITY)).with_effects([GEAR])
+    on, q = float(np.isfinite(goal)), 0.4
+    rate = plant.derivative((q, 0, 0, speed, 0, 0), (np.nan_to_num(goal), on, 0.0, push))[3]
+    load = KP * (goal - q) - KD * speed if on else 0.0
+    counter = push - 0.3 * np.sin(q - 0.2)
+    friction = np.sign(speed) * gear_friction(load, counter, speed)
+    assert M * rate == pytest.approx(load + counter - 0.02 * speed - friction, abs=1e-12)
+
+
+def test_a_sensor_in_the_clutch_reads_the_friction_of_that_load() -> None:
+    plant = JointPlant.from_device(positioned(GRAVITY)).with_effects([GEAR])
+    sent = goals(wave(600), arm_torque=0.2 * np.cos(0.013 * np.arange(600)))
+    run_ = simulate(plant, sent, 0.6, RATE)
+    q, v, read = run_.truth["q"][1:], run_.truth["q_velocity"][1:], run_.measured["tau_link"][1:]
+    load = KP * (sent["equilibrium"] - q) - KD * v
+    counter = sent["arm_torque"] - 0.3 * np.sin(q - 0.2)
+    moving = v != 0.0
+    assert moving.mean() > 0.7
+    np.testing.assert_allclose(read[moving], (np.sign(v) * gear_friction(load, counter, v))[moving], atol=1e-12)
+
+
+def test_the_loop_is_closed_over_every_harmonic_of_the_encoder() -> None:
+    wrong = Effect("encoder_eccentricity", "sensor", SIZES["encoder_eccentricity"] | MORE["encoder_eccentricity"])
+    device = positioned(f"{{inertia: {M}, viscous_friction: 0.1}}")
+    found = simulate(JointPlant.from_device(device), goals([1.0]), 8.0, RATE, [wrong])
+    assert found.measured["q"][-1] == pytest.approx(1.0, abs=1e-9)
+    q, e = found.truth["q"][-1], wrong.parameters
+    error = e["amplitude"] * np.sin(e["order"] * q + e["phase"])
+    error += e["amplitude_2"] * np.sin(e["order_2"] * q + e["phase_2"]) + e["amplitude_4"] * np.sin(e["order_4"] * q)
+    assert abs(error) > 1e-3 and q + error == pytest.approx(1.0, abs=1e-9)
+
+
+def test_the_ripple_of_a_drive_has_every_harmonic() -> None:
+    """A drive that is off leaves the ripple of its motor: it is of the magnets, and not of the current."""
+    more = SIZES["torque_ripple"] | MORE["torque_ripple"]
+    plant = JointPlant.from_device(positioned()).with_effects([Effect("torque_ripple", "motor", more, 1)])
+    for power in (0.0, 1.0):
+        rate = plant.derivative((0.4, 0, 0, 0, 0, 0), (0.4, power, 0.0, 0.0))[3]
+        torque = sum(
+            more[f"amplitude{k}"] * np.sin(more[f"order{k}"] * 0.4 + more[f"phase{k}"]) for k in ("", "_2", "_8")
+        )
+        assert M * rate == pytest.approx(torque, abs=1e-12)

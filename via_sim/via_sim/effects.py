@@ -2,6 +2,7 @@
 
     Effect("coulomb_friction", site="link", parameters={"torque": 0.02})
     Effect("torque_gain", site="motor", motor=2, parameters={"gain": 0.95})
+    Effect("torque_gain", site="motor", motor=0, parameters={"gain": 0.95})     # both motors alike: one cause
 
 A list of them composes: dry frictions and viscous errors add up, a second one of any other kind at the same place is
 refused. `EFFECTS` is the registry: what there is, where it may sit, what its parameters mean and how far they go. In a
@@ -23,10 +24,11 @@ from via_core.signals import Array
 from via_core.springs import MACCEPA, TWO_LEVER
 
 from via_sim.catalogue import DEVICE_NUMBERS, EFFECTS, EffectKind
-from via_sim.parameters import LINK, MOTOR_1, P
+from via_sim.parameters import LINK, MOTOR_1, MOTOR_2, P
 
 _KINDS: Mapping[str, EffectKind] = {**EFFECTS, DEVICE_NUMBERS.name: DEVICE_NUMBERS}
-_NUMBERED = {"motor": (1, 2), "transmission": (1, 2), "sensor": (0, 1, 2), "timing": (0, 1, 2)}
+PAIRED = ("motor", "transmission")  # sites at which motor 0 is both of them
+_NUMBERED = {"motor": (1, 2, 0), "transmission": (1, 2, 0), "sensor": (0, 1, 2), "timing": (0, 1, 2)}
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,8 @@ class Effect:
 
     name        key of EFFECTS, or 'device_numbers'
     site        where: one of the kind's sites
-    parameters  name -> value, all of the kind's parameters (of device_numbers: some), inside their bounds
-    motor       1 or 2: which motor or transmission, at a sensor whose (0: the link's); else 0
+    parameters  name -> value, all of the kind's parameters and any of its optional ones, inside their bounds
+    motor       1 or 2: which motor or transmission, 0: both alike; at a sensor whose (0: the link's); else 0
     joint       name of the device it belongs to; empty means whichever it is given to
 
     Raises ParameterError with key, value and allowed range.
@@ -58,17 +60,18 @@ class Effect:
         if type(self.motor) is not int or self.motor not in allowed:
             wanted = f"left out at site '{self.site}'"
             if allowed != (0,):
-                wanted = f"{', '.join(str(number) for number in allowed[:-1])} or {allowed[-1]}"
+                wanted = "1, 2 or 0 (both)" if self.site in PAIRED else "0 (the link's), 1 or 2"
             raise ParameterError(f"{self.name}.motor: must be {wanted}, got {self.motor!r}")
-        names = [parameter.name for parameter in kind.parameters]
+        names = [parameter.name for parameter in kind.all_parameters]
+        must = {parameter.name for parameter in kind.parameters}
         for key in self.parameters:
             if key not in names:
                 raise ParameterError(f"{self.name}.{key}: is no known key; there are {', '.join(names)}")
-        for parameter in kind.parameters:
+        for parameter in kind.all_parameters:
             key = f"{self.name}.{parameter.name}"
             reach = f"{parameter.low:g} to {parameter.high:g} {parameter.unit}"
             if parameter.name not in self.parameters:
-                if kind.partial:
+                if parameter.name not in must:
                     continue
                 raise ParameterError(f"{key}: is missing, {reach}")
             value = self.parameters[parameter.name]
@@ -89,8 +92,20 @@ class Effect:
         write_values(row, self.kind, self.site, self.motor, self.parameters)
 
 
+def place_name(site: str, motor: int) -> str:
+    """A place in words: 'link', 'motor 1', 'both motors'."""
+    if site in PAIRED and motor == 0:
+        return f"both {site}s"
+    return f"{site} {motor}" if motor else site
+
+
+def spots(site: str, motor: int) -> tuple[tuple[str, int], ...]:
+    """(site, motor) of each single motor or transmission that a place stands for: of both motors these two."""
+    return tuple((site, each) for each in ((1, 2) if site in PAIRED and motor == 0 else (motor,)))
+
+
 def places(kind: EffectKind | str, device: Device) -> tuple[tuple[str, int], ...]:
-    """(site, motor) of every place that an effect can take on a device."""
+    """(site, motor) of every place that an effect can take on a device; both motors (0) come after each of them."""
     effect = EFFECTS[kind] if isinstance(kind, str) else kind
     return tuple(
         (site, motor)
@@ -102,6 +117,11 @@ def places(kind: EffectKind | str, device: Device) -> tuple[tuple[str, int], ...
 
 def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
     """Why an effect has no meaning at a place of a device; empty where it has one."""
+    if site in PAIRED and motor == 0:
+        there = device.n_motors if site == "motor" else device.n_transmissions
+        if there < 2:
+            return f"'{device.name}' has no two {site}s; `motor` is the number of one"
+        return _misplaced(kind, site, 1, device) or _misplaced(kind, site, 2, device)
     if site == "transmission":
         if motor > device.n_transmissions:
             return f"'{device.name}' has {device.n_transmissions} transmissions"
@@ -130,13 +150,13 @@ def write_effects(row: Array, device: Device, effects: Sequence[Effect]) -> None
     """All effects into the row of a nominal device, in place. Raises ParameterError where one does not fit."""
     seen: set[tuple[str, str, int]] = set()
     for effect in in_order(effects):
-        where = f"{effect.name} at {effect.site}{f' {effect.motor}' if effect.motor else ''}"
+        where = f"{effect.name} at {place_name(effect.site, effect.motor)}"
         if effect.joint not in ("", device.name):
             raise ParameterError(f"{where}: joint is '{effect.joint}', but this is '{device.name}'")
-        place = (effect.name, effect.site, effect.motor)
-        if place in seen and not effect.kind.adds:
+        taken = {(effect.name, *each) for each in spots(effect.site, effect.motor)}
+        if taken & seen and not effect.kind.adds:
             raise ParameterError(f"{where}: is there twice")
-        seen.add(place)
+        seen |= taken
         trouble = _misplaced(effect.kind, effect.site, effect.motor, device)
         if trouble:
             raise ParameterError(f"{where}: {trouble}")
@@ -148,5 +168,10 @@ def write_effects(row: Array, device: Device, effects: Sequence[Effect]) -> None
 
 def write_values(row: Array, kind: EffectKind, site: str, motor: int, values: Mapping[str, float]) -> None:
     """Numbers of one effect at a place it can take, unchecked against their bounds, into a row in place: for fits."""
-    drive = site == "motor" and row[P.link_drive] != 0.0
-    kind.write(row, LINK if motor == 0 or drive else MOTOR_1 + motor - 1, site, values)
+    axes: tuple[int, ...] = (MOTOR_1 + motor - 1,)
+    if site == "motor" and row[P.link_drive] != 0.0:
+        axes = (LINK,)
+    elif motor == 0:
+        axes = (MOTOR_1, MOTOR_2) if site in PAIRED else (LINK,)
+    for axis in axes:
+        kind.write(row, axis, site, values)

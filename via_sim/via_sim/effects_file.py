@@ -5,6 +5,10 @@
   motor: 1
   parameters: {torque: 0.02}     # [N m], 0 to 1000
   intervals: {torque: [0.018, 0.022]}     # 95 %, for whoever reads the file; the simulator needs none
+- effect: torque_gain
+  site: motor
+  motor: 0                       # both motors alike; at a motor or transmission the number is never left out
+  parameters: {gain: 0.95}
 - effect: device_numbers         # what the effects were fitted with: factors on numbers of the device file
   site: device
   parameters: {link inertia: 1.03}
@@ -21,7 +25,7 @@ from typing import Any
 import yaml
 from via_core.errors import ParameterError
 
-from via_sim.effects import Effect
+from via_sim.effects import PAIRED, Effect
 
 KEYS = ("effect", "site", "motor", "joint", "parameters", "intervals")
 Intervals = Mapping[str, tuple[float, float]]
@@ -58,7 +62,7 @@ def effects_text(effects: Sequence[Effect], intervals: Sequence[Intervals] = ())
     entries = []
     for effect, known in zip_longest(effects, intervals):
         entry: dict[str, Any] = {"effect": effect.name, "site": effect.site}
-        if effect.motor:
+        if effect.motor or effect.site in PAIRED:
             entry["motor"] = effect.motor
         if effect.joint:
             entry["joint"] = effect.joint
@@ -90,6 +94,8 @@ def _effect(entry: object, where: str) -> Effect:
     for key in ("effect", "site"):
         if not isinstance(entry.get(key), str):
             raise ParameterError(f"{where}: {key}: must be a name, got {entry.get(key)!r}")
+    if entry["site"] in PAIRED and "motor" not in entry:
+        raise ParameterError(f"{where}: motor: is missing at site '{entry['site']}', must be 1, 2 or 0 (both)")
     parameters = entry.get("parameters", {})
     if not isinstance(parameters, dict):
         raise ParameterError(f"{where}: parameters: must be a mapping of names to numbers, got {parameters!r}")

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from dataclasses import dataclass
-from math import cos, exp, isfinite, nan, sin
+from math import exp, isfinite, nan
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,8 @@ from via_core.servos import servo_acceleration
 from via_core.signals import Array
 
 from via_sim.actuation import couple, saturated, servo_bandwidth
-from via_sim.encoders import read_motion
+from via_sim.encoders import read_motion, true_motion
+from via_sim.friction import breakaway, dry_friction, has_friction, viscous_friction
 from via_sim.parameters import (
     ABSENT,
     DYNAMIC,
@@ -63,11 +64,8 @@ from via_sim.torques import (
     TOUCH,
     X,
     bare,
-    breakaway,
     compiled,
     deflection,
-    dry_friction,
-    has_friction,
     laws,
     motive_torques,
     prepare,
@@ -75,7 +73,6 @@ from via_sim.torques import (
     remember,
     spring_factor,
     transmission_torque,
-    viscous_friction,
 )
 
 _SLEWING = 0.98  # share of its speed limit from which a servo is at it
@@ -127,19 +124,6 @@ def equation_torques(row: Array, record: Record) -> EquationTorques:
     inertia = np.where(kinds == DYNAMIC, p[P.inertia : P.inertia + 3], 1.0)
     parts["transmission"] = out[:, _C.transmission :]
     return EquationTorques(standing=standing, inertia=inertia, **parts)
-
-
-@bare
-def _undone(p: Array, axis: int, angle: float, velocity: float) -> tuple[float, float]:
-    """Angle and velocity of an axis whose encoder reads these: offset and eccentricity taken back."""
-    angle -= p[P.encoder_offset + axis]
-    swing, phase = p[P.eccentricity + axis], p[P.eccentricity_phase + axis]
-    if swing == 0.0:
-        return angle, velocity
-    true = angle - swing * sin(angle + phase)
-    for _ in range(3):  # Newton on true + swing sin(true + phase) = angle
-        true -= (true + swing * sin(true + phase) - angle) / (1.0 + swing * cos(true + phase))
-    return true, velocity / (1.0 + swing * cos(true + phase))
 
 
 @bare
@@ -196,7 +180,7 @@ def _means(p: Array, times: Array, commands: Array, sensed: bool, k: int, a: flo
 
 
 @bare
-def _slipping(p: Array, axis: int, before: float, speed: float, after: float, load: float) -> float:
+def _slipping(p: Array, axis: int, before: float, speed: float, after: float, load: float, counter: float) -> float:
     """Dry friction [N m] on a slipping axis, its mean over a cell in which the speed may change its sign."""
     swing = 0.25 * abs(after - before)  # of the speed over half a cell
     if isfinite(swing) and abs(speed) < swing:
@@ -205,9 +189,9 @@ def _slipping(p: Array, axis: int, before: float, speed: float, after: float, lo
         forwards = 1.0 if speed > 0.0 else (0.0 if speed < 0.0 else 0.5)
     friction = 0.0
     if forwards > 0.0:
-        friction += forwards * dry_friction(p, axis, 1, abs(speed), load)
+        friction += forwards * dry_friction(p, axis, 1, abs(speed), load, counter)
     if forwards < 1.0:
-        friction -= (1.0 - forwards) * dry_friction(p, axis, -1, abs(speed), load)
+        friction -= (1.0 - forwards) * dry_friction(p, axis, -1, abs(speed), load, counter)
     return friction
 
 
@@ -294,7 +278,7 @@ def _walk(
                 y[axis], y[3 + axis] = angle[n, axis], velocity[n, axis]
                 if p[P.skew + axis] > 0.0:
                     y[axis], y[3 + axis] = _ahead(time, angle, velocity, axis, n, p[P.skew + axis])
-                y[axis], y[3 + axis] = _undone(p, axis, y[axis], y[3 + axis])
+                y[axis], y[3 + axis] = true_motion(p, axis, y[axis], y[3 + axis])
             if n == 0 or not isfinite(x[axis]):
                 x[axis] = y[axis]
             way = y[axis] - x[axis]
@@ -319,14 +303,15 @@ def _walk(
         modes[TOUCH] = p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0 and p[P.contact_stiffness] > 0.0
         torques = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
         for axis in range(3):
-            kind, load = p[P.axis_kind + axis], torques[3 + axis]
+            kind, load, counter = p[P.axis_kind + axis], torques[3 + axis], torques[6 + axis]
             friction = capacity = 0.0
             torque = nan
             if kind == DYNAMIC:
                 if has_friction(p, axis):
                     before, after = velocity[max(n - 1, 0), axis], velocity[min(n + 1, last), axis]
-                    friction = _slipping(p, axis, before, x[3 + axis], after, load)
-                    capacity = 0.5 * (breakaway(p, axis, 1, load) + breakaway(p, axis, -1, load))
+                    friction = _slipping(p, axis, before, x[3 + axis], after, load, counter)
+                    most = breakaway(p, axis, 1, load, counter)
+                    capacity = 0.5 * (most + breakaway(p, axis, -1, load, counter))
                 torque = torques[axis] - viscous_friction(p, axis, u[DAMPING]) * x[3 + axis] - friction
             elif kind == SERVO:
                 v, w = x[3 + axis], servo_bandwidth(p, axis - 1)

@@ -36,6 +36,7 @@ from via_core.springs import N_COEFFICIENTS
 
 from via_sim.actuation import couple, lagged, saturated, servo_motion, supply
 from via_sim.encoders import read_motion
+from via_sim.friction import viscous_rate
 from via_sim.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
 from via_sim.phi_functions import phi_functions
 from via_sim.position_drive import acting_goal, drive_torque, followed
@@ -70,7 +71,6 @@ from via_sim.torques import (
     settle,
     spring_factor,
     violation,
-    viscous_rate,
 )
 
 PER_AXIS, _FOR = 20, 60  # integrator weights per axis; where step and damping stand that they are for
@@ -330,11 +330,12 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
         h = duration / substeps
         for _ in range(substeps):
             _advance(p, c1, c2, x, u, h, modes, weights, y)
-        x[X.damping], x[X.external] = damping, u[EXTERNAL]
+        x[X.damping], x[X.external], x[X.beside] = damping, u[EXTERNAL], u[BESIDE]
         for i in range(2):
             x[X.motor_torque + i] = u[i]
         if positioned:
             x[X.external] += drive_torque(p, u[ACTING], u[ON], x[0])
+            x[X.external] -= u[ON] * p[P.drive_damping] * x[3]
             x[X.behind], x[X.lag] = u[TARGET] - u[FOLLOWED], u[FOLLOWED] - u[LAGGED]
         elif modes[LAGS] == 0:
             for axis in range(3):

@@ -22,8 +22,19 @@ from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.actuation import saturated
+from via_sim.friction import feels_both_sides, has_friction
 from via_sim.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
-from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
+from via_sim.parameters import (
+    ABSENT,
+    AT_TRANSMISSION,
+    DYNAMIC,
+    ENCODER_HARMONICS,
+    NO_DAMPER,
+    POSITION_DRIVE,
+    RIPPLE_HARMONICS,
+    TORQUE_DRIVE,
+    P,
+)
 from via_sim.position_drive import drive_torque
 from via_sim.readings import record, sense, stride
 from via_sim.torques import (
@@ -41,7 +52,6 @@ from via_sim.torques import (
     bare,
     compiled,
     deflection,
-    has_friction,
     preset_of,
     spring_factor,
     transmission_torque,
@@ -55,8 +65,9 @@ _ENOUGH = 1e300  # [N m] margin of what is not watched
 #   START 6: state at the beginning of a step; AT 6: where torques are evaluated; N, A, B, D 3 each: torques of the
 #   stages; MIDDLE 3: speeds; INPUT 3: torque on link, motor 1, motor 2; BESIDE 3: what of it is not a drive's;
 #   DAMP 1; FACTOR 2: of the springs; SIGN 3: direction of slip, 0 without friction; HELD 3: 1 where an axis stands;
-#   MARGIN 1: positive while the lane has kept its modes; FLANK 2; SPRING 2: torques; PHI, INSIDE, SLOPE, LOADED 1:
-#   scratch; WEIGHT 60 as of `weigh`; BRISTLE 3, MAXWELL 2: torques held when the step began; SLIP 2: direction in
+#   MARGIN 1: positive while the lane has kept its modes; FLANK 2; SPRING 2: torques; PHI, INSIDE, SLOPE 1: scratch;
+#   LOADED, ADDED 1: friction from the load at any speed, what standstill adds to it; COUNTER 1: counter torque;
+#   WEIGHT 60 as of `weigh`; BRISTLE 3, MAXWELL 2: torques held when the step began; SLIP 2: direction in
 #   which a Maxwell element slips, 0 where it sticks; TOUCH 1: 1 where the wall is; LAG 3: drive torques behind the lag,
 #   ASKED 3: before it; then what the parameter rows say (RISE, FALL, GROWTH of springs that grow exponentially; LEVEL,
 #   BEND of bristles, MOST, GIVE of Maxwell elements; RUB of spring dampers; WALL, PUSH, SOFTEN, SIDE, OPEN of the wall;
@@ -66,20 +77,23 @@ _ENOUGH = 1e300  # [N m] margin of what is not watched
 _SIZES = {
     "start": 6, "at": 6, "n": 3, "a": 3, "b": 3, "d": 3, "middle": 3, "input": 3, "beside": 3, "damp": 1,
     "factor": 2, "sign": 3, "held": 3, "margin": 1, "flank": 2, "spring": 2, "phi": 1, "inside": 1, "slope": 1,
-    "loaded": 1, "weight": 3 * PER_AXIS, "bristle": 3, "maxwell": 2, "slip": 2, "touch": 1, "lag": 3, "asked": 3,
+    "loaded": 1, "added": 1, "counter": 1, "weight": 3 * PER_AXIS, "bristle": 3, "maxwell": 2, "slip": 2, "touch": 1,
+    "lag": 3, "asked": 3,
     "kinetic": 3, "excess": 3, "inverse": 3, "asymmetry": 3, "viscous": 3, "load": 3, "gravity": 1, "angle": 1,
     "coefficient": 2 * N_COEFFICIENTS, "stop": 2, "hardening": 2, "offset": 2, "half": 2,
     "solid": 2, "rise": 2, "fall": 2, "growth": 2, "level": 3, "bend": 3, "most": 2, "give": 2, "drag": 3,
-    "ripple": 3, "order": 3, "phase": 3, "rub": 2, "wall": 1, "push": 1, "soften": 1, "side": 1, "open": 1,
-    "gain": 3, "bias": 3, "kept": 3,
+    "rub": 2, "wall": 1, "push": 1, "soften": 1, "side": 1, "open": 1,
+    "gain": 3, "bias": 3, "kept": 3, "ripple": 3 * RIPPLE_HARMONICS, "order": 3 * RIPPLE_HARMONICS,
+    "phase": 3 * RIPPLE_HARMONICS, "opposed": 3, "standing": 3, "opposed_standing": 3, "squared": 3, "fading": 3,
     "aim": 1, "pull": 1, "reach": 1, "strength": 1, "shift": 1, "own": 1, "brake": 1,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
 _N_ROWS = sum(_SIZES.values())
 
-# Bits of what some lane of a block has and most joints lack; of the first four one for each axis or transmission.
-_BRISTLE, _DRAG, _RIPPLE, _MAXWELL, _RUB, _WALL, _LAG, _POSITION = 0, 3, 6, 9, 11, 12, 13, 14
+# Bits of what some lane of a block has and most joints lack: of the first three one for each axis or transmission, of
+# the last one for each axis of each harmonic.
+_BRISTLE, _DRAG, _MAXWELL, _RUB, _WALL, _LAG, _LOADS, _POSITION, _RIPPLE = 0, 3, 6, 8, 9, 10, 11, 12, 13
 
 
 @bare
@@ -188,10 +202,12 @@ def _rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
             for lane in range(z.shape[1]):
                 v = z[Z.at + 3 + here, lane]
                 z[out + here, lane] -= z[Z.drag + here, lane] * v * abs(v)
-        if rare >> (_RIPPLE + axis) & 1:
-            for lane in range(z.shape[1]):
-                turned = z[Z.order + here, lane] * z[Z.at + here, lane] + z[Z.phase + here, lane]
-                z[out + here, lane] += z[Z.ripple + here, lane] * _sine(turned)
+        if rare >> _RIPPLE != 0:
+            for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
+                if rare >> (_RIPPLE + k) & 1:
+                    for lane in range(z.shape[1]):
+                        turned = z[Z.order + k, lane] * z[Z.at + here, lane] + z[Z.phase + k, lane]
+                        z[out + here, lane] += z[Z.ripple + k, lane] * _sine(turned)
         if rare >> (_BRISTLE + axis) & 1:
             for lane in range(z.shape[1]):
                 z[out + here, lane] -= _bristle(z, here, lane)
@@ -209,9 +225,7 @@ def _rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
                 z[out + motor, lane] += rub * z[Z.at + 3, lane]
     if rare >> _WALL & 1:
         for lane in range(z.shape[1]):
-            side, depth = z[Z.side, lane], z[Z.at, lane] - z[Z.wall, lane]
-            push = side * (z[Z.push, lane] * depth + z[Z.soften, lane] * z[Z.at + 3, lane])
-            z[out, lane] -= z[Z.touch, lane] * side * max(push, 0.0)
+            z[out, lane] += _wall(z, lane)
 
 
 @bare
@@ -302,6 +316,31 @@ def _springs(z: Array, rows: Array, first: int, terms: int) -> None:
 
 
 @bare
+def _counter(z: Array, axis: int, count: int, gravity: bool, rare: int) -> None:
+    """Counter torque of an axis with `count` transmissions in the joint -> COUNTER, as `torques.motive_torques`."""
+    if axis > 0:
+        for lane in range(z.shape[1]):
+            z[Z.counter, lane] = z[Z.input + axis, lane] - z[Z.beside + axis, lane]
+        return
+    for lane in range(z.shape[1]):
+        z[Z.counter, lane] = z[Z.beside, lane] if count == 0 else z[Z.input, lane]
+    if gravity:
+        for lane in range(z.shape[1]):
+            z[Z.counter, lane] -= z[Z.gravity, lane] * _sine(z[Z.at, lane] - z[Z.angle, lane])
+    if rare >> _WALL & 1:
+        for lane in range(z.shape[1]):
+            z[Z.counter, lane] += _wall(z, lane)
+
+
+@bare
+def _wall(z: Array, lane: int) -> float:
+    """`torques.contact_torque` at AT, 0 where the wall is not touched."""
+    side, depth = z[Z.side, lane], z[Z.at, lane] - z[Z.wall, lane]
+    push = side * (z[Z.push, lane] * depth + z[Z.soften, lane] * z[Z.at + 3, lane])
+    return -z[Z.touch, lane] * side * max(push, 0.0)
+
+
+@bare
 def _torques(
     z: Array, rows: Array, first: int, axes: int, out: int, terms: int, gravity: bool, friction: int, falls: bool,
     holds: bool, rare: int,
@@ -333,19 +372,30 @@ def _torques(
         here = axis
         if count == 0:
             for lane in range(z.shape[1]):
-                z[Z.loaded, lane] = abs(z[Z.input, lane] - z[Z.beside, lane])
+                z[Z.loaded, lane] = z[Z.input, lane] - z[Z.beside, lane]
             if rare >> _POSITION & 1:
                 for lane in range(z.shape[1]):
-                    z[Z.loaded, lane] = abs(z[Z.own, lane] - z[Z.brake, lane] * z[Z.at + 3, lane])
+                    z[Z.loaded, lane] = z[Z.own, lane] - z[Z.brake, lane] * z[Z.at + 3, lane]
         elif axis == 0:
             for lane in range(z.shape[1]):
-                z[Z.loaded, lane] = abs(z[Z.spring, lane] + z[Z.spring + 1, lane])
+                z[Z.loaded, lane] = -(z[Z.spring, lane] + z[Z.spring + 1, lane])
         else:
             for lane in range(z.shape[1]):
-                z[Z.loaded, lane] = abs(z[Z.spring + here - 1, lane])
+                z[Z.loaded, lane] = z[Z.spring + here - 1, lane]
+        if rare >> _LOADS & 1:
+            _counter(z, here, count, gravity, rare)
+            for lane in range(z.shape[1]):
+                load, counter = z[Z.loaded, lane], z[Z.counter, lane]
+                squared = min(abs(load), abs(counter)) ** 2 if load * counter < 0.0 else 0.0
+                added = z[Z.standing + here, lane] * load - z[Z.opposed_standing + here, lane] * counter
+                z[Z.loaded, lane] = abs(z[Z.load + here, lane] * load - z[Z.opposed + here, lane] * counter)
+                z[Z.added, lane] = abs(added) + z[Z.squared + here, lane] * squared
+        else:
+            for lane in range(z.shape[1]):
+                z[Z.loaded, lane] = z[Z.load + here, lane] * abs(z[Z.loaded, lane])
         for lane in range(z.shape[1]):
             sign, v = z[Z.sign + here, lane], z[Z.at + 3 + here, lane]
-            size = z[Z.kinetic + here, lane] + z[Z.load + here, lane] * z[Z.loaded, lane]
+            size = z[Z.kinetic + here, lane] + z[Z.loaded, lane]
             size += sign * (z[Z.asymmetry + here, lane] + z[Z.viscous + here, lane] * sign * v)
             z[out + here, lane] -= sign * size
         if falls:
@@ -353,10 +403,14 @@ def _torques(
                 ratio = z[Z.at + 3 + here, lane] * z[Z.inverse + here, lane]
                 excess = z[Z.excess + here, lane] * _decay(ratio * ratio)
                 z[out + here, lane] -= z[Z.sign + here, lane] * excess
+        if rare >> _LOADS & 1:
+            for lane in range(z.shape[1]):
+                ratio = z[Z.at + 3 + here, lane] * z[Z.fading + here, lane]
+                z[out + here, lane] -= z[Z.sign + here, lane] * z[Z.added, lane] * _decay(ratio * ratio)
         if holds:  # friction takes all of the torque on an axis that stands, as long as it can
             for lane in range(z.shape[1]):
                 held, torque, skewed = z[Z.held + here, lane], z[out + here, lane], z[Z.asymmetry + here, lane]
-                most = z[Z.kinetic + here, lane] + z[Z.excess + here, lane] + z[Z.load + here, lane] * z[Z.loaded, lane]
+                most = z[Z.kinetic + here, lane] + z[Z.excess + here, lane] + z[Z.loaded, lane] + z[Z.added, lane]
                 room = min(most + skewed - torque, most - skewed + torque) + (1.0 - held) * _ENOUGH
                 z[Z.margin, lane] = min(z[Z.margin, lane], room)
                 z[out + here, lane] = (1.0 - held) * torque
@@ -454,7 +508,9 @@ def _written_out(p: Array) -> bool:
     for axis in range(1, 3):
         known &= p[P.axis_kind + axis] <= DYNAMIC
     if p[P.link_drive] == POSITION_DRIVE:
-        known &= p[P.lag] <= 0.0 and p[P.drive_speed_limit] == inf and p[P.eccentricity] == 0.0
+        known &= p[P.lag] <= 0.0 and p[P.drive_speed_limit] == inf
+        for k in range(0, 3 * ENCODER_HARMONICS, 3):
+            known &= p[P.eccentricity + k] == 0.0
     return known
 
 
@@ -471,13 +527,18 @@ def _enter(p: Array, z: Array, lane: int) -> None:
             p[P.friction_asymmetry + axis],
             p[P.viscous_asymmetry + axis],
         )
-        z[Z.load + here, lane] = p[P.load_friction + axis]
+        z[Z.load + here, lane], z[Z.opposed + here, lane] = p[P.load_friction + axis], p[P.counter_friction + axis]
+        z[Z.standing + here, lane] = p[P.load_stribeck + axis]
+        z[Z.opposed_standing + here, lane] = p[P.counter_stribeck + axis]
+        z[Z.squared + here, lane] = p[P.load_quadratic + axis]
+        z[Z.fading + here, lane] = 1.0 / p[P.load_velocity + axis]
         level = max(p[P.bristle_torque + axis], 0.0)
         z[Z.level + here, lane] = level
         z[Z.bend + here, lane] = p[P.bristle_stiffness + axis] / level if level > 0.0 else 0.0
         z[Z.drag + here, lane] = p[P.quadratic_drag + axis]
-        z[Z.ripple + here, lane], z[Z.order + here, lane] = p[P.ripple_amplitude + axis], p[P.ripple_order + axis]
-        z[Z.phase + here, lane] = p[P.ripple_phase + axis]
+        for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
+            z[Z.ripple + k, lane], z[Z.order + k, lane] = p[P.ripple_amplitude + k], p[P.ripple_order + k]
+            z[Z.phase + k, lane] = p[P.ripple_phase + k]
         driven = p[P.link_drive] == TORQUE_DRIVE if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
         z[Z.gain + here, lane] = p[P.torque_gain + axis] if driven else 0.0
         z[Z.bias + here, lane] = p[P.torque_bias + axis] if driven else 0.0
@@ -557,10 +618,12 @@ def _drive(p: Array, x: Array, command: Array, slot: int, late: int, age: float,
 def _note(p: Array, x: Array, command: Array, slot: int, late: int, z: Array, lane: int) -> None:
     """What acted last into state x, as `kernel.advance_tick` leaves it there."""
     held = _held(x, slot, late)
+    x[X.beside] = z[Z.beside, lane]
     x[X.external], x[X.damping] = z[Z.input, lane], z[Z.damp, lane] - z[Z.brake, lane]
     positioned = p[P.link_drive] == POSITION_DRIVE  # its goal is behind nothing here
     if positioned:
         x[X.external] += drive_torque(p, x[held + GOAL], 1.0 if x[held + POWER] > 0.5 else 0.0, x[0])
+        x[X.external] -= z[Z.brake, lane] * x[3]
     else:
         x[X.lag] = saturated(p, 0, x[held + EXTERNAL])
     for i in range(2):
@@ -609,7 +672,9 @@ def _rare_bits(p: Array) -> int:
     for axis in range(3):
         bits |= int(p[P.bristle_torque + axis] > 0.0) << (_BRISTLE + axis)
         bits |= int(p[P.quadratic_drag + axis] != 0.0) << (_DRAG + axis)
-        bits |= int(p[P.ripple_amplitude + axis] != 0.0) << (_RIPPLE + axis)
+        bits |= int(feels_both_sides(p, axis)) << _LOADS
+        for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
+            bits |= int(p[P.ripple_amplitude + k] != 0.0) << (_RIPPLE + k)
     for i in range(2):
         bits |= int(p[P.hysteresis_torque + i] > 0.0) << (_MAXWELL + i)
         bits |= int(p[P.spring_damping + i] != 0.0) << _RUB
@@ -732,5 +797,7 @@ def _reads_true(p: Array) -> bool:
     """Whether encoders read angles as they are."""
     true = True
     for axis in range(3):
-        true &= p[P.skew + axis] <= 0.0 and p[P.eccentricity + axis] == 0.0 and p[P.encoder_offset + axis] == 0.0
+        true &= p[P.skew + axis] <= 0.0 and p[P.encoder_offset + axis] == 0.0
+        for k in range(axis, 3 * ENCODER_HARMONICS, 3):
+            true &= p[P.eccentricity + k] == 0.0
     return true

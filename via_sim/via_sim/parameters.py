@@ -7,6 +7,7 @@ the effect did not exist.
     row[P.gravity_torque] = 0.3
     row[P.viscous_friction + LINK]          # slots of the three axes stand in a row: link, motor 1, motor 2
     row[P.torque_gain + 1]                  # slots of the motors (and transmissions) likewise: first, second
+    row[P.ripple_order + 3 * k + axis]      # of harmonic k, from 0
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ LINK, MOTOR_1, MOTOR_2 = range(3)  # axes
 ABSENT, DYNAMIC, SERVO = range(3)  # what moves an axis: nothing, its own dynamics, a position servo
 NO_DAMPER, AT_LINK, AT_TRANSMISSION = range(3)
 NO_DRIVE, TORQUE_DRIVE, POSITION_DRIVE = range(3)  # on the link: none, or of a rigid joint
+RIPPLE_HARMONICS, ENCODER_HARMONICS = 8, 4  # of one axis, at most
+_RIPPLE, _ENCODER = 3 * RIPPLE_HARMONICS, 3 * ENCODER_HARMONICS  # the three axes of a harmonic stand in a row
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,12 @@ SLOTS = (
     Slot("kinetic_friction", "N m", "dry friction at speed", 3),
     Slot("friction_asymmetry", "N m", "half of what dry friction has more forwards than backwards", 3),
     Slot("stribeck_velocity", "rad/s", "speed at which 1/e of the excess of breakaway over kinetic is left", 3, 1.0),
-    Slot("load_friction", "-", "dry friction per torque that the axis carries", 3),
+    Slot("load_friction", "-", "dry friction per torque that the axis carries, its load: see friction.py", 3),
+    Slot("counter_friction", "-", "dry friction per counter torque", 3),
+    Slot("load_stribeck", "-", "what standstill adds per load", 3),
+    Slot("counter_stribeck", "-", "what standstill adds per counter torque", 3),
+    Slot("load_quadratic", "1/(N m)", "what standstill adds per square of the smaller of both, where they oppose", 3),
+    Slot("load_velocity", "rad/s", "speed at which 1/e of what standstill adds is left", 3, 1.0),
     Slot("bristle_torque", "N m", "of Dahl's bristle once it slides", 3),
     Slot("bristle_stiffness", "N m/rad", "of Dahl's bristle at rest", 3, 1.0),
     Slot("bandwidth", "rad/s", "w of the position servos: motor 1, motor 2", 2),
@@ -56,9 +64,9 @@ SLOTS = (
     Slot("lag", "s", "time constant of first order between command and torque; a servo's 2/w grows by it"),
     Slot("torque_gain", "-", "torque per torque commanded: of a rigid joint's drive, motor 1, motor 2", 3, 1.0),
     Slot("torque_bias", "N m", "torque that nobody commanded: likewise", 3),
-    Slot("ripple_amplitude", "N m", "torque over the angle of the axis: likewise", 3),
-    Slot("ripple_order", "-", "periods per turn", 3, 1.0),
-    Slot("ripple_phase", "rad", "at angle zero", 3),
+    Slot("ripple_amplitude", "N m", "torque over the angle of the axis: likewise, for each harmonic", _RIPPLE),
+    Slot("ripple_order", "-", "periods per turn", _RIPPLE, 1.0),
+    Slot("ripple_phase", "rad", "at angle zero", _RIPPLE),
     Slot("gravity_torque", "N m", "g(q) = gravity_torque sin(q - gravity_angle)"),
     Slot("gravity_angle", "rad", "where the link hangs at rest"),
     Slot("gravity", "m/s^2", "that acts on a payload, with the sign of gravity_torque; 0: the axis is upright"),
@@ -93,8 +101,9 @@ SLOTS = (
     Slot("damper", "", "coefficient row of the map", N_DAMPER_COEFFICIENTS),
     Slot("delay", "s", "dead time of the command"),
     Slot("encoder_offset", "rad", "read too much: link, motor 1, motor 2", 3),
-    Slot("eccentricity", "rad", "amplitude of the encoder's error of order 1", 3),
-    Slot("eccentricity_phase", "rad", "at angle zero", 3),
+    Slot("eccentricity", "rad", "amplitude of the encoder's periodic error: likewise, for each harmonic", _ENCODER),
+    Slot("eccentricity_order", "-", "periods per turn", _ENCODER, 1.0),
+    Slot("eccentricity_phase", "rad", "at angle zero", _ENCODER),
     Slot("encoder_quantum", "rad", "least step of the reading", 3),
     Slot("skew", "s", "by which the reading is late", 3),
     Slot("sensed_gain", "-", "reading per torque: at the link, motor 1, motor 2", 3, 1.0),

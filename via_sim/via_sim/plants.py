@@ -15,6 +15,7 @@ from via_core.signals import Array, locked
 from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER, SpringLaw
 
 from via_sim.effects import Effect, write_effects
+from via_sim.friction import viscous_rate
 from via_sim.kernel import derivative
 from via_sim.parameters import (
     AT_LINK,
@@ -25,12 +26,13 @@ from via_sim.parameters import (
     N_PARAMETERS,
     NO_DRIVE,
     POSITION_DRIVE,
+    RIPPLE_HARMONICS,
     SERVO,
     TORQUE_DRIVE,
     P,
     neutral_row,
 )
-from via_sim.torques import ACTING, DAMPING, GOAL, N_INPUTS, ON, POWER, SPRING, X, spring_factor, viscous_rate
+from via_sim.torques import ACTING, DAMPING, GOAL, N_INPUTS, ON, POWER, SPRING, X, spring_factor
 
 GRAVITY = 9.80665  # [m/s^2]
 MAX_SUBSTEPS = 4096  # per tick; beyond it a parameter row is refused
@@ -150,11 +152,11 @@ def _row_of(device: Device) -> Array:
 def substeps_for(row: Array, device: Device) -> float:
     """Integration steps per tick that resolve whatever the exponential leaves explicit, at its stiffest.
 
-    A spring against an inertia has rate w = sqrt(sigma / M), or w^2 / a where viscous friction (rate a) overdamps it; a
-    damper in the transmission couples at d (1/M + 1/B); the falling Stribeck curve drives an axis away from rest at
-    most at .86 (breakaway - kinetic) / (stribeck_velocity inertia). Of effects, hysteresis, bristles, walls and ripple
-    are springs; a lag is worth at most `_LAG_STEPS` steps, shorter ones act with their value halfway. Raises
-    ParameterError beyond MAX_SUBSTEPS.
+    A spring against an inertia has rate w = sqrt(sigma / M), or w^2 / a where viscous friction (rate a) overdamps it;
+    a damper in the transmission couples at d (1/M + 1/B); the falling Stribeck curve drives an axis away from rest at
+    most at .86 (breakaway - kinetic) / (stribeck_velocity inertia), and so does what a load adds there. Of effects,
+    hysteresis, bristles, walls and ripple are springs; a lag is worth at most `_LAG_STEPS` steps, shorter ones act
+    with their value halfway. Raises ParameterError beyond MAX_SUBSTEPS.
     """
     stiffness, coupled = _stiffest(row, device), float(device.damping_of(1.0))
     if row[P.damper_site] != AT_TRANSMISSION:
@@ -169,10 +171,12 @@ def substeps_for(row: Array, device: Device) -> float:
         rate += min(w, w * w / a) if a > 0.0 else w
         excess = row[P.breakaway_friction + axis] - row[P.kinetic_friction + axis]
         rate += 0.86 * excess / (row[P.stribeck_velocity + axis] * inertia)
+        rate += 0.86 * _load_excess(row, axis) / (row[P.load_velocity + axis] * inertia)
         explicit = abs(row[P.viscous_asymmetry + axis]) + (coupled if axis < 2 else 0.0)
         if axis == 0:
             explicit += row[P.spring_damping] + row[P.spring_damping + 1]
             explicit += row[P.contact_damping] if row[P.contact_stiffness] > 0.0 else 0.0
+            explicit += (row[P.load_friction] + row[P.load_stribeck]) * row[P.drive_damping]
         else:
             explicit += row[P.spring_damping + axis - 1]
         rate += explicit / inertia
@@ -185,6 +189,14 @@ def substeps_for(row: Array, device: Device) -> float:
             f"at most {MAX_SUBSTEPS} are allowed; raise the rate or soften the joint"
         )
     return float(substeps)
+
+
+def _load_excess(row: Array, axis: int) -> float:
+    """Friction [N m] that standstill adds under the loads a row speaks of: gravity, drives at their torque limits."""
+    limits = np.append(row[P.torque_limit : P.torque_limit + 2], row[P.drive_torque_limit])
+    load = max(abs(row[P.gravity_torque]), *limits[np.isfinite(limits)], 0.0)
+    excess = (row[P.load_stribeck + axis] + row[P.counter_stribeck + axis]) * load
+    return float(excess + row[P.load_quadratic + axis] * load**2)
 
 
 def _stiffest(row: Array, device: Device) -> Array:
@@ -202,7 +214,8 @@ def _stiffest(row: Array, device: Device) -> Array:
     for axis in range(3):
         if row[P.bristle_torque + axis] > 0.0:
             stiffness[axis] += row[P.bristle_stiffness + axis]
-        stiffness[axis] += abs(row[P.ripple_amplitude + axis] * row[P.ripple_order + axis])
+        for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
+            stiffness[axis] += abs(row[P.ripple_amplitude + k] * row[P.ripple_order + k])
     return stiffness
 
 

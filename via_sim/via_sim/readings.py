@@ -1,8 +1,8 @@
 """What sensors read of a state: errors of the encoder first, then noise, then the quantiser; torques likewise.
 
-An encoder reads  angle(t - skew) + offset + eccentricity sin(angle + phase).  The angle `skew` ago is a cubic through
-motion kept in the state's ring of the past (one sample in every `stride` ticks), whose error is below 1e-9 rad where
-motion has no more than 100 Hz.
+An encoder reads  angle(t - skew) + offset + sum_k amplitude_k sin(order_k angle + phase_k).  The angle `skew` ago is a
+cubic through motion kept in the state's ring of the past (one sample in every `stride` ticks), whose error is below
+1e-9 rad where motion has no more than 100 Hz.
 """
 
 from __future__ import annotations
@@ -12,18 +12,17 @@ from math import ceil, cos, log, nan, pi, sin, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from via_core.signals import Array
 
 from via_sim.encoders import read_motion
+from via_sim.friction import breakaway, dry_friction
 from via_sim.parameters import DYNAMIC, P
 from via_sim.torques import (
     HISTORY,
     X,
     bare,
-    breakaway,
+    contact_torque,
     deflection,
-    dry_friction,
     preset_of,
     spring_factor,
     transmission_stiffness,
@@ -31,7 +30,6 @@ from via_sim.torques import (
 )
 
 MAX_SKEW = 0.05  # [s] by which an encoder may be late
-INVERSIONS = 4  # of a contraction by an encoder's swing [rad], which is small
 
 # Measured row and truth row of one tick.
 MEASURED = (
@@ -128,30 +126,24 @@ def hermite(a: float, va: float, b: float, vb: float, h: float, share: float) ->
     return value, slope / h
 
 
-def true_angle(p: Array, axis: int, read: ArrayLike) -> Array:
-    """Angle [rad] (n,) at which the encoder of an axis reads `read` (n,): `read_motion` undone; p (n, N_PARAMETERS)."""
-    swing, phase = p[..., P.eccentricity + axis], p[..., P.eccentricity_phase + axis]
-    shifted = np.asarray(read, dtype=np.float64) - p[..., P.encoder_offset + axis]
-    angle = shifted
-    if np.any(swing):
-        for _ in range(INVERSIONS):
-            angle = shifted - swing * np.sin(angle + phase)
-    return angle
-
-
 @bare
 def dissipated_torque(p: Array, x: Array) -> float:
     """Torque [N m] in the clutch of a rigid joint, positive as d qd: its damper's and the dry friction at the link.
 
-    At standstill friction takes what the external torque and gravity ask of it, up to breakaway.
+    At standstill friction takes what the external torque, gravity and a wall ask of it, up to breakaway.
     """
-    speed, load = x[3], abs(x[X.external])
+    speed, load = x[3], x[X.external] - x[X.beside]
+    outside = -p[P.gravity_torque] * sin(x[0] - p[P.gravity_angle])
+    if p[P.contact_stiffness] > 0.0 and p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0:
+        outside += contact_torque(p, x[0], speed)
+    counter = x[X.beside] + outside
     if speed != 0.0:
         direction = 1 if speed > 0.0 else -1
-        dry = direction * dry_friction(p, 0, direction, abs(speed), load)
+        dry = direction * dry_friction(p, 0, direction, abs(speed), load, counter)
         return x[X.damping] * speed + dry + x[X.bristle]
-    asked = x[X.external] - p[P.gravity_torque] * sin(x[0] - p[P.gravity_angle]) - x[X.bristle]
-    return min(max(asked, -breakaway(p, 0, -1, load)), breakaway(p, 0, 1, load)) + x[X.bristle]
+    asked = x[X.external] + outside - x[X.bristle]
+    least, most = -breakaway(p, 0, -1, load, counter), breakaway(p, 0, 1, load, counter)
+    return min(max(asked, least), most) + x[X.bristle]
 
 
 @bare

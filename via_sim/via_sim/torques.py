@@ -20,14 +20,15 @@ simulate Filippov systems, ACM TOMS 34 (2008).
 from __future__ import annotations
 
 from collections import namedtuple
-from math import copysign, exp, inf, sin
+from math import copysign, inf, sin
 from typing import Any
 
 from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS, spring_stiffness, spring_torque
 
 from via_sim.compiled import bare, compiled
-from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, NO_DAMPER, POSITION_DRIVE, P
+from via_sim.friction import breakaway, bristle_torque, dry_friction, has_friction
+from via_sim.parameters import AT_TRANSMISSION, POSITION_DRIVE, RIPPLE_HARMONICS, P
 from via_sim.position_drive import drive_torque
 
 HISTORY = 34  # samples of the past that a late encoder is read from
@@ -35,16 +36,17 @@ HISTORY = 34  # samples of the past that a late encoder is read from
 # State row, everything there is to know of a joint at a tick; X says where each part begins:
 #   position (3) [rad] and velocity (3) [rad/s] of link, motor 1, motor 2; tick: number of this one; seed of the noise;
 #   reported_torque (2) [N m] commanded over the last tick; motor_torque (2) [N m] or [rad], damping [N m s/rad] and
-#   external torque [N m] that then acted; bristle (3) and hysteresis (2): torques [N m] of the elements with memory;
+#   external torque [N m] that then acted, and what of it was beside the drive of a rigid joint;
+#   bristle (3) and hysteresis (2): torques [N m] of the elements with memory;
 #   lag (3) [N m]: drive torques behind the lag, of a position drive [rad] how far its goal is behind it; behind [rad]:
 #   how far its goal is behind the command's for the speed limit; history (HISTORY, 6): motion at past ticks, a ring;
 #   queue (L, QUEUED): the last L commands, a ring by tick, for the dead time.
 State = namedtuple(
     "State",
-    "position velocity tick seed reported_torque motor_torque damping external bristle hysteresis lag behind history "
-    "queue",
+    "position velocity tick seed reported_torque motor_torque damping external beside bristle hysteresis lag behind "
+    "history queue",
 )
-X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 17, 19, 22, 23, 23 + 6 * HISTORY)
+X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 15, 18, 20, 23, 24, 24 + 6 * HISTORY)
 
 # Command row, held over a tick: motor 1, motor 2 [N m or rad], damping [-], external torque at the link [N m], angle of
 # the neighbour joint [rad], torque of the rest of an arm on the link [N m]. The first QUEUED wait out the dead time.
@@ -62,9 +64,10 @@ SPRING, TARGET, BESIDE, ACTING, ON, FOLLOWED, LAGGED = 4, 6, 9, 12, 13, 14, 15
 
 # Modes: of the three axes STUCK, SMOOTH (no dry friction) or slip direction -1, +1; of the two transmissions the flank
 # they lie on, 0 within the gap; of their Maxwell elements 0 or slip direction; whether the wall is touched; whether
-# anything can switch at all; whether any rare term is there; whether the drives lag; ticks between records of the past.
-STUCK, SMOOTH, FLANK, SLIP, TOUCH, SWITCHES, RARE, LAGS, EVERY = 0, 2, 3, 5, 7, 8, 9, 10, 11
-N_MODES = 12
+# anything can switch at all; whether any rare term is there; whether the drives lag; ticks between records of the past;
+# of the three axes the harmonics of their ripple, up to the last that is not zero.
+STUCK, SMOOTH, FLANK, SLIP, TOUCH, SWITCHES, RARE, LAGS, EVERY, RIPPLES = 0, 2, 3, 5, 7, 8, 9, 10, 11, 12
+N_MODES = 15
 
 
 @compiled
@@ -78,7 +81,11 @@ def prepare(p: Array, modes: Array) -> None:
     """What a parameter row never changes of modes (N_MODES,): which kinds of terms there are."""
     rare = p[P.contact_stiffness] > 0.0
     for i in range(3):
-        rare |= p[P.quadratic_drag + i] != 0.0 or p[P.bristle_torque + i] > 0.0 or p[P.ripple_amplitude + i] != 0.0
+        modes[RIPPLES + i] = 0
+        for k in range(RIPPLE_HARMONICS):
+            if p[P.ripple_amplitude + 3 * k + i] != 0.0:
+                modes[RIPPLES + i] = k + 1
+        rare |= p[P.quadratic_drag + i] != 0.0 or p[P.bristle_torque + i] > 0.0 or modes[RIPPLES + i] > 0
     for i in range(2):
         rare |= p[P.hysteresis_torque + i] > 0.0 or p[P.spring_damping + i] != 0.0
     modes[RARE], modes[LAGS] = rare, p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf
@@ -151,18 +158,6 @@ def transmission_stiffness(p: Array, c: Array, i: int, phi: float, preset: float
 
 
 @bare
-def bristle_torque(p: Array, axis: int, mode: int, held: float, travel: float) -> float:
-    """Dahl's friction [N m] after `travel` [rad] in the direction of `mode`, from `held` [N m] on; opposes positive."""
-    level = p[P.bristle_torque + axis]
-    if level <= 0.0 or abs(mode) != 1:
-        return held
-    end = mode * level
-    # A trial step may run backwards past the reversal that ends it: no further than what keeps numbers small.
-    spent = min(-mode * travel * p[P.bristle_stiffness + axis] / level, 1.0)
-    return end + (held - end) * exp(spent)
-
-
-@bare
 def maxwell_torque(p: Array, i: int, slip: int, held: float, travel: float) -> float:
     """Torque [N m] of the Maxwell element beside spring i after `travel` [rad] of deflection, from `held` [N m] on."""
     if slip != 0:
@@ -179,9 +174,13 @@ def contact_torque(p: Array, q: float, w: float) -> float:
 
 
 @bare
-def ripple_torque(p: Array, axis: int, angle: float) -> float:
-    """Torque [N m] that an axis has over its angle and nobody commanded."""
-    return p[P.ripple_amplitude + axis] * sin(p[P.ripple_order + axis] * angle + p[P.ripple_phase + axis])
+def ripple_torque(p: Array, axis: int, angle: float, harmonics: int) -> float:
+    """Torque [N m] that an axis has over its angle and nobody commanded: the sum of its first harmonics."""
+    torque = 0.0
+    for k in range(harmonics):
+        here = 3 * k + axis
+        torque += p[P.ripple_amplitude + here] * sin(p[P.ripple_order + here] * angle + p[P.ripple_phase + here])
+    return torque
 
 
 @bare
@@ -190,8 +189,8 @@ def _rare_torque(p: Array, modes: Array, x: Array, axis: int, angle: float, spee
     torque = -p[P.quadratic_drag + axis] * speed * abs(speed)
     if p[P.bristle_torque + axis] > 0.0:
         torque -= bristle_torque(p, axis, modes[axis], x[X.bristle + axis], angle - x[axis])
-    if p[P.ripple_amplitude + axis] != 0.0:
-        torque += ripple_torque(p, axis, angle)
+    if modes[RIPPLES + axis] > 0:
+        torque += ripple_torque(p, axis, angle, modes[RIPPLES + axis])
     return torque
 
 
@@ -199,33 +198,36 @@ def _rare_torque(p: Array, modes: Array, x: Array, axis: int, angle: float, spee
 def motive_torques(
     p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
     q: float, m1: float, m2: float, w: float, w1: float, w2: float,
-) -> tuple[float, float, float, float, float, float]:  # fmt: skip
-    """Torque [N m] on link, motor 1 and motor 2 but for their own viscous and dry friction; then the load they carry.
+) -> tuple[float, float, float, float, float, float, float, float, float]:  # fmt: skip
+    """Torque [N m] on link, motor 1 and motor 2 but for their own friction; the loads on them; the counter torques.
 
     modes (N_MODES,); u (N_INPUTS,); x: state at which the step began, whose memory counts; angles q, m1, m2 [rad];
     velocities w, w1, w2 [rad/s]. The load on a link is the torque of its transmissions, of a rigid joint that of its
-    drive; on a motor that of its own transmission.
+    drive; on a motor that of its own transmission. The counter torque comes from the other side, see friction.py.
     """
     link, first, second = u[EXTERNAL], u[M1], u[M2]
-    carried, load1, load2 = link - u[BESIDE], 0.0, 0.0
+    own = load = link - u[BESIDE]
+    load1 = load2 = 0.0
+    counter1, counter2 = first - u[BESIDE + 1], second - u[BESIDE + 2]
     if p[P.link_drive] == POSITION_DRIVE:
-        torque = drive_torque(p, u[ACTING], u[ON], q)
-        link += torque
-        carried = torque - u[ON] * p[P.drive_damping] * w
+        own = drive_torque(p, u[ACTING], u[ON], q)
+        link, load = link + own, own - u[ON] * p[P.drive_damping] * w
     if p[P.gravity_torque] != 0.0:
         link -= p[P.gravity_torque] * sin(q - p[P.gravity_angle])
+    counter = link - own
     if p[P.transmissions] > 0.0:
+        counter = link
         phi, preset = deflection(p, 0, q, m1), preset_of(p, 0, m1, m2)
         torque = transmission_torque(p, c1, 0, phi, preset, modes[FLANK], u[SPRING])
         link -= torque
         first += torque
-        carried = load1 = torque
+        load, load1 = -torque, torque
     if p[P.transmissions] > 1.0:
         phi, preset = deflection(p, 1, q, m2), preset_of(p, 1, m1, m2)
         torque = transmission_torque(p, c2, 1, phi, preset, modes[FLANK + 1], u[SPRING + 1])
         link -= torque
         second += torque
-        carried, load2 = carried + torque, torque
+        load, load2 = load - torque, torque
     if p[P.damper_site] == AT_TRANSMISSION:  # of transmission 1; the diagonal part is in `viscous_rate`
         link += u[DAMPING] * w1
         first += u[DAMPING] * w
@@ -234,7 +236,8 @@ def motive_torques(
         first += _rare_torque(p, modes, x, 1, m1, w1)
         second += _rare_torque(p, modes, x, 2, m2, w2)
         if modes[TOUCH] != 0:
-            link += contact_torque(p, q, w)
+            push = contact_torque(p, q, w)
+            link, counter = link + push, counter + push
         d1, d2 = p[P.spring_damping], p[P.spring_damping + 1]
         h1 = h2 = 0.0
         if p[P.hysteresis_torque] > 0.0:
@@ -244,55 +247,7 @@ def motive_torques(
         link += d1 * w1 + d2 * w2 - h1 - h2  # of the dampers only what couples, as above
         first += d1 * w + h1
         second += d2 * w + h2
-    return link, first, second, abs(carried), abs(load1), abs(load2)
-
-
-@bare
-def viscous_friction(p: Array, axis: int, damping: float) -> float:
-    """Torque per speed [N m s/rad] of an axis, damper and drive included; mean of both directions."""
-    site, viscous = p[P.damper_site], p[P.viscous_friction + axis]
-    rubs = site != NO_DAMPER or p[P.link_drive] == POSITION_DRIVE
-    if (axis == 0 and rubs) or (axis == 1 and site == AT_TRANSMISSION):
-        viscous += damping
-    return viscous + (p[P.spring_damping] + p[P.spring_damping + 1] if axis == 0 else p[P.spring_damping + axis - 1])
-
-
-@bare
-def viscous_rate(p: Array, axis: int, damping: float) -> float:
-    """a = viscous friction / inertia [1/s] of an axis, damper included."""
-    return viscous_friction(p, axis, damping) / p[P.inertia + axis]
-
-
-@bare
-def has_friction(p: Array, axis: int) -> bool:
-    """Whether the torque on an axis changes its form with the direction of motion."""
-    return p[P.axis_kind + axis] == DYNAMIC and (
-        p[P.breakaway_friction + axis] > 0.0
-        or p[P.load_friction + axis] > 0.0
-        or p[P.bristle_torque + axis] > 0.0
-        or p[P.viscous_asymmetry + axis] != 0.0
-    )
-
-
-@bare
-def dry_friction(p: Array, axis: int, direction: int, speed: float, load: float) -> float:
-    """Magnitude [N m] of the friction on an axis that slips in `direction` with speed >= 0 under a load [N m]."""
-    kinetic = p[P.kinetic_friction + axis]
-    excess = p[P.breakaway_friction + axis] - kinetic
-    skewed = direction * (p[P.friction_asymmetry + axis] + p[P.viscous_asymmetry + axis] * speed)
-    kinetic += skewed + p[P.load_friction + axis] * load
-    if excess == 0.0:
-        return kinetic
-    ratio = speed / p[P.stribeck_velocity + axis]
-    return kinetic + excess * exp(-ratio * ratio)
-
-
-@bare
-def breakaway(p: Array, axis: int, direction: int, load: float) -> float:
-    """Torque [N m] in `direction` up to which an axis stays stuck under a load [N m]."""
-    return (
-        p[P.breakaway_friction + axis] + direction * p[P.friction_asymmetry + axis] + p[P.load_friction + axis] * load
-    )
+    return link, first, second, load, load1, load2, counter, counter1, counter2
 
 
 @bare
@@ -327,19 +282,19 @@ def settle(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array) -> 
             if modes[i] != SMOOTH:
                 if x[3 + i] != 0.0:
                     modes[i] = 1 if x[3 + i] > 0.0 else -1
-                elif t[i] > breakaway(p, i, 1, t[3 + i]):
+                elif t[i] > breakaway(p, i, 1, t[3 + i], t[6 + i]):
                     modes[i] = 1
-                elif -t[i] > breakaway(p, i, -1, t[3 + i]):
+                elif -t[i] > breakaway(p, i, -1, t[3 + i], t[6 + i]):
                     modes[i] = -1
 
 
 @bare
-def _driven(p: Array, axis: int, mode: int, torque: float, velocity: float, load: float) -> float:
+def _driven(p: Array, axis: int, mode: int, torque: float, velocity: float, load: float, counter: float) -> float:
     """Torque [N m] that accelerates an axis in its mode, dry friction included."""
     if mode == STUCK:
         return 0.0
     if mode != SMOOTH:
-        torque -= mode * dry_friction(p, axis, mode, mode * velocity, load)
+        torque -= mode * dry_friction(p, axis, mode, mode * velocity, load, counter)
     return torque
 
 
@@ -349,10 +304,12 @@ def forced(
     q: float, m1: float, m2: float, w: float, w1: float, w2: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Torque [N m] on each axis but for its viscous friction: what the exponential does not cover."""
-    t0, t1, t2, l0, l1, l2 = motive_torques(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2)
+    t0, t1, t2, l0, l1, l2, k0, k1, k2 = motive_torques(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2)
     return (
-        _driven(p, 0, modes[0], t0, w, l0), _driven(p, 1, modes[1], t1, w1, l1), _driven(p, 2, modes[2], t2, w2, l2)
-    )  # fmt: skip
+        _driven(p, 0, modes[0], t0, w, l0, k0),
+        _driven(p, 1, modes[1], t1, w1, l1, k1),
+        _driven(p, 2, modes[2], t2, w2, l2, k2),
+    )
 
 
 @bare
@@ -362,7 +319,8 @@ def violation(p: Array, c1: Array, c2: Array, x: Array, y: Array, u: Array, mode
     t = motive_torques(p, c1, c2, modes, u, x, y[0], y[1], y[2], y[3], y[4], y[5])
     for i in range(3):
         if modes[i] == STUCK:
-            worst = max(worst, t[i] - breakaway(p, i, 1, t[3 + i]), -t[i] - breakaway(p, i, -1, t[3 + i]))
+            load, counter = t[3 + i], t[6 + i]
+            worst = max(worst, t[i] - breakaway(p, i, 1, load, counter), -t[i] - breakaway(p, i, -1, load, counter))
         elif modes[i] != SMOOTH:
             worst = max(worst, -modes[i] * y[3 + i])
     for i in range(2):

@@ -14,9 +14,9 @@ from rich.text import Text
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_gap.logs.log import read_log
-from via_gap.report.probability import answer_of, fit_numbers
 from via_gap.report.report import read_report
 from via_gap.report.withheld import before_and_after
+from via_gap.selection.reliability import Calibrated, calibrated
 
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.provenance import provenance
@@ -24,7 +24,7 @@ from via_bringup.provenance import provenance
 app = typer.Typer(help="Check the diagnosis on data whose effect is withheld.", no_args_is_help=True)
 
 DIAGNOSE = "via gap diagnose {bag} --device {device} --json {json} --effects-out {effects}"
-SEED = 100_020  # where a block of seeds begins: every named effect as often as any other
+SEED = 100_016  # where a block of seeds begins: every named effect as often as any other
 MEASURE = "via gap blind measure {log} --device {device} --report {report} --json {json}"
 Cases = Annotated[Path, typer.Argument(help="Folder of the cases.")]
 Processes = Annotated[int, typer.Option(min=1, max=256, help="How many at a time.")]
@@ -35,7 +35,7 @@ def make(
     out: Annotated[Path, typer.Option(help="New folder for the cases: recordings and nominal device files.")],
     keys: Annotated[Path, typer.Option(help="New folder for the keys, outside the cases.")],
     seed_from: Annotated[int, typer.Option(min=0, help="First seed; below 100000 they are for development.")] = SEED,
-    count: Annotated[int, typer.Option(min=1, max=1000, help="How many cases.")] = 240,
+    count: Annotated[int, typer.Option(min=1, max=1000, help="How many cases.")] = 376,
     duration: Annotated[float, typer.Option(min=5.0, max=600.0, help="Seconds of a recording.")] = 40.0,
     processes: Processes = 2,
 ) -> None:
@@ -100,13 +100,13 @@ def score(
     with _progress(len(names_in(cases))) as bar:
         judged = judged_cases(cases, keys, results, simulate, processes, lambda _: bar.advance(bar.task_ids[0]))
     scored = score_of(judged)
-    listing = table(f"{len(judged)} cases", "number", "ours", "limit", "cases", "verdict")
+    listing = table(f"{len(judged)} cases", "group", "number", "ours", "limit", "cases", "verdict")
     for number in scored.numbers:
         word = {None: "", True: "ok", False: "MISSED"}[number.kept]
         limit = "" if number.limit is None else f"{'>=' if number.at_least else '<='} {number.limit:g}"
         ours = "-" if number.value is None else f"{number.value:.3f}"
         style = {"ok": "green", "MISSED": "bold red"}.get(word, "")
-        listing.add_row(number.name, ours, limit, str(number.cases), Text(word, style))
+        listing.add_row(number.group, number.name, ours, limit, str(number.cases), Text(word, style))
     answers.print(listing)
     if as_file is not None:
         as_file.write_text(json.dumps(as_json(scored), indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -124,30 +124,31 @@ def calibrate(
     cases: Cases,
     keys: Annotated[Path, typer.Option(help="Folder of the keys.")],
     results: Annotated[Path, typer.Option(help="Folder of the reports.")],
-    write: Annotated[Path, typer.Option(help="File for the numbers that turn evidence into a probability.")],
+    write: Annotated[Path, typer.Option(help="File for the counts: selection/reliability.yaml of via_gap.")],
 ) -> None:
-    """Learn from judged development cases how often an answer with such evidence is right."""
+    """Count on judged development cases how often answers of each verdict are right, and what conformal sets need."""
+    from via_gap.benchmark.judging import judge
     from via_gap.benchmark.sealing import names_in, opened
 
-    answers_given, right, seeds = [], [], []
+    judged, seeds = [], []
     for name in names_in(cases):
         file = results / f"{name}.json"
         if not file.exists():
             continue
-        report = read_report(_text(file), str(file))
-        answer, key = answer_of(report), opened(name, cases, keys).key
+        report, key = read_report(_text(file), str(file)), opened(name, cases, keys).key
         if key["seed"] >= SEED:
             raise ViaError(f"{name}: seed {key['seed']} is of the set that judges, not one to learn from")
-        if answer is not None:
-            answers_given.append(answer)
-            right.append(report.causes[0].effect in {each["effect"] for each in key["effects"]})
-            seeds.append(int(key["seed"]))
-    if not seeds:
-        raise ViaError(f"no report in {results} names a cause")
-    spoken = f"{len(seeds)} of {min(seeds)} to {max(seeds)}"
-    numbers = fit_numbers(answers_given, right, spoken, str(provenance("via gap blind calibrate")))
+        causes = [(each["effect"], each["site"], each["motor"]) for each in key["effects"]]
+        shares = {(c.effect, c.site, c.motor): c.share for c in report.causes}
+        first_right = judge(name, key, json.loads(report.to_json()), None, None).first_right
+        truth = min((shares.get(cause, 0.0) for cause in causes), default=None) if key["kind"] != "unknown" else None
+        judged.append(Calibrated(report.verdict, report.level, bool(report.causes), first_right, truth))
+        seeds.append(int(key["seed"]))
+    if not judged:
+        raise ViaError(f"no report in {results}")
+    numbers = calibrated(judged, str(provenance("via gap blind calibrate")), f"{min(seeds)} to {max(seeds)}")
     write.write_text(yaml.safe_dump(numbers.model_dump(), sort_keys=False), encoding="utf-8")
-    answers.print(f"{numbers.right} of {numbers.answers} answers were right; numbers in {write}")
+    answers.print(f"{len(judged)} answers counted; numbers in {write}")
 
 
 @app.command()
@@ -159,7 +160,8 @@ def measure(
 ) -> None:
     """Measure the gap of a log that a report never saw, before and after its repair."""
     told_of, described = read_report(_text(report), str(report)), load_device(device)
-    before, after = before_and_after([read_log(log, described)], described, told_of.repaired())
+    read = [read_log(log, described)]
+    before, after = before_and_after(read, described, told_of.repaired(), (), told_of.by_equations)
     told = {"before": before.overall, "after": after.overall, "floor": float(np.sqrt(np.mean(after.floors**2)))}
     as_file.write_text(json.dumps(told, allow_nan=False) + "\n", encoding="utf-8")
     answers.print(f"gap {before.overall:.4g} before, {after.overall:.4g} after")

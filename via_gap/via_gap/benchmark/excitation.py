@@ -13,16 +13,22 @@ from numpy.random import Generator
 from via_core.devices import Device, TorqueMotor
 from via_core.signals import Array
 
-from via_gap.benchmark.stepping import Drive
+from via_gap.benchmark.stepping import Drive, Servo
 
 Piece = Callable[[Generator, Array], Array]  # of local time (n,) [s], values about -1 to 1
 SETTLING = 0.6  # [s] at rest between pieces
 PIECE = 8.0  # [s] of a piece, on average
 
 
-def excite(rng: Generator, device: Device, duration: float, size: float) -> Drive:
-    """The drive's references over `duration` [s]; `size` is 1 for full motion."""
-    rate = device.sensors.rate
+def excite(
+    rng: Generator, device: Device, duration: float, size: float, rate: float = 0.0, servo_law: Servo | None = None
+) -> Drive:
+    """The drive's references over `duration` [s]; `size` is 1 for full motion.
+
+    rate       [Hz] of ticks; 0: that of the device file
+    servo_law  of a position drive, whose goal the references are
+    """
+    rate = rate or device.sensors.rate
     time = np.arange(round(duration * rate)) / rate
     servo = device.drive == "servo"
     equilibrium = size * rng.uniform(0.5, 0.8) * _pieces(rng, time)
@@ -34,6 +40,9 @@ def excite(rng: Generator, device: Device, duration: float, size: float) -> Driv
         gains = (0.0, 0.0)
         zero = np.zeros_like(references)
         return Drive(references, zero, zero, damping, gains, gains, rate)
+    if servo_law is not None:
+        zero, none = np.zeros((len(time), 1)), (0.0,)
+        return Drive(equilibrium[:, None], zero, zero, zero[:, 0], none, none, rate, (), servo_law)
     references = device.motor_angles(equilibrium, preset) if device.motors else equilibrium[:, None]
     rates = np.gradient(references, axis=0) * rate
     forward = np.zeros_like(references)
@@ -50,6 +59,30 @@ def excite(rng: Generator, device: Device, duration: float, size: float) -> Driv
         shake = _multisine(rng, time, 2.0, 12.0)
         forward[:, i] = size * rng.uniform(0.1, 0.25) * shake * carried * w * w * 0.5 * _fade(time)
     return Drive(references, rates, forward, np.zeros(len(time)), tuple(proportional), tuple(derivative), rate)
+
+
+def turn(rng: Generator, device: Device, duration: float, rate: float) -> Drive:
+    """A light motor under velocity or position control that turns evenly, at slow and faster speeds.
+
+    A PI controller of the speed is a PD controller of the angle whose reference turns at the wanted speed; position
+    control has an integral term beside it.
+    """
+    time = np.arange(round(duration * rate)) / rate
+    edges = np.concatenate([[0.0], _changes(rng, time)])
+    turns = np.cumprod(rng.choice([-1.0, -1.0, -1.0, 1.0], len(edges)))  # mostly there and back
+    speeds = turns * np.exp(rng.uniform(np.log(0.2), np.log(6.0), len(edges)))
+    level = speeds[np.clip(np.searchsorted(edges, time, side="right") - 1, 0, None)]
+    half = max(int(0.15 * rate), 1)
+    window = np.hanning(2 * half + 1)
+    asked = np.convolve(np.pad(level, half, mode="edge"), window / window.sum(), mode="valid") * _fade(time)
+    references = np.cumsum(asked) / rate
+    w = float(rng.uniform(15.0, 35.0))
+    stiffness, damping = device.link.inertia * w * w, 1.4 * device.link.inertia * w
+    integral = stiffness * float(rng.uniform(1.0, 4.0)) if rng.uniform() < 0.4 else 0.0
+    zero = np.zeros((len(time), 1))
+    return Drive(
+        references[:, None], asked[:, None], zero, zero[:, 0], (stiffness,), (damping,), rate, (integral,)
+    )  # fmt: skip
 
 
 def start_of(device: Device, drive: Drive) -> Array:

@@ -1,7 +1,8 @@
-"""The blind joints: four families with numbers drawn around the shipped devices, as device files.
+"""The joints of the benchmark: families with numbers drawn around the shipped devices and real robots, as device files.
 
 A joint is two device files that differ in numbers alone: the true one, from which MuJoCo's model is built, and the
-nominal one, which the lab believes and the diagnosis gets: every inertia, friction and stiffness off by up to 5 %.
+nominal one, which the diagnosis gets: every inertia, friction, stiffness and drive gain is off by up to a tolerance,
+5 or 10 %, which the nominal file states where it is not the usual 5 %.
 """
 
 from __future__ import annotations
@@ -14,15 +15,34 @@ import yaml
 from numpy.random import Generator
 from via_core.devices import Device, parse_device
 
+from via_gap.benchmark.stepping import Servo
+
 NAME = "joint"
 FAMILIES = ("rigid", "stiff", "series_elastic", "polynomial_pair", "exponential_pair", "variable_damping")
+CONTROLLED = "controlled_motor"  # a light motor under velocity or position control: its torque answers the disturbance
+POSITIONED = "position_drive"  # a drive that follows a goal angle and shows no torque
+PAIRS = ("polynomial_pair", "exponential_pair")  # two torque motors
 TOLERANCE = 0.05  # relative, of every inertia, friction and stiffness of the nominal file
+WIDE = 0.10  # the same, in some cases
+_STATED = (
+    "link_inertia", "link_friction", "gravity", "motor_inertia", "motor_friction", "bandwidth", "spring", "damper",
+)  # fmt: skip
+_OF_SERVO = ("kp", "kd", "torque_limit")
 _SPRING = ("stiffness", "coefficient", "odd_coefficients", "k")  # what scales a spring's torque
 Content = dict[str, Any]
 
 
 def device_of(content: Content) -> Device:
-    return parse_device(as_yaml(content), "joint.yaml")
+    """The joint without the law of its position drive, which is part of the drive here: see `servo_of`."""
+    plain = {key: value for key, value in content.items() if key not in ("drive", "servo", "tolerances")}
+    if "servo" not in content and "drive" in content:
+        plain["drive"] = content["drive"]
+    return parse_device(as_yaml(plain), "joint.yaml")
+
+
+def servo_of(content: Content) -> Servo | None:
+    """The law of a position drive, of a joint that has one."""
+    return Servo(**content["servo"]) if "servo" in content else None
 
 
 def as_yaml(content: Content) -> str:
@@ -41,15 +61,18 @@ def draw_joint(rng: Generator, family: str) -> Content:
     return content | _FAMILIES[family](rng)
 
 
-def believed(rng: Generator, true: Content) -> tuple[Content, dict[str, float]]:
+def believed(rng: Generator, true: Content, tolerance: float = TOLERANCE) -> tuple[Content, dict[str, float]]:
     """The nominal device file of a true joint, and the relative error of each of its numbers."""
     content, errors = deepcopy(true), {}
+    if tolerance != TOLERANCE:
+        stated = (*_STATED, *_OF_SERVO) if "servo" in true else _STATED
+        content["tolerances"] = dict.fromkeys(stated, tolerance)
 
     def off(part: Content, where: str, *keys: str) -> None:
         """One factor for all `keys`."""
         there = [key for key in keys if part.get(key)]
         if there:
-            factor = 1.0 + float(rng.uniform(-TOLERANCE, TOLERANCE))
+            factor = 1.0 + float(rng.uniform(-tolerance, tolerance))
             errors[f"{where}.{there[0]}"] = round(factor - 1.0, 6)
             for key in there:
                 value = part[key]
@@ -61,6 +84,8 @@ def believed(rng: Generator, true: Content) -> tuple[Content, dict[str, float]]:
             off(motor, f"motors.{i}", key)
     for i, spring in enumerate(content.get("springs", ())):
         off(spring, f"springs.{i}", *_SPRING)
+    for key in _OF_SERVO if "servo" in content else ():
+        off(content["servo"], "servo", key)
     return content, errors
 
 
@@ -75,6 +100,12 @@ def scaled(content: Content, where: str, factor: float) -> Content:
             value = part[each]
             part[each] = [v * factor for v in value] if isinstance(value, list) else value * factor
     return moved
+
+
+def noisier_content(content: Content, factor: float) -> Content:
+    """The device file with coarser encoders and more torque noise."""
+    sensors = {key: value if key == "rate" else _round(value * factor) for key, value in content["sensors"].items()}
+    return content | {"sensors": sensors}
 
 
 def _round(value: float) -> float:
@@ -184,6 +215,34 @@ def _exponential_pair(rng: Generator) -> Content:
     return _pair(rng, spring, 0.006, 1.0, 0.2)
 
 
+def _controlled_motor(rng: Generator) -> Content:
+    """A bare rotor or a light geared one, with dry friction that its drive fights all the time."""
+    inertia = _between(rng, 1.5e-4, 2e-3)
+    link: Content = {"inertia": inertia, "viscous_friction": _between(rng, 0.3, 2.0) * inertia}
+    link["coulomb_friction"] = _round(float(rng.uniform(20.0, 70.0)) * inertia)  # [rad/s^2], as of a bare rotor
+    step = _round(2.0 * pi / 2 ** int(rng.integers(14, 18)))
+    return {"arrangement": "rigid", "link": link, "sensors": {"rate": 1000.0, "link_quantum": step}}
+
+
+def _position_drive(rng: Generator) -> Content:
+    """A hobby or industrial servo that turns a pendulum."""
+    link: Content = {"inertia": _between(rng, 4e-3, 4e-2)}
+    inertia = link["inertia"]
+    w, ratio = float(rng.uniform(18.0, 40.0)), float(rng.uniform(0.3, 0.8))
+    link["viscous_friction"] = _round(0.1 * inertia * w)
+    if rng.uniform() < 0.6:
+        link["coulomb_friction"] = _round(float(rng.uniform(0.03, 0.15)) * inertia * w)
+    link |= {"gravity_torque": _round(inertia * float(rng.uniform(20.0, 60.0)))}
+    kp = _round(inertia * w * w)
+    servo = {"kp": kp, "kd": _round(2.0 * ratio * inertia * w), "torque_limit": _round(kp * rng.uniform(0.3, 0.6))}
+    if rng.uniform() < 0.4:
+        servo["speed_limit"] = _round(float(rng.uniform(4.0, 12.0)))
+    servo["delay"] = float(rng.choice([0.0, 0.002, 0.005, 0.01, 0.02]))
+    step = _round(2.0 * pi / 2 ** int(rng.integers(12, 16)))
+    sensors = {"rate": 250.0, "link_quantum": step}
+    return {"arrangement": "rigid", "drive": "position", "link": link, "servo": servo, "sensors": sensors}
+
+
 def _variable_damping(rng: Generator) -> Content:
     """Around maccepavd, with finer encoders."""
     lever, base = _between(rng, 0.03, 0.045), _between(rng, 0.11, 0.15)
@@ -216,4 +275,6 @@ _FAMILIES = {
     "polynomial_pair": _polynomial_pair,
     "exponential_pair": _exponential_pair,
     "variable_damping": _variable_damping,
+    CONTROLLED: _controlled_motor,
+    POSITIONED: _position_drive,
 }

@@ -1,32 +1,25 @@
-"""One report against one key: what was asked, what was answered, what is right."""
+"""One report against one key: the case, the answer, and what of it is right by `rightness`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-VERDICTS = ("effect", "two_effects", "no_gap", "unknown", "cannot_tell")
-NUMBERED = ("motor", "transmission")  # sites whose number counts from 1: 0 says that it is not told
-READINGS = ("sensor", "timing")  # sites whose number 0 is the link
+from via_gap.benchmark.intervals import Inside, intervals_hold
+from via_gap.benchmark.rightness import ANSWERS, FORMER, MOST_TIED, Place, covered, names, places, same_site
 
-
-@dataclass(frozen=True)
-class Place:
-    effect: str
-    site: str
-    motor: int
-
-    def __str__(self) -> str:
-        return f"{self.effect} at {self.site}{f' {self.motor}' if self.motor else ''}"
+VERDICTS = (*ANSWERS, "no_gap", "unknown", "cannot_tell")
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A case as asked and as answered. None: does not apply to this case, or was not told."""
+    """A case and its answer. None: does not apply to this case, or is not in the report."""
 
     name: str
-    kind: str  # single, no_gap, unknown, pair, limited
-    level: str
+    kind: str  # single, no_gap, unknown, pair
+    level: str  # signal set
+    dirty: bool  # a small effect outside the catalogue acts beside the truths
+    quality: str  # of the recording: good, degraded
     family: str
     truths: tuple[Place, ...]
     ratio: float  # gap over noise
@@ -34,16 +27,20 @@ class Judged:
     named: tuple[Place, ...]  # causes, best first
     probability: float | None  # of the first
     tied: tuple[Place, ...]  # the equivalence set
+    conformal: tuple[Place, ...] | None  # the conformal set
     where: tuple[tuple[str, int], ...]  # sites and numbers, largest share first
     where_right: bool | None
-    top1: bool | None
+    first_right: bool  # the first cause names a truth, whatever the verdict
+    top1: bool | None  # it answers, and the first cause names the truth
     place_right: bool | None  # top-1 with site and number
-    in_set: bool | None
-    both: bool | None  # of a pair
-    closes: float | None
+    in_set: bool | None  # it answers, and the truth is the first cause or in the equivalence set
+    in_conformal: bool | None  # every truth is in the conformal set
+    both: bool | None  # of a pair: both named, no third before them
+    closes: float | None  # fraction explained
     predicted: float | None  # share of the gap that goes
     measured: float | None  # the same on the withheld log
     measured_closes: float | None
+    inside: tuple[Inside, ...]  # parameters of the effects that were named at their place
     seconds: float | None
     trouble: str = ""
     seed: int | None = None
@@ -51,15 +48,33 @@ class Judged:
     @property
     def answered(self) -> bool:
         """Whether it named a cause."""
-        return self.verdict in ("effect", "two_effects") and bool(self.named)
+        return self.verdict in ANSWERS and bool(self.named)
+
+    @property
+    def tied_right(self) -> bool | None:
+        """Named or rightly tied: in a set of at most MOST_TIED causes."""
+        return None if self.in_set is None else bool(self.top1 or (self.in_set and len(self.tied) <= MOST_TIED))
+
+    @property
+    def main_right(self) -> bool:
+        """Whether the first cause is one of the truths, and the verdict names it."""
+        return self.answered and self.first_right
+
+    @property
+    def confident_lie(self) -> bool:
+        """A wrong first cause with probability .5 or more."""
+        return self.answered and not self.first_right and (self.probability or 0.0) >= 0.5
+
+    @property
+    def alarmed(self) -> bool:
+        """Whether it claims that something unmodelled acts."""
+        return self.verdict in (*ANSWERS, "unknown")
 
     @property
     def right(self) -> bool:
         """Whether the answer is the one that counts for this kind of case."""
-        if self.kind == "no_gap":
-            return self.verdict == "no_gap"
-        if self.kind == "unknown":
-            return self.verdict == "unknown"
+        if self.kind in ("no_gap", "unknown"):
+            return self.verdict == self.kind
         if self.kind == "pair":
             return bool(self.both)
         return bool(self.top1)
@@ -79,7 +94,7 @@ class Shrinkage:
 
     @property
     def closes(self) -> float | None:
-        """Share of what can be closed."""
+        """Fraction explained, of what can be explained."""
         if self.floor is None or not self.before > self.floor:
             return None
         return (self.before - self.after) / (self.before - self.floor)
@@ -91,47 +106,57 @@ def judge(
 ) -> Judged:  # fmt: skip
     """What became of a case. A missing report is an answer that is wrong everywhere."""
     truths = tuple(Place(each["effect"], each["site"], each["motor"]) for each in key["effects"])
-    told = report or {}
-    verdict = told.get("verdict", "")
+    told, kind, family = report or {}, key["kind"], key["family"]
+    verdict = FORMER.get(told.get("verdict", ""), told.get("verdict", ""))
     named = tuple(map(_place, told.get("causes", ())))
+    repair = tuple(map(_place, told.get("effects", ()))) or named[: 2 if verdict == "several_effects" else 1]
     tied = tuple(dict.fromkeys(map(_place, told.get("equivalence_set", ()))))
+    conformal = tuple(map(_place, told["conformal_set"])) if told.get("conformal_set") is not None else None
     where = tuple((each["site"], int(each.get("motor", 0))) for each in told.get("where", ()))
-    answers = verdict in ("effect", "two_effects") and bool(named)
-    gap = told.get("gap") or {}
-    where_right = top1 = place_right = in_set = both = None
-    if key["kind"] in ("single", "limited"):
+    answers, gap = verdict in ANSWERS and bool(named), told.get("gap") or {}
+    beside = tuple(each for each in repair if each != named[0]) if named else ()
+    first_right = bool(named) and any(names(named[0], truth, family, beside) for truth in truths)
+    where_right = top1 = place_right = in_set = both = in_conformal = None
+    if kind == "single":
         (truth,) = truths
-        where_right = bool(where) and _same_site(where[0], truth)
-        top1 = answers and named[0].effect == truth.effect
-        place_right = answers and _same_place(named[0], truth)
-        in_set = answers and truth.effect in {each.effect for each in (named[0], *tied)}
-    if key["kind"] == "pair":
-        places = where[:2]
-        where_right = all(any(_same_site(each, truth) for each in places) for truth in truths)
-        found = {each.effect for each in named[:2]}
-        both = verdict == "two_effects" and {truth.effect for truth in truths} == found
-        in_set = verdict == "two_effects" and {truth.effect for truth in truths} <= found | {p.effect for p in tied}
+        where_right = bool(where) and same_site(where[0], truth, family)
+        top1 = answers and first_right
+        place_right = answers and places((named[0], *beside), truth, family)
+        in_set = answers and (first_right or any(names(each, truth, family) for each in tied))
+    if kind == "pair":
+        where_right = all(any(same_site(each, truth, family) for each in where[:2]) for truth in truths)
+        several = verdict in ("several_effects", "main_effect") and len(repair) > 1
+        both = several and covered(truths, repair, family)
+        in_set = several and all(any(names(e, truth, family, repair) for e in (*repair, *tied)) for truth in truths)
+    if truths and conformal is not None and kind != "unknown":
+        in_conformal = all(any(names(each, truth, family, conformal) for each in conformal) for truth in truths)
     return Judged(
         name=name,
-        kind=key["kind"],
+        kind=kind,
         level=key["level"],
-        family=key["family"],
+        dirty=key.get("dirt") is not None,
+        quality=key.get("quality", "good"),
+        family=family,
         truths=truths,
         ratio=key["ratio"],
         verdict=verdict,
         named=named,
         probability=float(told["causes"][0]["probability"]) if named else None,
         tied=tied,
+        conformal=conformal,
         where=where,
         where_right=where_right,
+        first_right=first_right,
         top1=top1,
         place_right=place_right,
         in_set=in_set,
+        in_conformal=in_conformal,
         both=both,
         closes=gap.get("closes"),
         predicted=1.0 - gap["after"] / gap["before"] if gap.get("before") else None,
         measured=withheld.share if withheld is not None else None,
         measured_closes=withheld.closes if withheld is not None else None,
+        inside=intervals_hold(key["effects"], told.get("causes", ()), repair, family) if answers else (),
         seconds=seconds,
         trouble=trouble,
         seed=key.get("seed"),
@@ -140,14 +165,3 @@ def judge(
 
 def _place(told: dict[str, Any]) -> Place:
     return Place(told["effect"], told["site"], int(told.get("motor", 0)))
-
-
-def _same_site(where: tuple[str, int], truth: Place) -> bool:
-    """A number counts where the site has one and the report tells one."""
-    site, number = where
-    untold = number == 0 and site in NUMBERED
-    return site == truth.site and (number == truth.motor or untold or site not in (*NUMBERED, *READINGS))
-
-
-def _same_place(named: Place, truth: Place) -> bool:
-    return named.effect == truth.effect and _same_site((named.site, named.motor), truth)

@@ -1,14 +1,14 @@
-"""The catalogue on the side of the second simulator: the thirty named effects, their places, their physics.
+"""The catalogue of the second simulator: the thirty named effects, their places, their physics.
 
-Written apart from the catalogue of via_sim, from the specification's words alone. An entry says where the effect may
-sit in a joint, draws what has no size (an order, a direction, a place), and makes Physics of a relative size within
-[low, high]; the search for the wanted gap over noise moves the size alone. The least size of what a wrong number in the
-device file could also be (inertia, friction, stiffness, a gain) lies well outside that file's tolerance.
+Written apart from via_sim's, from the specification's words alone. An entry says where the effect may sit in a joint,
+draws what has no size (an order, a direction, a place), and makes Physics of a relative size within [low, high]; the
+search for the wanted gap over noise moves the size alone. The least size of what a wrong number in the device file
+could also be (inertia, friction, stiffness, a gain) lies well outside that file's tolerance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, pi
 from types import MappingProxyType
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.random import Generator
 from via_core.devices import Device, TorqueMotor
 
-from via_gap.benchmark.physics import Physics, at, of_motor
+from via_gap.benchmark.physics import HARMONICS, Physics, at, of_motor, terms_at
 from via_gap.benchmark.scene import Scene
 
 Shape = Mapping[str, float]
@@ -87,12 +87,8 @@ def _weighty(device: Device) -> tuple[Place, ...]:
     return (("link", 0),) if device.link.gravity_torque else ()
 
 
-def _one(site: str) -> Callable[[Device], tuple[Place, ...]]:
-    return lambda _device: ((site, 0),)
-
-
-def _torque_command(device: Device) -> tuple[Place, ...]:
-    return (("command", 0),) if device.drive == "torque" else ()
+def _one(site: str, drive: str = "") -> Callable[[Device], tuple[Place, ...]]:
+    return lambda device: ((site, 0),) if drive in ("", device.drive) else ()
 
 
 def _plain(_rng: Generator, _scene: Scene) -> Shape:
@@ -238,16 +234,39 @@ def _sensed_bias(scene: Scene, number: int, size: float, shape: Shape) -> tuple[
     return Physics(sensed_bias=of_motor(number, torque)), {"torque": torque}
 
 
+def _terms(rng: Generator, first: Shape, orders: Sequence[int]) -> Shape:
+    """`first` and, in half of the cases, one to three weaker terms of other orders."""
+    shape, more = dict(first), int(rng.integers(1, HARMONICS)) if rng.uniform() < 0.5 else 0
+    others = [order for order in orders if order != first["order"]]
+    for k, order in enumerate(rng.choice(others, more, replace=False), 2):
+        shape |= {f"order_{k}": float(order), f"phase_{k}": float(rng.uniform(-pi, pi))}
+        shape[f"share_{k}"] = float(rng.uniform(0.3, 0.9))
+    return shape
+
+
+def _series(shape: Shape, size: float) -> tuple[list[float], list[float], list[float], Numbers]:
+    """Amplitudes, orders and phases of a periodic effect, and all of them as the key holds them."""
+    names = ["", *(f"_{k}" for k in range(2, HARMONICS + 1) if f"order_{k}" in shape)]
+    amplitudes = [size * shape.get(f"share{name}", 1.0) for name in names]
+    orders, phases = [shape[f"order{name}"] for name in names], [shape[f"phase{name}"] for name in names]
+    numbers: Numbers = {}
+    for name, amplitude, order, phase in zip(names, amplitudes, orders, phases):
+        numbers |= {f"amplitude{name}": amplitude, f"order{name}": order, f"phase{name}": phase}
+    return amplitudes, orders, phases, numbers
+
+
 def _order(rng: Generator, _scene: Scene) -> Shape:
-    return {"order": float(rng.integers(8, 40)), "phase": float(rng.uniform(-pi, pi))}
+    return _terms(rng, {"order": float(rng.integers(8, 40)), "phase": float(rng.uniform(-pi, pi))}, range(4, 49))
 
 
 def _ripple(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
-    amplitude, order, phase = size * scene.torque[number], shape["order"], shape["phase"]
+    amplitudes, orders, phases, numbers = _series(shape, size * scene.torque[number])
     physics = Physics(
-        ripple=of_motor(number, amplitude), ripple_order=of_motor(number, order), ripple_phase=of_motor(number, phase)
+        ripple=terms_at(number - 1, 2, amplitudes),
+        ripple_order=terms_at(number - 1, 2, orders),
+        ripple_phase=terms_at(number - 1, 2, phases),
     )
-    return physics, {"amplitude": amplitude, "order": order, "phase": phase}
+    return physics, numbers
 
 
 def _saturation(scene: Scene, number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
@@ -270,12 +289,19 @@ def _encoder_offset(_scene: Scene, axis: int, size: float, shape: Shape) -> tupl
 
 
 def _phase(rng: Generator, _scene: Scene) -> Shape:
-    return {"phase": float(rng.uniform(-pi, pi))}
+    return _terms(rng, {"order": 1.0, "phase": float(rng.uniform(-pi, pi))}, range(2, 9))
 
 
 def _eccentricity(_scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
-    physics = Physics(eccentricity=at(axis, size), eccentric_phase=at(axis, shape["phase"]))
-    return physics, {"amplitude": size, "phase": shape["phase"]}
+    amplitudes, orders, phases, numbers = _series(shape, size)
+    physics = Physics(
+        eccentricity=terms_at(axis, 3, amplitudes),
+        eccentric_order=terms_at(axis, 3, orders, 1.0),
+        eccentric_phase=terms_at(axis, 3, phases),
+    )
+    if len(amplitudes) == 1:
+        del numbers["order"]  # an eccentric disc has order 1
+    return physics, numbers
 
 
 def _quantisation(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
@@ -355,7 +381,7 @@ MENU: Mapping[str, Entry] = MappingProxyType(
             Entry("torque_bias", _torques, 0.01, 0.8, _signed, _bias, inf, _sensed_bias),
             Entry("torque_ripple", _drives, 0.01, 0.8, _order, _ripple),
             Entry("torque_saturation", _drives, 0.1, 0.85, _plain, _saturation),
-            Entry("actuator_lag", _torque_command, 0.5e-3, 0.04, _plain, _lag),
+            Entry("actuator_lag", _one("command", "torque"), 0.5e-3, 0.04, _plain, _lag),
             Entry("actuator_delay", _one("command"), 1e-3, 0.04, _plain, _delay),
             Entry("encoder_offset", _encoders, 1e-4, 0.2, _signed, _encoder_offset),
             Entry("encoder_eccentricity", _encoders, 1e-4, 0.15, _phase, _eccentricity),

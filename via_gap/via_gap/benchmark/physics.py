@@ -6,13 +6,16 @@ fields have no such part and are torques of `stepping`, is said at each.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
 Three = tuple[float, float, float]
 Two = tuple[float, float]
+Terms = tuple[float, ...]  # per motor, or per axis, HARMONICS numbers each
 NO_AXIS: Three = (0.0, 0.0, 0.0)
 NO_MOTOR: Two = (0.0, 0.0)
+HARMONICS = 4  # most terms of a periodic effect
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,8 @@ class Physics:
     bias: Two = NO_MOTOR  # [N m] bias of the actuator
     limit: Two = (float("inf"), float("inf"))  # [N m] force range of the actuator
     lag: float = 0.0  # [s] activation filter of the actuators
-    delay: float = 0.0  # [s] delay of the actuators
+    delay: float = 0.0  # [s] delay of the actuators; of a position drive's goal, beside its own
+    goal_speed: float = float("inf")  # [rad/s] at most so fast a position drive's goal follows its command
     inertia: float = 1.0  # [-] factor on the link's inertia about its axis
     gravity: float = 1.0  # [-] factor on the link's gravity torque
     gravity_turn: float = 0.0  # [rad] turn of the direction of gravity
@@ -58,9 +62,9 @@ class Physics:
     # torques of `stepping`
     bristle: Three = NO_AXIS  # [N m] presliding friction at which the bristle slides
     bristle_length: Three = (1.0, 1.0, 1.0)  # [rad] deflection at which it does
-    ripple: Two = NO_MOTOR  # [N m]
-    ripple_order: Two = NO_MOTOR  # [1/rev]
-    ripple_phase: Two = NO_MOTOR  # [rad]
+    ripple: Terms = (0.0,) * 2 * HARMONICS  # [N m] per motor
+    ripple_order: Terms = (0.0,) * 2 * HARMONICS  # [1/rev]
+    ripple_phase: Terms = (0.0,) * 2 * HARMONICS  # [rad]
     hardening: Two = NO_MOTOR  # [1/rad^2] spring torque times (1 + hardening phi^2)
     drift: Two = NO_MOTOR  # [1/s] spring torque times (1 + drift t)
     soften: Two = NO_MOTOR  # [rad] spring torque times phi^2 / (phi^2 + soften^2)
@@ -70,9 +74,9 @@ class Physics:
     sag: Two = NO_MOTOR  # [1/W] share of the torque lost per mechanical power
     # sensors
     offset: Three = NO_AXIS  # [rad]
-    eccentricity: Three = NO_AXIS  # [rad]
-    eccentric_order: Three = (1.0, 1.0, 1.0)  # [1/rev]
-    eccentric_phase: Three = NO_AXIS  # [rad]
+    eccentricity: Terms = (0.0,) * 3 * HARMONICS  # [rad] per axis
+    eccentric_order: Terms = (1.0,) * 3 * HARMONICS  # [1/rev]
+    eccentric_phase: Terms = (0.0,) * 3 * HARMONICS  # [rad]
     quantum: Three = NO_AXIS  # [rad] where it is above the device file's
     skew: Three = NO_AXIS  # [s] channel late by this
     sensed_gain: Two = (1.0, 1.0)  # [-] torque shown per torque commanded
@@ -115,6 +119,25 @@ def at(axis: int, value: float, others: float = 0.0) -> Three:
     """`value` at one axis, `others` at the rest."""
     first, second, third = (value if i == axis else others for i in range(3))
     return first, second, third
+
+
+def terms_at(place: int, places: int, values: Sequence[float], others: float = 0.0) -> Terms:
+    """Up to HARMONICS `values` at place 0, 1 ... of `places`, `others` elsewhere."""
+    row = [others] * places * HARMONICS
+    row[place * HARMONICS : place * HARMONICS + len(values)] = values
+    return tuple(row)
+
+
+def alike(physics: Physics) -> Physics:
+    """What `physics` does to motor 1, on both motors."""
+    changes: dict[str, Any] = {}
+    for name in mine_of(physics):
+        value = getattr(physics, name)
+        if isinstance(value, tuple):
+            each = len(value) // 2 if len(value) in (2, 2 * HARMONICS) else len(value) // 3
+            motor_1 = value[-2 * each : -each]
+            changes[name] = (*value[: -2 * each], *motor_1, *motor_1)
+    return replace(physics, **changes)
 
 
 def of_motor(motor: int, value: float, others: float = 0.0) -> Two:

@@ -8,7 +8,7 @@ would see. Nuisance errors of the nominal file come on top, they are not in it.
 
 from __future__ import annotations
 
-from math import pi
+from math import isfinite, pi
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -16,16 +16,19 @@ from via_core.devices import Device, ServoMotor
 from via_core.signals import Array
 
 from via_gap.benchmark.recording import Log
+from via_gap.benchmark.stepping import Servo
 
 WINDOW = 0.06  # [s], at least 12 samples
+FINE = 1e-3  # [s] step on which a position drive's goal is followed
 SLOW = 0.03  # [rad/s] below which dry friction of the nominal joint is not known, and a window is left out
 
 
-def residuals(device: Device, log: Log, speed: Array) -> Array:
+def residuals(device: Device, log: Log, speed: Array, servo: Servo | None = None) -> Array:
     """(1+m, N) residual of link [N m] and motors [N m, of a servo rad/s^2], NaN at the ends and where friction sticks.
 
     log    evenly sampled, full signal level
     speed  (N, 1+m) [rad/s] true speeds, for the direction of dry friction
+    servo  of a position drive, whose commands are goals
     """
     period = float(log.time[1] - log.time[0])
     length = max(round(WINDOW / period), 12)
@@ -40,18 +43,20 @@ def residuals(device: Device, log: Log, speed: Array) -> Array:
 
     link = device.link
     stretched = device.torque_each(log.q, log.theta)
-    damping = np.concatenate([device.damping_of(log.damping), device.damping_of(log.damping[-1:])])
+    damping = device.damping_of(_held(log.damping, log))
     static = stretched.sum(axis=1) + link.gravity_torque * np.sin(log.q - link.gravity_angle)
     static = static + link.coulomb_friction * np.sign(speed[:, 0]) + damping * speed[:, 0]
-    if not device.motors:
-        static = static - _middle(log.commands[:, 0])
+    if servo is not None:
+        static = static - servo_torque(servo, log, speed[:, 0])
+    elif not device.motors:
+        static = static - _middle(log.commands[:-1, 0])
     rows = [link.inertia * over(second, log.q) - link.viscous_friction * over(first, log.q) + over(bump, static)]
     dry = [link.coulomb_friction]
     for i, motor in enumerate(device.motors):
         angle = log.theta[:, i]
         if isinstance(motor, ServoMotor):
             w = motor.bandwidth
-            asked = _middle(log.commands[:, i])
+            asked = _held_mean(log.commands[:, i], log, period)
             rows.append(over(second, angle) - 2.0 * w * over(first, angle) + w * w * over(bump, angle - asked))
             dry.append(0.0)
             continue
@@ -74,10 +79,40 @@ def _middle(commands: Array) -> Array:
     return 0.5 * (np.concatenate([commands[:1], commands]) + np.concatenate([commands, commands[-1:]]))
 
 
+def _held(commands: Array, log: Log) -> Array:
+    """(N,) of commands (K,) on stamps of their own, as they stand at each sample."""
+    return commands[np.clip(np.searchsorted(log.command_time, log.time, side="right") - 1, 0, None)]
+
+
+def _held_mean(commands: Array, log: Log, period: float) -> Array:
+    """(N,) mean of held commands (K,) over one period about each sample."""
+    ends = np.append(log.command_time, max(log.time[-1], log.command_time[-1]) + period)
+    area = np.concatenate([[0.0], np.cumsum(commands * np.diff(ends))])
+    return np.asarray(
+        np.interp(log.time + 0.5 * period, ends, area) - np.interp(log.time - 0.5 * period, ends, area)
+    ) / np.clip(
+        np.minimum(log.time + 0.5 * period, ends[-1]) - np.maximum(log.time - 0.5 * period, ends[0]), 1e-9, None
+    )
+
+
+def servo_torque(servo: Servo, log: Log, speed: Array) -> Array:
+    """(N,) torque [N m] of a position drive at the measured angles, from its goals."""
+    fine = np.arange(log.time[0], log.time[-1], FINE)
+    asked = log.commands[np.clip(np.searchsorted(log.time, fine - servo.delay, side="right") - 1, 0, None), 0]
+    goal, reach = asked.copy(), servo.speed_limit * FINE
+    for k in range(1, len(goal)) if isfinite(reach) else ():
+        goal[k] = goal[k - 1] + min(max(asked[k] - goal[k - 1], -reach), reach)
+    pull = servo.kp * (np.interp(log.time, fine, goal) - log.q)
+    return np.clip(pull, -servo.torque_limit, servo.torque_limit) - servo.kd * speed
+
+
 def ratio(with_effect: Array, without: Array) -> float:
     """Gap over noise of two residuals (1+m, N)."""
-    sizes = [np.sqrt(np.nanmean(np.square(each), axis=1)) for each in (with_effect, without)]
-    return float(np.nanmax(sizes[0] / sizes[1]))
+    seen = np.isfinite(with_effect).any(axis=1) & np.isfinite(without).any(axis=1)  # an axis may stick all the time
+    if not seen.any():
+        return 1.0
+    sizes = [np.sqrt(np.nanmean(np.square(each[seen]), axis=1)) for each in (with_effect, without)]
+    return float(np.max(sizes[0] / sizes[1]))
 
 
 def left_by_numbers(with_effect: Array, without: Array, slopes: Array, low: Array, high: Array) -> float:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from via_core.errors import ViaError
 
-from via_gap.benchmark.sealing import DEVICE, log_in, names_in
+from via_gap.benchmark.sealing import DEVICE, logs_in, names_in
 
 RUNS = "runs.json"
 
@@ -28,10 +28,16 @@ class Ran:
     said: str = ""
 
 
-def words_of(template: str, **paths: Path) -> list[str]:
-    """The words of a command whose {names} are paths. Raises ViaError for a name there is not."""
+def words_of(template: str, **paths: Path | list[Path]) -> list[str]:
+    """The words of a command whose {names} are paths; a list of paths becomes as many words.
+
+    Raises ViaError for a name there is not.
+    """
+    several = {f"{{{name}}}": path for name, path in paths.items() if isinstance(path, list)}
+    single = {name: str(path) for name, path in paths.items() if not isinstance(path, list)}
     try:
-        return [word.format(**{name: str(path) for name, path in paths.items()}) for word in shlex.split(template)]
+        words = [several.get(word, [word]) for word in shlex.split(template)]
+        return [str(w) if isinstance(w, Path) else w.format(**single) for each in words for w in each]
     except (KeyError, IndexError, ValueError) as error:
         raise ViaError(f"command '{template}': there are {{{'}, {'.join(paths)}}}, not {error}") from None
 
@@ -68,7 +74,7 @@ def _diagnosed(folder: Path, results: Path, template: str, patience: float) -> R
     name = folder.name
     words = words_of(
         template,
-        bag=log_in(folder).resolve(),
+        bag=[log.resolve() for log in logs_in(folder)],
         device=(folder / DEVICE).resolve(),
         json=(results / f"{name}.json").resolve(),
         effects=(results / f"{name}.yaml").resolve(),

@@ -29,9 +29,9 @@ def scene_of(device: Device, run: Run) -> Scene:
     torques = device.torque_each(run.angle[:, 0], run.angle[:, 1:])
     deflection = run.angle[:, :1] - run.angle[:, 1 : 1 + device.n_transmissions]
     link = torques.sum(axis=1)
-    asked = run.commands if device.drive == "torque" else np.zeros_like(run.commands)
+    asked = run.mean if device.drive == "torque" else np.zeros_like(run.mean)
     if not device.motors:  # its drive counts as motor 1, which moves as the link does
-        link = run.commands[:, 0]
+        link = run.mean[:, 0]
     low, high = np.quantile(run.angle[:, 0], [0.05, 0.95])
     return Scene(
         device,

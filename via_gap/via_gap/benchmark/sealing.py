@@ -3,7 +3,7 @@
 Two folders, neither inside the other:
 
     CASES/seals.txt             SHA-256 of every key, in the form sha256sum -c reads
-    CASES/case_000/bag          the recording; log.csv of a rigid joint
+    CASES/case_000/bag          the recording; log.csv of a rigid joint; several: bag_00, bag_01 ... or log_00.csv ...
     CASES/case_000/joint.yaml   the nominal device file
     CASES/case_000/README.md    what a lab would know
     CASES/case_000/seal.txt     SHA-256 of the key
@@ -26,12 +26,12 @@ from via_gap.benchmark.joints import as_yaml, device_of
 from via_gap.benchmark.recording import write_log
 
 SEALS = "seals.txt"
-SEAL, BAG, TABLE, DEVICE, README = "seal.txt", "bag", "log.csv", "joint.yaml", "README.md"
+SEAL, BAG, TABLE, DEVICE, README = "seal.txt", "bag", "log", "joint.yaml", "README.md"
 _SIGNALS = {
     "full": "link and motor angles{torque}",
     "no_torque": "link and motor angles; motor torques were not measured",
     "link_only": "the link angle{torque}; the motors have no encoders that were recorded",
-    "commands_only": "the link angle alone",
+    "encoder_and_command": "the link angle alone",
 }
 
 
@@ -57,15 +57,18 @@ def seal(case: Case, name: str, cases: Path, keys: Path) -> str:
     folder, key_file = cases / name, keys / f"{name}.json"
     if folder.exists() or key_file.exists():
         raise SealError(f"{folder if folder.exists() else key_file} exists already; choose new folders")
-    device = device_of(case.nominal)
+    device, positioned = device_of(case.nominal), "servo" in case.nominal
     withheld = keys / f"{name}_withheld{'' if device.motors else '.csv'}"
-    write_log(withheld, device, case.withheld)
+    write_log(withheld, device, case.withheld, positioned)
     key = {"case": name, **case.key(), "withheld": withheld.name, "withheld_sha256": digest_of(withheld)}
     text = json.dumps(key, indent=1, allow_nan=False) + "\n"
     key_file.write_text(text, encoding="utf-8")
     digest = hashlib.sha256(text.encode()).hexdigest()
     folder.mkdir(parents=True)
-    write_log(folder / (BAG if device.motors else TABLE), device, case.log)
+    kind, ending = (BAG, "") if device.motors else (TABLE, ".csv")
+    for k, log in enumerate(case.logs):
+        number = f"_{k:02d}" if len(case.logs) > 1 else ""
+        write_log(folder / f"{kind}{number}{ending}", device, log, positioned)
     (folder / DEVICE).write_text(as_yaml(case.nominal), encoding="utf-8")
     (folder / README).write_text(_readme(case), encoding="utf-8")
     (folder / SEAL).write_text(digest + "\n", encoding="utf-8")
@@ -103,9 +106,9 @@ def opened(name: str, cases: Path, keys: Path) -> Sealed:
     return Sealed(name, key, withheld)
 
 
-def log_in(folder: Path) -> Path:
-    """The recording in the folder of a case."""
-    return folder / TABLE if (folder / TABLE).exists() else folder / BAG
+def logs_in(folder: Path) -> list[Path]:
+    """The recordings in the folder of a case, in order."""
+    return sorted((*folder.glob(f"{BAG}*"), *folder.glob(f"{TABLE}*.csv")))
 
 
 def digest_of(log: Path) -> str:
@@ -117,24 +120,32 @@ def digest_of(log: Path) -> str:
 
 
 def _readme(case: Case) -> str:
-    device = device_of(case.nominal)
+    device, positioned = device_of(case.nominal), "servo" in case.nominal
     sensors, torque = device.sensors, device.drive == "torque" and bool(device.motors)
     signals = _SIGNALS[case.level].format(torque=" and motor torques" if torque else "; the drives tell no torque")
     asked = "motor torques" if torque else "equilibrium, preset and damping"
     if not device.motors:
         signals, asked = "the link angle", "`external_torque`, the torque of the drive at the link"
+    if positioned:
+        asked = "`equilibrium`, the goal angle of the drive"
+    count, ending = len(case.logs), "" if device.motors else ".csv"
+    seconds = case.logs[0].time[-1] - case.logs[0].time[0]
+    files = f"`{BAG if device.motors else TABLE}{ending}` holds {seconds:.0f} s"
+    if count > 1:
+        first = BAG if device.motors else TABLE
+        files = f"`{first}_00{ending}` to `{first}_{count - 1:02d}{ending}` hold {count} recordings of {seconds:.1f} s"
     lines = [
         "# One joint on a test bench",
         "",
-        f"`{BAG if device.motors else TABLE}` holds {case.log.time[-1]:.0f} s at {sensors.rate:.0f} Hz: {signals}; "
-        f"and the commands ({asked}).",
-        f"`{DEVICE}` is the joint as its makers describe it; inertias, frictions and stiffnesses are good to 5 %.",
+        f"{files} at {sensors.rate:.0f} Hz: {signals}; and the commands ({asked}).",
+        f"`{DEVICE}` is the joint as its makers describe it; inertias, frictions and stiffnesses are good to "
+        f"{100.0 * case.tolerance:.0f} %.",
         "",
-        "A command holds from its stamp to the next. Stamps of samples are the times of sampling.",
+        "A command holds from its stamp to the next.",
     ]
     if torque:
         lines += [
-            "The torque of a sample is what the drive was commanded over the period that ended at the sample.",
+            "The torque of a sample is what the drive commanded over the period that ended at the sample.",
             "The drive follows references with a controller of its own, on its own encoders.",
         ]
     return "\n".join(lines) + "\n"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from via_core.devices import Device
 from via_sim.catalogue import EFFECTS
-from via_sim.effects import Effect
+from via_sim.effect_kinds import EffectParameter
+from via_sim.effects import Effect, place_name, spots
 from via_sim.effects import places as places_of
 
 from via_gap.logs.log import JointLog
@@ -18,17 +19,47 @@ MEASUREMENT_ONLY = ("encoder_quantisation",)
 
 @dataclass(frozen=True)
 class Location:
-    """An effect at a site; `motor` is the number of motor, transmission or sensor, 0 the link's or none."""
+    """An effect at a site; `motor` is the number of motor, transmission or sensor, 0 the link's, both or none.
+
+    optional  names of the optional parameters that it has here: an effect with more of them is the same cause
+    """
 
     name: str
     site: str
     motor: int
+    optional: tuple[str, ...] = field(default=(), compare=False)
+
+    @staticmethod
+    def of(effect: Effect) -> Location:
+        """Where an effect is, with the optional parameters that it has."""
+        optional = tuple(p.name for p in effect.kind.optional if p.name in effect.parameters)
+        return Location(effect.name, effect.site, effect.motor, optional)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        """The parameters of the effect here, in their order."""
+        kind = EFFECTS[self.name]
+        return (*kind.parameters, *(p for p in kind.optional if p.name in self.optional))
 
     def effect(self, values: Mapping[str, float]) -> Effect:
         return Effect(self.name, self.site, dict(values), self.motor)
 
+    @property
+    def spots(self) -> tuple[tuple[str, int], ...]:
+        """(site, number) of every single place: of both motors these two."""
+        return spots(self.site, self.motor)
+
+    @property
+    def axis(self) -> int:
+        """The axis whose motion and torques are typical of it, 0 the link, 1, 2 motors; of both motors the first's."""
+        return self.spots[0][1] if self.site in ("motor", "transmission", "sensor", "timing") else 0
+
+    def overlaps(self, other: Location) -> bool:
+        """Whether it is the same effect at some place of the other: the two together would be one effect twice."""
+        return self.name == other.name and not set(self.spots).isdisjoint(other.spots)
+
     def __str__(self) -> str:
-        return f"{self.name} at {self.site}{f' {self.motor}' if self.motor else ''}"
+        return f"{self.name} at {place_name(self.site, self.motor)}"
 
 
 def locations(device: Device, log: JointLog) -> tuple[Location, ...]:

@@ -38,9 +38,11 @@ Ranked = list[tuple[float, Location, list[float]]]  # predicted loss, location, 
 
 
 def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location], scales: Scales) -> list[Direction]:
-    """Every start of every candidate beside the effects of `base`, simulated once."""
+    """Every start of every candidate beside the effects of `base`, but for those that are there, simulated once."""
     tried: list[tuple[Location, Start, list[Array]]] = []
     for location in candidates:
+        if any(map(location.overlaps, base.locations)):
+            continue
         for start in starts(location, scales, problem.device):
             rows = [
                 problem.row_or_none([*base.effects, make(location, list(direction.values()))], base.deviations)
@@ -82,10 +84,17 @@ def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array
 def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list[tuple[float, Members]]:
     """Every two candidates by the loss that the best amounts of both together would leave, as `ranked` does each alone.
 
+    No effect is put twice at one place: at motor 1 and at both motors.
+
     Of each candidate only the start that is best alone is combined with others.
     """
     screen = _Screen.of(base, jacobian, tried)
-    return sorted(map(screen.left, combinations(screen.best_starts(), 2)), key=lambda each: each[0])
+    pairs = [
+        (one, two)
+        for one, two in combinations(screen.best_starts(), 2)
+        if not tried[one].location.overlaps(tried[two].location)
+    ]
+    return sorted(map(screen.left, pairs), key=lambda each: each[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from math import atan2, hypot, pi
 
 import numpy as np
 from via_core.devices import Device
-from via_sim.catalogue import EFFECTS, EffectParameter
+from via_sim.catalogue import EffectParameter
 
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
@@ -37,10 +37,9 @@ class Start:
 
 
 def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, ...]:
-    """All starts of a candidate."""
-    parameters = EFFECTS[location.name].parameters
-    axis = location.motor if location.site in ("motor", "transmission", "sensor", "timing") else 0
-    made = _STARTS[location.name](_Here(scales, axis, location, device))
+    """All starts of a candidate, of both motors alike those of the first; optional parameters stay neutral."""
+    parameters = location.parameters
+    made = _STARTS[location.name](_Here(scales, location.axis, location, device))
     clipped = []
     for start in made:
         directions = tuple(
@@ -54,12 +53,12 @@ def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, .
 def size_parameters(location: Location) -> tuple[str, ...]:
     """Names of the parameters that say how large an effect is: at their neutral values it is absent."""
     named = _SIZES.get(location.name)
-    return named or tuple(p.name for p in EFFECTS[location.name].parameters if p.linear)
+    return named or tuple(p.name for p in location.parameters if p.linear)
 
 
 def combined(location: Location, start: Start, amounts: Sequence[float]) -> list[float]:
     """Parameter values, in their order, of a start's directions in these amounts."""
-    parameters = EFFECTS[location.name].parameters
+    parameters = location.parameters
     first = start.directions[0]
     values = dict(first)
     if start.wave:
@@ -83,7 +82,7 @@ def amount_range(location: Location, start: Start, reach: float) -> tuple[list[f
     for direction in start.directions:
         low, high = (-reach, reach) if start.wave else ((1.0, 1.0) if not start.scaled else (-reach, reach))
         if not start.wave:
-            for p in EFFECTS[location.name].parameters:
+            for p in location.parameters:
                 step = direction[p.name] - p.neutral
                 if p.name in start.scaled and step != 0.0:
                     ends = sorted(((p.low - p.neutral) / step, (p.high - p.neutral) / step))
@@ -95,7 +94,7 @@ def amount_range(location: Location, start: Start, reach: float) -> tuple[list[f
 
 def size_of(parameter: EffectParameter, location: Location, scales: Scales) -> float:
     """A typical size of a parameter, in its unit: the length of a long step of a fit."""
-    axis = location.motor if location.site in ("motor", "transmission") else 0
+    axis = location.axis if location.site in ("motor", "transmission") else 0
     torque, speed = _typical(scales, location, axis)
     sizes = {
         "N m": torque,
@@ -113,7 +112,7 @@ def size_of(parameter: EffectParameter, location: Location, scales: Scales) -> f
     }
     size = sizes.get(parameter.unit) or 1.0
     if location.name == "torque_saturation":
-        size = float(scales.peak[max(location.motor, 1) - 1]) or size
+        size = float(scales.peak[max(axis, 1) - 1]) or size
     if parameter.unit == "kg m^2":
         size = torque / max(speed * 10.0, 1e-6)
     return float(min(size, parameter.high - parameter.low))

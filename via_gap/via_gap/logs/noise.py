@@ -98,8 +98,8 @@ def log_noise(log: JointLog) -> LogNoise:
     for name, column, quantum in _angles(log):
         channels[name] = channel_noise(time, column, quantum)
         declared[name] = None if quantum is None else quantum / sqrt(12.0)
-    if "tau" in log.measured:
-        for i, column in enumerate(log.measured["tau"].T):
+    if log.torque is not None:
+        for i, column in enumerate(log.torque.T):
             if np.isfinite(column).sum() >= 2:
                 channels[f"tau_{i + 1}"] = _torque_noise(log, i, column)
                 declared[f"tau_{i + 1}"] = sensors.torque_noise or None

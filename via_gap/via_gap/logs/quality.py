@@ -127,7 +127,8 @@ def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     bend = _curvature(log, noise)
     longest = max(MISSED * period, sqrt(8.0 * noise.channels["q"].sd / bend) if bend > 0.0 else np.inf)
     gone = np.flatnonzero(steps > longest)
-    cut = tuple((float(time[i]), float(time[i + 1])) for i in gone)
+    regular = float(np.mean(np.abs(steps - period) < MUCH * period)) > 1.0 - TOLERANCE
+    cut = () if regular else tuple((float(time[i]), float(time[i + 1])) for i in gone)  # else only these samples
     lost = float(steps[gone].sum() / log.duration) if gone.size else 0.0
     share = float(np.mean(late))
     text = (
@@ -164,7 +165,8 @@ def _commands(log: JointLog) -> Iterator[_Found]:
         f"{100 * share:.2g} % of the time is left out: record commands where they are sent, with less load"
     )
     severity: Severity = "downgrade" if share > MUCH else "note"
-    cut = tuple((float(time[i]), float(time[i + 1])) for i in gone)
+    regular = float(np.mean(np.abs(steps - period) < MUCH * period)) > 1.0 - TOLERANCE
+    cut = () if regular else tuple((float(time[i]), float(time[i + 1])) for i in gone)  # else only these samples
     yield _Found(_found(log, "command gaps", "commands", severity, 1e3 * longest, text), cut)
 
 
@@ -253,7 +255,8 @@ def _motion(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
 def _varies(log: JointLog, noise: LogNoise) -> bool:
     if "tau_1" not in noise.channels:
         return False
-    tau = log.measured["tau"][:, 0]
+    assert log.torque is not None
+    tau = log.torque[:, 0]
     return float(np.nanstd(tau)) > STANDARD_ERRORS * noise.channels["tau_1"].sd
 
 
@@ -299,9 +302,9 @@ def _means(values: Array, segment: Indices) -> Array:
 
 
 def _torques(log: JointLog, noise: LogNoise) -> Iterator[tuple[str, Array]]:
-    if log.device.drive != "torque" or "tau" not in log.measured:
+    if log.device.drive != "torque" or log.torque is None:
         return
-    for i, column in enumerate(log.measured["tau"].T):
+    for i, column in enumerate(log.torque.T):
         if f"tau_{i + 1}" in noise.channels and np.isfinite(column).mean() >= 0.9 and np.nanstd(column) > 0.0:
             yield f"tau_{i + 1}", column
 

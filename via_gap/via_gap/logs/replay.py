@@ -15,8 +15,8 @@ from via_core.errors import SignalError
 from via_core.metrics import nrmse
 from via_core.signals import Array, Signals
 from via_sim.effects import Effect
+from via_sim.encoders import true_angle
 from via_sim.plants import JointPlant
-from via_sim.readings import true_angle
 from via_sim.simulate import simulate
 
 TICK_RATE = 1000.0  # [Hz] of the simulation; commands of logs change on whole milliseconds

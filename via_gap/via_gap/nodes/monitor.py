@@ -44,6 +44,7 @@ from via_ros.conversions import RowReader, nanoseconds, set_stamp
 from via_ros.parameters import declare
 from via_ros.serialised import JointStateDecoder
 from via_ros.spin import STEADY, run
+from via_sim.effects import place_name
 
 from via_gap.logs.log import JointLog
 from via_gap.logs.rolling import RollingLog, columns_of
@@ -308,7 +309,7 @@ class MonitorNode(Node):
     def _diagnostics(self, status: Status, said: str, age: float) -> DiagnosticArray:
         message, report = self._message, self._report
         silent = status == Status.BAD_SAMPLE and self._look is not None
-        sites = ", ".join(f"{s.site}{f' {s.motor}' if s.motor else ''} {100 * s.share:.0f} %" for s in message.sites)
+        sites = ", ".join(f"{place_name(s.site, s.motor)} {100 * s.share:.0f} %" for s in message.sites)
         causes = ", ".join(f"{h.effect.name} {100 * h.probability:.0f} %" for h in message.hypotheses)
         values: dict[str, str | float] = {
             "status": status.name, "residual ratio [-]": message.residual_ratio, "error [rad]": message.error,

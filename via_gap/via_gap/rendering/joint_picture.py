@@ -15,7 +15,7 @@ DEPTHS = ("#ffffff", "#deebf7", "#b3d1ea", "#6aaed6", "#2f7dbb", "#0b4a8f")
 STEPS = (0.0, 0.02, 0.15, 0.35, 0.6, 0.85)
 WHITE_FROM = 4
 
-Shares = Mapping[tuple[str, int], float]  # (site, motor) -> share; sites without a number at 0
+Shares = Mapping[tuple[str, int], float]  # (site, motor) -> share; sites without a number at 0, and both motors alike
 
 
 def joint_picture(sketch: JointSketch, shares: Shares) -> str:
@@ -35,7 +35,7 @@ def joint_picture(sketch: JointSketch, shares: Shares) -> str:
     for i, y in enumerate(heights):
         seen = bool(motors) and sketch.motors_seen[i]
         name = f"motor {i + 1}" if motors else "drive"
-        share = shares.get(("motor", i + 1), 0.0)
+        share = _share(shares, "motor", i + 1)
         parts.append(_round(name, 155.0, y, share, seen or not motors))
         if seen:
             parts.append(f'<path class="sense" d="M155 {y + 30:g}V{252 if y == max(heights) else y + 34:g}"/>')
@@ -51,16 +51,21 @@ def joint_picture(sketch: JointSketch, shares: Shares) -> str:
     return "".join(parts) + "</svg>"
 
 
+def _share(shares: Shares, site: str, number: int) -> float:
+    """Its own and that of both alike."""
+    return shares.get((site, number), 0.0) + shares.get((site, 0), 0.0)
+
+
 def _chain(sketch: JointSketch, shares: Shares, heights: tuple[float, ...], x: float, y: float) -> str:
     """What stands between motors and link."""
     if sketch.arrangement == "rigid":
         return f'<path class="arm" d="M185 {heights[0]:g}H{x:g}"/>'
     if sketch.arrangement == "serial":
         pushes = f'<path class="wire" marker-end="url(#tip)" d="M178 {heights[1] - 20:g}L220 {y - 4:g}"/>'
-        return pushes + _spring(185.0, heights[0], x - 30, y - 4, shares.get(("transmission", 1), 0.0), 1)
+        return pushes + _spring(185.0, heights[0], x - 30, y - 4, _share(shares, "transmission", 1), 1)
     return "".join(
         _spring(185.0, each, x - 28, y + 8 * (1 if each > y else -1 if each < y else 0),
-                shares.get(("transmission", i + 1), 0.0), i + 1)
+                _share(shares, "transmission", i + 1), i + 1)
         for i, each in enumerate(heights)
     )  # fmt: skip
 

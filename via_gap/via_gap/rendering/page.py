@@ -16,6 +16,7 @@ from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 from via_core.devices import device_names
 from via_core.errors import ViaError
+from via_sim.effects import spots
 from via_sim.effects_file import effects_text
 
 from via_gap.candidates.localisation import Region
@@ -131,7 +132,9 @@ def _sketch(report: GapReport) -> JointSketch:
     """The joint; of a report without figures, a joint with as many motors as it mentions."""
     if report.figures is not None:
         return report.figures.joint
-    motors = max([*(each.motor for each in report.where), *(each.motor for each in report.causes)], default=0)
+    places = {*((each.site, each.motor) for each in report.where), *((each.site, each.motor) for each in report.causes)}
+    named = [spot for place in places for spot in spots(*place)]
+    motors = max((number for _, number in named), default=0)
     seen = (report.level in ("full", "no torque"),) * max(motors, 1)
     arrangement: Literal["antagonistic", "flexible"] = "antagonistic" if motors > 1 else "flexible"
     return JointSketch(arrangement=arrangement, drive="torque", motors_seen=seen, torque_seen=report.level == "full")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from via_core.devices import Device
 from via_core.signals import Array
-from via_sim.catalogue import EFFECTS
+from via_sim.effects import spots
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import bounds_of
@@ -26,7 +26,7 @@ from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.gap import Gap
-from via_gap.selection.reliability import reliability
+from via_gap.selection.reliability import in_conformal_set, reliability
 from via_gap.selection.verdict import Decision
 from via_gap.sensors.sensor_errors import SensorError
 
@@ -67,7 +67,7 @@ def answered(
         joint=device.name, level=recordings.first.level, logs=recordings.names, holdout=_judges(recordings),
         verdict=verdict, reason=decision.reason, explained=float(np.clip(decision.explained, 0.0, 1.0)),
         where=_where(device, candidates, decision, wrong if effects != named else ()), causes=causes,
-        equivalence_set=equivalent, effects=effects, gap=gap,
+        equivalence_set=equivalent, conformal_set=_conformal(recordings.first.level, causes), effects=effects, gap=gap,
         nuisance=_device_numbers(experiment.fitted, decision.chosen.fit.deviations),
         data_check=(*recordings.findings, *findings), noise=_noise(recordings),
         not_judged=_not_judged(recordings.first),
@@ -84,23 +84,23 @@ def _judges(recordings: Recordings) -> tuple[str, ...]:
 def _causes(device: Device, decision: Decision, scales: Scales, tuned: Evaluation) -> tuple[Cause, ...]:
     """Every cause compared, those named first, then by probability."""
     trust = reliability(decision.verdict)
-    found = []
+    found: list[tuple[bool, float, Cause]] = []
     for (location, share), model in zip(decision.shares, decision.models, strict=True):
-        found.append((location in decision.named, share, _cause(device, location, model, trust * share, scales, tuned)))
+        found.append((location in decision.named, share, _cause(device, location, model, share, scales, tuned)))
     found.sort(key=lambda each: (-each[0], -each[1]))
-    return tuple(cause for _, _, cause in found)
+    return tuple(cause.model_copy(update={"probability": trust * cause.share}) for _, _, cause in found)
 
 
 def _cause(
-    device: Device, location: Location, model: Evaluation, probability: float, scales: Scales, tuned: Evaluation
+    device: Device, location: Location, model: Evaluation, share: float, scales: Scales, tuned: Evaluation
 ) -> Cause:
     number = model.fit.locations.index(location)
     effect = model.fit.effects[number]
     first = sum(len(each.parameters) for each in model.fit.effects[:number])
-    parameters = EFFECTS[effect.name].parameters
+    parameters = model.fit.locations[number].parameters
     own = slice(first, first + len(parameters))
     sd = model.fit.sd[own]
-    low, high = bounds_of(location, scales)
+    low, high = bounds_of(model.fit.locations[number], scales)
     values = {
         p.name: Value(
             value=effect.parameters[p.name], sd=float(np.clip(s, 0.0, 1e12)), unit=p.unit_on(device.drive),
@@ -110,7 +110,7 @@ def _cause(
     }  # fmt: skip
     return Cause(
         effect=effect.name, site=effect.site, joint=device.name, motor=effect.motor,  # type: ignore[arg-type]
-        probability=float(np.clip(probability, 0.0, 1.0)), parameters=values,
+        probability=0.0, share=float(np.clip(share, 0.0, 1.0)), parameters=values,
         combinations=combinations(effect, model.fit.covariance[own, own]),
         left=model.mean_square / max(tuned.mean_square, 1e-12), score=model.score,
     )  # fmt: skip
@@ -120,10 +120,16 @@ def _sensor_cause(joint: str, found: SensorError) -> Cause:
     effect = found.effect
     unit = {"quantum": "rad", "gain": "-", "torque": "N m"}
     return Cause(
-        effect=effect.name, site="sensor", joint=joint, motor=effect.motor, probability=SENSOR,
+        effect=effect.name, site="sensor", joint=joint, motor=effect.motor, probability=SENSOR, share=1.0,
         parameters={n: Value(value=v, sd=found.sd[n], unit=unit[n]) for n, v in effect.parameters.items()},
         left=found.left, score=float(np.log1p(found.left)),
     )  # fmt: skip
+
+
+def _conformal(level: str, causes: Sequence[Cause]) -> tuple[Place, ...]:
+    inside = in_conformal_set([cause.share for cause in causes], level)
+    kept = [cause for cause, within in zip(causes, inside, strict=True) if within]
+    return tuple(Place(effect=c.effect, site=c.site, joint=c.joint, motor=c.motor) for c in kept)
 
 
 def _place(device: Device, location: Location) -> Place:
@@ -143,7 +149,7 @@ def _where(device: Device, candidates: CandidateSet, decision: Decision, sensors
     seen = {(c.site, c.motor) for c in sensors}
     named = []
     for (site, motor), weight in sorted(weights.items(), key=lambda each: -each[1]):
-        same = shares.get((site, motor))
+        same = max((shares[each] for each in spots(site, motor) if each in shares), key=lambda s: s.share, default=None)
         equation = "measurements" if (site, motor) in seen else same.equation if same else "simulation"
         regions = same.regions if same else ()
         named.append(

@@ -16,7 +16,7 @@ NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
 class Member(Record):
-    """An effect at a site; `motor` numbers motors, transmissions and sensors, 0 the link's or none."""
+    """An effect at a site; `motor` numbers motors, transmissions and sensors, 0 the link's, both or none."""
 
     effect: str
     site: str

@@ -19,6 +19,7 @@ from via_sim.effects_file import save_effects
 
 from via_gap.candidates.localisation import Region
 from via_gap.logs.findings import Finding, Number, Record, Share
+from via_gap.logs.log import Level
 from via_gap.report.figures import Figures, NotNegative
 from via_gap.selection.gap import Gap
 from via_gap.selection.verdict import Verdict
@@ -77,6 +78,7 @@ class Cause(Record):
     joint: str
     motor: int = 0
     probability: Share
+    share: Share  # of resampled comparisons in which it is in the best model, ties shared
     parameters: dict[str, Value]
     combinations: tuple[Combination, ...] = ()
     left: Number  # of the squared held-out error, relative to the device's tuned numbers alone: 0 explains all
@@ -129,7 +131,7 @@ class Proposal(Record):
 class GapReport(Record):
     version: Literal["2"] = "2"
     joint: str
-    level: Literal["full", "no torque", "link only", "commands only", "encoder and command"]
+    level: Level
     logs: tuple[str, ...]
     holdout: tuple[str, ...]  # names of logs, or 'blocks of the same logs'
     verdict: Verdict
@@ -137,7 +139,8 @@ class GapReport(Record):
     explained: Share = 0.0  # of the error that could be explained, by the effects named
     where: tuple[Where, ...]
     causes: tuple[Cause, ...]
-    equivalence_set: tuple[Place, ...]
+    equivalence_set: tuple[Place, ...]  # causes that held-out data do not tell from those named
+    conformal_set: tuple[Place, ...] = ()  # holds the true cause in 95 % of cases like those it was calibrated on
     effects: tuple[Place, ...]  # that were added for `after`, in the order they were found
     gap: Gap | None
     nuisance: tuple[NuisanceValue, ...]
@@ -150,6 +153,11 @@ class GapReport(Record):
 
     def to_json(self) -> str:
         return self.model_dump_json(indent=2)
+
+    @property
+    def by_equations(self) -> bool:
+        """Whether the gap was measured by inverse dynamics: the torque that the equations lack."""
+        return self.gap is not None and self.gap.by == "inverse dynamics"
 
     def repair(self) -> tuple[Effect, ...]:
         """The named effects with their values, as via_sim takes them."""

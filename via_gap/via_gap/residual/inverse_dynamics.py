@@ -18,21 +18,26 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array
 from via_core.weak_form import window_weights
 from via_sim.equations import EquationTorques, Record, equation_torques
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
-from via_sim.torques import EXTERNAL
+from via_sim.torques import EXTERNAL, POWER
 
-from via_gap.residual.equations import ORDER, STANDING, STRIDE, WINDOW, equations
 from via_gap.residual.segments import Indices, Segments
 
+WINDOW = 0.06  # [s]
+STRIDE = 0.5  # of a window
+ORDER = 3  # of the modulating function
+STANDING = 0.02  # [rad/s] below which an axis nearly stands
 LONGEST = 4  # times WINDOW at most
 QUIET = 0.1  # of the drive's torque: sensor noise in a window long enough
 TAKING = np.concatenate(  # slots of a row whose effects can keep the torque of a drive from acting
-    [np.arange(start, start + 3) for start in (P.torque_gain, P.saturation, P.load_friction)] + [np.array([P.lag])]
+    [np.arange(start, start + 3) for start in (P.torque_gain, P.saturation)]
+    + [np.arange(P.load_friction, P.load_velocity), np.array([P.lag])]
 )
 SMALLEST = 1e-9  # [N m] of a floor
 LEAST_GAIN = 0.05  # of a drive: with less of it nothing is compared where it enters
@@ -80,13 +85,13 @@ class InverseDynamics:
     def of(segments: Segments, chosen: Indices) -> InverseDynamics:
         """Raises SignalError where the signals allow no equation."""
         nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
-        return InverseDynamics(segments, chosen, nominal, _windows(segments, nominal))
+        return InverseDynamics(segments, chosen, nominal, windows_of(segments, nominal))
 
     @staticmethod
     def witness(segments: Segments, chosen: Indices) -> InverseDynamics:
         """The same in windows as long as a segment: the time scale on which simulated segments judge."""
         nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
-        return InverseDynamics(segments, chosen, nominal, _windows(segments, nominal, segments.ticks + 1))
+        return InverseDynamics(segments, chosen, nominal, windows_of(segments, nominal, segments.ticks + 1))
 
     def part(self, which: Indices) -> InverseDynamics:
         """Some of the segments, by their indices in `chosen`."""
@@ -131,13 +136,11 @@ class InverseDynamics:
         if behind_springs or np.array_equal(row[TAKING], self.nominal[TAKING]):
             return 1.0
         record = self.windows.record
-        column = EXTERNAL if axis == 0 else axis - 1
-        without = record.commands.copy()
-        without[:, column] = 0.0
-        none = equation_torques(row, replace(record, commands=without)).torque[:, axis]
-        acts = self.over(equation_torques(row, record).torque[:, axis] - none, 0)
-        sent = self.over(record.commands[:, column], 0)
-        return max(float(np.linalg.norm(acts) / max(np.linalg.norm(sent), SMALLEST)), LEAST_GAIN)
+        without = replace(record, commands=_undriven(record.commands, axis, self.segments.log.device))
+        acts = equation_torques(row, record).torque[:, axis] - equation_torques(row, without).torque[:, axis]
+        sent = self.windows.drive[:, self.windows.axes.index(axis)]
+        share = float(np.linalg.norm(self.over(acts, 0))) / max(float(np.linalg.norm(self.over(sent, 0))), SMALLEST)
+        return max(share, LEAST_GAIN)
 
     def _missing_at(self, terms: EquationTorques, axis: int) -> Array:
         """(C, w) [N m]; while an axis nearly stands, dry friction takes what it can."""
@@ -148,7 +151,7 @@ class InverseDynamics:
         return np.sign(missing) * np.maximum(np.abs(missing) - capacity, 0.0)
 
 
-def _windows(segments: Segments, nominal: Array, span: int = 0) -> Windows:
+def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
     """Windows of `span` ticks, or of the fewest in which sensor noise is small beside the drive's torque."""
     log, rate = segments.log, segments.rate
     axes = equations(segments, log.device)
@@ -160,7 +163,7 @@ def _windows(segments: Segments, nominal: Array, span: int = 0) -> Windows:
     time = np.arange(len(angle)) / rate
     sensed = bool(log.device.n_motors) and not log.motors_commanded
     record = Record(time, angle, velocity, time, segments.commands, sensed, STANDING)
-    drive = _drives(equation_torques(nominal, record), segments, axes)
+    drive = _drives(nominal, record, segments, axes)
     slopes = _slopes(segments, axes)
     for times in range(1, LONGEST + 1):
         ticks = span or max(5, round(times * WINDOW * rate) + 1)
@@ -173,18 +176,34 @@ def _windows(segments: Segments, nominal: Array, span: int = 0) -> Windows:
     return Windows(record, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, drive)
 
 
-def _drives(terms: EquationTorques, segments: Segments, axes: tuple[int, ...]) -> Array:
-    """(T, a) [N m] what drives each axis."""
-    device, commands = segments.log.device, segments.commands
+def equations(segments: Segments, device: Device) -> tuple[int, ...]:
+    """The axes whose equation the signals allow: the link needs all motor angles, a motor its own and the link's."""
+    seen = segments.log.motors_seen
+    link = (0,) if all(seen) else ()
+    if device.drive == "servo":
+        return link
+    return (*link, *(1 + i for i, each in enumerate(seen) if each))
+
+
+def _drives(nominal: Array, record: Record, segments: Segments, axes: tuple[int, ...]) -> Array:
+    """(T, a) [N m] what drives each axis: the torque that its drive adds, of a link behind springs theirs."""
+    device, terms = segments.log.device, equation_torques(nominal, record)
     columns = []
     for axis in axes:
-        if axis > 0:
-            columns.append(commands[:, axis - 1])
-        elif device.n_transmissions:
+        if axis == 0 and device.n_transmissions:
             columns.append(np.nansum(terms.transmission, axis=1))
         else:
-            columns.append(commands[:, EXTERNAL])
+            without = replace(record, commands=_undriven(record.commands, axis, device))
+            columns.append(terms.torque[:, axis] - equation_torques(nominal, without).torque[:, axis])
     return np.stack(columns, axis=1)
+
+
+def _undriven(commands: Array, axis: int, device: Device) -> Array:
+    """The commands (T, N_COMMANDS) without those of the drive of an axis."""
+    column = axis - 1 if axis else POWER if device.drive == "position" else EXTERNAL
+    without = commands.copy()
+    without[:, column] = 0.0
+    return without
 
 
 def _slopes(segments: Segments, axes: tuple[int, ...]) -> Array:

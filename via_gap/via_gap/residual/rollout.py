@@ -22,10 +22,11 @@ from math import ceil
 import numpy as np
 from via_core.signals import Array
 from via_sim.catalogue import MAX_DELAY
+from via_sim.encoders import true_motions
 from via_sim.lockstep import LANES, run_many
 from via_sim.parameters import DYNAMIC, SERVO, P
 from via_sim.plants import JointPlant
-from via_sim.readings import stride, true_angle
+from via_sim.readings import stride
 from via_sim.torques import HISTORY, QUEUED, X
 
 from via_gap.residual.memory import HELD, held_along, with_memory
@@ -178,7 +179,7 @@ class Rollout:
         segments = self.segments
         states = segments.start[ticks]
         for axis in segments.axes:
-            skew, swing = rows[:, P.skew + axis] * segments.rate, rows[:, P.eccentricity + axis]
+            skew = rows[:, P.skew + axis] * segments.rate
             late = np.flatnonzero(skew)
             if late.size:
                 at = np.minimum(ticks[late] + skew[late], len(segments.start) - 1.0)
@@ -188,9 +189,7 @@ class Rollout:
                 both = [axis, 3 + axis]
                 moved = (1.0 - share) * segments.start[low][:, both] + share * segments.start[high][:, both]
                 states[late, axis], states[late, 3 + axis] = moved[:, 0], moved[:, 1]
-            states[:, axis] = true_angle(rows, axis, states[:, axis])
-            if swing.any():
-                states[:, 3 + axis] /= 1.0 + swing * np.cos(states[:, axis] + rows[:, P.eccentricity_phase + axis])
+            states[:, axis], states[:, 3 + axis] = true_motions(rows, axis, states[:, axis], states[:, 3 + axis])
         return states
 
     def _remembered(self, rows: Array, ticks: Indices, states: Array) -> None:

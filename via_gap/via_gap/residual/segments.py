@@ -87,7 +87,10 @@ class Segments:
 
 
 def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = None) -> Segments:
-    """The segments of a log, those valid that lie in stretches that `quality` lets use. Raises SignalError where it has no drive to simulate with, or is too short."""
+    """The segments of a log, those valid that lie in stretches that `quality` lets use.
+
+    Raises SignalError where the log has no drive to simulate with, or is too short.
+    """
     device = log.device
     if not log.drivable:
         raise SignalError(f"{log.name}: neither commands nor motor torques were recorded, nothing can be simulated")

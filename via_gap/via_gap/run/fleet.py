@@ -29,6 +29,7 @@ from distributed import Client, LocalCluster, as_completed
 from distributed.scheduler import KilledWorker
 from via_core.devices import Device
 from via_core.errors import ViaError
+from via_sim.effects import place_name
 
 import via_gap
 from via_gap.report.report import GapReport, read_report
@@ -57,7 +58,7 @@ class Row:
     before: float | None = None  # [-] gap of the device as filed
     after: float | None = None  # [-] with its numbers tuned and the effects added
     floor: float | None = None  # [-] that the sensors alone leave
-    closes: float | None = None  # [-] of what can be closed
+    explained: float | None = None  # [-] fraction of the error that can be explained
     seconds: float | None = None  # [s] that the diagnosis took
     report: str = ""  # its file, below the results
 
@@ -140,24 +141,21 @@ def _keep(results: Path, path: Path, key: str, outcome: Outcome) -> Row:
 def row_of(report: GapReport, log: str, key: str) -> Row:
     """What a report says in one line."""
 
-    def place(site: str, motor: int) -> str:
-        return f"{site} {motor}" if motor else site
-
     cause = report.causes[0] if report.causes and report.verdict != "no_gap" else None
     values = {} if cause is None else cause.parameters
     return Row(
         log=log,
         key=key,
         verdict=report.verdict,
-        where=place(report.where[0].site, report.where[0].motor) if report.where else "",
+        where=place_name(report.where[0].site, report.where[0].motor) if report.where else "",
         share=report.where[0].share if report.where else None,
-        causes=", ".join(f"{each.effect} at {place(each.site, each.motor)}" for each in report.effects),
+        causes=", ".join(f"{each.effect} at {place_name(each.site, each.motor)}" for each in report.effects),
         probability=None if cause is None else cause.probability,
         parameters=", ".join(f"{name} {v.value:.4g} +- {v.sd:.1g} {v.unit}" for name, v in values.items()),
         before=None if report.gap is None else report.gap.before,
         after=None if report.gap is None else report.gap.after,
         floor=None if report.gap is None else report.gap.floor,
-        closes=None if report.gap is None else report.gap.closes,
+        explained=None if report.gap is None else report.gap.explained,
     )
 
 

@@ -19,10 +19,10 @@ from functools import cache
 import numpy as np
 from scipy.stats import norm
 from via_core.signals import Array
-from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.fit import Fit
 from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import Indices
 from via_gap.selection.numbers import NUMBERS
 
 BLOCK = 1.0  # [s] of segments that are resampled together, at least one segment
@@ -116,7 +116,7 @@ def block_means(values: Array, block: int) -> Array:
 
 
 @cache
-def resamples(blocks: int) -> Array:
+def resamples(blocks: int) -> Indices:
     """(RESAMPLES, blocks) indices of blocks, the same for every comparison."""
     return np.random.default_rng(0).integers(0, blocks, (RESAMPLES, blocks))
 
@@ -129,4 +129,4 @@ def quantile() -> float:
 
 def freedom(fit: Fit) -> int:
     """Number of parameters of the effects that are not at their neutral values by default."""
-    return sum(len(EFFECTS[effect.name].parameters) for effect in fit.effects)
+    return sum(len(effect.parameters) for effect in fit.effects)

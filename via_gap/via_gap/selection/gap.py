@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +11,7 @@ from via_core.signals import Array
 from via_sim.effects import Effect
 
 from via_gap.candidates.fit import Fit
+from via_gap.candidates.location import Location
 from via_gap.logs.findings import Number, Record
 from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.recordings import follows
@@ -61,24 +63,25 @@ class Achievable:
 
     def __init__(self, experiment: Experiment) -> None:
         self._experiment = experiment
-        self._fit: Fit | None = None
-        self._model: Flexible | None = None
+        self._models: dict[tuple[Location, ...], Flexible] = {}
 
-    def beside(self, each: Evaluation) -> float:
-        """Root mean squared whitened held-out error of the flexible model beside an evaluated fit."""
+    def beside(self, each: Evaluation) -> Evaluation:
+        """Evaluation of the flexible model beside the effects of an evaluated fit, on the same held-out segments."""
         experiment = self._experiment
         if experiment.by == "inverse dynamics":
-            return float(np.sqrt(np.mean(experiment.bound_of_equations(each.fit))))
-        if experiment.folds is not None:
-            return float(np.sqrt(np.mean(experiment.folds.flexible(each.fit))))
-        model = self.model(each.fit)
-        residual = model.residual(experiment.judged, model.functions(experiment.judged))
-        return float(np.sqrt(np.mean(experiment.judged.per_segment(residual))))
+            segments = experiment.bound_of_equations(each.fit)
+        elif experiment.folds is not None:
+            segments = experiment.folds.flexible(each.fit)
+        else:
+            model, judged = self.model(each.fit), experiment.judged
+            segments = judged.per_segment(model.residual(judged, model.functions(judged)))
+        return replace(each, segments=segments)
 
     def model(self, fit: Fit) -> Flexible:
-        if self._model is None or self._fit is not fit:
-            self._fit, self._model = fit, flexible(self._experiment.fitted, fit)
-        return self._model
+        """Beside the effects at the locations of `fit`, as they were fitted when first asked for."""
+        if fit.locations not in self._models:
+            self._models[fit.locations] = flexible(self._experiment.fitted, fit)
+        return self._models[fit.locations]
 
 
 def measured_gap(experiment: Experiment, chosen: Evaluation, achievable: Achievable) -> Gap:
@@ -88,7 +91,7 @@ def measured_gap(experiment: Experiment, chosen: Evaluation, achievable: Achieva
     if experiment.by == "inverse dynamics":
         residuals = [judged.residual([judged.row(e.fit.effects, e.fit.deviations)])[0] for e in three]
         errors = [torque_errors(judged, residual) for residual in residuals]
-        share = achievable.beside(chosen) / max(chosen.rms, 1e-12)
+        share = achievable.beside(chosen).rms / max(chosen.rms, 1e-12)
         return _gap("inverse dynamics", errors, errors[2].signals * min(share, 1.0))
     model = achievable.model(chosen.fit)
     if not follows(judged.device):

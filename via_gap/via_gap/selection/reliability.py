@@ -1,18 +1,46 @@
-"""How often an answer of each kind is right, as the development cases of the sealed benchmark showed.
+"""How often an answer of each kind is right, and how large a set of causes has to be: both from judged answers.
 
     probability of a cause = reliability of the verdict * share of the cause among the models compared
 
-The counts are those of `via gap blind calibrate`; with r of n answers right the reliability is (r + 1/2) / (n + 1),
-the mean of Jeffreys' posterior, so that a kind of answer that was never wrong is not certain.
+With r of n answers of a verdict right, the reliability is (r + 1/2) / (n + 1), the mean of Jeffreys' posterior, so that
+a kind of answer that was never wrong is not certain.
+
+Conformal sets: the score of a cause is 1 - share. With the scores of the true causes of n calibration cases of one
+signal set, the set { cause : score <= q }, q their ceil((n + 1) (1 - alpha))-th smallest, holds the true cause of a
+further such case with probability >= 1 - alpha, whatever the quality of the shares.
+Source: V. Vovk, A. Gammerman, G. Shafer, Algorithmic Learning in a Random World (2005), section 4.1 (split conformal).
+
+The numbers are those of `via gap blind calibrate` on development cases; a set says nothing about cases unlike them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from math import ceil
 
 import yaml
 from pydantic import BaseModel, ConfigDict
+
+from via_gap.selection.numbers import NUMBERS
+
+WITH_CAUSES = ("effect", "several_effects", "main_effect", "unknown", "cannot_tell")
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """One judged answer.
+
+    truth  share that the report gives the true cause (of several the smallest); None where there is none to be found
+    """
+
+    verdict: str
+    level: str
+    has_causes: bool
+    first_right: bool
+    truth: float | None
 
 
 class Counts(BaseModel):
@@ -24,14 +52,54 @@ class Counts(BaseModel):
     right: int
 
 
+class Reliability(BaseModel):
+    """Counts of each verdict, and of each signal set the least share of a cause in its conformal set."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    origin: str
+    seeds: str
+    verdicts: dict[str, Counts]
+    least_share: dict[str, float]
+    cases: dict[str, int]
+
+
+def calibrated(judged: Sequence[Calibrated], origin: str, seeds: str) -> Reliability:
+    """The numbers that judged answers give."""
+    verdicts = {}
+    for verdict in WITH_CAUSES:
+        answers = [each for each in judged if each.verdict == verdict and each.has_causes]
+        verdicts[verdict] = Counts(answers=len(answers), right=sum(each.first_right for each in answers))
+    shares: dict[str, list[float]] = {}
+    for each in judged:
+        if each.truth is not None:
+            shares.setdefault(each.level, []).append(each.truth)
+    least = {level: _least(values) for level, values in shares.items()}
+    cases = {level: len(values) for level, values in shares.items()}
+    return Reliability(origin=origin, seeds=seeds, verdicts=verdicts, least_share=least, cases=cases)
+
+
+def _least(shares: Sequence[float]) -> float:
+    """The share 1 - q; 0, every cause, where there are too few cases for the level."""
+    rank = ceil((len(shares) + 1) * (1.0 - NUMBERS.significance))
+    return 0.0 if rank > len(shares) else float(sorted(shares, reverse=True)[rank - 1])
+
+
 @cache
-def shipped() -> dict[str, Counts]:
-    """Verdict -> counts, from `reliability.yaml`."""
+def shipped() -> Reliability:
+    """The numbers in `reliability.yaml`."""
     text = resources.files("via_gap.selection").joinpath("reliability.yaml").read_text(encoding="utf-8")
-    return {verdict: Counts.model_validate(counts) for verdict, counts in yaml.safe_load(text)["verdicts"].items()}
+    return Reliability.model_validate(yaml.safe_load(text))
 
 
-def reliability(verdict: str) -> float:
+def reliability(verdict: str, numbers: Reliability | None = None) -> float:
     """Probability that the first cause of an answer of this verdict is right; 1 for verdicts without causes."""
-    counts = shipped().get(verdict)
+    counts = (numbers or shipped()).verdicts.get(verdict)
     return 1.0 if counts is None else (counts.right + 0.5) / (counts.answers + 1.0)
+
+
+def in_conformal_set(shares: Mapping[str, float] | Sequence[float], level: str) -> tuple[bool, ...]:
+    """Of each share (k,) whether its cause belongs to the 95 % set on logs of this signal set."""
+    least = shipped().least_share.get(level, 0.0)
+    values = list(shares.values()) if isinstance(shares, Mapping) else list(shares)
+    return tuple(value >= least for value in values)

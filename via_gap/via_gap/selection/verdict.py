@@ -70,21 +70,26 @@ class Decision:
         return replace(self, chosen=chosen, models=models)
 
 
-def decide(tuned: Evaluation, models: Sequence[Evaluation], bound_beside: Callable[[Evaluation], float]) -> Decision:
+def decide(
+    tuned: Evaluation, models: Sequence[Evaluation], flexible_beside: Callable[[Evaluation], Evaluation]
+) -> Decision:
     """The decision about `models`, which are plausible, supported by both views, and compared on the same segments.
 
-    bound_beside  root mean squared whitened error of a flexible model beside the effects of a model
+    flexible_beside  evaluation of a flexible torque model beside the effects of a model
     """
     if tuned.mean_square <= NUMBERS.no_gap:
         return Decision("no_gap", tuned, 1.0, tuned.rms)
     steps = ladder(tuned, models)
     last = steps[-1]
-    bound = min(bound_beside(last), last.rms)
+    flexible = flexible_beside(last)
+    if last.mean_square > NUMBERS.no_gap and last is not tuned:  # beside a wrong cause it may explain less than alone
+        flexible = min(flexible, flexible_beside(tuned), key=lambda each: each.score)
+    bound = min(flexible.rms, last.rms)
     explained = [fraction(tuned, step, bound) for step in steps]
     if last is tuned:
-        something = tuned.rms - bound > NUMBERS.material * tuned.rms
-        reason = "" if something else "what the model leaves does not repeat with the motion"
-        return _unnamed("unknown" if something else "cannot_tell", tuned, models, bound, reason)
+        if matters(flexible, tuned, tuned):
+            return _unnamed("unknown", tuned, models, bound, "")
+        return _unnamed("cannot_tell", tuned, models, bound, "what the model leaves does not repeat with the motion")
     enough = [k for k, share in enumerate(explained) if share >= NUMBERS.complete]
     main = [k for k, share in enumerate(explained) if share >= NUMBERS.most]
     if not main:
@@ -94,17 +99,17 @@ def decide(tuned: Evaluation, models: Sequence[Evaluation], bound_beside: Callab
     if fraction(tuned, chosen, 1.0) < NUMBERS.substantial:
         reason = f"what is left repeats with no motion and outweighs what {chosen.fit.locations[0]} would explain"
         return _unnamed("cannot_tell", tuned, models, bound, reason)
-    rivals = [each for each in models if len(each.fit.effects) == len(chosen.fit.effects)]
+    rivals = without_needless([each for each in models if len(each.fit.effects) == len(chosen.fit.effects)])
     tied = _tied(chosen, rivals)
     verdict: Verdict = "main_effect"
     if enough:
         verdict = "effect" if len(chosen.fit.effects) == 1 else "several_effects"
-    reason = ""
-    if len(tied) > NUMBERS.largest_set:
-        verdict, reason = "cannot_tell", f"{len(tied)} causes explain these data equally well"
     equivalent = tuple(dict.fromkeys(place for each in (chosen, *tied) for place in each.fit.locations))
+    if len(tied) > NUMBERS.largest_set:
+        reason = f"{len(tied)} causes explain these data equally well"
+        return replace(_unnamed("cannot_tell", tuned, models, bound, reason), equivalent=equivalent)
     shares, spoken = _shares(rivals)
-    return Decision(verdict, chosen, explained[k], bound, shares, spoken, equivalent, reason)
+    return Decision(verdict, chosen, explained[k], bound, shares, spoken, equivalent)
 
 
 def fraction(tuned: Evaluation, model: Evaluation, bound: float) -> float:
@@ -130,10 +135,23 @@ def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def simplest(models: Sequence[Evaluation]) -> Evaluation:
-    """Of the models that are not clearly worse than the best, the one with the fewest parameters, then the best."""
-    best = min(models, key=lambda each: each.score)
-    close = [each for each in models if not clearly_worse(each, best) and each.score - best.score < 2 * NUMBERS.margin]
-    return min(close, key=lambda each: (freedom(each.fit), each.score))
+    """The best of the models without the needless ones."""
+    return min(without_needless(models), key=lambda each: each.score)
+
+
+def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
+    """The models but for those that one with fewer parameters at the same sites does as well as."""
+
+    def needless(each: Evaluation, other: Evaluation) -> bool:
+        same = _sites(each) == _sites(other) and freedom(other.fit) < freedom(each.fit)
+        return same and not clearly_worse(other, each)
+
+    return [each for each in models if not any(needless(each, other) for other in models)]
+
+
+def _sites(each: Evaluation) -> list[tuple[str, int]]:
+    """Every single place, so that one cause at both motors is held against one at each."""
+    return sorted(spot for location in each.fit.locations for spot in location.spots)
 
 
 def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
@@ -163,6 +181,6 @@ def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float],
 
 def _unnamed(verdict: Verdict, tuned: Evaluation, models: Sequence[Evaluation], bound: float, reason: str) -> Decision:
     """Nothing is named: the device's own numbers stay, single causes are ranked beside them."""
-    singles = [each for each in models if len(each.fit.effects) == 1]
+    singles = without_needless([each for each in models if len(each.fit.effects) == 1])
     shares, spoken = _shares([tuned, *singles])
     return Decision(verdict, tuned, 0.0, bound, shares, spoken, (), reason)

@@ -27,7 +27,7 @@ from via_ros.conversions import Command, JointStateWriter, followed, set_stamp
 from via_ros.parameters import declare
 from via_ros.spin import run
 
-from via_sim.effects import Effect
+from via_sim.effects import Effect, place_name
 from via_sim.effects_file import load_effects
 from via_sim.nodes.simulation import SimulationNode, TimeParameters
 from via_sim.plants import JointPlant
@@ -156,7 +156,7 @@ class SimulatorNode(SimulationNode[Array]):
 
     def _active(self) -> str:
         effects = self._simulator.plant.effects
-        return ", ".join(f"{e.name} at {e.site}{f' {e.motor}' if e.motor else ''}" for e in effects) or "nominal model"
+        return ", ".join(f"{e.name} at {place_name(e.site, e.motor)}" for e in effects) or "nominal model"
 
 
 def _aimed(told: Command) -> Array | None:

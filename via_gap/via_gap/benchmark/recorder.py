@@ -1,0 +1,97 @@
+"""What a recorder does to a recording: its rate, noise, stamps, and what it loses; and when a controller acts late."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from via_core.signals import Array
+
+RATES = (100.0, 250.0, 500.0, 1000.0)  # [Hz] of logs
+HIGHEST = 1000.0  # [Hz] of a control loop
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """How one case is recorded. The defaults record every tick as it was.
+
+    encoder_noise  [-] standard deviation in encoder steps, before rounding
+    jitter         [-] standard deviation of the sampling times in samples; stamps are right
+    stamp_jitter   [-] standard deviation of the stamps about the sampling times, in samples
+    lost           [-] share of the samples, one to three at a time
+    late           [-] share of the ticks in which the controller acts late, by up to `latest` ticks
+    stamped_due    late commands carry the time at which they were due, not the time at which they were given
+    gaps           [1/s] rate of gaps in the commands, each up to `gap` [s] long
+    gaps_in_log    commands in a gap acted and were not recorded; otherwise none was given
+    every          ticks per sample
+    snapshot       commands and torques are recorded once per sample; otherwise every command, and mean torques
+    """
+
+    encoder_noise: float = 0.0
+    jitter: float = 0.0
+    stamp_jitter: float = 0.0
+    lost: float = 0.0
+    late: float = 0.0
+    latest: float = 0.0
+    stamped_due: bool = False
+    gaps: float = 0.0
+    gap: float = 0.02
+    gaps_in_log: bool = False
+    every: int = 1
+    snapshot: bool = False
+
+    @property
+    def quality(self) -> str:
+        """'degraded' where the stamps or the commands of the log are not those of the drive, else 'good'."""
+        bad = self.stamp_jitter or self.late or self.gaps or (self.snapshot and self.every > 1)
+        return "degraded" if bad else "good"
+
+
+def draw_recorder(rng: Generator, every: int, table: bool) -> Recorder:
+    """A recorder whose samples are `every` ticks apart; of a table, whose rows hold sample and command, or of a bag."""
+    noise = float(rng.uniform(0.0, 1.0)) if rng.uniform() < 0.5 else 0.0
+    which = rng.uniform()
+    mild = {"jitter": float(rng.uniform(0.02, 0.1))} if which < 0.2 else {}
+    if 0.2 <= which < 0.4:
+        mild = {"lost": float(rng.uniform(0.001, 0.01))}
+    if table:  # its rows are written where the controller acts
+        mild = {}
+    faults = rng.uniform()
+    more: dict[str, float | bool] = {}
+    if faults < 0.12:
+        more = {"stamp_jitter": float(rng.uniform(0.01, 0.05))}
+    elif faults < 0.24:
+        more = {"late": float(rng.uniform(0.05, 0.5)), "latest": float(rng.uniform(1.0, 5.0))}
+        more["stamped_due"] = bool(rng.uniform() < 0.3)
+    elif faults < 0.36:
+        more = {"gaps": float(rng.uniform(0.3, 2.0)), "gap": float(rng.uniform(0.01, 0.02))}
+        more["gaps_in_log"] = bool(rng.uniform() < 0.5)
+    snapshot = bool(every > 1 and rng.uniform() < 0.3)
+    return Recorder(encoder_noise=noise, every=every, snapshot=snapshot, **mild, **more)  # type: ignore[arg-type]
+
+
+def acting(rng: Generator, recorder: Recorder, count: int, rate: float) -> Array | None:
+    """(count,) [s] how late in each tick the controller acts, NaN where it misses the tick; None: always in time."""
+    if not recorder.late and (not recorder.gaps or recorder.gaps_in_log):
+        return None
+    out, k = np.zeros(count), 1  # the first command comes in time
+    while recorder.late and k < count:
+        if rng.uniform() < recorder.late:
+            by = float(rng.uniform(0.2, max(recorder.latest, 0.2)))
+            out[k : k + int(by)] = np.nan
+            k += int(by)
+            out[k : k + 1] = (by % 1.0) / rate
+        k += 1
+    if recorder.gaps:
+        out[in_gaps(rng, recorder, np.arange(count) / rate)] = np.nan
+    return out
+
+
+def in_gaps(rng: Generator, recorder: Recorder, time: Array) -> NDArray[np.bool_]:
+    """(N,) whether a command given at `time` [s] falls into a gap."""
+    count = rng.poisson(recorder.gaps * (time[-1] - time[0]))
+    begin = rng.uniform(time[0] + 0.1, time[-1], count)
+    end = begin + rng.uniform(0.25 * recorder.gap, recorder.gap, count)
+    return np.asarray(((time[:, None] >= begin) & (time[:, None] < end)).any(axis=1), dtype=np.bool_)

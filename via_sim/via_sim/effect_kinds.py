@@ -1,0 +1,244 @@
+"""What an effect is: its parameters, the sites it may have, and how its numbers enter a parameter row.
+
+A writer gets the values of one effect, of which optional ones may be missing, and puts them into a row in place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from math import pi
+
+from via_core.errors import ParameterError
+from via_core.signals import Array
+
+from via_sim.device_numbers import numbers_of
+from via_sim.parameters import ENCODER_HARMONICS, LINK, MOTOR_1, RIPPLE_HARMONICS, P
+
+Values = Mapping[str, float]
+Writer = Callable[[Array, int, str, Values], None]
+
+MAX_DELAY = 0.1  # [s]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One number of an effect: allowed range [low, high], and the neutral value at which the effect is absent.
+
+    linear  the torques of the equations are linear in it, the other parameters held: a fit need not search for it
+    servo_unit  where the device's motors are servos and it means another quantity there
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    neutral: float
+    text: str
+    linear: bool = False
+    servo_unit: str = ""
+
+    def unit_on(self, drive: str) -> str:
+        """Its unit on a device with this drive, `torque` or `servo`."""
+        return self.servo_unit if drive == "servo" and self.servo_unit else self.unit
+
+
+@dataclass(frozen=True)
+class EffectKind:
+    """What an effect is. `write` puts parameter values at an axis (0 link, 1, 2 motors) into a row in place.
+
+    `parameters` must all be given, `optional` ones need not be.
+    """
+
+    name: str
+    sites: tuple[str, ...]
+    text: str
+    term: str
+    confused_with: str
+    parameters: tuple[EffectParameter, ...]
+    write: Writer
+    needs_torque_drive: bool = False  # at a motor: means nothing where a servo imposes the angle
+    of_drive: bool = False  # at a motor: of the path of the torque, which a rigid joint has too (its motor 1)
+    adds: bool = False  # several at one place add up
+    optional: tuple[EffectParameter, ...] = ()  # neutral where they are left out
+
+    @property
+    def all_parameters(self) -> tuple[EffectParameter, ...]:
+        """Those that an effect must have, then those that it may have."""
+        return (*self.parameters, *self.optional)
+
+
+def _suffix(k: int) -> str:
+    """What the names of harmonic k (from 0) end with: '', '_2', '_3'."""
+    return f"_{k + 1}" if k else ""
+
+
+def harmonic(k: int, unit: str, high: float) -> tuple[EffectParameter, EffectParameter, EffectParameter]:
+    """Amplitude, order and phase of harmonic k (from 0) of an effect over the angle, amplitudes up to `high`."""
+    of = _suffix(k)
+    return (
+        EffectParameter(f"amplitude{of}", unit, 0.0, high, 0.0, "largest value", True),
+        EffectParameter(f"order{of}", "1/rev", 0.5, 1e3, k + 1.0, "periods per turn, no integer behind a gear"),
+        EffectParameter(f"phase{of}", "rad", -2.0 * pi, 2.0 * pi, 0.0, "at angle zero"),
+    )
+
+
+def more_harmonics(count: int, unit: str, high: float) -> tuple[EffectParameter, ...]:
+    """The parameters of all harmonics but the first."""
+    return tuple(parameter for k in range(1, count) for parameter in harmonic(k, unit, high))
+
+
+def write_coulomb(row: Array, axis: int, _site: str, value: Values) -> None:
+    row[P.breakaway_friction + axis] += value["torque"]
+    row[P.kinetic_friction + axis] += value["torque"]
+
+
+def write_numbers(row: Array, _axis: int, _site: str, value: Values) -> None:
+    slots = {number.name: number.slots for number in numbers_of(row)}
+    for name, factor in value.items():
+        if name not in slots:
+            raise ParameterError(f"'{name}' is no number of this joint; it has {', '.join(slots)}")
+        row[list(slots[name])] *= factor
+
+
+def write_asymmetric_coulomb(row: Array, axis: int, _site: str, value: Values) -> None:
+    mean, half = 0.5 * (value["forward"] + value["backward"]), 0.5 * (value["forward"] - value["backward"])
+    row[P.breakaway_friction + axis] += mean
+    row[P.kinetic_friction + axis] += mean
+    row[P.friction_asymmetry + axis] += half
+
+
+def write_stribeck(row: Array, axis: int, _site: str, value: Values) -> None:
+    if value["breakaway"] < value["kinetic"]:
+        raise ParameterError(f"breakaway {value['breakaway']} N m must be >= kinetic {value['kinetic']} N m")
+    row[P.breakaway_friction + axis] += value["breakaway"]
+    row[P.kinetic_friction + axis] += value["kinetic"]
+    row[P.stribeck_velocity + axis] = value["velocity"]
+
+
+def write_viscous(row: Array, axis: int, _site: str, value: Values) -> None:
+    _more_viscous(row, axis, value["coefficient"], 0.0, f"coefficient {value['coefficient']}")
+
+
+def write_asymmetric_viscous(row: Array, axis: int, _site: str, value: Values) -> None:
+    forward, backward = value["forward"], value["backward"]
+    told = f"forward {forward} and backward {backward}"
+    _more_viscous(row, axis, 0.5 * (forward + backward), 0.5 * (forward - backward), told)
+
+
+def _more_viscous(row: Array, axis: int, mean: float, half: float, told: str) -> None:
+    total, skewed = row[P.viscous_friction + axis] + mean, row[P.viscous_asymmetry + axis] + half
+    if total - abs(skewed) < 0.0:
+        raise ParameterError(f"{told} leaves {total - abs(skewed):.6g} N m s/rad of viscous friction, must stay >= 0")
+    row[P.viscous_friction + axis], row[P.viscous_asymmetry + axis] = total, skewed
+
+
+def write_presliding(row: Array, axis: int, _site: str, value: Values) -> None:
+    row[P.bristle_torque + axis], row[P.bristle_stiffness + axis] = value["torque"], value["stiffness"]
+
+
+def write_hysteresis(row: Array, axis: int, _site: str, value: Values) -> None:
+    row[P.hysteresis_torque + axis - MOTOR_1] = value["torque"]
+    row[P.hysteresis_stiffness + axis - MOTOR_1] = value["stiffness"]
+
+
+def write_load_friction(row: Array, axis: int, _site: str, value: Values) -> None:
+    """Dry friction that depends on both torques on an axis, see friction.py."""
+    row[P.load_friction + axis] = value["coefficient"]
+    for name, slot in (
+        ("counter_coefficient", P.counter_friction),
+        ("stribeck", P.load_stribeck),
+        ("counter_stribeck", P.counter_stribeck),
+        ("quadratic", P.load_quadratic),
+    ):
+        row[slot + axis] = value.get(name, 0.0)
+    row[P.load_velocity + axis] = value.get("velocity", 1.0)
+
+
+def write_spring_law(row: Array, axis: int, _site: str, value: Values) -> None:
+    row[P.spring_scale + axis - MOTOR_1] = value["scale"]
+    row[P.spring_hardening + axis - MOTOR_1] = value["hardening"]
+
+
+def write_gain(row: Array, axis: int, site: str, value: Values) -> None:
+    row[(P.sensed_gain if site == "sensor" else P.torque_gain) + axis] = value["gain"]
+
+
+def write_bias(row: Array, axis: int, site: str, value: Values) -> None:
+    row[(P.sensed_bias if site == "sensor" else P.torque_bias) + axis] = value["torque"]
+
+
+def _harmonics(value: Values, count: int) -> Iterator[tuple[int, float, float, float]]:
+    """(number from 0, amplitude, order, phase) of `count` terms; orders that are left out count 1, 2, 3."""
+    for k in range(count):
+        of = _suffix(k)
+        yield k, value.get(f"amplitude{of}", 0.0), value.get(f"order{of}", k + 1.0), value.get(f"phase{of}", 0.0)
+
+
+def write_ripple(row: Array, axis: int, _site: str, value: Values) -> None:
+    """The harmonics of a ripple."""
+    for k, amplitude, order, phase in _harmonics(value, RIPPLE_HARMONICS):
+        here = 3 * k + axis
+        row[P.ripple_amplitude + here], row[P.ripple_order + here] = amplitude, order
+        row[P.ripple_phase + here] = phase
+
+
+def write_encoder_error(row: Array, axis: int, _site: str, value: Values) -> None:
+    """The harmonics of an encoder's error; refused where the reading would not grow with the angle everywhere."""
+    steepest = 0.0
+    for k, amplitude, order, phase in _harmonics(value, ENCODER_HARMONICS):
+        here = 3 * k + axis
+        row[P.eccentricity + here], row[P.eccentricity_order + here] = amplitude, order
+        row[P.eccentricity_phase + here] = phase
+        steepest += abs(amplitude * order)
+    if steepest >= 1.0:
+        raise ParameterError(
+            f"amplitude times order adds up to {steepest:.6g}, must stay < 1: the reading would turn back"
+        )
+
+
+def write_payload(row: Array, _axis: int, _site: str, value: Values) -> None:
+    row[P.inertia + LINK] += value["mass"] * value["distance"] ** 2
+    row[P.gravity_torque] += value["mass"] * row[P.gravity] * value["distance"]
+
+
+def write_link_inertia(row: Array, _axis: int, _site: str, value: Values) -> None:
+    total = row[P.inertia + LINK] + value["inertia"]
+    if total <= 0.0:
+        raise ParameterError(f"inertia {value['inertia']} leaves {total:.6g} kg m^2, must stay > 0")
+    row[P.inertia + LINK] = total
+
+
+def write_gravity(row: Array, _axis: int, _site: str, value: Values) -> None:
+    row[P.gravity_torque] += value["torque"]
+    row[P.gravity_angle] += value["angle"]
+
+
+def write_contact(row: Array, _axis: int, _site: str, value: Values) -> None:
+    if abs(value["side"]) != 1.0:
+        raise ParameterError(f"side must be -1 or 1, got {value['side']}")
+    row[P.contact_angle], row[P.contact_side] = value["angle"], value["side"]
+    row[P.contact_stiffness], row[P.contact_damping] = value["stiffness"], value["damping"]
+
+
+def write_pulse(row: Array, _axis: int, _site: str, value: Values) -> None:
+    if value["stop"] < value["start"]:
+        raise ParameterError(f"stop {value['stop']} s must not be before start {value['start']} s")
+    row[P.pulse_torque], row[P.pulse_start], row[P.pulse_stop] = value["torque"], value["start"], value["stop"]
+
+
+def write_dead_time(row: Array, _axis: int, _site: str, value: Values) -> None:
+    """A delay beside that of a position drive."""
+    total = row[P.delay] + value["delay"]
+    if total > MAX_DELAY:
+        raise ParameterError(f"delay {value['delay']} and the drive's own are {total:.6g} s, must stay <= {MAX_DELAY}")
+    row[P.delay] = total
+
+
+def into_slot(slot: int, name: str, first: int = 0) -> Callable[[Array, int, str, Values], None]:
+    """A writer of one number into one slot per axis, of which `first` is the first that has one."""
+
+    def write(row: Array, axis: int, _site: str, value: Values) -> None:
+        row[slot + axis - first] = value[name]
+
+    return write
