@@ -182,6 +182,13 @@ def test_names_of_effects_and_locations_are_words():
     )
 
 
+def test_a_periodic_effect_is_written_harmonic_by_harmonic():
+    ripple = report_of("main_effect").causes[0]
+    more = {f"{name}_2": value for name, value in ripple.parameters.items()}
+    shown = values_words(ripple.model_copy(update={"parameters": {**ripple.parameters, **more}}))
+    assert shown == 2 * ("order 7.00 ± 0.01: amplitude 0.030 ± 0.001 N m, phase 0.40 ± 0.01 rad",)
+
+
 def test_well_known_combinations_are_beside_the_parameters():
     moment = Combination(expression="mass * distance", value=0.225, sd=0.013, unit="kg m")
     shown = values_words(cause(BACKLASH, 0.9).model_copy(update={"combinations": (moment,)}))

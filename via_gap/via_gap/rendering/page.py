@@ -58,6 +58,7 @@ def page(report: GapReport) -> str:
         spectra=_marked((spectrum,)) if spectrum is not None else [],
         causes=_drawn(report),
         ties=evidence_words.tie_words(report),
+        conformal=evidence_words.conformal_words(report),
         rejected=evidence_words.rejected(report),
         screened=evidence_words.screened_words(report),
         gap_words=words.gap_words(report),

@@ -180,7 +180,8 @@ class GapReport(Record):
         return tuple(
             {
                 p.name: (max(p.low, v.value - DEVIATIONS * v.sd), min(p.high, v.value + DEVIATIONS * v.sd))
-                for p in effect.kind.parameters
+                for p in effect.kind.all_parameters
+                if p.name in effect.parameters
                 for v in (known[effect.name, effect.site, effect.motor][p.name],)
             }
             for effect in self.repair()
