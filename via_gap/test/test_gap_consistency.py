@@ -76,7 +76,8 @@ def reports(draw) -> GapReport:
         reason=draw(st.sampled_from(("", "the torque is a function of the angle"))) if verdict == "cannot_tell" else "",
         explained=share if named else 0.0,
         where=tuple(Where(joint="joint", site=p.site, motor=p.motor, equation="link", share=0.5) for p in named[:2]),
-        causes=() if refused else causes, equivalence_set=(*named, *ties), conformal_set=(*named, *ties), effects=named, gap=None if refused else gap,
+        causes=() if refused else causes, equivalence_set=(*named, *ties),
+        conformal_set=(*named, *ties), effects=named, gap=None if refused else gap,
         nuisance=() if refused else (number,), data_check=(finding,) if refused else (), not_judged=(),
         figures=Figures(joint=sketch, trials=tuple(trials)),
     )  # fmt: skip
