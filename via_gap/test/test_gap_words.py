@@ -38,6 +38,13 @@ def test_a_refused_log_says_why_and_what_to_do():
     assert next_steps(report) == ("Remove what the data check refuses (section 6), then record again.",)
 
 
+def test_a_long_reason_is_continued_below_the_headline():
+    reason = "tau_1 is a function of the angle alone; it shows no friction. Record motion made by the drive."
+    report = report_of("refused").model_copy(update={"reason": reason})
+    assert headline(report) == "Cannot tell what causes the gap: tau_1 is a function of the angle alone."
+    assert cautions(report) == ("It shows no friction. Record motion made by the drive.",)
+
+
 def test_a_tied_cause_beside_a_sensor_error_keeps_its_doubt():
     report = report_of("tied").model_copy(
         update={

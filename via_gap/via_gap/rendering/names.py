@@ -31,7 +31,7 @@ UNNUMBERED = {
 }
 BOTH = {"motor": "both motors", "transmission": "both transmissions"}
 LEVELS = {
-    "full": "link angle, motor angles and motor torques were measured, so every equation of the model can be evaluated",
+    "full": "every angle and torque of the joint was measured, so every equation of the model can be evaluated",
     "no torque": "motor angles were measured, torques were not; commanded torques are used instead",
     "link only": "no motor angle was measured; only the simulated link angle can be compared",
     "encoder and command": "the link angle and the commanded angle were recorded; the drive's torque follows from both",

@@ -63,6 +63,7 @@ def page(report: GapReport) -> str:
         screened=evidence_words.screened_words(report),
         gap_words=words.gap_words(report),
         findings=evidence_words.findings(report),
+        several=len({*report.logs, *(f.log for f in report.data_check), *(n.log for n in report.noise)}) > 1,
         ladder=_markup(gap_ladder(report.gap, after_words(report))) if report.gap is not None else None,
         traces=_marked(trace_rows(report)),
         errors=_marked(error_rows(report)),
