@@ -8,3 +8,5 @@ from numba import njit
 
 compiled = njit(cache=True, error_model="numpy", nogil=True)
 bare = njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
+# What must stay within its caller: LLVM leaves it out once several callers have grown.
+inlined = njit(cache=True, error_model="numpy", nogil=True, _nrt=False, forceinline=True)

@@ -23,7 +23,7 @@ from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 from via_sim.actuation import saturated
 from via_sim.friction import feels_both_sides, has_friction
 from via_sim.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
-from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, ENCODER_HARMONICS, NO_DAMPER, RIPPLE_HARMONICS, P
+from via_sim.parameters import ABSENT, AT_TRANSMISSION, DYNAMIC, NO_DAMPER, RIPPLE_HARMONICS, P
 from via_sim.readings import record, sense, stride
 from via_sim.torques import (
     ARM,
@@ -754,7 +754,5 @@ def _reads_true(p: Array) -> bool:
     """Whether encoders read angles as they are."""
     true = True
     for axis in range(3):
-        true &= p[P.skew + axis] <= 0.0 and p[P.encoder_offset + axis] == 0.0
-        for k in range(axis, 3 * ENCODER_HARMONICS, 3):
-            true &= p[P.eccentricity + k] == 0.0
+        true &= p[P.skew + axis] <= 0.0 and p[P.encoder_harmonics + axis] == 0.0 and p[P.encoder_offset + axis] == 0.0
     return true

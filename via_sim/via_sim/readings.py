@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from via_core.signals import Array
 
-from via_sim.friction import breakaway, dry_friction
-from via_sim.parameters import DYNAMIC, ENCODER_HARMONICS, P
+from via_sim.friction import breakaway, dry_friction, feels_both_sides
+from via_sim.jit import inlined
+from via_sim.parameters import DYNAMIC, P
 from via_sim.torques import (
     HISTORY,
     X,
@@ -129,9 +130,11 @@ def hermite(a: float, va: float, b: float, vb: float, h: float, share: float) ->
     return value, slope / h
 
 
-@bare
+@inlined
 def read_motion(p: Array, axis: int, angle: float, velocity: float) -> tuple[float, float]:
     """What the encoder of an axis reads, and the speed of that reading, but for noise and steps [rad, rad/s]."""
+    if p[P.encoder_harmonics + axis] == 0.0:
+        return angle + p[P.encoder_offset + axis], velocity
     error, slope = encoder_error(p, axis, angle)
     return angle + error + p[P.encoder_offset + axis], velocity + slope * velocity
 
@@ -140,7 +143,7 @@ def read_motion(p: Array, axis: int, angle: float, velocity: float) -> tuple[flo
 def encoder_error(p: Array, axis: int, angle: float) -> tuple[float, float]:
     """Periodic error [rad] of the encoder of an axis at an angle [rad], and its slope over the angle [-]."""
     error = slope = 0.0
-    for k in range(axis, 3 * ENCODER_HARMONICS, 3):
+    for k in range(axis, 3 * int(p[P.encoder_harmonics + axis]), 3):
         swing, order = p[P.eccentricity + k], p[P.eccentricity_order + k]
         if swing != 0.0:
             turned = order * angle + p[P.eccentricity_phase + k]
@@ -156,11 +159,12 @@ def true_motion(p: Array, axis: int, read: float, velocity: float) -> tuple[floa
     Newton's method, kept between bounds that close in on the root: of a sum of harmonics a step may overshoot.
     """
     read -= p[P.encoder_offset + axis]
-    reach = 0.0
-    for k in range(axis, 3 * ENCODER_HARMONICS, 3):
-        reach += abs(p[P.eccentricity + k])
-    if reach == 0.0 or not isfinite(read):
+    harmonics = int(p[P.encoder_harmonics + axis])
+    if harmonics == 0 or not isfinite(read):
         return read, velocity
+    reach = 0.0
+    for k in range(axis, 3 * harmonics, 3):
+        reach += abs(p[P.eccentricity + k])
     low, high = read - reach, read + reach
     angle = read - encoder_error(p, axis, read)[0]
     for step in range(_MAX_INVERSIONS):
@@ -187,8 +191,7 @@ def true_motions(p: Array, axis: int, read: ArrayLike, velocity: ArrayLike) -> t
     """`true_motion` of many: angles [rad] and velocities [rad/s] as read, (n,) each; p (n, N_PARAMETERS)."""
     shape, width = np.broadcast_shapes(np.shape(p)[:-1], np.shape(read)), np.shape(p)[-1]
     angle = np.broadcast_to(np.asarray(read, dtype=np.float64) - p[..., P.encoder_offset + axis], shape)
-    errs = np.any(p[..., P.eccentricity + axis : P.eccentricity + 3 * ENCODER_HARMONICS : 3], axis=-1)
-    if not np.any(errs):
+    if not np.any(p[..., P.encoder_harmonics + axis]):
         return angle, np.broadcast_to(np.asarray(velocity, dtype=np.float64), shape)
     rows = np.array(np.broadcast_to(p, (*shape, width))).reshape(-1, width)
     motion = np.stack([np.broadcast_to(each, shape).ravel() for each in (read, velocity)]).astype(np.float64)
@@ -210,6 +213,9 @@ def dissipated_torque(p: Array, x: Array) -> float:
     At standstill friction takes what the external torque, gravity and a wall ask of it, up to breakaway.
     """
     speed, load = x[3], x[X.external] - x[X.beside]
+    if speed != 0.0 and not feels_both_sides(p, 0):
+        direction = 1 if speed > 0.0 else -1
+        return x[X.damping] * speed + direction * dry_friction(p, 0, direction, abs(speed), load, 0.0) + x[X.bristle]
     outside = -p[P.gravity_torque] * sin(x[0] - p[P.gravity_angle])
     if p[P.contact_stiffness] > 0.0 and p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0:
         outside += contact_torque(p, x[0], speed)
