@@ -34,7 +34,7 @@ RATE = 250.0  # [Hz] of simulated joints: a step in lockstep costs some millisec
 JOINTS, COMMANDS = "sensor_msgs/msg/JointState", "via_interfaces/msg/VsaCommand"
 
 
-class Rollout:
+class MonitorBench:
     """The monitor with ears on all it says, a client of its action, and somebody who can play the robot."""
 
     def __init__(self, graph, **parameters):
@@ -121,7 +121,7 @@ def simulate(graph, bench, folder, duration, effects=()):
 
 
 def test_friction_of_a_simulated_joint_is_named_and_the_report_is_that_of_a_bag(graph, tmp_path):
-    bench = Rollout(graph, window=30.0, every=0.0)
+    bench = MonitorBench(graph, window=30.0, every=0.0)
     bag = simulate(graph, bench, tmp_path, 6.0, (FRICTION,))
     live = [each for each in bench.told if each.status == Status.OK]
     assert live[-1].sites[0].site == "link" and live[-1].residual_ratio > 2.0 and live[-1].hypotheses == []
@@ -150,7 +150,7 @@ def test_friction_of_a_simulated_joint_is_named_and_the_report_is_that_of_a_bag(
 
 
 def test_a_nominal_joint_has_no_gap_and_ticks_go_on_while_that_is_found_out(graph, tmp_path):
-    bench = Rollout(graph, window=8.0, least=3.0, recent=1.0)
+    bench = MonitorBench(graph, window=8.0, least=3.0, recent=1.0)
     simulate(graph, bench, tmp_path, 5.0)
     graph.until(lambda: bench.told[-1].verdict != "", 90.0)
     assert bench.told[-1].verdict == "no_gap" and bench.told[-1].hypotheses == []
@@ -160,7 +160,7 @@ def test_a_nominal_joint_has_no_gap_and_ticks_go_on_while_that_is_found_out(grap
 
 
 def test_one_goal_at_a_time_which_can_be_cancelled(graph, tmp_path):
-    bench = Rollout(graph, every=0.0)
+    bench = MonitorBench(graph, every=0.0)
     status, result = bench.result(bench.send())
     assert (status, result.success) == (GoalStatus.STATUS_ABORTED, False)
     assert "no samples of 'cubic_demo' yet" in result.message and np.isnan(result.gap_before)
@@ -194,7 +194,7 @@ def test_one_goal_at_a_time_which_can_be_cancelled(graph, tmp_path):
 
 
 def test_it_says_when_it_does_not_know_and_a_clock_set_back_begins_anew(graph):
-    bench = Rollout(graph, every=0.0)
+    bench = MonitorBench(graph, every=0.0)
     assert bench.told[-1].status == Status.WARMING_UP and "no samples yet" in bench.told[-1].message
     assert np.isnan(bench.told[-1].error) and nanoseconds(bench.told[-1].header.stamp) == 0
     bench.samples.publish(JointState(name=["other"], position=[0.0]))

@@ -32,7 +32,7 @@ from via_sim.simulate import simulate
 PERIOD = 1_000_000  # [ns]
 
 
-class Rollout:
+class SimulatorBench:
     """The node under test with a commander and ears on everything it says."""
 
     def __init__(self, graph, **parameters):
@@ -98,7 +98,7 @@ def expected(device, ticks, effects=()):
 
 
 def test_lockstep_gives_the_bits_of_the_batch_and_ends_after_its_duration(graph):
-    bench = Rollout(graph, device="cubic_aa_vsa", mode="lockstep", seed=4, duration=0.5, truth=True)
+    bench = SimulatorBench(graph, device="cubic_aa_vsa", mode="lockstep", seed=4, duration=0.5, truth=True)
     bench.answers = excitation
     graph.until(lambda: bench.node.finished.done() and len(bench.samples) == 501 and len(bench.truths) == 501)
     angles, run = expected(bench.device, 500)
@@ -115,7 +115,7 @@ def test_lockstep_gives_the_bits_of_the_batch_and_ends_after_its_duration(graph)
 
 
 def test_lockstep_waits_for_the_command_of_its_last_sample(graph):
-    bench = Rollout(graph, device="cubic_demo", mode="lockstep")
+    bench = SimulatorBench(graph, device="cubic_demo", mode="lockstep")
     graph.until(lambda: len(bench.samples) == 1)
     bench.send(EPOCH + 5, (1.0, 1.0))  # of no sample
     bench.send(EPOCH - PERIOD, (1.0, 1.0))
@@ -126,7 +126,7 @@ def test_lockstep_waits_for_the_command_of_its_last_sample(graph):
 
 
 def test_effects_come_and_go_by_service_while_it_runs(graph):
-    bench = Rollout(graph, device="cubic_aa_vsa", mode="lockstep", seed=4)
+    bench = SimulatorBench(graph, device="cubic_aa_vsa", mode="lockstep", seed=4)
     bench.answers = lambda tick: excitation(tick) if tick < 100 else None
     graph.until(lambda: len(bench.samples) == 101)
     stuck = EffectMessage(
@@ -170,7 +170,7 @@ def test_effects_come_and_go_by_service_while_it_runs(graph):
     ],
 )
 def test_impossible_effects_are_refused_and_change_nothing(graph, effect, message):
-    bench = Rollout(graph, device="cubic_demo", mode="lockstep")
+    bench = SimulatorBench(graph, device="cubic_demo", mode="lockstep")
     answer = bench.call(bench.set, SetEffects.Request(effects=[effect]))
     assert not answer.success and message in answer.message and "\n" not in answer.message
     assert bench.node._active() == "nominal model"
@@ -179,7 +179,8 @@ def test_impossible_effects_are_refused_and_change_nothing(graph, effect, messag
 def test_effects_file_and_realtime_answer_at_the_rate_until_nobody_commands(graph, tmp_path):
     heavier = Effect("device_numbers", "device", {"link inertia": 1.5})
     save_effects(tmp_path / "effects.yaml", [Effect("torque_gain", "motor", {"gain": 0.0}, 2), heavier])
-    bench = Rollout(graph, device="cubic_aa_vsa", mode="realtime", rate=200.0, effects=str(tmp_path / "effects.yaml"))
+    effects = str(tmp_path / "effects.yaml")
+    bench = SimulatorBench(graph, device="cubic_aa_vsa", mode="realtime", rate=200.0, effects=effects)
     assert bench.node._simulator.plant.parameters[P.inertia] == 1.5 * bench.node.device.link.inertia
     bench.answers = lambda _: (5.0, 5.0)
     graph.until(lambda: len(bench.samples) > 60 and bench.samples[-1][2][1] == 5.0)
@@ -196,7 +197,7 @@ def test_effects_file_and_realtime_answer_at_the_rate_until_nobody_commands(grap
 
 def test_a_command_holds_for_20_ms_after_its_sample_however_often_it_is_said(graph):
     """In stamps: what a controller that died knew is not made younger by a message that was under way."""
-    bench = Rollout(graph, device="cubic_aa_vsa", mode="realtime", rate=200.0)
+    bench = SimulatorBench(graph, device="cubic_aa_vsa", mode="realtime", rate=200.0)
     asked = []
 
     def repeat(_):
@@ -210,7 +211,7 @@ def test_a_command_holds_for_20_ms_after_its_sample_however_often_it_is_said(gra
 
 
 def test_silly_commands_are_ignored_and_counted(graph):
-    bench = Rollout(graph, device="cubic_aa_vsa", mode="lockstep")
+    bench = SimulatorBench(graph, device="cubic_aa_vsa", mode="lockstep")
     graph.until(lambda: len(bench.samples) >= 1)
     for torques in ((np.nan, 0.0), (0.0, np.inf), (1.0,), (1.0, 2.0, 3.0)):
         bench.send(EPOCH, torques)
@@ -228,14 +229,14 @@ def test_silly_commands_are_ignored_and_counted(graph):
 
 
 def test_free_mode_runs_by_itself_and_stops_where_told(graph):
-    bench = Rollout(graph, device="maccepavd", mode="free", rate=500.0, duration=0.4)
+    bench = SimulatorBench(graph, device="maccepavd", mode="free", rate=500.0, duration=0.4)
     graph.until(lambda: bench.node.finished.done() and len(bench.samples) == 201)
     stamps = [stamp for stamp, _, _ in bench.samples]
     assert stamps == [EPOCH + 2 * PERIOD * tick for tick in range(201)]
 
 
 def test_time_begins_when_all_listeners_are_there_and_parameters_can_be_read(graph):
-    bench = Rollout(graph, device="cubic_demo", mode="free", duration=0.05, listeners=2)
+    bench = SimulatorBench(graph, device="cubic_demo", mode="free", duration=0.05, listeners=2)
     graph.until(lambda: any("waiting" in report.status[0].message for report in bench.reports))
     assert bench.samples == []
     second = []
@@ -245,7 +246,7 @@ def test_time_begins_when_all_listeners_are_there_and_parameters_can_be_read(gra
 
 
 def test_servo_device_follows_equilibrium_and_preset(graph):
-    bench = Rollout(graph, device="maccepavd", mode="lockstep", duration=1.0)
+    bench = SimulatorBench(graph, device="maccepavd", mode="lockstep", duration=1.0)
     command = Command(VsaCommand.EQUILIBRIUM_PRESET, 0.4, 0.9, 0.5, np.empty(0))
 
     def answer(_tick):
@@ -261,7 +262,7 @@ def test_a_rigid_joint_is_simulated_recorded_and_diagnosed_over_the_wire(graph, 
     """Its drive stands on the wire as motor 1, by its torque alone: commanded, published, read back from the bag."""
     save_effects(tmp_path / "dry.yaml", [Effect("coulomb_friction", "link", {"torque": 0.1})])
     rate, ticks = 300.0, 2400
-    bench = Rollout(
+    bench = SimulatorBench(
         graph,
         device="dfki_elbow",
         mode="lockstep",
@@ -308,7 +309,7 @@ def test_wrong_parameters_are_refused_with_the_reason(graph, tmp_path):
 def test_a_position_drive_is_commanded_by_its_goal_switched_off_and_read_back_from_the_bag(graph, tmp_path):
     """A goal of NaN is no drive; effort is NaN, since no torque is measured; commands of torques are refused."""
     ticks = 200
-    bench = Bench(graph, device="xl330", mode="lockstep", rate=200.0, duration=ticks / 200.0)
+    bench = SimulatorBench(graph, device="xl330", mode="lockstep", rate=200.0, duration=ticks / 200.0)
     goals = np.where(np.arange(ticks) < 150, 0.5 * np.sin(0.05 * np.arange(ticks)), np.nan)
     heard, asked, refused = [], [], []
     bench.peer.create_subscription(JointState, "/joint_states", heard.append, qos.SAMPLES)

@@ -37,7 +37,7 @@ from rich.table import Table
 from scipy.optimize import least_squares
 from via_core.devices import Device, parse_device
 from via_core.signals import Array, Signals
-from via_gap.candidates.fit import fit_base, refine
+from via_gap.candidates.fit import fit_device_numbers, refine
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
 from via_gap.design.proposal import following
@@ -142,7 +142,7 @@ def by_via(log: JointLog) -> Array:
     """(3,) in the order of NAMES, by this project."""
     segments = cut_log(log)
     problem = _problem(segments)
-    base, jacobian = fit_base(problem)
+    base = fit_device_numbers(problem)
     every = np.flatnonzero(segments.valid)
     scales = scales_of(
         [segments],
@@ -154,7 +154,7 @@ def by_via(log: JointLog) -> Array:
         (Location("coulomb_friction", "motor", 1), [START[0]]),
         (Location("viscous_friction", "motor", 1), [START[1]]),
     ]
-    fit = refine(problem, base, jacobian, members, scales)
+    fit = refine(problem, base, None, members, scales)
     assert fit is not None
     dry, viscous = fit.effects
     share = problem.nuisances[0].tolerance * float(fit.deviations[0])

@@ -18,7 +18,7 @@ from via_gap.logs.log import JointLog, read_logs
 from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
 from via_gap.report.report import GapReport, read_report, save_repair
-from via_gap.report.withheld import before_and_after, lacking_before_and_after
+from via_gap.report.withheld import before_and_after
 from via_sim.effects_file import load_effects
 
 from via_bringup.cli import gap_blind, gap_fleet, gap_propose, gap_real
@@ -134,10 +134,10 @@ def simulate(
     held_out = told.held_out if told is not None else ()
     if arm is not None:
         read = _joint_of_arm(arm, described, logs)
-        before, after = lacking_before_and_after(read, added, held_out)
     else:
         read = read_logs(logs, described)
-        before, after = before_and_after(read, described, added, held_out)
+    by_equations = arm is not None or (told is not None and told.by_equations)
+    before, after = before_and_after(read, described, added, held_out, by_equations)
     floor = float(np.sqrt(np.mean(before.floors**2)))
     answers.print(f"gap: {before.overall:.4g} before, {after.overall:.4g} after, floor {floor:.3g}")
     if out is not None:

@@ -20,7 +20,7 @@ from via_bringup.cli.console import answers, errors, table
 if TYPE_CHECKING:
     from via_gap.run.fleet import Row
 
-HEAD = ("log", "verdict", "where", "causes", "probability", "gap before", "after", "closes")
+HEAD = ("log", "verdict", "where", "causes", "probability", "gap before", "after", "explained")
 
 
 def fleet(
@@ -64,7 +64,7 @@ def fleet(
 def cells(row: Row) -> tuple[str, ...]:
     """What a row shows under HEAD."""
     share = "" if row.share is None else f" {100.0 * row.share:.0f} %"
-    percent = ["" if value is None else f"{100.0 * value:.0f} %" for value in (row.probability, row.closes)]
+    percent = ["" if value is None else f"{100.0 * value:.0f} %" for value in (row.probability, row.explained)]
     gaps = ["" if value is None else f"{value:.4g}" for value in (row.before, row.after)]
     return (row.log, row.verdict or "-", row.where + share, row.reason or row.causes, percent[0], *gaps, percent[1])
 

@@ -40,7 +40,7 @@ SMALLER = (1.0, 0.5, 0.25)  # of RANGE, tried until no limit is passed
 DEFLECTED = 0.8  # of the largest deflection
 BANDWIDTH = 12.0  # [rad/s] of the loop that makes torques from references
 MOST = 4  # causes that are compared
-LIKELY = 0.02  # probability from which a cause of a log that cannot tell counts
+LIKELY = 0.02  # probability from which a cause counts where the verdict is cannot_tell
 FREE = 5.0  # times a fitted number's standard deviation: how freely the other cause may imitate
 WIDE = 0.2  # of a number's value, at least
 STEP = 0.05
@@ -96,8 +96,11 @@ class Proposed:
 
 
 def tied(report: GapReport) -> tuple[Cause, ...]:
-    """The causes that a log left undecided, likeliest first; fewer than two where there is nothing to decide."""
-    if report.verdict == "effect":
+    """The causes that a log left undecided, likeliest first; fewer than two where there is nothing to decide.
+
+    Several effects together are no question for one motion: only single causes are compared.
+    """
+    if report.verdict in ("effect", "main_effect") and len(report.effects) == 1:
         names = {(p.effect, p.site, p.motor) for p in report.equivalence_set}
         return tuple(c for c in report.causes if (c.effect, c.site, c.motor) in names)[:MOST]
     if report.verdict == "cannot_tell":

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from via_core.bags import joint_signals, read_bag
@@ -17,7 +18,7 @@ from via_core.signals import Array, Signals
 
 from via_gap.logs.neighbour import beside
 
-LEVELS = ("full", "no torque", "link only", "commands only", "encoder and command")
+Level = Literal["full", "no torque", "link only", "commands only", "encoder and command"]
 ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not believed
 FAR = 8.0  # times the 90 % quantile of the steps between samples
 # Columns of a CSV file, header -> channel; '_1', '_2' number the motors. Held are what somebody commanded.
@@ -104,8 +105,8 @@ class JointLog:
         return self.commands is not None and bool(self.commands.channels.keys() & ({"motor"} | names))
 
     @property
-    def level(self) -> str:
-        """One of LEVELS: how much of the model can be looked at."""
+    def level(self) -> Level:
+        """How much of the model can be looked at."""
         seen = self.motors_seen
         if self.device.drive == "position":
             return "full" if self.torque_seen else "encoder and command"

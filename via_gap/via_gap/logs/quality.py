@@ -255,6 +255,7 @@ def _motion(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
 def _varies(log: JointLog, noise: LogNoise) -> bool:
     if "tau_1" not in noise.channels:
         return False
+    assert log.torque is not None
     tau = log.torque[:, 0]
     return float(np.nanstd(tau)) > STANDARD_ERRORS * noise.channels["tau_1"].sd
 

@@ -12,7 +12,7 @@ from via_gap.candidates.localisation import SiteShare
 from via_gap.rendering.words import headline
 from via_gap.report.report import Cause, GapReport, Where
 
-LEAST = 0.01  # probability of a cause that is worth telling
+LEAST = 0.01  # probability from which a cause is published
 
 
 def sites_of(shares: Sequence[SiteShare] | Sequence[Where]) -> list[SiteMessage]:
@@ -24,7 +24,7 @@ def sites_of(shares: Sequence[SiteShare] | Sequence[Where]) -> list[SiteMessage]
 
 
 def hypotheses_of(report: GapReport) -> list[EffectHypothesis]:
-    """The causes of a report that are worth telling, most probable first."""
+    """The causes of a report from a probability of LEAST on, those named first."""
     return [_hypothesis(cause, report) for cause in report.causes if cause.probability >= LEAST]
 
 
@@ -54,7 +54,7 @@ def result_of(report: GapReport) -> DiagnoseGap.Result:
     result.sites, result.hypotheses = sites_of(report.where), hypotheses_of(report)
     if report.gap is not None:
         result.gap_before, result.gap_after = float(report.gap.before), float(report.gap.after)
-        result.closes = float(report.gap.closes)
+        result.closes = float(report.gap.explained)
     return result
 
 

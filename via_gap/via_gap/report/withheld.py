@@ -15,32 +15,33 @@ from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.recordings import follows
 from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Indices, Segments, cut_log
 
 
 def before_and_after(
-    logs: Sequence[JointLog], device: Device, effects: Sequence[Effect], held_out: Sequence[Stretch] = ()
+    logs: Sequence[JointLog],
+    device: Device,
+    effects: Sequence[Effect],
+    held_out: Sequence[Stretch] = (),
+    only_equations: bool = False,
 ) -> tuple[Errors, Errors]:
-    """Errors of the nominal device, and of the one with `effects` and what device numbers stand among them.
+    """Errors of the nominal device, and of the one with `effects` and the device numbers among them.
 
     Measured as in the report: in short segments where motors are driven by torque, else in one free run; over the whole
-    logs, or over the stretches that a report held out. Raises SignalError where nothing can be simulated.
+    logs, or over the stretches that a report held out.
+
+    only_equations  by the torque that the equations lack, as in a report whose gap is `by` inverse dynamics
+
+    Raises SignalError where nothing can be simulated, or the signals allow no equation.
     """
     segments, chosen = _chosen(logs, held_out)
-    if follows(device):
+    if follows(device) and not only_equations:
         return free_errors(device, (), segments, chosen), free_errors(device, effects, segments, chosen)
-    problem = ResidualModel.of(segments, chosen)
+    problem = ResidualModel.of(segments, chosen, InverseDynamics.of if only_equations else Rollout.of)
     before, after = problem.residual([problem.row(()), problem.row(effects)])
-    return segment_errors(problem, before), segment_errors(problem, after)
-
-
-def lacking_before_and_after(
-    logs: Sequence[JointLog], effects: Sequence[Effect], held_out: Sequence[Stretch] = ()
-) -> tuple[Errors, Errors]:
-    """The same of one joint of an arm (logs of `via_gap.run.arms`), by the torque that its equation lacks."""
-    problem = ResidualModel.of(*_chosen(logs, held_out), InverseDynamics.of)
-    before, after = problem.residual([problem.row(()), problem.row(effects)])
-    return torque_errors(problem, before), torque_errors(problem, after)
+    errors_of = torque_errors if only_equations else segment_errors
+    return errors_of(problem, before), errors_of(problem, after)
 
 
 def _chosen(logs: Sequence[JointLog], held_out: Sequence[Stretch]) -> tuple[list[Segments], list[Indices]]:

@@ -69,7 +69,7 @@ def torque_errors(problem: ResidualModel, residual: Array) -> Errors:
         squares.append(np.mean(each**2, axis=2) * windows.floor**2)
         drives.append(windows.drive[view.first.ravel()])
         floors.append(windows.floor**2)
-    axes = problem.views[0].windows.axes
+    axes = windows.axes
     names = ("tau",) if axes == (0,) else tuple("tau_link" if axis == 0 else f"tau_{axis}" for axis in axes)
     variance = np.maximum(np.var(np.concatenate(drives), axis=0), 1e-12)
     return Errors(names, np.concatenate(squares), variance, np.mean(floors, axis=0))

@@ -34,7 +34,6 @@ from via_core.signals import Array, Signals
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport
-from via_gap.residual.inverse_dynamics import InverseDynamics
 
 SMOOTHING = 0.03  # [s] to either side of a sample: the cubic whose slopes are velocity and acceleration
 UNITS = {"external_torque": "N m", "neighbour": "rad", "arm_torque": "N m"}
@@ -136,7 +135,7 @@ def read_arm_log(path: str | Path, arm: Arm) -> list[JointLog]:
 
 
 def arm_logs(logs: Sequence[JointLog], arm: Arm) -> list[JointLog]:
-    """Logs of all joints, recorded together, with what each must know of the others (`arm_torque`, `neighbour`)."""
+    """Logs of all joints, recorded together, with what the others do to it (`arm_torque`, `neighbour`)."""
     time = logs[0].measured.time
     for log in logs:
         if len(log.measured) != len(time) or not np.array_equal(log.measured.time, time):
@@ -150,11 +149,10 @@ def arm_logs(logs: Sequence[JointLog], arm: Arm) -> list[JointLog]:
         link = log.device.link
         own = link.inertia * acceleration[:, i] + link.gravity_torque * np.sin(angle[:, i] - link.gravity_angle)
         known = {"arm_torque": own - whole[:, i], "neighbour": angle[:, i + 1 if i + 1 < len(logs) else i - 1]}
-        commands = Signals(time, known, UNITS, frozenset(known))
         assert log.commands is not None
-        asked = log.commands.resample(time)
-        channels = {**asked.channels, **known}
-        commands = Signals(time, channels, {**asked.units, **UNITS}, frozenset(channels))
+        sent = log.commands.resample(time)
+        channels = {**sent.channels, **known}
+        commands = Signals(time, channels, {**sent.units, **UNITS}, frozenset(channels))
         made.append(replace(log, commands=commands))
     return made
 
@@ -164,7 +162,7 @@ def _motion(time: Array, angle: Array) -> tuple[Array, Array, Array]:
     period = float(np.median(np.diff(time)))
     half = max(2, round(SMOOTHING / period))
     if len(time) <= 2 * half + 1:
-        raise SignalError(f"{len(time)} samples are too few to tell velocities")
+        raise SignalError(f"{len(time)} samples are too few for velocities")
     grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / period) + 1)
     found = []
     for derivative in range(3):
@@ -185,13 +183,13 @@ def diagnose_arm(
     progress: Callable[[str, float], None] | None = None,
 ) -> tuple[GapReport, ...]:
     """One report per joint, base first, from recordings of the whole arm (each as `read_arm_log` returns it)."""
-    tell = progress or (lambda _what, _share: None)
+    notify = progress or (lambda _what, _share: None)
     reports = []
     for i, device in enumerate(arm.devices):
 
-        def told(what: str, share: float, i: int = i, name: str = device.name) -> None:
-            tell(f"{name}: {what}", (i + share) / len(arm.devices))
+        def report_share(what: str, share: float, i: int = i, name: str = device.name) -> None:
+            notify(f"{name}: {what}", (i + share) / len(arm.devices))
 
         own, held = [run[i] for run in logs], [run[i] for run in holdout]
-        reports.append(diagnose(own, device, held or None, told, InverseDynamics.of))
+        reports.append(diagnose(own, device, held or None, report_share, only_equations=True))
     return tuple(reports)

@@ -58,7 +58,7 @@ class Row:
     before: float | None = None  # [-] gap of the device as filed
     after: float | None = None  # [-] with its numbers tuned and the effects added
     floor: float | None = None  # [-] that the sensors alone leave
-    closes: float | None = None  # [-] of what can be closed
+    explained: float | None = None  # [-] fraction of the error that can be explained
     seconds: float | None = None  # [s] that the diagnosis took
     report: str = ""  # its file, below the results
 
@@ -155,7 +155,7 @@ def row_of(report: GapReport, log: str, key: str) -> Row:
         before=None if report.gap is None else report.gap.before,
         after=None if report.gap is None else report.gap.after,
         floor=None if report.gap is None else report.gap.floor,
-        closes=None if report.gap is None else report.gap.closes,
+        explained=None if report.gap is None else report.gap.explained,
     )
 
 

@@ -84,6 +84,7 @@ class Basis:
                 columns.append((z[:, i] - behind)[:, None])
         time = np.arange(len(z)) * ticks_of(segments) / segments.rate / self.duration
         columns += [_hats(time, np.linspace(0.0, 1.0, TIME_KNOTS)), time[:, None] * z]
+        columns += [time[:, None] * np.tanh(raw[:, [i]] / SOFT[1]) for i in speeds]  # friction that warms up
         columns += [wave_values(segments, wave) for wave in self.waves]
         return np.hstack(columns)
 

@@ -15,10 +15,13 @@ Source: P. R. Hansen, A. Lunde, J. M. Nason, The Model Confidence Set, Econometr
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from via_core.signals import Array
 
+Indices = NDArray[np.intp]
 
-def confidence_set(losses: Array, picks: Array, margin: float, alpha: float) -> tuple[Array, Array]:
+
+def confidence_set(losses: Array, picks: Indices, margin: float, alpha: float) -> tuple[Indices, Array]:
     """Indices of the models kept, best first, and the p-value (K,) of each model's membership.
 
     losses  (K, B) of K models on B blocks

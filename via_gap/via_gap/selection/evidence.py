@@ -23,6 +23,7 @@ from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.fit import Fit
 from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import Indices
 from via_gap.selection.numbers import NUMBERS
 
 BLOCK = 1.0  # [s] of segments that are resampled together, at least one segment
@@ -116,7 +117,7 @@ def block_means(values: Array, block: int) -> Array:
 
 
 @cache
-def resamples(blocks: int) -> Array:
+def resamples(blocks: int) -> Indices:
     """(RESAMPLES, blocks) indices of blocks, the same for every comparison."""
     return np.random.default_rng(0).integers(0, blocks, (RESAMPLES, blocks))
 

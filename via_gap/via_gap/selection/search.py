@@ -26,6 +26,7 @@ from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.numbers import NUMBERS
+from via_gap.selection.plausibility import doubt
 from via_gap.selection.verdict import matters, simplest
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
@@ -38,7 +39,7 @@ FITTED_WHOLE = 7  # of runs over whole recordings, where every fit is evaluated 
 PAIRS = 4  # of all pairs, ranked at once
 BESIDE = 2  # times FITTED_NEXT candidates are simulated beside the effects they are to join
 NEAR = 30.0  # times the best predicted loss: candidates beyond it are not fitted
-CLOSE, CLOSEST = 2.0, 3  # times the best loss on the subset, and how many at least, are fitted to all segments
+CLOSE, CLOSEST = 2.0, 4  # times the best loss on the subset, and how many at least, are fitted to all segments
 EXCHANGED = 0.9  # times the loss, below which another effect takes the place of one
 MOST = 4  # effects
 PLAINER = {  # effects that contain another: its name, and the parameters whose mean is where it starts
@@ -216,8 +217,8 @@ class Search:
         return found
 
     def _finished(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Those near the best, fitted to all segments."""
-        order = sorted(fits, key=lambda fit: fit.loss)
+        """Those near the best plausible one, fitted to all segments: an absurd fit must not shut others out."""
+        order = sorted((fit for fit in fits if not doubt(fit, self.scales)), key=lambda fit: fit.loss)
         near = [fit for number, fit in enumerate(order) if number < CLOSEST or fit.loss < CLOSE * order[0].loss]
         if self.few is not self.whole:
             done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]

@@ -82,6 +82,8 @@ def decide(
     steps = ladder(tuned, models)
     last = steps[-1]
     flexible = flexible_beside(last)
+    if last.mean_square > NUMBERS.no_gap and last is not tuned:  # beside a wrong cause it may explain less than alone
+        flexible = min(flexible, flexible_beside(tuned), key=lambda each: each.score)
     bound = min(flexible.rms, last.rms)
     explained = [fraction(tuned, step, bound) for step in steps]
     if last is tuned:
@@ -133,10 +135,8 @@ def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def simplest(models: Sequence[Evaluation]) -> Evaluation:
-    """Of the models that are not clearly worse than the best, the one with the fewest parameters, then the best."""
-    best = min(models, key=lambda each: each.score)
-    close = [each for each in models if not clearly_worse(each, best) and each.score - best.score < 2 * NUMBERS.margin]
-    return min(close, key=lambda each: (freedom(each.fit), each.score))
+    """The best of the models without the needless ones."""
+    return min(without_needless(models), key=lambda each: each.score)
 
 
 def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
