@@ -1,1 +1,1 @@
-"""Diagnosis of two real robots from public recordings, and the page that tells it: `via gap real`."""
+"""Diagnosis of real robots from public recordings whose causes are documented, and its page: `via gap real`."""

@@ -1,4 +1,4 @@
-"""Pictures of the two real robots: held-out runs before and after, and the torque that equations lack over speed."""
+"""Picture of the real robots: the gap on held-out data before and after the repair, one line per case."""
 
 from __future__ import annotations
 
@@ -8,47 +8,33 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 from via_bringup.demo.pictures import STYLE
-from via_bringup.gap_real.run import ArmJoint, Joint
+from via_bringup.gap_real.summary import Pair, judged
 from via_bringup.tables.page import small_copy
 
-REAL, PUBLISHED, REPAIRED = "#1b4965", "#d1495b", "#2a7f62"
+FILED, REPAIRED, FLOOR = "#d1495b", "#2a7f62", "#9aa5b1"
+LEAST = 1e-6  # of a gap on the logarithmic axis: far below what any encoder resolves
 
 
-def draw_joint(joint: Joint, path: Path) -> None:
-    """Six held-out runs from worst to best after the repair."""
-    ordered = sorted(joint.held, key=lambda run: -run[2].nrmse)
-    shown = [ordered[round(i * (len(ordered) - 1) / 5)] for i in range(min(6, len(ordered)))]
+def draw_gaps(pairs: Sequence[Pair], path: Path) -> None:
+    """Gap before and after of every case that has one, in the order of the cases."""
+    shown = [(case, result, result.report.gap) for case, result in pairs if result.report and result.report.gap]
     with plt.rc_context(STYLE):
-        figure, panels = plt.subplots(2, 3, figsize=(11, 6.4), sharex=True, constrained_layout=True)
-        for axes, (name, before, after) in zip(panels.flat, shown, strict=False):
-            axes.plot(before.time, before.measured, color=REAL, label="real robot")
-            axes.plot(before.time, before.simulated, color=PUBLISHED, linestyle="--", label="published model")
-            axes.plot(after.time, after.simulated, color=REPAIRED, label="with the effects named")
-            axes.set_title(f"{name}: {before.nrmse:.2f} -> {after.nrmse:.2f}", fontsize=11)
-        for axes in panels[:, 0]:
-            axes.set_ylabel("joint angle q [rad]")
-        for axes in panels[-1]:
-            axes.set_xlabel("time [s]")
-        panels.flat[0].legend(fontsize=9)
-        _save(figure, path)
-
-
-def draw_arm(joints: Sequence[ArmJoint], path: Path) -> None:
-    """Missing torque of each joint over its speed, without and with what was named."""
-    with plt.rc_context(STYLE):
-        figure, panels = plt.subplots(1, len(joints), figsize=(11, 4.6), constrained_layout=True)
-        for axes, joint in zip(panels, joints, strict=True):
-            axes.plot(joint.speed, joint.before, ".", markersize=2, color=PUBLISHED, label="nominal, friction left out")
-            axes.plot(joint.speed, joint.after, ".", markersize=2, color=REPAIRED, label="with the effects named")
-            axes.set_title(joint.device.name, fontsize=12)
-            axes.set_xlabel("joint velocity [rad/s]")
-        panels[0].set_ylabel("torque the model lacks [N m]")
-        panels[0].legend(fontsize=9, markerscale=5)
-        _save(figure, path)
-
-
-def _save(figure: plt.Figure, path: Path) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    plt.close(figure)
+        figure, axes = plt.subplots(figsize=(10, 1.5 + 0.28 * len(shown)), constrained_layout=True)
+        for row, (_, _, gap) in enumerate(shown):
+            before, after, floor = (max(each, LEAST) for each in (gap.before, gap.after, gap.floor))
+            label = row == 0
+            axes.plot([before, after], [row, row], color=FLOOR, linewidth=1.5, zorder=1)
+            axes.plot(floor, row, "|", color=FLOOR, markersize=9, label="sensors alone" if label else None)
+            axes.plot(before, row, "o", color=FILED, label="nominal device" if label else None)
+            axes.plot(after, row, "o", color=REPAIRED, label="with the repair" if label else None)
+        names = [f"{case.name} ({judged(case, result)})" for case, result, _ in shown]
+        axes.set_yticks(range(len(shown)), names, fontsize=9)
+        axes.invert_yaxis()
+        axes.set_xscale("log")
+        axes.set_xlabel("error on held-out data over the standard deviation of the signal [-]")
+        if shown:
+            axes.legend(fontsize=9)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path)
+        plt.close(figure)
     small_copy(path, path)

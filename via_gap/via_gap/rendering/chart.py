@@ -16,7 +16,7 @@ from via_gap.rendering.numbers import percent, prefix, tick_words, ticks
 
 WIDTH, PANEL, LEFT, RIGHT, TOP, BOTTOM = 380.0, 190.0, 58.0, 10.0, 26.0, 38.0
 EXTREME = 8.0  # decades that a logarithmic axis spans at most
-Look = Literal["measured", "before", "after", "mean", "rms", "floor"]
+Look = Literal["measured", "before", "after", "floor"]
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,13 @@ class Curve:
 
 @dataclass(frozen=True)
 class Panel:
-    """Curves over one pair of axes; `log` counts powers of ten upwards."""
+    """Curves over one pair of axes; `log`: logarithmic upwards; `zero`: zero is on the axis."""
 
     y_label: str
     y_unit: str
     curves: Sequence[Curve]
     log: bool = False
+    zero: bool = False
 
 
 def chart(title: str, x_label: str, x_unit: str, panels: Sequence[Panel]) -> str:
@@ -69,25 +70,28 @@ def chart(title: str, x_label: str, x_unit: str, panels: Sequence[Panel]) -> str
 
 @dataclass(frozen=True)
 class Rung:
-    """One gap on its way down; `tuned` and the interval of `after` where they are known."""
+    """One gap before and after; `tuned` and the interval of `after` where they are known."""
 
     name: str
     before: float
     after: float
     floor: float
-    ceiling: float
+    bound: float
     tuned: float | None = None
     interval: tuple[float, float] | None = None
 
     @property
     def seen(self) -> list[float]:
         """Everything that has a place on a logarithmic axis."""
-        every = (self.before, self.after, self.floor, self.ceiling, self.tuned or 0.0, *(self.interval or ()))
+        every = (self.before, self.after, self.floor, self.bound, self.tuned or 0.0, *(self.interval or ()))
         return [value for value in every if value > 0.0]
 
 
 def ladder(title: str, rungs: Sequence[Rung], repaired: str) -> str:
-    """Every rung on one logarithmic axis, from before to after, with floor and ceiling; `repaired` is what after is."""
+    """Every rung on one logarithmic axis, from before to after, with sensor noise and the achievable bound.
+
+    repaired  name of `after`
+    """
     seen = [value for rung in rungs for value in rung.seen]
     largest = max(seen, default=1.0)
     low = max(min(seen, default=0.1), largest * 10.0**-EXTREME)
@@ -113,12 +117,12 @@ def ladder(title: str, rungs: Sequence[Rung], repaired: str) -> str:
             a, b = (axis(v) for v in rung.interval)
             parts.append(f'<path class="interval" d="M{a:.1f} {y - 4:g}v8M{b:.1f} {y - 4:g}v8M{a:.1f} {y:g}H{b:.1f}"/>')
         parts.append(f'<path class="shrink" d="M{axis(rung.before):.1f} {y:g}H{axis(rung.after):.1f}"/>')
-        parts.append(f'<path class="ceiling" d="M{axis(rung.ceiling):.1f} {y - 9:g}v18"/>')
+        parts.append(f'<path class="bound" d="M{axis(rung.bound):.1f} {y - 9:g}v18"/>')
         parts.append(_marker("before", axis(rung.before), y, f"before: {percent(rung.before)}"))
         if rung.tuned is not None:
-            parts.append(_marker("tuned", axis(rung.tuned), y, f"device's numbers tuned: {percent(rung.tuned)}"))
+            parts.append(_marker("tuned", axis(rung.tuned), y, f"parameters fitted: {percent(rung.tuned)}"))
         parts.append(_marker("after", axis(rung.after), y, f"after: {percent(rung.after)}"))
-    label = "gap: error over the measured signal's standard deviation [%]"
+    label = "gap: error relative to the signal's standard deviation [%]"
     parts.append(f'<text class="label" x="{0.5 * WIDTH:g}" y="{base + 33:g}">{escape(label)}</text>')
     return "".join(parts) + "</svg>"
 
@@ -148,7 +152,7 @@ class _Scale:
 
 
 class _Log:
-    """Logarithmic: value -> position; what is below the axis stands on its end."""
+    """Logarithmic: value -> position; values below the axis are drawn at its end."""
 
     log = True
 
@@ -181,7 +185,7 @@ def _panel(panel: Panel, across: _Scale, top: float, base: float, last: bool) ->
     else:
         banded = [-v for curve in panel.curves if curve.mirrored for v in curve.y]
         low, high = min([*values, *banded], default=0.0), max(values, default=1.0)
-        if any(curve.look in ("mean", "rms") for curve in panel.curves):
+        if panel.zero:
             low, high = min(low, 0.0), max(high, 0.0)
         if high <= low:
             low, high = low - 1e-9, high + 1e-9
@@ -222,7 +226,7 @@ def _curve(curve: Curve, across: _Scale, up: _Scale | _Log, base: float) -> str:
     path = "".join(f"{'M' if i in breaks else 'L'}{x:.1f} {y:.1f}" for i, (x, y) in enumerate(points))
     drawn = f'<path class="curve {curve.look}" data-name="{escape(curve.name)}" d="{path}"/>'
     dots = "".join(f'<circle class="dot {curve.look}" cx="{x:.1f}" cy="{y:.1f}" r="2.6"/>' for x, y in points)
-    return drawn + (dots if curve.look in ("mean", "after") and len(points) <= 40 else "")
+    return drawn + (dots if curve.look == "after" and len(points) <= 40 else "")
 
 
 def _legend(curves: Sequence[Curve]) -> str:
@@ -232,7 +236,7 @@ def _legend(curves: Sequence[Curve]) -> str:
             parts.append(f'<rect class="floor" x="{x:g}" y="6" width="18" height="9"/>')
         else:
             parts.append(f'<path class="curve {curve.look}" d="M{x:g} 10.5h18"/>')
-            if curve.look in ("mean", "after"):
+            if curve.look == "after":
                 parts.append(f'<circle class="dot {curve.look}" cx="{x + 9:g}" cy="10.5" r="2.6"/>')
         parts.append(f'<text class="tick" x="{x + 22:g}" y="14">{escape(curve.name)}</text>')
         x += 38.0 + 6.0 * len(curve.name)
@@ -250,10 +254,11 @@ def _marker(look: str, x: float, y: float, said: str) -> str:
 
 def _ladder_legend(repaired: str) -> str:
     parts, x = [], 18.0
-    for look, name in (("before", "as filed"), ("tuned", "numbers tuned"), ("after", repaired)):
+    looks = (("before", "as filed"), ("tuned", "fitted"), ("after", repaired))
+    for look, name in looks if repaired != "fitted" else looks[::2]:
         parts.append(_marker(look, x, 10.0, name) + f'<text class="tick" x="{x + 10:g}" y="14">{name}</text>')
         x += 28.0 + 6.0 * len(name)
-    parts.append(f'<path class="ceiling" d="M{x:g} 3v14"/><text class="tick" x="{x + 5:g}" y="14">ceiling</text>')
-    x += 52.0
+    parts.append(f'<path class="bound" d="M{x:g} 3v14"/><text class="tick" x="{x + 5:g}" y="14">achievable</text>')
+    x += 72.0
     parts.append(f'<rect class="floor" x="{x:g}" y="5" width="14" height="10"/>')
-    return "".join(parts) + f'<text class="tick" x="{x + 18:g}" y="14">floor</text>'
+    return "".join(parts) + f'<text class="tick" x="{x + 18:g}" y="14">noise</text>'

@@ -1,4 +1,4 @@
-"""Numbers as people read them: few digits, no exponents, percentages that never round to certainty."""
+"""Numbers in few digits, without exponents; percentages below 100 never round to 100."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from itertools import pairwise
 from math import ceil, floor, isfinite, log10
 
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-UNKNOWN = 1e6  # a standard deviation beyond which a number is not known at all
+UNKNOWN = 1e6  # a standard deviation beyond which a parameter is not determined
 PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "µ"), (1e9, "n"))
 SCALED = ("rad", "rad/s", "N m", "s")  # units that take a prefix
 
@@ -27,7 +27,7 @@ def with_sd(value: float, sd: float, unit: str) -> str:
     """0.02997 ± 0.00009 N m: as many digits as the standard deviation allows, five at most."""
     shown_unit = "" if unit in ("", "-") else f" {raised(unit)}"
     if sd >= UNKNOWN:
-        return f"{number(value)}{shown_unit}, not determined by this log"
+        return f"{number(value)}{shown_unit}, not determined by these data"
     if sd <= 0.0 or value == 0.0:
         return f"{number(value)}{shown_unit}" if sd <= 0.0 else f"0 ± {number(sd, 1)}{shown_unit}"
     digits = min(max(floor(log10(abs(value))) - floor(log10(sd)) + 1, 1), 5)
@@ -68,6 +68,12 @@ def prefix(largest: float, unit: str) -> tuple[float, str]:
         if largest * factor >= 0.1:
             return factor, letter + unit
     return PREFIXES[-1][0], PREFIXES[-1][1] + unit
+
+
+def prefixed(value: float, unit: str) -> str:
+    """0.00012 rad -> 0.12 mrad."""
+    factor, shown = prefix(abs(value), unit)
+    return f"{number(value * factor, 2)} {shown}"
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:

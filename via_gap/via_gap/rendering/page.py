@@ -7,11 +7,12 @@ text = page(report)
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 from via_core.devices import device_names
 from via_core.errors import ViaError
@@ -19,52 +20,77 @@ from via_sim.effects import spots
 from via_sim.effects_file import effects_text
 
 from via_gap.candidates.localisation import Region
-from via_gap.rendering import words
+from via_gap.rendering import evidence_words, names, words
 from via_gap.rendering.joint_picture import joint_picture
-from via_gap.rendering.numbers import chance, number, percent, raised, with_sd
-from via_gap.rendering.pictures import Drawn, Row, after_words, error_rows, gap_ladder, residual_rows, trace_rows
+from via_gap.rendering.numbers import chance, number, percent, prefixed, raised
+from via_gap.rendering.pictures import (
+    Drawn,
+    Row,
+    after_words,
+    device_lines,
+    error_rows,
+    gap_ladder,
+    parameter_lines,
+    residual_rows,
+    spectrum_row,
+    trace_rows,
+)
+from via_gap.rendering.text import ranked
 from via_gap.report.figures import JointSketch
-from via_gap.report.report import Cause, GapReport
+from via_gap.report.report import Cause, GapReport, Noise
 
-NEAREST = 3  # causes that are drawn where none is the answer
-LIKELY = 0.01  # probability from which a cause is drawn as one; the others are in the table of what was ruled out
+NEAREST = 3  # causes that are drawn where none is named
 
 
 def page(report: GapReport) -> str:
     """The whole page; every text that came with the report is escaped."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(
-        number=number, percent=_kept(percent), chance=_kept(chance), raised=raised, region=_region,
-        place=words.place_words, where=words.where_words, logs=words.log_words, listed=words.listed,
-        capital=words.capital,
-    )  # fmt: skip
-    environment.globals.update(with_sd=with_sd, evidence=words.evidence, seen_in=words.seen_in, boxes=words.boxes)
-    repair, trials = report.repaired(), words.ruled_out(report)
-    return environment.from_string(_shipped("page.html")).render(
+    repair, spectrum = report.repaired(), spectrum_row(report)
+    return _template().render(
         r=report,
         style=Markup(_shipped("page.css")),
         script=Markup(_shipped("page.js")),
         headline=words.headline(report),
-        named=report.verdict in ("effect", "two_effects"),
+        named=evidence_words.names_causes(report),
         device=report.joint if report.joint in device_names() else f"{report.joint}.yaml",
         cautions=words.cautions(report),
         picture=Markup(joint_picture(_sketch(report), {(w.site, w.motor): w.share for w in report.where})),
         residuals=_marked(residual_rows(report)),
+        spectra=_marked((spectrum,)) if spectrum is not None else [],
         causes=_drawn(report),
-        apart=words.equivalence_words(report),
-        out=[each for each in trials if each.decided],
-        doubtful=[each for each in trials if not each.decided],
-        screened=words.screened_words(report),
+        ties=evidence_words.tie_words(report),
+        conformal=evidence_words.conformal_words(report),
+        rejected=evidence_words.rejected(report),
+        screened=evidence_words.screened_words(report),
         gap_words=words.gap_words(report),
-        findings=words.findings(report),
+        findings=evidence_words.findings(report),
+        several=len({*report.logs, *(f.log for f in report.data_check), *(n.log for n in report.noise)}) > 1,
         ladder=_markup(gap_ladder(report.gap, after_words(report))) if report.gap is not None else None,
         traces=_marked(trace_rows(report)),
         errors=_marked(error_rows(report)),
+        device_lines=Markup(device_lines(report)) if report.nuisance else "",
+        after=after_words(report),
         steps=words.next_steps(report),
         repair=effects_text(repair, report.intervals()) if repair else "",
-        level=words.LEVELS[report.level],
-        untried=[words.effect_words(name) for name in report.figures.untried] if report.figures else [],
+        repair_words=words.repair_words(report),
+        level=names.LEVELS[report.level],
+        untried=[names.effect_words(name) for name in report.figures.untried] if report.figures else [],
     )
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(
+        number=number, percent=_kept(percent), chance=_kept(chance), raised=raised, region=_region,
+        place=names.place_words, where=names.where_words, logs=names.log_words, listed=names.listed,
+        capital=names.capital, plain=names.plain, signal=lambda name: names.SIGNALS.get(name, name),
+    )  # fmt: skip
+    environment.globals.update(
+        evidence=evidence_words.evidence, seen_in=evidence_words.seen_in, boxes=words.boxes,
+        values=evidence_words.values_words, lines=lambda cause: Markup(parameter_lines(cause)),
+        noise_words=noise_words,
+    )  # fmt: skip
+    return environment.from_string(_shipped("page.html"))
 
 
 def write_page(report: GapReport, path: Path) -> None:
@@ -75,10 +101,16 @@ def write_page(report: GapReport, path: Path) -> None:
         raise ViaError(f"cannot write {path}: {error.strerror}") from None
 
 
-def _drawn(report: GapReport) -> list[Cause]:
-    """The causes that are drawn one by one; of those that explain nothing only the nearest few."""
-    likely = [cause for i, cause in enumerate(report.causes) if i == 0 or cause.probability >= LIKELY]
-    return likely[:NEAREST] if report.verdict == "unknown" else likely
+def noise_words(each: Noise) -> tuple[str, str, str]:
+    """Declared and estimated standard deviation, and jitter of the time stamps, with units."""
+    declared = "not stated" if each.declared is None else prefixed(each.declared, each.unit)
+    return declared, prefixed(each.estimated, each.unit), prefixed(each.jitter, "s")
+
+
+def _drawn(report: GapReport) -> tuple[Cause, ...]:
+    """The causes that have a card; where none is named, only the nearest few."""
+    found = ranked(report)
+    return found if evidence_words.names_causes(report) else found[:NEAREST]
 
 
 def _kept(written: Callable[[float], str]) -> Callable[[float], str]:
@@ -99,7 +131,7 @@ def _markup(drawn: Drawn) -> Drawn:
 
 
 def _sketch(report: GapReport) -> JointSketch:
-    """The joint, or what a report without figures lets one guess of it."""
+    """The joint; of a report without figures, a joint with as many motors as it mentions."""
     if report.figures is not None:
         return report.figures.joint
     places = {*((each.site, each.motor) for each in report.where), *((each.site, each.motor) for each in report.causes)}
@@ -111,8 +143,8 @@ def _sketch(report: GapReport) -> JointSketch:
 
 
 def _region(region: Region) -> str:
-    """speed 0 to 0.46 rad/s: 37 % of the gap in 20 % of the data."""
+    """speed 0 to 0.46 rad/s: 37 % of its residual in 20 % of the data."""
     return (
-        f"{region.by} {number(region.low)} to {number(region.high)} {region.unit}: "
-        f"{percent(region.share)} of it in {percent(region.data)} of the data"
+        f"{names.QUANTITIES[region.by]} {number(region.low)} to {number(region.high)} {region.unit}: "
+        f"{percent(region.share)} of its residual in {percent(region.data)} of the data"
     )

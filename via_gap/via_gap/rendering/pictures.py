@@ -8,13 +8,17 @@ from itertools import pairwise
 
 from via_gap.candidates.localisation import Quantity
 from via_gap.rendering.chart import Curve, Panel, Rung, chart, ladder
-from via_gap.rendering.words import SIGNALS, capital
-from via_gap.report.figures import ErrorFigure, ResidualFigure, TraceFigure
-from via_gap.report.report import GapReport
+from via_gap.rendering.names import SIGNALS, capital, place_words
+from via_gap.rendering.number_lines import Line, number_lines
+from via_gap.rendering.numbers import number
+from via_gap.report.figures import ErrorFigure, OrderSpectrum, ResidualFigure, TraceFigure
+from via_gap.report.report import DEVIATIONS, Cause, GapReport
 from via_gap.selection.gap import Gap
 
-AXES = {"q": "the link", "theta_1": "motor 1", "theta_2": "motor 2", "tau": "the link"}
-UNITS = {"tau": "N m"}  # of signals that are not angles
+AXES = {
+    "q": "the link", "theta_1": "motor 1", "theta_2": "motor 2", "tau": "the joint", "tau_link": "the link",
+    "tau_1": "motor 1", "tau_2": "motor 2",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class Row:
 
 
 def residual_rows(report: GapReport) -> tuple[Row, ...]:
-    """One row per equation; leading are those in which the gap was found, else the one that misses most."""
+    """One row per equation; leading are those in which the gap was found, else the one with the largest residual."""
     each: dict[str, list[ResidualFigure]] = {}
     for figure in report.figures.residuals if report.figures is not None else ():
         each.setdefault(figure.equation, []).append(figure)
@@ -47,7 +51,7 @@ def residual_rows(report: GapReport) -> tuple[Row, ...]:
     rows = [
         Row(
             f"Equation of {'the link' if name == 'link' else name}",
-            tuple(_residual(figure, _antagonistic(report)) for figure in group),
+            tuple(_residual(figure, _antagonistic(report), after_words(report)) for figure in group),
             name in leading,
         )
         for name, group in each.items()
@@ -56,8 +60,30 @@ def residual_rows(report: GapReport) -> tuple[Row, ...]:
 
 
 def after_words(report: GapReport) -> str:
-    """What the simulator that is compared with the device as filed is."""
-    return "repaired" if report.effects else "tuned"
+    """Name of the simulator that is compared with the device as filed."""
+    return "repaired" if report.effects else "fitted"
+
+
+def spectrum_row(report: GapReport) -> Row | None:
+    """Order spectra of the missing torque; none where no periodic effect was compared or no angle turned far enough."""
+    spectra = report.figures.spectra if report.figures is not None else ()
+    if not spectra:
+        return None
+    return Row("Order spectrum of the missing torque", tuple(_spectrum(each, report) for each in spectra), True)
+
+
+def parameter_lines(cause: Cause) -> str:
+    """The parameters of a cause beside their neutral values and limits."""
+    lines = [
+        Line(name, v.unit, v.value, v.neutral, v.low, v.high, DEVIATIONS * v.sd) for name, v in cause.parameters.items()
+    ]
+    return number_lines(f"Parameters of {place_words(cause)}", lines, "no effect")
+
+
+def device_lines(report: GapReport) -> str:
+    """The fitted parameters of the device beside their filed values and tolerances."""
+    lines = [Line(n.name, n.unit, n.fitted, n.filed, n.low, n.high) for n in report.nuisance]
+    return number_lines("Device parameters", lines, "as filed")
 
 
 def error_rows(report: GapReport) -> tuple[Row, ...]:
@@ -69,24 +95,23 @@ def error_rows(report: GapReport) -> tuple[Row, ...]:
         Row(
             capital(SIGNALS.get(signal, signal)),
             tuple(_error(figure, _antagonistic(report), after_words(report)) for figure in group),
-            signal in ("q", "tau"),
+            signal in ("q", "tau", "tau_link"),
         )
         for signal, group in each.items()
     )
 
 
 def trace_rows(report: GapReport) -> tuple[Row, ...]:
-    """One row per stretch, or one of them all where a stretch is a single signal: measured, as filed, as repaired."""
+    """One row per stretch, or one of them all where a stretch is a single signal: measured, as filed, repaired."""
     each: dict[tuple[str, str, float], list[TraceFigure]] = {}
     for figure in report.figures.traces if report.figures is not None else ():
         each.setdefault((figure.log, figure.worst, figure.time[0] if figure.time else 0.0), []).append(figure)
-    repaired = "the repair" if report.effects else "tuning"
-    told = {"before": "the largest error before", "after": f"the largest error that {repaired} leaves"}
+    titles = {"before": "largest error as filed", "after": f"largest error {after_words(report)}"}
     rows, seen = [], set()
-    for number, ((log, worst, begin), group) in enumerate(each.items()):
-        title = f"{log}, from {begin:.2f} s: {'next to ' if worst in seen else ''}{told[worst]}"
+    for count, ((log, worst, begin), group) in enumerate(each.items()):
+        title = f"{log}, from {begin:.2f} s: {'second ' if worst in seen else ''}{titles[worst]}"
         seen.add(worst)
-        rows.append(Row(title, tuple(_trace(figure, after_words(report)) for figure in group), number == 0))
+        rows.append(Row(title, tuple(_trace(figure, after_words(report)) for figure in group), count == 0))
     if rows and all(len(row.charts) == 1 for row in rows):
         return (Row("", tuple(Drawn(row.title, row.charts[0].svg) for row in rows), True),)
     return tuple(rows)
@@ -94,38 +119,70 @@ def trace_rows(report: GapReport) -> tuple[Row, ...]:
 
 def gap_ladder(gap: Gap, repaired: str) -> Drawn:
     """How far the gap shrinks, over all and per signal."""
-    rungs = [Rung("over all signals", gap.before, gap.after, gap.floor, gap.ceiling, gap.tuned, gap.interval)]
+    tuned = gap.tuned if repaired == "repaired" else None
+    rungs = [Rung("all signals", gap.before, gap.after, gap.floor, gap.bound, tuned, gap.interval)]
     if len(gap.signals) > 1:
         for name, each in gap.signals.items():
-            rungs.append(Rung(SIGNALS.get(name, name), each.before, each.after, each.floor, each.ceiling))
+            rungs.append(Rung(SIGNALS.get(name, name), each.before, each.after, each.floor, each.bound))
     return Drawn(
-        "The gap on held-out data", ladder("The gap before and after, with floor and ceiling", rungs, repaired)
+        "The gap on held-out data", ladder("The gap before and after, with sensor noise and bound", rungs, repaired)
     )
 
 
 def _over(by: Quantity, axis: str, antagonistic: bool) -> str:
-    """What a figure is held against, in words."""
+    """The quantity of a figure in words."""
     spring = f" {2 if axis == 'motor 2' else 1}" if antagonistic else ""
-    told = {
+    known = {
         "speed": f"speed |v| of {axis}",
         "deflection": f"deflection of transmission{spring}",
         "angle": "link angle q",
+        "motor angle": f"angle of {axis}",
     }
-    return told.get(by, by)
+    return known.get(by, by)
 
 
-def _residual(figure: ResidualFigure, antagonistic: bool) -> Drawn:
+def _residual(figure: ResidualFigure, antagonistic: bool, repaired: str) -> Drawn:
     x, apart = [b.centre for b in figure.bins], _apart([(b.low, b.high) for b in figure.bins])
-    speed = figure.by == "speed"
-    curves = [
-        Curve("sensors' floor", "floor", x, [b.floor for b in figure.bins], mirrored=True),
-        Curve("mean along v" if speed else "mean", "mean", x, [b.mean for b in figure.bins], apart),
-        Curve("rms", "rms", x, [b.rms for b in figure.bins], apart),
-    ]
+    floor = [b.floor for b in figure.bins]
     over = _over(figure.by, "the link" if figure.equation == "link" else figure.equation, antagonistic)
-    caption = f"against {over}" + (" (below zero: it brakes)" if speed else "")
-    panel = Panel("missing torque", "N m", curves)
-    return Drawn(caption, chart(f"Missing torque {caption}", over, figure.unit, [panel]))
+    speed = figure.by == "speed"
+    panels = [
+        Panel(
+            "mean along v" if speed else "mean",
+            "N m",
+            [
+                Curve("sensor noise", "floor", x, floor, mirrored=True),
+                Curve("as filed", "before", x, [b.before for b in figure.bins], apart),
+                Curve(repaired, "after", x, [b.after for b in figure.bins], apart),
+            ],
+            zero=True,
+        ),
+        Panel(
+            "rms",
+            "N m",
+            [
+                Curve("sensor noise", "floor", x, floor),
+                Curve("as filed", "before", x, [b.before_rms for b in figure.bins], apart),
+                Curve(repaired, "after", x, [b.after_rms for b in figure.bins], apart),
+            ],
+            zero=True,
+        ),
+    ]
+    caption = f"against {over}" + (" (negative: it brakes)" if speed else "")
+    return Drawn(caption, chart(f"Missing torque {caption}", over, figure.unit, panels))
+
+
+def _spectrum(figure: OrderSpectrum, report: GapReport) -> Drawn:
+    ends = (figure.orders[0], figure.orders[-1])
+    curves = [
+        Curve("sensor noise", "floor", ends, (figure.level, figure.level)),
+        Curve("as filed", "before", figure.orders, figure.before),
+        Curve(after_words(report), "after", figure.orders, figure.after),
+    ]
+    axis = "the link" if figure.equation == "link" else figure.equation
+    caption = f"equation of {axis}; the log holds {number(figure.turns)} turns"
+    panel = Panel("amplitude", "N m", curves, zero=True)
+    return Drawn(caption, chart(f"Order spectrum, {caption}", "periods per turn", "1/rev", [panel]))
 
 
 def _error(figure: ErrorFigure, antagonistic: bool, repaired: str) -> Drawn:
@@ -133,11 +190,11 @@ def _error(figure: ErrorFigure, antagonistic: bool, repaired: str) -> Drawn:
     axis = AXES.get(figure.signal, figure.signal)
     over = _over(figure.by, axis, antagonistic)
     curves = [
-        Curve("sensors' floor", "floor", x, [b.floor for b in figure.bins]),
+        Curve("sensor noise", "floor", x, [b.floor for b in figure.bins]),
         Curve("as filed", "before", x, [b.before for b in figure.bins], apart),
         Curve(repaired, "after", x, [b.after for b in figure.bins], apart),
     ]
-    panel = Panel("rms error", UNITS.get(figure.signal, "rad"), curves, log=True)
+    panel = Panel("rms error", _unit(figure.signal), curves, log=True)
     return Drawn(f"against {over}", chart(f"Error of {axis} against {over}", over, figure.unit, [panel]))
 
 
@@ -157,7 +214,7 @@ def _trace(figure: TraceFigure, repaired: str) -> Drawn:
         tuple(s - m for s, m in zip(simulated, figure.measured, strict=True))
         for simulated in (figure.before, figure.after)
     ]
-    name, unit = SIGNALS.get(figure.signal, figure.signal), UNITS.get(figure.signal, "rad")
+    name, unit = SIGNALS.get(figure.signal, figure.signal), _unit(figure.signal)
     panels = [
         Panel(
             name,
@@ -175,9 +232,13 @@ def _trace(figure: TraceFigure, repaired: str) -> Drawn:
     return Drawn(capital(name), chart(f"{name} measured and simulated", "time", "s", panels))
 
 
+def _unit(signal: str) -> str:
+    return "N m" if signal.startswith("tau") else "rad"
+
+
 def _antagonistic(report: GapReport) -> bool:
     return report.figures is not None and report.figures.joint.arrangement == "antagonistic"
 
 
 def _excess(figure: ResidualFigure) -> float:
-    return max((b.rms / b.floor for b in figure.bins if b.floor > 0.0), default=0.0)
+    return max((b.before_rms / b.floor for b in figure.bins if b.floor > 0.0), default=0.0)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from via_core.devices import Device
 from via_core.signals import Array
-from via_sim.catalogue import EFFECTS
 from via_sim.effects import spots
 
 from via_gap.candidates.candidate_set import CandidateSet
@@ -16,9 +15,10 @@ from via_gap.candidates.location import Location, unjudged
 from via_gap.candidates.scales import Scales
 from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog
+from via_gap.report.combinations import combinations
 from via_gap.report.evidence_figures import evidence_figures, joint_sketch
 from via_gap.report.figures import Figures
-from via_gap.report.report import Cause, GapReport, NuisanceValue, Place, Value, Where
+from via_gap.report.report import Cause, GapReport, Noise, NuisanceValue, Place, Value, Where
 from via_gap.report.withheld import stretches
 from via_gap.residual.nuisance import BOUND
 from via_gap.residual.recordings import Recordings
@@ -40,8 +40,8 @@ def unanswered(recordings: Recordings) -> GapReport:
     return GapReport(
         joint=recordings.device.name, level=recordings.first.level, logs=recordings.names, holdout=_judges(recordings),
         verdict="cannot_tell", reason=recordings.unusable or next(iter(refusals), ""), where=(), causes=(),
-        equivalence_set=(),
-        effects=(), gap=None, nuisance=(), data_check=recordings.findings, not_judged=_not_judged(recordings.first),
+        equivalence_set=(), effects=(), gap=None, nuisance=(), data_check=recordings.findings, noise=_noise(recordings),
+        not_judged=_not_judged(recordings.first),
         figures=Figures(joint=joint_sketch(recordings.first)),
     )  # fmt: skip
 
@@ -59,7 +59,8 @@ def answered(
     if wrong and verdict not in ("unknown", "cannot_tell"):
         also = tuple(Place(effect=c.effect, site=c.site, joint=c.joint, motor=c.motor) for c in wrong)
         effects, equivalent = (*named, *also), (*equivalent, *also)
-        causes = (*causes[: len(named)], *wrong, *causes[len(named) :])
+        first = sorted((*causes[: len(named)], *wrong), key=lambda each: -each.probability)
+        causes = (*first, *causes[len(named) :])
         if verdict != "main_effect":
             verdict = "effect" if len(effects) == 1 else "several_effects"
     report = GapReport(
@@ -68,7 +69,8 @@ def answered(
         where=_where(device, candidates, decision, wrong if effects != named else ()), causes=causes,
         equivalence_set=equivalent, conformal_set=_conformal(recordings.first.level, causes), effects=effects, gap=gap,
         nuisance=_device_numbers(experiment.fitted, decision.chosen.fit.deviations),
-        data_check=(*recordings.findings, *findings), not_judged=_not_judged(recordings.first),
+        data_check=(*recordings.findings, *findings), noise=_noise(recordings),
+        not_judged=_not_judged(recordings.first),
         figures=evidence_figures(experiment, candidates, decision, models, gap.by),
         held_out=stretches(experiment.segments, experiment.held),
     )  # fmt: skip
@@ -95,19 +97,21 @@ def _cause(
     number = model.fit.locations.index(location)
     effect = model.fit.effects[number]
     first = sum(len(each.parameters) for each in model.fit.effects[:number])
-    parameters = EFFECTS[effect.name].parameters
-    sd = model.fit.sd[first : first + len(parameters)]
-    low, high = bounds_of(location, scales)
+    parameters = model.fit.locations[number].parameters
+    own = slice(first, first + len(parameters))
+    sd = model.fit.sd[own]
+    low, high = bounds_of(model.fit.locations[number], scales)
     values = {
         p.name: Value(
             value=effect.parameters[p.name], sd=float(np.clip(s, 0.0, 1e12)), unit=p.unit_on(device.drive),
-            low=float(a), high=float(b),
+            low=float(a), high=float(b), neutral=p.neutral,
         )
         for p, s, a, b in zip(parameters, sd, low, high, strict=True)
     }  # fmt: skip
     return Cause(
         effect=effect.name, site=effect.site, joint=device.name, motor=effect.motor,  # type: ignore[arg-type]
         probability=0.0, share=float(np.clip(share, 0.0, 1.0)), parameters=values,
+        combinations=combinations(effect, model.fit.covariance[own, own]),
         left=model.mean_square / max(tuned.mean_square, 1e-12), score=model.score,
     )  # fmt: skip
 
@@ -176,8 +180,21 @@ def _device_numbers(problem: ResidualModel, deviations: Array) -> tuple[Nuisance
         NuisanceValue(
             name=n.name, unit=n.unit, filed=n.value, fitted=n.value * (1.0 + n.tolerance * float(d)),
             deviations=float(d), at_bound=bool(abs(d) > BOUND - 1e-6),
+            low=n.value - BOUND * n.tolerance * abs(n.value), high=n.value + BOUND * n.tolerance * abs(n.value),
         )
         for n, d in zip(problem.nuisances, deviations, strict=True)
+    )  # fmt: skip
+
+
+def _noise(recordings: Recordings) -> tuple[Noise, ...]:
+    """Declared and estimated noise of every channel of every log that was used."""
+    return tuple(
+        Noise(
+            log=log, channel=name, unit="N m" if name.startswith("tau") else "rad", declared=noise.declared.get(name),
+            estimated=each.sd, jitter=each.jitter,
+        )
+        for log, noise in recordings.noise.items()
+        for name, each in noise.channels.items()
     )  # fmt: skip
 
 

@@ -1,12 +1,12 @@
-"""The numbers behind a report's pictures, computed from what the diagnosis already has.
+"""The numbers behind a report's charts, computed from the experiment.
 
-Short segments are compared as the gap is: what a start known only as well as the sensors tell can explain is not
-counted, so that 'simulated' is the measured angle less the error that remains.
+Short segments are compared as in the gap: the part of an error that the noise of the segment's start explains is not
+counted, so 'simulated' is the measured angle minus the remaining error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -19,22 +19,20 @@ from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.localisation import Quantity
 from via_gap.candidates.location import MEASUREMENT_ONLY, Location
 from via_gap.logs.log import JointLog
 from via_gap.logs.replay import simulated_log
+from via_gap.report.binning import bins_of, quantities, rms, six
 from via_gap.report.figures import (
     ErrorBin,
     ErrorFigure,
     Figures,
     JointSketch,
     Member,
-    ResidualBin,
-    ResidualFigure,
     TraceFigure,
     Trial,
 )
-from via_gap.residual.equations import Residual
+from via_gap.report.torque_figures import missing_torques, order_spectra, periodic, residual_figures
 from via_gap.residual.errors import NAMES
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.repaired_device import repaired_device
@@ -44,13 +42,10 @@ from via_gap.selection.evidence import Evaluation, difference
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.verdict import Decision
 
-BINS = 10  # of equal count
-TIME_BINS = 20  # of equal length
-FEWEST = 3  # samples of a bin that is shown
 STRETCH = 2.0  # [s] of segments that are drawn, and
 FREE_STRETCH = 5.0  # [s] of a free run
 POINTS = 240  # of a trace
-STRETCHES: tuple[Literal["after", "before"], ...] = ("after", "before", "after")  # each the worst of what is left
+STRETCHES: tuple[Literal["after", "before"], ...] = ("after", "before", "after")  # each the worst that is left
 TRIALS = 16  # that are listed
 
 
@@ -59,10 +54,10 @@ class Stretch:
     """Held-out samples in a row.
 
     time      (N,) [s] since the log began
-    states    (N, 6) [rad, rad/s] smoothed, NaN: not seen
-    measured, before, after  (N, a) [rad] of `axes`; of equations the drive's torque [N m] as sent and as a model needs
-    restarts  (N,) whether the simulation starts anew at a sample
-    floor     (a,) rms that the sensors explain, in the same unit
+    states    (N, 6) [rad, rad/s] smoothed; NaN: not measured
+    measured, before, after  (N, a) [rad] of `axes`; of equations the drive's torque [N m]
+    restarts  (N,) whether the simulation restarts at a sample
+    floor     (a,) rms that sensor noise explains, in the same unit
     torque    whether it is of an equation
     """
 
@@ -92,9 +87,12 @@ def evidence_figures(
         two = judged.residual([judged.row(e.fit.effects, e.fit.deviations) for e in (experiment.nominal, chosen)])
         cut, longest = (segment_stretches, STRETCH) if by == "segments" else (torque_stretches, FREE_STRETCH)
         stretches = cut(judged, *two)
+    missing = missing_torques(segments, experiment.nominal.fit, chosen.fit)
+    compared = [location for location, _ in decision.shares]
     return Figures(
         joint=joint_sketch(segments[0].log),
-        residuals=residual_figures(segments, candidates.residuals, candidates.numbers),
+        residuals=residual_figures(missing, device.n_transmissions),
+        spectra=order_spectra(missing) if periodic([*decision.named, *compared]) else (),
         errors=error_figures(stretches, device.n_transmissions),
         traces=trace_figures(stretches, longest),
         trials=trial_figures(models, experiment.tuned),
@@ -111,29 +109,6 @@ def joint_sketch(log: JointLog) -> JointSketch:
         motors_seen=log.motors_seen,
         torque_seen=log.torque_seen,
     )
-
-
-def residual_figures(
-    segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], device: Device
-) -> tuple[ResidualFigure, ...]:
-    """Residual of every equation against speed, deflection, angle and time; none where a log allows no equation."""
-    if not residuals or not all(residuals):
-        return ()
-    found = []
-    for k, first in enumerate(residuals[0]):
-        torque = np.concatenate([each[k].torque for each in residuals])
-        floor = np.concatenate([each[k].floor for each in residuals])
-        states = np.concatenate([s.start[each[k].centre] for s, each in zip(segments, residuals, strict=True)])
-        time = np.concatenate([each[k].centre / s.rate for s, each in zip(segments, residuals, strict=True)])
-        for by, (unit, values) in _quantities(states, time, first.axis, device.n_transmissions).items():
-            along = torque * np.sign(states[:, 3 + first.axis]) if by == "speed" else torque
-            bins = tuple(
-                ResidualBin(low=_six(low), high=_six(high), centre=_six(np.median(values[inside])),
-                            mean=_six(np.mean(along[inside])), rms=_rms(torque[inside]), floor=_rms(floor[inside]))
-                for low, high, inside in _bins(by, values)
-            )  # fmt: skip
-            found.append(ResidualFigure(equation=first.name, by=by, unit=unit, bins=bins))
-    return tuple(found)
 
 
 def segment_stretches(problem: ResidualModel, before: Array, after: Array) -> list[Stretch]:
@@ -159,7 +134,7 @@ def segment_stretches(problem: ResidualModel, before: Array, after: Array) -> li
 
 
 def torque_stretches(problem: ResidualModel, before: Array, after: Array) -> list[Stretch]:
-    """Neighbouring segments judged by inverse dynamics, with what two models lack (R,), window by window."""
+    """Neighbouring segments judged by inverse dynamics, with the missing torque (R,) of two models."""
     found, begin = [], 0
     for view in problem.views:
         assert isinstance(view, InverseDynamics)
@@ -225,11 +200,11 @@ def error_figures(stretches: Sequence[Stretch], n_transmissions: int) -> tuple[E
         before = np.concatenate([each.before[:, column] - each.measured[:, column] for each in stretches])
         after = np.concatenate([each.after[:, column] - each.measured[:, column] for each in stretches])
         floor = np.concatenate([np.full(len(each.time), each.floor[column]) for each in stretches])
-        for by, (unit, values) in _quantities(states, time, axis, n_transmissions).items():
+        for by, (unit, values) in quantities(states, time, axis, n_transmissions).items():
             bins = tuple(
-                ErrorBin(low=_six(low), high=_six(high), centre=_six(np.median(values[inside])),
-                         before=_rms(before[inside]), after=_rms(after[inside]), floor=_rms(floor[inside]))
-                for low, high, inside in _bins(by, values)
+                ErrorBin(low=six(low), high=six(high), centre=six(np.median(values[inside])),
+                         before=rms(before[inside]), after=rms(after[inside]), floor=rms(floor[inside]))
+                for low, high, inside in bins_of(by, values)
             )  # fmt: skip
             found.append(ErrorFigure(signal=_signal(stretches[0], axis), by=by, unit=unit, bins=bins))
     return tuple(found)
@@ -260,8 +235,8 @@ def trial_figures(judged: Sequence[Evaluation], tuned: Evaluation) -> tuple[Tria
         behind, deviation = difference(each, ranked[0])
         left = each.mean_square / max(tuned.mean_square, 1e-12)
         found.append(
-            Trial(effects=tuple(map(_member, each.fit.locations)), left=_six(left), behind=_six(behind),
-                  behind_sd=_six(deviation))
+            Trial(effects=tuple(map(_member, each.fit.locations)), left=six(left), behind=six(behind),
+                  behind_sd=six(deviation))
         )  # fmt: skip
     return tuple(found)
 
@@ -273,40 +248,13 @@ def screened_members(candidates: Sequence[Location], judged: Sequence[Evaluation
 
 
 def untried_effects(candidates: Sequence[Location]) -> tuple[str, ...]:
-    """Effects of the catalogue that are no candidate at all, nor seen in the readings."""
-    told = {*MEASUREMENT_ONLY, *(location.name for location in candidates)}
-    return tuple(name for name in EFFECTS if name not in told)
+    """Effects of the catalogue that are neither candidates nor found in the measurements themselves."""
+    tried = {*MEASUREMENT_ONLY, *(location.name for location in candidates)}
+    return tuple(name for name in EFFECTS if name not in tried)
 
 
 def _member(location: Location) -> Member:
     return Member(effect=location.name, site=location.site, motor=location.motor)
-
-
-def _quantities(states: Array, time: Array, axis: int, n_transmissions: int) -> Mapping[Quantity, tuple[str, Array]]:
-    """Unit and values (N,) of what residuals and errors are held against; only what was seen throughout."""
-    against: dict[Quantity, tuple[str, Array]] = {
-        "speed": ("rad/s", np.abs(states[:, 3 + axis])),
-        "deflection": ("rad", states[:, 0] - states[:, min(max(axis, 1), max(n_transmissions, 1))]),
-        "angle": ("rad", states[:, 0]),
-        "time": ("s", time),
-    }
-    if not n_transmissions:
-        del against["deflection"]
-    return {by: pair for by, pair in against.items() if np.isfinite(pair[1]).all()}
-
-
-def _bins(by: Quantity, values: Array) -> list[tuple[float, float, NDArray[np.bool_]]]:
-    """Ranges and who is in them; those that hold next to nothing are left out."""
-    if by == "time":
-        edges = np.linspace(values.min(), values.max(), TIME_BINS + 1)
-    else:
-        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BINS + 1)))
-    found = []
-    for k, (low, high) in enumerate(pairwise(edges)):
-        inside = (values >= low) & ((values < high) if k < len(edges) - 2 else (values <= high))
-        if np.sum(inside) >= FEWEST:
-            found.append((float(low), float(high), inside))
-    return found
 
 
 def _pieces(stretch: Stretch, longest: float) -> list[Stretch]:
@@ -338,9 +286,9 @@ def _traces(piece: Stretch, by: Literal["after", "before"]) -> list[TraceFigure]
     columns = {"measured": piece.measured, "before": piece.before, "after": piece.after}
     return [
         TraceFigure(
-            log=piece.log, signal=_signal(piece, axis), worst=by, time=tuple(map(_six, piece.time[kept])),
+            log=piece.log, signal=_signal(piece, axis), worst=by, time=tuple(map(six, piece.time[kept])),
             restarts=restarts,
-            **{name: tuple(map(_six, values[kept, column])) for name, values in columns.items()},
+            **{name: tuple(map(six, values[kept, column])) for name, values in columns.items()},
         )
         for column, axis in enumerate(piece.axes)
     ]  # fmt: skip
@@ -350,12 +298,3 @@ def _signal(stretch: Stretch, axis: int) -> str:
     if not stretch.torque:
         return NAMES[axis]
     return "tau" if stretch.axes == (0,) else "tau_link" if axis == 0 else f"tau_{axis}"
-
-
-def _rms(values: Array) -> float:
-    return _six(float(np.sqrt(np.mean(values**2))))
-
-
-def _six(value: float) -> float:
-    """Six digits: more than any picture shows, and short in JSON."""
-    return float(f"{value:.6g}")

@@ -1,6 +1,6 @@
-"""What a report's pictures show, as numbers: residuals and errors by region, traces of the worst held-out stretches.
+"""Numbers behind a report's charts: missing torque, its order spectrum, errors by region, traces of held-out stretches.
 
-All of it is optional in a report: the answer stands without. Numbers keep six digits.
+All of it is optional in a report. Numbers keep six digits.
 """
 
 from __future__ import annotations
@@ -33,29 +33,49 @@ class JointSketch(Record):
 
 
 class ResidualBin(Record):
-    """Windows whose quantity lies in [low, high]: torque that acts on the axis and is not in the model.
+    """Windows whose quantity lies in [low, high]: torque that acts on the axis and is missing in the model [N m].
 
-    centre median of the quantity
-    mean   [N m]; against the speed it counts along the motion: what brakes is negative
-    rms    [N m]
-    floor  [N m] rms that the sensors explain
+    centre  median of the quantity
+    before, after          mean, of the device as filed and as repaired; against the speed it counts along the motion,
+                           so that braking is negative
+    before_rms, after_rms  root mean square of the same
+    floor                  root mean square that sensor noise explains
     """
 
     low: Number
     high: Number
     centre: Number
-    mean: Number
-    rms: NotNegative
+    before: Number
+    after: Number
+    before_rms: NotNegative
+    after_rms: NotNegative
     floor: NotNegative
 
 
 class ResidualFigure(Record):
-    """Residual of one equation of the device, its numbers tuned inside their tolerance, against one quantity."""
+    """Torque missing in one equation against one quantity, before and after the repair."""
 
     equation: str  # link, motor 1, motor 2
     by: Quantity  # deflection: of the transmission between link and that motor, of the first for the link
     unit: str  # of the quantity
     bins: tuple[ResidualBin, ...]
+
+
+class OrderSpectrum(Record):
+    """Order spectrum of the missing torque: amplitude of its sinusoid over the angle of the axis, order by order.
+
+    orders         (K,) periods per turn; from the lowest that the travelled angle holds once
+    before, after  (K,) [N m] amplitudes, of the device as filed and as repaired
+    level          [N m] amplitude that sensor noise alone exceeds at 5 % of the orders
+    turns          travelled angle
+    """
+
+    equation: str  # link, motor 1, motor 2
+    orders: tuple[Number, ...]
+    before: tuple[NotNegative, ...]
+    after: tuple[NotNegative, ...]
+    level: NotNegative
+    turns: NotNegative
 
 
 class ErrorBin(Record):
@@ -84,11 +104,11 @@ class ErrorFigure(Record):
 class TraceFigure(Record):
     """One signal over a held-out stretch [rad]: measured, and simulated by the device as filed and as repaired.
 
-    Signal tau [N m]: the drive's torque as it was sent, and as the motion needs it by the two models.
+    Signal tau [N m]: the drive's torque as commanded or measured, and as the motion requires it by the two models.
 
     worst     what this stretch is the worst of: the error before, or what the repair leaves
     time      (N,) [s] since the log began
-    restarts  indices at which the simulation starts anew from the measured state; none in a free run
+    restarts  indices at which the simulation restarts from the measured state; none in a free run
     """
 
     log: str
@@ -102,11 +122,11 @@ class TraceFigure(Record):
 
 
 class Trial(Record):
-    """A cause, or several together, fitted to the end and judged on held-out data.
+    """A cause, or several together, fitted to convergence and evaluated on held-out data.
 
-    left       of the squared held-out error, relative to the device's tuned numbers alone
-    behind     of its score, how far behind the best of all trials
-    behind_sd  standard deviation of that by resampled blocks
+    left       squared held-out error, relative to that of the fitted device parameters without an effect
+    behind     difference of its score to the best of all trials
+    behind_sd  standard deviation of that difference, from resampled blocks
     """
 
     effects: tuple[Member, ...]
@@ -118,13 +138,15 @@ class Trial(Record):
 class Figures(Record):
     """The numbers behind the pictures of one report.
 
+    spectra     one per equation, where a periodic effect is named or compared
     trials      best score first
-    screened    places where an effect was tried and did too little to be fitted to the end
+    screened    places at which an effect was tried, and dropped after a first fit
     untried     effects of the catalogue that this device cannot have or this log cannot show
     """
 
     joint: JointSketch
     residuals: tuple[ResidualFigure, ...] = ()
+    spectra: tuple[OrderSpectrum, ...] = ()
     errors: tuple[ErrorFigure, ...] = ()
     traces: tuple[TraceFigure, ...] = ()
     trials: tuple[Trial, ...] = ()

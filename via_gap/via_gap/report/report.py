@@ -10,9 +10,8 @@ from __future__ import annotations
 import json
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import Field
 from via_core.errors import ParameterError
 from via_sim.catalogue import DEVICE_NUMBERS
 from via_sim.effects import Effect
@@ -21,7 +20,7 @@ from via_sim.effects_file import save_effects
 from via_gap.candidates.localisation import Region
 from via_gap.logs.findings import Finding, Number, Record, Share
 from via_gap.logs.log import Level
-from via_gap.report.figures import Figures
+from via_gap.report.figures import Figures, NotNegative
 from via_gap.selection.gap import Gap
 from via_gap.selection.verdict import Verdict
 
@@ -41,17 +40,38 @@ class Where(Record):
 
 
 class Value(Record):
-    """A fitted parameter with its standard deviation, and the ends of the range it was fitted in."""
+    """A fitted parameter with its standard deviation, the range it was fitted in, and its value without the effect."""
 
     value: Number
-    sd: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    sd: NotNegative
     unit: str
     low: Number | None = None
     high: Number | None = None
+    neutral: Number | None = None
+
+
+class Combination(Record):
+    """A function of a cause's parameters that the data determine better than the single parameters."""
+
+    expression: str  # of the names of the parameters
+    value: Number
+    sd: NotNegative  # by the delta method, from the covariance of the parameters
+    unit: str
+
+
+class Noise(Record):
+    """Noise of one channel of one log, as declared by the device file and as estimated from the log."""
+
+    log: str
+    channel: str  # q, theta_1, theta_2, tau_1, tau_2
+    unit: str
+    declared: NotNegative | None  # standard deviation; None: the device file states none
+    estimated: NotNegative  # standard deviation, rounding included
+    jitter: NotNegative  # [s] standard deviation of the time stamps, as this channel shows it
 
 
 class Cause(Record):
-    """One effect at one place, with what speaks for it."""
+    """One effect at one place, with the evidence for it."""
 
     effect: str
     site: Site
@@ -60,6 +80,7 @@ class Cause(Record):
     probability: Share
     share: Share  # of resampled comparisons in which it is in the best model, ties shared
     parameters: dict[str, Value]
+    combinations: tuple[Combination, ...] = ()
     left: Number  # of the squared held-out error, relative to the device's tuned numbers alone: 0 explains all
     score: Number  # mean log squared error of the held-out segments, in units of the noise
 
@@ -80,6 +101,8 @@ class NuisanceValue(Record):
     fitted: Number
     deviations: Number  # in standard deviations of its tolerance
     at_bound: bool
+    low: Number | None = None  # of the range it was fitted in
+    high: Number | None = None
 
 
 class Stretch(Record):
@@ -94,7 +117,7 @@ class Stretch(Record):
 
 
 class Proposal(Record):
-    """A short motion that would separate the causes that this log cannot."""
+    """The short motion that separates the causes best which this log cannot separate."""
 
     separates: tuple[Place, ...]
     expected_disagreement: Number  # [-] of their predictions, in units of the noise
@@ -102,6 +125,7 @@ class Proposal(Record):
     file: str  # of its commands, empty until one is written
     motion: str = ""  # its name
     text: str = ""  # which, why, and what the log must hold, in one sentence
+    separable: bool = True  # whether a diagnosis of such a log is expected to separate them
 
 
 class GapReport(Record):
@@ -121,6 +145,7 @@ class GapReport(Record):
     gap: Gap | None
     nuisance: tuple[NuisanceValue, ...]
     data_check: tuple[Finding, ...]
+    noise: tuple[Noise, ...] = ()
     not_judged: tuple[str, ...]  # what this log could not show, in plain words
     proposal: Proposal | None = None
     figures: Figures | None = None
@@ -155,7 +180,8 @@ class GapReport(Record):
         return tuple(
             {
                 p.name: (max(p.low, v.value - DEVIATIONS * v.sd), min(p.high, v.value + DEVIATIONS * v.sd))
-                for p in effect.kind.parameters
+                for p in effect.kind.all_parameters
+                if p.name in effect.parameters
                 for v in (known[effect.name, effect.site, effect.motor][p.name],)
             }
             for effect in self.repair()

@@ -139,8 +139,8 @@ class InverseDynamics:
         without = replace(record, commands=_undriven(record.commands, axis, self.segments.log.device))
         acts = equation_torques(row, record).torque[:, axis] - equation_torques(row, without).torque[:, axis]
         sent = self.windows.drive[:, self.windows.axes.index(axis)]
-        share = np.linalg.norm(self.over(acts, 0)) / max(np.linalg.norm(self.over(sent, 0)), SMALLEST)
-        return max(float(share), LEAST_GAIN)
+        share = float(np.linalg.norm(self.over(acts, 0))) / max(float(np.linalg.norm(self.over(sent, 0))), SMALLEST)
+        return max(share, LEAST_GAIN)
 
     def _missing_at(self, terms: EquationTorques, axis: int) -> Array:
         """(C, w) [N m]; while an axis nearly stands, dry friction takes what it can."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 from via_core.signals import Array
-from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.fit import Fit, bounds_of
 from via_gap.candidates.scales import Scales
@@ -24,7 +23,7 @@ def doubt(fit: Fit, scales: Scales) -> str:
     """Why the effects of a fit may not be named, in one phrase; empty where they may."""
     first = 0
     for location, effect in zip(fit.locations, fit.effects, strict=True):
-        parameters = EFFECTS[effect.name].parameters
+        parameters = location.parameters
         own = slice(first, first + len(parameters))
         first += len(parameters)
         which = [i for i, p in enumerate(parameters) if p.name in size_parameters(location)]

@@ -1,0 +1,68 @@
+"""Combinations of an effect's parameters that the data may determine better than the parameters themselves.
+
+A motion may show a payload only by m l and m l^2, a slipping element only by the deflection at which it slips. The
+standard deviation of a combination f(p) follows from the covariance C of the parameters by the delta method,
+
+    sd(f)^2 = grad f(p)' C grad f(p)
+
+and the combinations of an effect are reported where the relative standard deviation of one is below that of every
+parameter alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.signals import Array
+from via_sim.effects import Effect
+
+from via_gap.report.report import Combination
+
+SMALLEST = 1e-300  # of a value that is divided by
+
+
+@dataclass(frozen=True)
+class _Form:
+    """A function of the parameters `names`, with its gradient."""
+
+    expression: str
+    unit: str
+    names: tuple[str, ...]
+    value: Callable[..., float]
+    gradient: Callable[..., Sequence[float]]
+
+
+_SLIP = (
+    _Form("torque / stiffness", "rad", ("torque", "stiffness"), lambda t, k: t / k, lambda t, k: (1.0 / k, -t / k**2)),
+)
+_FORMS: Mapping[str, tuple[_Form, ...]] = {
+    "payload": (
+        _Form("mass * distance", "kg m", ("mass", "distance"), lambda m, d: m * d, lambda m, d: (d, m)),
+        _Form(
+            "mass * distance^2", "kg m^2", ("mass", "distance"), lambda m, d: m * d**2, lambda m, d: (d**2, 2.0 * m * d)
+        ),
+    ),
+    "presliding_friction": _SLIP,
+    "hysteresis": _SLIP,
+}
+
+
+def combinations(effect: Effect, covariance: Array) -> tuple[Combination, ...]:
+    """The combinations of an effect, where one is known better than its parameters.
+
+    covariance  (p, p) of the parameters in their order, in their units
+    """
+    names = list(effect.parameters)
+    found, better = [], False
+    for form in _FORMS.get(effect.name, ()):
+        which = [names.index(name) for name in form.names]
+        values = [effect.parameters[name] for name in form.names]
+        gradient = np.asarray(form.gradient(*values))
+        own = covariance[np.ix_(which, which)]
+        sd, value = float(np.sqrt(max(gradient @ own @ gradient, 0.0))), float(form.value(*values))
+        single = np.sqrt(np.diag(own)) / np.maximum(np.abs(values), SMALLEST)
+        better |= bool(sd / max(abs(value), SMALLEST) < np.min(single))
+        found.append(Combination(expression=form.expression, value=value, sd=sd, unit=form.unit))
+    return tuple(found) if better else ()
