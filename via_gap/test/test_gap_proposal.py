@@ -28,8 +28,8 @@ def undecided(device: Device, *effects: Effect) -> GapReport:
     places = tuple(Place(effect=e.name, site=e.site, joint=device.name, motor=e.motor) for e in effects)
     causes = tuple(
         Cause(
-            effect=e.name, site=e.site, joint=device.name, motor=e.motor, probability=1.0 / len(effects), left=0.0,
-            score=0.7,
+            effect=e.name, site=e.site, joint=device.name, motor=e.motor, probability=1.0 / len(effects),
+            share=1.0 / len(effects), left=0.0, score=0.7,
             parameters={p.name: Value(value=e.parameters[p.name], sd=0.0, unit=p.unit) for p in e.kind.parameters},
         )
         for e in effects
@@ -77,7 +77,9 @@ def test_nothing_is_proposed_where_nothing_is_open():
     assert propose(decided, device) is None
     assert with_proposal(decided, device).proposal is None
     both = undecided(device, COULOMB, BACKLASH)
-    assert tied(both.model_copy(update={"verdict": "two_effects"})) == ()
+    assert len(tied(both)) == len(tied(both.model_copy(update={"verdict": "main_effect"}))) == 2
+    several = {"verdict": "several_effects", "effects": both.equivalence_set}
+    assert tied(both.model_copy(update=several)) == tied(both.model_copy(update={"verdict": "unknown"})) == ()
     assert len(tied(both.model_copy(update={"verdict": "cannot_tell", "equivalence_set": ()}))) == 2
 
 
