@@ -31,15 +31,18 @@ def still(each: JointLog) -> JointLog:
     return replace(each, name="still", measured=Signals(each.measured.time, zeros, each.measured.units))
 
 
-@pytest.mark.parametrize("spoil", [without_drive, short, still])
-def test_what_is_refused_says_why_and_is_answered_with_it(spoil):
+@pytest.mark.parametrize(
+    ("spoil", "remedy"),
+    [(without_drive, "record the commands"), (short, "record for longer"), (still, "check that the joint moves")],
+)
+def test_what_is_refused_says_why_and_what_to_do(spoil, remedy):
     spoiled = spoil(log())
     recordings = Recordings.of([spoiled], None, spoiled.device)
     assert recordings.refused and not recordings.fitted
     refusals = [each for each in recordings.findings if each.severity == "refuse"]
     assert refusals and all(each.log == spoiled.name and each.text for each in refusals)
     report = diagnose([spoiled], spoiled.device)
-    assert report.verdict == "cannot_tell" and report.reason
+    assert report.verdict == "cannot_tell" and remedy in report.reason
     assert report.gap is None and not report.effects and not report.equivalence_set
 
 
