@@ -192,6 +192,9 @@ def test_errors_that_blocks_share_are_counted_once():
     independent = clustered_covariance(problem, slopes, alone, slopes.T @ slopes, 0)
     assert independent[0, 0] == pytest.approx(1.0 / problem.size, rel=1.0)
     assert found[0, 0] > 50.0 * independent[0, 0]
+    beside = np.hstack([slopes, np.zeros((problem.size, 1))])  # a parameter on which nothing depends
+    both = clustered_covariance(problem, beside, error, beside.T @ beside, 0)
+    assert both == pytest.approx(np.diag([found[0, 0], 0.0]))
 
 
 def test_a_parameter_that_nothing_depends_on_is_known_to_its_bounds():

@@ -34,11 +34,11 @@ def test_a_push_beside_friction_is_named_though_all_its_edges_were_held_out(monk
     for event in (START, STOP):
         assert not np.any((segments.time[train] <= event) & (event < segments.time[train] + span))
     monkeypatch.setattr(
-        "via_gap.diagnose.locations",
+        "via_gap.candidates.candidate_set.locations",
         lambda *of: tuple(location for location in locations(*of) if location.name in OFFERED),
     )
     report = diagnose([log], log.device)
-    assert report.verdict == "two_effects"
+    assert report.verdict == "several_effects"
     found = {cause.effect: cause.parameters for cause in report.causes[:2]}
     assert set(found) == {"coulomb_friction", "external_torque"}
     assert found["coulomb_friction"]["torque"].value == pytest.approx(0.04, rel=0.03)

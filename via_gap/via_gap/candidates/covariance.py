@@ -33,7 +33,7 @@ def in_units(covariance: Array, sd: Array, size: Array) -> Array:
 def clustered_covariance(problem: ResidualModel, slopes: Array, residual: Array, normal: Array, first: int) -> Array:
     """(p, p) covariance that holds whatever the errors inside a block of segments have in common.
 
-    With the score g_b = J_b' r_b of every block b and the normal matrix N:  N^-1 (sum g_b g_b' + prior) N^-1.
+    Of parameters on which nothing depends, 0. With the score g_b = J_b' r_b of every block b and the normal matrix N:  N^-1 (sum g_b g_b' + prior) N^-1.
     Source: K.-Y. Liang, S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986).
     """
     segment = problem.segment_of_value()
@@ -42,5 +42,8 @@ def clustered_covariance(problem: ResidualModel, slopes: Array, residual: Array,
     scores = np.add.reduceat(slopes * residual[:, None], starts, axis=0)
     meat = scores.T @ scores
     meat[range(first), range(first)] += 1.0
-    bread = _inverse(normal + 1e-12 * np.diag(np.diag(normal)))
-    return np.asarray((bread @ meat @ bread)[first:, first:])
+    seen = np.flatnonzero(np.diag(normal) > 0.0)
+    inside = np.ix_(seen, seen)
+    found, bread = np.zeros_like(normal), _inverse(normal[inside] + 1e-12 * np.diag(np.diag(normal)[seen]))
+    found[inside] = bread @ meat[inside] @ bread
+    return found[first:, first:]

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from via_core.signals import Array, Signals
 from via_sim.parameters import DYNAMIC, P
 from via_sim.torques import EXTERNAL, M1
@@ -252,7 +252,12 @@ def solved(normal: Array, pull: Array, ridge: float) -> Array:
     scale = np.sqrt(np.diag(normal) + 1e-12 * np.max(np.diag(normal)) + 1e-300)
     regular = normal / np.outer(scale, scale)
     regular[range(len(scale)), range(len(scale))] += ridge + 1e-12
-    return np.asarray(cho_solve(cho_factor(regular, check_finite=False), pull / scale, check_finite=False) / scale)
+    try:
+        factor = cho_factor(regular, check_finite=False)
+    except LinAlgError:  # rounding made an eigenvalue negative
+        regular[range(len(scale)), range(len(scale))] += ridge - np.linalg.eigvalsh(regular)[0]
+        factor = cho_factor(regular, check_finite=False)
+    return np.asarray(cho_solve(factor, pull / scale, check_finite=False) / scale)
 
 
 def _all_pulses(problem: ResidualModel, model: Flexible, residual: Array) -> list[Array]:

@@ -16,7 +16,6 @@ from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.plausibility import doubt
 from via_gap.selection.search import Progress, Search
-from via_gap.selection.verdict import ladder
 
 Models = list[Evaluation]
 
@@ -28,7 +27,7 @@ def compared(
     if experiment.tuned.mean_square <= NUMBERS.no_gap:
         return experiment, candidates, []
     models = _searched(experiment, candidates, progress)
-    best = ladder(experiment.tuned, models)[-1]
+    best = min(models, key=lambda each: each.score, default=experiment.tuned)  # clear only once its times are known
     if experiment.folds is not None or not events(best.fit):
         return experiment, candidates, models
     everywhere = experiment.everywhere()
