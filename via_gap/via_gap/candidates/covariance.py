@@ -33,7 +33,8 @@ def in_units(covariance: Array, sd: Array, size: Array) -> Array:
 def clustered_covariance(problem: ResidualModel, slopes: Array, residual: Array, normal: Array, first: int) -> Array:
     """(p, p) covariance that holds whatever the errors inside a block of segments have in common.
 
-    Of parameters on which nothing depends, 0. With the score g_b = J_b' r_b of every block b and the normal matrix N:  N^-1 (sum g_b g_b' + prior) N^-1.
+    With the score g_b = J_b' r_b of every block b and the normal matrix N:  N^-1 (sum g_b g_b' + prior) N^-1.
+    0 for parameters on which nothing depends.
     Source: K.-Y. Liang, S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986).
     """
     segment = problem.segment_of_value()
