@@ -21,7 +21,7 @@ from via_sim.catalogue import EFFECTS
 from via_sim.parameters import RIPPLE_HARMONICS
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.fit import FINISHING, Fit, Members, member_slopes, members_of, on, refine, robust
+from via_gap.candidates.fit import FINISHING, SHORT, Fit, Members, member_slopes, members_of, on, refine, robust
 from via_gap.candidates.location import Location
 from via_gap.candidates.orders import harmonics
 from via_gap.candidates.scales import Scales
@@ -232,7 +232,8 @@ class Search:
         if self.few is not self.whole:
             done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]
             near = [fit for fit in done if fit is not None]
-        near += [fit for each in near for fit in self._richer(each)]
+        rippled = [fit for fit in near if any(place.name == RIPPLE for place in fit.locations)]
+        near += self._richer(rippled[0]) if rippled else []
         return [robust(self.whole, fit, self.scales) for fit in near]
 
     def _richer(self, fit: Fit) -> list[Fit]:
@@ -249,7 +250,7 @@ class Search:
                 optional = tuple(p.name for p in EFFECTS[RIPPLE].optional[: 3 * (len(waves) - 1)])
                 members = members_of(fit)
                 members[number] = (replace(place, optional=optional), [value for wave in waves for value in wave])
-                richer = refine(self.whole, fit, None, members, self.scales, rounds=FINISHING)
+                richer = refine(self.whole, fit, None, members, self.scales, rounds=SHORT)
                 found += [richer] if richer is not None else []
         return found
 
