@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 from via_core.devices import Device, load_device, parse_device
 from via_core.signals import Signals
+from via_gap.design.proposal import following
 from via_gap.logs.log import JointLog
 from via_gap.residual.nuisance import nuisances
 from via_sim.effects import Effect, write_effects
@@ -131,3 +132,18 @@ def _controlled(plant: JointPlant, sensors: Sensors, rate: float, time: np.ndarr
         time, {"q": rows[:, 0], "theta": rows[:, 1:2], "tau": rows[:, 3:4]}, {"q": "rad", "theta": "rad", "tau": "N m"}
     )
     return measured, Signals(time[:-1], {"motor": torque[:, None]}, {"motor": "N m"}, frozenset({"motor"}))
+
+
+def antagonistic_log(effects: Sequence[Effect] = (), duration: float = 6.0, seed: int = 3) -> JointLog:
+    """Two motors of an antagonistic joint under a position loop, with a moving equilibrium and preset."""
+    device = load_device("cubic_aa_vsa")
+    plant, rate = JointPlant.from_device(device).with_effects(effects), device.sensors.rate
+    time = np.arange(round(duration * rate)) / rate
+    fade = np.clip(time, 0.0, 1.0)
+    equilibrium = fade**2 * sum(a * np.sin(w * time) for a, w in ((0.3, 1.1), (0.2, 4.3), (0.05, 17.0)))
+    preset = 0.15 * fade * device.spring_laws[0].max_deflection * (2.0 + np.sin(0.9 * time))
+    torque = following(plant, device.motor_angles(equilibrium, preset), equilibrium, np.zeros(6), rate)
+    commands = Signals(time, {"motor": torque}, {"motor": "N m"}, frozenset({"motor"}))
+    measured = simulate(plant, commands, duration, rate, sensors=Sensors.of_device(device), seed=seed).measured
+    seen = [name for name, values in measured.channels.items() if np.isfinite(values).any()]
+    return JointLog(f"log {seed}", device, measured.select(seen), commands)

@@ -90,3 +90,14 @@ def test_short_and_slow_logs_are_refused(clean):
     assert findings(changed(clean, first))["duration"] == "refuse"
     rare = np.arange(len(clean.measured)) % 40 == 0
     assert findings(changed(clean, rare))["rate"] == "refuse"
+
+
+@pytest.mark.parametrize("rate", [100.0, 500.0])
+@pytest.mark.parametrize("wobble", [0.0, 1e-4, 1e-3])
+def test_a_steady_speed_is_no_grid(rate, wobble):
+    """Each reading advances by 2 rad/s over a period, up to 200 times the encoder's step."""
+    quantum, time = 9.587e-5, np.arange(4000) / rate
+    angle = 2.0 * time + wobble * np.sin(3.0 * time)
+    assert step_of(quantum * np.rint(angle / quantum)) in (0.0, pytest.approx(quantum, rel=0.01))
+    coarse = 0.0131
+    assert step_of(coarse * np.rint(angle / coarse)) == pytest.approx(coarse, rel=0.01)

@@ -20,6 +20,7 @@ Severity = Literal["refuse", "downgrade", "note"]
 SHORTEST = 0.5  # [s] two segments; short recordings are fitted together
 SLOWEST = 50.0  # [Hz]
 GRID = 0.9  # share of readings on a common grid from which its step is the quantum
+EVEN = 0.9  # share of readings that advance by one step, beyond which they are those of a steady speed
 COARSE = 1.5  # times the file's step: an encoder coarser than it says
 DISTINCT = 4096  # readings that are looked at for the step
 
@@ -83,7 +84,10 @@ def _angles(log: JointLog) -> Iterator[tuple[str, Array]]:
 
 
 def step_of(values: Array) -> float:
-    """The grid [unit of values] that readings stand on; 0 where they stand on none."""
+    """The grid [unit of values] that readings stand on; 0 where they stand on none.
+
+    Readings of a steady speed are evenly spaced on any encoder: that all advance by one step shows no grid.
+    """
     there = values[np.isfinite(values)]
     distinct = np.unique(there[:: max(1, len(there) // DISTINCT)])
     apart = np.diff(distinct)
@@ -97,6 +101,8 @@ def step_of(values: Array) -> float:
         if not near.any():
             return 0.0
         step = float(np.sum(apart[near] * counts[near]) / np.sum(counts[near] ** 2))
+    if float(np.mean(np.rint(np.abs(np.diff(there)) / step) == 1.0)) > EVEN:
+        return 0.0
     off = np.abs((there - there[0]) / step - np.rint((there - there[0]) / step))
     return step if float(np.mean(off < 0.1)) >= GRID else 0.0
 

@@ -231,7 +231,8 @@ def _jitter(squares: Array, quick: Array, relative: float, scale: float) -> floa
         return 0.0
     y = np.array([np.median(squares[g]) for g in groups])
     v = np.array([np.mean(quick[g]) for g in groups]) / quick.max()
-    sd = relative * sqrt(len(groups)) * (np.abs(y) + 0.1 * scale) + 1e-300  # slow ones show the noise
+    sd = relative * sqrt(len(groups)) * (np.abs(y) + 0.1 * scale)  # slow ones show the noise
+    sd += 1e-150  # whose inverse square is finite
     design = np.column_stack([np.ones(len(v)), v]) / sd[:, None]
     size = np.linalg.norm(design)
     answer, _ = nnls(design / size, y / sd / size)

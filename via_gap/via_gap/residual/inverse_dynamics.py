@@ -228,5 +228,8 @@ def _floor(nominal: Array, segments: Segments, slopes: Array, axes: tuple[int, .
     """(a,) [N m] standard deviation of a window by sensor noise alone; sizes (3,) root sums of squared weights."""
     noise = np.zeros(3)
     noise[list(segments.axes)] = segments.reading
-    own = np.array([nominal[P.inertia + axis] * noise[axis] * sizes[2] for axis in axes])
-    return np.sqrt(own**2 + (slopes**2 @ noise**2) * sizes[0] ** 2 + SMALLEST**2)
+    each = list(axes)
+    inertial = nominal[P.inertia :][each] * sizes[2]
+    viscous = nominal[P.viscous_friction :][each] * sizes[1]  # dominates for a light motor with much damping
+    own = (inertial**2 + viscous**2) * noise[each] ** 2  # psi' and psi'' are orthogonal
+    return np.sqrt(own + (slopes**2 @ noise**2) * sizes[0] ** 2 + SMALLEST**2)

@@ -1,0 +1,167 @@
+"""The second view: with the effects that were planted every equation balances to the floor of the sensors, and a view
+that asks for little torque wins nothing; what predicts without a model is the other view's measure."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_logs import antagonistic_log, flexible, log_of, rigid
+from via_core.errors import SignalError
+from via_core.signals import Array, Signals
+from via_gap.logs.log import JointLog
+from via_gap.residual.inverse_dynamics import InverseDynamics
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.rollout import Rollout
+from via_gap.residual.segments import binned, cut_log
+from via_sim.effects import Effect
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import simulate
+
+MOTOR = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
+LINK = Effect("coulomb_friction", "link", {"torque": 0.02})
+BACKLASH = Effect("backlash", "transmission", {"gap": 0.02}, 1)
+MAXWELL = Effect("hysteresis", "transmission", {"torque": 0.05, "stiffness": 1.0}, 1)
+DELAY = Effect("actuator_delay", "command", {"delay": 0.0043})
+WEAK = Effect("torque_gain", "motor", {"gain": 0.8}, 1)
+PAYLOAD = Effect("payload", "link", {"mass": 0.3, "distance": 0.2})
+RIPPLE = Effect("torque_ripple", "motor", {"amplitude": 0.1, "order": 7.0, "phase": 0.3}, 1)
+STRONG = Effect("coulomb_friction", "motor", {"torque": 0.2}, 1)
+
+
+def model_of(log: JointLog) -> ResidualModel:
+    segments = cut_log(log)
+    return ResidualModel.of([segments], [np.flatnonzero(segments.valid)], InverseDynamics.of)
+
+
+def missing(model: ResidualModel, *effects: Effect) -> Array:
+    """(a,) root mean square of the missing torque of every axis, in units of the floor."""
+    view = model.views[0]
+    residual = model.residual([model.row(effects)])[0]
+    return np.sqrt(np.mean(residual.reshape(len(view.chosen), len(view.windows.axes), -1) ** 2, axis=(0, 2)))
+
+
+CASES = [
+    ("flexible", (), ()),
+    ("flexible", (MOTOR,), (1,)),
+    ("flexible", (LINK, BACKLASH), (0, 1)),
+    ("flexible", (MAXWELL,), (0, 1)),
+    ("flexible", (DELAY,), (1,)),
+    ("flexible", (WEAK,), (1,)),
+    ("rigid", (), ()),
+    ("rigid", (PAYLOAD,), (0,)),
+    ("rigid", (RIPPLE,), (0,)),
+    ("antagonistic", (), ()),
+    ("antagonistic", (STRONG,), (1,)),
+    ("antagonistic", (PAYLOAD,), (0,)),
+]
+
+
+@pytest.mark.parametrize(
+    ("joint", "effects", "axes"), CASES, ids=[f"{j}: {', '.join(e.name for e in es) or 'none'}" for j, es, _ in CASES]
+)
+def test_equations_balance_with_the_effects_planted_and_lack_torque_where_they_act(joint, effects, axes):
+    if joint == "antagonistic":
+        log = antagonistic_log(effects)
+    else:
+        log = log_of(flexible() if joint == "flexible" else rigid(), effects, seed=5, duration=6.0, tolerance=0.0)
+    model = model_of(log)
+    assert np.all((missing(model, *effects) > 0.6) & (missing(model, *effects) < 1.7))
+    lacking = missing(model) > 5.0
+    assert tuple(np.flatnonzero(lacking)) == axes
+
+
+@pytest.mark.parametrize("device", [flexible(), rigid()], ids=["motor", "drive of a rigid joint"])
+def test_a_drive_that_gives_nothing_lacks_more_not_less(device):
+    """A light motor turned evenly: without its torque little accelerates, and what is missing is the friction's."""
+    model = model_of(log_of(device, (), seed=5, duration=6.0))
+    tenth = Effect("torque_gain", "motor", {"gain": 0.1}, 1)
+    small = Effect("torque_saturation", "motor", {"limit": 0.02}, 1)
+    sizes = [float(np.sum(missing(model, *each) ** 2)) for each in ((), (tenth,), (small,))]
+    assert sizes[1] > 2.0 * sizes[0] and sizes[2] > 2.0 * sizes[0]
+    view = model.views[0]
+    nothing = float(np.mean(view.baseline() ** 2))
+    assert sizes[1] / len(view.windows.axes) > 0.5 * nothing  # no better than no model
+
+
+def test_what_drives_a_joint_is_its_torque_of_a_link_behind_springs_theirs():
+    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
+    segments = cut_log(log)
+    view = InverseDynamics.of(segments, np.arange(len(segments)))
+    sent = log.commands["motor"][:, 0]
+    held = 0.5 * (sent[1:] + sent[:-1])  # of the ticks before and after a sample, half each
+    assert view.windows.drive[1 : len(sent), 1] == pytest.approx(held, abs=1e-9)
+    deflection = log.measured["q"] - log.measured["theta"][:, 0]
+    spring = 6.0 * deflection + 10.0 * deflection**3
+    assert view.windows.drive[:, 0] == pytest.approx(spring[: len(view.windows.drive)], abs=5e-3)
+
+
+def test_the_baseline_is_the_drive_less_its_mean_and_worse_than_the_model():
+    model = model_of(log_of(rigid(), (), seed=5, duration=6.0, tolerance=0.0))
+    (view,) = model.views
+    drive = view.windows.drive[:, 0]
+    weights = view.windows.weights[0]
+    over = np.array([[drive[k : k + len(weights)] @ weights for k in row] for row in view.first])
+    assert view.baseline() == pytest.approx((over - over.mean()) / view.windows.floor[0], rel=1e-9, abs=1e-9)
+    assert np.mean(view.baseline() ** 2) > 100.0 * np.mean(model.residual([model.row(())])[0] ** 2)
+
+
+def test_the_witness_looks_at_a_segment_as_a_whole():
+    segments = cut_log(log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0))
+    view = InverseDynamics.witness(segments, np.arange(1, len(segments) - 1))
+    assert view.windows.weights.shape[1] == segments.ticks + 1 and view.first.shape[1] == 1
+
+
+def test_axes_nobody_measured_have_no_equation():
+    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
+    alone = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
+    segments = cut_log(JointLog("link only", log.device, alone, log.commands))
+    with pytest.raises(SignalError, match="no equation"):
+        InverseDynamics.of(segments, np.arange(4))
+
+
+def coasting() -> JointLog:
+    """A rigid joint without gravity and friction that nothing drives: a straight line."""
+    device = rigid()
+    free = device.model_copy(
+        update={"link": device.link.model_copy(update={"gravity_torque": 0.0, "viscous_friction": 0.0})}
+    )
+    time = np.arange(2000) / 500.0
+    still = {"external_torque": np.zeros(len(time))}
+    commands = Signals(time, still, {"external_torque": "N m"}, frozenset(still))
+    plant, start = JointPlant.from_device(free), np.array([-1.0, 0.0, 0.0, 0.5, 0.0, 0.0])
+    run = simulate(plant, commands, 4.0, 500.0, sensors=Sensors.of_device(free), initial=start, seed=2)
+    return JointLog("coasting", free, run.measured.select(["q"]), commands)
+
+
+def test_a_straight_line_predicts_what_nothing_drives_to_the_noise():
+    segments = cut_log(coasting())
+    view = Rollout.of(segments, np.arange(1, len(segments)))
+    assert 0.4 < np.mean(view.baseline() ** 2) < 1.5
+
+
+def test_a_straight_line_leaves_half_the_acceleration_times_time_squared():
+    """Beside a measured motion that is a line, with a parabola added: the baseline is that parabola, whitened."""
+    segments = cut_log(coasting())
+    chosen = np.arange(1, len(segments))
+    ticks = np.arange(segments.ticks + 1) / segments.rate
+    start = segments.start[segments.begin]
+    line = start[:, None, [0]] + ticks[None, :, None] * start[:, None, [3]]
+    on_line = replace(segments, measured=binned(line, segments.every, segments.averaged))
+    assert Rollout.of(on_line, chosen).baseline() == pytest.approx(0.0, abs=1e-6)
+    parabola = 0.5 * 3.0 * ticks**2
+    off = replace(segments, measured=binned(line + parabola[None, :, None], segments.every, segments.averaged))
+    view = Rollout.of(off, chosen)
+    expected = binned(np.tile(parabola[None, :, None], (len(chosen), 1, 1)), segments.every, segments.averaged)
+    whitened = view._less_starts((expected / segments.noise).reshape(1, len(chosen), -1))[0]
+    assert view.baseline() == pytest.approx(whitened, rel=1e-6, abs=1e-6)
+    assert np.mean(view.baseline() ** 2) > 100.0
+
+
+def test_a_model_beats_a_straight_line_where_the_joint_is_driven():
+    segments = cut_log(log_of(flexible(), (), seed=5, duration=6.0))
+    model = ResidualModel.of([segments], [np.arange(1, len(segments))])
+    line, own = (model.per_segment(each) for each in (model.baseline(), model.residual([model.row(())])[0]))
+    assert np.mean(np.log1p(line)) > np.mean(np.log1p(own)) + 1.0
