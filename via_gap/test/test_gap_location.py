@@ -12,7 +12,7 @@ from via_gap.candidates.screen import Direction, directions, ranked_pairs
 from via_gap.candidates.starts import Start, size_of, starts
 from via_gap.logs.log import JointLog
 from via_gap.rendering.joint_picture import joint_picture
-from via_gap.rendering.words import site_words
+from via_gap.rendering.names import site_words
 from via_gap.report.figures import JointSketch
 from via_sim.catalogue import EFFECTS
 
@@ -112,7 +112,10 @@ def test_no_effect_is_put_twice_at_one_place():
 
 def test_both_motors_are_told_and_drawn_as_both():
     assert str(BOTH) == "torque_gain at both motors" and str(EACH[1]) == "torque_gain at motor 2"
-    assert site_words("motor", 0) == "at both motors" and site_words("transmission", 0) == "in both transmissions"
+    assert (
+        site_words("motor", 0) == "at both motors alike"
+        and site_words("transmission", 0) == "in both transmissions alike"
+    )
     sketch = JointSketch(arrangement="antagonistic", drive="torque", motors_seen=(True, True), torque_seen=True)
     drawn = joint_picture(sketch, {("motor", 0): 0.6, ("motor", 2): 0.2, ("transmission", 0): 0.15})
     assert [drawn.count(f">{share} %<") for share in (60, 80, 15)] == [1, 1, 2]

@@ -124,7 +124,7 @@ def test_equal_coefficients_are_those_of_m3_and_m4():
     row = JointPlant.from_device(rigid()).parameters.copy()
     row[P.load_friction] = row[P.counter_friction] = 0.2
     row[P.load_stribeck] = row[P.counter_stribeck] = 0.1
-    row[P.load_velocity] = 0.5
+    row[P.load_velocity], row[P.both_sides] = 0.5, 1.0
     for one, other in ((0.3, -0.4), (0.3, 0.1), (-0.2, 0.0)):
         assert dry_friction(row, 0, 1, 0.4, one, other) == pytest.approx(
             abs(one - other) * (0.2 + 0.1 * np.exp(-((0.4 / 0.5) ** 2)))

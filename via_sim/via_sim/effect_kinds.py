@@ -152,6 +152,7 @@ def write_load_friction(row: Array, axis: int, _site: str, value: Values) -> Non
         ("quadratic", P.load_quadratic),
     ):
         row[slot + axis] = value.get(name, 0.0)
+        row[P.both_sides + axis] = float(row[P.both_sides + axis] != 0.0 or row[slot + axis] != 0.0)
     row[P.load_velocity + axis] = value.get("velocity", 1.0)
 
 
@@ -185,12 +186,13 @@ def write_ripple(row: Array, axis: int, _site: str, value: Values) -> None:
 
 def write_encoder_error(row: Array, axis: int, _site: str, value: Values) -> None:
     """The harmonics of an encoder's error; refused where the reading would not grow with the angle everywhere."""
-    steepest = 0.0
+    steepest, last = 0.0, 0
     for k, amplitude, order, phase in _harmonics(value, ENCODER_HARMONICS):
         here = 3 * k + axis
         row[P.eccentricity + here], row[P.eccentricity_order + here] = amplitude, order
         row[P.eccentricity_phase + here] = phase
-        steepest += abs(amplitude * order)
+        steepest, last = steepest + abs(amplitude * order), k + 1 if amplitude != 0.0 else last
+    row[P.encoder_harmonics + axis] = last
     if steepest >= 1.0:
         raise ParameterError(
             f"amplitude times order adds up to {steepest:.6g}, must stay < 1: the reading would turn back"

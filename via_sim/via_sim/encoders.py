@@ -11,16 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 from via_core.signals import Array
 
-from via_sim.compiled import bare, compiled
-from via_sim.parameters import ENCODER_HARMONICS, P
+from via_sim.compiled import bare, compiled, inlined
+from via_sim.parameters import P
 
 _NEWTON_STEPS, _MAX_INVERSIONS = 3, 60  # to undo an encoder's error: at least and at most
 _INVERTED = 1e-15  # of the reading: how exactly
 
 
-@bare
+@inlined
 def read_motion(p: Array, axis: int, angle: float, velocity: float) -> tuple[float, float]:
     """What the encoder of an axis reads, and the speed of that reading, but for noise and steps [rad, rad/s]."""
+    if p[P.encoder_harmonics + axis] == 0.0:
+        return angle + p[P.encoder_offset + axis], velocity
     error, slope = encoder_error(p, axis, angle)
     return angle + error + p[P.encoder_offset + axis], velocity + slope * velocity
 
@@ -29,7 +31,7 @@ def read_motion(p: Array, axis: int, angle: float, velocity: float) -> tuple[flo
 def encoder_error(p: Array, axis: int, angle: float) -> tuple[float, float]:
     """Periodic error [rad] of the encoder of an axis at an angle [rad], and its slope over the angle [-]."""
     error = slope = 0.0
-    for k in range(axis, 3 * ENCODER_HARMONICS, 3):
+    for k in range(axis, 3 * int(p[P.encoder_harmonics + axis]), 3):
         swing, order = p[P.eccentricity + k], p[P.eccentricity_order + k]
         if swing != 0.0:
             turned = order * angle + p[P.eccentricity_phase + k]
@@ -45,11 +47,12 @@ def true_motion(p: Array, axis: int, read: float, velocity: float) -> tuple[floa
     Newton's method, kept between bounds that close in on the root: of a sum of harmonics a step may overshoot.
     """
     read -= p[P.encoder_offset + axis]
-    reach = 0.0
-    for k in range(axis, 3 * ENCODER_HARMONICS, 3):
-        reach += abs(p[P.eccentricity + k])
-    if reach == 0.0 or not isfinite(read):
+    harmonics = int(p[P.encoder_harmonics + axis])
+    if harmonics == 0 or not isfinite(read):
         return read, velocity
+    reach = 0.0
+    for k in range(axis, 3 * harmonics, 3):
+        reach += abs(p[P.eccentricity + k])
     low, high = read - reach, read + reach
     angle = read - encoder_error(p, axis, read)[0]
     for step in range(_MAX_INVERSIONS):
@@ -76,8 +79,7 @@ def true_motions(p: Array, axis: int, read: ArrayLike, velocity: ArrayLike) -> t
     """`true_motion` of many: angles [rad] and velocities [rad/s] as read, (n,) each; p (n, N_PARAMETERS)."""
     shape, width = np.broadcast_shapes(np.shape(p)[:-1], np.shape(read)), np.shape(p)[-1]
     angle = np.broadcast_to(np.asarray(read, dtype=np.float64) - p[..., P.encoder_offset + axis], shape)
-    errs = np.any(p[..., P.eccentricity + axis : P.eccentricity + 3 * ENCODER_HARMONICS : 3], axis=-1)
-    if not np.any(errs):
+    if not np.any(p[..., P.encoder_harmonics + axis]):
         return angle, np.broadcast_to(np.asarray(velocity, dtype=np.float64), shape)
     rows = np.array(np.broadcast_to(p, (*shape, width))).reshape(-1, width)
     motion = np.stack([np.broadcast_to(each, shape).ravel() for each in (read, velocity)]).astype(np.float64)

@@ -65,6 +65,7 @@ from via_sim.torques import (
     X,
     bare,
     compiled,
+    counter_torque,
     deflection,
     laws,
     motive_torques,
@@ -303,11 +304,12 @@ def _walk(
         modes[TOUCH] = p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0 and p[P.contact_stiffness] > 0.0
         torques = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
         for axis in range(3):
-            kind, load, counter = p[P.axis_kind + axis], torques[3 + axis], torques[6 + axis]
+            kind, load = p[P.axis_kind + axis], torques[3 + axis]
             friction = capacity = 0.0
             torque = nan
             if kind == DYNAMIC:
                 if has_friction(p, axis):
+                    counter = counter_torque(p, modes, u, axis, x[0], x[3])
                     before, after = velocity[max(n - 1, 0), axis], velocity[min(n + 1, last), axis]
                     friction = _slipping(p, axis, before, x[3 + axis], after, load, counter)
                     most = breakaway(p, axis, 1, load, counter)

@@ -21,7 +21,7 @@ from math import exp
 
 from via_core.signals import Array
 
-from via_sim.compiled import bare
+from via_sim.compiled import bare, inlined
 from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, NO_DAMPER, POSITION_DRIVE, P
 
 
@@ -68,27 +68,27 @@ def has_friction(p: Array, axis: int) -> bool:
 @bare
 def feels_both_sides(p: Array, axis: int) -> bool:
     """Whether friction depends on the load of an axis by more than one coefficient."""
-    return (
-        p[P.counter_friction + axis] > 0.0
-        or p[P.load_stribeck + axis] > 0.0
-        or p[P.counter_stribeck + axis] > 0.0
-        or p[P.load_quadratic + axis] > 0.0
-    )
+    return p[P.both_sides + axis] != 0.0
 
 
 @bare
-def _loaded(p: Array, axis: int, load: float, counter: float) -> tuple[float, float]:
-    """Friction [N m] from the torques `load` and `counter` [N m]: at any speed, and what standstill adds."""
-    sliding = p[P.load_friction + axis] * abs(load)
-    if not feels_both_sides(p, axis):
-        return sliding, 0.0
-    if p[P.counter_friction + axis] != 0.0:
-        sliding = abs(p[P.load_friction + axis] * load - p[P.counter_friction + axis] * counter)
+def _gear_friction(p: Array, axis: int, speed: float, load: float, counter: float) -> float:
+    """Friction [N m] at a speed >= 0 from the torques `load` and `counter` [N m]."""
+    sliding = abs(p[P.load_friction + axis] * load - p[P.counter_friction + axis] * counter)
     standing = abs(p[P.load_stribeck + axis] * load - p[P.counter_stribeck + axis] * counter)
     if load * counter < 0.0:
         least = min(abs(load), abs(counter))
         standing += p[P.load_quadratic + axis] * least * least
-    return sliding, standing
+    ratio = speed / p[P.load_velocity + axis]
+    return sliding + standing * exp(-ratio * ratio)
+
+
+@inlined
+def _load_friction(p: Array, axis: int, speed: float, load: float, counter: float) -> float:
+    """The same, quick where only the load counts."""
+    if feels_both_sides(p, axis):
+        return _gear_friction(p, axis, speed, load, counter)
+    return p[P.load_friction + axis] * abs(load)
 
 
 @bare
@@ -97,11 +97,7 @@ def dry_friction(p: Array, axis: int, direction: int, speed: float, load: float,
     kinetic = p[P.kinetic_friction + axis]
     excess = p[P.breakaway_friction + axis] - kinetic
     skewed = direction * (p[P.friction_asymmetry + axis] + p[P.viscous_asymmetry + axis] * speed)
-    sliding, standing = _loaded(p, axis, load, counter)
-    kinetic += skewed + sliding
-    if standing != 0.0:
-        ratio = speed / p[P.load_velocity + axis]
-        kinetic += standing * exp(-ratio * ratio)
+    kinetic += skewed + _load_friction(p, axis, speed, load, counter)
     if excess == 0.0:
         return kinetic
     ratio = speed / p[P.stribeck_velocity + axis]
@@ -111,5 +107,5 @@ def dry_friction(p: Array, axis: int, direction: int, speed: float, load: float,
 @bare
 def breakaway(p: Array, axis: int, direction: int, load: float, counter: float) -> float:
     """Torque [N m] in `direction` up to which an axis stays stuck under a load [N m]."""
-    sliding, standing = _loaded(p, axis, load, counter)
-    return p[P.breakaway_friction + axis] + direction * p[P.friction_asymmetry + axis] + sliding + standing
+    dry = p[P.breakaway_friction + axis] + direction * p[P.friction_asymmetry + axis]
+    return dry + _load_friction(p, axis, 0.0, load, counter)

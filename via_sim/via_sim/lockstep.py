@@ -28,7 +28,6 @@ from via_sim.parameters import (
     ABSENT,
     AT_TRANSMISSION,
     DYNAMIC,
-    ENCODER_HARMONICS,
     NO_DAMPER,
     POSITION_DRIVE,
     RIPPLE_HARMONICS,
@@ -508,9 +507,7 @@ def _written_out(p: Array) -> bool:
     for axis in range(1, 3):
         known &= p[P.axis_kind + axis] <= DYNAMIC
     if p[P.link_drive] == POSITION_DRIVE:
-        known &= p[P.lag] <= 0.0 and p[P.drive_speed_limit] == inf
-        for k in range(0, 3 * ENCODER_HARMONICS, 3):
-            known &= p[P.eccentricity + k] == 0.0
+        known &= p[P.lag] <= 0.0 and p[P.drive_speed_limit] == inf and p[P.encoder_harmonics] == 0.0
     return known
 
 
@@ -797,7 +794,5 @@ def _reads_true(p: Array) -> bool:
     """Whether encoders read angles as they are."""
     true = True
     for axis in range(3):
-        true &= p[P.skew + axis] <= 0.0 and p[P.encoder_offset + axis] == 0.0
-        for k in range(axis, 3 * ENCODER_HARMONICS, 3):
-            true &= p[P.eccentricity + k] == 0.0
+        true &= p[P.skew + axis] <= 0.0 and p[P.encoder_harmonics + axis] == 0.0 and p[P.encoder_offset + axis] == 0.0
     return true

@@ -15,7 +15,7 @@ import numpy as np
 from via_core.signals import Array
 
 from via_sim.encoders import read_motion
-from via_sim.friction import breakaway, dry_friction
+from via_sim.friction import breakaway, dry_friction, feels_both_sides
 from via_sim.parameters import DYNAMIC, P
 from via_sim.torques import (
     HISTORY,
@@ -133,6 +133,9 @@ def dissipated_torque(p: Array, x: Array) -> float:
     At standstill friction takes what the external torque, gravity and a wall ask of it, up to breakaway.
     """
     speed, load = x[3], x[X.external] - x[X.beside]
+    if speed != 0.0 and not feels_both_sides(p, 0):
+        direction = 1 if speed > 0.0 else -1
+        return x[X.damping] * speed + direction * dry_friction(p, 0, direction, abs(speed), load, 0.0) + x[X.bristle]
     outside = -p[P.gravity_torque] * sin(x[0] - p[P.gravity_angle])
     if p[P.contact_stiffness] > 0.0 and p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0:
         outside += contact_torque(p, x[0], speed)

@@ -26,9 +26,9 @@ from typing import Any
 from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS, spring_stiffness, spring_torque
 
-from via_sim.compiled import bare, compiled
-from via_sim.friction import breakaway, bristle_torque, dry_friction, has_friction
-from via_sim.parameters import AT_TRANSMISSION, POSITION_DRIVE, RIPPLE_HARMONICS, P
+from via_sim.compiled import bare, compiled, inlined
+from via_sim.friction import breakaway, bristle_torque, dry_friction, feels_both_sides, has_friction
+from via_sim.parameters import AT_TRANSMISSION, POSITION_DRIVE, RIPPLE_HARMONICS, TORQUE_DRIVE, P
 from via_sim.position_drive import drive_torque
 
 HISTORY = 34  # samples of the past that a late encoder is read from
@@ -198,25 +198,21 @@ def _rare_torque(p: Array, modes: Array, x: Array, axis: int, angle: float, spee
 def motive_torques(
     p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
     q: float, m1: float, m2: float, w: float, w1: float, w2: float,
-) -> tuple[float, float, float, float, float, float, float, float, float]:  # fmt: skip
-    """Torque [N m] on link, motor 1 and motor 2 but for their own friction; the loads on them; the counter torques.
+) -> tuple[float, float, float, float, float, float]:  # fmt: skip
+    """Torque [N m] on link, motor 1 and motor 2 but for their own friction; then the loads on them.
 
     modes (N_MODES,); u (N_INPUTS,); x: state at which the step began, whose memory counts; angles q, m1, m2 [rad];
     velocities w, w1, w2 [rad/s]. The load on a link is the torque of its transmissions, of a rigid joint that of its
-    drive; on a motor that of its own transmission. The counter torque comes from the other side, see friction.py.
+    drive; on a motor that of its own transmission. See friction.py.
     """
     link, first, second = u[EXTERNAL], u[M1], u[M2]
-    own = load = link - u[BESIDE]
-    load1 = load2 = 0.0
-    counter1, counter2 = first - u[BESIDE + 1], second - u[BESIDE + 2]
+    load, load1, load2 = link - u[BESIDE], 0.0, 0.0
     if p[P.link_drive] == POSITION_DRIVE:
-        own = drive_torque(p, u[ACTING], u[ON], q)
-        link, load = link + own, own - u[ON] * p[P.drive_damping] * w
+        load = drive_torque(p, u[ACTING], u[ON], q)
+        link, load = link + load, load - u[ON] * p[P.drive_damping] * w
     if p[P.gravity_torque] != 0.0:
         link -= p[P.gravity_torque] * sin(q - p[P.gravity_angle])
-    counter = link - own
     if p[P.transmissions] > 0.0:
-        counter = link
         phi, preset = deflection(p, 0, q, m1), preset_of(p, 0, m1, m2)
         torque = transmission_torque(p, c1, 0, phi, preset, modes[FLANK], u[SPRING])
         link -= torque
@@ -236,8 +232,7 @@ def motive_torques(
         first += _rare_torque(p, modes, x, 1, m1, w1)
         second += _rare_torque(p, modes, x, 2, m2, w2)
         if modes[TOUCH] != 0:
-            push = contact_torque(p, q, w)
-            link, counter = link + push, counter + push
+            link += contact_torque(p, q, w)
         d1, d2 = p[P.spring_damping], p[P.spring_damping + 1]
         h1 = h2 = 0.0
         if p[P.hysteresis_torque] > 0.0:
@@ -247,7 +242,25 @@ def motive_torques(
         link += d1 * w1 + d2 * w2 - h1 - h2  # of the dampers only what couples, as above
         first += d1 * w + h1
         second += d2 * w + h2
-    return link, first, second, load, load1, load2, counter, counter1, counter2
+    return link, first, second, load, load1, load2
+
+
+@bare
+def counter_torque(p: Array, modes: Array, u: Array, axis: int, q: float, w: float) -> float:
+    """Torque [N m] on an axis from the side that its load does not come from; 0 where its friction does not need it.
+
+    modes (N_MODES,), u (N_INPUTS,), angle q [rad] and velocity w [rad/s] of the link. See friction.py.
+    """
+    if not feels_both_sides(p, axis):
+        return 0.0
+    if axis > 0:
+        return u[axis - 1] - u[BESIDE + axis]
+    torque = u[BESIDE] if p[P.link_drive] == TORQUE_DRIVE else u[EXTERNAL]
+    if p[P.gravity_torque] != 0.0:
+        torque -= p[P.gravity_torque] * sin(q - p[P.gravity_angle])
+    if modes[TOUCH] != 0:
+        torque += contact_torque(p, q, w)
+    return torque
 
 
 @bare
@@ -282,19 +295,25 @@ def settle(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array) -> 
             if modes[i] != SMOOTH:
                 if x[3 + i] != 0.0:
                     modes[i] = 1 if x[3 + i] > 0.0 else -1
-                elif t[i] > breakaway(p, i, 1, t[3 + i], t[6 + i]):
+                    continue
+                counter = counter_torque(p, modes, u, i, x[0], x[3])
+                if t[i] > breakaway(p, i, 1, t[3 + i], counter):
                     modes[i] = 1
-                elif -t[i] > breakaway(p, i, -1, t[3 + i], t[6 + i]):
+                elif -t[i] > breakaway(p, i, -1, t[3 + i], counter):
                     modes[i] = -1
 
 
-@bare
-def _driven(p: Array, axis: int, mode: int, torque: float, velocity: float, load: float, counter: float) -> float:
-    """Torque [N m] that accelerates an axis in its mode, dry friction included."""
+@inlined
+def _driven(
+    p: Array, modes: Array, u: Array, axis: int, torque: float, speed: float, load: float, q: float, w: float
+) -> float:
+    """Torque [N m] that accelerates an axis in its mode, dry friction included; q, w: angle and speed of the link."""
+    mode = modes[axis]
     if mode == STUCK:
         return 0.0
     if mode != SMOOTH:
-        torque -= mode * dry_friction(p, axis, mode, mode * velocity, load, counter)
+        counter = counter_torque(p, modes, u, axis, q, w)
+        torque -= mode * dry_friction(p, axis, mode, mode * speed, load, counter)
     return torque
 
 
@@ -304,11 +323,11 @@ def forced(
     q: float, m1: float, m2: float, w: float, w1: float, w2: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Torque [N m] on each axis but for its viscous friction: what the exponential does not cover."""
-    t0, t1, t2, l0, l1, l2, k0, k1, k2 = motive_torques(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2)
+    t0, t1, t2, l0, l1, l2 = motive_torques(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2)
     return (
-        _driven(p, 0, modes[0], t0, w, l0, k0),
-        _driven(p, 1, modes[1], t1, w1, l1, k1),
-        _driven(p, 2, modes[2], t2, w2, l2, k2),
+        _driven(p, modes, u, 0, t0, w, l0, q, w),
+        _driven(p, modes, u, 1, t1, w1, l1, q, w),
+        _driven(p, modes, u, 2, t2, w2, l2, q, w),
     )
 
 
@@ -319,7 +338,7 @@ def violation(p: Array, c1: Array, c2: Array, x: Array, y: Array, u: Array, mode
     t = motive_torques(p, c1, c2, modes, u, x, y[0], y[1], y[2], y[3], y[4], y[5])
     for i in range(3):
         if modes[i] == STUCK:
-            load, counter = t[3 + i], t[6 + i]
+            load, counter = t[3 + i], counter_torque(p, modes, u, i, y[0], y[3])
             worst = max(worst, t[i] - breakaway(p, i, 1, load, counter), -t[i] - breakaway(p, i, -1, load, counter))
         elif modes[i] != SMOOTH:
             worst = max(worst, -modes[i] * y[3 + i])
