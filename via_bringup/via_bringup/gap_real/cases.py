@@ -186,7 +186,7 @@ def _variable_damping() -> tuple[Case, ...]:
     return (
         Case(
             "maccepavd", "maccepavd", "maccepavd", ("*traj*[13579]_3.csv",), truth, ("*traj*[02468]_3.csv",),
-            ("*traj*[02468]_1.csv",), imported=True, group=r"traj(\d+)_", aim=0.16,
+            ("*traj*[02468]_5.csv",), imported=True, group=r"traj(\d+)_", aim=0.16,
         ),
     )  # fmt: skip
 

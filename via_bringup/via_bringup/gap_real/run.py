@@ -178,7 +178,7 @@ class _Recordings:
 
 def _elsewhere(case: Case, report: GapReport, device: Device, logs: Sequence[JointLog]) -> list[Elsewhere]:
     """The gap of other recordings without and with the repair, in the view that judged the report."""
-    if report.gap is None or not report.repaired():
+    if report.gap is None or not report.repaired() or not logs:
         return []
     if case.imported:
         return [_compared(case, report, device, list(logs), f"{len(logs)} recordings")]

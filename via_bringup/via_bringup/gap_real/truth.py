@@ -87,11 +87,12 @@ def outcome(report: GapReport, truth: Truth) -> Outcome:
     missing = [each for each in truth.causes if not each & effects]
     if not missing:
         return "named"
-    tied = {place.effect for place in report.equivalence_set}
+    answers = {each.effect for each in named}
+    tied = {place.effect for place in report.equivalence_set} - answers
     if named and all(each & tied for each in missing):
         return "rightly tied"
-    documented = truth.also.union(*truth.causes)
-    return "wrong" if {each.effect for each in named} - documented or effects != {e.effect for e in named} else "silent"
+    documented = truth.also.union(*truth.causes) & effects
+    return "wrong" if answers - documented else "silent"
 
 
 def lies(report: GapReport, truth: Truth) -> bool:
