@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 from via_bringup.cli.gap_blind import app
 
 SEEDS = {"5051": "coulomb_friction", "7079": "quadratic_drag"}  # clean, good recordings of rigid joints
 
 
+@pytest.mark.timeout(600)  # [s] six processes, each of which compiles or loads the simulators anew
 def test_cases_drawn_here_are_answered_right(tmp_path: Path) -> None:
     told = CliRunner()
     for seed, effect in SEEDS.items():

@@ -7,7 +7,7 @@ import subprocess
 from html import unescape
 
 import pytest
-from gap_reports import HOSTILE, VERDICTS, report_of
+from gap_reports import HOSTILE, KINDS, report_of
 from via_core.errors import ViaError
 from via_gap.rendering.page import page, write_page
 from via_gap.rendering.words import headline
@@ -69,9 +69,9 @@ def seen(folder, html, width):
     return json.loads(unescape(told[1])), [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
-def test_the_page_on_a_phone(verdict, tmp_path):
-    report = report_of(verdict)
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_page_on_a_phone(kind, tmp_path):
+    report = report_of(kind)
     html = page(report)
     told, console = seen(tmp_path, html, PHONE)
     assert (told["faults"], console, told["loaded"]) == ([], [], 0)
@@ -82,7 +82,8 @@ def test_the_page_on_a_phone(verdict, tmp_path):
     assert told["svgs"][0]["kind"] == "joint"
     if report.figures is not None and report.figures.residuals:
         figures = report.figures
-        assert len(charts) == len(figures.residuals) + len(figures.errors) + len(figures.traces) + 1
+        drawn = (figures.residuals, figures.spectra, figures.errors, figures.traces)
+        assert len(charts) == sum(map(len, drawn)) + 1
         assert told["read"].count(":") >= 2 and re.search(r"rad|N m", told["read"])
     for svg in told["svgs"]:
         assert svg["width"] > 200 and svg["height"] > 50 and svg["right"] <= PHONE
@@ -95,14 +96,14 @@ def test_the_page_on_a_phone(verdict, tmp_path):
 
 
 def test_the_page_on_a_desk_is_no_wider_than_its_window(tmp_path):
-    told, console = seen(tmp_path, page(report_of("two_effects")), 1200)
+    told, console = seen(tmp_path, page(report_of("several_effects")), 1200)
     assert (told["faults"], console) == ([], [])
     assert told["wide"] <= 1200
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
-def test_the_page_stands_alone_and_in_order(verdict):
-    html = page(report_of(verdict))
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_page_stands_alone_and_in_order(kind):
+    html = page(report_of(kind))
     assert len(html.encode()) < LARGEST / 10
     assert not re.search(r"""(?:src|href)\s*=\s*["'](?!data:)|url\((?!#)|@import|https?://""", html)
     order = [html.index(f'id="{name}"') for name in ("verdict", "where", "which", "how-far", "next", "data")]

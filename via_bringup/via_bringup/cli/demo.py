@@ -73,7 +73,9 @@ def demo(
         f"simulated joint: {live.samples} samples at {live.rate:.0f} Hz, {lost} messages lost, "
         f"{live.late_ticks} late ticks; live and replayed estimates "
         f"{'are identical bit for bit' if live.bit_identical else 'DIFFER'}; median stiffness error "
-        f"{100 * live.stiffness_error:.2g} %",
+        f"{100 * live.stiffness_error:.2g} %\n"
+        f"diagnosis of the robot's recordings: {summary.diagnosis.headline}",
+        soft_wrap=True,
     )
     answers.print(
         Text.assemble((str(out / "index.html"), "bold"), f" shows it all; {out / 'summary.json'} has the figures")

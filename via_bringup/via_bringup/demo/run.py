@@ -1,4 +1,4 @@
-"""The demo from end to end: both parts, then summary.json and the page."""
+"""The demo from end to end: robot, live joint and diagnosis, then summary.json and the page."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 
 from via_core.errors import ViaError
 
+from via_bringup.demo.diagnosis import diagnosis
 from via_bringup.demo.live import live
 from via_bringup.demo.page import write_page
 from via_bringup.demo.robot import real_robot
@@ -43,7 +44,9 @@ def run_demo(out: Path, recordings: Path | None, duration: float, progress: Prog
         robot = real_robot(folder, source, unfinished, lambda done, of, what: progress("real robot", done, of, what))
     at = taken("robot", began)
     joint = live(unfinished, duration, lambda done, of, what: progress("simulated joint", done, of, what))
-    taken("live", at)
+    at = taken("live", at)
+    why = diagnosis(unfinished, lambda done, of, what: progress("diagnosis", done, of, what))
+    taken("diagnosis", at)
     taken("total", began)
     summary = Summary(
         version=version("via_bringup"),
@@ -52,6 +55,7 @@ def run_demo(out: Path, recordings: Path | None, duration: float, progress: Prog
         seconds=seconds,
         robot=robot,
         live=joint,
+        diagnosis=why,
     )
     (unfinished / "summary.json").write_text(summary.model_dump_json(indent=2) + "\n", encoding="utf-8")
     write_page(summary, unfinished / "index.html")

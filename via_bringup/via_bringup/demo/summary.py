@@ -91,6 +91,19 @@ class LivePart(Record):
     bag: str
 
 
+class DiagnosisPart(Record):
+    """Part 5: why the published model differs from the robot's recordings."""
+
+    verdict: str
+    headline: str
+    named: list[str]
+    fitted: int  # runs
+    judged: int  # runs
+    before: float | None  # gap on the runs judged [-]; None where it was not measured
+    after: float | None
+    page: str
+
+
 class Summary(Record):
     """summary.json."""
 
@@ -100,3 +113,4 @@ class Summary(Record):
     seconds: dict[str, float]
     robot: RobotPart
     live: LivePart
+    diagnosis: DiagnosisPart

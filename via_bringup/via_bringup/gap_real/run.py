@@ -25,7 +25,7 @@ from via_core.errors import SignalError, ViaError
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport
-from via_gap.report.withheld import before_and_after, lacking_before_and_after
+from via_gap.report.withheld import before_and_after
 from via_gap.residual.errors import Errors
 
 from via_bringup.gap_real.cases import Case
@@ -189,7 +189,7 @@ def _compared(case: Case, report: GapReport, device: Device, logs: list[JointLog
     assert report.gap is not None
     try:
         if report.gap.by == "inverse dynamics":
-            before, after = lacking_before_and_after(logs, report.repaired())
+            before, after = before_and_after(logs, logs[0].device, report.repaired(), only_equations=True)
         else:
             before, after = before_and_after(logs, device, report.repaired())
     except SignalError as error:

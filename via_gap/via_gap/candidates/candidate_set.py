@@ -13,6 +13,7 @@ from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.residual.equations import Residual, weak_residuals
+from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.repaired_device import repaired_device
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices, Segments
@@ -29,6 +30,7 @@ class CandidateSet:
     numbers    the device with its own numbers as fitted
     residuals  weak-form residuals of its equations, one tuple per log
     shares     what each site explains of them
+    equations  inverse dynamics of the fitted segments in short windows; None where the signals allow no equation
     """
 
     locations: tuple[Location, ...]
@@ -36,6 +38,7 @@ class CandidateSet:
     numbers: Device
     residuals: tuple[tuple[Residual, ...], ...]
     shares: tuple[SiteShare, ...]
+    equations: ResidualModel | None
 
     @staticmethod
     def of(segments: Sequence[Segments], train: Sequence[Indices], base: Fit, fitted: ResidualModel) -> CandidateSet:
@@ -52,4 +55,7 @@ class CandidateSet:
         excluded = ONE_RUN if len(segments) > 1 else ()
         found = locations(fitted.device, segments[0].log)
         kept = tuple(location for location in found if location.name not in excluded)
-        return CandidateSet(kept, scales, numbers, residuals, shares)
+        equations = None
+        if all(residuals):
+            equations = ResidualModel.of(segments, train, InverseDynamics.of)
+        return CandidateSet(kept, scales, numbers, residuals, shares, equations)

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from via_core.errors import ParameterError
 from via_core.signals import Array
-from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
+from via_gap.candidates.covariance import clustered_covariance, covariance_of, in_units
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of
@@ -36,7 +36,6 @@ LAST_STEPS = 3  # of these, once an effect is nearly where it belongs
 MOST_DAMPED = 1.0  # of the curvature of each number: a step that even then does not help is the last
 WIDEST = 30.0  # times the typical size in a log: beyond it an effect is no longer one of this device
 SCALED = ("N m", "N m s/rad", "N m s^2/rad^2", "kg m^2")  # units whose bounds the device sets
-CLUSTERS = 30  # blocks of neighbouring segments whose errors may have something in common
 FINISHING = 6  # rounds from the best on a subset to the best on all
 ALIKE = 0.8  # mean weight from which reweighting changes nothing that matters
 REWEIGHTED, SHORT = 2, 2  # times that weights are made anew, and rounds after the first
@@ -72,7 +71,7 @@ class Fit:
 
     @property
     def locations(self) -> tuple[Location, ...]:
-        return tuple(Location(effect.name, effect.site, effect.motor) for effect in self.effects)
+        return tuple(map(Location.of, self.effects))
 
 
 Members = list[tuple[Location, list[float]]]  # and the values they have or start from
@@ -95,15 +94,15 @@ def events(fit: Fit) -> tuple[float, ...]:
     return tuple(
         effect.parameters[p.name]
         for effect in fit.effects
-        for p in EFFECTS[effect.name].parameters
+        for p in Location.of(effect).parameters
         if p.unit == "s" and p.high > LONG and effect.parameters[p.name] != p.neutral
     )
 
 
 def make(location: Location, values: Sequence[float]) -> Effect | None:
     """The effect, or None where these values together make none."""
-    kind = EFFECTS[location.name]
-    inside = {p.name: float(np.clip(v, p.low, p.high)) for p, v in zip(kind.parameters, values, strict=True)}
+    parameters = location.parameters
+    inside = {p.name: float(np.clip(v, p.low, p.high)) for p, v in zip(parameters, values, strict=True)}
     if {"breakaway", "kinetic"} <= inside.keys():
         inside["breakaway"] = max(inside["breakaway"], inside["kinetic"])
     try:
@@ -127,7 +126,7 @@ def fit_device_numbers(problem: ResidualModel) -> Fit:
 def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
     """Lowest and highest value (p,) of every parameter: its kind's, for torques and inertias as the device has them."""
     ends = []
-    for p in EFFECTS[location.name].parameters:
+    for p in location.parameters:
         reach = WIDEST * size_of(p, location, scales) if p.unit in SCALED and p.neutral == 0.0 else np.inf
         ends.append((max(p.low, -reach), min(p.high, reach)))
     low, high = np.array(ends).T
@@ -173,7 +172,7 @@ class _Axes:
 
     @staticmethod
     def of(problem: ResidualModel, locations: Sequence[Location], scales: Scales) -> _Axes:
-        parameters = [(location, p) for location in locations for p in EFFECTS[location.name].parameters]
+        parameters = [(location, p) for location in locations for p in location.parameters]
         size = np.array([size_of(p, location, scales) for location, p in parameters])
         low, high = (np.concatenate(ends) / size for ends in zip(*(bounds_of(each, scales) for each in locations)))
         times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
@@ -197,7 +196,7 @@ class _Axes:
     def effects(self, point: Array) -> list[Effect | None]:
         values, first, made = point[self.count :] * self.size, 0, []
         for location in self.locations:
-            number = len(EFFECTS[location.name].parameters)
+            number = len(location.parameters)
             made.append(make(location, list(values[first : first + number])))
             first += number
         return made
@@ -249,26 +248,6 @@ def _search_times(
                 break
             at, value, residual = tries[best], float(loss[best]), residuals[best]
     return at, value, residual
-
-
-def _covariance(normal: Array, width: Array, first: int) -> Array:
-    """(p, p) of the parameters from `first` on, over their typical sizes; one without influence is known to `width`."""
-    informed = normal.copy()
-    informed[range(first, len(normal)), range(first, len(normal))] += width**-2.0
-    return _inverse(informed)[first:, first:]
-
-
-def _inverse(normal: Array) -> Array:
-    scale = np.sqrt(np.diag(normal))
-    return np.asarray(
-        np.linalg.inv(normal / np.outer(scale, scale) + 1e-14 * np.eye(len(normal))) / np.outer(scale, scale)
-    )
-
-
-def _in_units(covariance: Array, sd: Array, size: Array) -> Array:
-    """(p, p) in units of the parameters, with `sd` (p,) over their sizes for its standard deviations."""
-    own = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    return np.asarray(covariance * np.outer(sd * size / own, sd * size / own))
 
 
 def refine(
@@ -340,10 +319,10 @@ def refine(
             fresh, since = True, value
     effects = [effect for effect in effects_at(at) if effect is not None]
     excess = max(value / max(len(residual), 1), 1.0)
-    covariance = _covariance(normal, high - low, count) * excess
+    covariance = covariance_of(normal, high - low, count) * excess
     sd = np.minimum(np.sqrt(np.diag(covariance)), high - low)
     sd = np.where(times, TIME_STEPS[-1], np.where(apart, 0.0, sd))
-    return Fit(tuple(effects), at[:count].copy(), value, residual, _in_units(covariance, sd, size))
+    return Fit(tuple(effects), at[:count].copy(), value, residual, in_units(covariance, sd, size))
 
 
 def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
@@ -382,25 +361,9 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
         if not one_sided:
             break
     excess = max(float(value) / max(len(residual), 1), 1.0)
-    covariance = _covariance(normal, axes.high - axes.low, count) * excess
-    robust = _clustered(problem, slopes, residual, normal, count)
+    covariance = covariance_of(normal, axes.high - axes.low, count) * excess
+    robust = clustered_covariance(problem, slopes, residual, normal, count)
     covariance *= np.outer(*2 * (np.sqrt(np.maximum(np.diag(robust) / np.diag(covariance), 1.0)),))
     sd = np.where(known[count:], np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), fit.sd / axes.size)
     effects = tuple(effect for effect in axes.effects(at) if effect is not None)
-    return Fit(effects, at[:count].copy(), float(value), residual, _in_units(covariance, sd, axes.size))
-
-
-def _clustered(problem: ResidualModel, slopes: Array, residual: Array, normal: Array, first: int) -> Array:
-    """(p, p) covariance that holds whatever the errors inside a block of segments have in common.
-
-    With the score g_b = J_b' r_b of every block b and the normal matrix N:  N^-1 (sum g_b g_b' + prior) N^-1.
-    Source: K.-Y. Liang, S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986).
-    """
-    segment = problem.segment_of_value()
-    block = segment // max(1, (segment[-1] + 1) // CLUSTERS)
-    starts = np.flatnonzero(np.concatenate(([True], np.diff(block) != 0)))
-    scores = np.add.reduceat(slopes * residual[:, None], starts, axis=0)
-    meat = scores.T @ scores
-    meat[range(first), range(first)] += 1.0
-    bread = _inverse(normal + 1e-12 * np.diag(np.diag(normal)))
-    return np.asarray((bread @ meat @ bread)[first:, first:])
+    return Fit(effects, at[:count].copy(), float(value), residual, in_units(covariance, sd, axes.size))

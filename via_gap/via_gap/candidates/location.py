@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from via_core.devices import Device
 from via_sim.catalogue import EFFECTS
+from via_sim.effect_kinds import EffectParameter
 from via_sim.effects import Effect, place_name, spots
 from via_sim.effects import places as places_of
 
@@ -18,11 +19,27 @@ MEASUREMENT_ONLY = ("encoder_quantisation",)
 
 @dataclass(frozen=True)
 class Location:
-    """An effect at a site; `motor` is the number of motor, transmission or sensor, 0 the link's, both or none."""
+    """An effect at a site; `motor` is the number of motor, transmission or sensor, 0 the link's, both or none.
+
+    optional  names of the optional parameters that it has here: an effect with more of them is the same cause
+    """
 
     name: str
     site: str
     motor: int
+    optional: tuple[str, ...] = field(default=(), compare=False)
+
+    @staticmethod
+    def of(effect: Effect) -> Location:
+        """Where an effect is, with the optional parameters that it has."""
+        optional = tuple(p.name for p in effect.kind.optional if p.name in effect.parameters)
+        return Location(effect.name, effect.site, effect.motor, optional)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        """The parameters of the effect here, in their order."""
+        kind = EFFECTS[self.name]
+        return (*kind.parameters, *(p for p in kind.optional if p.name in self.optional))
 
     def effect(self, values: Mapping[str, float]) -> Effect:
         return Effect(self.name, self.site, dict(values), self.motor)

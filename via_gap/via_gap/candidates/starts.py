@@ -12,7 +12,7 @@ from math import atan2, hypot, pi
 
 import numpy as np
 from via_core.devices import Device
-from via_sim.catalogue import EFFECTS, EffectParameter
+from via_sim.catalogue import EffectParameter
 
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
@@ -38,7 +38,7 @@ class Start:
 
 def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, ...]:
     """All starts of a candidate, of both motors alike those of the first; optional parameters stay neutral."""
-    parameters = EFFECTS[location.name].parameters
+    parameters = location.parameters
     made = _STARTS[location.name](_Here(scales, location.axis, location, device))
     clipped = []
     for start in made:
@@ -53,12 +53,12 @@ def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, .
 def size_parameters(location: Location) -> tuple[str, ...]:
     """Names of the parameters that say how large an effect is: at their neutral values it is absent."""
     named = _SIZES.get(location.name)
-    return named or tuple(p.name for p in EFFECTS[location.name].parameters if p.linear)
+    return named or tuple(p.name for p in location.parameters if p.linear)
 
 
 def combined(location: Location, start: Start, amounts: Sequence[float]) -> list[float]:
     """Parameter values, in their order, of a start's directions in these amounts."""
-    parameters = EFFECTS[location.name].parameters
+    parameters = location.parameters
     first = start.directions[0]
     values = dict(first)
     if start.wave:
@@ -82,7 +82,7 @@ def amount_range(location: Location, start: Start, reach: float) -> tuple[list[f
     for direction in start.directions:
         low, high = (-reach, reach) if start.wave else ((1.0, 1.0) if not start.scaled else (-reach, reach))
         if not start.wave:
-            for p in EFFECTS[location.name].parameters:
+            for p in location.parameters:
                 step = direction[p.name] - p.neutral
                 if p.name in start.scaled and step != 0.0:
                     ends = sorted(((p.low - p.neutral) / step, (p.high - p.neutral) / step))

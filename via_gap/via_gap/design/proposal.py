@@ -91,7 +91,7 @@ class Proposed:
                 for p in self.separates
             ),
             expected_disagreement=self.disagreement, duration=DURATION, file=file,
-            motion=self.motion.name, text=self.text,
+            motion=self.motion.name, text=self.text, separable=self.score >= ENOUGH,
         )  # fmt: skip
 
 

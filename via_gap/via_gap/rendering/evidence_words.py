@@ -18,7 +18,7 @@ from via_gap.rendering.names import (
     site_words,
     spot_of,
 )
-from via_gap.rendering.numbers import number, percent, with_sd
+from via_gap.rendering.numbers import number, percent, raised, with_sd
 from via_gap.report.figures import Trial
 from via_gap.report.report import Cause, GapReport, Place, Where
 
@@ -37,9 +37,21 @@ def seen_in(where: Where) -> str:
 
 
 def values_words(cause: Cause) -> tuple[str, ...]:
-    """Every parameter with its standard deviation, then the combinations that are better known."""
-    single = (f"{name} {with_sd(v.value, v.sd, v.unit)}" for name, v in cause.parameters.items())
-    return (*single, *(f"{c.expression} {with_sd(c.value, c.sd, c.unit)}" for c in cause.combinations))
+    """Every parameter with its standard deviation, harmonic by harmonic, then combinations that are better known."""
+    shown = {name: f"{name} {with_sd(v.value, v.sd, v.unit)}" for name, v in cause.parameters.items()}
+    for name in cause.parameters:
+        kind, _, count = name.partition("_")
+        harmonic = [f"{part}_{count}" if count else part for part in ("order", "amplitude", "phase")]
+        if kind == "order" and shown.keys() >= set(harmonic):
+            order, amplitude, phase = (with_sd(v.value, v.sd, v.unit) for v in map(cause.parameters.get, harmonic) if v)
+            first = order.removesuffix(" 1/rev")
+            shown[name] = f"order {first}: amplitude {amplitude}, phase {phase}"
+            del shown[harmonic[1]], shown[harmonic[2]]
+    single = shown.values()
+    return (
+        *single,
+        *(f"{raised(c.expression).replace('*', '·')} {with_sd(c.value, c.sd, c.unit)}" for c in cause.combinations),
+    )
 
 
 def evidence(report: GapReport, cause: Cause) -> str:
@@ -120,6 +132,16 @@ def tie_words(report: GapReport) -> tuple[str, ...]:
         how = f" They differ in this: {tie.separated_by}." if tie.separated_by else ""
         said.append(f"These data cannot separate {place_words(tie.named)} from {place_words(tie.other)}{close}.{how}")
     return tuple(said)
+
+
+def conformal_words(report: GapReport) -> str:
+    """The set of causes with a guaranteed coverage; empty where no cause is at issue."""
+    if report.verdict in ("unknown", "no_gap") or not report.conformal_set:
+        return ""
+    causes = listed([place_words(each) for each in report.conformal_set], "or")
+    return (
+        f"Conformal set: {causes}. In 95 % of cases like those of the calibration, such a set contains the true cause."
+    )
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ UNNUMBERED = {
 }
 BOTH = {"motor": "both motors", "transmission": "both transmissions"}
 LEVELS = {
-    "full": "link angle, motor angles and motor torques were measured, so every equation of the model can be evaluated",
+    "full": "every angle and torque of the joint was measured, so every equation of the model can be evaluated",
     "no torque": "motor angles were measured, torques were not; commanded torques are used instead",
     "link only": "no motor angle was measured; only the simulated link angle can be compared",
     "encoder and command": "the link angle and the commanded angle were recorded; the drive's torque follows from both",
@@ -55,7 +55,8 @@ def effect_words(name: str) -> str:
 
 def plain(text: str) -> str:
     """A sentence in which the catalogue's names of effects are words."""
-    return re.sub(r"\b[a-z]+(?:_[a-z]+)+\b", lambda m: effect_words(m[0]) if m[0] in EFFECTS else m[0], text)
+    named = re.sub(r"\b[a-z]+(?:_[a-z]+)+\b", lambda m: effect_words(m[0]) if m[0] in EFFECTS else m[0], text)
+    return re.sub(rf"\b(?:{'|'.join(PROPER)})\b", lambda m: PROPER[m[0]], named)
 
 
 def site_words(site: str, motor: int) -> str:

@@ -7,11 +7,12 @@ text = page(report)
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 from via_core.devices import device_names
 from via_core.errors import ViaError
@@ -43,19 +44,8 @@ NEAREST = 3  # causes that are drawn where none is named
 
 def page(report: GapReport) -> str:
     """The whole page; every text that came with the report is escaped."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(
-        number=number, percent=_kept(percent), chance=_kept(chance), raised=raised, region=_region,
-        place=names.place_words, where=names.where_words, logs=names.log_words, listed=names.listed,
-        capital=names.capital, plain=names.plain, signal=lambda name: names.SIGNALS.get(name, name),
-    )  # fmt: skip
-    environment.globals.update(
-        evidence=evidence_words.evidence, seen_in=evidence_words.seen_in, boxes=words.boxes,
-        values=evidence_words.values_words, lines=lambda cause: Markup(parameter_lines(cause)),
-        noise_words=noise_words,
-    )  # fmt: skip
     repair, spectrum = report.repaired(), spectrum_row(report)
-    return environment.from_string(_shipped("page.html")).render(
+    return _template().render(
         r=report,
         style=Markup(_shipped("page.css")),
         script=Markup(_shipped("page.js")),
@@ -68,10 +58,12 @@ def page(report: GapReport) -> str:
         spectra=_marked((spectrum,)) if spectrum is not None else [],
         causes=_drawn(report),
         ties=evidence_words.tie_words(report),
+        conformal=evidence_words.conformal_words(report),
         rejected=evidence_words.rejected(report),
         screened=evidence_words.screened_words(report),
         gap_words=words.gap_words(report),
         findings=evidence_words.findings(report),
+        several=len({*report.logs, *(f.log for f in report.data_check), *(n.log for n in report.noise)}) > 1,
         ladder=_markup(gap_ladder(report.gap, after_words(report))) if report.gap is not None else None,
         traces=_marked(trace_rows(report)),
         errors=_marked(error_rows(report)),
@@ -83,6 +75,22 @@ def page(report: GapReport) -> str:
         level=names.LEVELS[report.level],
         untried=[names.effect_words(name) for name in report.figures.untried] if report.figures else [],
     )
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(
+        number=number, percent=_kept(percent), chance=_kept(chance), raised=raised, region=_region,
+        place=names.place_words, where=names.where_words, logs=names.log_words, listed=names.listed,
+        capital=names.capital, plain=names.plain, signal=lambda name: names.SIGNALS.get(name, name),
+    )  # fmt: skip
+    environment.globals.update(
+        evidence=evidence_words.evidence, seen_in=evidence_words.seen_in, boxes=words.boxes,
+        values=evidence_words.values_words, lines=lambda cause: Markup(parameter_lines(cause)),
+        noise_words=noise_words,
+    )  # fmt: skip
+    return environment.from_string(_shipped("page.html"))
 
 
 def write_page(report: GapReport, path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from via_gap.rendering.evidence_words import evidence, findings, tie_words, values_words
+from via_gap.rendering.evidence_words import conformal_words, evidence, findings, tie_words, values_words
 from via_gap.rendering.names import capital, place_words, plain, spot_of, where_words
 from via_gap.rendering.numbers import chance
 from via_gap.rendering.words import cautions, gap_words, headline, next_steps
@@ -20,7 +20,7 @@ def text(report: GapReport) -> str:
     for number, cause in enumerate(ranked(report)):
         lines.append(f"{number + 1}. {capital(place_words(cause))}: probability {chance(cause.probability)}; "
                      f"{', '.join(values_words(cause))}. {evidence(report, cause)}")  # fmt: skip
-    lines.extend(tie_words(report))
+    lines.extend(each for each in (*tie_words(report), conformal_words(report)) if each)
     if report.gap is not None:
         lines.append(f"gap by {report.gap.by}: {gap_words(report)}")
     lines.extend(f"next: {step}" for step in next_steps(report))

@@ -6,7 +6,9 @@ threshold of its own, so that none can contradict the verdict.
 
 from __future__ import annotations
 
-from via_gap.rendering.evidence_words import names_causes, tie_words, ties
+import re
+
+from via_gap.rendering.evidence_words import names_causes, ties
 from via_gap.rendering.names import (
     QUANTITIES,
     SIGNALS,
@@ -38,7 +40,7 @@ def headline(report: GapReport) -> str:
     if report.verdict == "no_gap":
         return f"No gap: with its parameters inside their tolerances, the model reproduces {logs} within sensor noise."
     if report.verdict == "cannot_tell":
-        return f"Cannot tell what causes the gap: {_reason(report)}."
+        return f"Cannot tell what causes the gap: {_reason(report)[0]}."
     if report.verdict == "unknown":
         return f"No effect of the catalogue accounts for the gap{_nearest(report)}."
     measured = [place_words(p) for p in report.effects if of_measurements(p)]
@@ -67,6 +69,8 @@ def cautions(report: GapReport) -> tuple[str, ...]:
             f"The device file as filed has an error of {percent(gap.before)}, the fitted parameters one of "
             f"{percent(gap.after)}."
         )
+    if report.verdict == "cannot_tell":
+        said.append(_reason(report)[1])
     if report.verdict == "main_effect":
         said.append(remainder(report))
     if report.verdict == "unknown":
@@ -123,8 +127,7 @@ def gap_words(report: GapReport) -> str:
     gap = report.gap
     if gap is None:
         return ""
-    effects = ", with the effects added as well" if report.effects else ""
-    after = f"{effects} {percent(gap.after)}" if report.effects else ""
+    after = f", and {percent(gap.after)} with the effects added as well" if report.effects else ""
     return (
         f"{METHOD[gap.by]} It is {percent(gap.before)} with the device file as filed, {percent(gap.tuned)} with its "
         f"parameters fitted inside their tolerances{after} (95 % interval {percent(gap.interval[0])} to "
@@ -161,9 +164,9 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
     """What to do now, most useful first."""
     said = []
     refused = [each for each in report.data_check if each.severity == "refuse"]
-    if report.proposal is not None and report.verdict not in ("no_gap", "unknown"):
+    if ties(report) and report.proposal is not None:
         said.append(_proposed(report.proposal))
-    elif tie_words(report):
+    elif ties(report):
         hows = sorted({tie.separated_by for tie in ties(report)} - {""})
         wish = f" ({listed(hows)})" if hows else ""
         said.append(f"Record a motion that separates the tied causes{wish}, then diagnose again with both logs.")
@@ -192,6 +195,8 @@ def _proposed(proposal: Proposal) -> str:
         f"run a motion of {number(proposal.duration)} s that separates {apart}: their predictions differ there by "
         f"{number(proposal.expected_disagreement, 2)} times the noise"
     )
+    if not proposal.separable:
+        return f"{capital(plain(shown))}."
     commands = (
         f"its commands are in {proposal.file}"
         if proposal.file
@@ -200,16 +205,21 @@ def _proposed(proposal: Proposal) -> str:
     return f"{capital(plain(shown))}; {commands}. Then diagnose again with both logs."
 
 
-def _reason(report: GapReport) -> str:
-    """Why nothing is named."""
+def _reason(report: GapReport) -> tuple[str, str]:
+    """Why nothing is named: a clause for the headline, and the sentences that follow it."""
+    clause, mark, rest = re.match(r"(.*?)(?:(; |\. )(.*))?$", plain(_whole_reason(report)), re.DOTALL).groups("")  # type: ignore[union-attr]
+    return clause.rstrip("."), f"{capital(rest).rstrip('.')}." if mark else ""
+
+
+def _whole_reason(report: GapReport) -> str:
     if report.reason:
-        return plain(report.reason).rstrip(".")
+        return report.reason
     for finding in report.data_check:
         if finding.severity == "refuse":
-            return f"{finding.log}: {plain(finding.text)}".rstrip(".")
+            return f"{finding.log}: {finding.text}"
     if len(report.equivalence_set) > 1:
         return f"{len(report.equivalence_set)} causes explain these data equally well"
-    return plain(report.not_judged[0]).split(":")[0] if report.not_judged else "the data show too little of the joint"
+    return report.not_judged[0].split(":")[0] if report.not_judged else "the data show too little of the joint"
 
 
 def _nearest(report: GapReport) -> str:

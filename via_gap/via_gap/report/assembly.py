@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from via_core.devices import Device
 from via_core.signals import Array
-from via_sim.catalogue import EFFECTS
 from via_sim.effects import spots
 
 from via_gap.candidates.candidate_set import CandidateSet
@@ -98,10 +97,10 @@ def _cause(
     number = model.fit.locations.index(location)
     effect = model.fit.effects[number]
     first = sum(len(each.parameters) for each in model.fit.effects[:number])
-    parameters = EFFECTS[effect.name].parameters
+    parameters = model.fit.locations[number].parameters
     own = slice(first, first + len(parameters))
     sd = model.fit.sd[own]
-    low, high = bounds_of(location, scales)
+    low, high = bounds_of(model.fit.locations[number], scales)
     values = {
         p.name: Value(
             value=effect.parameters[p.name], sd=float(np.clip(s, 0.0, 1e12)), unit=p.unit_on(device.drive),

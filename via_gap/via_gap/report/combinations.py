@@ -5,7 +5,8 @@ standard deviation of a combination f(p) follows from the covariance C of the pa
 
     sd(f)^2 = grad f(p)' C grad f(p)
 
-and the combination is reported where its relative standard deviation is below that of its least known parameter.
+and the combinations of an effect are reported where the relative standard deviation of one is below that of every
+parameter alone.
 """
 
 from __future__ import annotations
@@ -33,11 +34,6 @@ class _Form:
     gradient: Callable[..., Sequence[float]]
 
 
-def _mean(unit: str) -> tuple[_Form, ...]:
-    names = ("forward", "backward")
-    return (_Form("(forward + backward) / 2", unit, names, lambda f, b: 0.5 * (f + b), lambda _f, _b: (0.5, 0.5)),)
-
-
 _SLIP = (
     _Form("torque / stiffness", "rad", ("torque", "stiffness"), lambda t, k: t / k, lambda t, k: (1.0 / k, -t / k**2)),
 )
@@ -50,15 +46,16 @@ _FORMS: Mapping[str, tuple[_Form, ...]] = {
     ),
     "presliding_friction": _SLIP,
     "hysteresis": _SLIP,
-    "asymmetric_coulomb": _mean("N m"),
-    "asymmetric_viscous": _mean("N m s/rad"),
 }
 
 
 def combinations(effect: Effect, covariance: Array) -> tuple[Combination, ...]:
-    """The combinations that are known better than their parameters; covariance (p, p) in their units and order."""
+    """The combinations of an effect, where one is known better than its parameters.
+
+    covariance  (p, p) of the parameters in their order, in their units
+    """
     names = list(effect.parameters)
-    found = []
+    found, better = [], False
     for form in _FORMS.get(effect.name, ()):
         which = [names.index(name) for name in form.names]
         values = [effect.parameters[name] for name in form.names]
@@ -66,6 +63,6 @@ def combinations(effect: Effect, covariance: Array) -> tuple[Combination, ...]:
         own = covariance[np.ix_(which, which)]
         sd, value = float(np.sqrt(max(gradient @ own @ gradient, 0.0))), float(form.value(*values))
         single = np.sqrt(np.diag(own)) / np.maximum(np.abs(values), SMALLEST)
-        if sd / max(abs(value), SMALLEST) < np.max(single):
-            found.append(Combination(expression=form.expression, value=value, sd=sd, unit=form.unit))
-    return tuple(found)
+        better |= bool(sd / max(abs(value), SMALLEST) < np.min(single))
+        found.append(Combination(expression=form.expression, value=value, sd=sd, unit=form.unit))
+    return tuple(found) if better else ()

@@ -45,11 +45,7 @@ from via_gap.selection.verdict import Decision
 STRETCH = 2.0  # [s] of segments that are drawn, and
 FREE_STRETCH = 5.0  # [s] of a free run
 POINTS = 240  # of a trace
-STRETCHES: tuple[Literal["after", "before"], ...] = (
-    "after",
-    "before",
-    "after",
-)  # worst of those left
+STRETCHES: tuple[Literal["after", "before"], ...] = ("after", "before", "after")  # each the worst that is left
 TRIALS = 16  # that are listed
 
 
@@ -58,10 +54,10 @@ class Stretch:
     """Held-out samples in a row.
 
     time      (N,) [s] since the log began
-    states    (N, 6) [rad, rad/s] smoothed, NaN: not seen
-    measured, before, after  (N, a) [rad] of `axes`; of equations the drive's torque [N m] as sent and as a model needs
-    restarts  (N,) whether the simulation starts anew at a sample
-    floor     (a,) rms that the sensors explain, in the same unit
+    states    (N, 6) [rad, rad/s] smoothed; NaN: not measured
+    measured, before, after  (N, a) [rad] of `axes`; of equations the drive's torque [N m]
+    restarts  (N,) whether the simulation restarts at a sample
+    floor     (a,) rms that sensor noise explains, in the same unit
     torque    whether it is of an equation
     """
 
@@ -138,7 +134,7 @@ def segment_stretches(problem: ResidualModel, before: Array, after: Array) -> li
 
 
 def torque_stretches(problem: ResidualModel, before: Array, after: Array) -> list[Stretch]:
-    """Neighbouring segments judged by inverse dynamics, with what two models lack (R,), window by window."""
+    """Neighbouring segments judged by inverse dynamics, with the missing torque (R,) of two models."""
     found, begin = [], 0
     for view in problem.views:
         assert isinstance(view, InverseDynamics)
@@ -252,9 +248,9 @@ def screened_members(candidates: Sequence[Location], judged: Sequence[Evaluation
 
 
 def untried_effects(candidates: Sequence[Location]) -> tuple[str, ...]:
-    """Effects of the catalogue that are no candidate at all, nor seen in the readings."""
-    told = {*MEASUREMENT_ONLY, *(location.name for location in candidates)}
-    return tuple(name for name in EFFECTS if name not in told)
+    """Effects of the catalogue that are neither candidates nor found in the measurements themselves."""
+    tried = {*MEASUREMENT_ONLY, *(location.name for location in candidates)}
+    return tuple(name for name in EFFECTS if name not in tried)
 
 
 def _member(location: Location) -> Member:

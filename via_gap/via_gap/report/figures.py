@@ -104,11 +104,11 @@ class ErrorFigure(Record):
 class TraceFigure(Record):
     """One signal over a held-out stretch [rad]: measured, and simulated by the device as filed and as repaired.
 
-    Signal tau [N m]: the drive's torque as it was sent, and as the motion needs it by the two models.
+    Signal tau [N m]: the drive's torque as commanded or measured, and as the motion requires it by the two models.
 
     worst     what this stretch is the worst of: the error before, or what the repair leaves
     time      (N,) [s] since the log began
-    restarts  indices at which the simulation starts anew from the measured state; none in a free run
+    restarts  indices at which the simulation restarts from the measured state; none in a free run
     """
 
     log: str

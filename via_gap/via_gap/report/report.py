@@ -117,7 +117,7 @@ class Stretch(Record):
 
 
 class Proposal(Record):
-    """A short motion that would separate the causes that this log cannot."""
+    """The short motion that separates the causes best which this log cannot separate."""
 
     separates: tuple[Place, ...]
     expected_disagreement: Number  # [-] of their predictions, in units of the noise
@@ -125,6 +125,7 @@ class Proposal(Record):
     file: str  # of its commands, empty until one is written
     motion: str = ""  # its name
     text: str = ""  # which, why, and what the log must hold, in one sentence
+    separable: bool = True  # whether a diagnosis of such a log is expected to separate them
 
 
 class GapReport(Record):
@@ -179,7 +180,8 @@ class GapReport(Record):
         return tuple(
             {
                 p.name: (max(p.low, v.value - DEVIATIONS * v.sd), min(p.high, v.value + DEVIATIONS * v.sd))
-                for p in effect.kind.parameters
+                for p in effect.kind.all_parameters
+                if p.name in effect.parameters
                 for v in (known[effect.name, effect.site, effect.motor][p.name],)
             }
             for effect in self.repair()

@@ -72,7 +72,7 @@ def missing_torques(segments: Sequence[Segments], before: Fit, after: Fit) -> tu
             part = (ticks / view.segments.rate, view.segments.start[ticks], first, second, np.full(len(ticks), floor))
             columns.setdefault(axis, []).append(part)
     return tuple(
-        MissingTorque(axis, *(np.concatenate(each) for each in zip(*parts, strict=True)), stride)
+        MissingTorque(axis, *map(np.concatenate, zip(*parts, strict=True)), stride=stride)  # type: ignore[misc, arg-type]
         for axis, parts in columns.items()
     )
 
@@ -86,8 +86,8 @@ def residual_figures(missing: Sequence[MissingTorque], n_transmissions: int) -> 
             bins = tuple(
                 ResidualBin(
                     low=six(low), high=six(high), centre=six(np.median(values[inside])),
-                    before=six(np.mean((each.before * along)[inside])),
-                    after=six(np.mean((each.after * along)[inside])),
+                    before=six(float(np.mean((each.before * along)[inside]))),
+                    after=six(float(np.mean((each.after * along)[inside]))),
                     before_rms=rms(each.before[inside]), after_rms=rms(each.after[inside]),
                     floor=rms(each.floor[inside]),
                 )

@@ -47,9 +47,7 @@ def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progre
     if folds is not None:
         evaluate = lambda fits: folds.evaluate(fits, candidates.scales)  # noqa: E731
     supported = _supported(experiment, candidates)
-    search = Search.of(
-        experiment.fitted, evaluate, supported, experiment.tuned, candidates.locations, candidates.scales
-    )
+    search = Search.of(experiment.fitted, evaluate, supported, experiment.tuned, candidates)
     return search.run(progress)
 
 

@@ -19,7 +19,6 @@ from functools import cache
 import numpy as np
 from scipy.stats import norm
 from via_core.signals import Array
-from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.fit import Fit
 from via_gap.residual.residual_model import ResidualModel
@@ -130,4 +129,4 @@ def quantile() -> float:
 
 def freedom(fit: Fit) -> int:
     """Number of parameters of the effects that are not at their neutral values by default."""
-    return sum(len(EFFECTS[effect.name].parameters) for effect in fit.effects)
+    return sum(len(effect.parameters) for effect in fit.effects)

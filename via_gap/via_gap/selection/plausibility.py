@@ -10,28 +10,27 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 from via_core.signals import Array
-from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.fit import Fit, bounds_of
 from via_gap.candidates.scales import Scales
-from via_gap.candidates.starts import size_parameters
+from via_gap.candidates.starts import size_of, size_parameters
 from via_gap.selection.numbers import NUMBERS
 
-EDGE = 1e-3  # of a range: closer to its end a parameter counts as there
+EDGE = 1e-3  # of a parameter's typical size: closer to an end of its range it counts as there
 
 
 def doubt(fit: Fit, scales: Scales) -> str:
     """Why the effects of a fit may not be named, in one phrase; empty where they may."""
     first = 0
     for location, effect in zip(fit.locations, fit.effects, strict=True):
-        parameters = EFFECTS[effect.name].parameters
+        parameters = location.parameters
         own = slice(first, first + len(parameters))
         first += len(parameters)
         which = [i for i, p in enumerate(parameters) if p.name in size_parameters(location)]
         values = np.array([effect.parameters[p.name] for p in parameters])
         neutral = np.array([p.neutral for p in parameters])
         low, high = bounds_of(location, scales)
-        edge = EDGE * (high - low)
+        edge = EDGE * np.array([size_of(p, location, scales) for p in parameters])  # a range may be without end
         at_end = (values >= high - edge) | ((values <= low + edge) & (low != neutral))
         for i in which:
             if at_end[i]:

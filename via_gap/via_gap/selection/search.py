@@ -17,9 +17,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from via_sim.catalogue import EFFECTS
+from via_sim.parameters import RIPPLE_HARMONICS
 
-from via_gap.candidates.fit import FINISHING, Fit, Members, member_slopes, members_of, on, refine, robust
+from via_gap.candidates.candidate_set import CandidateSet
+from via_gap.candidates.fit import FINISHING, SHORT, Fit, Members, member_slopes, members_of, on, refine, robust
 from via_gap.candidates.location import Location
+from via_gap.candidates.orders import harmonics
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, ranked, ranked_pairs
 from via_gap.candidates.subset import subset
@@ -42,6 +46,7 @@ NEAR = 30.0  # times the best predicted loss: candidates beyond it are not fitte
 CLOSE, CLOSEST = 2.0, 4  # times the best loss on the subset, and how many at least, are fitted to all segments
 EXCHANGED = 0.9  # times the loss, below which another effect takes the place of one
 MOST = 4  # effects
+RIPPLE = "torque_ripple"
 PLAINER = {  # effects that contain another: its name, and the parameters whose mean is where it starts
     "asymmetric_coulomb": ("coulomb_friction", (0, 1)),
     "stribeck_friction": ("coulomb_friction", (1,)),
@@ -68,18 +73,22 @@ class Search:
     start: Fit
     jacobian: np.ndarray
     tried: list[Direction]
-    candidates: tuple[Location, ...]
-    scales: Scales
+    candidates: CandidateSet
 
     @staticmethod
     def of(
         whole: ResidualModel, evaluate: Evaluate, supported: Supported, tuned: Evaluation,
-        candidates: Sequence[Location], scales: Scales,
+        candidates: CandidateSet,
     ) -> Search:  # fmt: skip
         """Simulates every candidate once."""
         few = subset(whole, tuned.fit.residual)[0]
-        search = Search(whole, few, evaluate, supported, tuned, tuned.fit, np.empty(0), [], tuple(candidates), scales)
+        search = Search(whole, few, evaluate, supported, tuned, tuned.fit, np.empty(0), [], candidates)
         return search._beside(tuned.fit)
+
+    @property
+    def scales(self) -> Scales:
+        """Typical sizes in these logs."""
+        return self.candidates.scales
 
     def run(self, progress: Progress) -> list[Evaluation]:
         """Every model evaluated, of any size."""
@@ -123,7 +132,7 @@ class Search:
         few = subset(self.whole, left)[0]
         start = on(few, self.tuned.fit)
         jacobian = few.nuisance_jacobian(start.effects, start.deviations, start.residual)
-        tried = directions(few, start, self.candidates, self.scales)
+        tried = directions(few, start, self.candidates.locations, self.scales)
         return replace(self, few=few, start=start, jacobian=jacobian, tried=tried)
 
     def _extended(self, fit: Fit) -> list[Fit]:
@@ -223,7 +232,27 @@ class Search:
         if self.few is not self.whole:
             done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]
             near = [fit for fit in done if fit is not None]
+        rippled = [fit for fit in near if any(place.name == RIPPLE for place in fit.locations)]
+        near += self._richer(rippled[0]) if rippled else []
         return [robust(self.whole, fit, self.scales) for fit in near]
+
+    def _richer(self, fit: Fit) -> list[Fit]:
+        """A fit with the orders of its torque ripple selected together, where there are several."""
+        equations = self.candidates.equations
+        found = []
+        for number, (place, _) in enumerate(members_of(fit)):
+            if place.name != RIPPLE or equations is None:
+                continue
+            others = [effect for i, effect in enumerate(fit.effects) if i != number]
+            axis = place.axis if equations.device.n_motors else 0
+            waves = harmonics(equations, equations.row(others, fit.deviations), axis, RIPPLE_HARMONICS)
+            if len(waves) > 1:
+                optional = tuple(p.name for p in EFFECTS[RIPPLE].optional[: 3 * (len(waves) - 1)])
+                members = members_of(fit)
+                members[number] = (replace(place, optional=optional), [value for wave in waves for value in wave])
+                richer = refine(self.whole, fit, None, members, self.scales, rounds=SHORT)
+                found += [richer] if richer is not None else []
+        return found
 
 
 def _distinct(pairs: Sequence[tuple[float, Members]]) -> list[tuple[float, Members]]:

@@ -39,7 +39,7 @@ class Decision:
     bound       lowest root mean squared whitened error that is achievable, the unit of `Evaluation.rms`
     shares      (location, share) of every cause compared, largest first: how often it is in the best model under
                 resampling, ties shared; at most 1
-    models      the model that speaks for each of `shares`
+    models      the model that speaks for each of `shares`, for those named `chosen`
     equivalent  locations that held-out data do not tell from those named
     reason      why nothing is named, for `cannot_tell`
     """
@@ -109,6 +109,7 @@ def decide(
         reason = f"{len(tied)} causes explain these data equally well"
         return replace(_unnamed("cannot_tell", tuned, models, bound, reason), equivalent=equivalent)
     shares, spoken = _shares(rivals)
+    spoken = tuple(chosen if p in chosen.fit.locations else m for (p, _), m in zip(shares, spoken, strict=True))
     return Decision(verdict, chosen, explained[k], bound, shares, spoken, equivalent)
 
 

@@ -1,0 +1,119 @@
+"""Held-out evidence: equal models are kept, worse ones eliminated, and no more often wrongly than is stated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gap_models import BACKLASH, COULOMB, evaluated
+from via_core.signals import Array
+from via_gap.selection.confidence_set import confidence_set
+from via_gap.selection.evidence import block_means, clearly_worse, difference, resamples, vetoed
+from via_gap.selection.numbers import NUMBERS
+
+BLOCKS = 40
+ALPHA = 0.05
+PICKS = np.random.default_rng(7).integers(0, BLOCKS, (400, BLOCKS))
+SEEDS = 200
+
+
+def losses(*means: float, noise: float = 0.1, seed: int = 0) -> Array:
+    """(K, BLOCKS) independent losses with these means."""
+    return np.array(means)[:, None] + noise * np.random.default_rng(seed).normal(size=(len(means), BLOCKS))
+
+
+def kept(values: Array, margin: float = 0.0, alpha: float = ALPHA) -> list[int]:
+    return [int(k) for k in confidence_set(values, PICKS, margin, alpha)[0]]
+
+
+def test_identical_models_are_all_kept_and_one_alone_is_itself():
+    assert sorted(kept(np.tile(losses(1.0), (5, 1)))) == [0, 1, 2, 3, 4]
+    indices, membership = confidence_set(losses(1.0), PICKS, 0.0, ALPHA)
+    assert (list(indices), list(membership)) == ([0], [1.0])
+
+
+def test_models_that_are_as_good_are_kept_as_often_as_stated():
+    """The set must hold the best of three models with probability 1 - alpha; ties hold all with that probability."""
+    whole = sum(len(kept(losses(1.0, 1.0, 1.0, seed=seed))) == 3 for seed in range(SEEDS)) / SEEDS
+    assert whole > 1.0 - ALPHA - 3.0 * np.sqrt(ALPHA * (1.0 - ALPHA) / SEEDS)
+    strict = sum(len(kept(losses(1.0, 1.0, 1.0, seed=seed), alpha=0.5)) == 3 for seed in range(SEEDS)) / SEEDS
+    assert strict < whole - 0.2  # which a set that keeps everything would not be
+
+
+@pytest.mark.parametrize(("worse", "least", "most"), [(0.2, 0.99, 1.0), (0.06, 0.4, 0.95), (0.0, 0.0, 0.06)])
+def test_a_worse_model_goes_as_surely_as_its_difference_is_large(worse, least, most):
+    """Of .06 with a standard deviation .1 sqrt(2/40) = .022 the one-sided test of two models rejects in 86 %."""
+    gone = sum(1 not in kept(losses(1.0, 1.0 + worse, seed=seed)) for seed in range(SEEDS)) / SEEDS
+    assert least <= gone <= most
+
+
+def test_a_difference_within_the_margin_does_not_matter_however_well_it_is_known():
+    certain = losses(1.0, 1.02, 1.2, noise=1e-6)
+    assert kept(certain) == [0]
+    assert kept(certain, margin=0.03) == [0, 1]
+
+
+def test_models_are_listed_best_first_with_membership_that_says_when_each_went():
+    indices, membership = confidence_set(losses(1.02, 1.0, 1.5, 1.03, noise=0.05), PICKS, 0.03, ALPHA)
+    assert list(indices) == [1, 0, 3]
+    assert membership[1] == 1.0 and membership[2] <= ALPHA < membership[0]
+
+
+def test_what_segments_have_in_common_takes_no_part_in_a_comparison():
+    shared = 3.0 * np.random.default_rng(1).normal(size=BLOCKS)
+    assert kept(losses(1.0, 1.2, noise=0.02) + shared) == [0]
+
+
+def test_one_model_is_clearly_worse_beyond_margin_and_noise():
+    rng = np.random.default_rng(3)
+    good = np.exp(1.0 + 0.5 * rng.normal(size=60))
+    for ratio, worse in ((1.0, False), (1.02, False), (1.2, True)):
+        a, b = evaluated(ratio * (1.0 + good) - 1.0, COULOMB), evaluated(good, BACKLASH)
+        assert clearly_worse(a, b) is worse  # log(1 + z^2) differs by log(ratio) in every segment
+        assert difference(a, b) == (pytest.approx(np.log(ratio)), pytest.approx(0.0, abs=1e-12))
+        assert not clearly_worse(b, a)
+
+
+def test_false_alarms_of_a_comparison_are_as_rare_as_stated():
+    """Two models whose true losses differ by the margin: one is called worse in `significance` of the cases."""
+
+    def once(seed: int) -> bool:
+        rng = np.random.default_rng(seed)
+        a, b = (np.exp(2.0 + shift + 0.4 * rng.normal(size=80)) - 1.0 for shift in (NUMBERS.margin, 0.0))
+        return clearly_worse(evaluated(a, COULOMB, block=1), evaluated(b, BACKLASH, block=1))
+
+    share = sum(once(seed) for seed in range(2 * SEEDS)) / (2 * SEEDS)
+    assert share == pytest.approx(NUMBERS.significance, abs=0.035)
+
+
+def test_neighbouring_segments_that_err_alike_are_no_further_evidence():
+    """Errors that last four segments: resampled one by one they would seem twice as well known."""
+    rng = np.random.default_rng(5)
+    lasting = np.repeat(0.3 * rng.normal(size=20), 4)
+    a, b = np.exp(1.0 + lasting), np.full(80, np.e)
+    alone, together = (difference(evaluated(a, block=n), evaluated(b, block=n))[1] for n in (1, 4))
+    assert together == pytest.approx(2.0 * alone, rel=0.2)
+
+
+def test_blocks_are_at_least_four():
+    values = np.arange(10.0)[None]
+    assert block_means(values, 3).tolist() == [[0.5, 2.5, 4.5, 6.5, 8.5]]
+    assert block_means(np.arange(20.0)[None], 5).tolist() == [[2.0, 7.0, 12.0, 17.0]]
+    assert np.array_equal(resamples(9), resamples(9)) and resamples(9).max() == 8
+
+
+def test_the_other_view_contradicts_where_its_error_grows():
+    rng = np.random.default_rng(2)
+    seen = np.exp(rng.normal(size=40))
+    reference = evaluated(np.full(40, 9.0), witness=seen)
+    assert vetoed(evaluated(np.full(40, 2.0), COULOMB, witness=1.5 * seen + 0.5), reference)
+    assert not vetoed(evaluated(np.full(40, 2.0), COULOMB, witness=seen), reference)
+    assert not vetoed(evaluated(np.full(40, 2.0), COULOMB, witness=0.1 * seen), reference)
+    assert not vetoed(evaluated(np.full(40, 2.0), COULOMB), reference)  # which has no other view
+
+
+def test_whole_runs_are_compared_by_squared_error():
+    a, b = ([1000.0, 9.0, 1000.0, 9.0], [900.0, 30.0, 900.0, 30.0])
+    assert evaluated(a, whole=True).score > evaluated(b, whole=True).score  # segment by segment the other way round
+    assert evaluated(a).score < evaluated(b).score
+    one, other = evaluated(a, whole=True), evaluated(b, whole=True)
+    assert difference(one, other)[0] == pytest.approx(one.score - other.score, rel=1e-3)

@@ -1,0 +1,89 @@
+"""What may not be named: an effect at the end of its range, an absent one, one not told apart from none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of
+from via_gap.candidates.fit import Fit, bounds_of
+from via_gap.candidates.location import Location
+from via_gap.candidates.scales import Scales, scales_of
+from via_gap.residual.equations import weak_residuals
+from via_gap.residual.segments import cut_log
+from via_gap.selection.plausibility import doubt
+from via_sim.catalogue import EFFECTS
+
+NOTHING = np.empty(0)
+COULOMB = Location("coulomb_friction", "motor", 1)
+PAYLOAD = Location("payload", "link", 0)
+GAIN = Location("torque_gain", "motor", 1)
+LIMIT = Location("torque_saturation", "motor", 1)
+
+
+@cache
+def scales() -> Scales:
+    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
+    segments = cut_log(log)
+    every = np.arange(len(segments))
+    return scales_of([segments], [weak_residuals(segments, log.device)], segments.time[every], np.ones(len(segments)))
+
+
+def fit(location: Location, covariance: object, *values: float) -> Fit:
+    """A location with its parameters' values, and their covariance (or the standard deviation of each)."""
+    given = np.asarray(covariance, dtype=np.float64)
+    names = [p.name for p in EFFECTS[location.name].parameters]
+    effect = location.effect(dict(zip(names, values, strict=True)))
+    return Fit((effect,), np.zeros(2), 0.0, NOTHING, given if given.ndim == 2 else given**2 * np.eye(len(values)))
+
+
+@pytest.mark.parametrize(("deviations", "plausible"), [(1.5, False), (1.9, False), (2.1, True), (10.0, True)])
+def test_a_size_is_named_from_two_standard_deviations_on(deviations, plausible):
+    """chi2 with one degree of freedom: 1.96 at 5 %."""
+    said = doubt(fit(COULOMB, 0.01, 0.01 * deviations), scales())
+    assert said == ("" if plausible else "coulomb_friction at motor 1: its size is consistent with zero")
+
+
+def test_a_payload_counts_by_its_product():
+    """Mass and distance trade along m l = const: each is known to 90 %, their product to 1 %."""
+    mass, distance, along, across = 0.5, 0.2, 0.9, 0.01
+    gradient = np.array([1.0 / mass, 1.0 / distance]) / np.sqrt(2.0)
+    trade = np.array([mass, -distance]) / np.sqrt(2.0)
+    outward = np.outer(gradient, gradient) * (mass * distance) ** 2
+    covariance = 2.0 * along**2 * np.outer(trade, trade) + across**2 * outward
+    assert np.sqrt(covariance[0, 0]) / mass > 0.8
+    assert doubt(fit(PAYLOAD, covariance, mass, distance), scales()) == ""
+    unknown = covariance + 2.0 * outward
+    assert doubt(fit(PAYLOAD, unknown, mass, distance), scales()).endswith("consistent with zero")
+
+
+def test_a_number_at_the_end_of_its_range_is_not_named():
+    _, high = bounds_of(COULOMB, scales())
+    assert doubt(fit(COULOMB, 0.001, float(high[0])), scales()).endswith("torque is at the end of its range")
+    assert doubt(fit(COULOMB, 0.001, 0.5 * float(high[0])), scales()) == ""
+    low, high = bounds_of(GAIN, scales())
+    for end in (low, high):
+        assert doubt(fit(GAIN, 0.001, float(end[0])), scales()).endswith("gain is at the end of its range")
+
+
+def test_what_has_its_neutral_value_is_absent():
+    assert doubt(fit(COULOMB, 0.0, 0.0), scales()) == "coulomb_friction at motor 1: is absent"
+    assert doubt(fit(GAIN, 0.0, 1.0), scales()) == "torque_gain at motor 1: is absent"
+    assert doubt(fit(GAIN, 0.01, 0.9), scales()) == ""
+    assert doubt(fit(GAIN, 0.1, 0.9), scales()).endswith("consistent with zero")
+
+
+def test_a_limit_is_absent_where_it_is_far_and_told_by_its_own_error():
+    assert doubt(fit(LIMIT, 0.01, 0.5), scales()) == ""
+    assert doubt(fit(LIMIT, 0.5, 0.5), scales()).endswith("consistent with zero")
+
+
+def test_of_several_effects_each_must_be_plausible():
+    one, other = fit(COULOMB, 0.001, 0.03), fit(GAIN, 0.1, 1.1)
+    covariance = np.diag([0.001**2, 0.1**2])
+    both = replace(one, effects=(*one.effects, *other.effects), covariance=covariance)
+    assert doubt(both, scales()).startswith("torque_gain at motor 1")
+    known = replace(both, covariance=np.diag([0.001**2, 0.01**2]))
+    assert doubt(known, scales()) == ""

@@ -1,0 +1,46 @@
+"""Covariance of fitted parameters: from the curvature of the loss, and from how scores vary over blocks of segments."""
+
+from __future__ import annotations
+
+import numpy as np
+from via_core.signals import Array
+
+from via_gap.residual.residual_model import ResidualModel
+
+CLUSTERS = 30  # blocks of neighbouring segments whose errors may have something in common
+
+
+def covariance_of(normal: Array, width: Array, first: int) -> Array:
+    """(p, p) of the parameters from `first` on, over their typical sizes; one without influence is known to `width`."""
+    informed = normal.copy()
+    informed[range(first, len(normal)), range(first, len(normal))] += width**-2.0
+    return _inverse(informed)[first:, first:]
+
+
+def _inverse(normal: Array) -> Array:
+    scale = np.sqrt(np.diag(normal))
+    return np.asarray(
+        np.linalg.inv(normal / np.outer(scale, scale) + 1e-14 * np.eye(len(normal))) / np.outer(scale, scale)
+    )
+
+
+def in_units(covariance: Array, sd: Array, size: Array) -> Array:
+    """(p, p) in units of the parameters, with `sd` (p,) over their sizes for its standard deviations."""
+    own = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    return np.asarray(covariance * np.outer(sd * size / own, sd * size / own))
+
+
+def clustered_covariance(problem: ResidualModel, slopes: Array, residual: Array, normal: Array, first: int) -> Array:
+    """(p, p) covariance that holds whatever the errors inside a block of segments have in common.
+
+    With the score g_b = J_b' r_b of every block b and the normal matrix N:  N^-1 (sum g_b g_b' + prior) N^-1.
+    Source: K.-Y. Liang, S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986).
+    """
+    segment = problem.segment_of_value()
+    block = segment // max(1, (segment[-1] + 1) // CLUSTERS)
+    starts = np.flatnonzero(np.concatenate(([True], np.diff(block) != 0)))
+    scores = np.add.reduceat(slopes * residual[:, None], starts, axis=0)
+    meat = scores.T @ scores
+    meat[range(first), range(first)] += 1.0
+    bread = _inverse(normal + 1e-12 * np.diag(np.diag(normal)))
+    return np.asarray((bread @ meat @ bread)[first:, first:])
