@@ -8,6 +8,7 @@ from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
 from via_gap.report.report import Cause, GapReport
+from via_sim.effects import place_name
 
 from via_bringup.gap_real.cases import Case
 from via_bringup.gap_real.pictures import draw_gaps
@@ -84,7 +85,7 @@ def causes(report: GapReport) -> str:
 
 def _cause(cause: Cause) -> str:
     values = ", ".join(f"{name} {v.value:.3g} +- {v.sd:.1g} {v.unit}" for name, v in cause.parameters.items())
-    place = f"{cause.site} {cause.motor or ''}".strip()
+    place = place_name(cause.site, cause.motor)
     return f"| {cause.effect} | {place} | {cause.probability:.2f} | {100 * cause.left:.3g} % | {values} |"
 
 
