@@ -28,8 +28,8 @@ def undecided(device: Device, *effects: Effect) -> GapReport:
     places = tuple(Place(effect=e.name, site=e.site, joint=device.name, motor=e.motor) for e in effects)
     causes = tuple(
         Cause(
-            effect=e.name, site=e.site, joint=device.name, motor=e.motor, probability=1.0 / len(effects), left=0.0,
-            score=0.7,
+            effect=e.name, site=e.site, joint=device.name, motor=e.motor, probability=1.0 / len(effects),
+            share=1.0 / len(effects), left=0.0, score=0.7,
             parameters={p.name: Value(value=e.parameters[p.name], sd=0.0, unit=p.unit) for p in e.kind.parameters},
         )
         for e in effects
