@@ -48,6 +48,7 @@ def report(verdict: str, *named: Cause, tied: tuple[str, ...] = ()) -> GapReport
         (report("several_effects", cause("coulomb_friction"), cause("payload")), "named"),
         (report("effect", cause("gravity_error"), tied=("payload",)), "rightly tied"),
         (report("main_effect", cause("coulomb_friction")), "silent"),
+        (report("effect", cause("coulomb_friction")), "wrong"),
         (report("effect", cause("gravity_error")), "wrong"),
         (report("several_effects", cause("payload"), cause("quadratic_drag")), "wrong"),
         (report("unknown"), "silent"),
@@ -125,7 +126,7 @@ def test_what_a_diagnosis_raises_is_a_result(tmp_path: Path) -> None:
     result = run_case(case, tmp_path, lambda _what, _share: None)
     assert result.report is None
     assert result.failure.startswith("SignalError")
-    assert summary([(case, result)]).wrong == 1
+    assert summary([(case, result)]).failed == 1
 
 
 def test_page_and_summary_show_every_case_and_its_misses() -> None:
@@ -140,7 +141,7 @@ def test_page_and_summary_show_every_case_and_its_misses() -> None:
         made(third, None, failure="ValueError: no"),
     ]
     counts = summary(pairs)
-    assert (counts.known, counts.named, counts.wrong, counts.controls, counts.honest) == (2, 1, 1, 1, 0)
+    assert (counts.known, counts.named, counts.failed, counts.controls, counts.honest) == (2, 1, 1, 1, 0)
     assert (counts.lies, counts.compared, counts.worse, counts.sized, counts.off) == (1, 1, 1, 1, 1)
     text = page(pairs, "a commit")
     assert f"## {first.name}: named" in text

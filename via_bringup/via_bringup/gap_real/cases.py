@@ -148,7 +148,7 @@ def _servo() -> tuple[Case, ...]:
         "friction that grows with the load (coefficient .27 in the authors' richest model), which a constant one of "
         ".0128 N m fits less well"
     )
-    size = {"load_dependent_friction": 0.27}
+    size = {"load_dependent_friction": 0.27, "coulomb_friction": 0.0128, "stribeck_friction": 0.0128}
     armature, arm = 0.00181, 0.1  # [kg m^2], [m]
     lighter = {"inertia": armature + 0.3 * arm**2, "gravity_torque": 0.3 * arm * GRAVITY}
     nominals: tuple[tuple[str, Changes, Truth], ...] = (
