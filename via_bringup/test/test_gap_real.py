@@ -145,6 +145,7 @@ def test_page_and_summary_show_every_case_and_its_misses() -> None:
     assert (counts.lies, counts.compared, counts.worse, counts.sized, counts.off) == (1, 1, 1, 1, 1)
     text = page(pairs, "a commit")
     assert f"## {first.name}: named" in text
+    assert f"Not run: {CASES[3].name}, " in text
     assert "payload 0.475 (0.225 documented, off)" in text
     assert f"## {second.name}: wrong" in text
     assert f"## {third.name}: failed" in text

@@ -43,8 +43,8 @@ class Summary:
         return (
             f"{self.named} named and {self.tied} rightly tied of {self.known} cases with a known cause, {self.wrong} "
             f"wrong, {self.failed} failed; {self.lies} wrong answers with a probability of {CONFIDENT:g} or "
-            f"more; {self.honest} of {self.controls} controls honest; {self.off} of {self.sized} sizes off by more than a factor of "
-            f"{FACTOR:g}; {self.worse} of {self.compared} other recordings worse with the repair; "
+            f"more; {self.honest} of {self.controls} controls honest; {self.off} of {self.sized} sizes "
+            f"off by more than a factor of {FACTOR:g}; {self.worse} of {self.compared} other recordings worse with the repair; "
             f"{self.seconds:.0f} s of processor time"
         )
 
