@@ -142,7 +142,7 @@ def test_page_and_summary_show_every_case_and_its_misses() -> None:
     ]
     counts = summary(pairs)
     assert (counts.known, counts.named, counts.failed, counts.controls, counts.honest) == (2, 1, 1, 1, 0)
-    assert (counts.lies, counts.compared, counts.worse, counts.sized, counts.off) == (1, 1, 1, 1, 1)
+    assert (counts.wrong, counts.lies, counts.compared, counts.worse, counts.sized, counts.off) == (1, 1, 1, 1, 1, 1)
     text = page(pairs, "a commit")
     assert f"## {first.name}: named" in text
     assert f"Not run: {CASES[3].name}, " in text
