@@ -111,8 +111,9 @@ def test_a_kept_result_is_used_until_the_case_changes(tmp_path: Path) -> None:
     assert kept(case, tmp_path) == result
     assert kept(replace(case, truth=HEAVIER), tmp_path) == result  # judged anew, not diagnosed anew
     assert kept(replace(case, changes={"link": {"viscous_friction": 0.0}}), tmp_path) is None
-    keep(result.model_copy(update={"report": None, "failure": "ValueError: x"}), tmp_path)
-    assert kept(case, tmp_path) is None
+    failed = result.model_copy(update={"report": None, "failure": "ValueError: x"})
+    keep(failed, tmp_path)
+    assert kept(case, tmp_path) == failed
     (tmp_path / f"{case.name}.json").write_text("{", encoding="utf-8")
     assert kept(case, tmp_path) is None
 
