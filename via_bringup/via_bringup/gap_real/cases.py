@@ -1,6 +1,9 @@
 """The cases: which recordings are fitted, which are judged, against which nominal device, and what is documented.
 
-All of it was fixed before any result. Patterns of file names are those of `fnmatch`, relative to the case's folder.
+Devices, fitted and judged recordings and documented causes were fixed before the first results. After them, the other
+recordings of maccepavd changed from repeat 1, which the import refuses, to repeat 5; documented sizes of dry friction
+were added for the servo; and the rule that a complete answer must hold every documented cause made two answers wrong
+that were silent. Patterns of file names are those of `fnmatch`, relative to the case's folder.
 """
 
 from __future__ import annotations
