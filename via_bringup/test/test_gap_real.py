@@ -48,6 +48,7 @@ def report(verdict: str, *named: Cause, tied: tuple[str, ...] = ()) -> GapReport
         (report("several_effects", cause("coulomb_friction"), cause("payload")), "named"),
         (report("effect", cause("gravity_error"), tied=("payload",)), "rightly tied"),
         (report("main_effect", cause("coulomb_friction")), "silent"),
+        (report("effect", cause("coulomb_friction")), "wrong"),
         (report("effect", cause("gravity_error")), "wrong"),
         (report("several_effects", cause("payload"), cause("quadratic_drag")), "wrong"),
         (report("unknown"), "silent"),
@@ -110,8 +111,9 @@ def test_a_kept_result_is_used_until_the_case_changes(tmp_path: Path) -> None:
     assert kept(case, tmp_path) == result
     assert kept(replace(case, truth=HEAVIER), tmp_path) == result  # judged anew, not diagnosed anew
     assert kept(replace(case, changes={"link": {"viscous_friction": 0.0}}), tmp_path) is None
-    keep(result.model_copy(update={"report": None, "failure": "ValueError: x"}), tmp_path)
-    assert kept(case, tmp_path) is None
+    failed = result.model_copy(update={"report": None, "failure": "ValueError: x"})
+    keep(failed, tmp_path)
+    assert kept(case, tmp_path) == failed
     (tmp_path / f"{case.name}.json").write_text("{", encoding="utf-8")
     assert kept(case, tmp_path) is None
 
@@ -125,7 +127,7 @@ def test_what_a_diagnosis_raises_is_a_result(tmp_path: Path) -> None:
     result = run_case(case, tmp_path, lambda _what, _share: None)
     assert result.report is None
     assert result.failure.startswith("SignalError")
-    assert summary([(case, result)]).wrong == 1
+    assert summary([(case, result)]).failed == 1
 
 
 def test_page_and_summary_show_every_case_and_its_misses() -> None:
@@ -140,10 +142,11 @@ def test_page_and_summary_show_every_case_and_its_misses() -> None:
         made(third, None, failure="ValueError: no"),
     ]
     counts = summary(pairs)
-    assert (counts.known, counts.named, counts.wrong, counts.controls, counts.honest) == (2, 1, 1, 1, 0)
-    assert (counts.lies, counts.compared, counts.worse, counts.sized, counts.off) == (1, 1, 1, 1, 1)
+    assert (counts.known, counts.named, counts.failed, counts.controls, counts.honest) == (2, 1, 1, 1, 0)
+    assert (counts.wrong, counts.lies, counts.compared, counts.worse, counts.sized, counts.off) == (1, 1, 1, 1, 1, 1)
     text = page(pairs, "a commit")
     assert f"## {first.name}: named" in text
+    assert f"Not run: {CASES[3].name}, " in text
     assert "payload 0.475 (0.225 documented, off)" in text
     assert f"## {second.name}: wrong" in text
     assert f"## {third.name}: failed" in text

@@ -100,12 +100,12 @@ def missing(case: Case, data: Path) -> str:
 
 
 def kept(case: Case, folder: Path) -> Result | None:
-    """The result kept in a folder; None where there is none, where it is out of date or the diagnosis failed."""
+    """The result kept in a folder, failures too; None where there is none, or where it is out of date."""
     try:
         result = Result.model_validate_json((folder / f"{case.name}.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return result if result.key == key(case) and not result.failure else None
+    return result if result.key == key(case) else None
 
 
 def keep(result: Result, folder: Path) -> None:
