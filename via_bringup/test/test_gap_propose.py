@@ -19,7 +19,7 @@ def report_of(*named: tuple[str, str, str, float, str]) -> GapReport:
     places = tuple(Place(effect=name, site=site, joint=DEVICE) for name, site, _, _, _ in named)
     causes = tuple(
         Cause(
-            effect=name, site=site, joint=DEVICE, probability=0.5, left=0.1, score=0.7,
+            effect=name, site=site, joint=DEVICE, probability=0.5, share=0.5, left=0.1, score=0.7,
             parameters={parameter: Value(value=value, sd=0.0, unit=unit)},
         )
         for name, site, parameter, value, unit in named

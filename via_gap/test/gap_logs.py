@@ -147,3 +147,26 @@ def antagonistic_log(effects: Sequence[Effect] = (), duration: float = 6.0, seed
     measured = simulate(plant, commands, duration, rate, sensors=Sensors.of_device(device), seed=seed).measured
     seen = [name for name, values in measured.channels.items() if np.isfinite(values).any()]
     return JointLog(f"log {seed}", device, measured.select(seen), commands)
+
+
+def even_log(effects: Sequence[Effect] = (), speed: float = 0.3, duration: float = 10.0, seed: int = 4) -> JointLog:
+    """A balanced rigid joint under velocity control that turns evenly, first forwards, then backwards."""
+    device = rigid()
+    device = device.model_copy(update={"link": device.link.model_copy(update={"gravity_torque": 0.0})})
+    rate = device.sensors.rate
+    simulator = Simulator(JointPlant.from_device(device).with_effects(effects), rate, Sensors.of_device(device))
+    state, count = simulator.init(seed=seed), round(duration * rate)
+    angle, torque = np.empty(count + 1), np.zeros(count)
+    angle[0] = simulator.sample(state)[0][0]
+    seen = integral = 0.0
+    for k in range(count):
+        wanted = speed * min(k / rate, 1.0) * (1.0 if k < count // 2 else -1.0)
+        if k:
+            seen += 0.3 * ((angle[k] - angle[k - 1]) * rate - seen)
+        integral += (wanted - seen) / rate
+        torque[k] = 0.6 * (wanted - seen) + 6.0 * integral
+        state, row, _ = simulator.step(state, np.array([0.0, 0.0, 0.0, torque[k]]))
+        angle[k + 1] = row[0]
+    time, sent = np.arange(count + 1) / rate, {"external_torque": torque}
+    commands = Signals(time[:-1], sent, {"external_torque": "N m"}, frozenset(sent))
+    return JointLog("even", device, Signals(time, {"q": angle}, {"q": "rad"}), commands)

@@ -1,4 +1,4 @@
-"""The ceiling: a flexible torque closes what no name was given to, invents nothing, and simulates as it was fitted."""
+"""The bound: a flexible torque explains what has no name, invents nothing, and simulates as it was fitted."""
 
 from dataclasses import replace
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from gap_logs import flexible as joint
 from gap_logs import log_of, servo
-from via_gap.candidates.fit import Fit, fit_base
-from via_gap.diagnose import diagnose
+from via_gap.candidates.fit import Fit, fit_device_numbers
 from via_gap.residual.errors import Errors, free_errors
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments, cut_log
 from via_gap.selection.basis import Basis, ticks_of
-from via_gap.selection.bound import flexible, lower, solved
-from via_gap.selection.evidence import judge
+from via_gap.selection.bound import flexible, solved
+from via_gap.selection.evidence import evaluate
+from via_gap.selection.gap import _gap
 from via_gap.selection.holdout import split
 from via_sim.effects import Effect
 
@@ -24,12 +24,12 @@ def prepared(device, effects, duration=12.0) -> tuple[ResidualModel, ResidualMod
     segments = cut_log(log_of(device, effects, seed=31, duration=duration))
     train, held, everything = split([segments], [])
     fitted, judged = ResidualModel.of(everything, train), ResidualModel.of(everything, held)
-    return fitted, judged, fit_base(fitted)[0], segments
+    return fitted, judged, fit_device_numbers(fitted), segments
 
 
-def test_a_flexible_torque_closes_a_gap_without_knowing_its_name():
+def test_a_flexible_torque_explains_a_gap_without_knowing_its_name():
     fitted, judged, base, _ = prepared(joint(), (DRAG,), 20.0)
-    (left,) = judge(judged, [base])
+    (left,) = evaluate(judged, [base])
     model = flexible(fitted, base)
     reached = float(np.mean(model.residual(judged, model.functions(judged)) ** 2))
     assert reached < 1e-3 * left.mean_square
@@ -64,12 +64,18 @@ def test_a_joint_of_servos_is_run_freely_with_it():
     assert reached.overall < 0.5 * plain.overall
 
 
-def test_the_ceiling_is_the_lesser_of_both_and_not_below_the_floor():
+def test_the_bound_is_the_lesser_of_both_and_not_below_the_floor():
     def errors(*sizes: float) -> Errors:
         squares = np.array([sizes, sizes]) ** 2
         return Errors(("q", "theta_1", "x"), squares, np.ones(3), np.full(3, 0.01))
 
-    assert lower(errors(0.5, 0.2, 0.01), errors(0.4, 0.3, 0.02)) == pytest.approx([0.4, 0.2, 0.1])
+    three = [errors(1.0, 1.0, 1.0), errors(0.8, 0.6, 0.4), errors(0.5, 0.2, 0.01)]
+    gap = _gap("segments", three, np.array([0.4, 0.3, 0.02]))
+    bounds = [each.bound for each in gap.signals.values()]
+    assert bounds == pytest.approx([0.4, 0.2, 0.1])
+    assert gap.bound == pytest.approx(np.sqrt(np.mean(np.square(bounds))))
+    assert gap.explained == pytest.approx((gap.before - gap.after) / (gap.before - gap.bound))
+    assert (gap.before, gap.signals["q"].explained) == pytest.approx((1.0, 0.5 / 0.6))
 
 
 def test_what_a_torque_may_depend_on_is_finite_where_nothing_moves():
@@ -79,21 +85,12 @@ def test_what_a_torque_may_depend_on_is_finite_where_nothing_moves():
     assert Basis.of([segments]).values(segments).shape[0] == -(-len(segments.start) // ticks_of(segments))
 
 
-def test_a_report_says_how_much_of_what_can_be_closed_is():
-    log = log_of(joint(), (Effect("coulomb_friction", "motor", {"torque": 0.03}, 1),), seed=21)
-    gap = diagnose([log], log.device).gap
-    assert gap.floor <= gap.ceiling
-    assert gap.closes == pytest.approx((gap.before - gap.after) / (gap.before - gap.ceiling))
-    for each in gap.signals.values():  # of which one may be below its floor and another above it
-        assert each.floor <= each.ceiling <= max(each.after, each.floor) * (1.0 + 1e-12)
-
-
 def test_a_torque_that_repeats_along_the_way_is_found_by_its_waves():
     ripple = Effect("torque_ripple", "motor", {"amplitude": 0.02, "order": 9.0, "phase": 0.3}, 1)
     fitted, judged, base, segments = prepared(joint(), (ripple,), 20.0)
     model = flexible(fitted, base)
     assert 9 in {wave.order for wave in model.basis.waves}
-    (left,) = judge(judged, [base])
+    (left,) = evaluate(judged, [base])
     reached = float(np.mean(model.residual(judged, model.functions(judged)) ** 2))
     assert reached < 0.05 * left.mean_square
     assert Basis.of([segments]).waves == ()

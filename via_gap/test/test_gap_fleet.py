@@ -102,7 +102,7 @@ def test_a_row_says_what_a_report_says(tmp_path):
     row = row_of(report, "log", "key")
     assert (row.verdict, row.where, row.causes) == ("effect", "link", "coulomb_friction at link")
     assert row.parameters.startswith("torque 0.0") and row.parameters.endswith("N m")
-    assert (row.before, row.after, row.closes) == (report.gap.before, report.gap.after, report.gap.closes)
+    assert (row.before, row.after, row.explained) == (report.gap.before, report.gap.after, report.gap.explained)
     nothing = {"verdict": "cannot_tell", "where": (), "causes": (), "effects": (), "gap": None}
     blank = row_of(report.model_copy(update=nothing), "log", "key")
     assert blank == Row("log", "key", verdict="cannot_tell")

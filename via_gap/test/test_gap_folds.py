@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from gap_logs import log_of, servo
 from via_core.devices import Tolerances
-from via_gap.candidates.fit import Fit, _standard_deviations, fit_base
-from via_gap.candidates.location import Location
+from via_gap.candidates.fit import fit_device_numbers
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.logs.replay import simulated_log
@@ -13,10 +12,7 @@ from via_gap.residual.nuisance import nuisances
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import whole_log
-from via_gap.selection.calibration import calibration
-from via_gap.selection.evidence import Evaluation, difference
 from via_gap.selection.folds import FOLDS, Folds
-from via_gap.selection.verdict import decide
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
@@ -72,8 +68,8 @@ def test_logs_of_a_group_are_left_out_together_and_each_once():
 
 def test_a_fold_is_judged_by_a_fit_to_the_others():
     whole = problem(1, 2, 3)
-    base, _ = fit_base(whole)
-    (judged,) = Folds.of(whole, (1, 2, 3)).judge([base], None)
+    base = fit_device_numbers(whole)
+    (judged,) = Folds.of(whole, (1, 2, 3)).evaluate([base], None)
     for i, seed in enumerate((1, 2, 3)):
         others = problem(*(s for s in (1, 2, 3) if s != seed))
         deviations = others.fit_nuisances((), base.deviations)[0]
@@ -82,35 +78,6 @@ def test_a_fold_is_judged_by_a_fit_to_the_others():
             np.mean(alone.residual([alone.row((), deviations)])[0] ** 2), rel=1e-9
         )
     assert judged.mean_square > np.mean(base.residual**2)  # a fit is best where it was fitted
-
-
-def judged_as(segments, locations=(), free=True):
-    effects = tuple(location.effect(values) for location, values in locations)
-    sd = np.zeros(sum(len(values) for _, values in locations))
-    return Evaluation(Fit(effects, np.zeros(2), 0.0, np.empty(0), sd), np.empty(0), np.asarray(segments), 1, free)
-
-
-def test_free_runs_are_compared_by_squared_error():
-    a, b = judged_as([1000.0, 9.0]), judged_as([900.0, 30.0])
-    assert a.score > b.score  # segment by segment it would be the other way round
-    assert judged_as([1000.0, 9.0], free=False).score < judged_as([900.0, 30.0], free=False).score
-    assert difference(a, b)[0] == pytest.approx(a.score - b.score, rel=1e-3)
-
-
-def test_effects_that_help_without_explaining_are_repaired_and_not_called_the_explanation():
-    lag, dry = Location("actuator_lag", "command", 0), Location("coulomb_friction", "link", 0)
-    runs_ = np.linspace(0.8, 1.2, 12)
-    tuned = judged_as(1000.0 * runs_)
-    single = judged_as(600.0 * runs_, [(lag, {"time_constant": 0.01})])
-    pair = judged_as(300.0 * runs_, [(lag, {"time_constant": 0.02}), (dry, {"torque": 0.1})])
-    frozen = calibration("serial")
-    decision = decide(tuned, [single], [pair], frozen)
-    assert decision.verdict == "unknown"
-    assert decision.chosen is pair
-    assert [each.fit.effects[0].name for each, _ in decision.ranked] == ["actuator_lag", "coulomb_friction"]
-    assert decision.ranked[0][0].fit.effects[0].parameters["time_constant"] == 0.02  # as fitted within the pair
-    assert decide(tuned, [single], [judged_as(3.0 * runs_, [(lag, {"time_constant": 0.02}),
-                  (dry, {"torque": 0.1})])], frozen).verdict == "two_effects"  # fmt: skip
 
 
 def test_what_is_named_does_not_depend_on_what_was_held_out():
@@ -125,14 +92,6 @@ def test_what_is_named_does_not_depend_on_what_was_held_out():
     assert first.causes[0].parameters["delay"].value == pytest.approx(0.03, abs=1e-3)
     assert first.gap.after < 0.1 * first.gap.before
     assert second.gap.after > 10.0 * first.gap.after
-
-
-def test_a_parameter_that_nothing_depends_on_is_known_to_its_bounds():
-    slopes = np.random.default_rng(1).normal(size=(50, 3))
-    slopes[:, 2] = 0.0
-    sd = _standard_deviations(slopes.T @ slopes, np.array([1e6, 7.0]), 1)
-    assert sd[0] == pytest.approx(np.sqrt(np.linalg.inv(slopes[:, :2].T @ slopes[:, :2])[1, 1]), rel=1e-6)
-    assert sd[1] == pytest.approx(7.0)
 
 
 def test_numbers_are_as_loose_as_the_device_file_says():

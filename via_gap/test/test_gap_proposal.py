@@ -77,7 +77,9 @@ def test_nothing_is_proposed_where_nothing_is_open():
     assert propose(decided, device) is None
     assert with_proposal(decided, device).proposal is None
     both = undecided(device, COULOMB, BACKLASH)
-    assert tied(both.model_copy(update={"verdict": "two_effects"})) == ()
+    assert len(tied(both)) == len(tied(both.model_copy(update={"verdict": "main_effect"}))) == 2
+    several = {"verdict": "several_effects", "effects": both.equivalence_set}
+    assert tied(both.model_copy(update=several)) == tied(both.model_copy(update={"verdict": "unknown"})) == ()
     assert len(tied(both.model_copy(update={"verdict": "cannot_tell", "equivalence_set": ()}))) == 2
 
 

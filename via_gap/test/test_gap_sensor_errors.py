@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from gap_logs import flexible, log_of
 from via_core.signals import Signals
+from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog
-from via_gap.report.report import Cause, GapReport, Place, Where
-from via_gap.report.sensor_causes import with_sensor_errors
 from via_gap.sensors.sensor_errors import sensor_errors
 from via_sim.effects import Effect
 
@@ -49,31 +48,12 @@ def test_what_was_not_recorded_shows_nothing() -> None:
     assert sensor_errors([replace(log, commands=None)]) == ()
 
 
-def report(verdict: str, *causes: Cause) -> GapReport:
-    places = tuple(Place(effect=c.effect, site=c.site, joint=c.joint, motor=c.motor) for c in causes)
-    where = tuple(Where(joint=c.joint, site=c.site, motor=c.motor, equation="link", share=1.0) for c in causes)
-    return GapReport.model_validate(
-        {
-            "joint": "joint", "level": "full", "logs": ("a",), "holdout": ("b",), "verdict": verdict, "where": where,
-            "causes": causes, "equivalence_set": places, "effects": places, "gap": None, "nuisance": (),
-            "data_check": (), "not_judged": (), "figures": None,
-        }
-    )  # fmt: skip
-
-
 def test_it_stands_beside_what_was_named_and_alone_where_there_was_no_gap() -> None:
-    found = sensor_errors([log_of(flexible(), (Effect("torque_bias", "sensor", {"torque": 0.1}, 1),), seed=31)])
-    alone = with_sensor_errors(report("no_gap"), found)
+    wrong = Effect("torque_bias", "sensor", {"torque": 0.1}, 1)
+    log = log_of(flexible(), (wrong,), seed=31, duration=10.0)
+    alone = diagnose([log], log.device)
     assert (alone.verdict, alone.causes[0].effect, alone.where[0].site) == ("effect", "torque_bias", "sensor")
     assert alone.repair()[0].parameters["torque"] == pytest.approx(0.1, rel=0.02)
-    other = Cause(
-        effect="coulomb_friction", site="link", joint="joint", probability=0.9, parameters={}, left=0.1, score=0.7
-    )
-    both = with_sensor_errors(report("effect", other), found)
-    assert (both.verdict, len(both.effects)) == ("two_effects", 2)
-    assert {(w.site, w.share) for w in both.where} == {("link", 0.5), ("sensor", 0.5)}
-    for verdict in ("unknown", "cannot_tell"):
-        assert with_sensor_errors(report(verdict), found) == report(verdict)
 
 
 def test_a_torque_that_does_not_follow_its_command_tells_of_no_sensor() -> None:

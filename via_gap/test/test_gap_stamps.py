@@ -88,7 +88,7 @@ def test_lost_samples_are_left_out():
 def judged(*locations: Location, loss: float) -> Evaluation:
     effects = tuple(p.effect({"torque": 0.1} if p == DRY else {"delay": 2.9e-3}) for p in locations)
     some: Array = np.ones(4)
-    return Evaluation(Fit(effects, np.zeros(1), loss, some, np.zeros(1)), some, loss * some, 1)
+    return Evaluation(Fit(effects, np.zeros(1), loss, some, np.zeros((1, 1))), some, loss * some, 1)
 
 
 @pytest.mark.parametrize(
@@ -97,16 +97,19 @@ def judged(*locations: Location, loss: float) -> Evaluation:
     ids=["command", "angle"],
 )
 def test_what_the_drive_rules_out_is_no_cause_alone_nor_beside_another(log, right, wrong):
-    causes = [judged(wrong, loss=1.0), judged(right, loss=1.1), judged(DRY, loss=9.0)]
-    sets = [judged(wrong, DRY, loss=1.0)]
-    (causes, sets), (finding,) = separate_delays([log()], causes, sets)
-    assert [each.fit.locations for each in causes] == [(right,), (DRY,)]
-    assert causes[0].fit.loss == 1.1  # the fit of the right one itself
-    assert [each.fit.locations for each in sets] == [(right, DRY)]  # there is no other: the same numbers hold
-    assert sets[0].fit.effects[0].parameters == {"delay": 2.9e-3}
+    models = [judged(*each, loss=loss) for each, loss in (((wrong,), 1.0), ((right,), 1.1), ((DRY,), 9.0))]
+    models.append(judged(wrong, DRY, loss=0.9))
+    kept, (finding,) = separate_delays([log()], models)
+    assert {each.fit.locations: each.fit.loss for each in kept} == {
+        (right, DRY): 0.9,  # there is no other: the same numbers hold
+        (right,): 1.1,  # the fit of the right one itself
+        (DRY,): 9.0,
+    }
+    pair = next(each for each in kept if len(each.fit.effects) == 2)
+    assert pair.fit.effects[0].parameters == {"delay": 2.9e-3}
     assert finding.check == "answers" and finding.severity == "note"
 
 
 def test_without_a_delay_nothing_is_asked():
-    causes = [judged(DRY, loss=1.0)]
-    assert separate_delays([late_angle()], causes, []) == ([causes, []], [])
+    models = [judged(DRY, loss=1.0)]
+    assert separate_delays([late_angle()], models) == (models, [])

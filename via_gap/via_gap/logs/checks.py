@@ -40,9 +40,11 @@ def _stamps(log: JointLog) -> Iterator[Finding]:
     period = float(np.median(steps))
     rate, told = 1.0 / period, log.device.sensors.rate
     if log.duration < SHORTEST:
-        yield _finding(log, "duration", "time", "refuse", log.duration, f"only {log.duration:.2g} s long")
+        text = f"only {log.duration:.2g} s long: record for longer"
+        yield _finding(log, "duration", "time", "refuse", log.duration, text)
     if rate < SLOWEST:
-        yield _finding(log, "rate", "time", "refuse", rate, f"{rate:.3g} Hz are too slow to see what a joint does")
+        text = f"{rate:.3g} Hz are too slow to see what a joint does: record at {SLOWEST:g} Hz or more"
+        yield _finding(log, "rate", "time", "refuse", rate, text)
     elif abs(rate / told - 1.0) > 0.1:
         yield _finding(log, "rate", "time", "note", rate, f"{rate:.4g} Hz, the device file says {told:.4g} Hz")
     for count, what in zip(log.dropped, ("repeat", "run backward"), strict=True):
@@ -53,20 +55,21 @@ def _stamps(log: JointLog) -> Iterator[Finding]:
 
 def _channels(log: JointLog) -> Iterator[Finding]:
     if not log.drivable:
-        text = "neither commands nor motor torques were recorded: no simulation can be driven"
+        text = "neither commands nor motor torques were recorded, so that nothing can be simulated: record the commands"
         yield _finding(log, "drive", "commands", "refuse", 0.0, text)
     for name, values in _angles(log):
         seen = np.isfinite(values)
         share = float(np.mean(seen))
         if share < 0.9 and name == "q":
-            text = f"the link angle is missing in {100 * (1 - share):.0f} % of the samples"
+            text = f"the link angle is missing in {100 * (1 - share):.0f} % of the samples: check its encoder"
             yield _finding(log, "missing", name, "refuse" if share < 0.5 else "downgrade", 1.0 - share, text)
         there = values[seen]
         if there.size < 2:
             continue
         if np.ptp(there) == 0.0:
             severity: Severity = "refuse" if name == "q" else "downgrade"
-            yield _finding(log, "stale", name, severity, 0.0, f"{name} never changes: is it measured at all?")
+            text = f"{name} never changes: check that the joint moves and that this angle is recorded"
+            yield _finding(log, "stale", name, severity, 0.0, text)
             continue
         share = jumps(there)
         if share > 0.0:

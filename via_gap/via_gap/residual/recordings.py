@@ -98,5 +98,5 @@ def _cut(
 def _few(segments: Segments) -> Finding:
     return Finding(
         log=segments.log.name, check="length", signal="time", severity="refuse", value=float(len(segments)),
-        text="too few stretches of data to fit on some and judge on others",
+        text="too few stretches of data to fit on some and judge on others: record for longer",
     )  # fmt: skip
