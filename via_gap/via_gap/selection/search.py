@@ -31,7 +31,7 @@ from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.plausibility import doubt
-from via_gap.selection.verdict import matters, simplest
+from via_gap.selection.verdict import improves, matters, simplest
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
 Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on data they were not fitted to
@@ -103,7 +103,7 @@ class Search:
                 break
             found = self._evaluated(here._finished(fits), models)
             step = simplest(found) if found else current
-            if not matters(step, current, self.tuned):
+            if not improves(step, current, self.tuned):
                 break
             reduced = self._evaluated(here._reduced(step.fit), models) if size else []
             enough = [each for each in reduced if each is not step and not matters(step, each, self.tuned)]
