@@ -11,6 +11,7 @@ from via_bringup.demo.summary import Quantity, Summary, Traffic
 from via_core.bags import BagWriter, read_bag
 from via_core.devices import load_device
 from via_core.errors import ViaError
+from via_gap.report.report import read_report
 
 RUNS = ("constant/record/record_traj2_3.csv", "vardamp/record/record_traj3_3.csv")
 CORRUPT = ("constant/record/record_traj3_5.csv", "vardamp/record/record_traj2_1.csv")
@@ -98,6 +99,16 @@ def test_page_shows_every_picture_run_and_reason(demo):
         assert f"{run.strategy} {run.trajectory}.{run.repeat}" in page
     for file in summary.robot.refused:
         assert file.file in page
+
+
+def test_diagnosis_is_the_first_link_of_the_page(demo):
+    out, summary = demo
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert page.index(f'href="{summary.diagnosis.page}"') < page.index("<h2>")
+    report = read_report((out / "diagnosis.json").read_text(encoding="utf-8"), "diagnosis.json")
+    assert report.verdict == summary.diagnosis.verdict
+    assert len(report.logs) == summary.diagnosis.runs == 12
+    assert (out / summary.diagnosis.page).stat().st_size > 10_000
 
 
 def test_every_bag_is_whole(demo):

@@ -40,7 +40,14 @@ VALUES = {
 
 
 def cause(at: Place, probability: float, left: float = 0.01) -> Cause:
-    return Cause(**at.model_dump(), probability=probability, parameters=VALUES[at.effect], left=left, score=left)
+    return Cause(
+        **at.model_dump(),
+        probability=probability,
+        share=probability,
+        parameters=VALUES[at.effect],
+        left=left,
+        score=left,
+    )
 
 
 def trial(*places: Place, left: float, behind: float) -> Trial:

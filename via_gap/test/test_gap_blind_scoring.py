@@ -20,7 +20,16 @@ from via_gap.benchmark.measuring import shrinkage_of
 from via_gap.benchmark.page import as_json, markdown, picture, reason, write_page
 from via_gap.benchmark.rightness import Place
 from via_gap.benchmark.running import RUNS, run_cases, words_of
-from via_gap.benchmark.scoring import OVERALL, Bin, Number, Score, calibration_error, parameter_coverage, reliability, score
+from via_gap.benchmark.scoring import (
+    OVERALL,
+    Bin,
+    Number,
+    Score,
+    calibration_error,
+    parameter_coverage,
+    reliability,
+    score,
+)
 
 
 def test_a_right_answer_is_right_everywhere() -> None:

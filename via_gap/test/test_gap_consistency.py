@@ -36,7 +36,9 @@ def cause_of(at: Place, probability: float, left: float) -> Cause:
         p.name: Value(value=p.neutral + 0.01, sd=0.001, unit=p.unit, low=p.low, high=p.high, neutral=p.neutral)
         for p in EFFECTS[at.effect].parameters
     }
-    return Cause(**at.model_dump(), probability=probability, parameters=values, left=left, score=left)
+    return Cause(
+        **at.model_dump(), probability=probability, share=probability, parameters=values, left=left, score=left
+    )
 
 
 @st.composite

@@ -128,9 +128,8 @@ def test_errors_of_segments_are_those_of_the_gap():
 def test_error_figures_fall_where_the_effect_is_added():
     problem, before, after = two_residuals()
     figures = error_figures(segment_stretches(problem, before, after), 1)
-    assert {(f.signal, f.by) for f in figures} == {
-        (s, by) for s in ("q", "theta_1") for by in ("speed", "deflection", "angle", "time")
-    }
+    expected = {(s, by) for s in ("q", "theta_1") for by in ("speed", "deflection", "angle", "time")}
+    assert {(f.signal, f.by) for f in figures} == {*expected, ("theta_1", "motor angle")}
     assert all(b.after < 0.2 * b.before for f in figures for b in f.bins)
 
 

@@ -12,7 +12,7 @@ from via_sim.effects_file import load_effects, save_effects
 
 def report() -> GapReport:
     cause = Cause(
-        effect="backlash", site="transmission", joint="elbow", motor=1, probability=0.9,
+        effect="backlash", site="transmission", joint="elbow", motor=1, probability=0.9, share=0.9,
         parameters={"gap": Value(value=0.02, sd=1e-4, unit="rad")}, left=0.01, score=0.7,
     )  # fmt: skip
     place = Place(effect="backlash", site="transmission", joint="elbow", motor=1)

@@ -22,7 +22,7 @@ from via_gap.report.report import GapReport
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import compared
 from via_gap.selection.experiment import Experiment
-from via_gap.selection.gap import Achievable, measured_gap
+from via_gap.selection.gap import Achievable, confirmed
 from via_gap.selection.search import Progress
 from via_gap.selection.verdict import decide
 from via_gap.sensors.sensor_errors import sensor_errors
@@ -64,7 +64,7 @@ def diagnose(
     achievable = Achievable(experiment)
     decision = decide(experiment.tuned, models, achievable.beside).converged(experiment, candidates.scales)
     notify("measuring the gap", 0.95)
-    gap = measured_gap(experiment, decision.chosen, achievable)
+    decision, gap = confirmed(experiment, decision, achievable)
     found = sensor_errors(recordings.logs)
     report = answered(recordings, experiment, candidates, models, decision, gap, found, findings)
     notify("done", 1.0)

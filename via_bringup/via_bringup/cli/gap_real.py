@@ -56,8 +56,10 @@ def real(
             answers.print(f"skipped {case.name}: {absent} in {folder}")
         else:
             there.append(case)
-    for case in there if again else [each for each in there if kept(each, results) is None]:
-        _run(case, folder, results)
+    for case in there:
+        result = kept(case, results)
+        if again or result is None or result.failure:
+            _run(case, folder, results)
     pairs = [(case, result) for case in CASES if (result := kept(case, results)) is not None]
     _show([(case, result) for case, result in pairs if case in there])
     if write is not None and pairs:

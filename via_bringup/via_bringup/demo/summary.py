@@ -97,9 +97,8 @@ class DiagnosisPart(Record):
     verdict: str
     headline: str
     named: list[str]
-    fitted: int  # runs
-    judged: int  # runs
-    before: float | None  # gap on the runs judged [-]; None where it was not measured
+    runs: int
+    before: float | None  # gap on stretches held out [-]; None where it was not measured
     after: float | None
     page: str
 

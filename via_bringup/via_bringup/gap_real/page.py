@@ -8,8 +8,9 @@ from pathlib import Path
 
 from jinja2 import Environment, StrictUndefined
 from via_gap.report.report import Cause, GapReport
+from via_sim.effects import place_name
 
-from via_bringup.gap_real.cases import Case
+from via_bringup.gap_real.cases import CASES, Case
 from via_bringup.gap_real.pictures import draw_gaps
 from via_bringup.gap_real.run import Elsewhere, Result
 from via_bringup.gap_real.summary import Pair, first_cause, gap_words, judged, summary, worse
@@ -39,7 +40,9 @@ def page(pairs: Sequence[Pair], source: str) -> str:
         probability=probability, recordings=recordings, sizes=size_words, worse=worse, answer=answer,
     )  # fmt: skip
     template = environment.from_string(files("via_bringup.gap_real").joinpath("page.md").read_text("utf-8"))
-    return template.render(pairs=pairs, source=source, summary=summary(pairs), picture=PICTURE)
+    shown = {case.name for case, _ in pairs}
+    absent = [case.name for case in CASES if case.name not in shown]
+    return template.render(pairs=pairs, absent=absent, source=source, summary=summary(pairs), picture=PICTURE)
 
 
 def answer(report: GapReport) -> str:
@@ -84,7 +87,7 @@ def causes(report: GapReport) -> str:
 
 def _cause(cause: Cause) -> str:
     values = ", ".join(f"{name} {v.value:.3g} +- {v.sd:.1g} {v.unit}" for name, v in cause.parameters.items())
-    place = f"{cause.site} {cause.motor or ''}".strip()
+    place = place_name(cause.site, cause.motor)
     return f"| {cause.effect} | {place} | {cause.probability:.2f} | {100 * cause.left:.3g} % | {values} |"
 
 

@@ -25,7 +25,7 @@ from via_core.errors import SignalError, ViaError
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport
-from via_gap.report.withheld import before_and_after, lacking_before_and_after
+from via_gap.report.withheld import before_and_after
 from via_gap.residual.errors import Errors
 
 from via_bringup.gap_real.cases import Case
@@ -100,12 +100,12 @@ def missing(case: Case, data: Path) -> str:
 
 
 def kept(case: Case, folder: Path) -> Result | None:
-    """The result kept in a folder; None where there is none, where it is out of date or the diagnosis failed."""
+    """The result kept in a folder, failures too; None where there is none, or where it is out of date."""
     try:
         result = Result.model_validate_json((folder / f"{case.name}.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return result if result.key == key(case) and not result.failure else None
+    return result if result.key == key(case) else None
 
 
 def keep(result: Result, folder: Path) -> None:
@@ -178,7 +178,7 @@ class _Recordings:
 
 def _elsewhere(case: Case, report: GapReport, device: Device, logs: Sequence[JointLog]) -> list[Elsewhere]:
     """The gap of other recordings without and with the repair, in the view that judged the report."""
-    if report.gap is None or not report.repaired():
+    if report.gap is None or not report.repaired() or not logs:
         return []
     if case.imported:
         return [_compared(case, report, device, list(logs), f"{len(logs)} recordings")]
@@ -189,7 +189,7 @@ def _compared(case: Case, report: GapReport, device: Device, logs: list[JointLog
     assert report.gap is not None
     try:
         if report.gap.by == "inverse dynamics":
-            before, after = lacking_before_and_after(logs, report.repaired())
+            before, after = before_and_after(logs, logs[0].device, report.repaired(), only_equations=True)
         else:
             before, after = before_and_after(logs, device, report.repaired())
     except SignalError as error:

@@ -16,11 +16,13 @@ Pair = tuple[Case, Result]
 class Summary:
     """Counts over cases.
 
-    known     cases with a documented cause; of those `named` and `tied`, and `wrong` or failed
+    known     cases with a documented cause; of those `named` and `tied`
+    wrong     cases, controls among them
     controls  cases without; of those `honest`
     lies      wrong answers with a probability of CONFIDENT or more
     compared  other recordings that a repair was tried on; of those `worse`
     sized     named causes of documented size; of those `off` by more than FACTOR
+    failed    cases whose diagnosis raised an error
     seconds   of processor time
     """
 
@@ -35,16 +37,20 @@ class Summary:
     worse: int
     sized: int
     off: int
+    failed: int
     seconds: float
 
     def __str__(self) -> str:
-        return (
-            f"{self.named} named and {self.tied} rightly tied of {self.known} cases with a known cause, {self.wrong} "
-            f"wrong; {self.lies} wrong answers with a probability of {CONFIDENT:g} or more; {self.honest} of "
-            f"{self.controls} controls honest; {self.off} of {self.sized} sizes off by more than a factor of "
-            f"{FACTOR:g}; {self.worse} of {self.compared} other recordings worse with the repair; "
-            f"{self.seconds:.0f} s of processor time"
+        parts = (
+            f"{self.named} named and {self.tied} rightly tied of {self.known} cases with a known cause",
+            f"{self.wrong} wrong, {self.lies} of these with a probability of {CONFIDENT:g} or more",
+            f"{self.failed} failed",
+            f"{self.honest} of {self.controls} controls honest",
+            f"{self.off} of {self.sized} sizes off by more than a factor of {FACTOR:g}",
+            f"{self.worse} of {self.compared} other recordings worse with the repair",
+            f"{self.seconds:.0f} s of processor time",
         )
+        return "; ".join(parts)
 
 
 def summary(pairs: Sequence[Pair]) -> Summary:
@@ -55,11 +61,11 @@ def summary(pairs: Sequence[Pair]) -> Summary:
     found = [size for case, result in pairs if result.report for size in sizes(named_causes(result.report), case.truth)]
     elsewhere = [each for _, result in pairs for each in result.elsewhere if not each.failure]
     return Summary(
-        len(known), known.count("named"), known.count("rightly tied"), known.count("wrong") + known.count("failed"),
+        len(known), known.count("named"), known.count("rightly tied"), [*known, *controls].count("wrong"),
         len(controls), controls.count("honest"),
         sum(result.report is not None and lies(result.report, case.truth) for case, result in pairs),
         len(elsewhere), sum(each.worse for each in elsewhere), len(found), sum(each.off for each in found),
-        sum(result.seconds for _, result in pairs),
+        [*known, *controls].count("failed"), sum(result.seconds for _, result in pairs),
     )  # fmt: skip
 
 

@@ -3,7 +3,8 @@
     named         every documented cause is named
     rightly tied  those that are not named are in the set of causes that the recordings do not tell apart
     silent        a documented cause is missing, and nothing is named that the documentation contradicts or lacks
-    wrong         something else is named in place of it, or a cause that the documentation contradicts
+    wrong         something else is named in place of it, a cause that the documentation contradicts, or an answer that
+                  claims to be complete (`effect`, `several_effects`) lacks a documented cause
     honest        of a control: no cause is named that the documentation contradicts
 
 Only named causes count, not the ranking: a report that names nothing is not wrong.
@@ -18,7 +19,8 @@ from typing import Literal
 from via_gap.report.report import Cause, GapReport, Place, Value
 
 Outcome = Literal["named", "rightly tied", "silent", "wrong", "honest"]
-NAMING = ("effect", "several_effects", "main_effect")
+COMPLETE = ("effect", "several_effects")  # verdicts that everything is explained
+NAMING = (*COMPLETE, "main_effect")
 CONFIDENT = 0.5  # probability from which a wrong first cause is a lie: more likely than not
 # Size of an effect: the product of these parameters. A payload's mass and arm are known apart far worse than m l.
 SIZE = {
@@ -87,11 +89,12 @@ def outcome(report: GapReport, truth: Truth) -> Outcome:
     missing = [each for each in truth.causes if not each & effects]
     if not missing:
         return "named"
-    tied = {place.effect for place in report.equivalence_set}
+    answers = {each.effect for each in named}
+    tied = {place.effect for place in report.equivalence_set} - answers
     if named and all(each & tied for each in missing):
         return "rightly tied"
-    documented = truth.also.union(*truth.causes)
-    return "wrong" if {each.effect for each in named} - documented or effects != {e.effect for e in named} else "silent"
+    documented = truth.also.union(*truth.causes) & effects
+    return "wrong" if answers - documented or (named and report.verdict in COMPLETE) else "silent"
 
 
 def lies(report: GapReport, truth: Truth) -> bool:

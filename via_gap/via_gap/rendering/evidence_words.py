@@ -171,7 +171,7 @@ def rejected(report: GapReport) -> tuple[Rejected, ...]:
         if not members or members == answer or alone or any(trial is each for each in shown):
             continue
         name = listed([place_words(each) for each in trial.effects])
-        behind = f"{number(trial.behind, 2)} ± {number(trial.behind_sd, 1)}"
+        behind = f"{number(trial.behind, 2)} ± {number(trial.behind_sd, 1)}" if trial.behind_sd > 0.0 else "best"
         found.append(Rejected(f"{name} alone" if members < answer else name, percent(trial.left), behind))
     return tuple(found)
 

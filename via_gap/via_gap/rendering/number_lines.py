@@ -11,6 +11,7 @@ from via_gap.rendering.numbers import number, raised
 
 ROW, TOP, SIDE = 50.0, 26.0, 16.0
 ROOM = 0.35  # of the shown span, to either side of what must be seen
+WHOLE = 6.0  # times that span: a range up to there is shown from limit to limit
 FAR = 30.0  # times the value: a neutral value that is farther off is not drawn to scale
 
 
@@ -96,6 +97,8 @@ def _shown(line: Line) -> tuple[float, float]:
     low, high = min(*seen, line.value - interval), max(*seen, line.value + interval)
     room = ROOM * max(high - low, 0.1 * size)
     low, high = low - room, high + room
+    if line.low is not None and line.high is not None and line.high - line.low <= WHOLE * (high - low):
+        return line.low, line.high
     if line.low is not None:
         low = max(low, line.low)
     if line.high is not None:

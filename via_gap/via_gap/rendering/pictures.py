@@ -15,6 +15,7 @@ from via_gap.report.figures import ErrorFigure, OrderSpectrum, ResidualFigure, T
 from via_gap.report.report import DEVIATIONS, Cause, GapReport
 from via_gap.selection.gap import Gap
 
+PEAKS = 6  # of a spectrum, that its caption names
 AXES = {
     "q": "the link", "theta_1": "motor 1", "theta_2": "motor 2", "tau": "the joint", "tau_link": "the link",
     "tau_1": "motor 1", "tau_2": "motor 2",
@@ -180,9 +181,18 @@ def _spectrum(figure: OrderSpectrum, report: GapReport) -> Drawn:
         Curve(after_words(report), "after", figure.orders, figure.after),
     ]
     axis = "the link" if figure.equation == "link" else figure.equation
-    caption = f"equation of {axis}; the log holds {number(figure.turns)} turns"
+    peaks = ", ".join(number(each) for each in _peaks(figure))
+    caption = f"equation of {axis}: largest at orders {peaks}; the log holds {number(figure.turns)} turns"
     panel = Panel("amplitude", "N m", curves, zero=True)
     return Drawn(caption, chart(f"Order spectrum, {caption}", "periods per turn", "1/rev", [panel]))
+
+
+def _peaks(figure: OrderSpectrum) -> list[float]:
+    """The orders of the largest local maxima as filed, in ascending order."""
+    padded = (0.0, *figure.before, 0.0)
+    tops = [k for k, (a, b, c) in enumerate(zip(padded, padded[1:], padded[2:], strict=False)) if a < b >= c]
+    largest = sorted(tops, key=lambda k: -figure.before[k])[:PEAKS]
+    return sorted(figure.orders[k] for k in largest)
 
 
 def _error(figure: ErrorFigure, antagonistic: bool, repaired: str) -> Drawn:

@@ -76,8 +76,8 @@ def cautions(report: GapReport) -> tuple[str, ...]:
     if report.verdict == "unknown":
         best = f" to {percent(gap.bound)}" if gap is not None and gap.bound < gap.after else ""
         said.append(
-            f"A flexible torque model reduces the error{best}: it repeats with the motion, so one or more effects "
-            "outside the catalogue act on the joint."
+            f"A flexible torque model reduces the error{best}: it repeats with the motion. An effect outside the "
+            "catalogue acts on the joint, or several effects that could not be identified together."
         )
     replaced = list(dict.fromkeys(tie.named for tie in ties(report)))
     if names_causes(report) and replaced:

@@ -26,8 +26,10 @@ from via_gap.logs.replay import FIRST_SAMPLES
 from via_gap.logs.rounding import between, mean_variance, slope_order, variances
 
 Indices = NDArray[np.intp]
-SPAN = 0.25  # [s] of a segment of a torque-driven joint
-SERVO_SPAN = 1.5  # [s] of one whose motors follow their commands: it does not drift
+SPAN = 0.25  # [s] of a segment of a torque-driven joint, which drifts
+# [s] by the drive. Under a position drive a wrong start fades within its loop's settling time; of motors that follow
+# their commands a joint does not drift at all.
+SPANS = {"torque": SPAN, "position": 0.75, "servo": 1.5}
 SLOWEST = 500.0  # [Hz] ticks; a slower log is simulated with several ticks per sample
 BIN = 0.004  # [s] over which angles are averaged before they are compared
 START, START_SPEED = 2.0, 0.03  # times the sensor's noise; [rad/s]: how well a smoothed start is known, bias included
@@ -104,7 +106,7 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     origin = _aligned(log, rate)
     grid = origin + np.arange(int((log.measured.time[-1] - origin) * rate + 1e-6) + 1) / rate
     every = per_sample if per_sample > 1 else max(1, round(BIN * rate))
-    wanted = span or (SERVO_SPAN if device.n_motors and device.drive == "servo" else SPAN)
+    wanted = span or SPANS[device.drive]
     ticks = min(max(every, round(wanted * rate / every) * every), (len(grid) - 1) // every * every)
     if ticks < 4 * every:
         raise SignalError(f"{log.name}: {log.duration:.3g} s are too short to compare anything")

@@ -19,6 +19,7 @@ from via_gap.residual.repaired_device import repaired_device
 from via_gap.selection.bound import Flexible, flexible
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
+from via_gap.selection.verdict import Decision
 
 By = Literal["segments", "free run", "inverse dynamics"]
 
@@ -82,6 +83,14 @@ class Achievable:
         if fit.locations not in self._models:
             self._models[fit.locations] = flexible(self._experiment.fitted, fit)
         return self._models[fit.locations]
+
+
+def confirmed(experiment: Experiment, decision: Decision, achievable: Achievable) -> tuple[Decision, Gap]:
+    """The decision with its gap; nothing is named where the repair leaves no less of it than device numbers alone."""
+    gap = measured_gap(experiment, decision.chosen, achievable)
+    if not decision.named or gap.after < gap.tuned:
+        return decision, gap
+    return decision.refuted(experiment.tuned), measured_gap(experiment, experiment.tuned, achievable)
 
 
 def measured_gap(experiment: Experiment, chosen: Evaluation, achievable: Achievable) -> Gap:

@@ -21,7 +21,7 @@ from via_sim.catalogue import EFFECTS
 from via_sim.parameters import RIPPLE_HARMONICS
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.fit import FINISHING, Fit, Members, member_slopes, members_of, on, refine, robust
+from via_gap.candidates.fit import FINISHING, SHORT, Fit, Members, member_slopes, members_of, on, refine, robust
 from via_gap.candidates.location import Location
 from via_gap.candidates.orders import harmonics
 from via_gap.candidates.scales import Scales
@@ -31,7 +31,7 @@ from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.plausibility import doubt
-from via_gap.selection.verdict import matters, simplest
+from via_gap.selection.verdict import improves, matters, simplest
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
 Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on data they were not fitted to
@@ -103,7 +103,7 @@ class Search:
                 break
             found = self._evaluated(here._finished(fits), models)
             step = simplest(found) if found else current
-            if not matters(step, current, self.tuned):
+            if not improves(step, current, self.tuned):
                 break
             reduced = self._evaluated(here._reduced(step.fit), models) if size else []
             enough = [each for each in reduced if each is not step and not matters(step, each, self.tuned)]
@@ -232,7 +232,8 @@ class Search:
         if self.few is not self.whole:
             done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]
             near = [fit for fit in done if fit is not None]
-        near += [fit for each in near for fit in self._richer(each)]
+        rippled = [fit for fit in near if any(place.name == RIPPLE for place in fit.locations)]
+        near += self._richer(rippled[0]) if rippled else []
         return [robust(self.whole, fit, self.scales) for fit in near]
 
     def _richer(self, fit: Fit) -> list[Fit]:
@@ -249,7 +250,7 @@ class Search:
                 optional = tuple(p.name for p in EFFECTS[RIPPLE].optional[: 3 * (len(waves) - 1)])
                 members = members_of(fit)
                 members[number] = (replace(place, optional=optional), [value for wave in waves for value in wave])
-                richer = refine(self.whole, fit, None, members, self.scales, rounds=FINISHING)
+                richer = refine(self.whole, fit, None, members, self.scales, rounds=SHORT)
                 found += [richer] if richer is not None else []
         return found
 

@@ -57,6 +57,11 @@ class Decision:
     def named(self) -> Locations:
         return self.chosen.fit.locations
 
+    def refuted(self, tuned: Evaluation) -> Decision:
+        """Nothing is named: the repair leaves no less of the held-out gap than the device's own numbers alone."""
+        reason = "what explains the fitted recordings does not carry over to those held out"
+        return replace(self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=reason)
+
     def converged(self, experiment: Experiment, scales: Scales) -> Decision:
         """The same answer with the chosen fit led to its end, as the repair states it."""
         if not self.named:
@@ -121,8 +126,12 @@ def fraction(tuned: Evaluation, model: Evaluation, bound: float) -> float:
 
 def matters(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
     """Whether a model with more effects is clearly better than one with fewer, and by a share that is material."""
-    gain = fewer.rms - max(more.rms, 1.0)
-    return gain > NUMBERS.material * (tuned.rms - 1.0) and clearly_worse(fewer, more)
+    return improves(more, fewer, tuned) and clearly_worse(fewer, more)
+
+
+def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
+    """Whether a model explains a material share of the error more, clearly or not: then larger ones are worth a fit."""
+    return fewer.rms - max(more.rms, 1.0) > NUMBERS.material * (tuned.rms - 1.0)
 
 
 def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
