@@ -35,6 +35,7 @@ def evidence(draw: st.DrawFn) -> tuple[Evaluation, list[Evaluation], float]:
     reached = [most * draw(st.floats(0.0, 1.0)) for _ in range(3)]  # by one effect, by two, by three
 
     def leaving(height: float, *locations: Location) -> Evaluation:
+        height += 1e-6 * rng.uniform()  # no two are exactly alike: which of such is taken does not matter
         left = np.exp(height + noise * rng.normal(size=SEGMENTS) + shared)
         return evaluated(left, *locations, whole=whole)
 
