@@ -11,7 +11,8 @@ from via_core.signals import Signals
 from via_gap.design.proposal import with_proposal
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog
-from via_gap.run.watch import look, rehearse, tuned
+from via_gap.logs.noise import log_noise
+from via_gap.run.watch import Watch, look, rehearse, tuned
 from via_gap.run.worker import Failed, Finished, Job, Progress, Worker
 from via_sim.effects import Effect
 
@@ -91,3 +92,16 @@ def test_a_link_that_stands_tells_nothing():
     still = {name: np.zeros_like(values) for name, values in log.measured.channels.items()}
     standing = JointLog("", log.device, Signals(log.measured.time, still, log.measured.units), log.commands)
     assert not look(standing, log.device).moves
+
+
+def test_noise_is_estimated_at_rest_and_once_in_motion(monkeypatch):
+    log = log_of(flexible(), (), seed=23, duration=4.0, tolerance=0.0)
+    still = {name: np.zeros_like(values) for name, values in log.measured.channels.items()}
+    standing = JointLog("", log.device, Signals(log.measured.time, still, log.measured.units), log.commands)
+    asked = []
+    monkeypatch.setattr("via_gap.run.watch.log_noise", lambda log: asked.append(log) or log_noise(log))
+    watch = Watch()
+    for each in (standing, standing, log, log, standing, log):
+        seen = watch.look(each, log.device)
+    assert [each is log for each in asked] == [False, True]
+    assert seen == look(log, log.device)

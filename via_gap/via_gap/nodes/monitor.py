@@ -51,7 +51,7 @@ from via_gap.logs.rolling import RollingLog, columns_of
 from via_gap.nodes.answers import failure, hypotheses_of, result_of, sites_of
 from via_gap.rendering.words import headline
 from via_gap.report.report import GapReport, read_report
-from via_gap.run.watch import Look, look, rehearse, tuned
+from via_gap.run.watch import Look, Watch, rehearse, tuned
 from via_gap.run.worker import Finished, Job, Progress, Worker
 
 STALE = 0.5  # [s] of wall time without a sample
@@ -107,6 +107,7 @@ class MonitorNode(Node):
         self._diagnosed = self._asked = 0  # [ns] stamps: of the report, of the diagnosis under way
         self._doing, self._restarts, self._refusal = "", 0, ""
         self._look: Look | None = None
+        self._observer = Watch()
         self._trouble = ""
         self._seen = self._samples = self._foreign = self._broken = self._ticks = 0
         self._heard = self._due = float("-inf")  # [s] steady clock: of the last sample, of the next own diagnosis
@@ -206,6 +207,7 @@ class MonitorNode(Node):
         """The clock ran back: what was found belongs to another run."""
         self._restarts = self._rolling.restarts
         self._report, self._model, self._look, self._due = None, self.device, None, float("-inf")
+        self._observer = Watch()
         if self._worker.busy and self._goal is None:
             self._worker.cancel()
             self._doing = ""
@@ -250,7 +252,7 @@ class MonitorNode(Node):
             try:
                 log = self._rolling.log(LIVE, own.recent)
                 assert log is not None
-                self._look = look(log, self._model)
+                self._look = self._observer.look(log, self._model)
             except ViaError as error:
                 self._look = None
                 return Status.BAD_SAMPLE, str(error)

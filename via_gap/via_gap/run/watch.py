@@ -15,6 +15,8 @@ from via_sim.plants import JointPlant
 
 from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.logs.log import JointLog, believed
+from via_gap.logs.noise import LogNoise, log_noise
+from via_gap.logs.quality import Quality
 from via_gap.report.report import GapReport
 from via_gap.residual.equations import weak_residuals
 from via_gap.residual.errors import segment_errors
@@ -47,10 +49,37 @@ class Look:
     moves: bool
 
 
-def look(log: JointLog, device: Device) -> Look:
-    """The log against `device`. Raises SignalError where it has no drive to simulate with, or is too short."""
+class Watch:
+    """Looks at one joint again and again.
+
+    To estimate the noise takes a hundred times as long as the rest: it is done once at rest and once in motion.
+    """
+
+    def __init__(self) -> None:
+        self._noise: LogNoise | None = None
+        self._made: tuple[bool, tuple[bool, ...]] = (False, ())  # whether the joint moved, and which motors were seen
+
+    def look(self, log: JointLog, device: Device) -> Look:
+        """See `look`."""
+        (log,) = believed([log])
+        made = (_moves(log) or self._made[0], log.motors_seen)
+        if self._noise is None or made != self._made:
+            self._noise, self._made = log_noise(log), made
+        return look(log, device, self._noise)
+
+
+def _moves(log: JointLog) -> bool:
+    return bool(np.nanmax(log.measured["q"]) - np.nanmin(log.measured["q"]) > STILL)
+
+
+def look(log: JointLog, device: Device, noise: LogNoise | None = None) -> Look:
+    """The log against `device`, with the noise of its channels where that is known.
+
+    Raises SignalError where it has no drive to simulate with, or is too short.
+    """
     (log,) = believed([log])
-    segments = cut_log(log)
+    whole = (float(log.measured.time[0]), float(log.measured.time[-1]))
+    segments = cut_log(log, quality=Quality((), (whole,), noise or log_noise(log)))
     problem = ResidualModel.of([segments], [np.arange(len(segments))])
     errors = segment_errors(problem, problem.residual([JointPlant.from_device(device).parameters])[0])
     residuals = weak_residuals(segments, device)
@@ -61,7 +90,7 @@ def look(log: JointLog, device: Device) -> Look:
         normalised_error=float(errors.signals[0]),
         residual_ratio=float(np.sqrt(np.mean(whitened))) if whitened else float("nan"),
         sites=localise([segments], [residuals], device) if residuals else (),
-        moves=bool(np.nanmax(log.measured["q"]) - np.nanmin(log.measured["q"]) > STILL),
+        moves=_moves(log),
     )
 
 
