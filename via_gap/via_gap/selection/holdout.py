@@ -45,6 +45,8 @@ def _informative(segments: Sequence[Segments], valid: Sequence[Indices]) -> list
     speed = np.concatenate([each.start[w, 3] for each, w in zip(segments, windows, strict=True)])
     log_of = np.repeat(np.arange(len(segments)), [len(each) for each in valid])
     held = hold_out(describe(angle, speed), list(map(int, log_of))).held
+    if not len(held):  # nothing moves: any choice is as good
+        return [i % 3 == 2 for i in range(len(segments))]
     return [bool(i in set(log_of[held])) for i in range(len(segments))]
 
 
