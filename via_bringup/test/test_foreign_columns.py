@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 from via_bringup.cli import app
 from via_core.devices import load_device
-from via_gap.log import read_log
+from via_gap.logs.log import read_log
 
 
 def test_counts_and_amperes_are_read_in_si_units(tmp_path) -> None:

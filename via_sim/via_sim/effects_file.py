@@ -25,6 +25,7 @@ from typing import Any
 import yaml
 from via_core.errors import ParameterError
 
+from via_sim.catalogue import EFFECTS
 from via_sim.effects import PAIRED, Effect
 
 KEYS = ("effect", "site", "motor", "joint", "parameters", "intervals")
@@ -94,7 +95,7 @@ def _effect(entry: object, where: str) -> Effect:
     for key in ("effect", "site"):
         if not isinstance(entry.get(key), str):
             raise ParameterError(f"{where}: {key}: must be a name, got {entry.get(key)!r}")
-    if entry["site"] in PAIRED and "motor" not in entry:
+    if entry["effect"] in EFFECTS and entry["site"] in PAIRED and "motor" not in entry:
         raise ParameterError(f"{where}: motor: is missing at site '{entry['site']}', must be 1, 2 or 0 (both)")
     parameters = entry.get("parameters", {})
     if not isinstance(parameters, dict):

@@ -152,7 +152,7 @@ def judge(
         in_set=in_set,
         in_conformal=in_conformal,
         both=both,
-        closes=gap.get("closes"),
+        closes=gap.get("explained"),
         predicted=1.0 - gap["after"] / gap["before"] if gap.get("before") else None,
         measured=withheld.share if withheld is not None else None,
         measured_closes=withheld.closes if withheld is not None else None,

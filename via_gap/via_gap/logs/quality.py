@@ -165,8 +165,7 @@ def _commands(log: JointLog) -> Iterator[_Found]:
         f"{100 * share:.2g} % of the time is left out: record commands where they are sent, with less load"
     )
     severity: Severity = "downgrade" if share > MUCH else "note"
-    regular = float(np.mean(np.abs(steps - period) < MUCH * period)) > 1.0 - TOLERANCE
-    cut = () if regular else tuple((float(time[i]), float(time[i + 1])) for i in gone)  # else only these samples
+    cut = tuple((float(time[i]), float(time[i + 1])) for i in gone)
     yield _Found(_found(log, "command gaps", "commands", severity, 1e3 * longest, text), cut)
 
 

@@ -146,7 +146,7 @@ def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
 
 def simplest(models: Sequence[Evaluation]) -> Evaluation:
     """The best of the models without the needless ones."""
-    return min(without_needless(models), key=lambda each: each.score)
+    return min(without_needless(models), key=lambda each: (each.score, freedom(each.fit), str(each.fit.locations)))
 
 
 def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
