@@ -33,7 +33,7 @@ from via_gap.benchmark.scoring import (
 
 
 def test_a_right_answer_is_right_everywhere() -> None:
-    gap = {"before": 0.4, "after": 0.1, "closes": 0.95}
+    gap = {"before": 0.4, "after": 0.1, "explained": 0.95}
     told = report("effect", (COULOMB, 0.9), (LAG, 0.1), where=where(("motor", 1)), equivalence_set=[COULOMB], gap=gap)
     judged = judge("case_000", key("single", COULOMB), told, Shrinkage(0.5, 0.1, 0.05), 3.0)
     assert judged.where_right and judged.top1 and judged.place_right and judged.in_set and judged.right
@@ -113,11 +113,11 @@ def test_a_missing_report_is_wrong() -> None:
 def cases() -> list[Judged]:
     """Twelve cases: see the numbers in `test_numbers_are_those_worked_out_by_hand`."""
     right = report("effect", (COULOMB, 0.9), where=where(("motor", 1)), equivalence_set=[COULOMB])
-    right["gap"] = {"before": 1.0, "after": 0.2, "closes": 1.0}
+    right["gap"] = {"before": 1.0, "after": 0.2, "explained": 1.0}
     right["conformal_set"] = [COULOMB]
     right["causes"][0]["parameters"] = {"torque": {"value": 0.03, "sd": 0.001, "unit": "N m"}}
     tied = report("effect", (LAG, 0.6), where=where(("motor", 1)), equivalence_set=[LAG, COULOMB])
-    tied["gap"] = {"before": 1.0, "after": 0.4, "closes": 0.8}
+    tied["gap"] = {"before": 1.0, "after": 0.4, "explained": 0.8}
     tied["conformal_set"] = [LAG, COULOMB]
     dry = {**COULOMB, "parameters": {"torque": 0.031}}
     dirt, last = {"dirt": {"effect": "extra_mode"}}, "encoder_and_command"
