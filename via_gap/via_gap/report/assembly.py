@@ -26,7 +26,7 @@ from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.gap import Gap
-from via_gap.selection.reliability import in_conformal_set, reliability
+from via_gap.selection.reliability import in_conformal_set, reliability, shipped
 from via_gap.selection.verdict import Decision
 from via_gap.sensors.sensor_errors import SensorError
 
@@ -208,4 +208,6 @@ def _not_judged(log: JointLog) -> tuple[str, ...]:
         said.append("no motor torque was measured: commands are used instead, a torque sensor cannot be judged")
     if log.device.drive == "servo":
         said.append("motors are position servos: their torques and their friction are not in the model")
+    if not shipped().cases:
+        said.append("probabilities are not calibrated in this version: the ranking counts, not their size")
     return (*said, *unjudged(log.device, log))
