@@ -678,6 +678,32 @@ def _rare_bits(p: Array) -> int:
     return bits
 
 
+@bare
+def _terms_of(rows: Array, first: int, count: int) -> tuple[int, int, bool, int, bool, int, int]:
+    """Arguments of `_step` from rows: (axes, terms, gravity, friction, falls, gaps, rare).
+
+    On its own because numba would compile `_step` anew for every type that they have while a loop finds them.
+    """
+    axes = terms = friction = gaps = rare = 0
+    gravity = falls = False
+    for lane in range(count):
+        p = rows[first + lane]
+        gravity |= p[P.gravity_torque] != 0.0
+        rare |= _rare_bits(p)
+        for axis in range(3):
+            if p[P.axis_kind + axis] != ABSENT:
+                axes = axis + 1
+            friction |= int(has_friction(p, axis)) << axis
+            falls |= p[P.breakaway_friction + axis] != p[P.kinetic_friction + axis]
+        for i in range(2):
+            if p[P.backlash + i] > 0.0:
+                gaps = i + 1
+            for k in range(N_COEFFICIENTS):
+                if p[P.spring + i * N_COEFFICIENTS + k] != 0.0:
+                    terms = max(terms, k + 1)
+    return axes, terms, gravity, friction, falls, gaps, rare
+
+
 @compiled
 def run_many(rows: Array, states: Array, commands: Array, begins: Any, out: Array) -> None:
     """One run per row (K, N_PARAMETERS) over n ticks, states (K, n) in place -> motion out (K, n+1, 6).
@@ -710,8 +736,8 @@ def _run_block(
     joins, placed, plain, late, stands, number = lanes[0], lanes[1], lanes[2], lanes[3], lanes[4], lanes[5]
     count, lead, ticks = min(LANES, len(rows) - first), rows[first], out.shape[1] - 1
     period, length = lead[P.tick], (states.shape[1] - X.queue) // QUEUED
-    gravity = falls = False
-    friction = gaps = terms = together = axes = rare = 0
+    axes, terms, gravity, friction, falls, gaps, rare = _terms_of(rows, first, count)
+    together = 0
     z[:, :] = 0.0
     for lane in range(count):
         p, x = rows[first + lane], states[first + lane]
@@ -723,24 +749,11 @@ def _run_block(
         joins[lane], placed[lane], plain[lane] = alike and _written_out(p), 0, _reads_true(p)
         late[lane] = int(p[P.delay] / period + 1e-9)
         together += joins[lane]
-        gravity |= p[P.gravity_torque] != 0.0
-        rare |= _rare_bits(p)
-        for axis in range(3):
-            if p[P.axis_kind + axis] != ABSENT:
-                axes = axis + 1
-            friction |= int(has_friction(p, axis)) << axis
-            falls |= p[P.breakaway_friction + axis] != p[P.kinetic_friction + axis]
-        for i in range(2):
-            if p[P.backlash + i] > 0.0:
-                gaps = i + 1
-            for k in range(N_COEFFICIENTS):
-                if p[P.spring + i * N_COEFFICIENTS + k] != 0.0:
-                    terms = max(terms, k + 1)
     steps, every = max(1, int(lead[P.substeps])), stride(period)
     h = period / steps
     for tick in range(ticks):
         last = tick == ticks - 1
-        ready, holds = 0, False
+        ready = standing = 0
         if together > 1:
             for lane in range(count):
                 p, x = rows[first + lane], states[first + lane]
@@ -749,7 +762,7 @@ def _run_block(
                 z[Z.margin, lane] = 2.0 * placed[lane] - 1.0
                 if placed[lane] != 0:
                     ready += 1
-                    holds |= stands[lane] != 0
+                    standing += stands[lane]
                     command, now = commands[begins[first + lane] + tick], number[lane] + tick
                     _drive(p, x, command, now % length, late[lane], p[P.origin] + now * period, z, lane)
                     own = weights[lane, 2]
@@ -759,7 +772,7 @@ def _run_block(
                             z[Z.weight + k, lane] = own[k]
             if ready > 0:
                 for _ in range(steps):
-                    _step(z, rows, first, axes, terms, gravity, friction, falls, gaps, holds, rare)
+                    _step(z, rows, first, axes, terms, gravity, friction, falls, gaps, standing != 0, rare)
         for lane in range(count):
             p, x, motion = rows[first + lane], states[first + lane], out[first + lane, tick + 1]
             command, now = commands[begins[first + lane] + tick], number[lane] + tick
