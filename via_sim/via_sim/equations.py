@@ -6,10 +6,9 @@
 once. Integrated against modulating functions (via_core.weak_form) the two sides agree where the plant is right:
 inertia <angle, psi''> = <torque, psi>, with no derivative of anything measured but what friction needs for its sign.
 
-**Commands are held, samples are instants.** Against a trapezoid rule over samples a held torque counts with its mean
-over the cell from halfway before a sample to halfway after it: (u_n + u_{n-1})/2 where commands change on samples, and
-right to second order for any dead time, command rate and jitter. A lag T y' = u - y turns the mean of u into that of y,
-which is mean(u) - T (y_end - y_begin) / width. A friction whose sign changes within a cell counts likewise.
+**Commands are held, samples are instants**: each sample gets the mean of what is held over its cell (held_commands.py).
+A lag T y' = u - y turns the mean of u into that of y, which is mean(u) - T (y_end - y_begin) / width. A friction whose
+sign changes within a cell counts likewise.
 
 **Memory** (bristles, Maxwell elements) runs on the increments of the angles themselves, from rest at the first sample.
 
@@ -24,19 +23,17 @@ from math import exp, isfinite, nan
 from typing import Any
 
 import numpy as np
-from via_core.dampers import damper_value
 from via_core.errors import ParameterError
 from via_core.servos import servo_acceleration
 from via_core.signals import Array
 
-from via_sim.actuation import couple, saturated, servo_bandwidth
+from via_sim.actuation import couple, servo_bandwidth
 from via_sim.encoders import read_motion, true_motion
 from via_sim.friction import breakaway, dry_friction, has_friction, viscous_friction
 from via_sim.parameters import (
     ABSENT,
     DYNAMIC,
     N_PARAMETERS,
-    NO_DAMPER,
     POSITION_DRIVE,
     SERVO,
     TORQUE_DRIVE,
@@ -53,7 +50,6 @@ from via_sim.torques import (
     EXTERNAL,
     FLANK,
     GOAL,
-    N_COMMANDS,
     N_INPUTS,
     N_MODES,
     NEIGHBOUR,
@@ -108,16 +104,22 @@ class EquationTorques:
     inertia: Array
 
 
-def equation_torques(row: Array, record: Record) -> EquationTorques:
+def equation_torques(row: Array, record: Record, wanted: Array | None = None) -> EquationTorques:
     """Torques of a joint with parameter row (N_PARAMETERS,) along a record; the row's tick and substeps are not used.
+
+    wanted  (n,) ascending: samples whose torques are returned; None: all N
 
     Raises ParameterError for a row of another shape.
     """
     p = np.array(row, dtype=np.float64)  # a locked row would be another type to numba
     if p.shape != (N_PARAMETERS,):
         raise ParameterError(f"a parameter row has shape ({N_PARAMETERS},), got {p.shape}")
-    out = np.empty((len(record), _N_COLUMNS))
-    walk(p, record.time, record.angle, record.velocity, record.command_time, record.commands, record.sensed, out)
+    every = np.arange(len(record))
+    walked = every if wanted is None or _remembers(p) else wanted
+    out = np.empty((len(walked), _N_COLUMNS))
+    walk(p, record.time, record.angle, record.velocity, *record.held.means(p), walked, out)
+    if wanted is not None and walked is every:
+        out = out[wanted]
     kinds = p[P.axis_kind : P.axis_kind + 3]
     parts = {name: out[:, a : a + 3] for name, a in zip(_C._fields, _C, strict=True)}
     with np.errstate(invalid="ignore"):
@@ -125,6 +127,13 @@ def equation_torques(row: Array, record: Record) -> EquationTorques:
     inertia = np.where(kinds == DYNAMIC, p[P.inertia : P.inertia + 3], 1.0)
     parts["transmission"] = out[:, _C.transmission :]
     return EquationTorques(standing=standing, inertia=inertia, **parts)
+
+
+def _remembers(p: Array) -> bool:
+    """Whether what acts at a sample hangs on more of the samples before it than on the last."""
+    limited = p[P.link_drive] == POSITION_DRIVE and p[P.drive_speed_limit] < np.inf
+    bristles, slips = p[P.bristle_torque : P.bristle_torque + 3], p[P.hysteresis_torque : P.hysteresis_torque + 2]
+    return bool(p[P.lag] > 0.0 or limited or np.any(bristles > 0.0) or np.any(slips > 0.0))
 
 
 @bare
@@ -138,46 +147,6 @@ def _ahead(time: Array, angle: Array, velocity: Array, axis: int, n: int, skew: 
     h = time[k + 1] - time[k]
     a, b = angle[k, axis], angle[k + 1, axis]
     return hermite(a, velocity[k, axis], b, velocity[k + 1, axis], h, (when - time[k]) / h)
-
-
-@bare
-def _driving(p: Array, commands: Array, k: int, column: int, sensed: bool) -> float:
-    """What command k asks for once the drive has passed it on: torque [N m], angle [rad] or damping [N m s/rad]."""
-    value = commands[k, column]
-    if column == DAMPING:
-        if p[P.damper_site] == NO_DAMPER:
-            return 0.0
-        return damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], value)
-    if column == EXTERNAL:
-        return saturated(p, 0, value) if p[P.link_drive] == TORQUE_DRIVE else value
-    if column == GOAL and p[P.link_drive] == POSITION_DRIVE:
-        return value * commands[k, POWER]  # only while it is on: over the share of a mean it is, see `_aim`
-    if column >= NEIGHBOUR or p[P.axis_kind + 1 + column] != DYNAMIC:
-        return value
-    if sensed:
-        value = (value - p[P.sensed_bias + 1 + column]) / p[P.sensed_gain + 1 + column]
-    limit = p[P.torque_limit + column]
-    return saturated(p, 1 + column, min(max(value, -limit), limit))
-
-
-@bare
-def _means(p: Array, times: Array, commands: Array, sensed: bool, k: int, a: float, b: float, mean: Array) -> int:
-    """Means over [a, b] [s] of what is held -> mean (N_COMMANDS,); k: a command not after a, returned: not after b."""
-    last = times.size - 1
-    while k < last and times[k + 1] <= a:
-        k += 1
-    for column in range(mean.size):
-        mean[column] = 0.0
-    width = b - a
-    while True:
-        end = b if k == last else min(times[k + 1], b)
-        share = 1.0 if width <= 0.0 else (end - a) / width
-        for column in range(mean.size):
-            mean[column] += share * _driving(p, commands, k, column, sensed)
-        if k == last or times[k + 1] >= b:
-            return k
-        a = end
-        k += 1
 
 
 @bare
@@ -219,118 +188,112 @@ def _aim(p: Array, held: Array, reading: float, width: float, x: Array, u: Array
 
 @compiled
 def walk(
-    p: Array, time: Array, angle: Array, velocity: Array, command_time: Array, commands: Array, sensed: bool, out: Array
+    p: Array, time: Array, angle: Array, velocity: Array, late: Array, prompt: Array, wanted: Any, out: Array
 ) -> None:
-    """Every sample of a record -> out (N, 17), see `EquationTorques` and `Record`."""
+    """The wanted samples of a record -> out (N, 17), see `EquationTorques`; late, prompt as of `HeldCommands.means`."""
     c1, c2 = laws(p)
     modes, u, x, y = np.zeros(N_MODES, np.int64), np.zeros(N_INPUTS), np.zeros(X.queue), np.zeros(6)
-    held, now = np.zeros(N_COMMANDS), np.zeros(N_COMMANDS)
     prepare(p, modes)
-    _walk(p, c1, c2, time, angle, velocity, command_time, commands, sensed, modes, u, x, y, held, now, out)
+    for i in range(wanted.size):
+        _sample(p, c1, c2, time, angle, velocity, late, prompt, wanted[i], modes, u, x, y, i, out)
 
 
 @bare
-def _walk(
-    p: Array, c1: Array, c2: Array, time: Array, angle: Array, velocity: Array, command_time: Array, commands: Array,
-    sensed: bool, modes: Array, u: Array, x: Array, y: Array, held: Array, now: Array, out: Array,
+def _sample(
+    p: Array, c1: Array, c2: Array, time: Array, angle: Array, velocity: Array, late: Array, prompt: Array, n: int,
+    modes: Array, u: Array, x: Array, y: Array, row: int, out: Array,
 ) -> None:  # fmt: skip
-    """`walk` with its scratch: modes, inputs, state, angles and velocities of a sample, commands it gets."""
-    last, late, prompt = time.size - 1, 0, 0
-    for n in range(time.size):
-        begin = 0.5 * (time[max(n - 1, 0)] + time[n])
-        end = 0.5 * (time[n] + time[min(n + 1, last)])
-        width, age = end - begin, p[P.origin] + time[n] - time[0]
+    """Sample n of `walk` -> out[row], with its scratch: modes, inputs, state, angles and velocities of the sample."""
+    held, now, last = late[n], prompt[n], time.size - 1
+    begin = 0.5 * (time[max(n - 1, 0)] + time[n])
+    end = 0.5 * (time[n] + time[min(n + 1, last)])
+    width, age = end - begin, p[P.origin] + time[n] - time[0]
 
-        # what drives the axes
-        late = _means(p, command_time, commands, sensed, late, begin - p[P.delay], end - p[P.delay], held)
-        if p[P.delay] > 0.0:
-            prompt = _means(p, command_time, commands, sensed, prompt, begin, end, now)
-        else:
-            now[EXTERNAL], now[NEIGHBOUR], now[ARM] = held[EXTERNAL], held[NEIGHBOUR], held[ARM]
-        couple(p, now[NEIGHBOUR], now[ARM], u)
-        if p[P.link_drive] != TORQUE_DRIVE:
-            u[BESIDE] += now[EXTERNAL]
-        if p[P.pulse_torque] != 0.0 and width > 0.0:
-            from_age = age - (time[n] - begin)
-            overlap = min(from_age + width, p[P.pulse_stop]) - max(from_age, p[P.pulse_start])
-            u[BESIDE] += p[P.pulse_torque] * max(overlap, 0.0) / width
-        u[EXTERNAL], u[DAMPING] = u[BESIDE], held[DAMPING]
-        for axis in range(3):
-            asked = held[EXTERNAL] if axis == 0 else held[axis - 1]
-            if p[P.axis_kind + axis] != DYNAMIC or (axis == 0 and p[P.link_drive] != TORQUE_DRIVE):
-                continue
-            if p[P.lag] > 0.0:
-                if n == 0:
-                    x[X.lag + axis] = asked
-                passed = asked + (x[X.lag + axis] - asked) * exp(-width / p[P.lag])
-                if width > 0.0:
-                    asked -= p[P.lag] * (passed - x[X.lag + axis]) / width
-                x[X.lag + axis] = passed
-            asked = p[P.torque_gain + axis] * asked + p[P.torque_bias + axis]
-            if axis == 0:
-                u[EXTERNAL] += asked
-            else:
-                u[axis - 1] = asked + u[BESIDE + axis]
-
-        # where the axes are
-        for axis in range(3):
-            y[axis], y[3 + axis] = 0.0, 0.0
-            if p[P.axis_kind + axis] != ABSENT:
-                y[axis], y[3 + axis] = angle[n, axis], velocity[n, axis]
-                if p[P.skew + axis] > 0.0:
-                    y[axis], y[3 + axis] = _ahead(time, angle, velocity, axis, n, p[P.skew + axis])
-                y[axis], y[3 + axis] = true_motion(p, axis, y[axis], y[3 + axis])
-            if n == 0 or not isfinite(x[axis]):
-                x[axis] = y[axis]
-            way = y[axis] - x[axis]
-            modes[axis] = 1 if way > 0.0 else (-1 if way < 0.0 else 0)
-        if p[P.link_drive] == POSITION_DRIVE:
-            reading, _ = read_motion(p, 0, y[0], y[3])
+    # what drives the axes
+    couple(p, now[NEIGHBOUR], now[ARM], u)
+    if p[P.link_drive] != TORQUE_DRIVE:
+        u[BESIDE] += now[EXTERNAL]
+    if p[P.pulse_torque] != 0.0 and width > 0.0:
+        from_age = age - (time[n] - begin)
+        overlap = min(from_age + width, p[P.pulse_stop]) - max(from_age, p[P.pulse_start])
+        u[BESIDE] += p[P.pulse_torque] * max(overlap, 0.0) / width
+    u[EXTERNAL], u[DAMPING] = u[BESIDE], held[DAMPING]
+    for axis in range(3):
+        asked = held[EXTERNAL] if axis == 0 else held[axis - 1]
+        if p[P.axis_kind + axis] != DYNAMIC or (axis == 0 and p[P.link_drive] != TORQUE_DRIVE):
+            continue
+        if p[P.lag] > 0.0:
             if n == 0:
-                x[X.behind] = x[X.lag] = held[GOAL] / held[POWER] if held[POWER] > 0.0 else reading
-            _aim(p, held, reading, width, x, u)
-            u[DAMPING] += u[ON] * p[P.drive_damping]
-        if modes[RARE] != 0 and isfinite(y[0] + y[1] + y[2]):
-            remember(p, modes, x, y)
-        for axis in range(6):
-            x[axis] = y[axis]
+                x[X.lag + axis] = asked
+            passed = asked + (x[X.lag + axis] - asked) * exp(-width / p[P.lag])
+            if width > 0.0:
+                asked -= p[P.lag] * (passed - x[X.lag + axis]) / width
+            x[X.lag + axis] = passed
+        asked = p[P.torque_gain + axis] * asked + p[P.torque_bias + axis]
+        if axis == 0:
+            u[EXTERNAL] += asked
+        else:
+            u[axis - 1] = asked + u[BESIDE + axis]
 
-        # what acts on them
-        u[SPRING], u[SPRING + 1] = spring_factor(p, 0, age), spring_factor(p, 1, age)
-        for i in range(2):
+    # where the axes are
+    for axis in range(3):
+        y[axis], y[3 + axis] = 0.0, 0.0
+        if p[P.axis_kind + axis] != ABSENT:
+            y[axis], y[3 + axis] = angle[n, axis], velocity[n, axis]
+            if p[P.skew + axis] > 0.0:
+                y[axis], y[3 + axis] = _ahead(time, angle, velocity, axis, n, p[P.skew + axis])
+            y[axis], y[3 + axis] = true_motion(p, axis, y[axis], y[3 + axis])
+        if n == 0 or not isfinite(x[axis]):
+            x[axis] = y[axis]
+        way = y[axis] - x[axis]
+        modes[axis] = 1 if way > 0.0 else (-1 if way < 0.0 else 0)
+    if p[P.link_drive] == POSITION_DRIVE:
+        reading, _ = read_motion(p, 0, y[0], y[3])
+        if n == 0:
+            x[X.behind] = x[X.lag] = held[GOAL] / held[POWER] if held[POWER] > 0.0 else reading
+        _aim(p, held, reading, width, x, u)
+        u[DAMPING] += u[ON] * p[P.drive_damping]
+    if modes[RARE] != 0 and isfinite(y[0] + y[1] + y[2]):
+        remember(p, modes, x, y)
+    for axis in range(6):
+        x[axis] = y[axis]
+
+    # what acts on them
+    u[SPRING], u[SPRING + 1] = spring_factor(p, 0, age), spring_factor(p, 1, age)
+    for i in range(2):
+        phi = deflection(p, i, x[0], x[1 + i])
+        half = 0.5 * p[P.backlash + i]
+        modes[FLANK + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
+    modes[TOUCH] = p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0 and p[P.contact_stiffness] > 0.0
+    torques = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
+    for axis in range(3):
+        kind, load = p[P.axis_kind + axis], torques[3 + axis]
+        friction = capacity = 0.0
+        torque = nan
+        if kind == DYNAMIC:
+            if has_friction(p, axis):
+                counter = counter_torque(p, modes, u, axis, x[0], x[3])
+                before, after = velocity[max(n - 1, 0), axis], velocity[min(n + 1, last), axis]
+                friction = _slipping(p, axis, before, x[3 + axis], after, load, counter)
+                most = breakaway(p, axis, 1, load, counter)
+                capacity = 0.5 * (most + breakaway(p, axis, -1, load, counter))
+            torque = torques[axis] - viscous_friction(p, axis, u[DAMPING]) * x[3 + axis] - friction
+        elif kind == SERVO:
+            v, w = x[3 + axis], servo_bandwidth(p, axis - 1)
+            torque = servo_acceleration(x[axis], v, held[axis - 1], w)
+            if abs(v) >= _SLEWING * p[P.saturation + axis] and torque * v > 0.0:
+                torque = 0.0
+        out[row, _C.torque + axis] = torque
+        out[row, _C.friction + axis] = friction
+        out[row, _C.capacity + axis] = capacity
+        out[row, _C.angle + axis] = x[axis] if kind != ABSENT else nan
+        out[row, _C.velocity + axis] = x[3 + axis] if kind != ABSENT else nan
+    for i in range(2):
+        total = nan
+        if p[P.transmissions] > i:
+            preset = preset_of(p, i, x[1], x[2])
             phi = deflection(p, i, x[0], x[1 + i])
-            half = 0.5 * p[P.backlash + i]
-            modes[FLANK + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
-        modes[TOUCH] = p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0 and p[P.contact_stiffness] > 0.0
-        torques = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
-        for axis in range(3):
-            kind, load = p[P.axis_kind + axis], torques[3 + axis]
-            friction = capacity = 0.0
-            torque = nan
-            if kind == DYNAMIC:
-                if has_friction(p, axis):
-                    counter = counter_torque(p, modes, u, axis, x[0], x[3])
-                    before, after = velocity[max(n - 1, 0), axis], velocity[min(n + 1, last), axis]
-                    friction = _slipping(p, axis, before, x[3 + axis], after, load, counter)
-                    most = breakaway(p, axis, 1, load, counter)
-                    capacity = 0.5 * (most + breakaway(p, axis, -1, load, counter))
-                torque = torques[axis] - viscous_friction(p, axis, u[DAMPING]) * x[3 + axis] - friction
-            elif kind == SERVO:
-                v, w = x[3 + axis], servo_bandwidth(p, axis - 1)
-                torque = servo_acceleration(x[axis], v, held[axis - 1], w)
-                if abs(v) >= _SLEWING * p[P.saturation + axis] and torque * v > 0.0:
-                    torque = 0.0
-            out[n, _C.torque + axis] = torque
-            out[n, _C.friction + axis] = friction
-            out[n, _C.capacity + axis] = capacity
-            out[n, _C.angle + axis] = x[axis] if kind != ABSENT else nan
-            out[n, _C.velocity + axis] = x[3 + axis] if kind != ABSENT else nan
-        for i in range(2):
-            total = nan
-            if p[P.transmissions] > i:
-                preset = preset_of(p, i, x[1], x[2])
-                phi = deflection(p, i, x[0], x[1 + i])
-                c = c1 if i == 0 else c2
-                total = transmission_torque(p, c, i, phi, preset, modes[FLANK + i], u[SPRING + i])
-                total += x[X.hysteresis + i] + p[P.spring_damping + i] * (x[3] - x[4 + i])
-            out[n, _C.transmission + i] = total
+            c = c1 if i == 0 else c2
+            total = transmission_torque(p, c, i, phi, preset, modes[FLANK + i], u[SPRING + i])
+            total += x[X.hysteresis + i] + p[P.spring_damping + i] * (x[3] - x[4 + i])
+        out[row, _C.transmission + i] = total

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan
 
 import numpy as np
@@ -11,6 +11,7 @@ from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array, Signals, locked
 
+from via_sim.held_commands import HeldCommands
 from via_sim.simulate import command_rows
 from via_sim.torques import M1, N_COMMANDS
 
@@ -28,6 +29,7 @@ class Record:
     commands      (K, 5) held from its time on, columns as of the simulator
     sensed        whether the motor torques among them were read by sensors, whose errors are then undone
     still         (3,) [rad/s] speeds below which an axis nearly stands
+    held          the same commands as means over samples
 
     Arrays are copied and locked. Raises SignalError where they do not fit.
     """
@@ -39,6 +41,7 @@ class Record:
     commands: Array
     sensed: bool = False
     still: ArrayLike = STILL
+    held: HeldCommands = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         still = np.broadcast_to(np.asarray(self.still, dtype=np.float64), (3,))
@@ -56,6 +59,8 @@ class Record:
                 raise SignalError(f"'{name}' of a record must increase and have at least one entry")
         if not np.all(np.isfinite(self.commands)):
             raise SignalError("commands of a record must be finite")
+        held = HeldCommands(self.time, self.command_time, self.commands, self.sensed)
+        object.__setattr__(self, "held", held)
 
     def __len__(self) -> int:
         return len(self.time)

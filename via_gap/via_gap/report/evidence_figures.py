@@ -142,7 +142,7 @@ def torque_stretches(problem: ResidualModel, before: Array, after: Array) -> lis
         shape = (len(view.chosen), len(windows.axes), -1)
         missing = [each[begin : begin + size].reshape(shape) * windows.floor[:, None] for each in (before, after)]
         begin += size
-        sent = np.stack([view.over(windows.drive[:, i], 0) for i in range(len(windows.axes))], axis=1)
+        sent = np.stack([view.over(windows.drive[view.inside, i], 0) for i in range(len(windows.axes))], axis=1)
         for run in np.split(np.arange(len(view.chosen)), np.flatnonzero(np.diff(view.chosen) > 1) + 1):
             ticks = (view.first[run] + windows.weights.shape[1] // 2).ravel()
             flat, first, second = (

@@ -14,6 +14,7 @@ the drive's torque better than its mean does not judge (`baseline`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -47,6 +48,7 @@ LEAST_GAIN = 0.05  # of a drive: with less of it nothing is compared where it en
 class Windows:
     """One log's samples as the equations take them, shared by all selections of its segments.
 
+    undriven the same record without the commands of the drive of each axis
     axes     equations that the signals allow: 0 link, 1, 2 motors
     weights  (3, n) of a window: <f, psi>, <f, psi'>, <f, psi''>
     stride   ticks from one window to the next
@@ -55,6 +57,7 @@ class Windows:
     """
 
     record: Record
+    undriven: tuple[Record, ...]
     axes: tuple[int, ...]
     weights: Array
     stride: int
@@ -66,7 +69,9 @@ class Windows:
 class InverseDynamics:
     """Chosen segments of a log, each a row of windows for every axis.
 
-    first  (C, w) tick at which each window of each chosen segment begins
+    first   (C, w) tick at which each window of each chosen segment begins
+    inside  (n,) ticks in any window, ascending: only their torques are computed
+    place   (C, w) where `first` stands in `inside`
     """
 
     segments: Segments
@@ -74,12 +79,17 @@ class InverseDynamics:
     nominal: Array  # (N_PARAMETERS,)
     windows: Windows
     first: Indices = field(init=False)
+    inside: Indices = field(init=False)
+    place: Indices = field(init=False)
 
     def __post_init__(self) -> None:
         span = self.windows.weights.shape[1]
-        inside = np.arange(0, max(self.segments.ticks - span, 0) + 1, self.windows.stride)
-        first = self.segments.begin[self.chosen][:, None] + inside
-        object.__setattr__(self, "first", np.minimum(first, len(self.segments.angles) - span))
+        steps = np.arange(0, max(self.segments.ticks - span, 0) + 1, self.windows.stride)
+        first = np.minimum(self.segments.begin[self.chosen][:, None] + steps, len(self.segments.angles) - span)
+        inside = np.unique(first[..., None] + np.arange(span))
+        object.__setattr__(self, "first", first)
+        object.__setattr__(self, "inside", inside)
+        object.__setattr__(self, "place", np.searchsorted(inside, first))
 
     @staticmethod
     def of(segments: Segments, chosen: Indices) -> InverseDynamics:
@@ -108,19 +118,19 @@ class InverseDynamics:
 
     def baseline(self) -> Array:
         """(C, w a) the drive's torque less its mean, in units of the floor: a model that predicts nothing."""
-        drive = self.windows.drive
+        drive = self.windows.drive[self.inside]
         parts = [self.over(drive[:, i], 0) for i in range(drive.shape[1])]
         scaled = [(part - part.mean()) / floor for part, floor in zip(parts, self.windows.floor, strict=True)]
         return np.concatenate(scaled, axis=1)
 
     def over(self, values: Array, derivative: int) -> Array:
-        """Integral of values (T,) against a derivative of psi, over each window (C, w)."""
+        """Integral of values (n,) on the ticks `inside` against a derivative of psi, over each window (C, w)."""
         weights = self.windows.weights
-        return sliding_window_view(values, weights.shape[1])[self.first] @ weights[derivative]
+        return sliding_window_view(values, weights.shape[1])[self.place] @ weights[derivative]
 
     def _missing(self, row: Array) -> Array:
         """(C, w a) in units of the floor."""
-        terms = equation_torques(row, self.windows.record)
+        terms = equation_torques(row, self.windows.record, self.inside)
         parts = []
         for axis, floor in zip(self.windows.axes, self.windows.floor, strict=True):
             parts.append(self._missing_at(terms, axis) / (floor * self._passed(row, axis)))
@@ -135,10 +145,9 @@ class InverseDynamics:
         behind_springs = axis == 0 and self.segments.log.device.n_transmissions > 0
         if behind_springs or np.array_equal(row[TAKING], self.nominal[TAKING]):
             return 1.0
-        record = self.windows.record
-        without = replace(record, commands=_undriven(record.commands, axis, self.segments.log.device))
-        acts = equation_torques(row, record).torque[:, axis] - equation_torques(row, without).torque[:, axis]
-        sent = self.windows.drive[:, self.windows.axes.index(axis)]
+        windows, which = self.windows, self.windows.axes.index(axis)
+        both = [equation_torques(row, each, self.inside) for each in (windows.record, windows.undriven[which])]
+        acts, sent = both[0].torque[:, axis] - both[1].torque[:, axis], windows.drive[self.inside, which]
         share = float(np.linalg.norm(self.over(acts, 0))) / max(float(np.linalg.norm(self.over(sent, 0))), SMALLEST)
         return max(share, LEAST_GAIN)
 
@@ -163,7 +172,8 @@ def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
     time = np.arange(len(angle)) / rate
     sensed = bool(log.device.n_motors) and not log.motors_commanded
     record = Record(time, angle, velocity, time, segments.commands, sensed, STANDING)
-    drive = _drives(nominal, record, segments, axes)
+    undriven = tuple(replace(record, commands=_undriven(segments.commands, axis, log.device)) for axis in axes)
+    drive = _drives(nominal, record, undriven, log.device, axes)
     slopes = _slopes(segments, axes)
     for times in range(1, LONGEST + 1):
         ticks = span or max(5, round(times * WINDOW * rate) + 1)
@@ -173,7 +183,7 @@ def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
         floor = _floor(nominal, segments, slopes, axes, np.sqrt(np.sum(weights**2, axis=1)))
         if span or np.all(floor <= QUIET * drive.std(axis=0)) or 2 * ticks > segments.ticks:
             break
-    return Windows(record, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, drive)
+    return Windows(record, undriven, axes, weights, max(1, round(STRIDE * (ticks - 1))), floor, drive)
 
 
 def equations(segments: Segments, device: Device) -> tuple[int, ...]:
@@ -185,15 +195,15 @@ def equations(segments: Segments, device: Device) -> tuple[int, ...]:
     return (*link, *(1 + i for i, each in enumerate(seen) if each))
 
 
-def _drives(nominal: Array, record: Record, segments: Segments, axes: tuple[int, ...]) -> Array:
+def _drives(
+    nominal: Array, record: Record, undriven: Sequence[Record], device: Device, axes: tuple[int, ...]
+) -> Array:  # fmt: skip
     """(T, a) [N m] what drives each axis: the torque that its drive adds, of a link behind springs theirs."""
-    device, terms = segments.log.device, equation_torques(nominal, record)
-    columns = []
-    for axis in axes:
+    terms, columns = equation_torques(nominal, record), []
+    for axis, without in zip(axes, undriven, strict=True):
         if axis == 0 and device.n_transmissions:
             columns.append(np.nansum(terms.transmission, axis=1))
         else:
-            without = replace(record, commands=_undriven(record.commands, axis, device))
             columns.append(terms.torque[:, axis] - equation_torques(nominal, without).torque[:, axis])
     return np.stack(columns, axis=1)
 
