@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 from via_core.devices import Device
 from via_core.signals import Signals
 from via_gap.candidates.covariance import clustered_covariance, covariance_of
-from via_gap.candidates.fit import Fit, converged, fit_device_numbers, member_slopes, refine, robust
+from via_gap.candidates.fit import Fit, converged, fit_device_numbers, member_slopes, refine
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.candidates.screen import REACH, Direction, directions, ranked, ranked_pairs
@@ -171,7 +171,7 @@ def test_a_few_segments_that_nothing_explains_do_not_move_a_fit():
     scales = scales_of([segments], [()], segments.time[1:], problem.per_segment(base.residual))
     place = Location("coulomb_friction", "motor", 1)
     plain = refine(problem, base, None, [(place, [0.02])], scales)
-    fit = robust(problem, plain, scales)
+    fit = refine(replace(problem, robust=True), plain, None, [(place, plain.values)], scales)
     assert abs(plain.values[0] - 0.03) > 4.0 * abs(fit.values[0] - 0.03)
     assert fit.values[0] == pytest.approx(0.03, abs=2.0 * max(fit.sd[0], 1e-5))
     assert fit.values[0] == pytest.approx(0.03, rel=0.02)

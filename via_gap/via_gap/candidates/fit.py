@@ -6,7 +6,7 @@ Steps stay inside the bounds of the effects; a line search on the true simulatio
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,7 @@ MOST_DAMPED = 1.0  # of the curvature of each number: a step that even then does
 WIDEST = 10.0  # times the typical size in a log: beyond it an effect is no longer one of this device
 SCALED = ("N m", "N m s/rad", "N m s^2/rad^2", "kg m^2")  # units whose bounds the device sets
 FINISHING = 6  # rounds from the best on a subset to the best on all
-ALIKE = 0.8  # mean weight from which reweighting changes nothing that matters
-REWEIGHTED, SHORT = 2, 2  # times that weights are made anew, and rounds after the first
+OWN = 6  # rounds of the device's own numbers
 GIVE_UP = 4.0  # times the best loss so far
 
 
@@ -85,7 +84,7 @@ def members_of(fit: Fit) -> Members:
 def on(problem: ResidualModel, fit: Fit) -> Fit:
     """The same effects and numbers with their residual on the segments of `problem`."""
     residual = problem.residual([problem.row(fit.effects, fit.deviations)])[0]
-    loss = float(residual @ residual + fit.deviations @ fit.deviations)
+    loss = float(problem.loss(residual) + fit.deviations @ fit.deviations)
     return Fit(fit.effects, fit.deviations, loss, residual, fit.covariance)
 
 
@@ -113,14 +112,10 @@ def make(location: Location, values: Sequence[float]) -> Effect | None:
 
 def fit_device_numbers(problem: ResidualModel) -> Fit:
     """The device's own numbers alone, inside their tolerances, by the loss that held-out data are judged by."""
-    few = problem.part([np.flatnonzero(np.arange(len(view.chosen)) % SPARSE < 2) for view in problem.views])[0]
-    deviations = few.fit_nuisances((), np.zeros(len(problem.nuisances)))[0]
-    for _ in range(1 + REWEIGHTED):
-        deviations, residual, _ = problem.fit_nuisances((), deviations, 2)
-        unweighted = problem.weighted(None)
-        residual = unweighted.residual([problem.row((), deviations)])[0]
-        problem = problem.weighted(np.minimum(2.0 / (1.0 + unweighted.per_segment(residual)), 1.0))
-    return Fit((), deviations, float(residual @ residual + deviations @ deviations), residual, np.empty((0, 0)))
+    few = problem.by_squares.part([np.flatnonzero(np.arange(len(view.chosen)) % SPARSE < 2) for view in problem.views])
+    deviations = few[0].fit_nuisances((), np.zeros(len(problem.nuisances)))[0]
+    deviations, residual, _ = problem.fit_nuisances((), deviations, OWN)
+    return Fit((), deviations, float(problem.loss(residual) + deviations @ deviations), residual, np.empty((0, 0)))
 
 
 def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
@@ -131,27 +126,6 @@ def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
         ends.append((max(p.low, -reach), min(p.high, reach)))
     low, high = np.array(ends).T
     return low, high
-
-
-def robust(problem: ResidualModel, fit: Fit, scales: Scales, rounds: int = FINISHING) -> Fit:
-    """A fit led on by the loss that held-out data are judged by, sum over segments of log(1 + z^2).
-
-    Squares alone would let the segments that no model explains decide. The logarithm is minimised by least squares
-    whose weights 2 / (1 + z^2) follow the fit, at most 1 (iteratively reweighted least squares): a segment at the
-    noise counts in full, one far above it by its relative change.
-    """
-    for _ in range(REWEIGHTED):
-        weights = np.minimum(2.0 / (1.0 + problem.per_segment(fit.residual)), 1.0)
-        if np.mean(weights) > ALIKE:
-            break
-        weighed = problem.weighted(weights)
-        start = on(weighed, fit)
-        found = refine(weighed, start, None, members_of(fit), scales, rounds=rounds)
-        if found is None:
-            break
-        fit = replace(on(problem, found), covariance=found.covariance)
-        rounds = SHORT
-    return fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +183,8 @@ class _Axes:
         there = [row for row in rows if row is not None]
         if there:
             residuals[[row is not None for row in rows]] = self.problem.residual(there)
-        each = [r @ r + p[:count] @ p[:count] if np.isfinite(r[0]) else np.inf for r, p in zip(residuals, points)]
-        return np.array(each), residuals
+        found = self.problem.loss(residuals) + np.sum(np.array(points)[:, :count] ** 2, axis=1)
+        return np.where(np.isfinite(residuals[:, 0]), found, np.inf), residuals
 
     def slopes(self, at: Array, residual: Array) -> Array:
         """(R, p) of the residual (R,) at a point along every parameter; not finite where a step makes no effect."""
@@ -292,10 +266,11 @@ def refine(
             slopes[~np.isfinite(slopes)] = 0.0
             slopes[:, times] = 0.0
             sloped = value
-        whole = np.hstack([side, slopes])
+        pull = problem.weights(residual)
+        whole = np.hstack([side, slopes]) * pull[:, None]
         normal = whole.T @ whole
         normal[:count, :count] += np.eye(count)
-        gradient = whole.T @ (whole @ at - residual)
+        gradient = whole.T @ (whole @ at - pull * residual)
         held = damping * np.diag(normal)
         wanted = descend(normal + np.diag(held), gradient + held * at, at, *box)
         tries = [at + share * (wanted - at) for share in SHARES]
@@ -318,11 +293,15 @@ def refine(
             side = problem.nuisance_jacobian(effects, at[:count], residual)
             fresh, since = True, value
     effects = [effect for effect in effects_at(at) if effect is not None]
-    excess = max(value / max(len(residual), 1), 1.0)
-    covariance = covariance_of(normal, high - low, count) * excess
+    covariance = covariance_of(normal, high - low, count) * _excess(problem, residual)
     sd = np.minimum(np.sqrt(np.diag(covariance)), high - low)
     sd = np.where(times, TIME_STEPS[-1], np.where(apart, 0.0, sd))
     return Fit(tuple(effects), at[:count].copy(), value, residual, in_units(covariance, sd, size))
+
+
+def _excess(problem: ResidualModel, residual: Array) -> float:
+    """Mean square of a residual (R,) as it is weighted, at least that of noise."""
+    return max(float(np.mean((problem.weights(residual) * residual) ** 2)), 1.0)
 
 
 def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
@@ -349,9 +328,11 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
         slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
         known = np.isfinite(slopes[0]) & np.append(np.full(count, True), ~axes.times)
         slopes[:, ~known] = 0.0
+        pull = problem.weights(residual)
+        slopes *= pull[:, None]
         normal = slopes.T @ slopes
         normal[:count, :count] += np.eye(count)
-        wanted = descend(normal, slopes.T @ (slopes @ at - residual), at, low, high)
+        wanted = descend(normal, slopes.T @ (slopes @ at - pull * residual), at, low, high)
         for share in (1.0, 0.5, 0.25):
             trial = at + share * (wanted - at)
             (loss,), (moved,) = axes.losses([trial])
@@ -360,10 +341,9 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
                 break
         if not one_sided:
             break
-    excess = max(float(value) / max(len(residual), 1), 1.0)
-    covariance = covariance_of(normal, axes.high - axes.low, count) * excess
-    robust = clustered_covariance(problem, slopes, residual, normal, count)
-    covariance *= np.outer(*2 * (np.sqrt(np.maximum(np.diag(robust) / np.diag(covariance), 1.0)),))
+    covariance = covariance_of(normal, axes.high - axes.low, count) * _excess(problem, residual)
+    clustered = clustered_covariance(problem, slopes, pull * residual, normal, count)
+    covariance *= np.outer(*2 * (np.sqrt(np.maximum(np.diag(clustered) / np.diag(covariance), 1.0)),))
     sd = np.where(known[count:], np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), fit.sd / axes.size)
     effects = tuple(effect for effect in axes.effects(at) if effect is not None)
     return Fit(effects, at[:count].copy(), float(value), residual, in_units(covariance, sd, axes.size))

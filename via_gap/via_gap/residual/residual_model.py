@@ -29,22 +29,25 @@ STEP = 0.01  # of a nuisance parameter: step of its finite differences
 class ResidualModel:
     """Residual of several logs of one device under any parameter row; one view (rollout or equation) per log.
 
-    weights  (S,) of the squared residual of each segment; None: all alike
+    robust  whether a segment counts by log(1 + z^2) of its mean square z^2, as segments held out do, or by z^2
     """
 
     views: tuple[View, ...]
     plant: JointPlant  # nominal
     nuisances: tuple[Nuisance, ...]
-    weights: Array | None = None
+    robust: bool = False
 
     @staticmethod
     def of(
-        segments: Sequence[Segments], chosen: Sequence[Indices], view: Callable[[Segments, Indices], View] = Rollout.of
+        segments: Sequence[Segments],
+        chosen: Sequence[Indices],
+        view: Callable[[Segments, Indices], View] = Rollout.of,
+        robust: bool = False,
     ) -> ResidualModel:
         """The segments `chosen` (indices, one array per log), simulated or judged by their equation."""
         plant = JointPlant.from_device(segments[0].log.device)
         views = tuple(view(each, which) for each, which in zip(segments, chosen, strict=True) if len(which))
-        return ResidualModel(views, plant, nuisances(plant))
+        return ResidualModel(views, plant, nuisances(plant), robust)
 
     @property
     def device(self) -> Device:
@@ -86,12 +89,34 @@ class ResidualModel:
             each = stacked.copy()
             each[:, P.tick], each[:, P.substeps] = view.nominal[P.tick], view.nominal[P.substeps]
             parts.append(view.residual(each).reshape(len(each), -1))
-        found = np.concatenate(parts, axis=1)
-        return found if self.weights is None else found * np.sqrt(self.weights)[self.segment_of_value()]
+        return np.concatenate(parts, axis=1)
 
-    def weighted(self, weights: Array | None) -> ResidualModel:
-        """The same segments with other weights (S,)."""
-        return replace(self, weights=weights)
+    def loss(self, residual: Array) -> Array:
+        """(...,) what a fit minimises beside its squared deviations, of residuals (..., R).
+
+        Robust, a segment whose mean square z^2 exceeds that of noise counts by 1 + 2 log((1 + z^2) / 2) per value:
+        squares alone would let the segments that no model explains decide.
+        """
+        squares = self.per_segment(residual)
+        if self.robust:
+            squares = np.where(squares > 1.0, 1.0 + 2.0 * np.log(0.5 + 0.5 * np.maximum(squares, 1.0)), squares)
+        return np.asarray(squares @ np.repeat([view.size for view in self.views], self._counts))
+
+    def weights(self, residual: Array) -> Array:
+        """(R,) factor of every value of a residual (R,) with which its squares descend as `loss` does.
+
+        The slope of the loss over z^2 is 2 / (1 + z^2), at most 1; squares so weighted lie above the loss and touch
+        it at `residual`, so that what lowers them lowers it (iteratively reweighted least squares).
+        """
+        if not self.robust:
+            return np.ones(len(residual))
+        slopes = np.minimum(2.0 / (1.0 + self.per_segment(residual)), 1.0)
+        return np.asarray(np.sqrt(slopes)[self.segment_of_value()])
+
+    @property
+    def by_squares(self) -> ResidualModel:
+        """The same with squares for its loss: far from the best fit they lead there more surely."""
+        return replace(self, robust=False)
 
     def part(self, kept: Sequence[Indices]) -> tuple[ResidualModel, Indices]:
         """Some segments of each view, by their indices into `chosen` -> their model, indices of its values in (R,)."""
@@ -100,7 +125,7 @@ class ResidualModel:
             indices.append((begin + which[:, None] * view.size + np.arange(view.size)).ravel())
             begin += len(view.chosen) * view.size
         views = tuple(b.part(which) for b, which in zip(self.views, kept, strict=True) if len(which))
-        return ResidualModel(views, self.plant, self.nuisances), np.concatenate(indices)
+        return replace(self, views=views), np.concatenate(indices)
 
     def per_segment(self, residual: Array) -> Array:
         """Mean square (..., S) of a residual (..., R) in each segment; 1 is what the sensors explain."""
@@ -114,8 +139,13 @@ class ResidualModel:
 
     def segment_of_value(self) -> Indices:
         """(R,) index of the segment that each value of a residual belongs to, counted over all views."""
-        counts = np.array([len(view.chosen) for view in self.views])
-        return np.repeat(np.arange(counts.sum()), np.repeat([view.size for view in self.views], counts))
+        sizes = np.repeat([view.size for view in self.views], self._counts)
+        return np.repeat(np.arange(len(sizes)), sizes)
+
+    @property
+    def _counts(self) -> list[int]:
+        """Segments of each view."""
+        return [len(view.chosen) for view in self.views]
 
     def baseline(self) -> Array:
         """(R,) whitened error of a prediction without any model, see the views."""
@@ -153,15 +183,18 @@ class ResidualModel:
         for round_ in range(rounds):
             if round_:
                 jacobian = self.nuisance_jacobian(effects, deviations, residual)
-            wanted = solve_nuisances(jacobian, residual, deviations)
+            pull = self.weights(residual)
+            wanted = solve_nuisances(jacobian * pull[:, None], residual * pull, deviations)
+            value = self.loss(residual) + deviations @ deviations
             for share in (1.0, 0.5, 0.1):
                 trial = deviations + share * (wanted - deviations)
                 row = self.row_or_none(effects, trial)
                 if row is None:
                     continue
                 moved = self.residual([row])[0]
-                if moved @ moved + trial @ trial < residual @ residual + deviations @ deviations:
-                    done = residual @ residual - moved @ moved < 1e-3 * (moved @ moved)
+                loss = self.loss(moved) + trial @ trial
+                if loss < value:
+                    done = value - loss < 1e-3 * loss
                     deviations, residual = trial, moved
                     break
             else:

@@ -72,13 +72,14 @@ class Experiment:
         train, held, everything = split(segments, holdout)
         if only_equations:
             return _experiment(everything, train, held, equations=True)
-        made = _experiment(everything, train, held)
+        runs = all(len(each) == 1 for each in everything) and bool(holdout)
+        made = _experiment(everything, train, held, robust=not runs)
         if not holdout and one_sided(
             made.fitted.per_segment(made.tuned.fit.residual), made.tuned.segments, NUMBERS.no_gap
         ):
             train, held = split_finely(everything)
             made = _experiment(everything, train, held)
-        if all(len(each) == 1 for each in everything) and holdout:
+        if runs:
             known = groups or {}
             names = [known.get(s.log.name, i) for i, s in enumerate(segments) if len(train[i])]
             return made._crossed(names)
@@ -99,7 +100,7 @@ class Experiment:
     def everywhere(self) -> ResidualModel:
         """All segments, fitted and held out, in the view that judges."""
         every = [np.flatnonzero(each.valid) for each in self.segments]
-        return ResidualModel.of(self.segments, every, _view(self.by == "inverse dynamics"))
+        return ResidualModel.of(self.segments, every, _view(self.by == "inverse dynamics"), self.fitted.robust)
 
     @property
     def contradicts(self) -> bool:
@@ -139,11 +140,12 @@ class Experiment:
 
 
 def _experiment(
-    segments: Sequence[Segments], train: Sequence[Indices], held: Sequence[Indices], equations: bool = False
-) -> Experiment:
-    """Both sides of one view, with the device's own numbers fitted and evaluated."""
+    segments: Sequence[Segments], train: Sequence[Indices], held: Sequence[Indices], equations: bool = False,
+    robust: bool = True,
+) -> Experiment:  # fmt: skip
+    """Both sides of one view, with the device's own numbers fitted by the loss that judges, and evaluated."""
     view = _view(equations)
-    fitted, judged = (ResidualModel.of(segments, side, view) for side in (train, held))
+    fitted, judged = (ResidualModel.of(segments, side, view, robust) for side in (train, held))
     witness = None
     if not equations:
         try:

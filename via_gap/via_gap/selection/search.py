@@ -21,7 +21,7 @@ from via_sim.catalogue import EFFECTS
 from via_sim.parameters import RIPPLE_HARMONICS
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.fit import FINISHING, SHORT, Fit, Members, member_slopes, members_of, on, refine, robust
+from via_gap.candidates.fit import FINISHING, Fit, Members, member_slopes, members_of, on, refine
 from via_gap.candidates.location import Location
 from via_gap.candidates.orders import harmonics
 from via_gap.candidates.scales import Scales
@@ -81,7 +81,7 @@ class Search:
         candidates: CandidateSet,
     ) -> Search:  # fmt: skip
         """Simulates every candidate once."""
-        few = subset(whole, tuned.fit.residual)[0]
+        few = subset(whole.by_squares, tuned.fit.residual)[0]
         search = Search(whole, few, evaluate, supported, tuned, tuned.fit, np.empty(0), [], candidates)
         return search._beside(tuned.fit)
 
@@ -129,7 +129,7 @@ class Search:
     def _beside(self, fit: Fit) -> Search:
         """The same, with a subset in which what `fit` leaves is seen, and candidates simulated there."""
         left = on(self.whole, fit).residual if fit is not self.tuned.fit else fit.residual
-        few = subset(self.whole, left)[0]
+        few = subset(self.whole.by_squares, left)[0]
         start = on(few, self.tuned.fit)
         jacobian = few.nuisance_jacobian(start.effects, start.deviations, start.residual)
         tried = directions(few, start, self.candidates.locations, self.scales)
@@ -222,19 +222,17 @@ class Search:
         for out in fit.locations:
             members = [each for each in members_of(fit) if each[0] != out]
             shorter = refine(self.whole, fit, None, members, self.scales, rounds=FINISHING)
-            found += [robust(self.whole, shorter, self.scales)] if shorter is not None else []
+            found += [shorter] if shorter is not None else []
         return found
 
     def _finished(self, fits: Sequence[Fit]) -> list[Fit]:
         """Those near the best plausible one, fitted to all segments: an absurd fit must not shut others out."""
         order = sorted((fit for fit in fits if not doubt(fit, self.scales)), key=lambda fit: fit.loss)
         near = [fit for number, fit in enumerate(order) if number < CLOSEST or fit.loss < CLOSE * order[0].loss]
-        if self.few is not self.whole:
-            done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]
-            near = [fit for fit in done if fit is not None]
-        rippled = [fit for fit in near if any(place.name == RIPPLE for place in fit.locations)]
-        near += self._richer(rippled[0]) if rippled else []
-        return [robust(self.whole, fit, self.scales) for fit in near]
+        done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]
+        found = [fit for fit in done if fit is not None]
+        rippled = [fit for fit in found if any(place.name == RIPPLE for place in fit.locations)]
+        return found + (self._richer(rippled[0]) if rippled else [])
 
     def _richer(self, fit: Fit) -> list[Fit]:
         """A fit with the orders of its torque ripple selected together, where there are several."""
@@ -250,7 +248,7 @@ class Search:
                 optional = tuple(p.name for p in EFFECTS[RIPPLE].optional[: 3 * (len(waves) - 1)])
                 members = members_of(fit)
                 members[number] = (replace(place, optional=optional), [value for wave in waves for value in wave])
-                richer = refine(self.whole, fit, None, members, self.scales, rounds=SHORT)
+                richer = refine(self.whole, fit, None, members, self.scales, rounds=FINISHING)
                 found += [richer] if richer is not None else []
         return found
 
