@@ -2,6 +2,8 @@
 
 Between two segments only angles and velocities of the measured axes are reset, and what bristles and slipping springs
 hold after such a motion (memory.py); the rest of the state (delayed commands, angles without an encoder) continues.
+Nobody knows where a motor without an encoder stands but at the beginning of a log: then all segments are simulated
+from there on, whichever are compared.
 The start of a segment is known only as well as the sensors allow. To first order, from rollouts that start beside it,
 a wrong start adds correlated noise to the segment, and every comparison is whitened by it,
 
@@ -76,6 +78,11 @@ class Rollout:
         return replace(self, chosen=self.chosen[which], basis=self.basis[which], shrink=self.shrink[which], lead=lead)
 
     @property
+    def walked(self) -> Indices:
+        """Indices of the segments that are simulated: those chosen, and what leads there if a motor was not seen."""
+        return self.chosen if all(self.segments.log.motors_seen) else np.arange(self.chosen[-1] + 1)
+
+    @property
     def size(self) -> int:
         """Whitened values per segment."""
         return self.segments.measured.shape[1] * len(self.segments.axes)
@@ -89,8 +96,9 @@ class Rollout:
         Every stretch of neighbouring segments with every row is a run of its own; runs of about one length go in
         lockstep.
         """
-        stretches = self._stretches()
-        out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
+        walked = self.walked
+        stretches = _stretches(walked)
+        out = np.empty((len(rows), len(walked), *self.segments.measured.shape[1:]))
         order = np.argsort(-stretches[:, 1], kind="stable")
         runs = np.stack([np.tile(np.arange(len(rows)), len(order)), np.repeat(order, len(rows))], axis=1)
         size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # as many on every thread
@@ -98,35 +106,28 @@ class Rollout:
         drive = self.segments.commands[None] if commands is None else commands
         held = None  # by elements with memory, where every angle they hang on was seen
         if with_memory(rows).any() and all(self.segments.log.motors_seen):
-            held = held_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
+            held = held_along(rows, self.segments.start[:, :3], self.segments.begin[walked])
         if len(pieces) == 1:
-            self._run(rows, offset, drive, held, stretches, pieces[0], out)
-            return out
-        pool = _threads()  # the kernel releases the GIL
-        for job in [pool.submit(self._run, rows, offset, drive, held, stretches, piece, out) for piece in pieces]:
-            job.result()
-        return out
-
-    def _stretches(self) -> Indices:
-        """(n, 2): index into `chosen` of the first segment of each stretch of neighbours, and how many they are."""
-        first = np.flatnonzero(np.concatenate(([True], np.diff(self.chosen) != 1)))
-        return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
+            self._run(rows, offset, drive, held, walked, stretches, pieces[0], out)
+        else:  # the kernel releases the GIL
+            submit = _threads().submit
+            for job in [submit(self._run, rows, offset, drive, held, walked, stretches, each, out) for each in pieces]:
+                job.result()
+        return out if walked is self.chosen else out[:, self.chosen]
 
     def _run(
-        self, rows: Array, offset: Array | None, drive: Array, held: Array | None, stretches: Indices, runs: Indices,
-        out: Array,
+        self, rows: Array, offset: Array | None, drive: Array, held: Array | None, walked: Indices,
+        stretches: Indices, runs: Indices, out: Array,
     ) -> None:  # fmt: skip
         """The `runs` (n, 2), row and stretch each; of one with fewer segments than another the lane ends."""
         segments, axes = self.segments, list(self.segments.axes)
         known = np.array([*axes, *(3 + axis for axis in axes)])
         first, count = stretches[runs[:, 1]].T
-        warm = np.maximum(
-            segments.begin[self.chosen[first]] - self.lead, 0
-        )  # before that, nobody knows what is not seen
+        warm = np.maximum(segments.begin[walked[first]] - self.lead, 0)
         sent = drive.reshape(-1, drive.shape[2])
         under = runs[:, 0] % len(drive) * drive.shape[1]  # where each run's commands begin in all that were sent
         states = self._fresh(warm, sent, under)
-        ahead = np.flatnonzero(self.chosen[first] > 0)
+        ahead = np.flatnonzero(walked[first] > 0)
         if ahead.size:
             begun, moved = states[ahead], np.empty((len(ahead), self.lead + 1, 6))
             run_many(rows[runs[ahead, 0]], begun, sent, under[ahead] + warm[ahead], moved)
@@ -135,7 +136,7 @@ class Rollout:
         for j in range(int(count.max())):
             left = int(np.sum(count > j))  # runs come longest first
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
-            begin = segments.begin[self.chosen[here]]
+            begin = segments.begin[walked[here]]
             state[:, known] = self._starts(run, begin)[:, known]
             if held is not None:
                 state[:, X.bristle : X.bristle + HELD] = held[runs[:left, 0], here]
@@ -249,3 +250,9 @@ class Rollout:
         flat = np.clip(np.nan_to_num(error, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
         return flat - np.einsum("crk,Kck->Kcr", self.basis, along)
+
+
+def _stretches(walked: Indices) -> Indices:
+    """(n, 2): where the first segment of each stretch of neighbours stands in `walked`, and how many they are."""
+    first = np.flatnonzero(np.concatenate(([True], np.diff(walked) != 1)))
+    return np.stack([first, np.diff(np.append(first, len(walked)))], axis=1)
