@@ -1,9 +1,8 @@
 """Segments simulated from their measured states, and the whitened error of the simulation.
 
 Between two segments only angles and velocities of the measured axes are reset, and what bristles and slipping springs
-hold after such a motion (memory.py); the rest of the state (delayed commands, angles without an encoder) continues.
-Nobody knows where a motor without an encoder stands but at the beginning of a log: then all segments are simulated
-from there on, whichever are compared.
+hold after such a motion (memory.py); the rest of the state (delayed commands, lags) continues. Motors without an
+encoder are led along what was measured, from the beginning of the log on (unseen.py): each segment starts from there.
 The start of a segment is known only as well as the sensors allow. To first order, from rollouts that start beside it,
 a wrong start adds correlated noise to the segment, and every comparison is whitened by it,
 
@@ -33,6 +32,7 @@ from via_sim.torques import HISTORY, QUEUED, X
 
 from via_gap.residual.memory import HELD, held_along, with_memory
 from via_gap.residual.segments import Indices, Segments, binned
+from via_gap.residual.unseen import led as lead_along
 
 LEAD = 0.06  # [s] longer than any lag between channels
 THREADS = 2
@@ -78,11 +78,6 @@ class Rollout:
         return replace(self, chosen=self.chosen[which], basis=self.basis[which], shrink=self.shrink[which], lead=lead)
 
     @property
-    def walked(self) -> Indices:
-        """Indices of the segments that are simulated: those chosen, and what leads there if a motor was not seen."""
-        return self.chosen if all(self.segments.log.motors_seen) else np.arange(self.chosen[-1] + 1)
-
-    @property
     def size(self) -> int:
         """Whitened values per segment."""
         return self.segments.measured.shape[1] * len(self.segments.axes)
@@ -96,38 +91,68 @@ class Rollout:
         Every stretch of neighbouring segments with every row is a run of its own; runs of about one length go in
         lockstep.
         """
-        walked = self.walked
-        stretches = _stretches(walked)
-        out = np.empty((len(rows), len(walked), *self.segments.measured.shape[1:]))
+        seen = all(self.segments.log.motors_seen)
+        stretches = self._stretches(seen)
+        out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
         order = np.argsort(-stretches[:, 1], kind="stable")
         runs = np.stack([np.tile(np.arange(len(rows)), len(order)), np.repeat(order, len(rows))], axis=1)
         size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # as many on every thread
         pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
         drive = self.segments.commands[None] if commands is None else commands
-        held = None  # by elements with memory, where every angle they hang on was seen
-        if with_memory(rows).any() and all(self.segments.log.motors_seen):
-            held = held_along(rows, self.segments.start[:, :3], self.segments.begin[walked])
+        held = led = None  # by elements with memory, where every angle they hang on was seen; whole states, where not
+        if not seen:
+            led = self._led(rows, drive)
+        elif with_memory(rows).any():
+            held = held_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
         if len(pieces) == 1:
-            self._run(rows, offset, drive, held, walked, stretches, pieces[0], out)
+            self._run(rows, offset, drive, held, led, stretches, pieces[0], out)
         else:  # the kernel releases the GIL
             submit = _threads().submit
-            for job in [submit(self._run, rows, offset, drive, held, walked, stretches, each, out) for each in pieces]:
+            for job in [submit(self._run, rows, offset, drive, held, led, stretches, each, out) for each in pieces]:
                 job.result()
-        return out if walked is self.chosen else out[:, self.chosen]
+        return out
+
+    def _stretches(self, seen: bool) -> Indices:
+        """(n, 2): index into `chosen` of the first segment of each stretch of neighbours, and how many they are.
+
+        Where all motors were seen neighbours go on from one another; else each segment is led to on its own.
+        """
+        first = np.flatnonzero(np.concatenate(([True], (np.diff(self.chosen) != 1) | (not seen))))
+        return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
+
+    def _led(self, rows: Array, commands: Array) -> Array:
+        """(K, C, S) states of rows at the beginning of each chosen segment, led along what was measured."""
+        segments, count = self.segments, len(rows)
+        sent, under = commands.reshape(-1, commands.shape[2]), np.arange(count) % len(commands) * commands.shape[1]
+        states = self._fresh(np.zeros(count, dtype=np.intp), sent, under)
+        out, axes = np.empty((count, len(self.chosen), states.shape[1])), np.array(segments.axes)
+        ticks = segments.begin[self.chosen]
+        half = (count + 1) // 2 if count > 1 else count
+        parts = [slice(0, half), slice(half, count)] if half < count else [slice(0, count)]
+        jobs = [
+            _threads().submit(
+                lead_along, np.ascontiguousarray(rows[part]), states[part],
+                commands if len(commands) == 1 else commands[part], segments.start, axes, ticks, out[part],
+            )
+            for part in parts
+        ]  # fmt: skip
+        for job in jobs:
+            job.result()
+        return out
 
     def _run(
-        self, rows: Array, offset: Array | None, drive: Array, held: Array | None, walked: Indices,
+        self, rows: Array, offset: Array | None, drive: Array, held: Array | None, led: Array | None,
         stretches: Indices, runs: Indices, out: Array,
     ) -> None:  # fmt: skip
         """The `runs` (n, 2), row and stretch each; of one with fewer segments than another the lane ends."""
         segments, axes = self.segments, list(self.segments.axes)
         known = np.array([*axes, *(3 + axis for axis in axes)])
         first, count = stretches[runs[:, 1]].T
-        warm = np.maximum(segments.begin[walked[first]] - self.lead, 0)
+        warm = np.maximum(segments.begin[self.chosen[first]] - self.lead, 0)
         sent = drive.reshape(-1, drive.shape[2])
         under = runs[:, 0] % len(drive) * drive.shape[1]  # where each run's commands begin in all that were sent
-        states = self._fresh(warm, sent, under)
-        ahead = np.flatnonzero(walked[first] > 0)
+        states = self._fresh(warm, sent, under) if led is None else led[runs[:, 0], first]
+        ahead = np.flatnonzero((self.chosen[first] > 0) & (led is None))
         if ahead.size:
             begun, moved = states[ahead], np.empty((len(ahead), self.lead + 1, 6))
             run_many(rows[runs[ahead, 0]], begun, sent, under[ahead] + warm[ahead], moved)
@@ -136,7 +161,7 @@ class Rollout:
         for j in range(int(count.max())):
             left = int(np.sum(count > j))  # runs come longest first
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
-            begin = segments.begin[walked[here]]
+            begin = segments.begin[self.chosen[here]]
             state[:, known] = self._starts(run, begin)[:, known]
             if held is not None:
                 state[:, X.bristle : X.bristle + HELD] = held[runs[:left, 0], here]
@@ -250,9 +275,3 @@ class Rollout:
         flat = np.clip(np.nan_to_num(error, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
         return flat - np.einsum("crk,Kck->Kcr", self.basis, along)
-
-
-def _stretches(walked: Indices) -> Indices:
-    """(n, 2): where the first segment of each stretch of neighbours stands in `walked`, and how many they are."""
-    first = np.flatnonzero(np.concatenate(([True], np.diff(walked) != 1)))
-    return np.stack([first, np.diff(np.append(first, len(walked)))], axis=1)
