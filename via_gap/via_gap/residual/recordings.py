@@ -14,6 +14,7 @@ from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog, believed
 from via_gap.logs.noise import LogNoise, log_noise
 from via_gap.logs.quality import Quality, assess
+from via_gap.residual.rollout import settled
 from via_gap.residual.segments import Segments, cut_log, whole_log
 
 FEWEST = 8  # segments: with fewer there is nothing to hold out
@@ -87,7 +88,7 @@ def _cut(
     segments, findings = [], []
     for log in logs:
         try:
-            segments.append(cut(log, quality=quality[log.name]))
+            segments.append(settled(cut(log, quality=quality[log.name])))
         except SignalError as error:
             findings.append(
                 Finding(log=log.name, check="usable", signal="all", severity="refuse", value=0.0, text=str(error))

@@ -52,6 +52,7 @@ class Rollout:
     """Chosen segments of a log, ready to be simulated with any parameter row.
 
     chosen       indices of segments, ascending
+    begun        [rad] added to where motors that were not seen stand when the log begins
     basis        orthonormal (C, b a, k): what a wrong start does to each segment, in units of the noise
     shrink       (C, k) how much of a residual along each of them is put down to the start
     """
@@ -62,6 +63,7 @@ class Rollout:
     basis: Array
     shrink: Array
     lead: int  # ticks that are simulated before the first segment of a stretch
+    begun: float = 0.0
 
     @staticmethod
     def of(segments: Segments, chosen: Indices) -> Rollout:
@@ -125,6 +127,7 @@ class Rollout:
         segments, count = self.segments, len(rows)
         sent, under = commands.reshape(-1, commands.shape[2]), np.arange(count) % len(commands) * commands.shape[1]
         states = self._fresh(np.zeros(count, dtype=np.intp), sent, under)
+        states[:, [axis for axis in (1, 2) if axis not in segments.axes]] += self.begun
         out, axes = np.empty((count, len(self.chosen), states.shape[1])), np.array(segments.axes)
         ticks = segments.begin[self.chosen]
         half = (count + 1) // 2 if count > 1 else count
@@ -275,3 +278,22 @@ class Rollout:
         flat = np.clip(np.nan_to_num(error, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
         return flat - np.einsum("crk,Kck->Kcr", self.basis, along)
+
+
+def settled(segments: Segments) -> Segments:
+    """The same without the segments in which it still shows where motors that nobody saw began.
+
+    Their start is put off by as much as the link moves; what that changes has to be below the noise. Where it never
+    is, all segments stay.
+    """
+    if all(segments.log.motors_seen) or segments.log.device.drive == "servo":
+        return segments
+    nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
+    every = np.arange(len(segments))
+    known = Rollout(segments, every, nominal, np.empty(0), np.empty(0), 0)
+    travel = float(np.nanstd(segments.angles[:, 0]))
+    moved = replace(known, begun=travel).motion(nominal[None]) - known.motion(nominal[None])
+    shows = np.sqrt(np.mean((moved[0] / segments.noise) ** 2, axis=(1, 2))) > 1.0
+    first = int(np.flatnonzero(shows)[-1]) + 1 if shows.any() else 0
+    valid = segments.valid & (every >= first)
+    return replace(segments, valid=valid) if valid.any() else segments

@@ -23,6 +23,7 @@ class Numbers(BaseModel):
     complete: Share
     substantial: Share
     material: Share
+    rest: Share
     largest_set: Annotated[int, Field(ge=1)]
 
 

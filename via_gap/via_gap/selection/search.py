@@ -114,8 +114,8 @@ class Search:
         return list(models.values())
 
     def _room(self, current: Evaluation) -> bool:
-        """Whether what is left could matter at all."""
-        return current.rms - 1.0 > NUMBERS.material * (self.tuned.rms - 1.0)
+        """Whether more than noise is left."""
+        return current.mean_square > NUMBERS.no_gap
 
     def _evaluated(self, fits: Sequence[Fit], models: dict[frozenset[Location], Evaluation]) -> list[Evaluation]:
         """Those of `fits` that may be named, on held-out data; the best of each set of locations goes into `models`."""

@@ -90,32 +90,32 @@ def decide(
     if last.mean_square > NUMBERS.no_gap and last is not tuned:  # beside a wrong cause it may explain less than alone
         flexible = min(flexible, flexible_beside(tuned), key=lambda each: each.score)
     bound = min(flexible.rms, last.rms)
-    explained = [fraction(tuned, step, bound) for step in steps]
+    explained = fraction(tuned, last, bound)
     if last is tuned:
         if matters(flexible, tuned, tuned):
             return _unnamed("unknown", tuned, models, bound, "")
         return _unnamed("cannot_tell", tuned, models, bound, "what the model leaves does not repeat with the motion")
-    enough = [k for k, share in enumerate(explained) if share >= NUMBERS.complete]
-    main = [k for k, share in enumerate(explained) if share >= NUMBERS.most]
-    if not main:
+    if explained < NUMBERS.most:
         return _unnamed("unknown", tuned, models, bound, "")
-    k = enough[0] if enough else main[0]
-    chosen = steps[k]
+    chosen = last
     if fraction(tuned, chosen, 1.0) < NUMBERS.substantial:
         reason = f"what is left repeats with no motion and outweighs what {chosen.fit.locations[0]} would explain"
         return _unnamed("cannot_tell", tuned, models, bound, reason)
     rivals = without_needless([each for each in models if len(each.fit.effects) == len(chosen.fit.effects)])
     tied = _tied(chosen, rivals)
     verdict: Verdict = "main_effect"
-    if enough:
+    if explained >= NUMBERS.complete:
         verdict = "effect" if len(chosen.fit.effects) == 1 else "several_effects"
     equivalent = tuple(dict.fromkeys(place for each in (chosen, *tied) for place in each.fit.locations))
     if len(tied) > NUMBERS.largest_set:
         reason = f"{len(tied)} causes explain these data equally well"
         return replace(_unnamed("cannot_tell", tuned, models, bound, reason), equivalent=equivalent)
     shares, spoken = _shares(rivals)
+    alone = {each.fit.locations[0]: each.score for each in models if len(each.fit.effects) == 1}
+    order = sorted(range(len(shares)), key=lambda i: (-round(shares[i][1], 6), alone.get(shares[i][0], np.inf), i))
+    shares, spoken = tuple(shares[i] for i in order), tuple(spoken[i] for i in order)
     spoken = tuple(chosen if p in chosen.fit.locations else m for (p, _), m in zip(shares, spoken, strict=True))
-    return Decision(verdict, chosen, explained[k], bound, shares, spoken, equivalent)
+    return Decision(verdict, chosen, explained, bound, shares, spoken, equivalent)
 
 
 def fraction(tuned: Evaluation, model: Evaluation, bound: float) -> float:
@@ -130,8 +130,13 @@ def matters(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
 
 
 def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
-    """Whether a model explains a material share of the error more, clearly or not: then larger ones are worth a fit."""
-    return fewer.rms - max(more.rms, 1.0) > NUMBERS.material * (tuned.rms - 1.0)
+    """Whether a model explains a material share of the error more, or most of what is left, clearly or not.
+
+    Then larger ones are worth a fit. What is left counts only where there is more than noise.
+    """
+    gain = fewer.rms - max(more.rms, 1.0)
+    of_rest = fewer.mean_square > NUMBERS.no_gap and gain > NUMBERS.rest * (fewer.rms - 1.0)
+    return of_rest or gain > NUMBERS.material * (tuned.rms - 1.0)
 
 
 def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
