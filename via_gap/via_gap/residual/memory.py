@@ -120,6 +120,8 @@ def _follow(rows: Array, commands: Array, reading: Array, ticks: Array, out: Arr
         done = 0
         for j in range(len(ticks)):
             while done < ticks[j]:
+                if commands[max(done - whole - 1, 0), POWER] <= 0.5:
+                    follows = lags = reading[done]
                 for piece in range(2):  # until the command of this tick arrives, and from then on
                     held, span = max(done - whole - (1 - piece), 0), rest if piece == 0 else period - rest
                     if span <= 0.0:
