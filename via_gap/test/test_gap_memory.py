@@ -5,12 +5,16 @@ from math import exp
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of
-from via_gap.residual.memory import held_along, with_memory
+from via_core.devices import parse_device
+from via_core.signals import Signals
+from via_gap.residual.memory import goals_along, held_along, with_memory
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
+from via_sim.simulate import Simulator, command_rows
+from via_sim.torques import X
 
 MAXWELL = Effect("hysteresis", "transmission", {"torque": 0.05, "stiffness": 0.25}, 1)
 BRISTLE = Effect("presliding_friction", "link", {"torque": 0.03, "stiffness": 0.2}, 0)
@@ -53,3 +57,42 @@ def test_shots_cut_out_of_a_log_know_what_was_held_before_them(effect):
     few, _ = whole.part([np.arange(4, len(segments) - 1, 5)])
     assert np.max(few.per_segment(few.residual([few.row([effect])])[0])) < 3.0
     assert np.median(few.per_segment(few.residual([few.row(())])[0])) > 10.0
+
+
+POSITIONED = """
+name: joint
+title: rigid test joint with a position drive
+source: [made for a test]
+confidence: assumed
+arrangement: rigid
+drive: position
+link: {inertia: 0.04, viscous_friction: 0.1, gravity_torque: 1.0}
+servo: {kp: 12.0, kd: 0.4, torque_limit: 4.0, delay: 0.0073}
+sensors: {rate: 500.0, link_quantum: 9.587e-5}
+"""
+SLOW = Effect("speed_limit", "command", {"limit": 0.6})
+LAG = Effect("actuator_lag", "command", {"time_constant": 0.2})
+
+
+@pytest.mark.parametrize("effects", [(SLOW,), (LAG,), (SLOW, LAG)], ids=str)
+def test_a_goal_is_as_far_behind_as_in_the_simulator(effects):
+    """Through a stretch in which the drive is off, at ticks in any order."""
+    device = parse_device(POSITIONED, "positioned")
+    time = np.arange(2000) / 500.0
+    goal = 0.8 * np.sin(2.0 * time) + 0.2 * np.sign(np.sin(5.0 * time))
+    goal[700:760] = np.nan
+    commands = command_rows(device, Signals(time, {"equilibrium": goal}, {"equilibrium": "rad"}), time)
+    plant = JointPlant.from_device(device).with_effects(effects)
+    simulator = Simulator(plant, 500.0)
+    state, readings, expected = simulator.init((goal[0], 0, 0, 0, 0, 0)), [], []
+    for k in range(len(time)):
+        expected.append([state[X.behind], state[X.lag]])
+        state, read, _ = simulator.step(state, commands[k])
+        readings.append(read[0])
+    on = np.isfinite(goal)
+    ticks = np.flatnonzero(on & np.roll(on, 4) & np.roll(on, 5))[::-7]  # the command that acted last was a goal
+    nominal = JointPlant.from_device(device).at_rate(500.0)
+    found = goals_along(np.stack([nominal, plant.at_rate(500.0)]), commands, np.array([goal[0], *readings[:-1]]), ticks)
+    assert not found[0].any()
+    np.testing.assert_allclose(found[1], np.array(expected)[ticks], atol=1e-9)
+    assert np.abs(found[1]).max() > 0.1

@@ -100,6 +100,7 @@ SIZES = {
     "torque_saturation": {"limit": 0.8},
     "actuator_lag": {"time_constant": 0.02},
     "actuator_delay": {"delay": 0.0043},
+    "speed_limit": {"limit": 2.5},
     "encoder_offset": {"offset": 0.05},
     "encoder_eccentricity": {"amplitude": 0.03, "phase": 0.7},
     "encoder_quantisation": {"quantum": 0.01},

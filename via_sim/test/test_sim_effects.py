@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sim_joints import SIZES, antagonistic, device, flexible, rigid, serial_servo, servo_flexible
+from sim_joints import SIZES, antagonistic, device, flexible, positioned, rigid, serial_servo, servo_flexible
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
@@ -31,7 +31,9 @@ def commands_of(device, seconds: float = 0.5) -> Signals:
     t = np.arange(round(seconds * RATE)) / RATE
     wave = np.sin(7.0 * t)
     channels = {"neighbour": np.cos(3.0 * t), "arm_torque": 0.1 * np.sin(5.0 * t)}
-    channels |= {"external_torque": 0.2 * wave if device.n_motors else wave}
+    channels |= {"external_torque": wave if device.drive == "torque" and not device.n_motors else 0.2 * wave}
+    if device.drive == "position":
+        channels["equilibrium"] = wave
     if device.n_motors:
         channels["motor"] = np.stack([wave, np.sin(7.0 * t + 1.0)][: device.n_motors], axis=1)
     if device.damper is not None:
@@ -43,9 +45,9 @@ GRAVITY = "{inertia: 0.02, viscous_friction: 0.1, gravity_torque: 0.3, gravity_a
 SENSED = rigid(GRAVITY.replace("{", "{coulomb_friction: 0.05, ")).model_copy(
     update={"sensors": rigid().sensors.model_copy(update={"link_torque_noise": 0.0})}
 )
-JOINTS = (antagonistic(GRAVITY), SENSED, serial_servo())
+JOINTS = (antagonistic(GRAVITY), SENSED, serial_servo(), positioned(GRAVITY))
 EVERYWHERE = [
-    pytest.param(joint, name, site, motor, id=f"{joint.arrangement}-{name}-{site}-{motor}")
+    pytest.param(joint, name, site, motor, id=f"{joint.arrangement}-{joint.drive}-{name}-{site}-{motor}")
     for joint in JOINTS
     for name in EFFECTS
     for site, motor in places(name, joint)
@@ -84,6 +86,8 @@ def test_places_of_a_joint_are_those_it_accepts():
     assert places("torque_gain", flexible()) == (("motor", 1), ("sensor", 1))
     assert places("backlash", antagonistic()) == (("transmission", 1), ("transmission", 2), ("transmission", 0))
     assert places("coulomb_friction", antagonistic()) == (("motor", 1), ("motor", 2), ("motor", 0), ("link", 0))
+    assert places("speed_limit", positioned()) == (("command", 0),)
+    assert places("speed_limit", rigid()) == places("speed_limit", serial_servo()) == ()
     assert places("encoder_offset", flexible()) == (("sensor", 0), ("sensor", 1))
     assert places("preset_error", load_device("maccepavd")) == (("transmission", 1),)
     spring = "{law: linear, stiffness: 10.0, max_deflection: 1.0}"
@@ -228,7 +232,7 @@ def test_effects_that_do_not_fit_the_joint_are_refused():
         JointPlant.from_device(flexible()).with_effects([Effect("torque_gain", "motor", {"gain": 1.0}, 1, "other")])
 
 
-@pytest.mark.parametrize("joint", JOINTS, ids=lambda joint: joint.arrangement)
+@pytest.mark.parametrize("joint", JOINTS, ids=lambda joint: f"{joint.arrangement}-{joint.drive}")
 def test_both_motors_alike_are_one_effect_on_each(joint):
     nominal, found = JointPlant.from_device(joint), 0
     for name in EFFECTS:

@@ -19,6 +19,7 @@ Values = Mapping[str, float]
 Writer = Callable[[Array, int, str, Values], None]
 
 MAX_DELAY = 0.1  # [s]
+NEVER = 1e6  # [s] later than any run; also a torque [N m] and a speed [rad/s] beyond all drives
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class EffectKind:
     parameters: tuple[EffectParameter, ...]
     write: Writer
     needs_torque_drive: bool = False  # at a motor: means nothing where a servo imposes the angle
+    of_goal: bool = False  # of the goal that a position drive follows: other drives have none
     of_drive: bool = False  # at a motor: of the path of the torque, which a rigid joint has too (its motor 1)
     adds: bool = False  # several at one place add up
     optional: tuple[EffectParameter, ...] = ()  # neutral where they are left out
@@ -235,6 +237,12 @@ def write_dead_time(row: Array, _axis: int, _site: str, value: Values) -> None:
     if total > MAX_DELAY:
         raise ParameterError(f"delay {value['delay']} and the drive's own are {total:.6g} s, must stay <= {MAX_DELAY}")
     row[P.delay] = total
+
+
+def write_goal_speed(row: Array, _axis: int, _site: str, value: Values) -> None:
+    """A speed limit of the goal beside the one that the device file states: the lower one acts."""
+    if value["limit"] < NEVER:
+        row[P.drive_speed_limit] = min(row[P.drive_speed_limit], value["limit"])
 
 
 def into_slot(slot: int, name: str, first: int = 0) -> Callable[[Array, int, str, Values], None]:

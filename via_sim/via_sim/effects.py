@@ -131,6 +131,8 @@ def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
     driven = device.n_motors == 0 and kind.of_drive and site == "motor"  # a rigid joint's drive is its motor 1
     if motor > (1 if driven else device.n_motors) and site in ("motor", "sensor", "timing"):
         return f"'{device.name}' has {device.n_motors} motors"
+    if kind.of_goal and device.drive != "position":
+        return f"only a position drive follows a goal, and '{device.name}' has none"
     if site == "motor" and kind.needs_torque_drive and device.drive == "servo":
         return f"a servo imposes the angle, so this has no meaning on '{device.name}'"
     if site == "sensor" and kind.of_drive:

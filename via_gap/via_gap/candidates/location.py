@@ -82,7 +82,8 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
 def unjudged(device: Device, log: JointLog) -> tuple[str, ...]:
     """Why effects of the catalogue can be no answer on this log: a sentence for each reason that there is."""
     offered = {location.name for location in locations(device, log)} | set(MEASUREMENT_ONLY)
-    absent = [kind for kind in EFFECTS.values() if kind.name not in offered]
+    possible = [kind for kind in EFFECTS.values() if device.drive == "position" or not kind.of_goal]
+    absent = [kind for kind in possible if kind.name not in offered]
     nowhere = [kind.name for kind in absent if not places_of(kind, device)]
     said = []
     if any(kind.name == "joint_coupling" and kind.name not in nowhere for kind in absent):

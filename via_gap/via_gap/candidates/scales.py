@@ -6,14 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from via_core.devices import Device
 from via_core.signals import Array
-from via_sim.torques import EXTERNAL
+from via_sim.torques import EXTERNAL, GOAL, POWER
 
 from via_gap.residual.equations import Residual
 from via_gap.residual.segments import Segments
 
 ORDERS = np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])  # periods per turn that are screened
 KEPT_ORDERS = 2
+FASTEST = 0.995  # quantile of the speed that counts as the largest: above it is noise of the encoder
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,8 +24,8 @@ class Scales:
 
     torque      (3,) [N m] typical torque on link, motor 1, motor 2; the drive of a rigid joint is its motor 1
     speed       (3,) [rad/s] root mean square
-    peak        (2,) [N m] or [rad] largest command of each motor
-    slew        [rad/s] fastest motor
+    peak        (2,) [N m] or [rad] largest command of each motor; of a position drive its largest torque
+    slew        [rad/s] fastest motor; of a position drive the link at its fastest
     angle       [rad] standard deviation of the link angle
     range       (4,) [rad] its 2, 10, 90 and 98 percent quantiles
     deflection  [rad] typical
@@ -69,13 +71,16 @@ def scales_of(
         theta = np.where(np.isfinite(start[:, 1]), start[:, 1], commands[:, 0] if device.drive == "servo" else q)
         deflection = max(float(np.std(q - theta)), 0.02 * angle)
     else:
-        speed[1], torque[1], peak[0] = speed[0], np.std(commands[:, EXTERNAL]), np.max(np.abs(commands[:, EXTERNAL]))
+        pull, drive = _drive_torque(device, commands, start)
+        speed[1], torque[1], peak[0] = speed[0], np.std(drive), np.max(np.abs(pull))
     speed = np.where(speed > 0.0, speed, max(float(speed.max()), 1e-3))
     torque = np.maximum(torque, 1e-3 * max(float(torque.max()), 1e-3))
     slew = 1.0
     if device.drive == "servo":  # of a servo that follows the largest change asked for: w step / e
         reach = max(float(np.ptp(each.commands[:, 0])) + _first_step(each) for each in segments)
         slew = max(getattr(motor, "bandwidth", 1.0) for motor in device.motors) * reach / np.e
+    elif device.drive == "position":
+        slew = float(np.quantile(np.abs(start[:, 3]), FASTEST))
     orders = [_orders(segments, residuals, axis) for axis in range(3)]
     if not motors:
         orders[1] = orders[0]
@@ -84,6 +89,16 @@ def scales_of(
         np.quantile(q, [0.02, 0.1, 0.9, 0.98]), max(deflection, 1e-3), max(each.log.duration for each in segments),
         _busiest(time, excess), tuple(orders),
     )  # fmt: skip
+
+
+def _drive_torque(device: Device, commands: Array, start: Array) -> tuple[Array, Array]:
+    """Torque (T,) [N m] that the drive of a rigid joint is commanded or pulls with, and what acts with its damping."""
+    if device.servo is None:
+        return commands[:, EXTERNAL], commands[:, EXTERNAL]
+    servo, on = device.servo, commands[:, POWER]
+    limit = servo.torque_limit or np.inf
+    pull = on * np.clip(servo.kp * (commands[:, GOAL] - start[:, 0]), -limit, limit)
+    return pull, pull - on * servo.kd * start[:, 3]
 
 
 def _first_step(segments: Segments) -> float:

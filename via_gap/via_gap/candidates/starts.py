@@ -194,11 +194,17 @@ def _eccentricity(_here: _Here) -> list[Start]:
 
 
 def _saturation(here: _Here) -> list[Start]:
-    peak = float(here.scales.peak[max(here.axis, 1) - 1]) if here.device.drive == "torque" else here.scales.slew
+    servo = here.device.drive == "servo"
+    peak = here.scales.slew if servo else float(here.scales.peak[max(here.axis, 1) - 1])
     shares = (0.4, 0.55, 0.7, 0.8, 0.87, 0.92, 0.96, 0.985)
-    if here.device.drive == "servo":
+    if servo:
         shares = (0.15, 0.25, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)
     return [Start(({"limit": share * peak},), ()) for share in shares]
+
+
+def _goal_speed(here: _Here) -> list[Start]:
+    shares = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.2)
+    return [Start(({"limit": share * here.scales.slew},), ()) for share in shares]
 
 
 def _delays(*each: float) -> Callable[[_Here], list[Start]]:
@@ -258,6 +264,7 @@ _STARTS: Mapping[str, Callable[[_Here], list[Start]]] = {
     "torque_saturation": _saturation,
     "actuator_lag": _one(lambda _h: {"time_constant": 0.004}, "time_constant"),
     "actuator_delay": _delays(0.004, 0.03),
+    "speed_limit": _goal_speed,
     "encoder_offset": _offset,
     "encoder_eccentricity": _eccentricity,
     "channel_skew": _delays(0.002, 0.015),
@@ -280,6 +287,7 @@ _SIZES: Mapping[str, tuple[str, ...]] = {  # where they are not those that the t
     "torque_saturation": ("limit",),
     "actuator_lag": ("time_constant",),
     "actuator_delay": ("delay",),
+    "speed_limit": ("limit",),
     "channel_skew": ("delay",),
     "encoder_offset": ("offset",),
     "encoder_eccentricity": ("amplitude",),

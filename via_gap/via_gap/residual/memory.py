@@ -1,10 +1,13 @@
-"""What elements with memory hold along a measured motion: bristles and Maxwell elements know nothing but angles.
+"""What a joint remembers at the start of a segment: bristles, Maxwell elements, and the goal of a position drive.
 
-    held = held_along(rows, angles, ticks)      # (K, n, 5)
+    held = held_along(rows, angles, ticks)                  # (K, n, 5)
+    behind = goals_along(rows, commands, reading, ticks)    # (K, n, 2)
 
 A segment starts from measured angles; what its elements hold there depends on every reversal since they last slipped,
 which may be seconds ago. The same law that the simulator integrates (`remember`) is therefore led along the measured
-angles from the beginning of the log on, once per parameter row, instead of being guessed and simulated for a while.
+angles from the beginning of the log on, once per parameter row, instead of being guessed and simulated for a while. How
+far the goal of a position drive is behind its command, where its speed is limited or it lags, follows likewise from the
+commands since the log began.
 """
 
 from __future__ import annotations
@@ -12,8 +15,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from via_core.signals import Array
-from via_sim.parameters import P
-from via_sim.torques import N_MODES, X, compiled, remember
+from via_sim.parameters import POSITION_DRIVE, P
+from via_sim.position_drive import acting_goal, followed
+from via_sim.torques import GOAL, N_MODES, POWER, X, compiled, remember
 
 HELD = 5  # bristles of link, motor 1, motor 2; Maxwell elements of transmission 1, 2
 ELEMENTS = np.concatenate(  # of a row, all that counts here: most rows of a fit differ in other things
@@ -24,6 +28,8 @@ ELEMENTS = np.concatenate(  # of a row, all that counts here: most rows of a fit
         [P.hysteresis_stiffness + i for i in range(2)],
     ]
 )
+
+GOAL_NUMBERS = np.array([P.delay, P.lag, P.drive_speed_limit])  # of a row, all that the goal of its drive depends on
 
 
 def held_along(rows: Array, angles: Array, ticks: NDArray[np.intp]) -> Array:
@@ -75,3 +81,58 @@ def _led(rows: Array, angles: Array, ticks: Array, out: Array) -> None:
                 out[k, j, i] = x[X.bristle + i]
             for i in range(2):
                 out[k, j, 3 + i] = x[X.hysteresis + i]
+
+
+def with_late_goal(rows: Array) -> Array:
+    """(K,) whether the goal of a row's position drive can be behind its command by more than a dead time."""
+    slow = (rows[:, P.lag] > 0.0) | np.isfinite(rows[:, P.drive_speed_limit])
+    return np.asarray(slow & (rows[:, P.link_drive] == POSITION_DRIVE))
+
+
+def goals_along(rows: Array, commands: Array, reading: Array, ticks: NDArray[np.intp]) -> Array:
+    """How far [rad] (K, n, 2) the goals of rows (K, N_PARAMETERS) are behind speed limit and lag at ticks (n,).
+
+    commands  (T, N_COMMANDS) held over each tick; before the first tick the drive had reached its first goal
+    reading   (T,) [rad] of the drive's encoder, where the goal waits while the drive is off
+    """
+    out = np.zeros((len(rows), len(ticks), 2))
+    some = np.flatnonzero(with_late_goal(rows))
+    if some.size and len(ticks):
+        _, first, which = np.unique(rows[some][:, GOAL_NUMBERS], axis=0, return_index=True, return_inverse=True)
+        at, back = np.unique(ticks, return_inverse=True)
+        found = np.zeros((first.size, len(at), 2))
+        _follow(np.ascontiguousarray(rows[some[first]]), commands, reading, at, found)
+        out[some] = found[which.reshape(-1)][:, back.reshape(-1)]
+    return out
+
+
+@compiled
+def _follow(rows: Array, commands: Array, reading: Array, ticks: Array, out: Array) -> None:
+    """`goals_along` for ascending ticks; within a tick as `kernel.advance_tick` has it."""
+    for k in range(len(rows)):
+        p = rows[k]
+        period = p[P.tick]
+        whole = int(np.floor(p[P.delay] / period + 1e-9))
+        rest = p[P.delay] - whole * period
+        if rest < 1e-9 * period:
+            rest = 0.0
+        follows = lags = commands[0, GOAL] if commands[0, POWER] > 0.5 else reading[0]
+        done = 0
+        for j in range(len(ticks)):
+            while done < ticks[j]:
+                if commands[max(done - whole - 1, 0), POWER] <= 0.5:
+                    follows = lags = reading[done]
+                for piece in range(2):  # until the command of this tick arrives, and from then on
+                    held, span = max(done - whole - (1 - piece), 0), rest if piece == 0 else period - rest
+                    if span <= 0.0:
+                        continue
+                    if commands[held, POWER] > 0.5:
+                        goal = commands[held, GOAL]
+                        lags = acting_goal(p, goal, follows, lags, span)
+                        follows = followed(p, goal, follows, span)
+                    else:
+                        follows = lags = reading[done]
+                done += 1
+            last = max(done - whole - 1, 0)
+            if commands[last, POWER] > 0.5:
+                out[k, j, 0], out[k, j, 1] = commands[last, GOAL] - follows, follows - lags

@@ -30,7 +30,7 @@ from via_sim.plants import JointPlant
 from via_sim.readings import stride
 from via_sim.torques import HISTORY, QUEUED, X
 
-from via_gap.residual.memory import HELD, held_along, with_memory
+from via_gap.residual.memory import HELD, goals_along, held_along, with_late_goal, with_memory
 from via_gap.residual.segments import Indices, Segments, binned
 from via_gap.residual.unseen import led as lead_along
 
@@ -154,7 +154,11 @@ class Rollout:
         warm = np.maximum(segments.begin[self.chosen[first]] - self.lead, 0)
         sent = drive.reshape(-1, drive.shape[2])
         under = runs[:, 0] % len(drive) * drive.shape[1]  # where each run's commands begin in all that were sent
-        states = self._fresh(warm, sent, under) if led is None else led[runs[:, 0], first]
+        if led is None:
+            states = self._fresh(warm, sent, under)
+            self._late_goals(rows, drive, runs, warm, states)
+        else:
+            states = led[runs[:, 0], first]
         ahead = np.flatnonzero((self.chosen[first] > 0) & (led is None))
         if ahead.size:
             begun, moved = states[ahead], np.empty((len(ahead), self.lead + 1, 6))
@@ -202,6 +206,14 @@ class Rollout:
         history = states[:, X.history : X.queue].reshape(len(ticks), -1, 6)
         history[:, :, :3] = states[:, None, :3]
         return states
+
+    def _late_goals(self, rows: Array, drive: Array, runs: Indices, ticks: Indices, states: Array) -> None:
+        """How far the goals of position drives are behind their commands at `ticks` of `runs`, into states (n, .)."""
+        for k in np.flatnonzero(with_late_goal(rows)):
+            own = np.flatnonzero(runs[:, 0] == k)
+            if own.size:
+                found = goals_along(rows[k][None], drive[k % len(drive)], self.segments.start[:, 0], ticks[own])[0]
+                states[own, X.behind], states[own, X.lag] = found.T
 
     def _starts(self, rows: Array, ticks: Indices) -> Array:
         """Where segments start (n, 6): as read there, errors that a row gives its encoders undone."""

@@ -51,6 +51,6 @@ def _size(name: str, values: Array, neutral: Array, which: list[int]) -> tuple[A
         return np.array([mass * distance]), np.array([[distance, mass]])
     away = values[which] - neutral[which]
     slopes = np.eye(len(values))[which]
-    if name == "torque_saturation":  # absent where the limit is beyond all torques
+    if name in ("torque_saturation", "speed_limit"):  # absent where the limit is beyond all torques or speeds
         away = values[which]
     return away, slopes
