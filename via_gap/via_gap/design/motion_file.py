@@ -18,7 +18,7 @@ from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
 from via_core.wire import EQUILIBRIUM_PRESET, MOTOR_TORQUE, VSA_COMMAND
 
-_UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "external_torque": "N m", "motor": "N m"}
+COMMAND_UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "external_torque": "N m", "motor": "N m"}
 
 
 def columns_of(signals: Signals) -> dict[str, Array]:
@@ -64,13 +64,13 @@ def read_motion(path: Path, device: Device) -> Signals:
     if "time" not in columns or not len(table):
         raise SignalError(f"{path}: no column 'time' with numbers; there are: {', '.join(header) or 'none'}")
     motors = [columns[f"motor_{i + 1}"] for i in range(device.n_motors) if f"motor_{i + 1}" in columns]
-    channels = {name: columns[name] for name in _UNITS if name in columns}
+    channels = {name: columns[name] for name in COMMAND_UNITS if name in columns}
     if motors:
         channels["motor"] = np.column_stack(motors)
     if not channels:
         raise SignalError(f"{path}: no column of commands; there are: {', '.join(header)}")
     try:
-        return Signals(columns["time"], channels, _UNITS, frozenset(channels))
+        return Signals(columns["time"], channels, COMMAND_UNITS, frozenset(channels))
     except ViaError as error:
         raise SignalError(f"{path}: {error}") from None
 
