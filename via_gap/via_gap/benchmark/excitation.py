@@ -1,6 +1,6 @@
-"""What a lab would have the joint do: pieces of multisine, moves with holds, slow ramps, fast swings, small reversals.
+"""Excitation as in a lab: multisines, moves with holds, slow ramps, fast swings, small reversals.
 
-Every piece starts and ends at rest at zero; their order, lengths and numbers come from the random generator.
+Every piece starts and ends at rest at zero; order, lengths and numbers are random.
 """
 
 from __future__ import annotations

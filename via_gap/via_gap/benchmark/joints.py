@@ -23,7 +23,7 @@ CONTROLLED = "controlled_motor"  # a light motor under velocity or position cont
 POSITIONED = "position_drive"  # a drive that follows a goal angle and shows no torque
 PAIRS = ("polynomial_pair", "exponential_pair")  # two torque motors
 TOLERANCE = 0.05  # relative, of every inertia, friction and stiffness of the nominal file
-WIDE = 0.10  # the same, in some cases
+WIDE = 0.10  # the same in some cases
 _STATED = (
     "link_inertia", "link_friction", "gravity", "motor_inertia", "motor_friction", "bandwidth", "spring", "damper",
 )  # fmt: skip

@@ -102,9 +102,7 @@ def within_limits(log: JointLog, size: float) -> bool:
     if device.n_motors == 0:
         return True
     theta = measured["theta"]
-    apart = max(
-        1, round(0.01 * len(theta) / DURATION)
-    )  # samples: over one, encoder steps look like speeds
+    apart = max(1, round(0.01 * len(theta) / DURATION))  # samples: over one, encoder steps look like speeds
     speed = np.abs(theta[apart:] - theta[:-apart]).max(axis=0) / (apart * np.median(np.diff(measured.time)))
     for i, motor in enumerate(device.motors):
         fastest = motor.speed_limit if isinstance(motor, TorqueMotor) else device.observed.servo_speed_limit

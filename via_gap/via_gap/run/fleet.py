@@ -1,6 +1,6 @@
 """Many logs of one kind of device, diagnosed by many processes through dask.distributed.
 
-rows = run_fleet(paths, device, Path("results"), told=lambda done, of, path: ...)
+rows = run_fleet(paths, device, Path("results"), progress=lambda done, of, path: ...)
 
 What is found about a log is written the moment it is known, under a key made of the log's content, the device and the
 sources of the diagnosis: an interrupted run goes on where it stopped, and nothing old is taken for new. A worker that
@@ -36,7 +36,7 @@ from via_gap.report.report import GapReport, read_report
 from via_gap.run.fleet_task import Outcome, OwnKernels, diagnose_file
 from via_gap.run.undisturbed import undisturbed
 
-Told = Callable[[int, int, Path | None], None]  # logs done, logs in all, the one just done
+OnDone = Callable[[int, int, Path | None], None]  # logs done, logs in all, the one just done
 LOOPBACK = "127.0.0.1"
 PATIENCE = "20s"  # for a scheduler to answer
 SHOWN = 12  # characters of a key in names of files
@@ -67,14 +67,14 @@ def run_fleet(
     logs: Sequence[Path],
     device: Device,
     results: Path,
-    told: Told = lambda _done, _of, _path: None,
+    progress: OnDone = lambda _done, _of, _path: None,
     scheduler: str | None = None,
     workers: int | None = None,
     joint_topic: str = "/joint_states",
 ) -> list[Row]:
     """Diagnose every log; rows in the order of `logs`.
 
-    told       hears how many are done, first of all those of earlier runs
+    progress   called with the number of logs done, first with those of earlier runs
     scheduler  address of a dask scheduler whose workers have VIA and see the same files; None: processes here
     workers    how many of those; None: one per core
 
@@ -90,12 +90,12 @@ def run_fleet(
     found |= {key: row for key in dict.fromkeys(keys) if isinstance(key, str) and (row := _earlier(results, key))}
     todo = {key: path for key, path in zip(keys, logs, strict=True) if isinstance(key, str) and key not in found}
     every = len(found) + len(todo)
-    told(len(found), every, None)
+    progress(len(found), every, None)
     if todo:
         with _client(scheduler, workers) as client:
             for key, row in _diagnosed(client, todo, device, joint_topic, results):
                 found[key] = row
-                told(len(found), every, todo[key])
+                progress(len(found), every, todo[key])
     rows = [found[key if isinstance(key, str) else key.key] for key in keys]
     return [replace(row, log=str(path)) for row, path in zip(rows, logs, strict=True)]
 
@@ -167,7 +167,7 @@ def key_of(log: Path, device: Device, joint_topic: str = "/joint_states") -> str
     digest = sha256()
     for part in (engine(), device.model_dump_json(), joint_topic):
         digest.update(part.encode() + b"\0")
-    # Names count: they are in the report, and whether a file is a bag or a table is told by its ending.
+    # Names count: they are in the report, and the ending of a file decides whether it is a bag or a table.
     digest.update(log.name.encode(errors="surrogateescape") + b"\0")
     files = sorted(each for each in log.rglob("*") if each.is_file()) if log.is_dir() else [log]
     for file in files:
