@@ -312,7 +312,7 @@ def test_make_run_and_score_from_the_command(tmp_path: Path) -> None:
     assert "via gap blind score" in (tmp_path / "docs" / "gap.md").read_text()
     (keys / "case_000.json").write_text("{}")
     done = runner.invoke(app, words)
-    assert isinstance(done.exception, ViaError) and "not the one that was sealed" in str(done.exception)
+    assert isinstance(done.exception, ViaError) and "differs from the sealed one" in str(done.exception)
 
 
 def test_a_crash_is_told_by_its_last_words():

@@ -70,7 +70,7 @@ def test_a_job_ends_when_told_and_the_next_one_is_done(worker):
     worker.begin(Job(log.device, log))
     until(worker, Progress)
     os.kill(worker.pid, 9)
-    assert "ended in the middle" in until(worker, Failed)[-1].reason
+    assert "before it was finished" in until(worker, Failed)[-1].reason
 
 
 def test_a_look_tells_the_gap_and_its_place_and_the_tuned_device_has_less(worker):

@@ -1,4 +1,4 @@
-"""Commands as a file: columns that a log has too, or a bag whose commands simulator and robot understand when played.
+"""Commands as a file: a table with the columns of a log, or a bag that can be played to simulator and robot.
 
 A table has `time` [s] and motor_1, motor_2 [N m], or equilibrium, preset [rad] and damping [-], or external_torque
 [N m] for a rigid joint. Each row holds until the next.
@@ -51,7 +51,7 @@ def write_table(path: Path, time: Array, columns: dict[str, Array]) -> None:
 
 
 def read_motion(path: Path, device: Device) -> Signals:
-    """Commands of a table. Raises SignalError in one line for what is none."""
+    """Commands of a table. Raises SignalError in one line if it is none."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             header = [name.strip() for name in next(csv.reader(file), [])]

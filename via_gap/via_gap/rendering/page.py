@@ -39,7 +39,7 @@ from via_gap.rendering.text import ranked
 from via_gap.report.figures import JointSketch
 from via_gap.report.report import Cause, GapReport, Noise
 
-NEAREST = 3  # causes that are drawn where none is named
+NEAREST = 3  # causes that are shown where none is named
 
 
 def page(report: GapReport) -> str:
@@ -108,13 +108,13 @@ def noise_words(each: Noise) -> tuple[str, str, str]:
 
 
 def _drawn(report: GapReport) -> tuple[Cause, ...]:
-    """The causes that have a card; where none is named, only the nearest few."""
+    """The causes shown in detail; where none is named, only the first few."""
     found = ranked(report)
     return found if evidence_words.names_causes(report) else found[:NEAREST]
 
 
 def _kept(written: Callable[[float], str]) -> Callable[[float], str]:
-    """A number whose unit stays on its line."""
+    """The same text with non-breaking spaces, so that a number and its unit stay together."""
     return lambda value: written(value).replace(" ", "\u00a0")
 
 
