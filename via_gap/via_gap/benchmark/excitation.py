@@ -86,7 +86,7 @@ def turn(rng: Generator, device: Device, duration: float, rate: float) -> Drive:
 
 
 def start_of(device: Device, drive: Drive) -> Array:
-    """Angles (1+m,) [rad] at rest under the first references; the link stands where springs and gravity let it."""
+    """Angles (1+m,) [rad] at rest under the first references; the link is in equilibrium of springs and gravity."""
     motors = drive.references[0]
     if not device.motors:
         return motors.copy()

@@ -209,7 +209,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def reason(trouble: str) -> str:
-    """What an exception said of itself, without where in which file; what came without one, as it is."""
+    """The message of an exception without its traceback; other text unchanged."""
     lines = trouble.splitlines()
     last = max((k for k, line in enumerate(lines) if "Error" in line and not line.startswith(" ")), default=0)
     return " ".join(line.strip() for line in lines[last:])

@@ -74,12 +74,12 @@ def residuals(device: Device, log: Log, speed: Array, servo: Servo | None = None
 
 
 def _middle(commands: Array) -> Array:
-    """(N+1,) of commands (N,) held over the ticks: at a sample the mean of before and after."""
+    """(N+1,) at the samples: the mean of the commands (N,) held before and after."""
     return 0.5 * (np.concatenate([commands[:1], commands]) + np.concatenate([commands, commands[-1:]]))
 
 
 def _held(commands: Array, log: Log) -> Array:
-    """(N,) of commands (K,) on stamps of their own, as they stand at each sample."""
+    """(N,) commands that hold at each sample, of commands (K,) with their own stamps."""
     return commands[np.clip(np.searchsorted(log.command_time, log.time, side="right") - 1, 0, None)]
 
 

@@ -5,7 +5,7 @@ Two folders, neither inside the other:
     CASES/seals.txt             SHA-256 of every key, in the form sha256sum -c reads
     CASES/case_000/bag          the recording; log.csv of a rigid joint; several: bag_00, bag_01 ... or log_00.csv ...
     CASES/case_000/joint.yaml   the nominal device file
-    CASES/case_000/README.md    what a lab would know
+    CASES/case_000/README.md    rate, signals and tolerance, as a lab would state them
     CASES/case_000/seal.txt     SHA-256 of the key
     KEYS/case_000.json          the key: effect, size, true device, SHA-256 of the withheld log
     KEYS/case_000_withheld      a second recording of the same joint under another motion

@@ -173,4 +173,4 @@ def _law(device: Device, i: int) -> tuple[int, tuple[float, ...]]:
         return EXPONENTIAL, (given.k * given.rise, given.k * given.fall, given.a)
     if isinstance(given, Maccepa):
         return MACCEPA, (given.k, given.lever, given.base, given.free_length, given.drum_radius)
-    raise ParameterError(f"springs.{i}: the blind joints have no law '{given.law}'")
+    raise ParameterError(f"springs.{i}: the joints of the benchmark have no law '{given.law}'")

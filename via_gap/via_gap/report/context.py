@@ -1,4 +1,4 @@
-"""What a report says about its recordings and its device: noise, held-out data, fitted parameters, what stays open."""
+"""Parts of a report about recordings and device: noise, held-out data, fitted parameters, what was not judged."""
 
 from __future__ import annotations
 
