@@ -90,7 +90,7 @@ def believed(rng: Generator, true: Content, tolerance: float = TOLERANCE) -> tup
 
 
 def scaled(content: Content, where: str, factor: float) -> Content:
-    """The device file with one parameter scaled, named as in the errors of `believed`; of a spring all that scale it."""
+    """The device file with one parameter scaled, named as in the errors of `believed`; of a spring its whole torque."""
     moved = deepcopy(content)
     part_name, _, key = where.rpartition(".")
     name, _, number = part_name.partition(".")
