@@ -7,8 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from html import escape
+from typing import Literal
+
+from via_sim.effects import spots
 
 from via_gap.report.figures import JointSketch
+from via_gap.report.report import GapReport
 
 # Light to dark, one hue; from WHITE_FROM on, white text is more legible.
 DEPTHS = ("#ffffff", "#deebf7", "#b3d1ea", "#6aaed6", "#2f7dbb", "#0b4a8f")
@@ -16,6 +20,18 @@ STEPS = (0.0, 0.02, 0.15, 0.35, 0.6, 0.85)
 WHITE_FROM = 4
 
 Shares = Mapping[tuple[str, int], float]  # (site, motor) -> share; sites without a number at 0, and both motors alike
+
+
+def sketch_of(report: GapReport) -> JointSketch:
+    """The joint; of a report without figures, a joint with as many motors as it mentions."""
+    if report.figures is not None:
+        return report.figures.joint
+    places = {*((each.site, each.motor) for each in report.where), *((each.site, each.motor) for each in report.causes)}
+    named = [spot for place in places for spot in spots(*place)]
+    motors = max((number for _, number in named), default=0)
+    seen = (report.level in ("full", "no torque"),) * max(motors, 1)
+    arrangement: Literal["antagonistic", "flexible"] = "antagonistic" if motors > 1 else "flexible"
+    return JointSketch(arrangement=arrangement, drive="torque", motors_seen=seen, torque_seen=report.level == "full")
 
 
 def joint_picture(sketch: JointSketch, shares: Shares) -> str:
