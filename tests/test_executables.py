@@ -114,8 +114,8 @@ for method in METHODS:
 """
 MONITOR_LOADED = f"""
 from via_core.devices import load_device
-from via_gap.run.watch import rehearse
-rehearse(load_device("{DEVICE.name}"))
+from via_gap.run.comparison import warm_up
+warm_up(load_device("{DEVICE.name}"))
 """
 
 ARM_LOADED = """

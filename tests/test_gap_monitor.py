@@ -69,7 +69,7 @@ class MonitorBench:
     def play(self, count, start=START):
         """Samples and commands of a made-up motion at 1 kHz."""
         writer, commander = JointStateWriter(DEVICE), CommandWriter(DEVICE)
-        already = self.node._samples
+        already = self.node.monitor.samples
         for k in range(count):
             t, stamp = 1e-3 * k, start + PERIOD * k
             writer.position[:] = 0.3 * np.sin(5.0 * t), 0.5 + 0.1 * np.sin(9.0 * t), -0.5 + 0.2 * np.cos(7.0 * t)
@@ -78,8 +78,8 @@ class MonitorBench:
             self.commands.publish(commander.numbered(stamp, torques))
             self.samples.publish(writer.stamped(stamp))
             if k % 200 == 199:
-                self.graph.until(lambda k=k: self.node._samples >= already + k - 100)
-        self.graph.until(lambda: self.node._samples == already + count)
+                self.graph.until(lambda k=k: self.node.monitor.samples >= already + k - 100)
+        self.graph.until(lambda: self.node.monitor.samples == already + count)
 
 
 def simulate(graph, bench, folder, duration, effects=()):
@@ -100,12 +100,12 @@ def simulate(graph, bench, folder, duration, effects=()):
     def all_heard():
         """By the monitor and by the bag: every sample, those said again included, and every command."""
         samples = sum(topic == "/joint_states" for topic, _ in heard)
-        told = len(bench.node._rolling._commands.stamp)
+        told = len(bench.node.monitor.rolling._commands.stamp)
         last = next((data for topic, data in reversed(heard) if topic != "/joint_states"), None)
         # The controller's last word, when samples end, is none but zeros.
         return (
             simulator.finished.done()
-            and bench.node._samples == samples >= count
+            and bench.node.monitor.samples == samples >= count
             and told == len(heard) - samples
             and not any(deserialize_message(last, VsaCommand).motor)
         )
@@ -180,17 +180,17 @@ def test_one_goal_at_a_time_which_can_be_cancelled(graph, tmp_path):
     graph.until(lambda: len(bench.feedback) > 0)
     assert not bench.send().accepted
     graph.until(lambda: "one at a time" in bench.reports[-1]["refused goal"])
-    process = bench.node._worker.pid
+    process = bench.node.monitor.worker.pid
     first.cancel_goal_async()
     status, result = bench.result(first)
     assert (status, result.success, result.message) == (GoalStatus.STATUS_CANCELED, False, "cancelled")
-    assert process is not None and bench.node._worker.pid is None
+    assert process is not None and bench.node.monitor.worker.pid is None
     again = bench.send(seconds=2.5)
     assert again.accepted
     bench.feedback.clear()
     graph.until(lambda: len(bench.feedback) > 0)
     graph.remove(bench.node)  # a node that is closed in the middle leaves no process
-    assert bench.node._worker.pid is None
+    assert bench.node.monitor.worker.pid is None
 
 
 def test_it_says_when_it_does_not_know_and_a_clock_set_back_begins_anew(graph):

@@ -22,7 +22,7 @@ from via_controllers.nodes.hopping import HoppingParameters
 from via_controllers.nodes.max_velocity import MaxVelocityParameters
 from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleParameters
 from via_estimators.nodes.estimator import BankParameters, EstimatorParameters
-from via_gap.nodes.monitor import MonitorParameters
+from via_gap.run.monitor import MonitorParameters
 from via_ros.nodes.player import Parameters as PlayerParameters
 from via_ros.nodes.recorder import Parameters as RecorderParameters
 from via_sim.nodes.arm_simulator import ArmSimulatorParameters

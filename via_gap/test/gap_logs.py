@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from via_core.devices import Device, load_device, parse_device
 from via_core.signals import Signals
-from via_gap.design.proposal import following
+from via_gap.design.commands import following
 from via_gap.logs.log import JointLog
 from via_gap.residual.nuisance import nuisances
 from via_sim.effects import Effect, write_effects

@@ -19,17 +19,18 @@ import pytest
 import yaml
 from via_core.bags import joint_signals, read_bag
 from via_core.devices import Device, load_device
-from via_gap.benchmark.case import DIRT, FAR_RANGE, RANGE, _rates, _windows, draw_case
+from via_gap.benchmark.case import FAR_RANGE, RANGE, _rates, _windows, draw_case
+from via_gap.benchmark.catalogue import CATALOGUE
 from via_gap.benchmark.joints import CONTROLLED, FAMILIES, POSITIONED, believed, device_of, draw_joint, scaled
 from via_gap.benchmark.making import Made, make_cases
-from via_gap.benchmark.menu import MENU
 from via_gap.benchmark.plan import BLOCK, KINDS, Plan, block_of, plan
+from via_gap.benchmark.planted import DIRT
 from via_gap.benchmark.recording import LEVELS, limited, neighbour_angle, write_log
 from via_gap.benchmark.residual import left_by_numbers
 from via_gap.benchmark.running import run_cases
 from via_gap.benchmark.sealing import SealError, digest_of, logs_in, names_in, opened, seal, write_seals
 from via_gap.benchmark.selections import OF_BOTH, OF_POSITION
-from via_gap.benchmark.strangers import STRANGERS
+from via_gap.benchmark.unmodelled import UNMODELLED
 from via_gap.logs.log import read_log
 
 DURATION = 5.0  # [s]
@@ -70,7 +71,7 @@ def test_a_block_of_seeds_holds_every_effect_once_and_its_shares() -> None:
     assert begin == 100_016  # where the command begins
     plans = [plan(s) for s in range(begin, begin + BLOCK)]
     free = [each for each in plans if not each.family and not each.both]
-    assert sorted(each.effect for each in free if each.kind == "single" and each.level == "full") == sorted(MENU)
+    assert sorted(each.effect for each in free if each.kind == "single" and each.level == "full") == sorted(CATALOGUE)
     assert Counter(map(str, plans)) == Counter(map(str, block_of(begin // BLOCK)))
     assert {each.kind for each in plans} == set(KINDS)
     for kind in ("single", "no_gap", "unknown", "pair"):
@@ -82,7 +83,7 @@ def test_a_block_of_seeds_holds_every_effect_once_and_its_shares() -> None:
     assert all(each.level == LEVELS[-1] for each in plans if each.family == POSITIONED)
     assert [plan(s) for s in range(BLOCK)] != [plan(s) for s in range(BLOCK, 2 * BLOCK)]  # another order
     four = [plan(s) for s in range(begin, begin + 4 * BLOCK)]
-    assert {each.effect for each in four if each.kind == "unknown"} == set(STRANGERS)
+    assert {each.effect for each in four if each.kind == "unknown"} == set(UNMODELLED)
     assert {each.effect for each in four if each.both} == set(OF_BOTH)
     limited_levels = Counter(each.level for each in four if each.kind == "single" and not each.family)
     assert all(limited_levels[level] >= 20 for level in LEVELS[1:])
@@ -106,7 +107,7 @@ def test_keys_lie_apart_and_no_case_names_an_effect(made: tuple[Path, Path, list
     cases, keys, _ = made
     fields = {"coulomb_friction", "viscous_friction", "link_inertia"}  # of device files
     column = {b"external_torque"}  # of every rigid joint's table
-    words = {word.encode() for word in (*MENU, *STRANGERS)} - {word.encode() for word in fields}
+    words = {word.encode() for word in (*CATALOGUE, *UNMODELLED)} - {word.encode() for word in fields}
     for name in names_in(cases):
         there = {file.relative_to(cases / name).as_posix() for file in (cases / name).rglob("*") if file.is_file()}
         rest = there - {"joint.yaml", "README.md", "seal.txt"}
@@ -150,13 +151,13 @@ def test_tampering_is_found(made: tuple[Path, Path, list[Made]], tmp_path: Path)
     cases, keys = copy(tmp_path / "key")
     key = keys / f"{name}.json"
     key.write_text(key.read_text().replace('"ratio"', '"Ratio"', 1))
-    with pytest.raises(SealError, match="not the one that was sealed"):
+    with pytest.raises(SealError, match="differs from the sealed one"):
         opened(name, cases, keys)
     cases, keys = copy(tmp_path / "both")  # a new key with a new seal in the case, but not in the list
     key = keys / f"{name}.json"
     key.write_text(key.read_text() + " ")
     (cases / name / "seal.txt").write_text(hashlib.sha256(key.read_bytes()).hexdigest() + "\n")
-    with pytest.raises(SealError, match="not the one that was sealed"):
+    with pytest.raises(SealError, match="differs from the sealed one"):
         opened(name, cases, keys)
     cases, keys = copy(tmp_path / "log")
     recording = next((keys / f"{name}_withheld").glob("*.mcap"))
@@ -325,7 +326,7 @@ def test_only_what_is_to_be_named_is_dirty(made: tuple[Path, Path, list[Made]]) 
     for key in sealed:
         assert key["dirt"] is None or key["kind"] in ("single", "pair")
         if key["dirt"]:
-            assert key["dirt"]["effect"] in STRANGERS and DIRT[0] <= key["dirt"]["share"] <= DIRT[1]
+            assert key["dirt"]["effect"] in UNMODELLED and DIRT[0] <= key["dirt"]["share"] <= DIRT[1]
 
 
 def test_rates_and_short_recordings_are_drawn_as_often_as_they_are_meant_to_be() -> None:

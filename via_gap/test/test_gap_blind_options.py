@@ -12,12 +12,12 @@ from scipy.integrate import solve_ivp
 from via_core.devices import Device
 from via_core.signals import Array
 from via_gap.benchmark.bench import Bench, draw_bench
-from via_gap.benchmark.case import DIRT, _with_dirt
+from via_gap.benchmark.catalogue import CATALOGUE
 from via_gap.benchmark.excitation import excite, start_of, turn
 from via_gap.benchmark.joints import CONTROLLED, POSITIONED, WIDE, believed, device_of, draw_joint, servo_of
 from via_gap.benchmark.loop import read_angles
-from via_gap.benchmark.menu import MENU
 from via_gap.benchmark.physics import HARMONICS, Physics, alike, at, of_motor, terms_at
+from via_gap.benchmark.planted import DIRT, with_dirt
 from via_gap.benchmark.recorder import Recorder
 from via_gap.benchmark.scene import scene_of
 from via_gap.benchmark.selections import OF_BOTH, OF_POSITION
@@ -94,7 +94,7 @@ def test_half_of_the_periodic_effects_have_several_orders() -> None:
     for name, place in (("torque_ripple", ("motor", 1)), ("encoder_eccentricity", ("sensor", 0))):
         counts = []
         for _ in range(60):
-            physics, numbers = MENU[name].of_size(scene, place, 0.1, MENU[name].shape(rng, scene))
+            physics, numbers = CATALOGUE[name].of_size(scene, place, 0.1, CATALOGUE[name].shape(rng, scene))
             terms = [key.removeprefix("amplitude") for key in numbers if key.startswith("amplitude")]
             counts.append(len(terms))
             assert len({numbers.get(f"order{each}", 1.0) for each in terms}) == len(terms) <= HARMONICS
@@ -173,7 +173,7 @@ def test_load_friction_of_a_position_drive_grows_with_its_torque() -> None:
 
 def test_only_position_drives_have_a_speed_limit_and_all_their_effects_have_a_place() -> None:
     device = device_of(draw_joint(np.random.default_rng(0), POSITIONED))
-    assert set(OF_POSITION) - set(MENU) == {"speed_limit"}
+    assert set(OF_POSITION) - set(CATALOGUE) == {"speed_limit"}
     assert all(entry.places(device) for entry in OF_POSITION.values())
     assert not any(place[0] == "transmission" for entry in OF_POSITION.values() for place in entry.places(device))
 
@@ -214,10 +214,10 @@ def test_an_effect_on_both_motors_is_the_effect_on_each() -> None:
     run = simulate(device, Physics(), drive, np.zeros(len(drive.references)), start_of(device, drive))
     assert run is not None
     scene, rng = scene_of(device, run), np.random.default_rng(2)
-    assert set(OF_BOTH) <= set(MENU)
+    assert set(OF_BOTH) <= set(CATALOGUE)
     for name in OF_BOTH:
-        assert ("motor", 1) in MENU[name].places(device) and ("motor", 2) in MENU[name].places(device)
-        physics = alike(MENU[name].of_size(scene, ("motor", 1), 0.2, MENU[name].shape(rng, scene))[0])
+        assert ("motor", 1) in CATALOGUE[name].places(device) and ("motor", 2) in CATALOGUE[name].places(device)
+        physics = alike(CATALOGUE[name].of_size(scene, ("motor", 1), 0.2, CATALOGUE[name].shape(rng, scene))[0])
         for value in (getattr(physics, field) for field in vars(physics)):
             if isinstance(value, tuple):
                 each = len(value) // 2 if len(value) in (2, 2 * HARMONICS) else len(value) // 3
@@ -257,7 +257,7 @@ def test_dirt_is_a_small_share_of_the_effects_gap() -> None:
         run = bench.run(main, 0.25e-3)
         assert run is not None
         gap = bench.ratio(main, run)
-        both, dirt = _with_dirt(rng, bench, main, gap)
+        both, dirt = with_dirt(rng, bench, main, gap)
         alone = Physics(**{name: value for name, value in vars(both).items() if name != "friction"})
         small = bench.run(alone, 0.25e-3)
         assert small is not None

@@ -7,16 +7,16 @@ import pytest
 from via_core.devices import Device, load_device
 from via_core.signals import Array, Signals
 from via_gap.benchmark.bench import push_of
+from via_gap.benchmark.catalogue import CATALOGUE
 from via_gap.benchmark.excitation import excite, start_of
 from via_gap.benchmark.joints import FAMILIES, believed, device_of, draw_joint
-from via_gap.benchmark.menu import MENU
 from via_gap.benchmark.model import STEP
 from via_gap.benchmark.physics import Physics
 from via_gap.benchmark.recording import neighbour_angle, sense
 from via_gap.benchmark.scene import scene_of
 from via_gap.benchmark.stepping import Drive, Run
 from via_gap.benchmark.stepping import simulate as second
-from via_gap.benchmark.strangers import STRANGERS
+from via_gap.benchmark.unmodelled import UNMODELLED
 from via_sim.effects import EFFECTS, Effect, places
 from via_sim.plants import JointPlant
 from via_sim.simulate import Simulation
@@ -112,10 +112,10 @@ RIGID = ("load_dependent_friction", "torque_gain", "torque_ripple", "torque_satu
 
 @pytest.mark.parametrize(
     ("name", "family"),
-    [(name, FAMILY_OF.get(name, "series_elastic")) for name in MENU] + [(name, "rigid") for name in RIGID],
+    [(name, FAMILY_OF.get(name, "series_elastic")) for name in CATALOGUE] + [(name, "rigid") for name in RIGID],
 )
 def test_every_named_effect_is_the_same_physics_in_both(name: str, family: str) -> None:
-    entry = MENU[name]
+    entry = CATALOGUE[name]
     seed = next(s for s in range(20) if entry.places(drawn(family, s)[0]))
     device, drive, initial = drawn(family, seed)
     rng = np.random.default_rng(3)
@@ -144,10 +144,10 @@ def test_every_named_effect_is_the_same_physics_in_both(name: str, family: str) 
     assert left[1][worst] < max(0.05 * left[0][worst], quantum)
 
 
-@pytest.mark.parametrize("name", list(STRANGERS))
+@pytest.mark.parametrize("name", list(UNMODELLED))
 def test_physics_outside_the_catalogue_acts(name: str) -> None:
     """Beyond what the sensors leave, in what they show."""
-    entry = STRANGERS[name]
+    entry = UNMODELLED[name]
     device, drive, initial = drawn("polynomial_pair", 1)
     rng, none = np.random.default_rng(3), np.zeros(len(drive.references))
     plain = second(device, Physics(), drive, none, initial)
@@ -170,11 +170,11 @@ def test_two_effects_join_unless_they_are_one() -> None:
 
 
 def test_places_are_those_of_the_catalogue() -> None:
-    assert list(MENU) == list(EFFECTS)
+    assert list(CATALOGUE) == list(EFFECTS)
     for family in FAMILIES:
         for seed in range(4):
             device = drawn(family, seed)[0]
-            for name, entry in MENU.items():
+            for name, entry in CATALOGUE.items():
                 assert set(entry.places(device)) <= set(places(name, device))
 
 

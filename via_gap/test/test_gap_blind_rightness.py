@@ -55,11 +55,11 @@ def test_friction_laws_that_a_log_cannot_separate_are_not_right_for_one_another(
 def test_a_confident_lie_is_a_wrong_first_cause_of_probability_one_half() -> None:
     for kind, effects in (("single", [COULOMB]), ("no_gap", []), ("unknown", [{**LAG, "effect": "sagging_supply"}])):
         for probability, lie in ((0.5, True), (0.49, False)):
-            assert (
-                judge("a", key(kind, *effects), report("effect", (LAG, probability)), None, None).confident_lie is lie
-            )
-    assert not judge("a", key("single", LAG), report("effect", (LAG, 0.9)), None, None).confident_lie
-    assert not judge("a", key("single", COULOMB), report("unknown", (LAG, 0.9)), None, None).confident_lie  # named none
+            judged = judge("a", key(kind, *effects), report("effect", (LAG, probability)), None, None)
+            assert judged.confidently_wrong is lie
+    assert not judge("a", key("single", LAG), report("effect", (LAG, 0.9)), None, None).confidently_wrong
+    unnamed = judge("a", key("single", COULOMB), report("unknown", (LAG, 0.9)), None, None)
+    assert not unnamed.confidently_wrong
 
 
 def test_the_conformal_set_is_judged_apart_from_the_verdict() -> None:

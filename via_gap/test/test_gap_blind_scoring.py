@@ -37,9 +37,9 @@ def test_a_right_answer_is_right_everywhere() -> None:
     told = report("effect", (COULOMB, 0.9), (LAG, 0.1), where=where(("motor", 1)), equivalence_set=[COULOMB], gap=gap)
     judged = judge("case_000", key("single", COULOMB), told, Shrinkage(0.5, 0.1, 0.05), 3.0)
     assert judged.where_right and judged.top1 and judged.place_right and judged.in_set and judged.right
-    assert judged.both is None and judged.probability == 0.9 and judged.closes == 0.95
+    assert judged.both is None and judged.probability == 0.9 and judged.explained == 0.95
     assert judged.predicted == pytest.approx(0.75) and judged.measured == pytest.approx(0.8)
-    assert judged.measured_closes == pytest.approx(0.4 / 0.45)
+    assert judged.measured_explained == pytest.approx(0.4 / 0.45)
 
 
 def test_the_right_effect_at_the_wrong_motor_is_not_its_place() -> None:
@@ -157,10 +157,10 @@ def test_numbers_are_those_worked_out_by_hand() -> None:
     assert value("mean set size") == pytest.approx((1 + 1 + 2) / 3)
     assert value("main cause named, with dirt") == pytest.approx(1 / 2)
     assert value("false alarms on no gap") == pytest.approx(1 / 2)  # the one that was degraded counts
-    assert value("confident lies") == pytest.approx(2 / 12)  # 002 and 005
+    assert value("confidently wrong") == pytest.approx(2 / 12)  # 002 and 005
     assert value("unknown recognised") == 1.0 and number("unknown recognised").kept is True
     assert value("two effects: both named") == value("two effects: both named or in the set") == 1.0
-    assert value("closes, of what can be closed") == pytest.approx((1.0 + 1.0 + 0.8) / 3)
+    assert value("explained, of what is achievable") == pytest.approx((1.0 + 1.0 + 0.8) / 3)
     # predicted .8, .8, .6; measured .77, .8, .4
     assert value("predicted less measured shrinkage, absolute") == pytest.approx((0.03 + 0.0 + 0.2) / 3)
     assert value("abstained (cannot tell)") == pytest.approx(1 / 12)
@@ -288,7 +288,7 @@ def test_shrinkage_is_what_the_command_writes(tmp_path: Path) -> None:
         shrinkage_of(*paths, fake(tmp_path, "raise SystemExit(3)\n") + " {json}")
     with pytest.raises(ViaError, match="wrote no gap"):
         shrinkage_of(*paths, fake(tmp_path, "pass\n") + " {json}")
-    assert Shrinkage(0.0, 0.0).share is None and Shrinkage(0.1, 0.05, 0.2).closes is None
+    assert Shrinkage(0.0, 0.0).share is None and Shrinkage(0.1, 0.05, 0.2).explained is None
 
 
 def test_make_run_and_score_from_the_command(tmp_path: Path) -> None:
@@ -312,7 +312,7 @@ def test_make_run_and_score_from_the_command(tmp_path: Path) -> None:
     assert "via gap blind score" in (tmp_path / "docs" / "gap.md").read_text()
     (keys / "case_000.json").write_text("{}")
     done = runner.invoke(app, words)
-    assert isinstance(done.exception, ViaError) and "not the one that was sealed" in str(done.exception)
+    assert isinstance(done.exception, ViaError) and "differs from the sealed one" in str(done.exception)
 
 
 def test_a_crash_is_told_by_its_last_words():

@@ -25,5 +25,5 @@ def test_cases_drawn_here_are_answered_right(tmp_path: Path) -> None:
         assert scored.exit_code == 1  # a limit without a case is not kept
         (case,) = json.loads(file.read_text())["cases"]
         assert (case["right"], case["where_right"], case["truths"][0]["effect"]) == (True, True, effect)
-        assert case["closes"] > 0.9
+        assert case["explained"] > 0.9
         assert abs(case["predicted"] - case["measured"]) < 0.05

@@ -16,7 +16,7 @@ from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.candidates.screen import REACH, Direction, directions, ranked, ranked_pairs
 from via_gap.candidates.starts import Start, amount_range
-from via_gap.report.assembly import _cause
+from via_gap.report.causes import cause_of
 from via_gap.residual.nuisance import BOUND
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
@@ -152,7 +152,7 @@ def test_what_no_torque_on_record_tells_is_known_as_well_as_the_device_file_says
 def test_a_limit_is_stated_in_the_unit_it_has_on_the_device(device, unit):
     limit = Location("torque_saturation", "motor", 1)
     model, scales = evaluated(np.full(40, 1.0), limit), searched("rigid")[3]
-    assert _cause(device, limit, model, 0.9, scales, model).parameters["limit"].unit == unit
+    assert cause_of(device, limit, model, scales, model).parameters["limit"].unit == unit
 
 
 def test_a_few_segments_that_nothing_explains_do_not_move_a_fit():

@@ -8,15 +8,9 @@ import pytest
 from gap_logs import flexible, log_of, servo
 from via_gap.candidates.fit import Fit
 from via_gap.report.binning import BINS
-from via_gap.report.evidence_figures import (
-    POINTS,
-    STRETCH,
-    Stretch,
-    error_figures,
-    free_stretches,
-    segment_stretches,
-    trace_figures,
-)
+from via_gap.report.error_figures import POINTS, error_figures, trace_figures
+from via_gap.report.evidence_figures import LONGEST
+from via_gap.report.simulated_stretches import SimulatedStretch, free_stretches, segment_stretches
 from via_gap.report.torque_figures import amplitudes, missing_torques, order_spectra, residual_figures
 from via_gap.residual.errors import free_errors, segment_errors
 from via_gap.residual.residual_model import ResidualModel
@@ -41,14 +35,15 @@ def two_residuals():
     return problem, *problem.residual([problem.row(()), problem.row((COULOMB,))])
 
 
-def stretch(error, restarts=None, begin=0.0) -> Stretch:
+def stretch(error, restarts=None, begin=0.0) -> SimulatedStretch:
     """A link that stands at zero, simulated `error` beside it, every 10 ms."""
     n = len(error)
     time = begin + 0.01 * np.arange(n)
     states = np.zeros((n, 6))
     marks = np.zeros(n, dtype=bool) if restarts is None else np.asarray(restarts)
     nothing = np.zeros((n, 1))
-    return Stretch("log", (0,), time, states, nothing, np.asarray(error)[:, None], nothing, marks, np.array([1e-3]))
+    before = np.asarray(error)[:, None]
+    return SimulatedStretch("log", (0,), time, states, nothing, before, nothing, marks, np.array([1e-3]))
 
 
 def fit_of(*effects) -> Fit:
@@ -155,7 +150,7 @@ def test_the_worst_stretch_is_drawn_first_and_in_few_points():
 
 def test_a_stretch_is_cut_where_a_segment_begins():
     restarts = np.arange(1000) % 25 == 0
-    (first, *_) = trace_figures([stretch(np.ones(1000), restarts)], STRETCH)
-    assert first.time[-1] - first.time[0] <= STRETCH
+    (first, *_) = trace_figures([stretch(np.ones(1000), restarts)], LONGEST["segments"])
+    assert first.time[-1] - first.time[0] <= LONGEST["segments"]
     begins = np.array(first.time)[list(first.restarts)]
     assert np.allclose(np.diff(begins), 0.25) and len(begins) >= 6

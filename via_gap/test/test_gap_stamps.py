@@ -107,7 +107,7 @@ def test_what_the_drive_rules_out_is_no_cause_alone_nor_beside_another(log, righ
     }
     pair = next(each for each in kept if len(each.fit.effects) == 2)
     assert pair.fit.effects[0].parameters == {"delay": 2.9e-3}
-    assert finding.check == "answers" and finding.severity == "note"
+    assert finding.check == "feedback" and finding.severity == "note"
 
 
 def test_without_a_delay_nothing_is_asked():

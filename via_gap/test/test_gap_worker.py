@@ -12,7 +12,8 @@ from via_gap.design.proposal import with_proposal
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import log_noise
-from via_gap.run.watch import Watch, look, rehearse, tuned
+from via_gap.run.comparison import Comparator, compare, warm_up
+from via_gap.run.monitor import fitted_device
 from via_gap.run.worker import Failed, Finished, Job, Progress, Worker
 from via_sim.effects import Effect
 
@@ -69,14 +70,14 @@ def test_a_job_ends_when_told_and_the_next_one_is_done(worker):
     worker.begin(Job(log.device, log))
     until(worker, Progress)
     os.kill(worker.pid, 9)
-    assert "ended in the middle" in until(worker, Failed)[-1].reason
+    assert "before it was finished" in until(worker, Failed)[-1].reason
 
 
 def test_a_look_tells_the_gap_and_its_place_and_the_tuned_device_has_less(worker):
     log = log_of(flexible(), (LINK,), seed=23, duration=4.0, tolerance=0.0)
     nominal = log_of(flexible(), (), seed=23, duration=4.0, tolerance=0.0)
-    rehearse(log.device)
-    seen, fine = look(log, log.device), look(nominal, log.device)
+    warm_up(log.device)
+    seen, fine = compare(log, log.device), compare(nominal, log.device)
     assert seen.sites[0].site == "link" and seen.sites[0].share > 0.5
     assert seen.residual_ratio > 5.0 * fine.residual_ratio
     assert fine.residual_ratio < 1.5
@@ -84,14 +85,14 @@ def test_a_look_tells_the_gap_and_its_place_and_the_tuned_device_has_less(worker
     off = log_of(flexible(), (), seed=23, duration=4.0)
     report = diagnose([off], off.device)
     assert report.verdict == "no_gap"
-    assert look(off, tuned(off.device, report)).error < 0.3 * look(off, off.device).error
+    assert compare(off, fitted_device(off.device, report)).error < 0.3 * compare(off, off.device).error
 
 
 def test_a_link_that_stands_tells_nothing():
     log = log_of(flexible(), (), seed=23, duration=4.0, tolerance=0.0)
     still = {name: np.zeros_like(values) for name, values in log.measured.channels.items()}
     standing = JointLog("", log.device, Signals(log.measured.time, still, log.measured.units), log.commands)
-    assert not look(standing, log.device).moves
+    assert not compare(standing, log.device).moves
 
 
 def test_noise_is_estimated_at_rest_and_once_in_motion(monkeypatch):
@@ -99,9 +100,9 @@ def test_noise_is_estimated_at_rest_and_once_in_motion(monkeypatch):
     still = {name: np.zeros_like(values) for name, values in log.measured.channels.items()}
     standing = JointLog("", log.device, Signals(log.measured.time, still, log.measured.units), log.commands)
     asked = []
-    monkeypatch.setattr("via_gap.run.watch.log_noise", lambda log: asked.append(log) or log_noise(log))
-    watch = Watch()
+    monkeypatch.setattr("via_gap.run.comparison.log_noise", lambda log: asked.append(log) or log_noise(log))
+    comparator = Comparator()
     for each in (standing, standing, log, log, standing, log):
-        seen = watch.look(each, log.device)
+        seen = comparator.compare(each, log.device)
     assert [each is log for each in asked] == [False, True]
-    assert seen == look(log, log.device)
+    assert seen == compare(log, log.device)

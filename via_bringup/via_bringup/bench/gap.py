@@ -40,7 +40,7 @@ from via_core.signals import Array, Signals
 from via_gap.candidates.fit import fit_device_numbers, refine
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
-from via_gap.design.proposal import following
+from via_gap.design.commands import following
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.residual.equations import weak_residuals

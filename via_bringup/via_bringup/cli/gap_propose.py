@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 from via_core.devices import load_device
 from via_core.errors import ViaError
+from via_gap.design.commands import RANGE
 from via_gap.design.motion_file import write_motion
-from via_gap.design.proposal import RANGE, propose
+from via_gap.design.proposal import propose
 from via_gap.report.report import read_report
 
 from via_bringup.cli.console import answers

@@ -10,10 +10,9 @@ from __future__ import annotations
 import csv
 import re
 import shutil
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +21,13 @@ from via_core.bags.definitions import typestore_of
 from via_core.bags.findings import Finding
 from via_core.bags.layout import filled
 from via_core.bags.mapping import Mapping, Table, load_mapping
+from via_core.bags.messages import Stream, command_messages, in_order, joint_messages
 from via_core.bags.recording_checks import check_recording, check_samples, usable_stamps
 from via_core.bags.writer import BagWriter
 from via_core.devices import Device, load_device
 from via_core.errors import BagError, ImportMapError
 from via_core.signals import Array, Signals
-from via_core.wire import EQUILIBRIUM_PRESET, JOINT_STATE, VSA_COMMAND
+from via_core.wire import JOINT_STATE, VSA_COMMAND
 
 FLOAT64 = "std_msgs/msg/Float64"
 _QUANTITIES = ("position", "velocity", "effort")
@@ -305,7 +305,7 @@ def _write(bag: Path, run: _Run, offset: int, mapping: Mapping, device: Device |
         streams = _streams(run, offset, mapping, device)
         for stream in streams:
             writer.add_topic(stream.topic, stream.type_name)
-        for topic, stamp, message in _in_order(streams):
+        for topic, message, stamp in in_order(streams):
             writer.write(topic, message, stamp)
         writer.close()
         growing.rename(bag)
@@ -317,40 +317,21 @@ def _write(bag: Path, run: _Run, offset: int, mapping: Mapping, device: Device |
             growing.parent.rmdir()
 
 
-class _Stream(NamedTuple):
-    """One topic of the bag to be: its stamps [ns] (N,) and as many messages."""
-
-    topic: str
-    type_name: str
-    stamp: NDArray[np.int64]
-    messages: list[bytes]
-
-
-def _streams(run: _Run, offset: int, mapping: Mapping, device: Device | None) -> list[_Stream]:
+def _streams(run: _Run, offset: int, mapping: Mapping, device: Device | None) -> list[Stream]:
     """Commands first, then joint states, then scalars: the order in which equal stamps are written."""
     streams = []
     stamp = run.stamp + offset
     if run.commands and device is not None:
         at = run.command_stamp + offset
-        streams.append(_Stream(device.command_topic, VSA_COMMAND, at, _command_messages(run.commands, at, device)))
+        streams.append(Stream(device.command_topic, VSA_COMMAND, at, _command_messages(run.commands, at, device)))
     if mapping.recordings.joints:
-        streams.append(_Stream("/joint_states", JOINT_STATE, stamp, _joint_messages(run, stamp, mapping, device)))
+        streams.append(Stream("/joint_states", JOINT_STATE, stamp, _joint_messages(run, stamp, mapping, device)))
     store = typestore_of(FLOAT64)
     template = store.types[FLOAT64](0.0)
     for column, values in zip(mapping.recordings.scalars, run.scalars.T):
         messages = filled(store, FLOAT64, template, len(values), {"data": values})
-        streams.append(_Stream(column.topic, FLOAT64, stamp, messages))
+        streams.append(Stream(column.topic, FLOAT64, stamp, messages))
     return streams
-
-
-def _in_order(streams: list[_Stream]) -> Iterator[tuple[str, int, bytes]]:
-    """All messages by stamp, those of equal stamps in the order of the streams."""
-    stamps = np.concatenate([stream.stamp for stream in streams])
-    which = np.repeat(np.arange(len(streams)), [len(stream.stamp) for stream in streams])
-    index = np.concatenate([np.arange(len(stream.stamp)) for stream in streams])
-    for k in np.lexsort((which, stamps)):
-        stream = streams[which[k]]
-        yield stream.topic, int(stamps[k]), stream.messages[index[k]]
 
 
 def _joint_messages(run: _Run, stamp: NDArray[np.int64], mapping: Mapping, device: Device | None) -> list[bytes]:
@@ -361,32 +342,13 @@ def _joint_messages(run: _Run, stamp: NDArray[np.int64], mapping: Mapping, devic
     for column, measured in zip(columns, run.joints.T):
         whole = values.setdefault(column.quantity, np.full((len(stamp), len(names)), np.nan))
         whole[:, names.index(_joint_name(column.joint, device))] = measured
-    store = typestore_of(JOINT_STATE)
-    arrays = [np.zeros(len(names) if quantity in values else 0) for quantity in _QUANTITIES]
-    template = store.types[JOINT_STATE](_header(store, device), names, *arrays)
-    return filled(store, JOINT_STATE, template, len(stamp), {**_stamps(stamp), **values})
+    return joint_messages("" if device is None else device.name, names, stamp, values)
 
 
 def _command_messages(commands: dict[str, Array], stamp: NDArray[np.int64], device: Device) -> list[bytes]:
     """A reference that was not logged is NaN, one that the device cannot follow is 0."""
-    store = typestore_of(VSA_COMMAND)
     unknown = {
-        "equilibrium": np.nan,
         "preset": np.nan if device.n_motors > 1 else 0.0,
         "damping": np.nan if device.damper is not None else 0.0,
     }
-    template = store.types[VSA_COMMAND](
-        header=_header(store, device), sequence=0, mode=EQUILIBRIUM_PRESET, motor=np.zeros(0), **unknown
-    )
-    columns = {**_stamps(stamp), "sequence": np.arange(len(stamp)), **commands}
-    return filled(store, VSA_COMMAND, template, len(stamp), columns)
-
-
-def _header(store: Any, device: Device | None) -> Any:
-    time = store.types["builtin_interfaces/msg/Time"](0, 0)
-    return store.types["std_msgs/msg/Header"](time, "" if device is None else device.name)
-
-
-def _stamps(stamp: NDArray[np.int64]) -> dict[str, NDArray[np.int64]]:
-    seconds, nanoseconds = np.divmod(stamp, 1_000_000_000)
-    return {"header.stamp.sec": seconds, "header.stamp.nanosec": nanoseconds}
+    return command_messages(device.name, stamp, commands, unknown)

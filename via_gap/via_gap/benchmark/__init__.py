@@ -1,1 +1,1 @@
-"""The blind check: a second simulator (MuJoCo) that shares no code with via_sim, sealed cases, and their scoring."""
+"""The sealed benchmark: a second simulator (MuJoCo) that shares no code with via_sim, sealed cases, their scores."""

@@ -1,4 +1,4 @@
-"""A true joint with one motion, on which effects of any size are tried and their gap over noise is measured."""
+"""A true joint with one motion: the gap over noise of an effect of any size on it."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.random import Generator
 from via_core.devices import Device
 from via_core.signals import Array
 
+from via_gap.benchmark.catalogue import Entry, Numbers, Place, Shape
 from via_gap.benchmark.excitation import excite, start_of, turn
 from via_gap.benchmark.joints import CONTROLLED, Content, device_of, noisier_content, scaled, servo_of
-from via_gap.benchmark.menu import Entry, Numbers, Place, Shape
 from via_gap.benchmark.model import STEP
 from via_gap.benchmark.physics import Physics, alike
 from via_gap.benchmark.recorder import Recorder
@@ -26,7 +26,7 @@ SLOPE = 0.01  # relative step of a number of the joint
 
 
 class AgainError(Exception):
-    """This draw makes no case."""
+    """This draw is rejected."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +47,15 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Bench:
-    """A true joint with one motion, and the residual that its sensors leave without any effect."""
+    """A true joint with one motion, and the residual of sensor noise alone."""
 
     true: Content
     drive: Drive
     initial: Array
     scene: Scene
     floor: Array
-    recorder: Recorder  # rate and noise alone: what recordings lose is not part of the gap
-    noise: int  # seed of the sensors'
+    recorder: Recorder  # only rate and noise: losses of the recording are not part of the gap
+    noise: int  # seed of the sensor noise
 
     @property
     def device(self) -> Device:
@@ -69,12 +69,21 @@ class Bench:
         push = push_of(np.random.default_rng(self.noise), physics, self.drive)
         return simulate(self.device, physics, self.drive, push, self.initial, step, acts)
 
+    def record_other(self, rng: Generator, family: str, physics: Physics, duration: float) -> Log:
+        """The same joint under another motion, recorded without faults. Raises AgainError if the run diverges."""
+        other = self.excite(rng, family, duration)
+        push = push_of(rng, physics, other)
+        run = simulate(self.device, physics, other, push, start_of(self.device, other), STEP)
+        if run is None:
+            raise AgainError
+        return sense(rng, self.device, physics, other, run, self.recorder)
+
     def ratio(self, physics: Physics, run: Run) -> float:
         """Gap over noise of a run."""
         return ratio(self._residuals(self.device, self._log(physics, run), run, self.drive.servo), self.floor)
 
     def beyond(self, physics: Physics, run: Run, errors: dict[str, float], tolerance: float) -> float:
-        """Gap over noise beyond what the numbers of the nominal file explain inside their tolerance."""
+        """Gap over noise that remains after the nominal parameters were fitted inside their tolerance."""
         recorded = self._log(physics, run)
         found = self._residuals(self.device, recorded, run, self.drive.servo)
         slopes = []
@@ -92,7 +101,7 @@ class Bench:
 
 
 def draw_bench(rng: Generator, true: Content, family: str, duration: float, recorder: Recorder) -> Bench:
-    """A motion that the joint without effect survives inside its stops. Raises AgainError."""
+    """A motion that keeps the joint without effect inside its stops. Raises AgainError if it does not."""
     device = device_of(true)
     rate = device.sensors.rate * recorder.every
     drive = _motion(rng, device, family, duration, (rate, servo_of(true)))

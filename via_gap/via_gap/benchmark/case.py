@@ -1,26 +1,24 @@
 """One case from its seed: joint, effect, size, dirt, sensors, motion, and what is recorded of it.
 
-A draw that diverges, that has no place for its effect, that misses the declared range of gap over noise or whose effect
-the joint's own numbers can make up for inside the tolerance of its file (then there is no gap) is rejected and drawn
-again from the seed and the number of the attempt; attempts are counted in the key.
+A draw is rejected if it diverges, has no place for its effect, misses the declared range of gap over noise, or if the
+joint's parameters can compensate its effect inside the tolerances of the device file (then there is no gap). The next
+attempt draws from the seed and its own number. The key counts the attempts.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from math import inf, log
+from math import log
 from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 from via_core.errors import ParameterError
 
-from via_gap.benchmark.bench import AgainError, Bench, Drawn, draw_bench, inside, noisier, push_of, search
-from via_gap.benchmark.excitation import start_of
+from via_gap.benchmark.bench import AgainError, Drawn, draw_bench, inside, noisier, search
+from via_gap.benchmark.catalogue import Entry, Place
 from via_gap.benchmark.joints import (
     CONTROLLED,
-    FAMILIES,
-    PAIRS,
     POSITIONED,
     TOLERANCE,
     WIDE,
@@ -30,22 +28,17 @@ from via_gap.benchmark.joints import (
     draw_joint,
     noisier_content,
 )
-from via_gap.benchmark.menu import MENU, Entry, Numbers, Place
 from via_gap.benchmark.model import STEP
 from via_gap.benchmark.physics import Physics
 from via_gap.benchmark.plan import Plan, plan
+from via_gap.benchmark.planted import NEAR, Dirt, Truth, plant, with_dirt
 from via_gap.benchmark.recorder import HIGHEST, RATES, Recorder, acting, draw_recorder
 from via_gap.benchmark.recording import Log, cut, limited, sense
-from via_gap.benchmark.selections import OF_CONTROL, OF_POSITION
-from via_gap.benchmark.stepping import simulate
-from via_gap.benchmark.strangers import STRANGERS
 
 RANGE, AIM = (3.0, 30.0), (4.0, 25.0)  # of gap over noise; what is drawn, so that the final run stays inside
 FAR_RANGE, FAR_AIM = (3.0, 2000.0), (20.0, 400.0)  # the same of motors under control, whose disturbances are large
-NEAR = 0.12  # how close the search comes, as a logarithm
 ATTEMPTS = 200
 MAX_NOISE = 12.0  # times the drawn sensors' noise
-DIRT = (0.05, 0.2)  # gap of the dirt over that of the effects
 WIDE_SHARE, SHORT_SHARE, DIRTY_SHARE = 0.3, 0.15, 0.5  # of cases: 10 % nuisance errors, short recordings, dirt
 DECIMATED_SHARE = 0.5  # of logs below the loop's highest rate
 PAUSE = 0.5  # [s] between short recordings
@@ -53,31 +46,8 @@ AT_A_TIME = ("external_torque", "stiffness_drift", "warming_friction")  # depend
 
 
 @dataclass(frozen=True)
-class Truth:
-    """One effect of a case as the key states it. Motor 0 at site motor: both motors alike."""
-
-    effect: str
-    site: str
-    motor: int
-    parameters: Numbers
-    ratio: float  # gap over noise, of it alone
-    beyond: float  # the same, once the joint's own numbers have made up for what they can inside their tolerance
-
-
-@dataclass(frozen=True)
-class Dirt:
-    """A small effect outside the catalogue, beside those that are to be found."""
-
-    effect: str
-    site: str
-    motor: int
-    parameters: Numbers
-    share: float  # of the effects' gap, as it was drawn
-
-
-@dataclass(frozen=True)
 class Case:
-    """Everything of a case; nominal and logs go into its folder, the rest is the key's."""
+    """All data of a case; `nominal` and `logs` go into its folder, the rest into the key."""
 
     nominal: Content
     logs: tuple[Log, ...]
@@ -98,7 +68,7 @@ class Case:
     attempts: int
 
     def key(self) -> dict[str, Any]:
-        """What is sealed, but for the withheld log."""
+        """What is sealed, without the withheld log."""
         return {
             "seed": self.seed,
             "kind": self.kind,
@@ -131,14 +101,14 @@ def draw_case(seed: int, duration: float = 40.0) -> Case:
 
 
 def _attempt(rng: Generator, seed: int, attempt: int, wanted: Plan, duration: float) -> Case:
-    family = wanted.family or str(rng.choice(_families(wanted)))
+    family = wanted.family or str(rng.choice(wanted.families()))
     true = draw_joint(rng, family)
     rate, control_rate = _rates(rng, family)
     true["sensors"] |= {"rate": rate}
     tolerance = WIDE if rng.uniform() < WIDE_SHARE else TOLERANCE
     nominal, errors = believed(rng, true, tolerance)
     recorder = draw_recorder(rng, round(control_rate / rate), not device_of(true).motors)
-    entries = _entries(rng, wanted, family)
+    entries = wanted.entries(rng, family)
     places = [_place(rng, true, entry, wanted) for entry in entries]
     windows = _windows(rng, duration, {each.name for each in entries})
     whole = windows[-1][1] if windows else duration
@@ -151,14 +121,14 @@ def _attempt(rng: Generator, seed: int, attempt: int, wanted: Plan, duration: fl
     noise = 1.0
     sizes = [search(bench, each, aim, NEAR) for each, aim in zip(drawn, aims)]
     above = max((found / aim for (_, found), aim in zip(sizes, aims)), default=1.0)
-    if above > np.exp(NEAR):  # the least of this effect is more than was asked for: noisier sensors
+    if above > np.exp(NEAR):  # the smallest size exceeds the wanted gap: use noisier sensors
         noise = min(1.3 * above, MAX_NOISE)
         bench, nominal = noisier(bench, noise), noisier_content(nominal, noise)
         true = bench.true
         sizes = [search(bench, each, aim, NEAR) for each, aim in zip(drawn, aims)]
     physics, truths = Physics(), []
     for each, (size, _) in zip(drawn, sizes):
-        alone, truth = _truth(bench, each, size, (errors, tolerance), FAR_RANGE if family == CONTROLLED else RANGE)
+        alone, truth = plant(bench, each, size, (errors, tolerance), FAR_RANGE if family == CONTROLLED else RANGE)
         truths.append(truth)
         try:
             physics = physics.joined(alone)
@@ -170,8 +140,8 @@ def _attempt(rng: Generator, seed: int, attempt: int, wanted: Plan, duration: fl
     ratio = bench.ratio(physics, final)
     dirt = None
     if wanted.kind in ("single", "pair") and rng.uniform() < DIRTY_SHARE:
-        physics, dirt = _with_dirt(rng, bench, physics, ratio)
-    if not physics.neighbour_period and rng.uniform() < 0.15:  # a neighbour that does nothing to this joint
+        physics, dirt = with_dirt(rng, bench, physics, ratio)
+    if not physics.neighbour_period and rng.uniform() < 0.15:  # a neighbour without effect on this joint
         physics = physics.with_(neighbour_period=float(rng.uniform(1.5, 4.0)))
     log_rng, other_rng = rng.spawn(2)
     acts = acting(log_rng, recorder, len(bench.drive.references), control_rate)
@@ -179,29 +149,11 @@ def _attempt(rng: Generator, seed: int, attempt: int, wanted: Plan, duration: fl
     if final is None or not inside(bench.device, final):
         raise AgainError
     recorded = limited(sense(log_rng, bench.device, physics, bench.drive, final, recorder), wanted.level)
-    withheld = limited(_withheld(other_rng, bench, family, physics, duration), wanted.level)
+    withheld = limited(bench.record_other(other_rng, family, physics, duration), wanted.level)
     return Case(
         nominal, cut(recorded, windows) if windows else (recorded,), wanted.level, seed, wanted.kind, family, true,
         errors, tolerance, tuple(truths), dirt, round(ratio, 3), noise, recorder, control_rate, withheld, attempt + 1,
     )  # fmt: skip
-
-
-def _withheld(rng: Generator, bench: Bench, family: str, physics: Physics, duration: float) -> Log:
-    """The same joint under another motion, recorded without faults."""
-    other = bench.excite(rng, family, duration)
-    push = push_of(rng, physics, other)
-    again = simulate(bench.device, physics, other, push, start_of(bench.device, other), STEP)
-    if again is None:
-        raise AgainError
-    return sense(rng, bench.device, physics, other, again, bench.recorder)
-
-
-def _families(wanted: Plan) -> list[str]:
-    """Families whose logs can lack what the signal set lacks."""
-    if wanted.both:
-        return list(PAIRS)
-    without = {"full": (), "encoder_and_command": ("rigid",)}.get(wanted.level, ("rigid", "variable_damping"))
-    return [each for each in FAMILIES if each not in without]
 
 
 def _rates(rng: Generator, family: str) -> tuple[float, float]:
@@ -223,17 +175,6 @@ def _windows(rng: Generator, duration: float, effects: set[str]) -> list[tuple[f
     return [(PAUSE + k * (length + PAUSE), (k + 1) * (length + PAUSE)) for k in range(count)]
 
 
-def _entries(rng: Generator, wanted: Plan, family: str) -> list[Entry]:
-    if wanted.kind == "no_gap":
-        return []
-    if wanted.kind == "unknown":
-        return [STRANGERS[wanted.effect]]
-    if wanted.kind == "pair":
-        names = rng.choice(list(MENU), size=2, replace=False)
-        return [MENU[str(name)] for name in names]
-    return [{POSITIONED: OF_POSITION, CONTROLLED: OF_CONTROL}.get(family, MENU)[wanted.effect]]
-
-
 def _place(rng: Generator, true: Content, entry: Entry, wanted: Plan) -> Place:
     """Where the effect sits, among the places at which a log of this level can show it."""
     places = entry.places(device_of(true))
@@ -245,47 +186,3 @@ def _place(rng: Generator, true: Content, entry: Entry, wanted: Plan) -> Place:
     if not places:
         raise AgainError
     return places[int(rng.integers(len(places)))]
-
-
-def _truth(
-    bench: Bench, each: Drawn, size: float, wrong: tuple[dict[str, float], float], reach: tuple[float, float]
-) -> tuple[Physics, Truth]:
-    """Physics of one effect, and what the key says of it. Raises AgainError where it is none that can be seen."""
-    alone, numbers = each.of_size(bench.scene, size)
-    run = bench.run(alone, STEP)
-    if run is None or max(map(abs, numbers.values())) > each.entry.most:
-        raise AgainError
-    there = bench.ratio(alone, run)
-    if not reach[0] <= there <= reach[1]:
-        raise AgainError
-    beyond = bench.beyond(alone, run, *wrong)
-    if beyond < reach[0]:
-        raise AgainError
-    return alone, Truth(each.entry.name, *each.place, _rounded(numbers), round(there, 3), round(beyond, 3))
-
-
-def _with_dirt(rng: Generator, bench: Bench, physics: Physics, ratio: float) -> tuple[Physics, Dirt]:
-    """A small unmodelled effect beside the others: its own gap is DIRT of theirs.
-
-    Skips of an encoder are left out: they do not shrink with their share. Gaps below the noise cannot be measured; the
-    size is found where its gap equals theirs, and scaled from there: gaps of these effects grow about in proportion to
-    their size.
-    """
-    names = [name for name, entry in STRANGERS.items() if entry.places(bench.device) and name != "skipping_encoder"]
-    entry = STRANGERS[str(rng.choice(names))]
-    places = entry.places(bench.device)
-    each = Drawn(entry, places[int(rng.integers(len(places)))], entry.shape(rng, bench.scene))
-    size, found = search(bench, each, ratio, 3.0 * NEAR)
-    if not 1.05 < found < inf:
-        raise AgainError
-    share = float(rng.uniform(*DIRT))
-    small = size * share * float(np.sqrt((ratio**2 - 1.0) / (found**2 - 1.0)))
-    alone, numbers = each.of_size(bench.scene, small)
-    try:
-        return physics.joined(alone), Dirt(entry.name, *each.place, _rounded(numbers), round(share, 3))
-    except ValueError:
-        raise AgainError from None
-
-
-def _rounded(numbers: Numbers) -> Numbers:
-    return {name: float(f"{value:.9g}") for name, value in numbers.items()}

@@ -1,6 +1,6 @@
-"""What a lab would have the joint do: pieces of multisine, moves with holds, slow ramps, fast swings, small reversals.
+"""Excitation as in a lab: multisines, moves with holds, slow ramps, fast swings, small reversals.
 
-Every piece starts and ends at rest at zero; their order, lengths and numbers come from the random generator.
+Every piece starts and ends at rest at zero; order, lengths and numbers are random.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def turn(rng: Generator, device: Device, duration: float, rate: float) -> Drive:
 
 
 def start_of(device: Device, drive: Drive) -> Array:
-    """Angles (1+m,) [rad] at rest under the first references; the link stands where springs and gravity let it."""
+    """Angles (1+m,) [rad] at rest under the first references; the link is in equilibrium of springs and gravity."""
     motors = drive.references[0]
     if not device.motors:
         return motors.copy()

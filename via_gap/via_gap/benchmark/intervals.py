@@ -26,7 +26,7 @@ class Inside:
 def intervals_hold(
     truths: Iterable[Mapping[str, Any]], causes: Sequence[Mapping[str, Any]], repair: Sequence[Place], family: str
 ) -> tuple[Inside, ...]:
-    """Every parameter of every true effect that the repair has at its place. Others have no interval to be judged.
+    """Every parameter of every true effect that the repair has at its place. Other effects have no interval to check.
 
     A parameter's interval is its `interval`, or its value and 1.96 of its `sd` to either side. Terms of a periodic
     effect are compared with the true term of the same order, a negative amplitude as a phase turned by half a period.
@@ -43,28 +43,28 @@ def intervals_hold(
     return tuple(found)
 
 
-def _compared(effect: str, true: Mapping[str, float], told: Mapping[str, Any]) -> list[Inside]:
+def _compared(effect: str, true: Mapping[str, float], reported: Mapping[str, Any]) -> list[Inside]:
     if effect in PERIODIC:
-        return _periodic(effect, true, told)
-    return [Inside(effect, name, _holds(told[name], value)) for name, value in true.items() if name in told]
+        return _periodic(effect, true, reported)
+    return [Inside(effect, name, _holds(reported[name], value)) for name, value in true.items() if name in reported]
 
 
-def _periodic(effect: str, true: Mapping[str, float], told: Mapping[str, Any]) -> list[Inside]:
+def _periodic(effect: str, true: Mapping[str, float], reported: Mapping[str, Any]) -> list[Inside]:
     found = []
     for of in _terms(true):
         order = true.get(f"order{of}", 1.0)
-        match = [at for at in _terms(told) if abs(_value(told.get(f"order{at}", 1.0)) - order) < SAME_ORDER]
+        match = [at for at in _terms(reported) if abs(_value(reported.get(f"order{at}", 1.0)) - order) < SAME_ORDER]
         if not match:
             found.append(Inside(effect, "amplitude", False))
             continue
         (at, *_) = match
         amplitude, phase = true[f"amplitude{of}"], true[f"phase{of}"]
-        if _value(told[f"amplitude{at}"]) < 0.0:
+        if _value(reported[f"amplitude{at}"]) < 0.0:
             amplitude, phase = -amplitude, phase + pi
-        if f"phase{at}" in told:
-            turns = round((_value(told[f"phase{at}"]) - phase) / (2.0 * pi))
-            found.append(Inside(effect, "phase", _holds(told[f"phase{at}"], phase + 2.0 * pi * turns)))
-        found.append(Inside(effect, "amplitude", _holds(told[f"amplitude{at}"], amplitude)))
+        if f"phase{at}" in reported:
+            turns = round((_value(reported[f"phase{at}"]) - phase) / (2.0 * pi))
+            found.append(Inside(effect, "phase", _holds(reported[f"phase{at}"], phase + 2.0 * pi * turns)))
+        found.append(Inside(effect, "amplitude", _holds(reported[f"amplitude{at}"], amplitude)))
     return found
 
 
@@ -74,12 +74,13 @@ def _terms(parameters: Mapping[str, Any]) -> list[str]:
     return [of for of in names if _value(parameters[f"amplitude{of}"]) != 0.0]
 
 
-def _value(told: Any) -> float:
-    return float(told["value"] if isinstance(told, Mapping) else told)
+def _value(reported: Any) -> float:
+    return float(reported["value"] if isinstance(reported, Mapping) else reported)
 
 
-def _holds(told: Any, value: float) -> bool:
+def _holds(reported: Any, value: float) -> bool:
     """Whether the interval holds a value; rounding of the report's numbers is no miss."""
-    low, high = told.get("interval") or (told["value"] - NORMAL * told["sd"], told["value"] + NORMAL * told["sd"])
+    half = NORMAL * reported.get("sd", 0.0)
+    low, high = reported.get("interval") or (reported["value"] - half, reported["value"] + half)
     slack = 1e-9 * hypot(low, high)
     return bool(low - slack <= value <= high + slack)

@@ -20,10 +20,10 @@ from via_gap.benchmark.stepping import Servo
 NAME = "joint"
 FAMILIES = ("rigid", "stiff", "series_elastic", "polynomial_pair", "exponential_pair", "variable_damping")
 CONTROLLED = "controlled_motor"  # a light motor under velocity or position control: its torque answers the disturbance
-POSITIONED = "position_drive"  # a drive that follows a goal angle and shows no torque
+POSITIONED = "position_drive"  # a drive that follows a goal angle and reports no torque
 PAIRS = ("polynomial_pair", "exponential_pair")  # two torque motors
 TOLERANCE = 0.05  # relative, of every inertia, friction and stiffness of the nominal file
-WIDE = 0.10  # the same, in some cases
+WIDE = 0.10  # the same in some cases
 _STATED = (
     "link_inertia", "link_friction", "gravity", "motor_inertia", "motor_friction", "bandwidth", "spring", "damper",
 )  # fmt: skip
@@ -33,7 +33,7 @@ Content = dict[str, Any]
 
 
 def device_of(content: Content) -> Device:
-    """The joint without the law of its position drive, which is part of the drive here: see `servo_of`."""
+    """The joint without its position drive, which is simulated as part of the drive: see `servo_of`."""
     plain = {key: value for key, value in content.items() if key not in ("drive", "servo", "tolerances")}
     if "servo" not in content and "drive" in content:
         plain["drive"] = content["drive"]
@@ -41,7 +41,7 @@ def device_of(content: Content) -> Device:
 
 
 def servo_of(content: Content) -> Servo | None:
-    """The law of a position drive, of a joint that has one."""
+    """The position drive of a joint that has one."""
     return Servo(**content["servo"]) if "servo" in content else None
 
 
@@ -90,7 +90,7 @@ def believed(rng: Generator, true: Content, tolerance: float = TOLERANCE) -> tup
 
 
 def scaled(content: Content, where: str, factor: float) -> Content:
-    """The device file with one number of `believed` (named as its errors are) scaled; the numbers it stands for too."""
+    """The device file with one parameter scaled, named as in the errors of `believed`; of a spring its whole torque."""
     moved = deepcopy(content)
     part_name, _, key = where.rpartition(".")
     name, _, number = part_name.partition(".")

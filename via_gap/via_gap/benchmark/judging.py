@@ -1,4 +1,4 @@
-"""One report against one key: the case, the answer, and what of it is right by `rightness`."""
+"""One report compared with one key: the case, the answer, and which parts of it are right by `rightness`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from typing import Any
 from via_gap.benchmark.intervals import Inside, intervals_hold
 from via_gap.benchmark.rightness import ANSWERS, FORMER, MOST_TIED, Place, covered, names, places, same_site
 
-VERDICTS = (*ANSWERS, "no_gap", "unknown", "cannot_tell")
-
 
 @dataclass(frozen=True)
 class Judged:
@@ -18,7 +16,7 @@ class Judged:
     name: str
     kind: str  # single, no_gap, unknown, pair
     level: str  # signal set
-    dirty: bool  # a small effect outside the catalogue acts beside the truths
+    dirty: bool  # a small unmodelled effect acts beside the truths
     quality: str  # of the recording: good, degraded
     family: str
     truths: tuple[Place, ...]
@@ -30,17 +28,17 @@ class Judged:
     conformal: tuple[Place, ...] | None  # the conformal set
     where: tuple[tuple[str, int], ...]  # sites and numbers, largest share first
     where_right: bool | None
-    first_right: bool  # the first cause names a truth, whatever the verdict
-    top1: bool | None  # it answers, and the first cause names the truth
+    first_right: bool  # the first cause names a truth, for any verdict
+    top1: bool | None  # a cause is named, and the first one is the truth
     place_right: bool | None  # top-1 with site and number
-    in_set: bool | None  # it answers, and the truth is the first cause or in the equivalence set
+    in_set: bool | None  # a cause is named, and the truth is the first one or in the equivalence set
     in_conformal: bool | None  # every truth is in the conformal set
-    both: bool | None  # of a pair: both named, no third before them
-    closes: float | None  # fraction explained
-    predicted: float | None  # share of the gap that goes
-    measured: float | None  # the same on the withheld log
-    measured_closes: float | None
-    inside: tuple[Inside, ...]  # parameters of the effects that were named at their place
+    both: bool | None  # of a pair: both and nothing else named
+    explained: float | None  # fraction of the explainable error, as reported
+    predicted: float | None  # reported relative decrease of the gap
+    measured: float | None  # the same, measured on the withheld log
+    measured_explained: float | None
+    inside: tuple[Inside, ...]  # parameters of the effects that were named at the right location
     seconds: float | None
     trouble: str = ""
     seed: int | None = None
@@ -52,7 +50,7 @@ class Judged:
 
     @property
     def tied_right(self) -> bool | None:
-        """Named or rightly tied: in a set of at most MOST_TIED causes."""
+        """Whether the truth is named, or tied in a set of at most MOST_TIED causes."""
         return None if self.in_set is None else bool(self.top1 or (self.in_set and len(self.tied) <= MOST_TIED))
 
     @property
@@ -61,18 +59,18 @@ class Judged:
         return self.answered and self.first_right
 
     @property
-    def confident_lie(self) -> bool:
+    def confidently_wrong(self) -> bool:
         """A wrong first cause with probability .5 or more."""
         return self.answered and not self.first_right and (self.probability or 0.0) >= 0.5
 
     @property
     def alarmed(self) -> bool:
-        """Whether it claims that something unmodelled acts."""
+        """Whether it claims that there is a gap."""
         return self.verdict in (*ANSWERS, "unknown")
 
     @property
     def right(self) -> bool:
-        """Whether the answer is the one that counts for this kind of case."""
+        """Whether the answer is right for this kind of case."""
         if self.kind in ("no_gap", "unknown"):
             return self.verdict == self.kind
         if self.kind == "pair":
@@ -82,7 +80,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """The gap on the withheld log, before and after the repair; `floor` is what the sensors leave, where it is told."""
+    """The gap on the withheld log, before and after the repair; `floor`: what sensor noise leaves, if known."""
 
     before: float
     after: float
@@ -93,8 +91,8 @@ class Shrinkage:
         return 1.0 - self.after / self.before if self.before > 0.0 else None
 
     @property
-    def closes(self) -> float | None:
-        """Fraction explained, of what can be explained."""
+    def explained(self) -> float | None:
+        """Fraction of the explainable error: what the sensors leave cannot be explained."""
         if self.floor is None or not self.before > self.floor:
             return None
         return (self.before - self.after) / (self.before - self.floor)
@@ -104,16 +102,16 @@ def judge(
     name: str, key: dict[str, Any], report: dict[str, Any] | None, withheld: Shrinkage | None, seconds: float | None,
     trouble: str = "",
 ) -> Judged:  # fmt: skip
-    """What became of a case. A missing report is an answer that is wrong everywhere."""
+    """The evaluation of a case. A missing report is wrong in every respect."""
     truths = tuple(Place(each["effect"], each["site"], each["motor"]) for each in key["effects"])
-    told, kind, family = report or {}, key["kind"], key["family"]
-    verdict = FORMER.get(told.get("verdict", ""), told.get("verdict", ""))
-    named = tuple(map(_place, told.get("causes", ())))
-    repair = tuple(map(_place, told.get("effects", ()))) or named[: 2 if verdict == "several_effects" else 1]
-    tied = tuple(dict.fromkeys(map(_place, told.get("equivalence_set", ()))))
-    conformal = tuple(map(_place, told["conformal_set"])) if told.get("conformal_set") is not None else None
-    where = tuple((each["site"], int(each.get("motor", 0))) for each in told.get("where", ()))
-    answers, gap = verdict in ANSWERS and bool(named), told.get("gap") or {}
+    answer, kind, family = report or {}, key["kind"], key["family"]
+    verdict = FORMER.get(answer.get("verdict", ""), answer.get("verdict", ""))
+    named = tuple(map(_place, answer.get("causes", ())))
+    repair = tuple(map(_place, answer.get("effects", ()))) or named[: 2 if verdict == "several_effects" else 1]
+    tied = tuple(dict.fromkeys(map(_place, answer.get("equivalence_set", ()))))
+    conformal = tuple(map(_place, answer["conformal_set"])) if answer.get("conformal_set") is not None else None
+    where = tuple((each["site"], int(each.get("motor", 0))) for each in answer.get("where", ()))
+    answers, gap = verdict in ANSWERS and bool(named), answer.get("gap") or {}
     beside = tuple(each for each in repair if each != named[0]) if named else ()
     first_right = bool(named) and any(names(named[0], truth, family, beside) for truth in truths)
     where_right = top1 = place_right = in_set = both = in_conformal = None
@@ -141,7 +139,7 @@ def judge(
         ratio=key["ratio"],
         verdict=verdict,
         named=named,
-        probability=float(told["causes"][0]["probability"]) if named else None,
+        probability=float(answer["causes"][0]["probability"]) if named else None,
         tied=tied,
         conformal=conformal,
         where=where,
@@ -152,16 +150,16 @@ def judge(
         in_set=in_set,
         in_conformal=in_conformal,
         both=both,
-        closes=gap.get("explained"),
+        explained=gap.get("explained"),
         predicted=1.0 - gap["after"] / gap["before"] if gap.get("before") else None,
         measured=withheld.share if withheld is not None else None,
-        measured_closes=withheld.closes if withheld is not None else None,
-        inside=intervals_hold(key["effects"], told.get("causes", ()), repair, family) if answers else (),
+        measured_explained=withheld.explained if withheld is not None else None,
+        inside=intervals_hold(key["effects"], answer.get("causes", ()), repair, family) if answers else (),
         seconds=seconds,
         trouble=trouble,
         seed=key.get("seed"),
     )
 
 
-def _place(told: dict[str, Any]) -> Place:
-    return Place(told["effect"], told["site"], int(told.get("motor", 0)))
+def _place(entry: dict[str, Any]) -> Place:
+    return Place(entry["effect"], entry["site"], int(entry.get("motor", 0)))

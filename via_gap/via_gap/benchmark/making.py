@@ -23,11 +23,11 @@ class Made:
 
 
 def make_cases(
-    seeds: Sequence[int], cases: Path, keys: Path, duration: float, processes: int, told: Callable[[Made], None]
+    seeds: Sequence[int], cases: Path, keys: Path, duration: float, processes: int, progress: Callable[[Made], None]
 ) -> list[Made]:
-    """Cases of `seeds` into two folders, numbered in order; `told` hears of each as it is done.
+    """Cases of `seeds` into two folders, numbered in order; `progress` is called after each.
 
-    Raises SealError where the keys would lie with the cases, or a folder is in use already.
+    Raises SealError where one folder would contain the other, or a folder is in use already.
     """
     where, apart = cases.resolve(), keys.resolve()
     if where == apart or where in apart.parents or apart in where.parents:
@@ -43,7 +43,7 @@ def make_cases(
         try:
             for job in as_completed(jobs):
                 done.append(job.result())
-                told(done[-1])
+                progress(done[-1])
         except BaseException:
             # Waiting, or leaving `with` would take the cancelling back before it has happened.
             pool.shutdown(wait=True, cancel_futures=True)

@@ -1,4 +1,4 @@
-"""How far the gap shrinks on the withheld log: a command runs the repaired simulator, so that no code is shared."""
+"""Decrease of the gap on the withheld log. A command runs the repaired simulator, so that no code is shared."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def shrinkage_of(
             done = subprocess.run(words, capture_output=True, text=True, timeout=patience, check=False)
             if done.returncode:
                 raise ViaError(f"command '{words[0]}' ended with {done.returncode}: {done.stderr.strip()[-300:]}")
-            told = json.loads(out.read_text(encoding="utf-8"))
-            told = told.get("gap", told)
-            floor = told.get("floor")
-            return Shrinkage(float(told["before"]), float(told["after"]), None if floor is None else float(floor))
+            gap = json.loads(out.read_text(encoding="utf-8"))
+            gap = gap.get("gap", gap)
+            floor = gap.get("floor")
+            return Shrinkage(float(gap["before"]), float(gap["after"]), None if floor is None else float(floor))
         except subprocess.TimeoutExpired:
             raise ViaError(f"command '{words[0]}' took longer than {patience:g} s") from None
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

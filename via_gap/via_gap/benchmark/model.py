@@ -83,7 +83,7 @@ def _joint(name: str, viscous: float, dry: float, physics: Physics, axis: int) -
 
 
 def _link(device: Device, physics: Physics) -> str:
-    """The link: its mass stands on an arm short enough that the inertia about the axis is the device file's."""
+    """The link: the arm of its mass is short enough that the inertia about the axis is that of the device file."""
     link = device.link
     inertia, weight = link.inertia * physics.inertia, abs(link.gravity_torque) * physics.gravity
     arm = 0.1 * link.inertia * G / weight if weight else 0.0  # then a tenth of the inertia is that of the arm

@@ -17,11 +17,11 @@ from via_gap.benchmark.sealing import DEVICE, Sealed, names_in, opened
 
 
 def judged_cases(
-    cases: Path, keys: Path, results: Path, simulate: str, processes: int, told: Callable[[str], None]
+    cases: Path, keys: Path, results: Path, simulate: str, processes: int, progress: Callable[[str], None]
 ) -> list[Judged]:
     """Every case judged, in order. `simulate` is the command that measures shrinkage; '' leaves it unmeasured.
 
-    Raises SealError where any key is not what was sealed: then nothing is scored.
+    Raises SealError where any key differs from what was sealed; then nothing is scored.
     """
     sealed = [opened(name, cases, keys) for name in names_in(cases)]
     runs_file = results / RUNS
@@ -41,7 +41,7 @@ def judged_cases(
                 shrunk = shrinkage_of(each.withheld, device, effects, results / f"{each.name}.json", simulate)
             except ViaError as error:
                 trouble = str(error)
-        told(each.name)
+        progress(each.name)
         try:
             return judge(each.name, each.key, report, shrunk, run.get("seconds"), trouble)
         except (KeyError, TypeError, ValueError) as error:

@@ -14,7 +14,7 @@ PAGE, PICTURE = "gap.md", "gap-reliability.svg"
 
 
 def as_json(score: Score) -> dict[str, Any]:
-    """The same for machines; numbers are not rounded."""
+    """The score as JSON; numbers are not rounded."""
     return {
         "numbers": [{**asdict(number), "kept": number.kept} for number in score.numbers],
         "reliability": [asdict(each) for each in score.reliability],
@@ -33,20 +33,20 @@ def markdown(score: Score, origin: str) -> str:
     judged = score.judged
     kept = [number.kept for number in score.numbers if number.kept is not None]
     lines = [
-        "# The gap, diagnosed blind",
+        "# Sealed benchmark of the diagnosis",
         "",
-        "A second simulator (MuJoCo, no code in common with the one that diagnoses) drew joints, effects and sizes",
-        "from seeds, wrote recordings and nominal device files, and sealed the keys. The diagnosis saw recordings and",
-        "device files alone; then the keys were opened. Gap over noise is the ratio of the residuals of the joint's",
-        "equations with and without the effect, for somebody who knows every number of the joint; on top of it each",
-        "inertia, friction, stiffness and drive gain of the device file is wrong by up to its tolerance, 5 or 10 %. An",
-        "effect that these errors make up for is no gap: such draws were rejected.",
+        "A second simulator (MuJoCo, no code in common with the diagnosis) drew joints, effects and sizes from seeds,",
+        "wrote recordings and nominal device files, and sealed the keys. The diagnosis read only recordings and device",
+        "files; then the keys were opened. Gap over noise is the ratio of the residuals of the joint's equations with",
+        "and without the effect, evaluated with the true parameters. In addition, inertias, frictions, stiffnesses and",
+        "drive gains of the device file are wrong by up to their tolerance, 5 or 10 %. Draws whose effect these errors",
+        "can compensate have no gap and were rejected.",
         "",
         "Each case belongs to a signal set: full; no torque; link only (the link's angle and the motor torques);",
-        "encoder and command. It is dirty where a small effect outside the catalogue acts beside the truth, with 5 to",
-        "20 % of its gap, and clean otherwise. A recording is degraded where stamps, ticks or commands are not those",
-        "of the drive. Limits on naming hold for recordings of good quality, those on false alarms and lies for all.",
-        "What is right is defined in `rightness.py`: the same physics under another name is right.",
+        "encoder and command. It is dirty if a small unmodelled effect acts beside the truth, with 5 to 20 % of its",
+        "gap, and clean otherwise. A recording is degraded if its stamps, ticks or commands are not those of the",
+        "drive. Limits on naming hold for recordings of good quality, those on false alarms and confidently wrong",
+        "answers for all. `rightness.py` defines what is right: the same physics under another name is right.",
         "",
         f"{len(judged)} cases, {sum(kept)} of {len(kept)} limits kept, {len(score.missed)} cases missed.",
         "",
@@ -59,21 +59,21 @@ def markdown(score: Score, origin: str) -> str:
         "## By signal set, clean and dirty",
         "",
         *_by_group(score.numbers),
-        "## How often a 95 % interval holds the truth",
+        "## Coverage of the 95 % intervals",
         "",
         *_table(
             ("parameter", "intervals", "hold the truth"),
             [(name, str(count), f"{share:.2f}") for name, count, share in parameter_coverage(judged)],
         ),
         "",
-        "## How far to trust its probabilities",
+        "## Calibration of the probabilities",
         "",
         f"![reliability diagram]({PICTURE})",
         "",
         "A probability is that of the first cause named.",
         "",
         *_table(
-            ("probability told", "answers", "their mean probability", "right"),
+            ("stated probability", "answers", "their mean", "right"),
             [
                 (
                     f"{each.low:.1f} to {each.low + 1 / BINS:.1f}",
@@ -101,7 +101,7 @@ def markdown(score: Score, origin: str) -> str:
 
 
 def picture(bins: Sequence[Bin]) -> str:
-    """Probability told against share of right answers: on the diagonal they mean what they say."""
+    """Reliability diagram: stated probability against share of right answers."""
     size, edge = 260, 46
     most = max((each.count for each in bins), default=1)
 
@@ -128,7 +128,7 @@ def picture(bins: Sequence[Bin]) -> str:
         f'<rect x="{x(0)}" y="{y(1)}" width="{size}" height="{size}" fill="none" stroke="#888"/>'
         f'<line x1="{x(0)}" y1="{y(0)}" x2="{x(1)}" y2="{y(1)}" stroke="#888" stroke-dasharray="4"/>'
         f"{''.join(ticks)}{''.join(marks)}"
-        f'<text x="{x(0.5)}" y="{y(0) + 34}" text-anchor="middle">probability told [-]</text>'
+        f'<text x="{x(0.5)}" y="{y(0) + 34}" text-anchor="middle">stated probability [-]</text>'
         f'<text x="14" y="{y(0.5)}" text-anchor="middle" transform="rotate(-90 14 {y(0.5)})">right [-]</text></svg>\n'
     )
 
@@ -153,12 +153,12 @@ def _case(each: Judged) -> tuple[str, ...]:
     signals = "" if each.level == "full" else f", {each.level.replace('_', ' ')}"
     signals += (", dirty" if each.dirty else "") + (f", {each.quality}" if each.quality != "good" else "")
     first = ", ".join(map(str, each.named[:2])) or "-"
-    told = f" ({each.probability:.2f})" if each.probability is not None else ""
+    stated = f" ({each.probability:.2f})" if each.probability is not None else ""
     where = ", ".join(f"{site}{f' {number}' if number else ''}" for site, number in each.where[:2]) or "-"
     shrinks = f"{_percent(each.predicted)}, {_percent(each.measured)}"
     answered = each.verdict.replace("_", " ") or f"no report: {reason(each.trouble)}"
     asked = asked if each.kind != "unknown" else f"outside the catalogue: {asked}"
-    return each.name, f"{asked} ({each.family}{signals})", f"{each.ratio:.1f}", answered, first + told, where, shrinks
+    return each.name, f"{asked} ({each.family}{signals})", f"{each.ratio:.1f}", answered, first + stated, where, shrinks
 
 
 def _row(number: Number) -> tuple[str, ...]:
@@ -209,7 +209,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def reason(trouble: str) -> str:
-    """What an exception said of itself, without where in which file; what came without one, as it is."""
+    """The message of an exception without its traceback; other text unchanged."""
     lines = trouble.splitlines()
     last = max((k for k, line in enumerate(lines) if "Error" in line and not line.startswith(" ")), default=0)
     return " ".join(line.strip() for line in lines[last:])

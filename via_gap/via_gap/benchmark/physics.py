@@ -1,7 +1,7 @@
-"""Everything a blind joint is beside its device file, as one frozen record whose defaults change nothing.
+"""All physics beside the device file of a joint, as one frozen record whose defaults change nothing.
 
-Axes are numbered 0 link, 1 and 2 motors; transmissions 0 and 1. Which part of MuJoCo carries a field, and which few
-fields have no such part and are torques of `stepping`, is said at each.
+Axes are numbered 0 link, 1 and 2 motors; transmissions 0 and 1. The comment of a field names the part of MuJoCo that
+implements it; the few fields without such a part are torques of `loop`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Physics:
     viscous: Three = NO_AXIS  # [N m s/rad] dof_damping
     drag: Three = NO_AXIS  # [N m s^2/rad^2] dof_dampingpoly
     gap: Two = NO_MOTOR  # [rad] dead band of the tendon's rest length
-    rest: Two = NO_MOTOR  # [rad] shift of the tendon's rest length, as if the motor stood further by this
+    rest: Two = NO_MOTOR  # [rad] shift of the tendon's rest length, as if the motor were further by this
     slip_stiffness: Two = NO_MOTOR  # [N m/rad] of a tendon with plastic yield beside the spring
     slip_torque: Two = NO_MOTOR  # [N m] at which it yields
     spring_damping: Two = NO_MOTOR  # [N m s/rad] tendon_damping
@@ -59,7 +59,7 @@ class Physics:
     texture_order: Three = NO_AXIS  # [1/rev]
     warm_friction: Three = NO_AXIS  # [N m] dry friction of a cold joint
     warming_energy: Three = (1.0, 1.0, 1.0)  # [J] dissipated, after which 1/e of it is left
-    # torques of `stepping`
+    # torques of `loop`
     bristle: Three = NO_AXIS  # [N m] presliding friction at which the bristle slides
     bristle_length: Three = (1.0, 1.0, 1.0)  # [rad] deflection at which it does
     ripple: Terms = (0.0,) * 2 * HARMONICS  # [N m] per motor

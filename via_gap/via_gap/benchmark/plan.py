@@ -1,4 +1,4 @@
-"""What the case of a seed is to be: seeds come in blocks, each with the same mixture in an order of its own.
+"""Kind, signal set and effect of the case of a seed. Seeds form blocks with the same mixture, each in its own order.
 
 A block holds each named effect once with all signals and every second one with fewer, controlled motors, position
 drives, effects that two motors have alike, joints without a gap, physics outside the catalogue, and pairs.
@@ -9,23 +9,33 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.random import Generator
 
-from via_gap.benchmark.joints import CONTROLLED, POSITIONED
-from via_gap.benchmark.menu import MENU
+from via_gap.benchmark.catalogue import CATALOGUE, Entry
+from via_gap.benchmark.joints import CONTROLLED, FAMILIES, PAIRS, POSITIONED
 from via_gap.benchmark.recording import LEVELS
 from via_gap.benchmark.selections import OF_BOTH, OF_CONTROL, OF_POSITION
-from via_gap.benchmark.strangers import STRANGERS
+from via_gap.benchmark.unmodelled import UNMODELLED
 
 KINDS = ("single", "no_gap", "unknown", "pair")
 FULL, LIMITED, LAST = LEVELS[0], LEVELS[1:], LEVELS[-1]
 BOTH_ALIKE, CONTROLS = 4, 5  # per block
 NO_GAP, UNKNOWN, PAIR = (6, 6), (5, 3), (5, 3)  # per block, with all signals and with fewer
-BLOCK = len(MENU) + len(MENU) // 2 + BOTH_ALIKE + CONTROLS + 1 + len(OF_POSITION) + 3 + sum((*NO_GAP, *UNKNOWN, *PAIR))
+BLOCK = (
+    len(CATALOGUE)
+    + len(CATALOGUE) // 2
+    + BOTH_ALIKE
+    + CONTROLS
+    + 1
+    + len(OF_POSITION)
+    + 3
+    + sum((*NO_GAP, *UNKNOWN, *PAIR))
+)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """One case before it is drawn. Empty: to be drawn."""
+    """One case before it is drawn; an empty effect or family is drawn."""
 
     kind: str
     level: str
@@ -33,16 +43,33 @@ class Plan:
     family: str = ""
     both: bool = False  # the effect acts on both motors alike
 
+    def families(self) -> list[str]:
+        """Families whose logs can lack what the signal set lacks."""
+        if self.both:
+            return list(PAIRS)
+        without = {"full": (), "encoder_and_command": ("rigid",)}.get(self.level, ("rigid", "variable_damping"))
+        return [each for each in FAMILIES if each not in without]
+
+    def entries(self, rng: Generator, family: str) -> list[Entry]:
+        """The effects of the case; those of a pair are drawn."""
+        if self.kind == "no_gap":
+            return []
+        if self.kind == "unknown":
+            return [UNMODELLED[self.effect]]
+        if self.kind == "pair":
+            return [CATALOGUE[str(name)] for name in rng.choice(list(CATALOGUE), size=2, replace=False)]
+        return [{POSITIONED: OF_POSITION, CONTROLLED: OF_CONTROL}.get(family, CATALOGUE)[self.effect]]
+
 
 def plan(seed: int) -> Plan:
-    """What the case of a seed is to be."""
+    """The plan of the case of a seed."""
     block, place = divmod(seed, BLOCK)
     return block_of(block)[int(np.random.default_rng([block, BLOCK]).permutation(BLOCK)[place])]
 
 
 def block_of(block: int) -> list[Plan]:
     """The BLOCK plans of a block, in order of their kinds."""
-    names, strangers = list(MENU), list(STRANGERS)
+    names, strangers = list(CATALOGUE), list(UNMODELLED)
     plans = [Plan("single", FULL, name) for name in names]
     plans += [
         Plan("single", LIMITED[(block // 2 + k) % len(LIMITED)], name) for k, name in enumerate(names[block % 2 :: 2])

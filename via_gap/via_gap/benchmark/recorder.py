@@ -1,4 +1,4 @@
-"""What a recorder does to a recording: its rate, noise, stamps, and what it loses; and when a controller acts late."""
+"""Imperfections of a recording (rate, noise, stamps, losses) and of its controller (late or missing commands)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ HIGHEST = 1000.0  # [Hz] of a control loop
 
 @dataclass(frozen=True)
 class Recorder:
-    """How one case is recorded. The defaults record every tick as it was.
+    """How one case is recorded. The defaults record every tick exactly.
 
     encoder_noise  [-] standard deviation in encoder steps, before rounding
     jitter         [-] standard deviation of the sampling times in samples; stamps are right

@@ -6,17 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import pi
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 from via_core.bags import BagWriter
-from via_core.bags.definitions import typestore_of
-from via_core.bags.layout import filled
+from via_core.bags.messages import Stream, command_messages, in_order, joint_messages
 from via_core.devices import Device, TorqueMotor
 from via_core.signals import Array
-from via_core.wire import EQUILIBRIUM_PRESET, JOINT_STATE, MOTOR_TORQUE, VSA_COMMAND
+from via_core.wire import JOINT_STATE, VSA_COMMAND
 
 from via_gap.benchmark.loop import read_angles
 from via_gap.benchmark.physics import Physics
@@ -179,65 +177,37 @@ def write_log(path: Path, device: Device, log: Log, positioned: bool = False) ->
 
 
 def _write_bag(path: Path, device: Device, log: Log) -> None:
-    states = (EPOCH + np.rint(log.time * 1e9).astype(np.int64), _states(device, log))
-    asked = (EPOCH + np.rint(log.command_time * 1e9).astype(np.int64), _commands(device, log))
+    states = Stream("/joint_states", JOINT_STATE, *_states(device, log))
+    commands = Stream(device.command_topic, VSA_COMMAND, *_commands(device, log))
     with BagWriter(path) as bag:
-        bag.add_topic(device.command_topic, VSA_COMMAND)
-        bag.add_topic("/joint_states", JOINT_STATE)
-        streams = ((device.command_topic, *asked), ("/joint_states", *states))
-        stamps = np.concatenate([stamp for _, stamp, _ in streams])
-        which = np.repeat([0, 1], [len(stamp) for _, stamp, _ in streams])
-        number = np.concatenate([np.arange(len(stamp)) for _, stamp, _ in streams])
-        for k in np.lexsort((-which, stamps)):  # a command answers the sample of its stamp: that one comes first
-            topic, stamp, messages = streams[which[k]]
-            bag.write(topic, messages[number[k]], int(stamp[number[k]]))
+        for stream in (commands, states):
+            bag.add_topic(stream.topic, stream.type_name)
+        for topic, message, stamp in in_order((states, commands)):  # a command answers the sample of its stamp
+            bag.write(topic, message, stamp)
 
 
-def _states(device: Device, log: Log) -> list[bytes]:
-    stamp = EPOCH + np.rint(log.time * 1e9).astype(np.int64)
-    names = [device.link_joint, *device.motor_joints]
-    position = np.column_stack([log.q, log.theta])
-    effort = np.column_stack([np.full(len(log.q), np.nan), log.tau])
+def _states(device: Device, log: Log) -> tuple[NDArray[np.int64], list[bytes]]:
+    names, unknown = [device.link_joint, *device.motor_joints], np.full(len(log.q), np.nan)
+    columns = {"position": np.column_stack([log.q, log.theta]), "effort": np.column_stack([unknown, log.tau])}
     if np.isfinite(log.neighbour).any():
         names.append(NEIGHBOUR)
-        position = np.column_stack([position, log.neighbour])
-        effort = np.column_stack([effort, np.full(len(log.q), np.nan)])
-    store = typestore_of(JOINT_STATE)
-    measured = np.isfinite(effort).any()
-    template = store.types[JOINT_STATE](
-        _header(store, device), names, np.zeros(len(names)), np.zeros(0), np.zeros(len(names) if measured else 0)
-    )
-    columns = {**_stamps(stamp), "position": position}
-    if measured:
-        columns["effort"] = effort
-    return filled(store, JOINT_STATE, template, len(stamp), columns)
+        columns["position"] = np.column_stack([columns["position"], log.neighbour])
+        columns["effort"] = np.column_stack([columns["effort"], unknown])
+    if not np.isfinite(columns["effort"]).any():
+        del columns["effort"]
+    stamp = _stamps(log.time)
+    return stamp, joint_messages(device.name, names, stamp, columns)
 
 
-def _commands(device: Device, log: Log) -> list[bytes]:
-    stamp = EPOCH + np.rint(log.command_time * 1e9).astype(np.int64)
-    torque = isinstance(device.motors[0], TorqueMotor)
-    columns: dict[str, NDArray[Any]] = {**_stamps(stamp), "sequence": np.arange(len(stamp)), "damping": log.damping}
-    if torque:
+def _commands(device: Device, log: Log) -> tuple[NDArray[np.int64], list[bytes]]:
+    columns = {"damping": log.damping}
+    if isinstance(device.motors[0], TorqueMotor):
         columns["motor"] = log.commands
     else:
         columns |= {"equilibrium": log.commands[:, 0], "preset": log.commands[:, 1]}
-    store = typestore_of(VSA_COMMAND)
-    template = store.types[VSA_COMMAND](
-        header=_header(store, device),
-        sequence=0,
-        mode=MOTOR_TORQUE if torque else EQUILIBRIUM_PRESET,
-        equilibrium=np.nan,
-        preset=np.nan,
-        damping=0.0,
-        motor=np.zeros(device.n_motors if torque else 0),
-    )
-    return filled(store, VSA_COMMAND, template, len(stamp), columns)
+    stamp = _stamps(log.command_time)
+    return stamp, command_messages(device.name, stamp, columns)
 
 
-def _header(store: Any, device: Device) -> Any:
-    return store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](0, 0), device.name)
-
-
-def _stamps(stamp: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
-    seconds, nanoseconds = np.divmod(stamp, 1_000_000_000)
-    return {"header.stamp.sec": seconds, "header.stamp.nanosec": nanoseconds}
+def _stamps(time: Array) -> NDArray[np.int64]:
+    return EPOCH + np.rint(time * 1e9).astype(np.int64)

@@ -1,9 +1,8 @@
 """How large an effect is in a log: residuals of the true joint's equations over short windows, with and without it.
 
-The equations are integrated against a bump of WINDOW seconds and its derivatives, so that nothing measured is
-differentiated. The ratio 'gap over noise' of a log is the largest, over its equations, of residual RMS with the effect
-over residual RMS of the same motion's sensors without it: what an observer who knew every number of the joint exactly
-would see. Nuisance errors of the nominal file come on top, they are not in it.
+The equations are integrated against a bump of WINDOW seconds and its derivatives, so that no measurement is
+differentiated. 'Gap over noise' is the ratio of the RMS residual with the effect to that of the same motion without it,
+evaluated with the true parameters; of several equations the largest. Errors of the nominal file are not part of it.
 """
 
 from __future__ import annotations
@@ -75,12 +74,12 @@ def residuals(device: Device, log: Log, speed: Array, servo: Servo | None = None
 
 
 def _middle(commands: Array) -> Array:
-    """(N+1,) of commands (N,) held over the ticks: at a sample the mean of before and after."""
+    """(N+1,) at the samples: the mean of the commands (N,) held before and after."""
     return 0.5 * (np.concatenate([commands[:1], commands]) + np.concatenate([commands, commands[-1:]]))
 
 
 def _held(commands: Array, log: Log) -> Array:
-    """(N,) of commands (K,) on stamps of their own, as they stand at each sample."""
+    """(N,) commands that hold at each sample, of commands (K,) with their own stamps."""
     return commands[np.clip(np.searchsorted(log.command_time, log.time, side="right") - 1, 0, None)]
 
 
@@ -116,7 +115,7 @@ def ratio(with_effect: Array, without: Array) -> float:
 
 
 def left_by_numbers(with_effect: Array, without: Array, slopes: Array, low: Array, high: Array) -> float:
-    """Gap over noise that remains once the joint's own numbers have made up for all they can.
+    """Gap over noise that remains after a fit of the joint's parameters.
 
     slopes     (J, 1+m, N) change of `with_effect` per number, each number between low and high (J,)
     """

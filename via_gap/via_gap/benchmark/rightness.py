@@ -1,4 +1,4 @@
-"""What counts as the right answer, in one place."""
+"""Which answers are right."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST_TIED = 3  # a set of more causes than this separates nothing
 
 @dataclass(frozen=True)
 class Place:
-    """An effect at a site; motor 0 at site motor: both motors alike, or in an answer that no number was given."""
+    """An effect at a site; motor 0 at site motor: both motors alike; in an answer also: no number given."""
 
     effect: str
     site: str
@@ -42,7 +42,7 @@ def explanations(truth: Place, family: str) -> tuple[tuple[Place, ...], ...]:
       encoder_offset at sensor 0 and gravity_error are one cause.
 
     Causes that a log cannot separate but that are different physics (Coulomb and Stribeck friction without slow motion)
-    are not right for one another: a report should tie them, and `in_set` counts that.
+    do not count as one another: a report should tie them, and `in_set` counts that.
     """
     found: list[tuple[Place, ...]] = [(truth,)]
     if (truth.site, truth.motor) == ("motor", 0):

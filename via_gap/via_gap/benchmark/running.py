@@ -1,4 +1,4 @@
-"""Run a diagnosis on every case: a command in a process of its own that is told of the case's folder alone."""
+"""Run a diagnosis on every case: a command in a process of its own, which gets only the case's folder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RUNS = "runs.json"
 
 @dataclass(frozen=True)
 class Ran:
-    """One diagnosis: its exit code (None: it took too long), seconds, and the end of what it said where it failed."""
+    """One diagnosis: exit code (None: timeout), seconds, and the end of its error output if it failed."""
 
     name: str
     code: int | None
@@ -43,11 +43,11 @@ def words_of(template: str, **paths: Path | list[Path]) -> list[str]:
 
 
 def run_cases(
-    cases: Path, results: Path, template: str, patience: float, processes: int, told: Callable[[Ran], None]
+    cases: Path, results: Path, template: str, patience: float, processes: int, progress: Callable[[Ran], None]
 ) -> list[Ran]:
     """Diagnose every case; report and effects file of `case_000` are results/case_000.json and .yaml.
 
-    Cases that ran to their report are left alone, so that an interrupted run goes on where it stopped.
+    Cases that have a report are skipped, so that an interrupted run continues where it stopped.
     """
     results.mkdir(parents=True, exist_ok=True)
     runs_file = results / RUNS
@@ -61,7 +61,7 @@ def run_cases(
             for job in as_completed(jobs):
                 done = job.result()
                 ran[done.name] = done
-                told(done)
+                progress(done)
                 listed = [asdict(ran[name]) for name in sorted(ran)]
                 runs_file.write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
         except BaseException:

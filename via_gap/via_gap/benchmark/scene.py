@@ -1,4 +1,4 @@
-"""What a joint does without any effect: the sizes in which effects are drawn."""
+"""Typical sizes of a joint's motion without any effect: effects are drawn relative to them."""
 
 from __future__ import annotations
 

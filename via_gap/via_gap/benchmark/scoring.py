@@ -1,7 +1,7 @@
-"""All judged cases as numbers, overall and by signal set, clean or dirty, each with the limit it has to keep.
+"""Scores of all cases, overall and by signal set, clean or dirty, each with the limit that it must keep.
 
-Limits are those that the project set itself for a fresh sealed run. Those on naming hold for recordings of good
-quality; false alarms and confident lies count over all qualities.
+The limits are the project's targets for a sealed run on fresh seeds. Limits on naming hold for recordings of good
+quality, those on false alarms and confidently wrong answers for all.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from via_gap.benchmark.judging import Judged
 from via_gap.benchmark.recording import LEVELS
 
 BINS = 10
-FILLED = 5  # bins that a calibration error needs to mean something
+FILLED = 5  # bins below which a calibration error is not meaningful
 POINTS = 0.03  # by which predicted and measured shrinkage may differ
 OVERALL = "all"
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number of the table. `limit` is None where none was set; a number without a case keeps no limit."""
+    """One number of the table; `limit` None: there is none. Without a case its limit is missed."""
 
     name: str
     value: float | None  # None: no case
     cases: int
     limit: float | None = None
     at_least: bool = True
-    group: str = OVERALL  # the cases it is about
+    group: str = OVERALL  # of cases
 
     @property
     def kept(self) -> bool | None:
@@ -58,12 +58,12 @@ class Score:
 
     @property
     def missed(self) -> tuple[Judged, ...]:
-        """Every case that was not answered right."""
+        """Every case with a wrong answer."""
         return tuple(each for each in self.judged if not each.right)
 
 
 def score(judged: Sequence[Judged]) -> Score:
-    """Every number. Groups are the signal sets with clean and dirty cases apart, and degraded recordings."""
+    """Every number. Groups: signal sets, clean and dirty cases of each, and degraded recordings."""
     answered = [each for each in judged if each.answered]
     bins = reliability(answered)
     good = [each for each in judged if each.quality == "good"]
@@ -73,7 +73,7 @@ def score(judged: Sequence[Judged]) -> Score:
         _share("main cause named, with dirt", _with_truth([each for each in named if each.dirty]), _main, 0.90),
         _share("unknown recognised", _kind(named, "unknown"), lambda each: each.verdict == "unknown", 0.90),
         *_alarms(judged),
-        *_closing(good),
+        *_explaining(good),
         Number("expected calibration error", calibration_error(bins), len(answered), 0.05, at_least=False),
         Number("bins that hold answers", float(len(bins)), len(answered), FILLED),
         _mean("Brier score", [_brier(each) for each in answered]),
@@ -94,7 +94,7 @@ def score(judged: Sequence[Judged]) -> Score:
 
 
 def _naming(cases: Sequence[Judged], limits: bool) -> list[Number]:
-    """Where, which and how many; limits are those for the three richer signal sets."""
+    """Site, cause and number of causes; the limits are those for the three richer signal sets."""
     single, pairs = _kind(cases, "single"), _kind(cases, "pair")
 
     def at(limit: float) -> float | None:
@@ -114,22 +114,22 @@ def _naming(cases: Sequence[Judged], limits: bool) -> list[Number]:
 
 
 def _alarms(cases: Sequence[Judged]) -> list[Number]:
-    """Answers that are worse than none, over all recording qualities."""
+    """Answers that are worse than none."""
     no_gap = _kind(cases, "no_gap")
     return [
         _share("false alarms on no gap", no_gap, lambda each: each.alarmed, 0.02, at_least=False),
         _share("no gap recognised", no_gap, lambda each: each.verdict == "no_gap"),
-        _share("confident lies", cases, lambda each: each.confident_lie, 0.01, at_least=False),
+        _share("confidently wrong", cases, lambda each: each.confidently_wrong, 0.01, at_least=False),
     ]
 
 
-def _closing(cases: Sequence[Judged], limits: bool = True) -> list[Number]:
-    """How much of the gap the answer explains, and whether it predicted that."""
+def _explaining(cases: Sequence[Judged], limits: bool = True) -> list[Number]:
+    """Fraction of the gap that the answer explains, and the accuracy of its prediction of that."""
     single = _kind(cases, "single")
     shrunk = [each for each in cases if each.predicted is not None and each.measured is not None and each.answered]
     return [
-        _mean("closes, of what can be closed", [each.closes for each in single], 0.95 if limits else None),
-        _mean("closes on the withheld log", [each.measured_closes for each in single]),
+        _mean("explained, of what is achievable", [each.explained for each in single], 0.95 if limits else None),
+        _mean("explained on the withheld log", [each.measured_explained for each in single]),
         _mean(
             "predicted less measured shrinkage, absolute", [_off(each) for each in shrunk],
             POINTS if limits else None, at_least=False,
@@ -169,7 +169,7 @@ def _group_numbers(cases: Sequence[Judged], group: str) -> list[Number]:
         _share("main cause named", _with_truth(cases), _main),
         _share("unknown recognised", _kind(cases, "unknown"), lambda each: each.verdict == "unknown"),
         *(replace(each, limit=None) for each in _alarms(cases)),
-        *_closing(cases, limits=False),
+        *_explaining(cases, limits=False),
         _calibration(cases),
         *_coverage(cases, limits=False),
         _share("abstained (cannot tell)", cases, lambda each: each.verdict == "cannot_tell"),
@@ -187,20 +187,20 @@ def parameter_coverage(judged: Sequence[Judged]) -> tuple[tuple[str, int, float]
 
 
 def reliability(answered: Sequence[Judged]) -> tuple[Bin, ...]:
-    """Bins that hold an answer. An answer to a case without a gap or with foreign physics is a wrong one."""
+    """Bins that hold an answer. A cause named without a gap, or for an unmodelled effect, is wrong."""
     made = []
-    told = np.array([each.probability for each in answered], dtype=np.float64)
+    stated = np.array([each.probability for each in answered], dtype=np.float64)
     right = np.array([each.first_right for each in answered], dtype=np.float64)
-    which = np.minimum((told * BINS).astype(int), BINS - 1)
+    which = np.minimum((stated * BINS).astype(int), BINS - 1)
     for k in range(BINS):
         here = which == k
         if here.any():
-            made.append(Bin(k / BINS, int(here.sum()), float(told[here].mean()), float(right[here].mean())))
+            made.append(Bin(k / BINS, int(here.sum()), float(stated[here].mean()), float(right[here].mean())))
     return tuple(made)
 
 
 def calibration_error(bins: Sequence[Bin]) -> float | None:
-    """Mean distance of probability and share of right answers, each bin weighing as many answers as it holds."""
+    """Mean distance of probability and share of right answers; bins weigh by their number of answers."""
     count = sum(each.count for each in bins)
     if not count:
         return None

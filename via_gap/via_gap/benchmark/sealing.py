@@ -1,11 +1,11 @@
-"""Case folders and sealed keys: what the diagnosis may read, and what nobody reads before it is done.
+"""Case folders, which the diagnosis may read, and sealed keys, which are opened after it.
 
 Two folders, neither inside the other:
 
     CASES/seals.txt             SHA-256 of every key, in the form sha256sum -c reads
     CASES/case_000/bag          the recording; log.csv of a rigid joint; several: bag_00, bag_01 ... or log_00.csv ...
     CASES/case_000/joint.yaml   the nominal device file
-    CASES/case_000/README.md    what a lab would know
+    CASES/case_000/README.md    rate, signals and tolerance, as a lab would state them
     CASES/case_000/seal.txt     SHA-256 of the key
     KEYS/case_000.json          the key: effect, size, true device, SHA-256 of the withheld log
     KEYS/case_000_withheld      a second recording of the same joint under another motion
@@ -36,12 +36,12 @@ _SIGNALS = {
 
 
 class SealError(ViaError):
-    """A key, a seal or a withheld log is not what was sealed."""
+    """A key, a seal or a withheld log differs from what was sealed."""
 
 
 @dataclass(frozen=True)
 class Sealed:
-    """A key that was opened and is what was sealed."""
+    """An opened key that matches its seal."""
 
     name: str
     key: dict[str, Any]
@@ -89,7 +89,7 @@ def names_in(cases: Path) -> list[str]:
 
 
 def opened(name: str, cases: Path, keys: Path) -> Sealed:
-    """The key of a case. Raises SealError where key, seals or withheld log are not those that were sealed."""
+    """The key of a case. Raises SealError where key, seals or withheld log differ from what was sealed."""
     try:
         text = (keys / f"{name}.json").read_bytes()
         marks = {(cases / name / SEAL).read_text(encoding="utf-8").strip()}
@@ -98,11 +98,11 @@ def opened(name: str, cases: Path, keys: Path) -> Sealed:
         raise SealError(f"{name}: {getattr(error, 'filename', None) or cases / SEALS} cannot be read") from None
     digest = hashlib.sha256(text).hexdigest()
     if marks | {listed.get(f"{name}.json")} != {digest}:
-        raise SealError(f"{name}: its key is not the one that was sealed: SHA-256 {digest}")
+        raise SealError(f"{name}: its key differs from the sealed one: SHA-256 {digest}")
     key = json.loads(text)
     withheld = keys / key["withheld"]
     if digest_of(withheld) != key["withheld_sha256"]:
-        raise SealError(f"{name}: its withheld log is not the one that was sealed")
+        raise SealError(f"{name}: its withheld log differs from the sealed one")
     return Sealed(name, key, withheld)
 
 
@@ -122,7 +122,7 @@ def digest_of(log: Path) -> str:
 def _readme(case: Case) -> str:
     device, positioned = device_of(case.nominal), "servo" in case.nominal
     sensors, torque = device.sensors, device.drive == "torque" and bool(device.motors)
-    signals = _SIGNALS[case.level].format(torque=" and motor torques" if torque else "; the drives tell no torque")
+    signals = _SIGNALS[case.level].format(torque=" and motor torques" if torque else "; the drives report no torque")
     asked = "motor torques" if torque else "equilibrium, preset and damping"
     if not device.motors:
         signals, asked = "the link angle", "`external_torque`, the torque of the drive at the link"

@@ -17,7 +17,7 @@ from via_gap.benchmark.loop import EXPONENTIAL, MACCEPA, POLYNOMIAL, SIZES, STAR
 from via_gap.benchmark.model import STEP, build, is_geometric, polynomial
 from via_gap.benchmark.physics import Physics
 
-FILTER = 2.0 * pi * 60.0  # [rad/s] low pass of the controller's speed
+FILTER = 2.0 * pi * 60.0  # [rad/s] low pass of the measured speed
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Servo:
 
 @dataclass(frozen=True)
 class Drive:
-    """What the lab's own drive does: a PID controller per motor on its quantised encoder, and a torque ahead of it."""
+    """The drive: a PID controller per motor on its quantised encoder, with feedforward torque."""
 
     references: Array  # (N, m) [rad] of the motors
     rates: Array  # (N, m) [rad/s]
@@ -48,7 +48,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Run:
-    """What was: motion at the ticks, and what the drive commanded over them."""
+    """The result of a simulation: motion at the ticks, and the commands between them."""
 
     time: Array  # (N+1,) [s]
     angle: Array  # (N+1, 1+m) [rad] link, motors
@@ -64,7 +64,7 @@ def simulate(
     device: Device, physics: Physics, drive: Drive, push: Array, initial: Array, step: float = STEP,
     acts: Array | None = None,
 ) -> Run | None:  # fmt: skip
-    """N ticks from rest at the angles `initial` (1+m,); None where the joint left all bounds.
+    """N ticks from rest at the angles `initial` (1+m,); None where the run diverged.
 
     push  (N,) [N m] on the link, held over its tick
     acts  (N,) [s] how late in each tick the controller acts, NaN where it misses the tick; without it always in time
@@ -119,7 +119,7 @@ def _relax(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def _fill_delays(model: mujoco.MjModel, data: mujoco.MjData, device: Device, physics: Physics) -> None:
-    """Before its first command a servo was told to stay where it is; a motor had no torque."""
+    """Before its first command a servo holds its angle; a motor has no torque."""
     if physics.delay > 0.0 and device.drive == "servo":
         for i in range(device.n_motors):
             samples = int(model.actuator_history[i, 0])
@@ -173,4 +173,4 @@ def _law(device: Device, i: int) -> tuple[int, tuple[float, ...]]:
         return EXPONENTIAL, (given.k * given.rise, given.k * given.fall, given.a)
     if isinstance(given, Maccepa):
         return MACCEPA, (given.k, given.lever, given.base, given.free_length, given.drum_radius)
-    raise ParameterError(f"springs.{i}: the blind joints have no law '{given.law}'")
+    raise ParameterError(f"springs.{i}: the joints of the benchmark have no law '{given.law}'")

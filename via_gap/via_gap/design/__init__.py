@@ -1,1 +1,1 @@
-"""Motions that separate candidates which one log cannot."""
+"""Motions that separate causes which a log cannot."""

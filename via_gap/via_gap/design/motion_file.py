@@ -1,4 +1,4 @@
-"""Commands as a file: columns that a log has too, or a bag whose commands simulator and robot understand when played.
+"""Commands as a file: a table with the columns of a log, or a bag that can be played to simulator and robot.
 
 A table has `time` [s] and motor_1, motor_2 [N m], or equilibrium, preset [rad] and damping [-], or external_torque
 [N m] for a rigid joint. Each row holds until the next.
@@ -11,14 +11,13 @@ from pathlib import Path
 
 import numpy as np
 from via_core.bags import BagWriter
-from via_core.bags.definitions import typestore_of
-from via_core.bags.layout import filled
+from via_core.bags.messages import command_messages
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
-from via_core.wire import EQUILIBRIUM_PRESET, MOTOR_TORQUE, VSA_COMMAND
+from via_core.wire import VSA_COMMAND
 
-_UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "external_torque": "N m", "motor": "N m"}
+COMMAND_UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "external_torque": "N m", "motor": "N m"}
 
 
 def columns_of(signals: Signals) -> dict[str, Array]:
@@ -51,7 +50,7 @@ def write_table(path: Path, time: Array, columns: dict[str, Array]) -> None:
 
 
 def read_motion(path: Path, device: Device) -> Signals:
-    """Commands of a table. Raises SignalError in one line for what is none."""
+    """Commands of a table. Raises SignalError in one line if it is none."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             header = [name.strip() for name in next(csv.reader(file), [])]
@@ -64,37 +63,27 @@ def read_motion(path: Path, device: Device) -> Signals:
     if "time" not in columns or not len(table):
         raise SignalError(f"{path}: no column 'time' with numbers; there are: {', '.join(header) or 'none'}")
     motors = [columns[f"motor_{i + 1}"] for i in range(device.n_motors) if f"motor_{i + 1}" in columns]
-    channels = {name: columns[name] for name in _UNITS if name in columns}
+    channels = {name: columns[name] for name in COMMAND_UNITS if name in columns}
     if motors:
         channels["motor"] = np.column_stack(motors)
     if not channels:
         raise SignalError(f"{path}: no column of commands; there are: {', '.join(header)}")
     try:
-        return Signals(columns["time"], channels, _UNITS, frozenset(channels))
+        return Signals(columns["time"], channels, COMMAND_UNITS, frozenset(channels))
     except ViaError as error:
         raise SignalError(f"{path}: {error}") from None
 
 
 def _write_bag(path: Path, device: Device, commands: Signals) -> None:
-    drive = None if device.n_motors else commands.channels.get("external_torque")
-    torque = "motor" in commands or drive is not None
+    columns = {name: commands[name] for name in ("equilibrium", "preset", "damping") if name in commands}
+    torque = commands.channels.get("motor")
+    if torque is None and not device.n_motors and "external_torque" in commands:
+        torque = commands["external_torque"][:, None]
+    if torque is not None:
+        columns["motor"] = np.zeros((len(torque), device.n_drives))
+        columns["motor"][:, : torque.shape[1]] = torque
     stamp = np.rint(commands.time * 1e9).astype(np.int64)
-    seconds, nanoseconds = np.divmod(stamp, 1_000_000_000)
-    columns = {"header.stamp.sec": seconds, "header.stamp.nanosec": nanoseconds, "sequence": np.arange(len(stamp))}
-    columns |= {name: commands[name] for name in commands.channels if name in ("equilibrium", "preset", "damping")}
-    if torque:
-        columns["motor"] = commands["motor"] if drive is None else drive[:, None]
-    store = typestore_of(VSA_COMMAND)
-    template = store.types[VSA_COMMAND](
-        header=store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](0, 0), device.name),
-        sequence=0,
-        mode=MOTOR_TORQUE if torque else EQUILIBRIUM_PRESET,
-        equilibrium=np.nan,
-        preset=np.nan,
-        damping=0.0,
-        motor=np.zeros(device.n_drives if torque else 0),
-    )
     with BagWriter(path) as bag:
         bag.add_topic(device.command_topic, VSA_COMMAND)
-        for when, message in zip(stamp, filled(store, VSA_COMMAND, template, len(stamp), columns), strict=True):
+        for when, message in zip(stamp, command_messages(device.name, stamp, columns), strict=True):
             bag.write(device.command_topic, message, int(when))

@@ -1,8 +1,8 @@
-"""Short motions that show one effect more than another, as references of the motors around a place of rest.
+"""Short motions that separate effects, as references of the motors around rest.
 
-Every motion begins and ends at rest. They differ in what they ask of the joint: speeds from creep to fast strokes,
-reversals that begin smaller than any bristle or gap, standstill approached from both sides, jumps, a climbing
-frequency, the same strokes under another load.
+Every motion begins and ends at rest. The family covers speeds from creep to fast strokes, reversals that start smaller
+than any presliding displacement or backlash, standstill approached from both sides, steps, a rising frequency, and the
+same strokes under different loads.
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ from scipy.signal import fftconvolve
 from via_core.signals import Array
 
 DURATION = 12.0  # [s]
-REST = 0.5  # [s] before and after
-ROUNDED = 0.05  # [s] over which corners are rounded
+REST = 0.5  # [s] before and after the motion
+ROUNDED = 0.05  # [s] smoothing of corners
 
 
 @dataclass(frozen=True)
 class Motion:
-    """name, what it is good for, and the share -1..1 of the largest angle at times (N,) [s] in 0..DURATION.
+    """A motion of the family.
 
-    loaded  share of the largest preset or load at the same times, 0 where it does not matter
+    shows   what it excites, in words
+    at      (N,) share -1..1 of the largest angle at shares (N,) of the time
+    loaded  (N,) share of the largest preset or load at the same times, 0 where it does not matter
     """
 
     name: str
@@ -87,7 +89,7 @@ def _chirp(share: Array) -> Array:
 
 
 def _holds(share: Array) -> Array:
-    """Places approached from below and from above, and held."""
+    """Angles approached from below and from above, and held."""
     goals = [0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0]
     edges = np.linspace(0.0, 1.0, len(goals) + 1)
     at = np.sort(np.concatenate([edges[:-1] + 0.03, edges[1:] - 0.005]))
@@ -102,11 +104,11 @@ MOTIONS = (
     Motion("slow creep", "friction far below the speed of ordinary motion", _slow(0.15), _never),
     Motion("slow strokes", "friction at low speed, loading against unloading", _slow(0.6), _never),
     Motion("ladder of speeds", "how friction depends on speed", _ladder, _never),
-    Motion("growing reversals", "what happens within the first way after a reversal", _growing(12.0), _never),
-    Motion("slow growing reversals", "what happens within the first way after a reversal", _growing(5.0), _never),
+    Motion("growing reversals", "presliding and backlash after a reversal", _growing(12.0), _never),
+    Motion("slow growing reversals", "presliding and backlash after a reversal", _growing(5.0), _never),
     Motion("holds", "standstill approached from both sides", _holds, _never),
-    Motion("steps", "high torque, impacts, and what is late", _steps, _never),
-    Motion("rising frequency", "what is late, resonance, damping", _chirp, _never),
+    Motion("steps", "high torque, impacts, delays", _steps, _never),
+    Motion("rising frequency", "delays, resonance, damping", _chirp, _never),
     Motion(
         "strokes under two loads",
         "the same speeds with little and with much torque in the transmission",

@@ -1,1 +1,1 @@
-"""The only part of the package that knows ROS."""
+"""ROS nodes: the only part of the package that imports ROS."""

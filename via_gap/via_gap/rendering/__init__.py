@@ -1,1 +1,1 @@
-"""A GapReport for people: words, a page, pictures. Numbers are made elsewhere."""
+"""A GapReport as text, page and charts; it computes no results."""

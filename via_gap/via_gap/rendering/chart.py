@@ -1,7 +1,7 @@
 """Small charts as SVG text: lines, steps and bands over labelled axes; no library, nothing to load.
 
-Lines differ by dash and marker as well as by colour (Okabe and Ito's, which the colour-blind tell apart), so that a
-printed page in grey reads the same. Each panel carries its scales, from which the page's script reads values back.
+Lines differ by dash and marker as well as by colour (Okabe and Ito's palette for colour-blind readers), so that a grey
+print is readable. Each panel carries its scales, with which the page's script shows values.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Look = Literal["measured", "before", "after", "floor"]
 class Curve:
     """One line, or the band between zero and y (`floor`; both sides of zero where `mirrored`).
 
-    breaks  indices at which the line begins anew
+    breaks  indices at which the line is interrupted
     """
 
     name: str
@@ -46,7 +46,7 @@ class Panel:
 
 
 def chart(title: str, x_label: str, x_unit: str, panels: Sequence[Panel]) -> str:
-    """Panels above one another over one x axis, as an <svg> of class 'chart'."""
+    """Panels stacked over one x axis, as an <svg> of class 'chart'."""
     every = [x for panel in panels for curve in panel.curves for x in curve.x]
     low, high = (min(every), max(every)) if every else (0.0, 1.0)
     if high <= low:
@@ -82,7 +82,7 @@ class Rung:
 
     @property
     def seen(self) -> list[float]:
-        """Everything that has a place on a logarithmic axis."""
+        """The values that a logarithmic axis can show."""
         every = (self.before, self.after, self.floor, self.bound, self.tuned or 0.0, *(self.interval or ()))
         return [value for value in every if value > 0.0]
 

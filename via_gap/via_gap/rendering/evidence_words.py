@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from via_sim.catalogue import EFFECTS
 
+from via_gap.candidates.localisation import Region
 from via_gap.logs.findings import Finding
 from via_gap.rendering.names import (
+    QUANTITIES,
     effect_words,
     listed,
     log_words,
@@ -36,6 +37,14 @@ def seen_in(where: Where) -> str:
     return known.get(where.equation, f"equation of {where.equation}")
 
 
+def region_words(region: Region) -> str:
+    """speed 0 to 0.46 rad/s: 37 % of its residual in 20 % of the data."""
+    return (
+        f"{QUANTITIES[region.by]} {number(region.low)} to {number(region.high)} {region.unit}: "
+        f"{percent(region.share)} of its residual in {percent(region.data)} of the data"
+    )
+
+
 def values_words(cause: Cause) -> tuple[str, ...]:
     """Every parameter with its standard deviation, harmonic by harmonic, then combinations that are better known."""
     shown = {name: f"{name} {with_sd(v.value, v.sd, v.unit)}" for name, v in cause.parameters.items()}
@@ -47,11 +56,10 @@ def values_words(cause: Cause) -> tuple[str, ...]:
             first = order.removesuffix(" 1/rev")
             shown[name] = f"order {first}: amplitude {amplitude}, phase {phase}"
             del shown[harmonic[1]], shown[harmonic[2]]
-    single = shown.values()
-    return (
-        *single,
-        *(f"{raised(c.expression).replace('*', '·')} {with_sd(c.value, c.sd, c.unit)}" for c in cause.combinations),
-    )
+    combined = [
+        f"{raised(c.expression).replace('*', '·')} {with_sd(c.value, c.sd, c.unit)}" for c in cause.combinations
+    ]
+    return (*shown.values(), *combined)
 
 
 def evidence(report: GapReport, cause: Cause) -> str:
@@ -93,31 +101,31 @@ class Tie:
 
 
 def ties(report: GapReport) -> tuple[Tie, ...]:
-    """One for each cause of the equivalence set that is not named."""
-    return tuple(_ties(report))
+    """One for each cause of the equivalence set that is not named.
 
-
-def _ties(report: GapReport) -> Iterator[Tie]:
-    """A tied cause replaces the one that is missing in the best model of as many effects that contains it."""
+    It replaces the named cause that is missing in the best model of as many effects that contains it.
+    """
     if not report.equivalence_set or report.verdict in ("unknown", "no_gap"):
-        return
+        return ()
     modelled = [each for each in report.effects if not of_measurements(each)]
     named = modelled or [*report.effects, *report.equivalence_set][:1]
     trials = report.figures.trials if report.figures is not None else ()
     sets = [(trial, {spot_of(member) for member in trial.effects}) for trial in trials]
+    found = []
     for other in report.equivalence_set:
         if other in named or other in report.effects:
             continue
-        found: list[tuple[Trial, list[Place]]] = [
+        models = [
             (trial, [each for each in named if spot_of(each) not in spots])
             for trial, spots in sets
             if len(spots) == len(named) and spot_of(other) in spots
         ]
-        if found:
-            trial, missing = min(found, key=lambda each: (len(each[1]), each[0].behind))
-            yield Tie((missing or named)[0], other, trial)
+        if models:
+            trial, missing = min(models, key=lambda each: (len(each[1]), each[0].behind))
+            found.append(Tie((missing or named)[0], other, trial))
         else:
-            yield Tie(named[0], other, None)
+            found.append(Tie(named[0], other, None))
+    return tuple(found)
 
 
 def tie_words(report: GapReport) -> tuple[str, ...]:

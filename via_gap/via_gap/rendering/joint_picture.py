@@ -1,4 +1,4 @@
-"""The joint drawn: command, motors, transmissions, link, environment, sensors, timing, each with its share of the gap.
+"""Picture of the joint: each part (command, motors, transmissions, link, sensors, ...) with its share of the gap.
 
 A share is written out, and shown by the depth of one hue and the width of the outline: colour is not its only carrier.
 """
@@ -7,15 +7,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from html import escape
+from typing import Literal
+
+from via_sim.effects import spots
 
 from via_gap.report.figures import JointSketch
+from via_gap.report.report import GapReport
 
-# Light to dark, one hue; from the fourth on, white text is read better.
+# Light to dark, one hue; from WHITE_FROM on, white text is more legible.
 DEPTHS = ("#ffffff", "#deebf7", "#b3d1ea", "#6aaed6", "#2f7dbb", "#0b4a8f")
 STEPS = (0.0, 0.02, 0.15, 0.35, 0.6, 0.85)
 WHITE_FROM = 4
 
 Shares = Mapping[tuple[str, int], float]  # (site, motor) -> share; sites without a number at 0, and both motors alike
+
+
+def sketch_of(report: GapReport) -> JointSketch:
+    """The joint; of a report without figures, a joint with as many motors as it mentions."""
+    if report.figures is not None:
+        return report.figures.joint
+    places = {*((each.site, each.motor) for each in report.where), *((each.site, each.motor) for each in report.causes)}
+    named = [spot for place in places for spot in spots(*place)]
+    motors = max((number for _, number in named), default=0)
+    seen = (report.level in ("full", "no torque"),) * max(motors, 1)
+    arrangement: Literal["antagonistic", "flexible"] = "antagonistic" if motors > 1 else "flexible"
+    return JointSketch(arrangement=arrangement, drive="torque", motors_seen=seen, torque_seen=report.level == "full")
 
 
 def joint_picture(sketch: JointSketch, shares: Shares) -> str:
@@ -52,12 +68,12 @@ def joint_picture(sketch: JointSketch, shares: Shares) -> str:
 
 
 def _share(shares: Shares, site: str, number: int) -> float:
-    """Its own and that of both alike."""
+    """The share of one motor or transmission, and that of both alike."""
     return shares.get((site, number), 0.0) + shares.get((site, 0), 0.0)
 
 
 def _chain(sketch: JointSketch, shares: Shares, heights: tuple[float, ...], x: float, y: float) -> str:
-    """What stands between motors and link."""
+    """The transmissions between motors and link."""
     if sketch.arrangement == "rigid":
         return f'<path class="arm" d="M185 {heights[0]:g}H{x:g}"/>'
     if sketch.arrangement == "serial":
@@ -80,7 +96,7 @@ def _spring(x0: float, y0: float, x1: float, y1: float, share: float, number: in
     points.append((x1, y1))
     path = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
     middle = (0.5 * (x0 + x1), 0.5 * (y0 + y1))
-    side = -1.0 if y0 <= y1 + 0.1 else 1.0  # of the spring on which there is room
+    side = -1.0 if y0 <= y1 + 0.1 else 1.0  # of the spring on which there is space
     label = (middle[0] + 4, middle[1] + side * 34.0)
     width = 1.6 + 2.5 * share
     colour = DEPTHS[max(_depth(share), 3)] if share > 0.0 else "#7a858f"

@@ -10,18 +10,15 @@ from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal
 
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 from via_core.devices import device_names
 from via_core.errors import ViaError
-from via_sim.effects import spots
 from via_sim.effects_file import effects_text
 
-from via_gap.candidates.localisation import Region
 from via_gap.rendering import evidence_words, names, words
-from via_gap.rendering.joint_picture import joint_picture
+from via_gap.rendering.joint_picture import joint_picture, sketch_of
 from via_gap.rendering.numbers import chance, number, percent, prefixed, raised
 from via_gap.rendering.pictures import (
     Drawn,
@@ -36,10 +33,9 @@ from via_gap.rendering.pictures import (
     trace_rows,
 )
 from via_gap.rendering.text import ranked
-from via_gap.report.figures import JointSketch
 from via_gap.report.report import Cause, GapReport, Noise
 
-NEAREST = 3  # causes that are drawn where none is named
+NEAREST = 3  # causes that are shown where none is named
 
 
 def page(report: GapReport) -> str:
@@ -53,7 +49,7 @@ def page(report: GapReport) -> str:
         named=evidence_words.names_causes(report),
         device=report.joint if report.joint in device_names() else f"{report.joint}.yaml",
         cautions=words.cautions(report),
-        picture=Markup(joint_picture(_sketch(report), {(w.site, w.motor): w.share for w in report.where})),
+        picture=Markup(joint_picture(sketch_of(report), {(w.site, w.motor): w.share for w in report.where})),
         residuals=_marked(residual_rows(report)),
         spectra=_marked((spectrum,)) if spectrum is not None else [],
         causes=_drawn(report),
@@ -81,7 +77,7 @@ def page(report: GapReport) -> str:
 def _template() -> Template:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters.update(
-        number=number, percent=_kept(percent), chance=_kept(chance), raised=raised, region=_region,
+        number=number, percent=_kept(percent), chance=_kept(chance), raised=raised, region=evidence_words.region_words,
         place=names.place_words, where=names.where_words, logs=names.log_words, listed=names.listed,
         capital=names.capital, plain=names.plain, signal=lambda name: names.SIGNALS.get(name, name),
     )  # fmt: skip
@@ -108,13 +104,13 @@ def noise_words(each: Noise) -> tuple[str, str, str]:
 
 
 def _drawn(report: GapReport) -> tuple[Cause, ...]:
-    """The causes that have a card; where none is named, only the nearest few."""
+    """The causes shown in detail; where none is named, only the first few."""
     found = ranked(report)
     return found if evidence_words.names_causes(report) else found[:NEAREST]
 
 
 def _kept(written: Callable[[float], str]) -> Callable[[float], str]:
-    """A number whose unit stays on its line."""
+    """The same text with non-breaking spaces, so that a number and its unit stay together."""
     return lambda value: written(value).replace(" ", "\u00a0")
 
 
@@ -128,23 +124,3 @@ def _marked(rows: tuple[Row, ...]) -> list[Row]:
 
 def _markup(drawn: Drawn) -> Drawn:
     return Drawn(drawn.caption, Markup(drawn.svg))
-
-
-def _sketch(report: GapReport) -> JointSketch:
-    """The joint; of a report without figures, a joint with as many motors as it mentions."""
-    if report.figures is not None:
-        return report.figures.joint
-    places = {*((each.site, each.motor) for each in report.where), *((each.site, each.motor) for each in report.causes)}
-    named = [spot for place in places for spot in spots(*place)]
-    motors = max((number for _, number in named), default=0)
-    seen = (report.level in ("full", "no torque"),) * max(motors, 1)
-    arrangement: Literal["antagonistic", "flexible"] = "antagonistic" if motors > 1 else "flexible"
-    return JointSketch(arrangement=arrangement, drive="torque", motors_seen=seen, torque_seen=report.level == "full")
-
-
-def _region(region: Region) -> str:
-    """speed 0 to 0.46 rad/s: 37 % of its residual in 20 % of the data."""
-    return (
-        f"{names.QUANTITIES[region.by]} {number(region.low)} to {number(region.high)} {region.unit}: "
-        f"{percent(region.share)} of its residual in {percent(region.data)} of the data"
-    )

@@ -11,11 +11,11 @@ from via_gap.rendering.chart import Curve, Panel, Rung, chart, ladder
 from via_gap.rendering.names import SIGNALS, capital, place_words
 from via_gap.rendering.number_lines import Line, number_lines
 from via_gap.rendering.numbers import number
-from via_gap.report.figures import ErrorFigure, OrderSpectrum, ResidualFigure, TraceFigure
+from via_gap.report.figures import ErrorBin, ErrorFigure, OrderSpectrum, ResidualBin, ResidualFigure, TraceFigure
 from via_gap.report.report import DEVIATIONS, Cause, GapReport
 from via_gap.selection.gap import Gap
 
-PEAKS = 6  # of a spectrum, that its caption names
+PEAKS = 6  # of a spectrum, named in its caption
 AXES = {
     "q": "the link", "theta_1": "motor 1", "theta_2": "motor 2", "tau": "the joint", "tau_link": "the link",
     "tau_1": "motor 1", "tau_2": "motor 2",
@@ -40,7 +40,7 @@ class Row:
 
 
 def residual_rows(report: GapReport) -> tuple[Row, ...]:
-    """One row per equation; leading are those in which the gap was found, else the one with the largest residual."""
+    """One row per equation; those in which the gap was found lead, else the one with the largest residual."""
     each: dict[str, list[ResidualFigure]] = {}
     for figure in report.figures.residuals if report.figures is not None else ():
         each.setdefault(figure.equation, []).append(figure)
@@ -142,44 +142,37 @@ def _over(by: Quantity, axis: str, antagonistic: bool) -> str:
     return known.get(by, by)
 
 
+def _before_and_after(
+    x: Sequence[float], columns: tuple[Sequence[float], ...], repaired: str, breaks: Sequence[int] = (),
+    mirrored: bool = False,
+) -> list[Curve]:  # fmt: skip
+    """Curves of the columns (sensor noise, before, after) over x."""
+    floor, before, after = columns
+    return [
+        Curve("sensor noise", "floor", x, floor, mirrored=mirrored),
+        Curve("as filed", "before", x, before, breaks),
+        Curve(repaired, "after", x, after, breaks),
+    ]
+
+
+def _columns(bins: Sequence[ResidualBin | ErrorBin], *names: str) -> tuple[list[float], ...]:
+    return tuple([getattr(each, name) for each in bins] for name in names)
+
+
 def _residual(figure: ResidualFigure, antagonistic: bool, repaired: str) -> Drawn:
-    x, apart = [b.centre for b in figure.bins], _apart([(b.low, b.high) for b in figure.bins])
-    floor = [b.floor for b in figure.bins]
+    x, breaks = [b.centre for b in figure.bins], _gaps(figure.bins)
     over = _over(figure.by, "the link" if figure.equation == "link" else figure.equation, antagonistic)
     speed = figure.by == "speed"
-    panels = [
-        Panel(
-            "mean along v" if speed else "mean",
-            "N m",
-            [
-                Curve("sensor noise", "floor", x, floor, mirrored=True),
-                Curve("as filed", "before", x, [b.before for b in figure.bins], apart),
-                Curve(repaired, "after", x, [b.after for b in figure.bins], apart),
-            ],
-            zero=True,
-        ),
-        Panel(
-            "rms",
-            "N m",
-            [
-                Curve("sensor noise", "floor", x, floor),
-                Curve("as filed", "before", x, [b.before_rms for b in figure.bins], apart),
-                Curve(repaired, "after", x, [b.after_rms for b in figure.bins], apart),
-            ],
-            zero=True,
-        ),
-    ]
+    mean = _before_and_after(x, _columns(figure.bins, "floor", "before", "after"), repaired, breaks, mirrored=True)
+    rms = _before_and_after(x, _columns(figure.bins, "floor", "before_rms", "after_rms"), repaired, breaks)
+    panels = [Panel("mean along v" if speed else "mean", "N m", mean, zero=True), Panel("rms", "N m", rms, zero=True)]
     caption = f"against {over}" + (" (negative: it brakes)" if speed else "")
     return Drawn(caption, chart(f"Missing torque {caption}", over, figure.unit, panels))
 
 
 def _spectrum(figure: OrderSpectrum, report: GapReport) -> Drawn:
-    ends = (figure.orders[0], figure.orders[-1])
-    curves = [
-        Curve("sensor noise", "floor", ends, (figure.level, figure.level)),
-        Curve("as filed", "before", figure.orders, figure.before),
-        Curve(after_words(report), "after", figure.orders, figure.after),
-    ]
+    noise = [figure.level] * len(figure.orders)
+    curves = _before_and_after(figure.orders, (noise, figure.before, figure.after), after_words(report))
     axis = "the link" if figure.equation == "link" else figure.equation
     peaks = ", ".join(number(each) for each in _peaks(figure))
     caption = f"equation of {axis}: largest at orders {peaks}; the log holds {number(figure.turns)} turns"
@@ -196,49 +189,30 @@ def _peaks(figure: OrderSpectrum) -> list[float]:
 
 
 def _error(figure: ErrorFigure, antagonistic: bool, repaired: str) -> Drawn:
-    x, apart = [b.centre for b in figure.bins], _apart([(b.low, b.high) for b in figure.bins])
-    axis = AXES.get(figure.signal, figure.signal)
+    x, axis = [b.centre for b in figure.bins], AXES.get(figure.signal, figure.signal)
     over = _over(figure.by, axis, antagonistic)
-    curves = [
-        Curve("sensor noise", "floor", x, [b.floor for b in figure.bins]),
-        Curve("as filed", "before", x, [b.before for b in figure.bins], apart),
-        Curve(repaired, "after", x, [b.after for b in figure.bins], apart),
-    ]
+    columns = _columns(figure.bins, "floor", "before", "after")
+    curves = _before_and_after(x, columns, repaired, _gaps(figure.bins))
     panel = Panel("rms error", _unit(figure.signal), curves, log=True)
     return Drawn(f"against {over}", chart(f"Error of {axis} against {over}", over, figure.unit, [panel]))
 
 
-def _apart(ranges: Sequence[tuple[float, float]]) -> list[int]:
-    """Ranges that do not begin where the one before ends: no line goes where there are no data."""
-    return [i + 1 for i, (a, b) in enumerate(pairwise(ranges)) if b[0] > a[1] + 1e-6 * (b[1] - a[0])]
+def _gaps(bins: Sequence[ResidualBin | ErrorBin]) -> list[int]:
+    """Bins that do not begin where the one before ends: no line is drawn where there are no data."""
+    return [i + 1 for i, (a, b) in enumerate(pairwise(bins)) if b.low > a.high + 1e-6 * (b.high - a.low)]
 
 
 def _trace(figure: TraceFigure, repaired: str) -> Drawn:
-    def curves(columns: Sequence[tuple[str, str, Sequence[float]]]) -> list[Curve]:
+    def two(before: Sequence[float], after: Sequence[float]) -> list[Curve]:
         return [
-            Curve(name, look, figure.time, y, () if look == "measured" else figure.restarts)  # type: ignore[arg-type]
-            for name, look, y in columns
+            Curve("as filed", "before", figure.time, before, figure.restarts),
+            Curve(repaired, "after", figure.time, after, figure.restarts),
         ]
 
-    errors = [
-        tuple(s - m for s, m in zip(simulated, figure.measured, strict=True))
-        for simulated in (figure.before, figure.after)
-    ]
+    errors = [[s - m for s, m in zip(each, figure.measured, strict=True)] for each in (figure.before, figure.after)]
     name, unit = SIGNALS.get(figure.signal, figure.signal), _unit(figure.signal)
-    panels = [
-        Panel(
-            name,
-            unit,
-            curves(
-                [
-                    ("measured", "measured", figure.measured),
-                    ("as filed", "before", figure.before),
-                    (repaired, "after", figure.after),
-                ]
-            ),
-        ),
-        Panel("error", unit, curves([("as filed", "before", errors[0]), (repaired, "after", errors[1])])),
-    ]
+    measured = Curve("measured", "measured", figure.time, figure.measured)
+    panels = [Panel(name, unit, [measured, *two(figure.before, figure.after)]), Panel("error", unit, two(*errors))]
     return Drawn(capital(name), chart(f"{name} measured and simulated", "time", "s", panels))
 
 

@@ -62,7 +62,7 @@ def headline(report: GapReport) -> str:
 
 
 def cautions(report: GapReport) -> tuple[str, ...]:
-    """What a reader of the headline must know as well."""
+    """Reservations that belong to the headline."""
     said, gap = [], report.gap
     if report.verdict == "no_gap" and gap is not None:
         said.append(

@@ -1,4 +1,4 @@
-"""Quantities that charts are drawn against, the bins of their values, and numbers rounded to six digits."""
+"""Horizontal axes of the charts: quantities, the bins of their values, and numbers rounded to six digits."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def quantities(states: Array, time: Array, axis: int, n_transmissions: int) -> M
 
     states  (N, 6) [rad, rad/s] angles and velocities of link, motor 1, motor 2; NaN: not measured
     time    (N,) [s]
-    axis    whose speed counts: 0 link, 1, 2 motors
+    axis    whose speed and angle are returned: 0 link, 1, 2 motors
     """
     against: dict[Quantity, tuple[str, Array]] = {"speed": ("rad/s", np.abs(states[:, 3 + axis]))}
     if axis > 0 and n_transmissions:
@@ -53,5 +53,5 @@ def rms(values: Array) -> float:
 
 
 def six(value: float) -> float:
-    """Six digits: more than a chart shows, and short in JSON."""
+    """Rounded to six digits: more than a chart shows, and short in JSON."""
     return float(f"{value:.6g}")

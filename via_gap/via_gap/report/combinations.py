@@ -1,12 +1,12 @@
-"""Combinations of an effect's parameters that the data may determine better than the parameters themselves.
+"""Combinations of an effect's parameters that the data may determine better than the single parameters.
 
-A motion may show a payload only by m l and m l^2, a slipping element only by the deflection at which it slips. The
+A motion may determine only m l and m l^2 of a payload, or only the deflection at which an element slips. The
 standard deviation of a combination f(p) follows from the covariance C of the parameters by the delta method,
 
     sd(f)^2 = grad f(p)' C grad f(p)
 
-and the combinations of an effect are reported where the relative standard deviation of one is below that of every
-parameter alone.
+The combinations of an effect are reported if the relative standard deviation of one is below that of every single
+parameter.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from via_sim.effects import Effect
 
 from via_gap.report.report import Combination
 
-SMALLEST = 1e-300  # of a value that is divided by
+SMALLEST = 1e-300  # divisor
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ _FORMS: Mapping[str, tuple[_Form, ...]] = {
 
 
 def combinations(effect: Effect, covariance: Array) -> tuple[Combination, ...]:
-    """The combinations of an effect, where one is known better than its parameters.
+    """The combinations of an effect, if one is known better than its parameters.
 
     covariance  (p, p) of the parameters in their order, in their units
     """

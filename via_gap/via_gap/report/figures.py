@@ -24,7 +24,7 @@ class Member(Record):
 
 
 class JointSketch(Record):
-    """What a picture of the joint needs to know."""
+    """The data of the picture of a joint."""
 
     arrangement: Literal["rigid", "flexible", "antagonistic", "serial"]
     drive: Literal["torque", "servo"]
@@ -35,9 +35,8 @@ class JointSketch(Record):
 class ResidualBin(Record):
     """Windows whose quantity lies in [low, high]: torque that acts on the axis and is missing in the model [N m].
 
-    centre  median of the quantity
-    before, after          mean, of the device as filed and as repaired; against the speed it counts along the motion,
-                           so that braking is negative
+    centre                 median of the quantity
+    before, after          mean, of the device as filed and as repaired; against speed, positive along the motion
     before_rms, after_rms  root mean square of the same
     floor                  root mean square that sensor noise explains
     """
@@ -64,7 +63,7 @@ class ResidualFigure(Record):
 class OrderSpectrum(Record):
     """Order spectrum of the missing torque: amplitude of its sinusoid over the angle of the axis, order by order.
 
-    orders         (K,) periods per turn; from the lowest that the travelled angle holds once
+    orders         (K,) periods per turn; the lowest has one period in the travelled angle
     before, after  (K,) [N m] amplitudes, of the device as filed and as repaired
     level          [N m] amplitude that sensor noise alone exceeds at 5 % of the orders
     turns          travelled angle
@@ -106,7 +105,7 @@ class TraceFigure(Record):
 
     Signal tau [N m]: the drive's torque as commanded or measured, and as the motion requires it by the two models.
 
-    worst     what this stretch is the worst of: the error before, or what the repair leaves
+    worst     in which error this stretch is the largest: before or after the repair
     time      (N,) [s] since the log began
     restarts  indices at which the simulation restarts from the measured state; none in a free run
     """
@@ -136,12 +135,12 @@ class Trial(Record):
 
 
 class Figures(Record):
-    """The numbers behind the pictures of one report.
+    """The numbers behind the charts of one report.
 
     spectra     one per equation, where a periodic effect is named or compared
     trials      best score first
-    screened    places at which an effect was tried, and dropped after a first fit
-    untried     effects of the catalogue that this device cannot have or this log cannot show
+    screened    candidates that were dropped after a first fit
+    untried     effects that this device cannot have or this log cannot show
     """
 
     joint: JointSketch

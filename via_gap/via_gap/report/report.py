@@ -1,16 +1,14 @@
-"""GapReport: what a diagnosis found, numbers only; pictures and sentences are made elsewhere.
+"""GapReport: the result of a diagnosis, numbers only. `rendering` makes text and pages of it.
 
 report = diagnose([log], device)
-text = report.to_json()                       # stable; the schema is shipped as gap_report.schema.json
+text = report.to_json()                       # its schema: gap_report.schema.json
 again = GapReport.model_validate_json(text)
 """
 
 from __future__ import annotations
 
-import json
-from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from via_core.errors import ParameterError
 from via_sim.catalogue import DEVICE_NUMBERS
@@ -24,17 +22,17 @@ from via_gap.report.figures import Figures, NotNegative
 from via_gap.selection.gap import Gap
 from via_gap.selection.verdict import Verdict
 
-DEVIATIONS = 1.96  # of a normal distribution to either side hold 95 %
+DEVIATIONS = 1.96  # standard deviations to either side of a 95 % interval
 Site = Literal["command", "motor", "transmission", "link", "sensor", "timing", "environment"]
 
 
 class Where(Record):
-    """Where the gap lies; several entries, largest share first."""
+    """A site with its share of the gap; several sites are listed largest share first."""
 
     joint: str
     site: Site
-    motor: int = 0  # of the motor or transmission; 0 where there is no number
-    equation: str  # link, motor 1, motor 2, or simulation where no equation can be looked at
+    motor: int = 0  # number of the motor or transmission; 0: none, or both
+    equation: str  # link, motor 1, motor 2; 'simulation' where no equation can be evaluated; 'measurements'
     share: Share
     regions: tuple[Region, ...] = ()
 
@@ -70,8 +68,17 @@ class Noise(Record):
     jitter: NotNegative  # [s] standard deviation of the time stamps, as this channel shows it
 
 
+class Place(Record):
+    """An effect at a site; `motor` numbers motors, transmissions and sensors, 0 the link's, both or none."""
+
+    effect: str
+    site: Site
+    joint: str
+    motor: int = 0
+
+
 class Cause(Record):
-    """One effect at one place, with the evidence for it."""
+    """One effect at one location, with the evidence for it."""
 
     effect: str
     site: Site
@@ -81,34 +88,31 @@ class Cause(Record):
     share: Share  # of resampled comparisons in which it is in the best model, ties shared
     parameters: dict[str, Value]
     combinations: tuple[Combination, ...] = ()
-    left: Number  # of the squared held-out error, relative to the device's tuned numbers alone: 0 explains all
-    score: Number  # mean log squared error of the held-out segments, in units of the noise
+    left: Number  # squared held-out error, relative to that of the fitted device parameters alone; 0 explains all
+    score: Number  # mean loss of the held-out segments, see docs/method.md
 
-
-class Place(Record):
-    effect: str
-    site: Site
-    joint: str
-    motor: int = 0
+    @property
+    def place(self) -> Place:
+        return Place(effect=self.effect, site=self.site, joint=self.joint, motor=self.motor)
 
 
 class NuisanceValue(Record):
-    """A number of the device as filed and as fitted together with the effects."""
+    """A device parameter as filed and as fitted together with the effects."""
 
     name: str
     unit: str
     filed: Number
     fitted: Number
-    deviations: Number  # in standard deviations of its tolerance
+    deviations: Number  # fitted minus filed, in standard deviations of the tolerance
     at_bound: bool
     low: Number | None = None  # of the range it was fitted in
     high: Number | None = None
 
 
 class Stretch(Record):
-    """Part of a log that was judged and not fitted; [s] since its first sample.
+    """Part of a log that was held out; [s] since its first sample.
 
-    The sample at `begin` is in it, that at `end` only where the log ends.
+    It includes the sample at `begin`; the one at `end` only where the log ends.
     """
 
     log: str
@@ -117,36 +121,38 @@ class Stretch(Record):
 
 
 class Proposal(Record):
-    """The short motion that separates the causes best which this log cannot separate."""
+    """The short motion that separates the tied causes best."""
 
     separates: tuple[Place, ...]
-    expected_disagreement: Number  # [-] of their predictions, in units of the noise
+    expected_disagreement: Number  # [-] between their predictions, in units of the noise
     duration: Number  # [s]
-    file: str  # of its commands, empty until one is written
+    file: str  # with its commands; empty: not written
     motion: str = ""  # its name
-    text: str = ""  # which, why, and what the log must hold, in one sentence
+    text: str = ""  # which motion, why, and what the log must contain
     separable: bool = True  # whether a diagnosis of such a log is expected to separate them
 
 
 class GapReport(Record):
+    """The answer, the evidence, and everything that pages and texts show."""
+
     version: Literal["2"] = "2"
     joint: str
     level: Level
     logs: tuple[str, ...]
-    holdout: tuple[str, ...]  # names of logs, or 'blocks of the same logs'
+    holdout: tuple[str, ...]  # names of the held-out logs, or 'blocks of the same logs'
     verdict: Verdict
-    reason: str = ""  # why nothing is named, where the verdict is cannot_tell
-    explained: Share = 0.0  # of the error that could be explained, by the effects named
+    reason: str = ""  # why nothing is named, for the verdict cannot_tell
+    explained: Share = 0.0  # fraction of the explainable error that the named effects explain
     where: tuple[Where, ...]
     causes: tuple[Cause, ...]
-    equivalence_set: tuple[Place, ...]  # causes that held-out data do not tell from those named
-    conformal_set: tuple[Place, ...] = ()  # holds the true cause in 95 % of cases like those it was calibrated on
-    effects: tuple[Place, ...]  # that were added for `after`, in the order they were found
+    equivalence_set: tuple[Place, ...]  # the named causes and those tied with them on held-out data
+    conformal_set: tuple[Place, ...] = ()  # contains the true cause in 95 % of cases like the calibration cases
+    effects: tuple[Place, ...]  # the repair, in the order in which they were found
     gap: Gap | None
     nuisance: tuple[NuisanceValue, ...]
     data_check: tuple[Finding, ...]
     noise: tuple[Noise, ...] = ()
-    not_judged: tuple[str, ...]  # what this log could not show, in plain words
+    not_judged: tuple[str, ...]  # what this log cannot show, in sentences
     proposal: Proposal | None = None
     figures: Figures | None = None
     held_out: tuple[Stretch, ...] = ()  # where `gap` was measured
@@ -156,7 +162,7 @@ class GapReport(Record):
 
     @property
     def by_equations(self) -> bool:
-        """Whether the gap was measured by inverse dynamics: the torque that the equations lack."""
+        """Whether the gap was measured by inverse dynamics."""
         return self.gap is not None and self.gap.by == "inverse dynamics"
 
     def repair(self) -> tuple[Effect, ...]:
@@ -170,12 +176,12 @@ class GapReport(Record):
         return tuple(found)
 
     def repaired(self) -> tuple[Effect, ...]:
-        """The named effects and the device numbers fitted beside them: a simulator with these has the gap `after`."""
+        """The named effects and the fitted device parameters: a simulator with both has the gap `after`."""
         moved = {n.name: n.fitted / n.filed for n in self.nuisance if n.fitted != n.filed}
         return (*self.repair(), *((Effect(DEVICE_NUMBERS.name, "device", moved),) if moved else ()))
 
     def intervals(self) -> tuple[dict[str, tuple[float, float]], ...]:
-        """95 % of the parameters of each effect in `repair`, within their bounds."""
+        """95 % intervals of the parameters of each effect in `repair`, within their bounds."""
         known = {(c.effect, str(c.site), c.motor): c.parameters for c in self.causes}
         return tuple(
             {
@@ -189,7 +195,7 @@ class GapReport(Record):
 
 
 def save_repair(report: GapReport, path: str | Path) -> None:
-    """The effects file that repairs the simulator. Raises ParameterError where it cannot be written."""
+    """Write the effects file that repairs the simulator. Raises ParameterError if it cannot be written."""
     save_effects(path, report.repaired(), report.intervals())
 
 
@@ -199,9 +205,4 @@ def read_report(text: str, file: str) -> GapReport:
         return GapReport.model_validate_json(text)
     except ValueError as error:
         first = str(error).splitlines()
-        raise ParameterError(f"{file}: is no gap report: {' '.join(first[:3])}") from None
-
-
-def shipped_schema() -> dict[str, Any]:
-    """The JSON schema that is shipped with the package."""
-    return json.loads(resources.files("via_gap.report").joinpath("gap_report.schema.json").read_text(encoding="utf-8"))
+        raise ParameterError(f"{file}: not a gap report: {' '.join(first[:3])}") from None

@@ -19,21 +19,21 @@ from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments
 
-# Periods per turn: quarters where gears put them between whole numbers, then whole ones (poles times slots).
+# Periods per turn: quarters, since gears cause fractional orders, then whole numbers (poles times slots).
 ORDERS = np.concatenate([np.arange(0.5, 12.0, 0.25), np.arange(12.0, 61.0)])
-LEVEL = 0.05  # share of the orders whose amplitude noise alone may exceed
+LEVEL = 0.05  # share of the orders at which noise alone exceeds the level
 
 
 @dataclass(frozen=True, eq=False)
 class MissingTorque:
-    """Torque that one equation lacks, window by window over all usable segments.
+    """Missing torque of one equation, window by window over all usable segments.
 
     axis    0 link, 1, 2 motors
-    time    (N,) [s] in the middle of each window, since its log began
+    time    (N,) [s] middle of each window, since its log began
     states  (N, 6) [rad, rad/s] there; NaN: not measured
-    before, after  (N,) [N m] of the device as filed, and as repaired
+    before, after  (N,) [N m] with the device as filed, and as repaired
     floor   (N,) [N m] standard deviation that sensor noise explains
-    stride  windows that share samples
+    stride  number of neighbouring windows that share samples
     """
 
     axis: int
@@ -50,7 +50,7 @@ class MissingTorque:
 
 
 def missing_torques(segments: Sequence[Segments], before: Fit, after: Fit) -> tuple[MissingTorque, ...]:
-    """One per equation that the signals allow; none where they allow no equation."""
+    """One per equation that the recorded signals allow to evaluate; maybe none."""
     try:
         every = [np.flatnonzero(each.valid) for each in segments]
         model = ResidualModel.of(segments, every, InverseDynamics.of)
@@ -103,7 +103,7 @@ def periodic(locations: Sequence[Location]) -> bool:
 
 
 def order_spectra(missing: Sequence[MissingTorque]) -> tuple[OrderSpectrum, ...]:
-    """Order spectrum of every equation whose axis was measured and turned by a period of some order."""
+    """Order spectrum of every equation whose axis was measured and turned far enough for one order."""
     found = []
     for each in missing:
         angle = each.states[:, each.axis]

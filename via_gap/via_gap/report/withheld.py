@@ -1,4 +1,4 @@
-"""The gap of logs before and after a repair: what a diagnosis claims, measured again from its effects file."""
+"""The gap of logs before and after a repair, measured again from a report's effects file."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def before_and_after(
     Measured as in the report: in short segments where motors are driven by torque, else in one free run; over the whole
     logs, or over the stretches that a report held out.
 
-    only_equations  by the torque that the equations lack, as in a report whose gap is `by` inverse dynamics
+    only_equations  measure by inverse dynamics, as in a report whose gap is `by` inverse dynamics
 
-    Raises SignalError where nothing can be simulated, or the signals allow no equation.
+    Raises SignalError where nothing can be simulated, or the signals allow no inverse dynamics.
     """
     segments, chosen = _chosen(logs, held_out)
     if follows(device) and not only_equations:
@@ -45,30 +45,17 @@ def before_and_after(
 
 
 def _chosen(logs: Sequence[JointLog], held_out: Sequence[Stretch]) -> tuple[list[Segments], list[Indices]]:
-    """The logs cut into segments, and which of them count."""
+    """The logs cut into segments, and which of them are compared."""
     segments = [cut_log(log) for log in believed(logs)]
     chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in segments]
     if not any(map(len, chosen)):
-        raise SignalError(f"{logs[0].name}: {'not what the report held out' if held_out else 'too short to compare'}")
+        reason = "none of the stretches that the report held out" if held_out else "too short to compare"
+        raise SignalError(f"{logs[0].name}: {reason}")
     return segments, chosen
 
 
-def stretches(segments: Sequence[Segments], held: Sequence[Indices]) -> tuple[Stretch, ...]:
-    """The segments `held` (indices, one array per log), neighbours joined."""
-    found = []
-    for each, which in zip(segments, held, strict=True):
-        begins = each.time - each.log.measured.time[0]
-        for run in np.split(which, np.flatnonzero(np.diff(which) != 1) + 1):
-            if len(run):
-                end = begins[run[-1]] + each.ticks / each.rate
-                if run[-1] == len(each) - 1 and follows(each.log.device):
-                    end = each.log.duration  # what is left after the last segment counts there
-                found.append(Stretch(log=each.log.name, begin=float(begins[run[0]]), end=float(end)))
-    return tuple(found)
-
-
 def _held(segments: Segments, held_out: Sequence[Stretch]) -> Indices:
-    """Segments of one log whose middle lies in a stretch of it."""
+    """Segments of one log whose middle lies in a held-out stretch."""
     middle = segments.time - segments.log.measured.time[0] + 0.5 * segments.ticks / segments.rate
     inside = [(s.begin < middle) & (middle < s.end) for s in held_out if s.log == segments.log.name]
     return np.flatnonzero(segments.valid & np.any(inside, axis=0)) if inside else np.empty(0, dtype=np.intp)

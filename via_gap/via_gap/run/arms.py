@@ -1,13 +1,13 @@
-"""Arms of rigid joints: each joint is diagnosed alone, what the rest of the arm does to it is a known torque.
+"""Arms of rigid joints: each joint is diagnosed alone, with the torque of the rest of the arm as a known input.
 
-The rigid bodies (a URDF, recursive Newton-Euler in pinocchio) say what torques the measured motion of all joints needs.
-What a joint's own device file does not account for of it, inertia and gravity at its own angle, the others supply:
+The rigid bodies (a URDF, recursive Newton-Euler in pinocchio) give the torques that the measured motion of all joints
+requires. Beyond inertia and gravity of its own device file, the rest of the arm acts on joint i with
 
     tau_arm,i = M_i qdd_i + g_i(q_i) - [M(q) qdd + c(q, qd) + g(q)]_i
 
-as the command channel `arm_torque`. The engine for one joint then serves unchanged. A torque T that the model lacks has
-bent the measured qdd already, so that M_i (qdd - qdd_simulated) = T whatever M_i is: sizes are unbiased although the
-joint's inertia changes with the arm's pose (docs/adr/0006). The angle of the next joint is the channel `neighbour`.
+as the command channel `arm_torque`. The diagnosis of one joint is used unchanged. A missing torque T is part of the
+measured qdd, so that M_i (qdd - qdd_simulated) = T for any M_i: fitted sizes are unbiased although the joint's inertia
+changes with the arm's pose (docs/adr/0006). The angle of the next joint is the channel `neighbour`.
 
     arm = load_arm("dfki_double_pendulum")
     reports = diagnose_arm(arm, [run], [held_out])       # one GapReport per joint, base first
@@ -35,7 +35,7 @@ from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport
 
-SMOOTHING = 0.03  # [s] to either side of a sample: the cubic whose slopes are velocity and acceleration
+SMOOTHING = 0.03  # [s] half width of the cubic smoothing filter for velocity and acceleration
 UNITS = {"external_torque": "N m", "neighbour": "rad", "arm_torque": "N m"}
 
 
@@ -50,7 +50,7 @@ class ArmFile(BaseModel):
     confidence: str
     remark: str = ""
     joints: Annotated[tuple[str, ...], Field(min_length=2)]  # device names, or paths beside this file
-    urdf: str  # beside this file; its joints are called as the devices call their links
+    urdf: str  # beside this file; its joints have the names of the devices' links
     rotors: tuple[Annotated[float, Field(ge=0.0)], ...] = ()  # [kg m^2] seen at the joints; none: in the URDF's links
 
 
@@ -79,7 +79,7 @@ class Arm:
         return out
 
     def _configuration(self, angle: Array) -> Array:
-        """pinocchio's q: a joint without end stops is a cosine and a sine there."""
+        """pinocchio's q: a joint without end stops is represented by cosine and sine."""
         q = pinocchio.neutral(self.model)
         for joint, value in zip(self.model.joints[1:], angle[np.argsort(self.order)], strict=True):
             q[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(value), np.sin(value)) if joint.nq == 2 else value
@@ -135,13 +135,13 @@ def read_arm_log(path: str | Path, arm: Arm) -> list[JointLog]:
 
 
 def arm_logs(logs: Sequence[JointLog], arm: Arm) -> list[JointLog]:
-    """Logs of all joints, recorded together, with what the others do to it (`arm_torque`, `neighbour`)."""
+    """Logs of all joints, recorded together, with the channels `arm_torque` and `neighbour` added."""
     time = logs[0].measured.time
     for log in logs:
         if len(log.measured) != len(time) or not np.array_equal(log.measured.time, time):
             raise SignalError(f"{log.name}: '{log.device.name}' was not recorded with the rest of the arm")
         if log.commands is None or "external_torque" not in log.commands:
-            raise SignalError(f"{log.name}: what the drive of '{log.device.name}' was commanded was not recorded")
+            raise SignalError(f"{log.name}: the commands of the drive of '{log.device.name}' were not recorded")
     angle, velocity, acceleration = _motion(time, np.stack([log.measured["q"] for log in logs], axis=1))
     whole = arm.torques(angle, velocity, acceleration)
     made = []
@@ -158,7 +158,7 @@ def arm_logs(logs: Sequence[JointLog], arm: Arm) -> list[JointLog]:
 
 
 def _motion(time: Array, angle: Array) -> tuple[Array, Array, Array]:
-    """Smoothed angles, velocities and accelerations (N, n each) at the stamps; gaps are bridged."""
+    """Smoothed angles, velocities and accelerations (N, n each) at the stamps; gaps are interpolated."""
     period = float(np.median(np.diff(time)))
     half = max(2, round(SMOOTHING / period))
     if len(time) <= 2 * half + 1:

@@ -1,13 +1,13 @@
 """Many logs of one kind of device, diagnosed by many processes through dask.distributed.
 
-rows = run_fleet(paths, device, Path("results"), told=lambda done, of, path: ...)
+rows = run_fleet(paths, device, Path("results"), progress=lambda done, of, path: ...)
 
-What is found about a log is written the moment it is known, under a key made of the log's content, the device and the
-sources of the diagnosis: an interrupted run goes on where it stopped, and nothing old is taken for new. A worker that
-dies loses nothing: dask gives its log to another. A log that cannot be diagnosed is a row with its reason.
+Each result is written at once, under a key of the log's content, the device and the sources of the diagnosis. An
+interrupted run therefore continues where it stopped, and outdated results are not reused. If a worker dies, dask gives
+its log to another one. A log that cannot be diagnosed becomes a row with the reason.
 
 <results>/reports/<log>-<key>.json   the GapReport of a log
-<results>/rows/<key>.json            its Row; written last, so that a row has its report
+<results>/rows/<key>.json            its Row; written last, so that every row has its report
 """
 
 from __future__ import annotations
@@ -36,47 +36,47 @@ from via_gap.report.report import GapReport, read_report
 from via_gap.run.fleet_task import Outcome, OwnKernels, diagnose_file
 from via_gap.run.undisturbed import undisturbed
 
-Told = Callable[[int, int, Path | None], None]  # logs done, logs in all, the one just done
+OnDone = Callable[[int, int, Path | None], None]  # number of logs done, of all logs, and the log just done
 LOOPBACK = "127.0.0.1"
 PATIENCE = "20s"  # for a scheduler to answer
-SHOWN = 12  # characters of a key in names of files
+SHOWN = 12  # characters of a key in file names
 
 
 @dataclass(frozen=True)
 class Row:
     """One log of a fleet. Numbers are None and texts empty where there is no report."""
 
-    log: str  # as it was given
+    log: str  # path as given
     key: str
     reason: str = ""  # why there is no report, in one line
     verdict: str = ""
     where: str = ""  # site with the largest share
-    share: float | None = None  # [-] that it has
-    causes: str = ""  # effects that were added, at their sites
-    probability: float | None = None  # [-] of the first
-    parameters: str = ""  # of the first
+    share: float | None = None  # [-] of that site
+    causes: str = ""  # named effects with their sites
+    probability: float | None = None  # [-] of the first cause
+    parameters: str = ""  # of the first cause
     before: float | None = None  # [-] gap of the device as filed
-    after: float | None = None  # [-] with its numbers tuned and the effects added
-    floor: float | None = None  # [-] that the sensors alone leave
+    after: float | None = None  # [-] with its parameters fitted and the effects added
+    floor: float | None = None  # [-] of sensor noise alone
     explained: float | None = None  # [-] fraction of the error that can be explained
-    seconds: float | None = None  # [s] that the diagnosis took
-    report: str = ""  # its file, below the results
+    seconds: float | None = None  # [s] duration of the diagnosis
+    report: str = ""  # its file, relative to the results
 
 
 def run_fleet(
     logs: Sequence[Path],
     device: Device,
     results: Path,
-    told: Told = lambda _done, _of, _path: None,
+    progress: OnDone = lambda _done, _of, _path: None,
     scheduler: str | None = None,
     workers: int | None = None,
     joint_topic: str = "/joint_states",
 ) -> list[Row]:
     """Diagnose every log; rows in the order of `logs`.
 
-    told       hears how many are done, first of all those of earlier runs
-    scheduler  address of a dask scheduler whose workers have VIA and see the same files; None: processes here
-    workers    how many of those; None: one per core
+    progress   called with the number of logs done, first with those of earlier runs
+    scheduler  address of a dask scheduler whose workers have VIA and the same files; None: processes on this machine
+    workers    number of these processes; None: one per core
 
     Raises ViaError where the results cannot be written or the scheduler does not answer.
     """
@@ -90,12 +90,12 @@ def run_fleet(
     found |= {key: row for key in dict.fromkeys(keys) if isinstance(key, str) and (row := _earlier(results, key))}
     todo = {key: path for key, path in zip(keys, logs, strict=True) if isinstance(key, str) and key not in found}
     every = len(found) + len(todo)
-    told(len(found), every, None)
+    progress(len(found), every, None)
     if todo:
         with _client(scheduler, workers) as client:
             for key, row in _diagnosed(client, todo, device, joint_topic, results):
                 found[key] = row
-                told(len(found), every, todo[key])
+                progress(len(found), every, todo[key])
     rows = [found[key if isinstance(key, str) else key.key] for key in keys]
     return [replace(row, log=str(path)) for row, path in zip(rows, logs, strict=True)]
 
@@ -115,8 +115,8 @@ def _diagnosed(
             try:
                 outcome = future.result()
             except KilledWorker:
-                row = Row(str(path), key, "the processes that diagnosed it died, again and again")
-            except Exception as error:  # a fault of the diagnosis; not kept, so that the next run tries again
+                row = Row(str(path), key, "every process that diagnosed it died")
+            except Exception as error:  # an error in the diagnosis itself; not stored, so that the next run tries again
                 row = Row(str(path), key, f"{type(error).__name__}: {' '.join(str(error).split())[:200]}")
             else:
                 row = _keep(results, path, key, outcome)
@@ -126,7 +126,7 @@ def _diagnosed(
 
 
 def _keep(results: Path, path: Path, key: str, outcome: Outcome) -> Row:
-    """The row of an outcome, written together with its report."""
+    """The row of an outcome; it and its report are written."""
     seconds = round(outcome.seconds, 3)
     if outcome.reason:
         row = Row(str(path), key, outcome.reason.removeprefix(f"{path.resolve()}: "), seconds=seconds)
@@ -139,8 +139,7 @@ def _keep(results: Path, path: Path, key: str, outcome: Outcome) -> Row:
 
 
 def row_of(report: GapReport, log: str, key: str) -> Row:
-    """What a report says in one line."""
-
+    """The report in one line."""
     cause = report.causes[0] if report.causes and report.verdict != "no_gap" else None
     values = {} if cause is None else cause.parameters
     return Row(
@@ -152,10 +151,10 @@ def row_of(report: GapReport, log: str, key: str) -> Row:
         causes=", ".join(f"{each.effect} at {place_name(each.site, each.motor)}" for each in report.effects),
         probability=None if cause is None else cause.probability,
         parameters=", ".join(f"{name} {v.value:.4g} +- {v.sd:.1g} {v.unit}" for name, v in values.items()),
-        before=None if report.gap is None else report.gap.before,
-        after=None if report.gap is None else report.gap.after,
-        floor=None if report.gap is None else report.gap.floor,
-        explained=None if report.gap is None else report.gap.explained,
+        before=getattr(report.gap, "before", None),
+        after=getattr(report.gap, "after", None),
+        floor=getattr(report.gap, "floor", None),
+        explained=getattr(report.gap, "explained", None),
     )
 
 
@@ -163,11 +162,11 @@ def row_of(report: GapReport, log: str, key: str) -> Row:
 
 
 def key_of(log: Path, device: Device, joint_topic: str = "/joint_states") -> str:
-    """Of a log's content, its device and the sources of the diagnosis. Raises OSError where it cannot be read."""
+    """Hash of a log's content, its device and the sources of the diagnosis. Raises OSError for an unreadable log."""
     digest = sha256()
     for part in (engine(), device.model_dump_json(), joint_topic):
         digest.update(part.encode() + b"\0")
-    # Names count: they are in the report, and whether a file is a bag or a table is told by its ending.
+    # The name is part of the report, and its ending decides how the file is read.
     digest.update(log.name.encode(errors="surrogateescape") + b"\0")
     files = sorted(each for each in log.rglob("*") if each.is_file()) if log.is_dir() else [log]
     for file in files:
@@ -200,7 +199,7 @@ def _key_or_reason(path: Path, device: Device, joint_topic: str) -> str | Row:
 
 
 def _earlier(results: Path, key: str) -> Row | None:
-    """The row of an earlier run, if it and its report are there and whole."""
+    """The row of an earlier run, if it and its report exist and are complete."""
     try:
         row = Row(**json.loads((results / "rows" / f"{key}.json").read_text(encoding="utf-8")))
         if row.report:
@@ -211,7 +210,7 @@ def _earlier(results: Path, key: str) -> Row | None:
 
 
 def _write(path: Path, text: str) -> None:
-    """The whole file or none of it, whatever ends this process."""
+    """Write the file completely or not at all, even if this process is killed."""
     aside = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         aside.write_text(text, encoding="utf-8")
@@ -227,7 +226,7 @@ def _write(path: Path, text: str) -> None:
 
 @contextmanager
 def _client(scheduler: str | None, workers: int | None) -> Iterator[Client]:
-    """A client of the scheduler, or of one process per core on this machine that nobody else can reach."""
+    """A client of the scheduler, or of local processes that only this machine can reach."""
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=PATIENCE, set_as_default=False)

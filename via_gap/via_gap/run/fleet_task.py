@@ -1,7 +1,7 @@
-"""What a process of a fleet does: one log diagnosed, with compiled kernels of its own.
+"""The task of a fleet's process: the diagnosis of one log, with a cache of compiled kernels of its own.
 
-Workers that fill one cache of numba at the same time can give one signature the code of another (numba issue 4807), so
-each gets a copy. For that this module must not import what is compiled: only a task does, when the copy is there.
+Workers that fill one numba cache at the same time can mix up the code of two signatures (numba issue 4807), so each
+gets a copy. This module must not import compiled code: only the task does, once the copy exists.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ CACHE = "NUMBA_CACHE_DIR"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one log: a report (JSON), or else the reason why there is none, in one line."""
+    """The result of one log: a report (JSON), or the reason in one line why there is none."""
 
     report: str
     reason: str
-    seconds: float  # it took
-    process: int  # id of the one that did it
+    seconds: float  # duration
+    process: int  # its id
 
 
 class OwnKernels(WorkerPlugin):
-    """Gives a worker that has compiled nothing yet a copy of the cache of kernels, in its temporary folder."""
+    """Copies the cache of kernels into a worker's temporary folder, unless the worker has already loaded numba."""
 
     name = "via_gap kernels"
 
     def setup(self, worker: Any) -> None:
         if "numba" in sys.modules:
-            return  # somebody else's worker, with a cache already chosen
+            return  # an external worker whose cache is already set
         own = Path(worker.local_directory) / "numba"
         shared = Path(os.environ.get(CACHE) or own)
         if shared != own and shared.is_dir():
@@ -45,7 +45,7 @@ class OwnKernels(WorkerPlugin):
 
 
 def diagnose_file(path: str, device: str, joint_topic: str) -> Outcome:
-    """Diagnose the log at `path` against `device` (JSON). What is wrong with the log is an outcome, not an error."""
+    """Diagnose the log at `path` against `device` (JSON). A faulty log is an outcome, not an error."""
     from via_core.devices import Device
     from via_core.errors import ViaError
 

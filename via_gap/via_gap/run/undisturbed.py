@@ -1,4 +1,4 @@
-"""Processes that Ctrl-C does not reach: the terminal sends it to all, it is for the parent, which ends the others."""
+"""Child processes that ignore Ctrl-C: the terminal sends it to all processes, but only the parent handles it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from multiprocessing import resource_tracker
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Whatever process or thread begins in here has SIGINT blocked from its birth, and so have those it begins."""
-    resource_tracker.ensure_running()  # whoever starts it later unblocks the signal again
+    """Processes and threads started inside have SIGINT blocked from the beginning, and so have their children."""
+    resource_tracker.ensure_running()  # started later, it would unblock the signal again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

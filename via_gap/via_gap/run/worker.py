@@ -1,12 +1,12 @@
-"""One diagnosis at a time in a process of its own, so that whoever asks for it keeps its pace and can end it at once.
+"""One diagnosis at a time in a process of its own, so that the caller is not blocked and can end it at once.
 
 worker = Worker()
 worker.begin(Job(device, log))
-worker.poll()       # Progress, then a Finished or a Failed; None where nothing new has been said
+worker.poll()       # Progress, then Finished or Failed; None: no news
 worker.cancel()     # ends the process; the next job gets a new one
 worker.close()
 
-A thread here waits for what the process says; the process runs at a lower priority and ends with its parent.
+A thread receives the messages of the process. The process has a lower priority and ends with its parent.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.run.undisturbed import undisturbed
 
-NICE = 10  # how much the process gives way to others
-PATIENCE = 1.0  # [s] that an ended process is waited for
+NICE = 10  # niceness of the process
+PATIENCE = 1.0  # [s] wait for a terminated process
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What to diagnose: a log, or a file that holds one."""
+    """What to diagnose: a log, or the path of one."""
 
     device: Device
     source: JointLog | Path
@@ -57,49 +57,49 @@ class Failed:
     reason: str  # one line
 
 
-Said = Progress | Finished | Failed
+Event = Progress | Finished | Failed
 
 
 class Worker:
-    """Runs a Job at a time; `begin` starts the process where there is none."""
+    """Runs one Job at a time; `begin` starts the process if there is none."""
 
     def __init__(self) -> None:
         self._context = get_context("spawn")
         self._process: Any = None
         self._connection: Connection | None = None
-        self._heard: SimpleQueue[Said] = SimpleQueue()
+        self._events: SimpleQueue[Event] = SimpleQueue()
         self.busy = False
 
     @property
     def pid(self) -> int | None:
-        """Of the process, where there is one."""
+        """Id of the process; None: there is none."""
         return None if self._process is None else int(self._process.pid)
 
     def begin(self, job: Job) -> None:
-        """Start a job; there must be none under way."""
+        """Start a job; none may be under way."""
         assert not self.busy
         self.busy = True
-        self._heard = SimpleQueue()
+        self._events = SimpleQueue()
         if self._process is None or not self._process.is_alive():
             self._start()
         threading.Thread(
-            target=_converse, args=(self._connection, job, self._heard), name="diagnosis", daemon=True
+            target=_converse, args=(self._connection, job, self._events), name="diagnosis", daemon=True
         ).start()
 
-    def poll(self, patience: float = 0.0) -> Said | None:
-        """The next thing the process said; None where it says nothing new within `patience` [s]."""
+    def poll(self, patience: float = 0.0) -> Event | None:
+        """The next event; None where there is none within `patience` [s]."""
         try:
-            said = self._heard.get(patience > 0.0, patience)
+            event = self._events.get(patience > 0.0, patience)
         except Empty:
             return None
-        if not isinstance(said, Progress):
+        if not isinstance(event, Progress):
             self.busy = False
-        return said
+        return event
 
     def cancel(self) -> None:
         """End the job and its process."""
         process, self._process, self.busy = self._process, None, False
-        self._heard = SimpleQueue()
+        self._events = SimpleQueue()
         if process is None:
             return
         process.terminate()
@@ -119,17 +119,17 @@ class Worker:
         self._process, self._connection = process, here
 
 
-def _converse(connection: Connection, job: Job, heard: SimpleQueue[Said]) -> None:
-    """Send the job and hand on what is said about it."""
+def _converse(connection: Connection, job: Job, events: SimpleQueue[Event]) -> None:
+    """Send the job and pass on its events."""
     try:
         connection.send(job)
-        said: Said = connection.recv()
-        while isinstance(said, Progress):
-            heard.put(said)
-            said = connection.recv()
-        heard.put(said)
+        event: Event = connection.recv()
+        while isinstance(event, Progress):
+            events.put(event)
+            event = connection.recv()
+        events.put(event)
     except (EOFError, OSError):
-        heard.put(Failed("the process of the diagnosis ended in the middle of it"))
+        events.put(Failed("the process of the diagnosis ended before it was finished"))
 
 
 def _work(connection: Connection) -> None:
@@ -142,7 +142,7 @@ def _work(connection: Connection) -> None:
         return
 
 
-def _done(job: Job, connection: Connection) -> Said:
+def _done(job: Job, connection: Connection) -> Event:
     try:
         log = job.source if isinstance(job.source, JointLog) else read_log(job.source, job.device, job.joint_topic)
         report = diagnose([log], job.device, progress=lambda doing, share: connection.send(Progress(doing, share)))

@@ -1,8 +1,8 @@
-"""Causes that are seen in the readings themselves: no motion shows them, so no simulation of it can name them.
+"""Sensor errors that the measurements themselves show: they leave the motion unchanged, so no simulation reveals them.
 
-An encoder with coarser steps than its file says reads on a grid, and the grid is measured. A torque sensor is compared
-with the command over the tick that ended at the sample, tau = gain u + torque, by least squares where the drive does
-not saturate. A reading that follows its command badly is left alone: then it tells of the joint, not of the sensor.
+Coarse encoder steps are read off the grid of the measured angles. A torque sensor is compared with the command over the
+tick that ended at the sample, tau = gain u + torque, by least squares where the drive does not saturate. A measurement
+that follows its command badly is not used, because it depends on the joint and not only on the sensor.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from via_sim.effects import Effect
 from via_gap.logs.checks import COARSE, step_of
 from via_gap.logs.log import JointLog
 
-SURE = 8.0  # standard deviations from which a gain or a bias is taken for real
-LEAST_GAIN, LEAST_BIAS = 0.02, 0.003  # [-], times the command's standard deviation: what is worth a name
-FOLLOWS = 0.25  # of the variance of a torque that may be left by its command and a straight line
-FULL = 0.98  # of the drive's limit from which its torque is not what was commanded
-LATE = range(6)  # samples by which a reading may follow its command
+SURE = 8.0  # standard deviations from which a gain or bias error is significant
+LEAST_GAIN, LEAST_BIAS = 0.02, 0.003  # [-], times the command's standard deviation: smallest reported errors
+FOLLOWS = 0.25  # largest share of a torque's variance that the regression on its command may leave
+FULL = 0.98  # of the drive's limit: above it the drive saturates
+LATE = range(6)  # samples by which a measurement may lag its command
 
 
 @dataclass(frozen=True)
 class SensorError:
     """An error of one sensor.
 
-    sd    standard deviation of each parameter, as if the sensor's noise were white
-    left  of the squared error of the reading once it is put right
+    sd    standard deviation of each parameter, for white sensor noise
+    left  share of the squared measurement error that remains after the correction
     """
 
     effect: Effect
@@ -39,25 +39,25 @@ class SensorError:
 
 
 def sensor_errors(logs: Sequence[JointLog]) -> tuple[SensorError, ...]:
-    """Everything that the readings of these logs (of one device) alone show, the surest first."""
+    """All sensor errors that the measurements of these logs (of one device) show, the most certain first."""
     return tuple(sorted((*_coarse(logs), *_scaled(logs)), key=lambda each: each.left))
 
 
 def _coarse(logs: Sequence[JointLog]) -> list[SensorError]:
     device, found = logs[0].device, []
     for axis in range(1 + device.n_motors):
-        told = device.sensors.link_quantum if axis == 0 else device.sensors.motor_quantum
+        filed = device.sensors.link_quantum if axis == 0 else device.sensors.motor_quantum
         steps = [step_of(column) for log in logs if (column := _angle(log, axis)) is not None]
-        if not told or not steps or min(steps) <= COARSE * told:
+        if not filed or not steps or min(steps) <= COARSE * filed:
             continue
         step = float(np.median(steps))
         effect = Effect("encoder_quantisation", "sensor", {"quantum": step}, axis)
-        found.append(SensorError(effect, {"quantum": 1e-3 * step}, (told / step) ** 2))
+        found.append(SensorError(effect, {"quantum": 1e-3 * step}, (filed / step) ** 2))
     return found
 
 
 def _angle(log: JointLog, axis: int) -> Array | None:
-    """(N,) [rad] of an encoder that was recorded and is believed."""
+    """(N,) [rad] of an encoder that was recorded; None: it was not."""
     if axis == 0:
         return log.measured["q"]
     return log.measured["theta"][:, axis - 1] if log.motors_seen[axis - 1] else None
@@ -68,18 +68,18 @@ def _scaled(logs: Sequence[JointLog]) -> list[SensorError]:
     if device.drive != "torque":
         return []
     for motor in range(device.n_motors):
-        pairs = [each for log in logs if (each := _command_and_reading(log, motor)) is not None]
+        pairs = [each for log in logs if (each := _command_and_torque(log, motor)) is not None]
         if not pairs:
             continue
-        asked, read = (np.concatenate(each) for each in zip(*pairs, strict=True))
+        asked, measured = (np.concatenate(each) for each in zip(*pairs, strict=True))
         design = np.column_stack([asked, np.ones_like(asked)])
         covariance = np.linalg.pinv(design.T @ design)
-        gain, bias = covariance @ design.T @ read
-        left = float(np.mean((read - gain * asked - bias) ** 2))
-        if left > FOLLOWS * float(np.var(read)):
+        gain, bias = covariance @ design.T @ measured
+        left = float(np.mean((measured - gain * asked - bias) ** 2))
+        if left > FOLLOWS * float(np.var(measured)):
             continue
         sd_gain, sd_bias = np.sqrt(np.diag(covariance) * left)
-        before = max(float(np.mean((read - asked) ** 2)), 1e-300)
+        before = max(float(np.mean((measured - asked) ** 2)), 1e-300)
         named = []
         if abs(gain - 1.0) > max(LEAST_GAIN, SURE * sd_gain):
             named.append(("torque_gain", "gain", float(gain), float(sd_gain)))
@@ -91,8 +91,8 @@ def _scaled(logs: Sequence[JointLog]) -> list[SensorError]:
     return found
 
 
-def _command_and_reading(log: JointLog, motor: int) -> tuple[Array, Array] | None:
-    """(n,) [N m] each, of the samples at which the drive was inside its limit; None where either was not recorded."""
+def _command_and_torque(log: JointLog, motor: int) -> tuple[Array, Array] | None:
+    """(n,) [N m] each, at samples inside the drive's limit; None where either was not recorded."""
     commands = log.commands
     if commands is None or "motor" not in commands or "tau" not in log.measured:
         return None
@@ -105,7 +105,7 @@ def _command_and_reading(log: JointLog, motor: int) -> tuple[Array, Array] | Non
     time, tau = log.measured.time[seen], tau[seen]
     period = float(np.median(np.diff(log.measured.time)))
     each = []
-    for late in LATE:  # the torque of a sample is that of the tick which ended there
+    for late in LATE:  # a sample's torque is that of the tick which ended there
         at = np.clip(np.searchsorted(commands.time, time - (late + 0.5) * period, side="right") - 1, 0, None)
         each.append(asked[at])
     best = max(each, key=lambda values: abs(float(np.cov(values, tau)[0, 1])) / max(float(np.std(values)), 1e-300))

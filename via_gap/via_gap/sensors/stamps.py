@@ -1,18 +1,18 @@
-"""Which reading of the angle a drive answered to: tells an angle that is stamped late from a command that acts late.
+"""Separates an angle that is stamped late from a command that acts late, by the drive's own feedback.
 
-On a rigid joint the two leave one and the same record of the motion, u(t - d) -> q(t) and u(t) -> q(t - d). What tells
-them apart is the drive's own controller. It computed every command from a reading, and a reading is the angle and what
-rounding to the encoder's step made of it, which is as good as chance and known to nobody who did not read it:
+On a rigid joint both produce the same record of the motion, u(t - d) -> q(t) and u(t) -> q(t - d). The controller
+separates them. It computed every command from the encoder's measurements, each of which is the angle plus a rounding
+error that is nearly random:
 
     u_k = smooth + sum_j w_j r_(k-j),   r = Q(q)
 
-Where the log's angle is stamped as it was read, the command follows these very roundings, whether or not it acts late.
-Where the angle is stamped `late`, the drive read Q(q(t_k)) and the log holds Q(q(t_k - late)), rounded anew. The former
-is made again, by a polynomial through the samples about t_k + late, rounded, and readings up to then are added: those
-of an angle stamped right tell nothing of u_k, for it acts later. The polynomial stands beside its rounding, so that no
-motion, only the rounding itself, can speak for a late stamp. Third differences are compared, in which rounding is
-large and motion small; each half of a log is predicted by the fit to the other. What comes first as a test of what
-answers to what: C. W. J. Granger, Investigating causal relations by econometric models (Econometrica, 1969).
+If the log's angle is stamped when it was measured, the command depends on these very rounding errors, whether or not it
+acts late. If the angle is stamped `late`, the drive used Q(q(t_k)), but the log contains Q(q(t_k - late)), with other
+rounding errors. The former is reconstructed from a polynomial through the samples around t_k + late. The regression
+also contains the measurements up to then, and the polynomial without rounding, so that only the rounding errors
+themselves can indicate a late stamp. Third differences are compared, in which rounding is large and motion small. Each
+half of a log is predicted by the fit to the other. It is a test of Granger causality: C. W. J. Granger, Investigating
+causal relations by econometric models (Econometrica, 1969).
 """
 
 from __future__ import annotations
@@ -34,34 +34,34 @@ from via_gap.selection.evidence import Evaluation
 LATE_COMMAND = Location("actuator_delay", "command", 0)
 LATE_ANGLE = Location("channel_skew", "timing", 0)
 DIFFERENCES = 3
-ANSWER = range(9)  # samples over which a controller answers: a filtered speed
+LAGS = range(9)  # samples that a controller uses: it filters the speed
 WINDOW, DEGREE = 13, 5  # samples and degree of the polynomial
-AHEAD = 3  # newest readings before `late` that are added
-ABOUT = np.linspace(-0.06, 0.06, 13)  # of a sample, about the lateness fitted: the rounding is that sharp
+AHEAD = 3  # newest measurements before `late` that are added
+ABOUT = np.linspace(-0.06, 0.06, 13)  # samples around the fitted delay: rounding errors resolve it that finely
 ON_TIME = 0.1  # of a sample's period within which a command belongs to its stamp
-FULL = 0.999  # of the largest command: a drive at its limit answers to nothing
-OUTLIER = 9.0  # times the median: the wish itself stepped
+FULL = 0.999  # of the largest command: a drive at its limit ignores the measurements
+OUTLIER = 9.0  # times the median: a step of the reference
 LEAST, MOST = 500, 12000  # samples
-ANSWERS = 0.5  # share of the differences' square left by readings, under which the drive is seen to answer
-WHOLLY = 0.03  # the same, under which nothing is left that a later reading could tell
-LATER = 0.95  # of what the smooth angle leaves, under which a later rounding is in the commands: 0.70 to 0.84, else 1
+EXPLAINED = 0.5  # largest residual share of the squared differences with which commands depend on the measurements
+COMPLETE = 0.03  # the same, with which nothing is left for later measurements to explain
+LATER = 0.95  # of the share without later rounding errors: they were in the commands (observed: .70 to .84, else 1)
 
 
 def stamped_late(logs: Sequence[JointLog], late: float) -> bool | None:
-    """Whether the link's angle is stamped `late` [s] after it was read; None where the commands do not tell."""
-    told = [each for log in logs if (each := _left(log, late)) is not None]
-    if not told:
+    """Whether the link's angle is stamped `late` [s] after its measurement; None where the commands do not show it."""
+    shares = [each for log in logs if (each := _left(log, late)) is not None]
+    if not shares:
         return None
-    at_once, smooth, later = np.mean(told, axis=0)
-    if at_once > WHOLLY and later < LATER * smooth:
+    at_once, smooth, later = np.mean(shares, axis=0)
+    if at_once > COMPLETE and later < LATER * smooth:
         return True
-    return False if at_once < ANSWERS else None
+    return False if at_once < EXPLAINED else None
 
 
 def separate_delays(logs: Sequence[JointLog], models: Sequence[Evaluation]) -> tuple[list[Evaluation], list[Finding]]:
-    """The models in which, of a late command and a late angle, only the one is left that the drive's answers allow.
+    """The models with only that one of late command and late angle that the drive's feedback allows, and a finding.
 
-    On a rigid joint alone: elsewhere the other angles tell. What was fitted as the one holds for the other.
+    Only for rigid joints: in others, the other angles separate the two. The fit of one is valid for the other.
     """
     fits = [each.fit for each in models if {LATE_COMMAND, LATE_ANGLE} & {*each.fit.locations}]
     if not fits or logs[0].device.n_motors:
@@ -74,16 +74,16 @@ def separate_delays(logs: Sequence[JointLog], models: Sequence[Evaluation]) -> t
         return list(models), []
     wrong, right = (LATE_COMMAND, LATE_ANGLE) if late else (LATE_ANGLE, LATE_COMMAND)
     text = (
-        "commands answer to readings that the log holds only later: the link angle is stamped late"
+        "commands depend on measurements that the log contains only later: the link angle is stamped late"
         if late
-        else "commands answer to the link angle as it is stamped: it is not late, a delay is one of the command"
+        else "commands depend on the link angle as it is stamped: the angle is not late, the command is"
     )
-    finding = Finding(log=logs[0].name, check="answers", signal="q", severity="note", value=float(late), text=text)
+    finding = Finding(log=logs[0].name, check="feedback", signal="q", severity="note", value=float(late), text=text)
     return _renamed(models, wrong, right), [finding]
 
 
 def _renamed(found: Sequence[Evaluation], wrong: Location, right: Location) -> list[Evaluation]:
-    """The same with the one location in place of the other, best first; none is there twice."""
+    """The models with `right` in place of `wrong`, best first, without duplicates."""
     kept = [each for each in found if wrong not in each.fit.locations]
     there = {frozenset(each.fit.locations) for each in kept}
     for each in found:
@@ -98,8 +98,10 @@ def _renamed(found: Sequence[Evaluation], wrong: Location, right: Location) -> l
 
 
 def _left(log: JointLog, late: float) -> tuple[float, float, float] | None:
-    """Share of the commands' third differences that is left by readings as they are stamped; by these and a smooth
-    angle `late` [s] later; and by its rounding as well. None where too little can be compared."""
+    """Residual shares of the commands' squared third differences, or None where too little can be compared.
+
+    With the measurements as stamped; with these and a smooth angle `late` [s] later; with its rounding as well.
+    """
     if log.commands is None or "external_torque" not in log.commands:
         return None
     period = float(np.median(np.diff(log.measured.time)))
@@ -107,20 +109,20 @@ def _left(log: JointLog, late: float) -> tuple[float, float, float] | None:
     angle, command = _regular(log, period)
     if step <= 0.0 or np.isfinite(angle * command).sum() < LEAST:
         return None
-    wanted = np.diff(command, DIFFERENCES)
+    differences = np.diff(command, DIFFERENCES)
     limited = np.abs(command) >= FULL * np.nanmax(np.abs(command))
-    wanted[np.convolve(limited, np.ones(DIFFERENCES + 1))[DIFFERENCES:-DIFFERENCES] > 0.0] = np.nan
-    wanted[np.abs(wanted) > OUTLIER * np.nanmedian(np.abs(wanted))] = np.nan
-    answered = [wanted, *_lags(angle)]
-    at_once = _unexplained(answered)
-    if at_once is None or at_once < WHOLLY:
+    differences[np.convolve(limited, np.ones(DIFFERENCES + 1))[DIFFERENCES:-DIFFERENCES] > 0.0] = np.nan
+    differences[np.abs(differences) > OUTLIER * np.nanmedian(np.abs(differences))] = np.nan
+    regression = [differences, *_lags(angle)]
+    at_once = _unexplained(regression)
+    if at_once is None or at_once < COMPLETE:
         return None if at_once is None else (at_once, at_once, at_once)
     first = int(np.floor(samples + ABOUT[-1]))
     newest = [_later(np.diff(angle, DIFFERENCES), first - i) for i in range(min(first, AHEAD))]
     found = []
     for share in samples + ABOUT:
         smooth = _later(_between(angle, share - np.floor(share)), int(np.floor(share)))
-        beside = [*answered, *_lags(smooth)]
+        beside = [*regression, *_lags(smooth)]
         moved, rounded = _unexplained(beside), _unexplained([*beside, *newest, *_lags(step * np.rint(smooth / step))])
         if moved is not None and rounded is not None:
             found.append((at_once, moved, rounded))
@@ -155,7 +157,7 @@ def _between(angle: Array, share: float) -> Array:
 
 
 def _later(values: Array, samples: int) -> Array:
-    """(N,) what values are some samples later, earlier where negative; NaN where there is nothing."""
+    """(N,) values shifted by some samples, forward in time if positive; NaN beyond the ends."""
     moved = np.full_like(values, np.nan)
     if samples >= 0:
         moved[: len(values) - samples] = values[samples:]
@@ -165,13 +167,13 @@ def _later(values: Array, samples: int) -> Array:
 
 
 def _lags(angle: Array) -> list[Array]:
-    """Third differences of an angle over the samples that a controller answers to."""
+    """Third differences of an angle at the lags that a controller uses."""
     moved = np.diff(angle, DIFFERENCES)
-    return [_later(moved, -lag) for lag in ANSWER]
+    return [_later(moved, -lag) for lag in LAGS]
 
 
 def _unexplained(columns: Sequence[Array]) -> float | None:
-    """Share of the square of the first column that the others leave, each half fitted on the other. None: too few."""
+    """Residual share of the square of the first column, each half fitted on the other. None: too few samples."""
     table = np.column_stack(columns)
     table = table[np.isfinite(table).all(axis=1)][:MOST]
     if len(table) < LEAST:

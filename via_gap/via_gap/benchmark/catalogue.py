@@ -1,9 +1,9 @@
 """The catalogue of the second simulator: the thirty named effects, their places, their physics.
 
-Written apart from via_sim's, from the specification's words alone. An entry says where the effect may sit in a joint,
-draws what has no size (an order, a direction, a place), and makes Physics of a relative size within [low, high]; the
-search for the wanted gap over noise moves the size alone. The least size of what a wrong number in the device file
-could also be (inertia, friction, stiffness, a gain) lies well outside that file's tolerance.
+It was written from the specification alone and shares nothing with via_sim's catalogue. An entry lists the places of
+the effect in a joint, draws its shape (order, direction, position), and makes Physics of a relative size within
+[low, high]. The search for the wanted gap over noise changes only the size. Where a wrong number in the device file has
+the same effect (inertia, friction, stiffness, gain), the least size lies well outside the file's tolerance.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, pi
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -20,9 +21,12 @@ from via_core.devices import Device, TorqueMotor
 from via_gap.benchmark.physics import HARMONICS, Physics, at, of_motor, terms_at
 from via_gap.benchmark.scene import Scene
 
+TICK = 0.5e-3  # [s] delays are whole multiples
 Shape = Mapping[str, float]
 Numbers = dict[str, float]
 Place = tuple[str, int]  # site, number of the motor or transmission (0: none)
+Amount = Callable[[Scene, int, float], float]  # parameter of an effect at a number, of a relative size
+Make = Callable[[Scene, int, float, Shape], tuple[Physics, Numbers]]  # of (scene, number, size, shape)
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,9 @@ class Entry:
     places  of a device where it may sit
     low, high  [-] relative sizes
     shape   what is drawn once
-    make    (scene, number, size, shape) -> physics and its parameters as the key tells them
+    make    physics and parameters of a size
+    most    largest magnitude of a parameter: beyond it the joint would be another one
+    sensed  as `make`, for the effect in a torque sensor
     """
 
     name: str
@@ -40,39 +46,39 @@ class Entry:
     low: float
     high: float
     shape: Callable[[Generator, Scene], Shape]
-    make: Callable[[Scene, int, float, Shape], tuple[Physics, Numbers]]
-    most: float = inf  # what no parameter may pass: beyond it the joint would be another
-    sensed: Callable[[Scene, int, float, Shape], tuple[Physics, Numbers]] | None = None  # `make` at a torque sensor
+    make: Make
+    most: float = inf
+    sensed: Make | None = None
 
     def of_size(self, scene: Scene, place: Place, size: float, shape: Shape) -> tuple[Physics, Numbers]:
         make = self.sensed if self.sensed is not None and place[0] == "sensor" else self.make
         return make(scene, place[1], size, shape)
 
 
-def _axes(device: Device) -> tuple[Place, ...]:
-    return (("link", 0), *_motors(device))
+def axes(device: Device) -> tuple[Place, ...]:
+    return (("link", 0), *motors(device))
 
 
-def _motors(device: Device) -> tuple[Place, ...]:
+def motors(device: Device) -> tuple[Place, ...]:
     return tuple(("motor", i) for i in range(1, 1 + device.n_motors)) if device.drive == "torque" else ()
 
 
 def _drives(device: Device) -> tuple[Place, ...]:
     """Motors that turn a command into a torque; the drive of a rigid joint is its motor 1."""
-    return _motors(device) if device.motors else (("motor", 1),)
+    return motors(device) if device.motors else (("motor", 1),)
 
 
 def _torques(device: Device) -> tuple[Place, ...]:
     """The same, and the sensors of their torque."""
-    return (*_drives(device), *(("sensor", number) for _, number in _motors(device)))
+    return (*_drives(device), *(("sensor", number) for _, number in motors(device)))
 
 
-def _transmissions(device: Device) -> tuple[Place, ...]:
+def transmissions(device: Device) -> tuple[Place, ...]:
     return tuple(("transmission", i) for i in range(1, 1 + device.n_transmissions))
 
 
 def _presets(device: Device) -> tuple[Place, ...]:
-    return _transmissions(device) if device.arrangement in ("antagonistic", "serial") else ()
+    return transmissions(device) if device.arrangement in ("antagonistic", "serial") else ()
 
 
 def _encoders(device: Device) -> tuple[Place, ...]:
@@ -87,11 +93,11 @@ def _weighty(device: Device) -> tuple[Place, ...]:
     return (("link", 0),) if device.link.gravity_torque else ()
 
 
-def _one(site: str, drive: str = "") -> Callable[[Device], tuple[Place, ...]]:
+def at_site(site: str, drive: str = "") -> Callable[[Device], tuple[Place, ...]]:
     return lambda device: ((site, 0),) if drive in ("", device.drive) else ()
 
 
-def _plain(_rng: Generator, _scene: Scene) -> Shape:
+def no_shape(_rng: Generator, _scene: Scene) -> Shape:
     return {}
 
 
@@ -99,14 +105,29 @@ def _signed(rng: Generator, _scene: Scene) -> Shape:
     return {"sign": float(rng.choice([-1.0, 1.0]))}
 
 
+def single(field: str, parameter: str, place: Callable[[int, float], Any], amount: Amount) -> Make:
+    """What an effect makes that is one field of Physics and one parameter; its size takes the sign of its shape."""
+
+    def make(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+        value = amount(scene, number, shape.get("sign", 1.0) * size)
+        return Physics(**{field: place(number, value)}), {parameter: value}
+
+    return make
+
+
+def whole(_number: int, value: float) -> float:
+    """The value of a field that is one for the whole joint."""
+    return value
+
+
+def _quantum_of(scene: Scene, axis: int) -> float:
+    sensors = scene.device.sensors
+    return (sensors.motor_quantum if axis else sensors.link_quantum) or 0.0
+
+
 def _viscous_of(scene: Scene, axis: int) -> float:
     motor = scene.device.motors[axis - 1] if axis else None
     return motor.viscous_friction if isinstance(motor, TorqueMotor) else scene.device.link.viscous_friction
-
-
-def _coulomb(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    torque = size * scene.torque[axis]
-    return Physics(friction=at(axis, torque)), {"torque": torque}
 
 
 def _uneven(rng: Generator, _scene: Scene) -> Shape:
@@ -131,22 +152,12 @@ def _stribeck(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physi
     return physics, {"breakaway": kinetic + excess, "kinetic": kinetic, "velocity": velocity}
 
 
-def _viscous(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    coefficient = size * _viscous_of(scene, axis)
-    return Physics(viscous=at(axis, coefficient)), {"coefficient": coefficient}
-
-
 def _asymmetric_viscous(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     more = size * _viscous_of(scene, axis)
     half = 0.5 * more
     forward, backward = (more, 0.0) if shape["sign"] > 0.0 else (0.0, more)
     physics = Physics(viscous=at(axis, half), uneven_viscous=at(axis, shape["sign"] * half))
     return physics, {"forward": forward, "backward": backward}
-
-
-def _drag(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    coefficient = size * scene.torque[axis] / scene.speed[axis] ** 2
-    return Physics(drag=at(axis, coefficient)), {"coefficient": coefficient}
 
 
 def _sliding(rng: Generator, _scene: Scene) -> Shape:
@@ -157,15 +168,6 @@ def _presliding(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Phy
     torque, length = size * scene.torque[axis], shape["length"]
     physics = Physics(bristle=at(axis, torque), bristle_length=at(axis, length, 1.0))
     return physics, {"torque": torque, "stiffness": torque / length}
-
-
-def _loaded(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    return Physics(load_friction=at(axis, size)), {"coefficient": size}
-
-
-def _backlash(scene: Scene, number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    gap = size * scene.deflection[number - 1]
-    return Physics(gap=of_motor(number, gap)), {"gap": gap}
 
 
 def _stretch(rng: Generator, _scene: Scene) -> Shape:
@@ -179,22 +181,11 @@ def _hysteresis(scene: Scene, number: int, size: float, shape: Shape) -> tuple[P
     return physics, {"torque": torque, "stiffness": stiffness}
 
 
-def _spring_damping(scene: Scene, number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    difference = scene.speed[0] + scene.speed[number]
-    coefficient = size * scene.load[number - 1] / difference
-    return Physics(spring_damping=of_motor(number, coefficient)), {"coefficient": coefficient}
-
-
 def _spring_law(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     hardening = shape["sign"] * size / (2.0 * scene.deflection[number - 1] ** 2)
     if shape["sign"] < 0.0:
         hardening *= 0.4  # twice the RMS deflection must not lose its torque
     return Physics(hardening=of_motor(number, hardening)), {"scale": 1.0, "hardening": hardening}
-
-
-def _drift(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
-    rate = shape["sign"] * size / scene.duration
-    return Physics(drift=of_motor(number, rate)), {"rate": rate}
 
 
 def _preset(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
@@ -212,26 +203,6 @@ def _neighbour(rng: Generator, _scene: Scene) -> Shape:
 def _coupling(scene: Scene, _number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     stiffness = shape["sign"] * size * scene.torque[0]
     return Physics(coupling=stiffness, neighbour_period=shape["period"]), {"stiffness": stiffness}
-
-
-def _gain(_scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
-    gain = 1.0 + shape["sign"] * size
-    return Physics(gain=of_motor(number, gain, 1.0)), {"gain": gain}
-
-
-def _sensed_gain(_scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
-    gain = 1.0 + shape["sign"] * size
-    return Physics(sensed_gain=of_motor(number, gain, 1.0)), {"gain": gain}
-
-
-def _bias(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
-    torque = shape["sign"] * size * scene.torque[number]
-    return Physics(bias=of_motor(number, torque)), {"torque": torque}
-
-
-def _sensed_bias(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
-    torque = shape["sign"] * size * scene.torque[number]
-    return Physics(sensed_bias=of_motor(number, torque)), {"torque": torque}
 
 
 def _terms(rng: Generator, first: Shape, orders: Sequence[int]) -> Shape:
@@ -269,25 +240,6 @@ def _ripple(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physi
     return physics, numbers
 
 
-def _saturation(scene: Scene, number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    limit = (1.0 - size) * scene.highest[number]
-    return Physics(limit=of_motor(number, limit, float("inf"))), {"limit": limit}
-
-
-def _lag(_scene: Scene, _number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    return Physics(lag=size), {"time_constant": size}
-
-
-def _delay(_scene: Scene, _number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    delay = max(round(size / 0.5e-3), 1) * 0.5e-3  # a whole number of steps
-    return Physics(delay=delay), {"delay": delay}
-
-
-def _encoder_offset(_scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
-    offset = shape["sign"] * size
-    return Physics(offset=at(axis, offset)), {"offset": offset}
-
-
 def _phase(rng: Generator, _scene: Scene) -> Shape:
     return _terms(rng, {"order": 1.0, "phase": float(rng.uniform(-pi, pi))}, range(2, 9))
 
@@ -302,16 +254,6 @@ def _eccentricity(_scene: Scene, axis: int, size: float, shape: Shape) -> tuple[
     if len(amplitudes) == 1:
         del numbers["order"]  # an eccentric disc has order 1
     return physics, numbers
-
-
-def _quantisation(scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    sensors = scene.device.sensors
-    quantum = size * ((sensors.motor_quantum if axis else sensors.link_quantum) or 0.0)
-    return Physics(quantum=at(axis, quantum)), {"quantum": quantum}
-
-
-def _skew(_scene: Scene, axis: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    return Physics(skew=at(axis, size)), {"delay": size}
 
 
 def _reach(rng: Generator, _scene: Scene) -> Shape:
@@ -358,40 +300,67 @@ def _external(scene: Scene, _number: int, size: float, shape: Shape) -> tuple[Ph
     return physics, {"torque": torque, "start": shape["start"], "stop": shape["stop"]}
 
 
-MENU: Mapping[str, Entry] = MappingProxyType(
+# Effects of one parameter: the field of Physics, the parameter, and its value at a number (axis or motor) of a size.
+_COULOMB = single("friction", "torque", at, lambda scene, axis, size: size * scene.torque[axis])
+_VISCOUS = single("viscous", "coefficient", at, lambda scene, axis, size: size * _viscous_of(scene, axis))
+_DRAG = single("drag", "coefficient", at, lambda s, axis, size: size * s.torque[axis] / s.speed[axis] ** 2)
+_LOADED = single("load_friction", "coefficient", at, lambda _scene, _axis, size: size)
+_BACKLASH = single("gap", "gap", of_motor, lambda scene, number, size: size * scene.deflection[number - 1])
+_SPRING_DAMPING = single(
+    "spring_damping", "coefficient", of_motor, lambda s, k, size: size * s.load[k - 1] / (s.speed[0] + s.speed[k])
+)
+_DRIFT = single("drift", "rate", of_motor, lambda scene, _number, size: size / scene.duration)
+_GAIN, _SENSED_GAIN = (
+    single(field, "gain", lambda motor, value: of_motor(motor, value, 1.0), lambda _scene, _number, size: 1.0 + size)
+    for field in ("gain", "sensed_gain")
+)
+_BIAS, _SENSED_BIAS = (
+    single(field, "torque", of_motor, lambda scene, number, size: size * scene.torque[number])
+    for field in ("bias", "sensed_bias")
+)
+_SATURATION = single(
+    "limit", "limit", lambda k, value: of_motor(k, value, inf), lambda scene, k, size: (1.0 - size) * scene.highest[k]
+)
+_LAG = single("lag", "time_constant", whole, lambda _scene, _number, size: size)
+_DELAY = single("delay", "delay", whole, lambda _scene, _number, size: max(round(size / TICK), 1) * TICK)
+_OFFSET = single("offset", "offset", at, lambda _scene, _axis, size: size)
+_QUANTISATION = single("quantum", "quantum", at, lambda scene, axis, size: size * _quantum_of(scene, axis))
+_SKEW = single("skew", "delay", at, lambda _scene, _axis, size: size)
+
+CATALOGUE: Mapping[str, Entry] = MappingProxyType(
     {
         entry.name: entry
         for entry in (
-            Entry("coulomb_friction", _axes, 0.01, 1.0, _plain, _coulomb),
-            Entry("asymmetric_coulomb", _axes, 0.01, 1.0, _uneven, _asymmetric_coulomb),
-            Entry("stribeck_friction", _axes, 0.01, 0.6, _falling, _stribeck),
-            Entry("viscous_friction", _axes, 0.25, 5.0, _plain, _viscous),
-            Entry("asymmetric_viscous", _axes, 0.25, 6.0, _signed, _asymmetric_viscous),
-            Entry("quadratic_drag", _axes, 0.02, 2.0, _plain, _drag),
-            Entry("presliding_friction", _axes, 0.01, 1.0, _sliding, _presliding),
-            Entry("load_dependent_friction", _axes, 0.02, 0.6, _plain, _loaded),
-            Entry("backlash", _transmissions, 0.02, 1.2, _plain, _backlash, 0.5),
-            Entry("hysteresis", _transmissions, 0.02, 0.8, _stretch, _hysteresis),
-            Entry("spring_damping", _transmissions, 0.02, 2.0, _plain, _spring_damping),
-            Entry("spring_law", _transmissions, 0.15, 3.0, _signed, _spring_law, 900.0),
-            Entry("stiffness_drift", _transmissions, 0.2, 0.9, _signed, _drift),
+            Entry("coulomb_friction", axes, 0.01, 1.0, no_shape, _COULOMB),
+            Entry("asymmetric_coulomb", axes, 0.01, 1.0, _uneven, _asymmetric_coulomb),
+            Entry("stribeck_friction", axes, 0.01, 0.6, _falling, _stribeck),
+            Entry("viscous_friction", axes, 0.25, 5.0, no_shape, _VISCOUS),
+            Entry("asymmetric_viscous", axes, 0.25, 6.0, _signed, _asymmetric_viscous),
+            Entry("quadratic_drag", axes, 0.02, 2.0, no_shape, _DRAG),
+            Entry("presliding_friction", axes, 0.01, 1.0, _sliding, _presliding),
+            Entry("load_dependent_friction", axes, 0.02, 0.6, no_shape, _LOADED),
+            Entry("backlash", transmissions, 0.02, 1.2, no_shape, _BACKLASH, 0.5),
+            Entry("hysteresis", transmissions, 0.02, 0.8, _stretch, _hysteresis),
+            Entry("spring_damping", transmissions, 0.02, 2.0, no_shape, _SPRING_DAMPING),
+            Entry("spring_law", transmissions, 0.15, 3.0, _signed, _spring_law, 900.0),
+            Entry("stiffness_drift", transmissions, 0.2, 0.9, _signed, _DRIFT),
             Entry("preset_error", _presets, 0.005, 1.0, _signed, _preset),
-            Entry("joint_coupling", _one("link"), 0.02, 2.0, _neighbour, _coupling),
-            Entry("torque_gain", _torques, 0.15, 0.6, _signed, _gain, inf, _sensed_gain),
-            Entry("torque_bias", _torques, 0.01, 0.8, _signed, _bias, inf, _sensed_bias),
+            Entry("joint_coupling", at_site("link"), 0.02, 2.0, _neighbour, _coupling),
+            Entry("torque_gain", _torques, 0.15, 0.6, _signed, _GAIN, sensed=_SENSED_GAIN),
+            Entry("torque_bias", _torques, 0.01, 0.8, _signed, _BIAS, sensed=_SENSED_BIAS),
             Entry("torque_ripple", _drives, 0.01, 0.8, _order, _ripple),
-            Entry("torque_saturation", _drives, 0.1, 0.85, _plain, _saturation),
-            Entry("actuator_lag", _one("command", "torque"), 0.5e-3, 0.04, _plain, _lag),
-            Entry("actuator_delay", _one("command"), 1e-3, 0.04, _plain, _delay),
-            Entry("encoder_offset", _encoders, 1e-4, 0.2, _signed, _encoder_offset),
+            Entry("torque_saturation", _drives, 0.1, 0.85, no_shape, _SATURATION),
+            Entry("actuator_lag", at_site("command", "torque"), 0.5e-3, 0.04, no_shape, _LAG),
+            Entry("actuator_delay", at_site("command"), 1e-3, 0.04, no_shape, _DELAY),
+            Entry("encoder_offset", _encoders, 1e-4, 0.2, _signed, _OFFSET),
             Entry("encoder_eccentricity", _encoders, 1e-4, 0.15, _phase, _eccentricity),
-            Entry("encoder_quantisation", _encoders, 3.0, 64.0, _plain, _quantisation),
-            Entry("channel_skew", _clocks, 0.2e-3, 0.03, _plain, _skew),
+            Entry("encoder_quantisation", _encoders, 3.0, 64.0, no_shape, _QUANTISATION),
+            Entry("channel_skew", _clocks, 0.2e-3, 0.03, no_shape, _SKEW),
             Entry("payload", _weighty, 0.15, 3.0, _reach, _payload),
-            Entry("link_inertia", _one("link"), 0.15, 2.0, _plain, _inertia),
+            Entry("link_inertia", at_site("link"), 0.15, 2.0, no_shape, _inertia),
             Entry("gravity_error", _weighty, 0.15, 0.9, _signed, _gravity),
-            Entry("contact", _one("environment"), 0.5, 50.0, _place, _contact),
-            Entry("external_torque", _one("environment"), 0.02, 1.5, _when, _external),
+            Entry("contact", at_site("environment"), 0.5, 50.0, _place, _contact),
+            Entry("external_torque", at_site("environment"), 0.02, 1.5, _when, _external),
         )
     }
 )

@@ -1,34 +1,27 @@
-"""Physics outside the catalogue, for which the right answer is 'none of these'."""
+"""Unmodelled effects: physics outside the catalogue, for which the right answer is 'none of these'."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from math import pi
 from types import MappingProxyType
 
 from numpy.random import Generator
-from via_core.devices import Device
 
-from via_gap.benchmark.menu import Entry, Numbers, Place, Shape
+from via_gap.benchmark.catalogue import (
+    Entry,
+    Numbers,
+    Shape,
+    at_site,
+    axes,
+    motors,
+    no_shape,
+    single,
+    transmissions,
+    whole,
+)
 from via_gap.benchmark.physics import Physics, at, of_motor
 from via_gap.benchmark.scene import Scene
-
-
-def _any_axis(device: Device) -> tuple[Place, ...]:
-    motors = tuple(("motor", i) for i in range(1, 1 + device.n_motors)) if device.drive == "torque" else ()
-    return (("link", 0), *motors)
-
-
-def _drives(device: Device) -> tuple[Place, ...]:
-    return tuple(("motor", i) for i in range(1, 1 + device.n_motors)) if device.drive == "torque" else ()
-
-
-def _springs(device: Device) -> tuple[Place, ...]:
-    return tuple(("transmission", i) for i in range(1, 1 + device.n_transmissions))
-
-
-def _at(site: str) -> Callable[[Device], tuple[Place, ...]]:
-    return lambda _device: ((site, 0),)
 
 
 def _order(rng: Generator, _scene: Scene) -> Shape:
@@ -65,15 +58,6 @@ def _belt(scene: Scene, _axis: int, size: float, shape: Shape) -> tuple[Physics,
     return physics, {"inertia": inertia, **shape}
 
 
-def _none(_rng: Generator, _scene: Scene) -> Shape:
-    return {}
-
-
-def _soft_middle(scene: Scene, number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    width = size * scene.deflection[number - 1]
-    return Physics(soften=of_motor(number, width)), {"width": width}
-
-
 def _time(rng: Generator, _scene: Scene) -> Shape:
     return {"time": float(rng.uniform(0.15, 0.6))}
 
@@ -89,27 +73,22 @@ def _relaxing(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Phy
     return physics, {"stiffness": stiffness, **shape}
 
 
-def _sag(scene: Scene, number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    per_power = size / (scene.torque[number] * scene.speed[number])
-    return Physics(sag=of_motor(number, per_power)), {"per_power": per_power}
+_SOFT_MIDDLE = single("soften", "width", of_motor, lambda scene, number, size: size * scene.deflection[number - 1])
+_SAG = single("sag", "per_power", of_motor, lambda scene, k, size: size / (scene.torque[k] * scene.speed[k]))
+_SLIPPING = single("skipping", "step", whole, lambda _scene, _number, size: size)
 
-
-def _slipping(_scene: Scene, _number: int, size: float, _shape: Shape) -> tuple[Physics, Numbers]:
-    return Physics(skipping=size), {"step": size}
-
-
-STRANGERS: Mapping[str, Entry] = MappingProxyType(
+UNMODELLED: Mapping[str, Entry] = MappingProxyType(
     {
         entry.name: entry
         for entry in (
-            Entry("textured_friction", _any_axis, 0.01, 1.0, _order, _texture),
-            Entry("warming_friction", _any_axis, 0.02, 1.5, _cooling, _warming),
-            Entry("extra_mode", _at("link"), 0.05, 1.5, _mode, _belt),
-            Entry("soft_middle", _springs, 0.05, 2.0, _none, _soft_middle),
-            Entry("random_torque", _at("environment"), 0.01, 1.0, _time, _unrest),
-            Entry("relaxing_spring", _springs, 0.02, 1.5, _time, _relaxing),
-            Entry("sagging_supply", _drives, 0.01, 0.5, _none, _sag),
-            Entry("skipping_encoder", _at("sensor"), 1e-3, 0.1, _none, _slipping),
+            Entry("textured_friction", axes, 0.01, 1.0, _order, _texture),
+            Entry("warming_friction", axes, 0.02, 1.5, _cooling, _warming),
+            Entry("extra_mode", at_site("link"), 0.05, 1.5, _mode, _belt),
+            Entry("soft_middle", transmissions, 0.05, 2.0, no_shape, _SOFT_MIDDLE),
+            Entry("random_torque", at_site("environment"), 0.01, 1.0, _time, _unrest),
+            Entry("relaxing_spring", transmissions, 0.02, 1.5, _time, _relaxing),
+            Entry("sagging_supply", motors, 0.01, 0.5, no_shape, _SAG),
+            Entry("skipping_encoder", at_site("sensor"), 1e-3, 0.1, no_shape, _SLIPPING),
         )
     }
 )

@@ -1,0 +1,114 @@
+"""Commands that take a joint through a motion, and what its sensors would record under them."""
+
+from __future__ import annotations
+
+from math import ceil, inf
+
+import numpy as np
+from via_core.devices import Device, TorqueMotor
+from via_core.errors import ParameterError
+from via_core.signals import Array, Signals
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import Simulator, simulate
+
+from via_gap.design.motion_file import COMMAND_UNITS
+from via_gap.design.motions import DURATION, REST, Motion
+from via_gap.logs.log import JointLog
+
+RATE = 1000.0  # [Hz] least rate of commands
+RANGE = 0.6  # [rad] largest motor angle from rest
+SWING = 1.4  # times RANGE: how far the link may move
+DEFLECTED = 0.8  # of the largest deflection
+BANDWIDTH = 12.0  # [rad/s] of the position loop that makes torques from references
+
+
+def rate_of(device: Device) -> float:
+    """[Hz] of commands: at least RATE, a whole multiple of the sensors' rate."""
+    return device.sensors.rate * ceil(RATE / device.sensors.rate - 1e-9)
+
+
+def commands_of(plant: JointPlant, motion: Motion, size: float) -> tuple[Signals, Array]:
+    """Commands that take a plant through a motion of `size` [rad], and its initial state (6,) at rest."""
+    device, rate = plant.device, rate_of(plant.device)
+    time = np.arange(round(DURATION * rate)) / rate
+    equilibrium, load = size * motion.reference(time), motion.load(time)
+    start = np.zeros(6)
+    if device.drive == "servo":
+        preset = 0.6 + 0.4 * load
+        start[1 : 1 + device.n_motors] = device.motor_angles(equilibrium[0], preset[0])
+        channels = {"equilibrium": equilibrium, "preset": preset, "damping": np.zeros(len(time))}
+        return _held(time, channels), start
+    preset = np.zeros(len(time))
+    if device.arrangement == "antagonistic":
+        raised = np.clip(time / REST, 0.0, 1.0)
+        preset = raised * (0.25 + 0.15 * load) * device.spring_laws[0].max_deflection
+    wanted = device.motor_angles(equilibrium, preset) if device.n_motors else equilibrium[:, None]
+    torque = following(plant, wanted, equilibrium, start, rate)
+    return _held(time, {"motor": torque} if device.n_motors else {"external_torque": torque[:, 0]}), start
+
+
+def _held(time: Array, channels: dict[str, Array]) -> Signals:
+    """Commands, each held until the next."""
+    return Signals(time, channels, COMMAND_UNITS, frozenset(channels))
+
+
+def following(plant: JointPlant, wanted: Array, equilibrium: Array, start: Array, rate: float) -> Array:
+    """Torques (N, m) [N m] with which a position loop moves motors (or a rigid link) along `wanted` (N, m) [rad]."""
+    device = plant.device
+    driven = max(device.n_motors, 1)
+    forward = -device.torque_each(equilibrium, wanted) if device.n_transmissions == driven else np.zeros_like(wanted)
+    rates = np.gradient(wanted, 1.0 / rate, axis=0)
+    motors = [motor for motor in device.motors if isinstance(motor, TorqueMotor)]
+    carried = np.array([m.inertia + device.link.inertia / driven for m in motors] or [device.link.inertia])
+    viscous = np.array([m.viscous_friction for m in motors] or [device.link.viscous_friction])
+    limit = np.array([m.torque_limit or inf for m in motors] or [inf])
+    proportional = carried * BANDWIDTH**2
+    derivative = np.maximum(1.2 * carried * BANDWIDTH - viscous, 0.2 * carried * BANDWIDTH)
+    first = 1 if motors else 0
+    simulator = Simulator(plant, rate)
+    state, command = simulator.init(start), np.zeros(4)
+    torque = np.empty_like(wanted)
+    for k in range(len(wanted)):
+        angle, speed = state[first : first + driven], state[3 + first : 3 + first + driven]
+        asked = forward[k] + proportional * (wanted[k] - angle) + derivative * (rates[k] - speed)
+        torque[k] = np.clip(asked, -limit, limit)
+        if motors:
+            command[:driven] = torque[k]
+        else:
+            command[3] = torque[k, 0]
+        state, _, _ = simulator.step(state, command)
+    return torque
+
+
+def recorded(plant: JointPlant, commands: Signals, start: Array, seed: int) -> JointLog | None:
+    """What the device's sensors would record of a plant under these commands; None if it diverges."""
+    device = plant.device
+    sensors = Sensors.of_device(device)
+    try:
+        run = simulate(plant, commands, DURATION, rate_of(device), sensors=sensors, initial=start, seed=seed)
+    except ParameterError:
+        return None
+    seen = {name: values for name, values in run.measured.channels.items() if np.isfinite(values).any()}
+    return JointLog("proposed", device, Signals(run.measured.time, seen, run.measured.units), commands)
+
+
+def within_limits(log: JointLog, size: float) -> bool:
+    """Whether a recorded motion of `size` [rad] keeps within the device's limits and stays near rest."""
+    device, measured = log.device, log.measured
+    most = SWING * max(size, 0.5 * RANGE)
+    if np.max(np.abs(measured["q"] - np.median(measured["q"]))) > most + abs(device.link.gravity_angle):
+        return False
+    if device.n_motors == 0:
+        return True
+    theta = measured["theta"]
+    apart = max(1, round(0.01 * len(theta) / DURATION))  # samples: over one, encoder steps look like speeds
+    speed = np.abs(theta[apart:] - theta[:-apart]).max(axis=0) / (apart * np.median(np.diff(measured.time)))
+    for i, motor in enumerate(device.motors):
+        fastest = motor.speed_limit if isinstance(motor, TorqueMotor) else device.observed.servo_speed_limit
+        if fastest is not None and speed[i] > fastest:
+            return False
+    return all(
+        bool(np.max(np.abs(measured["q"] - theta[:, i])) <= DEFLECTED * law.max_deflection)
+        for i, law in enumerate(device.spring_laws)
+    )

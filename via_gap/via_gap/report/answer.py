@@ -1,0 +1,100 @@
+"""The answer of a report: the decision about the motion, and the errors that the sensors' own measurements show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from via_core.devices import Device
+from via_sim.effects import spots
+
+from via_gap.candidates.candidate_set import CandidateSet
+from via_gap.candidates.localisation import SiteShare
+from via_gap.candidates.location import Location
+from via_gap.logs.log import Level
+from via_gap.report.causes import compared_causes, conformal_set, sensor_causes
+from via_gap.report.report import Cause, Place, Where
+from via_gap.selection.experiment import Experiment
+from via_gap.selection.verdict import Decision, Verdict
+from via_gap.sensors.sensor_errors import SensorError
+
+SHOWN = 0.02  # share of a site from which it is listed
+Weights = dict[tuple[str, int], float]  # of sites (site, motor)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The keys of a report that follow from decision and sensor errors; see `GapReport`."""
+
+    verdict: Verdict
+    where: tuple[Where, ...]
+    causes: tuple[Cause, ...]
+    equivalence_set: tuple[Place, ...]
+    conformal_set: tuple[Place, ...]
+    effects: tuple[Place, ...]
+
+
+def answer(
+    level: Level, experiment: Experiment, candidates: CandidateSet, decision: Decision, sensors: Sequence[SensorError]
+) -> Answer:
+    """Sensor errors are added to the named effects, except where the decision is that the cause is not known."""
+    device = experiment.judged.device
+    causes = compared_causes(device, decision, candidates.scales, experiment.tuned)
+    named = tuple(_place(device, each) for each in decision.named)
+    equivalent = tuple(_place(device, each) for each in decision.equivalent)
+    if not sensors or decision.verdict in ("unknown", "cannot_tell"):
+        where = _where(device, candidates, decision, ())
+        return Answer(decision.verdict, where, causes, equivalent, conformal_set(level, causes), named)
+    wrong = sensor_causes(device.name, sensors)
+    places = tuple(each.place for each in wrong)
+    first = sorted((*causes[: len(named)], *wrong), key=lambda each: -each.probability)
+    causes = (*first, *causes[len(named) :])
+    verdict = decision.verdict
+    if verdict != "main_effect":
+        verdict = "effect" if len(named) + len(wrong) == 1 else "several_effects"
+    where = _where(device, candidates, decision, wrong)
+    effects, equivalent = (*named, *places), (*equivalent, *places)
+    return Answer(verdict, where, causes, equivalent, conformal_set(level, causes), effects)
+
+
+def _place(device: Device, location: Location) -> Place:
+    return Place(effect=location.name, site=location.site, joint=device.name, motor=location.motor)  # type: ignore[arg-type]
+
+
+def _where(device: Device, candidates: CandidateSet, decision: Decision, sensors: Sequence[Cause]) -> tuple[Where, ...]:
+    """Sites of the causes named, weighted by their shares; where none is named, what the equations alone show."""
+    weights = _weights(decision, sensors)
+    shares = {(s.site, s.motor): s for s in candidates.shares}
+    if weights:
+        measured = {(each.site, each.motor) for each in sensors}
+        total = sum(weights.values())
+        found = [
+            _named_site(device, spot, weight / total, shares, spot in measured)
+            for spot, weight in sorted(weights.items(), key=lambda each: -each[1])
+        ]
+    elif decision.verdict == "no_gap":
+        found = []
+    else:
+        found = [Where(joint=device.name, **vars(each)) for each in candidates.shares]
+    return tuple(each for each in found if each.share >= SHOWN)
+
+
+def _weights(decision: Decision, sensors: Sequence[Cause]) -> Weights:
+    """Of each site: how often its effects are in the best model, and 1 for each error of a sensor there."""
+    weights: Weights = {}
+    compared = decision.shares if decision.named and decision.verdict != "no_gap" else ()
+    for location, share in compared:
+        weights[location.site, location.motor] = weights.get((location.site, location.motor), 0.0) + share
+    for cause in sensors:
+        weights[cause.site, cause.motor] = weights.get((cause.site, cause.motor), 0.0) + 1.0
+    return weights
+
+
+def _named_site(
+    device: Device, spot: tuple[str, int], share: float, shares: Mapping[tuple[str, int], SiteShare], measured: bool
+) -> Where:
+    """A site with the equation and the regions in which the residual is largest there."""
+    same = max((shares[each] for each in spots(*spot) if each in shares), key=lambda s: s.share, default=None)
+    equation = "measurements" if measured else same.equation if same else "simulation"
+    regions = same.regions if same else ()
+    return Where(joint=device.name, site=spot[0], motor=spot[1], equation=equation, share=share, regions=regions)  # type: ignore[arg-type]

@@ -1,0 +1,80 @@
+"""Figures of held-out stretches: errors by region, and traces of the stretches with the largest errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from via_gap.report.binning import bins_of, quantities, rms, six
+from via_gap.report.figures import ErrorBin, ErrorFigure, TraceFigure
+from via_gap.report.simulated_stretches import SimulatedStretch
+
+POINTS = 240  # of a trace
+STRETCHES: tuple[Literal["after", "before"], ...] = ("after", "before", "after")  # each the worst one left
+
+
+def error_figures(stretches: Sequence[SimulatedStretch], n_transmissions: int) -> tuple[ErrorFigure, ...]:
+    """Error of every signal before and after the repair, against speed, deflection, angle and time."""
+    if not stretches:
+        return ()
+    states = np.concatenate([each.states for each in stretches])
+    time = np.concatenate([each.time for each in stretches])
+    found = []
+    for column, axis in enumerate(stretches[0].axes):
+        before = np.concatenate([each.before[:, column] - each.measured[:, column] for each in stretches])
+        after = np.concatenate([each.after[:, column] - each.measured[:, column] for each in stretches])
+        floor = np.concatenate([np.full(len(each.time), each.floor[column]) for each in stretches])
+        for by, (unit, values) in quantities(states, time, axis, n_transmissions).items():
+            bins = tuple(
+                ErrorBin(low=six(low), high=six(high), centre=six(np.median(values[inside])),
+                         before=rms(before[inside]), after=rms(after[inside]), floor=rms(floor[inside]))
+                for low, high, inside in bins_of(by, values)
+            )  # fmt: skip
+            found.append(ErrorFigure(signal=stretches[0].signal(axis), by=by, unit=unit, bins=bins))
+    return tuple(found)
+
+
+def trace_figures(stretches: Sequence[SimulatedStretch], longest: float) -> tuple[TraceFigure, ...]:
+    """Every signal of the stretches [at most `longest` s] that are worst after and before the repair."""
+    pieces = [piece for each in stretches for piece in _pieces(each, longest)]
+    found = []
+    for by in STRETCHES[: len(pieces)]:
+        worst = max(range(len(pieces)), key=lambda i: _size(pieces[i], by))
+        found.extend(_traces(pieces.pop(worst), by))
+    return tuple(found)
+
+
+def _pieces(stretch: SimulatedStretch, longest: float) -> list[SimulatedStretch]:
+    """The stretch in pieces of at most `longest` [s], cut where the simulation restarts if it ever does."""
+    cuts = np.flatnonzero(stretch.restarts)
+    cuts = cuts if len(cuts) else np.arange(len(stretch.time))
+    begins = [int(cuts[0])]
+    for this, following in pairwise([*cuts, len(stretch.time)]):
+        if stretch.time[following - 1] - stretch.time[begins[-1]] > longest and this > begins[-1]:
+            begins.append(int(this))
+    return [stretch.part(a, b) for a, b in pairwise([*begins, len(stretch.time)])]
+
+
+def _size(piece: SimulatedStretch, by: Literal["after", "before"]) -> float:
+    """Squared error in units of the floor, summed over samples so that short pieces do not win."""
+    error = (getattr(piece, by) - piece.measured) / np.maximum(piece.floor, 1e-9)
+    return float(np.sum(error**2))
+
+
+def _traces(piece: SimulatedStretch, by: Literal["after", "before"]) -> list[TraceFigure]:
+    every = max(1, -(-len(piece.time) // POINTS))
+    begins = np.flatnonzero(piece.restarts)
+    kept = np.arange(0, len(piece.time), every)
+    restarts = tuple(int(np.searchsorted(kept, b)) for b in begins[1:] if b <= kept[-1])
+    columns = {"measured": piece.measured, "before": piece.before, "after": piece.after}
+    return [
+        TraceFigure(
+            log=piece.log, signal=piece.signal(axis), worst=by, time=tuple(map(six, piece.time[kept])),
+            restarts=restarts,
+            **{name: tuple(map(six, values[kept, column])) for name, values in columns.items()},
+        )
+        for column, axis in enumerate(piece.axes)
+    ]  # fmt: skip

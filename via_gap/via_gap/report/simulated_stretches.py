@@ -1,0 +1,139 @@
+"""Held-out samples in a row, measured and simulated by two models: the data behind traces and errors by region."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from via_core.devices import Device
+from via_core.signals import Array
+from via_sim.effects import Effect
+
+from via_gap.logs.replay import simulated_log
+from via_gap.residual.errors import NAMES
+from via_gap.residual.inverse_dynamics import InverseDynamics
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import Indices, Segments
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedStretch:
+    """Consecutive held-out samples.
+
+    time      (N,) [s] since the log began
+    states    (N, 6) [rad, rad/s] smoothed; NaN: not measured
+    measured, before, after  (N, a) [rad] of `axes`; of equations the drive's torque [N m]
+    restarts  (N,) whether the simulation restarts at a sample
+    floor     (a,) rms that sensor noise explains, in the same unit
+    torque    whether inverse dynamics is compared and not a simulation
+    """
+
+    log: str
+    axes: tuple[int, ...]
+    time: Array
+    states: Array
+    measured: Array
+    before: Array
+    after: Array
+    restarts: NDArray[np.bool_]
+    floor: Array
+    torque: bool = False
+
+    def signal(self, axis: int) -> str:
+        """Name of the compared signal of an axis."""
+        if not self.torque:
+            return NAMES[axis]
+        return "tau" if self.axes == (0,) else "tau_link" if axis == 0 else f"tau_{axis}"
+
+    def part(self, begin: int, end: int) -> SimulatedStretch:
+        """The samples from `begin` to before `end`."""
+        names = ("time", "states", "measured", "before", "after", "restarts")
+        return replace(self, **{name: getattr(self, name)[begin:end] for name in names})
+
+
+def runs(indices: Indices) -> list[Indices]:
+    """Positions of consecutive indices, one array per run."""
+    positions = np.arange(len(indices))
+    return [run for run in np.split(positions, np.flatnonzero(np.diff(indices) != 1) + 1) if len(run)]
+
+
+def segment_stretches(problem: ResidualModel, before: Array, after: Array) -> list[SimulatedStretch]:
+    """Neighbouring segments of a problem, with whitened residuals (R,) of two simulations.
+
+    The part of an error that the noise of the segment's start explains is not counted, as in the gap: 'simulated' is
+    the measured angle minus the remaining error.
+    """
+    found, begin = [], 0
+    for view in problem.views:
+        segments, size = view.segments, len(view.chosen) * view.size
+        shape = (len(view.chosen), -1, len(segments.axes))
+        errors = [each[begin : begin + size].reshape(shape) * segments.noise for each in (before, after)]
+        begin += size
+        for run in runs(view.chosen):
+            measured = segments.measured[view.chosen[run]]
+            bins = measured.shape[1]
+            ticks = (segments.begin[view.chosen[run]][:, None] + segments.every * np.arange(1, bins + 1)).ravel()
+            flat = measured.reshape(-1, len(segments.axes))
+            first, second = (flat - each[run].reshape(flat.shape) for each in errors)
+            restarts = np.arange(len(ticks)) % bins == 0
+            found.append(
+                SimulatedStretch(segments.log.name, segments.axes, ticks / segments.rate, segments.start[ticks], flat,
+                                 first, second, restarts, segments.noise)
+            )  # fmt: skip
+    return found
+
+
+def torque_stretches(problem: ResidualModel, before: Array, after: Array) -> list[SimulatedStretch]:
+    """Neighbouring segments judged by inverse dynamics, with the missing torque (R,) of two models."""
+    found, begin = [], 0
+    for view in problem.views:
+        assert isinstance(view, InverseDynamics)
+        segments, windows, size = view.segments, view.windows, len(view.chosen) * view.size
+        shape = (len(view.chosen), len(windows.axes), -1)
+        missing = [each[begin : begin + size].reshape(shape) * windows.floor[:, None] for each in (before, after)]
+        begin += size
+        sent = np.stack([view.over(windows.drive[view.inside, i], 0) for i in range(len(windows.axes))], axis=1)
+        for run in runs(view.chosen):
+            ticks = (view.first[run] + windows.weights.shape[1] // 2).ravel()
+            flat, first, second = (
+                each[run].transpose(0, 2, 1).reshape(len(ticks), -1)
+                for each in (sent, sent + missing[0], sent + missing[1])
+            )
+            found.append(
+                SimulatedStretch(segments.log.name, windows.axes, ticks / segments.rate, segments.start[ticks], flat,
+                                 first, second, np.zeros(len(ticks), dtype=bool), windows.floor, True)
+            )  # fmt: skip
+    return found
+
+
+def free_stretches(
+    nominal: Device,
+    repaired: Device,
+    effects: Sequence[Effect],
+    segments: Sequence[Segments],
+    chosen: Sequence[Indices],
+) -> list[SimulatedStretch]:
+    """Held-out stretches of logs that are simulated from beginning to end; the link angle only."""
+    found = []
+    floor = np.array([(nominal.sensors.link_quantum or 0.0) / np.sqrt(12.0)])
+    for each, which in zip(segments, chosen, strict=True):
+        log = each.log
+        if not len(which) or log.commands is None:
+            continue
+        seen = np.isfinite(log.measured["q"])
+        time, q = log.measured.time[seen], log.measured["q"][seen]
+        models = ((nominal, ()), (repaired, effects))
+        two = [simulated_log(device, log.measured, log.commands, added) for device, added in models]
+        before, after = (np.interp(time, run.time, run["q"])[:, None] for run in two)
+        segment = np.clip(np.searchsorted(each.time, time, side="right") - 1, 0, len(each) - 1)
+        inside = np.flatnonzero(np.isin(segment, which))
+        ticks = np.clip(np.rint((time - each.origin) * each.rate).astype(int), 0, len(each.start) - 1)
+        for run in runs(inside):
+            at = inside[run]
+            found.append(
+                SimulatedStretch(log.name, (0,), time[at] - time[0], each.start[ticks[at]], q[at, None], before[at],
+                                 after[at], np.zeros(len(at), dtype=bool), floor)
+            )  # fmt: skip
+    return found

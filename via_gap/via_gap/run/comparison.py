@@ -1,0 +1,102 @@
+"""Comparison of a short stretch of a log with the nominal model: size of the gap, and the site where it lies.
+
+It uses the equations of the diagnosis without its fits, so that two seconds of data take some milliseconds. The device
+may have parameters that a diagnosis fitted; then only what exceeds their tolerance remains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from via_core.devices import Device
+from via_core.signals import Signals
+from via_sim.plants import JointPlant
+
+from via_gap.candidates.localisation import SiteShare, localise
+from via_gap.logs.log import JointLog, believed
+from via_gap.logs.noise import LogNoise, log_noise
+from via_gap.logs.quality import Quality
+from via_gap.residual.equations import weak_residuals
+from via_gap.residual.errors import segment_errors
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import cut_log
+
+STILL = 1e-3  # [rad] travel of the link below which nothing can be compared
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A stretch of a log against a model.
+
+    window            [s] length of the stretch
+    error             [rad] root mean square of simulated minus measured link angle, in short segments
+    normalised_error  [-] error over the standard deviation of the measured link angle
+    residual_ratio    [-] rms residual of the equations over what the sensors explain; 1: no gap; NaN: no equation can
+                      be evaluated
+    sites             where that lies, largest share first
+    moves             whether the link moved enough for a comparison
+    """
+
+    window: float
+    error: float
+    normalised_error: float
+    residual_ratio: float
+    sites: tuple[SiteShare, ...]
+    moves: bool
+
+
+class Comparator:
+    """Compares one joint again and again.
+
+    Estimating the noise takes a hundred times as long as the rest. It is done once at rest and once in motion.
+    """
+
+    def __init__(self) -> None:
+        self._noise: LogNoise | None = None
+        self._known: tuple[bool, tuple[bool, ...]] = (False, ())  # whether the joint moved; which motors were measured
+
+    def compare(self, log: JointLog, device: Device) -> Comparison:
+        """As the function `compare`."""
+        (log,) = believed([log])
+        known = (_moves(log) or self._known[0], log.motors_seen)
+        if self._noise is None or known != self._known:
+            self._noise, self._known = log_noise(log), known
+        return compare(log, device, self._noise)
+
+
+def compare(log: JointLog, device: Device, noise: LogNoise | None = None) -> Comparison:
+    """The log against `device`; `noise` of its channels is estimated unless it is given.
+
+    Raises SignalError for a log without commands to simulate with, or one that is too short.
+    """
+    (log,) = believed([log])
+    whole = (float(log.measured.time[0]), float(log.measured.time[-1]))
+    segments = cut_log(log, quality=Quality((), (whole,), noise or log_noise(log)))
+    problem = ResidualModel.of([segments], [np.arange(len(segments))])
+    errors = segment_errors(problem, problem.residual([JointPlant.from_device(device).parameters])[0])
+    residuals = weak_residuals(segments, device)
+    whitened = [(each.torque / each.floor) ** 2 for each in residuals]
+    return Comparison(
+        window=log.duration,
+        error=float(np.sqrt(np.mean(errors.squares[:, 0]))),
+        normalised_error=float(errors.signals[0]),
+        residual_ratio=float(np.sqrt(np.mean(whitened))) if whitened else float("nan"),
+        sites=localise([segments], [residuals], device) if residuals else (),
+        moves=_moves(log),
+    )
+
+
+def _moves(log: JointLog) -> bool:
+    return bool(np.nanmax(log.measured["q"]) - np.nanmin(log.measured["q"]) > STILL)
+
+
+def warm_up(device: Device) -> None:
+    """Compare an artificial motion, which loads the compiled kernels before the first real comparison."""
+    time = np.arange(1000) / device.sensors.rate
+    wave = 0.1 * np.sin(12.0 * time)
+    motors = np.repeat(wave[:, None], device.n_motors, axis=1)
+    channels = {"q": wave, "theta": motors} if device.n_motors else {"q": wave}
+    held = {"motor": motors} if device.n_motors else {"damping": np.zeros(len(time))}
+    commands = Signals(time, held, {"motor": "", "damping": "-"}, frozenset(held))
+    compare(JointLog("warm-up", device, Signals(time, channels, {"q": "rad", "theta": "rad"}), commands), device)

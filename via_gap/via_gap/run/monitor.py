@@ -1,0 +1,239 @@
+"""The nominal model beside a live joint: a comparison at every tick, and diagnoses in a process of their own.
+
+monitor = Monitor(device, MonitorParameters())
+monitor.sample(stamp, row, now)         # row (c,) of monitor.columns
+monitor.rolling.command(stamp, mode, equilibrium, preset, damping, motor)
+monitor.request("", 10.0)               # a diagnosis of the last 10 s; monitor.request("my_bag", 0.0) of a file
+for event in monitor.poll():            # progress of that diagnosis, then its report or the reason of its failure
+    ...
+status, text = monitor.compare(now)     # results: monitor.comparison, monitor.report
+monitor.diagnose_if_due(now)            # starts a diagnosis of the whole window every now and then
+
+Times `now` are seconds of a steady clock. A report's fitted device parameters replace those of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from via_core.devices import Device
+from via_core.errors import ParameterError, SignalError, ViaError
+from via_core.signals import Array
+from via_core.status import Status
+from via_sim.plants import JointPlant
+
+from via_gap.logs.log import JointLog
+from via_gap.logs.rolling import RollingLog, columns_of
+from via_gap.report.report import GapReport, read_report
+from via_gap.residual.nuisance import nuisances
+from via_gap.residual.repaired_device import repaired_device
+from via_gap.run.comparison import Comparator, Comparison, warm_up
+from via_gap.run.worker import Failed, Finished, Job, Progress, Worker
+
+STALE = 0.5  # [s] without a sample after which samples count as missing
+LIVE = "live"  # name of the window in its report
+
+
+@dataclass(frozen=True)
+class MonitorParameters:
+    """Parameters of the node `gap_monitor`."""
+
+    device: str = field(default="cubic_demo", metadata={"description": "device name or path to its YAML"})
+    joint_topic: str = field(default="/joint_states", metadata={"description": "topic of the samples"})
+    rate: float = field(
+        default=10.0, metadata={"description": "gap messages and diagnostics", "unit": "Hz", "range": (0.1, 50.0)}
+    )
+    recent: float = field(
+        default=2.0,
+        metadata={"description": "time compared with the model at every tick", "unit": "s", "range": (0.5, 60.0)},
+    )
+    window: float = field(
+        default=20.0, metadata={"description": "time that is diagnosed", "unit": "s", "range": (2.0, 600.0)}
+    )
+    least: float = field(
+        default=8.0,
+        metadata={"description": "time that suffices for a first diagnosis", "unit": "s", "range": (1.0, 600.0)},
+    )
+    every: float = field(
+        default=20.0,
+        metadata={
+            "description": "period of automatic diagnoses; 0: only on request",
+            "unit": "s",
+            "range": (0.0, 86400.0),
+        },
+    )
+
+
+class Monitor:
+    """One joint's samples, the model they are compared with, and the diagnosis under way.
+
+    columns     names of the channels of a sample
+    model       the device, with the fitted parameters of the last report
+    comparison  the latest comparison; None where there is none
+    report      the latest report on the live window, `diagnosed` [ns] the stamp of its last sample
+    doing       stage of the diagnosis under way; '': none
+    trouble     why the last automatic diagnosis failed
+    samples     number of samples so far, `foreign` of messages about other devices
+    """
+
+    def __init__(self, device: Device, parameters: MonitorParameters) -> None:
+        if parameters.recent > parameters.window:
+            raise ParameterError(
+                f"parameter recent must lie in [0.5, {parameters.window:g}] s, got {parameters.recent:g}"
+            )
+        warm_up(device)
+        self.device = self.model = device
+        self.columns = columns_of(device)
+        self.rolling = RollingLog(device, parameters.window)
+        self.worker = Worker()
+        self.comparison: Comparison | None = None
+        self.report: GapReport | None = None
+        self.diagnosed = 0
+        self.doing = self.trouble = ""
+        self.samples = self.foreign = 0
+        self._parameters = parameters
+        self._comparator = Comparator()
+        self._requested = self._from_file = False  # whether the diagnosis under way was requested, of a file
+        self._stamp = 0  # [ns] of the last sample of the diagnosis under way
+        self._restarts = self._compared = 0  # restarts of the clock handled, samples at the last comparison
+        self._received = self._due = float("-inf")  # [s] last sample, next automatic diagnosis
+
+    def close(self) -> None:
+        """End the process of a diagnosis under way."""
+        self.worker.close()
+
+    @property
+    def restarts(self) -> int:
+        """How often the clock ran backward."""
+        return self.rolling.restarts
+
+    def sample(self, stamp: int, row: Array, now: float) -> None:
+        """Take a sample (c,) with its stamp [ns], received at `now` [s]."""
+        self.rolling.sample(stamp, row)
+        self._received = now
+        self.samples += 1
+
+    def request(self, path: str, seconds: float) -> None:
+        """Start a diagnosis of a recording, or of the last `seconds` [s] of the window (0: all of it).
+
+        It ends an automatic diagnosis. Raises ViaError where there is nothing to diagnose.
+        """
+        job = Job(self.device, self._source(path, seconds), self._parameters.joint_topic)
+        if self.worker.busy:
+            self.worker.cancel()
+        self._requested, self._from_file, self.doing = True, bool(path), "starting"
+        self.worker.begin(job)
+
+    def cancel(self) -> None:
+        """End the diagnosis under way."""
+        self.worker.cancel()
+        self._requested, self._from_file, self.doing = False, False, ""
+
+    def poll(self) -> Iterator[Progress | Failed | GapReport]:
+        """What a requested diagnosis has sent since the last call; results of automatic ones are kept here."""
+        if self.restarts != self._restarts:
+            self._restart()
+        while (event := self.worker.poll()) is not None:
+            requested = self._requested
+            if isinstance(event, Progress):
+                self.doing = event.doing
+                result: Progress | Failed | GapReport = event
+            else:
+                result = self._finish(event)
+            if requested:
+                yield result
+
+    def compare(self, now: float) -> tuple[Status, str]:
+        """Compare the most recent samples with the model: whether that was possible, and a sentence about it."""
+        topic, recent = self._parameters.joint_topic, self._parameters.recent
+        if self.rolling.newest is None:
+            others = " of this device, others only" if self.foreign else ""
+            return Status.WARMING_UP, f"no samples{others} yet on {topic}"
+        if self._stale(now):
+            return Status.BAD_SAMPLE, f"no samples for {now - self._received:.1f} s on {topic}"
+        if self.rolling.duration < recent:
+            why = "the clock ran back, the window restarted" if self.restarts else "warming up"
+            return Status.WARMING_UP, f"{why}: {self.rolling.duration:.1f} of {recent:g} s"
+        if self.samples != self._compared:
+            self._compared = self.samples
+            try:
+                log = self.rolling.log(LIVE, recent)
+                assert log is not None
+                self.comparison = self._comparator.compare(log, self.model)
+            except ViaError as error:
+                self.comparison = None
+                return Status.BAD_SAMPLE, str(error)
+        if self.comparison is None:
+            return Status.BAD_SAMPLE, self.trouble or "no comparison was possible"
+        if not self.comparison.moves:
+            return Status.NOT_EXCITED, "the link does not move"
+        text = f"the residual of the equations is {self.comparison.residual_ratio:.3g} times the noise"
+        if self.comparison.sites:
+            text += f", most of it at the {self.comparison.sites[0].site}"
+        return Status.OK, text
+
+    def diagnose_if_due(self, now: float) -> None:
+        """Start an automatic diagnosis of the whole window, if it is time for one and the joint moves."""
+        own = self._parameters
+        moves = self.comparison is not None and self.comparison.moves and not self._stale(now)
+        enough = self.rolling.duration >= min(own.least, own.window)
+        if own.every == 0.0 or self.worker.busy or now < self._due or not (moves and enough):
+            return
+        self._due = now + own.every
+        try:
+            log = self._window()
+        except ViaError as error:
+            self.trouble = str(error)
+            return
+        self.doing, self.trouble = "starting", ""
+        self.worker.begin(Job(self.device, log))
+
+    def _stale(self, now: float) -> bool:
+        return now - self._received > STALE
+
+    def _source(self, path: str, seconds: float) -> JointLog | Path:
+        if path:
+            if seconds != 0.0:
+                raise ParameterError(f"seconds must be 0 with a path, got {seconds:g}")
+            return Path(path)
+        if not 0.0 <= seconds <= self._parameters.window:
+            raise ParameterError(f"seconds must lie in [0, {self._parameters.window:g}], got {seconds:g}")
+        return self._window(seconds or None)
+
+    def _window(self, seconds: float | None = None) -> JointLog:
+        log = self.rolling.log(LIVE, seconds)
+        if log is None:
+            raise SignalError(f"no samples of '{self.device.name}' yet on {self._parameters.joint_topic}")
+        self._stamp = self.rolling.newest or 0
+        return log
+
+    def _finish(self, event: Finished | Failed) -> Failed | GapReport:
+        requested, of_file = self._requested, self._from_file
+        self._requested, self._from_file, self.doing = False, False, ""
+        if isinstance(event, Failed):
+            if not requested:
+                self.trouble = event.reason
+            return event
+        report = read_report(event.report, "diagnosis")
+        if not of_file:
+            self.report, self.diagnosed = report, self._stamp
+            self.model = fitted_device(self.device, report)
+        return report
+
+    def _restart(self) -> None:
+        """The clock ran backward: earlier results belong to another run."""
+        self._restarts = self.restarts
+        self.report, self.model, self.comparison, self._due = None, self.device, None, float("-inf")
+        self._comparator = Comparator()
+        if self.worker.busy and not self._requested:
+            self.cancel()
+
+
+def fitted_device(device: Device, report: GapReport) -> Device:
+    """The device with the parameters that a diagnosis fitted inside their tolerances."""
+    found = {each.name: each.deviations for each in report.nuisance}
+    moved = nuisances(JointPlant.from_device(device))
+    return repaired_device(device, moved, np.array([found.get(each.name, 0.0) for each in moved]))
