@@ -23,6 +23,7 @@ from math import exp, isfinite, nan
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from via_core.errors import ParameterError
 from via_core.servos import servo_acceleration
 from via_core.signals import Array
@@ -104,7 +105,7 @@ class EquationTorques:
     inertia: Array
 
 
-def equation_torques(row: Array, record: Record, wanted: Array | None = None) -> EquationTorques:
+def equation_torques(row: Array, record: Record, wanted: NDArray[np.intp] | None = None) -> EquationTorques:
     """Torques of a joint with parameter row (N_PARAMETERS,) along a record; the row's tick and substeps are not used.
 
     wanted  (n,) ascending: samples whose torques are returned; None: all N

@@ -307,5 +307,5 @@ def settled(segments: Segments) -> Segments:
     moved = replace(known, begun=travel).motion(nominal[None]) - known.motion(nominal[None])
     shows = np.sqrt(np.mean((moved[0] / segments.noise) ** 2, axis=(1, 2))) > 1.0
     first = int(np.flatnonzero(shows)[-1]) + 1 if shows.any() else 0
-    valid = segments.valid & (every >= first)
+    valid = np.logical_and(segments.valid, every >= first)
     return replace(segments, valid=valid) if valid.any() else segments
