@@ -36,6 +36,15 @@ from via_gap.residual.unseen import led as lead_along
 
 LEAD = 0.06  # [s] longer than any lag between channels
 THREADS = 2
+OF_LINK = np.concatenate(  # slots of a row that act on the link alone and leave nothing in a state
+    [
+        [P.inertia, P.viscous_friction, P.viscous_asymmetry, P.quadratic_drag, P.breakaway_friction],
+        [P.kinetic_friction, P.friction_asymmetry, P.stribeck_velocity, P.load_friction, P.both_sides],
+        [P.counter_friction, P.load_stribeck, P.counter_stribeck, P.load_quadratic, P.load_velocity],
+        np.arange(P.gravity_torque, P.coupling + 1),
+        np.arange(P.contact_stiffness, P.link_drive),
+    ]
+)  # fmt: skip
 
 
 @cache
@@ -124,24 +133,29 @@ class Rollout:
 
     def _led(self, rows: Array, commands: Array) -> Array:
         """(K, C, S) states of rows at the beginning of each chosen segment, led along what was measured."""
-        segments, count = self.segments, len(rows)
-        sent, under = commands.reshape(-1, commands.shape[2]), np.arange(count) % len(commands) * commands.shape[1]
-        states = self._fresh(np.zeros(count, dtype=np.intp), sent, under)
+        segments = self.segments
+        alike = rows.copy() if len(commands) == 1 else np.arange(len(rows), dtype=np.float64)[:, None]
+        if len(commands) == 1:  # a link that is set to its reading moves as it was read, whatever acts on it
+            alike[:, OF_LINK] = 0.0
+        _, first, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)
+        lead = np.ascontiguousarray(rows[first])
+        sent, under = commands.reshape(-1, commands.shape[2]), first % len(commands) * commands.shape[1]
+        states = self._fresh(np.zeros(len(first), dtype=np.intp), sent, under)
         states[:, [axis for axis in (1, 2) if axis not in segments.axes]] += self.begun
-        out, axes = np.empty((count, len(self.chosen), states.shape[1])), np.array(segments.axes)
-        ticks = segments.begin[self.chosen]
-        half = (count + 1) // 2 if count > 1 else count
-        parts = [slice(0, half), slice(half, count)] if half < count else [slice(0, count)]
-        jobs = [
-            _threads().submit(
-                lead_along, np.ascontiguousarray(rows[part]), states[part],
-                commands if len(commands) == 1 else commands[part], segments.start, axes, ticks, out[part],
-            )
-            for part in parts
-        ]  # fmt: skip
+        out, axes = np.empty((len(first), len(self.chosen), states.shape[1])), np.array(segments.axes)
+        drive = commands if len(commands) == 1 else commands[first]
+        jobs = []
+        for part in np.array_split(np.arange(len(first)), min(THREADS, len(first))):
+            here = slice(int(part[0]), int(part[-1]) + 1)
+            own = drive if len(drive) == 1 else drive[here]
+            ticks = segments.begin[self.chosen]
+            job = _threads().submit(
+                lead_along, lead[here], states[here], own, segments.start, axes, ticks, out[here]
+            )  # fmt: skip
+            jobs.append(job)
         for job in jobs:
             job.result()
-        return out
+        return out[which.reshape(-1)]
 
     def _run(
         self, rows: Array, offset: Array | None, drive: Array, held: Array | None, led: Array | None,

@@ -1,0 +1,71 @@
+"""Motors without an encoder: led along the measured link they are where the simulator had them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_logs import flexible, log_of
+from via_core.signals import Signals
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.rollout import OF_LINK, Rollout, settled
+from via_gap.residual.segments import Segments, cut_log
+from via_sim.effects import Effect
+from via_sim.plants import JointPlant
+
+
+def without_motors(log):
+    measured = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
+    return replace(log, measured=measured)
+
+
+def told(segments: Segments):
+    every = np.arange(len(segments))
+    nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
+    return Rollout(segments, every, nominal, np.empty(0), np.empty(0), 0)
+
+
+def test_a_motor_nobody_saw_is_where_its_encoder_would_have_read_it():
+    log = log_of(flexible(), (), seed=3, duration=8.0, tolerance=0.0)
+    seen, unseen = cut_log(log), settled(cut_log(without_motors(log)))
+    assert seen.axes == (0, 1) and unseen.axes == (0,)
+    rollout = told(unseen)
+    states = rollout._led(rollout.nominal[None], unseen.commands[None])[0]
+    read = seen.angles[unseen.begin, 1]
+    late = unseen.valid
+    assert late.any() and np.std(read[late]) > 0.05
+    assert states[late, 1] == pytest.approx(read[late], abs=3e-4)
+
+
+def test_segments_of_motors_nobody_saw_show_an_effect_as_well_as_any():
+    """Set back only at the beginning of each segment, a link would drive the motor ever further away."""
+    effect = Effect("payload", "link", {"mass": 0.05, "distance": 0.3}, 0)
+    log = log_of(flexible(), (effect,), seed=4, duration=20.0, tolerance=0.0)
+    segments = settled(cut_log(without_motors(log)))
+    problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
+    right, nominal = problem.residual([problem.row([effect]), problem.row([])])
+    assert np.sqrt(np.mean(right**2)) < 1.6
+    assert np.sqrt(np.mean(nominal**2)) > 10.0
+
+
+def test_rows_that_differ_in_the_link_alone_share_what_leads_to_their_segments():
+    segments = cut_log(without_motors(log_of(flexible(), (), seed=5, duration=4.0)))
+    rollout = told(segments)
+    rows = np.repeat(rollout.nominal[None], 3, axis=0)
+    rows[1, OF_LINK[0]] *= 1.5  # inertia of the link
+    rows[2, OF_LINK[0] + 1] *= 1.2  # and of the motor
+    led = rollout._led(rows, segments.commands[None])
+    assert np.array_equal(led[0], led[1]) and not np.allclose(led[0][:, 1], led[2][:, 1], atol=1e-5)
+
+
+def test_segments_are_left_out_until_a_start_is_forgotten():
+    log = log_of(flexible(), (), seed=6, duration=10.0, tolerance=0.0)
+    segments = cut_log(without_motors(log))
+    kept = settled(segments)
+    first = int(np.flatnonzero(kept.valid)[0])
+    assert 0 < first < len(segments) // 2 and kept.valid[first:].all()
+    rollout = told(segments)
+    beside = replace(rollout, begun=float(np.std(segments.angles[:, 0])))
+    moved = beside.motion(rollout.nominal[None])[0] - rollout.motion(rollout.nominal[None])[0]
+    size = np.sqrt(np.mean((moved / segments.noise) ** 2, axis=(1, 2)))
+    assert size[0] > 1.0 and np.all(size[first:] <= 1.0)
+    assert settled(cut_log(log)).valid.all()  # every motor was seen
