@@ -21,6 +21,19 @@ EDGE = 1e-3  # of a parameter's typical size: closer to an end of its range it c
 
 def doubt(fit: Fit, scales: Scales) -> str:
     """Why the effects of a fit may not be named, in one phrase; empty where they may."""
+    return _first(fit, scales, significant=True)
+
+
+def absurd(fit: Fit, scales: Scales) -> str:
+    """Why no more data would help the effects of a fit: at the end of a range, or absent. Empty where they might.
+
+    On a subset, or before other effects are there, errors that are not explained yet widen every interval.
+    """
+    return _first(fit, scales, significant=False)
+
+
+def _first(fit: Fit, scales: Scales, significant: bool) -> str:
+    """The first thing that rules a fit out; whether sizes have to be significant."""
     first = 0
     for location, effect in zip(fit.locations, fit.effects, strict=True):
         parameters = location.parameters
@@ -37,10 +50,11 @@ def doubt(fit: Fit, scales: Scales) -> str:
                 return f"{location}: {parameters[i].name} is at the end of its range"
         if not np.any(values[which] != neutral[which]):
             return f"{location}: is absent"
-        size, slopes = _size(effect.name, values, neutral, which)
-        information = np.linalg.pinv(slopes @ fit.covariance[own, own] @ slopes.T, hermitian=True)
-        if float(size @ information @ size) < chi2.ppf(1.0 - NUMBERS.significance, len(size)):
-            return f"{location}: its size is consistent with zero"
+        if significant:
+            size, slopes = _size(effect.name, values, neutral, which)
+            information = np.linalg.pinv(slopes @ fit.covariance[own, own] @ slopes.T, hermitian=True)
+            if float(size @ information @ size) < chi2.ppf(1.0 - NUMBERS.significance, len(size)):
+                return f"{location}: its size is consistent with zero"
     return ""
 
 

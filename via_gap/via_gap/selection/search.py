@@ -30,7 +30,7 @@ from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.numbers import NUMBERS
-from via_gap.selection.plausibility import doubt
+from via_gap.selection.plausibility import absurd
 from via_gap.selection.verdict import improves, matters, simplest
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
@@ -227,7 +227,7 @@ class Search:
 
     def _finished(self, fits: Sequence[Fit]) -> list[Fit]:
         """Those near the best plausible one, fitted to all segments: an absurd fit must not shut others out."""
-        order = sorted((fit for fit in fits if not doubt(fit, self.scales)), key=lambda fit: fit.loss)
+        order = sorted((fit for fit in fits if not absurd(fit, self.scales)), key=lambda fit: fit.loss)
         near = [fit for number, fit in enumerate(order) if number < CLOSEST or fit.loss < CLOSE * order[0].loss]
         done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]
         found = [fit for fit in done if fit is not None]
