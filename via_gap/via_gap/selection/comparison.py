@@ -51,11 +51,11 @@ def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progre
 
 
 def _supported(experiment: Experiment, candidates: CandidateSet) -> Callable[[Evaluation], bool]:
-    """Whether a model may be named: plausible, no worse than no model, and not contradicted by the other view."""
+    """Whether a model may be named: plausible, clearly better than no model, and not contradicted by the other view."""
     contradicts = experiment.contradicts
 
     def supported(each: Evaluation) -> bool:
-        if doubt(each.fit, candidates.scales) or clearly_worse(each, experiment.baseline):
+        if doubt(each.fit, candidates.scales) or not clearly_worse(experiment.baseline, each):
             return False
         return not (contradicts and vetoed(each, experiment.tuned))
 

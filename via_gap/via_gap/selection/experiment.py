@@ -2,8 +2,8 @@
 
 Two views look at every segment: simulated from its measured start (`Rollout`), and the torque that its equations lack
 along the measured motion (`InverseDynamics`). Simulated segments judge, with inverse dynamics as the witness that can
-contradict, unless a straight line from each start predicts the motion better than the model: then measured torque does
-not predict the motion, whatever keeps the model from moving would win, and inverse dynamics judges alone.
+contradict, unless the model does not clearly predict the motion better than a straight line from each start: then
+measured torque does not predict it, whatever keeps the model from moving would win, and inverse dynamics judges alone.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Experiment:
             names = [known.get(s.log.name, i) for i, s in enumerate(segments) if len(train[i])]
             return made._crossed(names)
         open_loop = made.judged.device.drive == "torque"  # else the loop that moves the joint is part of the model
-        if open_loop and made.witness is not None and clearly_worse(made.tuned, made.baseline):
+        if open_loop and made.witness is not None and not clearly_worse(made.baseline, made.tuned):
             return made._by_equations() or made
         return made
 
