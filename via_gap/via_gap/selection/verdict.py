@@ -97,25 +97,27 @@ def decide(
         return _unnamed("cannot_tell", tuned, models, bound, "what the model leaves does not repeat with the motion")
     if explained < NUMBERS.most:
         return _unnamed("unknown", tuned, models, bound, "")
-    chosen = last
-    if fraction(tuned, chosen, 1.0) < NUMBERS.substantial:
-        reason = f"what is left repeats with no motion and outweighs what {chosen.fit.locations[0]} would explain"
+    if fraction(tuned, last, 1.0) < NUMBERS.substantial:
+        reason = f"what is left repeats with no motion and outweighs what {last.fit.locations[0]} would explain"
         return _unnamed("cannot_tell", tuned, models, bound, reason)
-    rivals = without_needless([each for each in models if len(each.fit.effects) == len(chosen.fit.effects)])
-    tied = _tied(chosen, rivals)
+    rivals = without_needless([each for each in models if len(each.fit.effects) == len(last.fit.effects)])
+    tied = _tied(last, rivals)
     verdict: Verdict = "main_effect"
     if explained >= NUMBERS.complete:
-        verdict = "effect" if len(chosen.fit.effects) == 1 else "several_effects"
-    equivalent = tuple(dict.fromkeys(place for each in (chosen, *tied) for place in each.fit.locations))
+        verdict = "effect" if len(last.fit.effects) == 1 else "several_effects"
+    equivalent = tuple(dict.fromkeys(place for each in (last, *tied) for place in each.fit.locations))
     if len(tied) > NUMBERS.largest_set:
         reason = f"{len(tied)} causes explain these data equally well"
         return replace(_unnamed("cannot_tell", tuned, models, bound, reason), equivalent=equivalent)
     shares, spoken = _shares(rivals)
     alone = {each.fit.locations[0]: each.score for each in models if len(each.fit.effects) == 1}
-    order = sorted(range(len(shares)), key=lambda i: (-round(shares[i][1], 6), alone.get(shares[i][0], np.inf), i))
-    shares, spoken = tuple(shares[i] for i in order), tuple(spoken[i] for i in order)
-    spoken = tuple(chosen if p in chosen.fit.locations else m for (p, _), m in zip(shares, spoken, strict=True))
-    return Decision(verdict, chosen, explained, bound, shares, spoken, equivalent)
+    ranked = sorted(
+        ((p, round(share, 9), model) for (p, share), model in zip(shares, spoken, strict=True)),
+        key=lambda each: (-each[1], alone.get(each[0], np.inf)),
+    )
+    shares, spoken = tuple((p, share) for p, share, _ in ranked), tuple(model for _, _, model in ranked)
+    spoken = tuple(last if p in last.fit.locations else m for (p, _), m in zip(shares, spoken, strict=True))
+    return Decision(verdict, last, explained, bound, shares, spoken, equivalent)
 
 
 def fraction(tuned: Evaluation, model: Evaluation, bound: float) -> float:
