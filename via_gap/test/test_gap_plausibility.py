@@ -13,7 +13,7 @@ from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.residual.equations import weak_residuals
 from via_gap.residual.segments import cut_log
-from via_gap.selection.plausibility import doubt
+from via_gap.selection.plausibility import absurd, doubt
 from via_sim.catalogue import EFFECTS
 
 NOTHING = np.empty(0)
@@ -87,3 +87,19 @@ def test_of_several_effects_each_must_be_plausible():
     assert doubt(both, scales()).startswith("torque_gain at motor 1")
     known = replace(both, covariance=np.diag([0.001**2, 0.01**2]))
     assert doubt(known, scales()) == ""
+
+
+def test_a_richer_friction_whose_shape_is_at_its_end_is_the_plainer_one():
+    """A Stribeck velocity of nearly nothing leaves Coulomb friction, with any breakaway torque beside it."""
+    stribeck = Location("stribeck_friction", "link", 0)
+    said = doubt(fit(stribeck, 1e-4, 0.06, 0.03, 1e-3), scales())
+    assert said == "stribeck_friction at link: velocity is at the end of its range"
+    assert doubt(fit(stribeck, 1e-4, 0.06, 0.03, 0.2), scales()) == ""
+
+
+def test_on_a_subset_only_what_no_more_data_would_help_is_left_out():
+    uncertain = fit(COULOMB, 0.01, 0.005)
+    assert doubt(uncertain, scales()).endswith("consistent with zero") and absurd(uncertain, scales()) == ""
+    _, high = bounds_of(COULOMB, scales())
+    assert absurd(fit(COULOMB, 0.001, float(high[0])), scales()).endswith("torque is at the end of its range")
+    assert absurd(fit(COULOMB, 0.0, 0.0), scales()).endswith("is absent")

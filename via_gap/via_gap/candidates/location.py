@@ -15,6 +15,12 @@ from via_gap.logs.log import JointLog
 
 # Seen in the measurements themselves, see sensor_errors.py: no simulation of motion shows them.
 MEASUREMENT_ONLY = ("encoder_quantisation",)
+PLAINER = {  # effects that contain another: its name, and the parameters whose mean is where it starts
+    "asymmetric_coulomb": ("coulomb_friction", (0, 1)),
+    "stribeck_friction": ("coulomb_friction", (1,)),
+    "presliding_friction": ("coulomb_friction", (0,)),
+    "asymmetric_viscous": ("viscous_friction", (0, 1)),
+}
 
 
 @dataclass(frozen=True)

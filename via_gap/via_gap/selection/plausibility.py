@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from via_core.signals import Array
 
 from via_gap.candidates.fit import Fit, bounds_of
+from via_gap.candidates.location import PLAINER
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of, size_parameters
 from via_gap.selection.numbers import NUMBERS
@@ -45,7 +46,7 @@ def _first(fit: Fit, scales: Scales, significant: bool) -> str:
         low, high = bounds_of(location, scales)
         edge = EDGE * np.array([size_of(p, location, scales) for p in parameters])  # a range may be without end
         at_end = (values >= high - edge) | ((values <= low + edge) & (low != neutral))
-        for i in which:
+        for i in range(len(parameters)) if location.name in PLAINER else which:  # at an end it is the plainer effect
             if at_end[i]:
                 return f"{location}: {parameters[i].name} is at the end of its range"
         if not np.any(values[which] != neutral[which]):

@@ -22,7 +22,7 @@ from via_sim.parameters import RIPPLE_HARMONICS
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, Fit, Members, member_slopes, members_of, on, refine
-from via_gap.candidates.location import Location
+from via_gap.candidates.location import PLAINER, Location
 from via_gap.candidates.orders import harmonics
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, ranked, ranked_pairs
@@ -47,12 +47,6 @@ CLOSE, CLOSEST = 2.0, 4  # times the best loss on the subset, and how many at le
 EXCHANGED = 0.9  # times the loss, below which another effect takes the place of one
 MOST = 4  # effects
 RIPPLE = "torque_ripple"
-PLAINER = {  # effects that contain another: its name, and the parameters whose mean is where it starts
-    "asymmetric_coulomb": ("coulomb_friction", (0, 1)),
-    "stribeck_friction": ("coulomb_friction", (1,)),
-    "presliding_friction": ("coulomb_friction", (0,)),
-    "asymmetric_viscous": ("viscous_friction", (0, 1)),
-}
 
 
 @dataclass(frozen=True, eq=False)
