@@ -140,3 +140,17 @@ def test_what_stands_for_lost_samples_is_not_compared(device):
     )
     left, same = (each.per_segment(each.residual([each.row(())])[0]) for each in (problem, moved))
     assert np.array_equal(left, same) and np.max(left) < 1.6
+
+
+def test_no_command_between_two_samples_is_lost():
+    """Every tenth sample of a log whose commands change on every tick: with fewer ticks most would be left out."""
+    log = log_of(flexible(), (), seed=9, duration=6.0, tolerance=0.0)
+    channels = {name: values[::10] for name, values in log.measured.channels.items()}
+    seldom = replace(log, measured=Signals(log.measured.time[::10], channels, log.measured.units))
+    assert cut_log(seldom).rate == cut_log(log).rate == 1000.0
+    rng = np.random.default_rng(1)
+    restless = log.commands["motor"] + 0.05 * rng.normal(size=log.commands["motor"].shape)
+    commanded = Signals(
+        log.commands.time, {**log.commands.channels, "motor": restless}, log.commands.units, log.commands.held
+    )
+    assert np.unique(cut_log(replace(seldom, commands=commanded)).commands[:, 0]).size > 5900

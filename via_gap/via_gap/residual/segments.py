@@ -30,7 +30,7 @@ SPAN = 0.25  # [s] of a segment of a torque-driven joint, which drifts
 # [s] by the drive. Under a position drive a wrong start fades within its loop's settling time; of motors that follow
 # their commands a joint does not drift at all.
 SPANS = {"torque": SPAN, "position": 0.75, "servo": 1.5}
-SLOWEST = 500.0  # [Hz] ticks; a slower log is simulated with several ticks per sample
+SLOWEST, FASTEST = 500.0, 2000.0  # [Hz] ticks; a slower log is simulated with several ticks per sample
 BIN = 0.004  # [s] over which angles are averaged before they are compared
 START, START_SPEED = 2.0, 0.03  # times the sensor's noise; [rad/s]: how well a smoothed start is known, bias included
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
@@ -99,7 +99,7 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     steps = np.diff(log.measured.time)
     period = float(np.median(steps))
     uniform = float(np.mean(np.abs(steps - period) > 0.1 * period)) < 0.05
-    per_sample = max(1, ceil(SLOWEST * period - 1e-6)) if uniform else 1
+    per_sample = max(1, ceil(SLOWEST * period - 1e-6), _commands_per(period, log)) if uniform else 1
     rate = per_sample / period if uniform else 1000.0
     if abs(rate - round(rate)) < 1e-3 * rate:
         rate = float(round(rate))
@@ -204,6 +204,14 @@ def _rest(log: JointLog) -> Array:
             if np.isfinite(column).any():
                 rest[1 + i] = np.nanmedian(column)
     return rest
+
+
+def _commands_per(period: float, log: JointLog) -> int:
+    """Commands in a sample's period [s]: each holds for a tick, and one between two ticks would be lost."""
+    if log.commands is None or len(log.commands) < 2:
+        return 1
+    apart = max(float(np.median(np.diff(log.commands.time))), 1.0 / FASTEST)
+    return round(period / apart)
 
 
 def _aligned(log: JointLog, rate: float) -> float:
