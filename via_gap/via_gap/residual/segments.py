@@ -136,6 +136,8 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     sure = np.stack([START * reading, START * reading / reach + START_SPEED], axis=1)
     cut = np.stack([angles[b : b + ticks + 1] for b in begin])
     valid = np.array([missing[b : b + ticks + 1].mean() < 0.02 for b in begin])
+    if len(begin) > 1 and np.any(np.ptp(angles[: max(2, round(reach * rate)) + 1], axis=0) >= RESTS):
+        valid[0] = False  # the log begins in motion: a one-sided fit does not know how fast
     if quality is not None:
         valid &= _inside(origin + begin / rate, ticks / rate, quality.usable)
     measured = binned(cut, every, averaged)
