@@ -14,6 +14,7 @@ from via_gap.benchmark.model import STEP
 from via_gap.benchmark.physics import Physics
 from via_gap.benchmark.recording import neighbour_angle, sense
 from via_gap.benchmark.scene import scene_of
+from via_gap.benchmark.selections import OF_POSITION
 from via_gap.benchmark.stepping import Drive, Run
 from via_gap.benchmark.stepping import simulate as second
 from via_gap.benchmark.unmodelled import UNMODELLED
@@ -170,7 +171,8 @@ def test_two_effects_join_unless_they_are_one() -> None:
 
 
 def test_places_are_those_of_the_catalogue() -> None:
-    assert list(CATALOGUE) == list(EFFECTS)
+    assert list(CATALOGUE) == [name for name, kind in EFFECTS.items() if not kind.of_goal]
+    assert {name for name, kind in EFFECTS.items() if kind.of_goal} <= set(OF_POSITION)
     for family in FAMILIES:
         for seed in range(4):
             device = drawn(family, seed)[0]
