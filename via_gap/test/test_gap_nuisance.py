@@ -1,5 +1,7 @@
 """Nuisance parameters: a bounded minimum that is one, and a repaired device whose rows are those of the fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid
@@ -77,3 +79,25 @@ def test_a_slope_is_taken_on_the_side_where_the_effect_has_a_meaning():
     less = 2.0 * here - more
     assert problem.row_or_none(edge, less) is None
     problem.fit_nuisances(edge, here)
+
+
+def test_the_weights_of_a_robust_loss_are_its_slopes_and_their_squares_lie_above_it():
+    """By finite differences over every value, and for steps of any size: lowering the squares lowers the loss."""
+    segments = cut_log(log_of(rigid(), (), seed=3, duration=4.0, tolerance=0.0))
+    plain = ResidualModel.of([segments], [np.arange(1, 8)])
+    problem = replace(plain, robust=True)
+    rng = np.random.default_rng(2)
+    size = np.repeat([0.2, 0.7, 1.5, 4.0, 30.0, 0.9, 200.0], plain.size // 7)  # of noise and far above it
+    at = size * rng.normal(size=plain.size)
+    weights = problem.weights(at)
+    for k in rng.choice(plain.size, 20, replace=False):
+        step = np.zeros(plain.size)
+        step[k] = 1e-5 * size[k]
+        slope = (problem.loss(at + step) - problem.loss(at - step)) / (2.0 * step[k])
+        assert slope == pytest.approx(2.0 * weights[k] ** 2 * at[k], rel=1e-4, abs=1e-6)
+    for _ in range(50):
+        other = at + 10.0 ** rng.uniform(-2.0, 1.0) * size * rng.normal(size=plain.size)
+        gain = np.sum(weights**2 * (other**2 - at**2))
+        assert problem.loss(other) - problem.loss(at) <= gain + 1e-9 * abs(gain)
+    assert plain.loss(at) == pytest.approx(at @ at) and np.all(plain.weights(at) == 1.0)
+    assert problem.by_squares.loss(at) == plain.loss(at) and plain.by_squares is plain

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of
+from gap_models import evaluated
 from via_gap.candidates.fit import Fit, bounds_of
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.residual.equations import weak_residuals
 from via_gap.residual.segments import cut_log
+from via_gap.selection.comparison import _supported
 from via_gap.selection.plausibility import absurd, doubt
 from via_sim.catalogue import EFFECTS
 
@@ -103,3 +106,12 @@ def test_on_a_subset_only_what_no_more_data_would_help_is_left_out():
     _, high = bounds_of(COULOMB, scales())
     assert absurd(fit(COULOMB, 0.001, float(high[0])), scales()).endswith("torque is at the end of its range")
     assert absurd(fit(COULOMB, 0.0, 0.0), scales()).endswith("is absent")
+
+
+@pytest.mark.parametrize(("left", "named"), [(30.0, True), (97.0, False), (100.0, False), (140.0, False)])
+def test_only_what_is_clearly_better_than_no_model_is_named(left, named):
+    """Against a prediction without a model that leaves 100 in every segment; within the margin is not better."""
+    level, tuned = np.exp(0.01 * np.random.default_rng(1).normal(size=40)), evaluated(np.full(40, 400.0))
+    experiment = SimpleNamespace(contradicts=False, baseline=evaluated(np.full(40, 100.0)), tuned=tuned)
+    supported = _supported(experiment, SimpleNamespace(scales=scales()))
+    assert supported(replace(evaluated(left * level, COULOMB), fit=fit(COULOMB, 0.001, 0.01))) == named

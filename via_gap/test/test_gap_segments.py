@@ -154,3 +154,14 @@ def test_no_command_between_two_samples_is_lost():
         log.commands.time, {**log.commands.channels, "motor": restless}, log.commands.units, log.commands.held
     )
     assert np.unique(cut_log(replace(seldom, commands=commanded)).commands[:, 0]).size > 5900
+
+
+def test_the_first_segment_counts_only_where_a_log_begins_at_rest():
+    """A one-sided fit does not know how fast a joint moves; that one at rest does not, it knows."""
+    log = log_of(flexible(), (), seed=9, duration=6.0, tolerance=0.0)
+    assert cut_log(log).valid.all()
+    later = slice(2000, None)
+    channels = {name: values[later] for name, values in log.measured.channels.items()}
+    moving = replace(log, measured=Signals(log.measured.time[later], channels, log.measured.units))
+    valid = cut_log(moving).valid
+    assert not valid[0] and valid[1:].all()

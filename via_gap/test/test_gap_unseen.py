@@ -7,9 +7,11 @@ import pytest
 from gap_logs import flexible, log_of
 from via_core.signals import Signals
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.rollout import OF_LINK, Rollout, settled
+from via_gap.residual.rollout import Rollout, settled
 from via_gap.residual.segments import Segments, cut_log
+from via_gap.residual.unseen import OF_LINK, led
 from via_sim.effects import Effect
+from via_sim.parameters import P
 from via_sim.plants import JointPlant
 
 
@@ -47,14 +49,26 @@ def test_segments_of_motors_nobody_saw_show_an_effect_as_well_as_any():
     assert np.sqrt(np.mean(nominal**2)) > 10.0
 
 
-def test_rows_that_differ_in_the_link_alone_share_what_leads_to_their_segments():
+def test_what_acts_on_the_link_alone_moves_no_motor_that_is_led():
+    """Each slot of OF_LINK moved on its own, every row led for itself: that is why such rows share their states."""
     segments = cut_log(without_motors(log_of(flexible(), (), seed=5, duration=4.0)))
-    rollout = told(segments)
-    rows = np.repeat(rollout.nominal[None], 3, axis=0)
-    rows[1, OF_LINK[0]] *= 1.5  # inertia of the link
-    rows[2, OF_LINK[0] + 1] *= 1.2  # and of the motor
-    led = rollout._led(rows, segments.commands[None])
-    assert np.array_equal(led[0], led[1]) and not np.allclose(led[0][:, 1], led[2][:, 1], atol=1e-5)
+    rollout, ticks = told(segments), segments.begin[2:]
+    values = {
+        P.inertia: 0.03,
+        P.contact_angle: 5.0,
+        P.contact_side: -1.0,
+        P.stribeck_velocity: 0.4,
+        P.load_velocity: 0.4,
+    }
+    rows = np.repeat(rollout.nominal[None], 2 + len(OF_LINK), axis=0)
+    rows[range(1, 1 + len(OF_LINK)), OF_LINK] = [values.get(slot, 0.05) for slot in OF_LINK]
+    rows[-1, P.inertia + 1] *= 1.2  # of the motor
+    fresh = rollout._fresh(np.zeros(len(rows), dtype=np.intp), segments.commands, np.zeros(len(rows), dtype=np.intp))
+    out = np.empty((len(rows), len(ticks), fresh.shape[1]))
+    led(rows, fresh, segments.commands[None], segments.start, np.array([0]), ticks, out)
+    assert np.max(np.abs(out[1:-1, :, 1] - out[0, :, 1])) < 2e-5 < 1e-3 < np.max(np.abs(out[-1, :, 1] - out[0, :, 1]))
+    shared = rollout._led(rows, segments.commands[None])
+    assert np.array_equal(shared[0], shared[5]) and not np.array_equal(shared[0], shared[-1])
 
 
 def test_segments_are_left_out_until_a_start_is_forgotten():
@@ -64,7 +78,7 @@ def test_segments_are_left_out_until_a_start_is_forgotten():
     first = int(np.flatnonzero(kept.valid)[0])
     assert 0 < first < len(segments) // 2 and kept.valid[first:].all()
     rollout = told(segments)
-    beside = replace(rollout, begun=float(np.std(segments.angles[:, 0])))
+    beside = replace(rollout, motor_start=float(np.std(segments.angles[:, 0])))
     moved = beside.motion(rollout.nominal[None])[0] - rollout.motion(rollout.nominal[None])[0]
     size = np.sqrt(np.mean((moved / segments.noise) ** 2, axis=(1, 2)))
     assert size[0] > 1.0 and np.all(size[first:] <= 1.0)

@@ -130,8 +130,8 @@ def test_every_step_of_the_ladder_matters(case):
     assert [len(a.fit.effects) < len(b.fit.effects) for a, b in pairwise(steps)] == [True] * (len(steps) - 1)
     for fewer, more in pairwise(steps):
         gain, left = fewer.rms - more.rms, fewer.rms - 1.0
-        of_rest = fewer.mean_square > NUMBERS.no_gap and gain > NUMBERS.rest * left
-        assert of_rest or gain > NUMBERS.material * (tuned.rms - 1.0)
+        remaining = fewer.mean_square > NUMBERS.no_gap and gain > NUMBERS.remaining * left
+        assert remaining or gain > NUMBERS.material * (tuned.rms - 1.0)
         assert more.score < fewer.score - NUMBERS.margin
 
 

@@ -9,6 +9,7 @@ from via_core.weak_form import window_weights
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
 from via_sim.equations import Record, equation_torques
+from via_sim.held_commands import HeldCommands
 from via_sim.parameters import ABSENT, P
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate
@@ -129,6 +130,45 @@ def test_measured_torques_drive_the_equations_as_well():
         atol=1e-9,
         equal_nan=True,
     )
+
+
+WITH_MEMORY = {"presliding_friction", "hysteresis", "actuator_lag"}
+
+
+@pytest.mark.parametrize("name", ["torque_saturation", "torque_ripple", "channel_skew", "actuator_delay", *WITH_MEMORY])
+def test_some_samples_are_as_they_are_among_all(name):
+    """Also those of effects that remember what came before the samples asked for."""
+    joint = flexible()
+    kind, nominal = EFFECTS[name], JointPlant.from_device(joint)
+    site = next(place for place in places(name, joint) if place[0] in kind.sites)
+    effect = Effect(name, site[0], SIZES[name], site[1])
+    record = recorded(nominal, commands(joint))
+    row, wanted = nominal.with_effects([effect]).parameters, np.r_[700:760, 2000:2300, 3999]
+    whole, some = equation_torques(row, record), equation_torques(row, record, wanted)
+    for field in ("torque", "friction", "capacity", "standing", "angle", "velocity", "transmission"):
+        assert np.array_equal(getattr(some, field), getattr(whole, field)[wanted], equal_nan=field != "standing"), field
+
+
+@pytest.mark.parametrize(
+    ("slot", "value"),
+    [(P.torque_limit, 0.4), (P.saturation + 1, 0.3), (P.delay, 0.0123), (P.sensed_gain + 1, 1.3),
+     (P.sensed_bias + 1, 0.2), (P.inertia, 0.5), (P.torque_gain + 1, 0.7)],
+)  # fmt: skip
+def test_means_that_are_remembered_are_those_of_the_row(slot, value):
+    """Whatever was asked for before: every slot that the means depend on tells two rows apart."""
+    joint = flexible()
+    row, sent = JointPlant.from_device(joint).parameters.copy(), commands(joint)
+    run = simulate(JointPlant.from_device(joint), sent, 2.0, RATE).measured
+    velocity = np.column_stack([run["q_velocity"], run["theta_velocity"], np.zeros(len(run))])
+    record = Record.of_torques(joint, run, velocity, sent)
+    other = row.copy()
+    other[slot] = value
+    for each in (row, other, row):
+        late, prompt = record.held.means(each)
+        fresh = HeldCommands(record.time, record.command_time, record.commands, record.sensed).means(each)
+        assert np.array_equal(late, fresh[0]) and np.array_equal(prompt, fresh[1])
+    moved = not np.array_equal(record.held.means(row)[0], record.held.means(other)[0])
+    assert moved == (slot not in (P.inertia, P.torque_gain + 1))
 
 
 def test_misuse_is_refused():

@@ -19,7 +19,8 @@ BUSIEST = 8  # segments with the largest errors besides
 def subset(problem: ResidualModel, residual: Array) -> tuple[ResidualModel, Indices]:
     """The problem to search on, and where its values stand in a residual (R,); all of it where that is not much.
 
-    Motors that nobody saw need the segments before, and those of servos are few and long: then nothing is left out.
+    Segments of servos are few and long, and to motors without an encoder the whole log leads whichever are compared:
+    then nothing is left out.
     """
     counts = [len(view.chosen) for view in problem.views]
     seen = all(all(view.segments.log.motors_seen) for view in problem.views)

@@ -116,7 +116,7 @@ class ResidualModel:
     @property
     def by_squares(self) -> ResidualModel:
         """The same with squares for its loss: far from the best fit they lead there more surely."""
-        return replace(self, robust=False)
+        return replace(self, robust=False) if self.robust else self
 
     def part(self, kept: Sequence[Indices]) -> tuple[ResidualModel, Indices]:
         """Some segments of each view, by their indices into `chosen` -> their model, indices of its values in (R,)."""

@@ -14,10 +14,8 @@ projected out, an exact one has no effect.
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import partial
 from math import ceil
 
 import numpy as np
@@ -32,28 +30,10 @@ from via_sim.torques import HISTORY, QUEUED, X
 
 from via_gap.residual.memory import HELD, goals_along, held_along, with_late_goal, with_memory
 from via_gap.residual.segments import Indices, Segments, binned
-from via_gap.residual.unseen import led as lead_along
+from via_gap.residual.threads import THREADS, together
+from via_gap.residual.unseen import states_along
 
 LEAD = 0.06  # [s] longer than any lag between channels
-THREADS = 2
-OF_LINK = np.concatenate(  # slots of a row that act on the link alone and leave nothing in a state
-    [
-        [P.inertia, P.viscous_friction, P.viscous_asymmetry, P.quadratic_drag, P.breakaway_friction],
-        [P.kinetic_friction, P.friction_asymmetry, P.stribeck_velocity, P.load_friction, P.both_sides],
-        [P.counter_friction, P.load_stribeck, P.counter_stribeck, P.load_quadratic, P.load_velocity],
-        np.arange(P.gravity_torque, P.coupling + 1),
-        np.arange(P.contact_stiffness, P.link_drive),
-    ]
-)  # fmt: skip
-
-
-@cache
-def _threads() -> ThreadPoolExecutor:
-    """One pool for all views of a process: what a fit asks for takes hardly longer than to start two threads."""
-    return ThreadPoolExecutor(THREADS)
-
-
-os.register_at_fork(after_in_child=_threads.cache_clear)  # threads do not survive a fork
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +41,7 @@ class Rollout:
     """Chosen segments of a log, ready to be simulated with any parameter row.
 
     chosen       indices of segments, ascending
-    begun        [rad] added to where motors that were not seen stand when the log begins
+    motor_start  [rad] added to the angle at which motors without an encoder begin the log
     basis        orthonormal (C, b a, k): what a wrong start does to each segment, in units of the noise
     shrink       (C, k) how much of a residual along each of them is put down to the start
     """
@@ -72,7 +52,7 @@ class Rollout:
     basis: Array
     shrink: Array
     lead: int  # ticks that are simulated before the first segment of a stretch
-    begun: float = 0.0
+    motor_start: float = 0.0
 
     @staticmethod
     def of(segments: Segments, chosen: Indices) -> Rollout:
@@ -115,12 +95,7 @@ class Rollout:
             led = self._led(rows, drive)
         elif with_memory(rows).any():
             held = held_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
-        if len(pieces) == 1:
-            self._run(rows, offset, drive, held, led, stretches, pieces[0], out)
-        else:  # the kernel releases the GIL
-            submit = _threads().submit
-            for job in [submit(self._run, rows, offset, drive, held, led, stretches, each, out) for each in pieces]:
-                job.result()
+        together(partial(self._run, rows, offset, drive, held, led, stretches, piece, out) for piece in pieces)
         return out
 
     def _stretches(self, seen: bool) -> Indices:
@@ -134,28 +109,12 @@ class Rollout:
     def _led(self, rows: Array, commands: Array) -> Array:
         """(K, C, S) states of rows at the beginning of each chosen segment, led along what was measured."""
         segments = self.segments
-        alike = rows.copy() if len(commands) == 1 else np.arange(len(rows), dtype=np.float64)[:, None]
-        if len(commands) == 1:  # a link that is set to its reading moves as it was read, whatever acts on it
-            alike[:, OF_LINK] = 0.0
-        _, first, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)
-        lead = np.ascontiguousarray(rows[first])
-        sent, under = commands.reshape(-1, commands.shape[2]), first % len(commands) * commands.shape[1]
-        states = self._fresh(np.zeros(len(first), dtype=np.intp), sent, under)
-        states[:, [axis for axis in (1, 2) if axis not in segments.axes]] += self.begun
-        out, axes = np.empty((len(first), len(self.chosen), states.shape[1])), np.array(segments.axes)
-        drive = commands if len(commands) == 1 else commands[first]
-        jobs = []
-        for part in np.array_split(np.arange(len(first)), min(THREADS, len(first))):
-            here = slice(int(part[0]), int(part[-1]) + 1)
-            own = drive if len(drive) == 1 else drive[here]
-            ticks = segments.begin[self.chosen]
-            job = _threads().submit(
-                lead_along, lead[here], states[here], own, segments.start, axes, ticks, out[here]
-            )  # fmt: skip
-            jobs.append(job)
-        for job in jobs:
-            job.result()
-        return out[which.reshape(-1)]
+        sent = commands.reshape(-1, commands.shape[2])
+        under = np.arange(len(rows)) % len(commands) * commands.shape[1]
+        states = self._fresh(np.zeros(len(rows), dtype=np.intp), sent, under)
+        states[:, [axis for axis in (1, 2) if axis not in segments.axes]] += self.motor_start
+        axes = np.array(segments.axes)
+        return states_along(rows, states, commands, segments.start, axes, segments.begin[self.chosen])
 
     def _run(
         self, rows: Array, offset: Array | None, drive: Array, held: Array | None, led: Array | None,
@@ -307,10 +266,10 @@ class Rollout:
 
 
 def settled(segments: Segments) -> Segments:
-    """The same without the segments in which it still shows where motors that nobody saw began.
+    """The same without the segments in which it still shows where motors without an encoder began.
 
-    Their start is put off by as much as the link moves; what that changes has to be below the noise. Where it never
-    is, all segments stay.
+    Their start is moved by the standard deviation of the link's angle; what that changes has to be below the noise.
+    Where it never is, all segments stay.
     """
     if all(segments.log.motors_seen) or segments.log.device.drive == "servo":
         return segments
@@ -318,7 +277,7 @@ def settled(segments: Segments) -> Segments:
     every = np.arange(len(segments))
     known = Rollout(segments, every, nominal, np.empty(0), np.empty(0), 0)
     travel = float(np.nanstd(segments.angles[:, 0]))
-    moved = replace(known, begun=travel).motion(nominal[None]) - known.motion(nominal[None])
+    moved = replace(known, motor_start=travel).motion(nominal[None]) - known.motion(nominal[None])
     shows = np.sqrt(np.mean((moved[0] / segments.noise) ** 2, axis=(1, 2))) > 1.0
     first = int(np.flatnonzero(shows)[-1]) + 1 if shows.any() else 0
     valid = np.logical_and(segments.valid, every >= first)

@@ -30,7 +30,9 @@ SPAN = 0.25  # [s] of a segment of a torque-driven joint, which drifts
 # [s] by the drive. Under a position drive a wrong start fades within its loop's settling time; of motors that follow
 # their commands a joint does not drift at all.
 SPANS = {"torque": SPAN, "position": 0.75, "servo": 1.5}
-SLOWEST, FASTEST = 500.0, 2000.0  # [Hz] ticks; a slower log is simulated with several ticks per sample
+# [Hz] ticks: a slower log is simulated with several ticks per sample, one for each command up to FASTEST, which no
+# joint follows
+SLOWEST, FASTEST = 500.0, 2000.0
 BIN = 0.004  # [s] over which angles are averaged before they are compared
 START, START_SPEED = 2.0, 0.03  # times the sensor's noise; [rad/s]: how well a smoothed start is known, bias included
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted

@@ -95,7 +95,7 @@ class Experiment:
     def around(self, events: Sequence[float]) -> Experiment:
         """The same with finely alternating segments; those in which something begins or ends [s] are fitted."""
         train, held = split_finely(self.segments, events)
-        return _experiment(self.segments, train, held, self.by == "inverse dynamics")
+        return _experiment(self.segments, train, held, self.by == "inverse dynamics", self.fitted.robust)
 
     def everywhere(self) -> ResidualModel:
         """All segments, fitted and held out, in the view that judges."""

@@ -23,7 +23,7 @@ class Numbers(BaseModel):
     complete: Share
     substantial: Share
     material: Share
-    rest: Share
+    remaining: Share
     largest_set: Annotated[int, Field(ge=1)]
 
 

@@ -22,7 +22,7 @@ EDGE = 1e-3  # of a parameter's typical size: closer to an end of its range it c
 
 def doubt(fit: Fit, scales: Scales) -> str:
     """Why the effects of a fit may not be named, in one phrase; empty where they may."""
-    return _first(fit, scales, significant=True)
+    return _ruled_out(fit, scales, significant=True)
 
 
 def absurd(fit: Fit, scales: Scales) -> str:
@@ -30,11 +30,11 @@ def absurd(fit: Fit, scales: Scales) -> str:
 
     On a subset, or before other effects are there, errors that are not explained yet widen every interval.
     """
-    return _first(fit, scales, significant=False)
+    return _ruled_out(fit, scales, significant=False)
 
 
-def _first(fit: Fit, scales: Scales, significant: bool) -> str:
-    """The first thing that rules a fit out; whether sizes have to be significant."""
+def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
+    """The first thing that rules a fit out, in one phrase; whether sizes have to be significant."""
     first = 0
     for location, effect in zip(fit.locations, fit.effects, strict=True):
         parameters = location.parameters
@@ -46,7 +46,8 @@ def _first(fit: Fit, scales: Scales, significant: bool) -> str:
         low, high = bounds_of(location, scales)
         edge = EDGE * np.array([size_of(p, location, scales) for p in parameters])  # a range may be without end
         at_end = (values >= high - edge) | ((values <= low + edge) & (low != neutral))
-        for i in range(len(parameters)) if location.name in PLAINER else which:  # at an end it is the plainer effect
+        limited = range(len(parameters)) if location.name in PLAINER else which  # at an end it is the plainer effect
+        for i in limited:
             if at_end[i]:
                 return f"{location}: {parameters[i].name} is at the end of its range"
         if not np.any(values[which] != neutral[which]):

@@ -223,8 +223,10 @@ class Search:
         """Those near the best plausible one, fitted to all segments: an absurd fit must not shut others out."""
         order = sorted((fit for fit in fits if not absurd(fit, self.scales)), key=lambda fit: fit.loss)
         near = [fit for number, fit in enumerate(order) if number < CLOSEST or fit.loss < CLOSE * order[0].loss]
-        done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]
-        found = [fit for fit in done if fit is not None]
+        found = near
+        if self.few is not self.whole:
+            done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]
+            found = [fit for fit in done if fit is not None]
         rippled = [fit for fit in found if any(place.name == RIPPLE for place in fit.locations)]
         return found + (self._richer(rippled[0]) if rippled else [])
 

@@ -132,13 +132,13 @@ def matters(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
 
 
 def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
-    """Whether a model explains a material share of the error more, or most of what is left, clearly or not.
+    """Whether a model explains a material share of the error more, or half of what is left, clearly or not.
 
     Then larger ones are worth a fit. What is left counts only where there is more than noise.
     """
     gain = fewer.rms - max(more.rms, 1.0)
-    of_rest = fewer.mean_square > NUMBERS.no_gap and gain > NUMBERS.rest * (fewer.rms - 1.0)
-    return of_rest or gain > NUMBERS.material * (tuned.rms - 1.0)
+    remaining = fewer.mean_square > NUMBERS.no_gap and gain > NUMBERS.remaining * (fewer.rms - 1.0)
+    return remaining or gain > NUMBERS.material * (tuned.rms - 1.0)
 
 
 def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:

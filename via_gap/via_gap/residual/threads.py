@@ -1,0 +1,29 @@
+"""Compiled kernels on all threads: they release the interpreter's lock."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+THREADS = 2
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    """One for the whole process: to start two threads takes hardly less time than they are busy."""
+    return ThreadPoolExecutor(THREADS)
+
+
+os.register_at_fork(after_in_child=_pool.cache_clear)  # threads do not survive a fork
+
+
+def together(calls: Iterable[Callable[[], None]]) -> None:
+    """Make all calls, THREADS at a time; raises what one of them raises."""
+    waiting = list(calls)
+    if len(waiting) == 1:
+        waiting[0]()
+        return
+    for job in [_pool().submit(call) for call in waiting]:
+        job.result()
