@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gap_models import BACKLASH, COULOMB, evaluated
 from via_core.signals import Array
+from via_gap.selection import reliability
 from via_gap.selection.confidence_set import confidence_set
 from via_gap.selection.evidence import block_means, clearly_worse, difference, resamples, vetoed
 from via_gap.selection.numbers import NUMBERS
@@ -117,3 +118,18 @@ def test_whole_runs_are_compared_by_squared_error():
     assert evaluated(a).score < evaluated(b).score
     one, other = evaluated(a, whole=True), evaluated(b, whole=True)
     assert difference(one, other)[0] == pytest.approx(one.score - other.score, rel=1e-3)
+
+
+def test_no_set_is_stated_for_signals_that_were_not_calibrated(monkeypatch):
+    """With 19 cases the smallest share of a true cause is the least of the set; with 18 none is known."""
+
+    def told(count: int) -> reliability.Reliability:
+        shares = np.linspace(0.3, 1.0, count)
+        cases = [reliability.Calibrated("effect", "full", True, True, float(share)) for share in shares]
+        return reliability.calibrated(cases, "a test", "1-19")
+
+    monkeypatch.setattr(reliability, "shipped", lambda: told(19))
+    assert reliability.in_conformal_set([0.9, 0.31, 0.29], "full") == (True, True, False)
+    assert reliability.in_conformal_set([0.9, 0.31], "link_only") == (False, False)
+    monkeypatch.setattr(reliability, "shipped", lambda: told(18))
+    assert reliability.in_conformal_set([0.9, 0.31], "full") == (False, False)

@@ -132,7 +132,7 @@ def test_measured_torques_drive_the_equations_as_well():
     )
 
 
-WITH_MEMORY = {"presliding_friction", "hysteresis", "actuator_lag"}
+WITH_MEMORY = ("presliding_friction", "hysteresis", "actuator_lag")
 
 
 @pytest.mark.parametrize("name", ["torque_saturation", "torque_ripple", "channel_skew", "actuator_delay", *WITH_MEMORY])
@@ -150,11 +150,11 @@ def test_some_samples_are_as_they_are_among_all(name):
 
 
 @pytest.mark.parametrize(
-    ("slot", "value"),
-    [(P.torque_limit, 0.4), (P.saturation + 1, 0.3), (P.delay, 0.0123), (P.sensed_gain + 1, 1.3),
-     (P.sensed_bias + 1, 0.2), (P.inertia, 0.5), (P.torque_gain + 1, 0.7)],
+    ("name", "number", "value"),
+    [("torque_limit", 0, 0.4), ("saturation", 1, 0.3), ("delay", 0, 0.0123), ("sensed_gain", 1, 1.3),
+     ("sensed_bias", 1, 0.2), ("inertia", 0, 0.5), ("torque_gain", 1, 0.7)],
 )  # fmt: skip
-def test_means_that_are_remembered_are_those_of_the_row(slot, value):
+def test_means_that_are_remembered_are_those_of_the_row(name, number, value):
     """Whatever was asked for before: every slot that the means depend on tells two rows apart."""
     joint = flexible()
     row, sent = JointPlant.from_device(joint).parameters.copy(), commands(joint)
@@ -162,13 +162,13 @@ def test_means_that_are_remembered_are_those_of_the_row(slot, value):
     velocity = np.column_stack([run["q_velocity"], run["theta_velocity"], np.zeros(len(run))])
     record = Record.of_torques(joint, run, velocity, sent)
     other = row.copy()
-    other[slot] = value
+    other[getattr(P, name) + number] = value
     for each in (row, other, row):
         late, prompt = record.held.means(each)
         fresh = HeldCommands(record.time, record.command_time, record.commands, record.sensed).means(each)
         assert np.array_equal(late, fresh[0]) and np.array_equal(prompt, fresh[1])
     moved = not np.array_equal(record.held.means(row)[0], record.held.means(other)[0])
-    assert moved == (slot not in (P.inertia, P.torque_gain + 1))
+    assert moved == (name not in ("inertia", "torque_gain"))
 
 
 def test_misuse_is_refused():

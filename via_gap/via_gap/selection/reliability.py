@@ -80,7 +80,7 @@ def calibrated(judged: Sequence[Calibrated], origin: str, seeds: str) -> Reliabi
 
 
 def _least(shares: Sequence[float]) -> float:
-    """The share 1 - q; 0, every cause, where there are too few cases for the level."""
+    """The share 1 - q; 0 where there are too few cases for the level."""
     rank = ceil((len(shares) + 1) * (1.0 - NUMBERS.significance))
     return 0.0 if rank > len(shares) else float(sorted(shares, reverse=True)[rank - 1])
 
@@ -99,7 +99,10 @@ def reliability(verdict: str, numbers: Reliability | None = None) -> float:
 
 
 def in_conformal_set(shares: Mapping[str, float] | Sequence[float], level: str) -> tuple[bool, ...]:
-    """Of each share (k,) whether its cause belongs to the 95 % set on logs of this signal set."""
+    """Of each share (k,) whether its cause belongs to the 95 % set on logs of this signal set.
+
+    None does where the calibration had too few cases of the signal set: then nothing is known of any set.
+    """
     least = shipped().least_share.get(level, 0.0)
     values = list(shares.values()) if isinstance(shares, Mapping) else list(shares)
-    return tuple(value >= least for value in values)
+    return tuple(value >= least > 0.0 for value in values)
