@@ -29,7 +29,7 @@ from via_sim.simulate import command_rows, initial_state, simulate
 from via_bringup.bench.simulator import DEVICE, RATE, B, Dq, Dth, M, torques
 
 SETS, LOOPED, ROLLED, TURNS = 1000, 20, 40, 5
-TICKS = (100, 1000, 3000)  # of a short shot and of whole logs
+TICKS = (100, 1000, 3000)  # of a segment and of whole logs
 TARGET = 1e-4  # [rad] accuracy at which MuJoCo is compared
 
 
