@@ -19,13 +19,14 @@ from via_core.devices import load_device
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
-from via_sim.kernel import run
-from via_sim.lockstep import LANES, _decay, _sine, run_many
+from via_sim.encoders import true_motion
+from via_sim.kernel import N_WEIGHTS, advance_tick, begin, run
+from via_sim.lockstep import LANES, _decay, _sine, lead_many, run_many
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
 from via_sim.simulate import initial_state, simulate_rows
-from via_sim.torques import N_COMMANDS, X
+from via_sim.torques import N_COMMANDS, N_INPUTS, N_MODES, X, laws, settle
 
 RATE = 1000.0
 GRAVITY = "{inertia: 0.02, viscous_friction: 0.1, gravity_torque: 0.3, gravity_angle: 0.2}"
@@ -139,8 +140,8 @@ def test_runs_that_begin_apart_in_a_recording_go_side_by_side():
     states[:, X.tick] = begins
     own, out = states.copy(), np.empty((8, 101, 6))
     run_many(rows, states, sent, begins, out)
-    for k, begin in enumerate(begins):
-        assert np.max(np.abs(out[k] - alone(rows[k], own[k], sent[begin : begin + 100]))) < 1e-12
+    for k, first in enumerate(begins):
+        assert np.max(np.abs(out[k] - alone(rows[k], own[k], sent[first : first + 100]))) < 1e-12
         assert np.max(np.abs(states[k] - own[k])) < 1e-12
 
 
@@ -172,3 +173,41 @@ def test_a_shipped_stiff_joint_in_lockstep():
 def test_sine_and_decay_are_those_of_the_library(x, y):
     assert abs(_sine(x) - np.sin(x)) < 1e-11
     assert abs(_decay(y) - np.exp(-y)) < 1e-12 * max(1.0, np.exp(-y))
+
+
+def led(row: Array, state: Array, sent: Array, measured: Array) -> None:
+    """The link of one run set to what was read of it before every tick; a late encoder read it later."""
+    u, modes, weights = np.zeros(N_INPUTS), np.zeros(N_MODES, np.int64), np.zeros((2, N_WEIGHTS))
+    begin(row, state, u, modes, weights)
+    times, lag = np.arange(len(measured)) / RATE, row[P.skew]
+
+    def at(column: int, tick: int) -> float:
+        return float(np.interp(tick / RATE + lag, times, measured[:, column]))
+
+    for tick, command in enumerate(sent):
+        state[0], state[3] = true_motion(row, 0, at(0, tick), at(3, tick))
+        settle(row, *laws(row), state, u, modes)
+        advance_tick(row, state, command, u, modes, weights, np.zeros(9))
+    state[0], state[3] = true_motion(row, 0, at(0, len(sent)), at(3, len(sent)))
+
+
+@pytest.mark.parametrize(
+    "joint", [flexible(10.0, GRAVITY), antagonistic(GRAVITY), DAMPED], ids=["one", "two", "damped"]
+)
+def test_axes_that_are_led_go_in_lockstep_as_alone(joint):
+    """The link along another run's motion, under rows with every effect: what its motors do."""
+    nominal = JointPlant.from_device(joint)
+    plants = [nominal]
+    for name in EFFECTS.keys() - {"encoder_quantisation"}:
+        plants += [nominal.with_effects([Effect(name, site, SIZES[name], i)]) for site, i in places(name, joint)]
+    rows, sent = np.stack([plant.at_rate(RATE) for plant in plants]), commands(300)
+    start = initial_state(nominal, RATE, (0.1, 0.0, 0.0, 0.5, 0.2, -0.2), 0)
+    measured = alone(nominal.at_rate(RATE), start.copy(), 0.8 * sent)
+    states = np.repeat(start[None], len(rows), axis=0)
+    own, out = states.copy(), np.empty((len(rows), len(sent) + 1, 6))
+    lead_many(rows, states, sent, np.zeros(len(rows), np.int64), measured, np.array([0]), out)
+    for row, state, mine, plant in zip(rows, states, own, plants, strict=True):
+        led(row, mine, sent, measured)
+        assert np.max(np.abs(state - mine)) < 1e-9, plant.effects
+    moved = np.ptp(out[:, -1, 1:3], axis=0)
+    assert moved.max() > 1e-3

@@ -22,6 +22,7 @@ from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.actuation import saturated
+from via_sim.encoders import true_motion
 from via_sim.friction import feels_both_sides, has_friction
 from via_sim.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
 from via_sim.parameters import (
@@ -714,19 +715,34 @@ def run_many(rows: Array, states: Array, commands: Array, begins: Any, out: Arra
     Rows are of one joint (same arrangement), states of one length. Motion is what ideal sensors read: angles with the
     errors that effects give their encoders.
     """
+    lead_many(rows, states, commands, begins, np.zeros((0, 6)), np.zeros(0, np.int64), out)
+
+
+@compiled
+def lead_many(
+    rows: Array, states: Array, commands: Array, begins: Any, measured: Array, axes: Any, out: Array
+) -> None:  # fmt: skip
+    """`run_many` with some axes led: set to what was read of them at the beginning of every tick, and at the end.
+
+    measured  (N, 6) angles [rad] and velocities [rad/s] of tick 0 of a state on, as encoders read them
+    axes      those that are led (int64)
+    """
     u, y = np.zeros(N_INPUTS), np.zeros(9)
     modes, weights = np.zeros((LANES, N_MODES), np.int64), np.zeros((LANES, 3, N_WEIGHTS))
     lanes = np.zeros((6, LANES), np.int64)
     for first in range(0, len(rows), LANES):
         wide = (min(LANES, len(rows) - first) + _VECTOR - 1) // _VECTOR * _VECTOR
         z = np.zeros((_N_ROWS, wide))
-        _run_block(rows, states, commands, begins, out, first, z, u, y, modes, weights, lanes)
+        _run_block(rows, states, commands, begins, measured, axes, out, first, z, u, y, modes, weights, lanes)
+    if axes.size > 0:
+        for k in range(len(rows)):
+            _lead(rows[k], states[k], measured, axes)
 
 
 @bare
 def _run_block(
-    rows: Array, states: Array, commands: Array, begins: Any, out: Array, first: int, z: Array, u: Array, y: Array,
-    modes: Array, weights: Array, lanes: Array,
+    rows: Array, states: Array, commands: Array, begins: Any, measured: Array, led: Any, out: Array, first: int,
+    z: Array, u: Array, y: Array, modes: Array, weights: Array, lanes: Array,
 ) -> None:  # fmt: skip
     """The runs from row `first` on, LANES at most; scratch as `run_many` makes it.
 
@@ -754,6 +770,10 @@ def _run_block(
     for tick in range(ticks):
         last = tick == ticks - 1
         ready = standing = 0
+        if led.size > 0:
+            for lane in range(count):
+                _lead(rows[first + lane], states[first + lane], measured, led)
+                placed[lane] = 0
         if together > 1:
             for lane in range(count):
                 p, x = rows[first + lane], states[first + lane]
@@ -800,6 +820,18 @@ def _run_block(
                     motion[i] = x[i]
             else:
                 sense(p, x, motion)
+
+
+@bare
+def _lead(p: Array, x: Array, measured: Array, axes: Any) -> None:
+    """Axes of state x to where they were read at its tick; an encoder that is late read it later."""
+    for axis in axes:
+        at = min(x[X.tick] + p[P.skew + axis] / p[P.tick], len(measured) - 1.0)
+        low = int(at)
+        share, high = at - low, min(low + 1, len(measured) - 1)
+        angle = (1.0 - share) * measured[low, axis] + share * measured[high, axis]
+        speed = (1.0 - share) * measured[low, 3 + axis] + share * measured[high, 3 + axis]
+        x[axis], x[3 + axis] = true_motion(p, axis, angle, speed)
 
 
 @bare

@@ -8,24 +8,22 @@ is stretched anew, and the error may grow from segment to segment without bound.
 their readings on every tick, and the same law that the simulator integrates moves the others.
 
 What acts on the link alone then moves nothing but a link that is set back a tick later: rows that differ in nothing
-else share their states.
+else share their states. It is left out, and the link so heavy that it keeps within a tick the velocity it was read at.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from via_core.signals import Array
-from via_sim.encoders import true_motion
-from via_sim.kernel import N_WEIGHTS, advance_tick, begin
+from via_sim.lockstep import lead_many
 from via_sim.parameters import P
-from via_sim.torques import N_INPUTS, N_MODES, compiled, laws, settle
 
 from via_gap.residual.threads import THREADS, together
 
+HEAVY = 1e9  # [kg m^2]
 OF_LINK = np.array(  # slots of a row that act on the link alone and leave nothing in a state: their first is the link's
     [
         P.inertia, P.viscous_friction, P.viscous_asymmetry, P.quadratic_drag, P.breakaway_friction, P.kinetic_friction,
@@ -50,6 +48,7 @@ def states_along(
     if len(commands) == 1:
         alike = rows.copy()
         alike[:, OF_LINK] = 0.0
+        alike[:, P.inertia] = HEAVY
         _, first, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)
     out = np.empty((len(first), len(ticks), states.shape[1]))
     calls = []
@@ -61,26 +60,15 @@ def states_along(
     return out[which.reshape(-1)]
 
 
-@compiled
-def led(rows: Array, states: Array, commands: Array, measured: Array, axes: Any, ticks: Any, out: Array) -> None:
+def led(
+    rows: Array, states: Array, commands: Array, measured: Array, axes: NDArray[np.intp], ticks: NDArray[np.intp],
+    out: Array,
+) -> None:  # fmt: skip
     """`states_along` of rows none of which is like another -> out; states (K, S) at tick 0 are used up."""
-    u, modes, weights, y = np.zeros(N_INPUTS), np.zeros(N_MODES, np.int64), np.zeros((2, N_WEIGHTS)), np.zeros(9)
-    for k in range(len(rows)):
-        p, x, sent = rows[k], states[k], commands[k % len(commands)]
-        c1, c2 = laws(p)
-        begin(p, x, u, modes, weights)
-        i = 0
-        for n in range(ticks[-1] + 1):
-            for axis in axes:
-                at = min(n + p[P.skew + axis] / p[P.tick], len(measured) - 1.0)
-                low = int(at)
-                share, high = at - low, min(low + 1, len(measured) - 1)
-                angle = (1.0 - share) * measured[low, axis] + share * measured[high, axis]
-                speed = (1.0 - share) * measured[low, 3 + axis] + share * measured[high, 3 + axis]
-                x[axis], x[3 + axis] = true_motion(p, axis, angle, speed)
-            while i < len(ticks) and ticks[i] == n:
-                out[k, i] = x
-                i += 1
-            if n < ticks[-1]:
-                settle(p, c1, c2, x, u, modes)
-                advance_tick(p, x, sent[n], u, modes, weights, y)
+    runs, length, _ = commands.shape
+    sent, under = commands.reshape(runs * length, -1), np.arange(len(rows)) % runs * length
+    moved = np.empty((len(rows), int(np.max(np.diff(ticks, prepend=0))) + 1, 6))
+    now = 0
+    for i, tick in enumerate(ticks):
+        lead_many(rows, states, sent, under + now, measured, axes, moved[:, : tick - now + 1])
+        out[:, i], now = states, tick
