@@ -58,6 +58,7 @@ from via_sim.torques import (
 )
 
 LANES = 32
+FEWEST = 4  # lanes together: fewer are as fast one by one
 _VECTOR = 8  # lanes come in such groups: what the widest vector registers hold
 _ENOUGH = 1e300  # [N m] margin of what is not watched
 
@@ -774,7 +775,7 @@ def _run_block(
             for lane in range(count):
                 _lead(rows[first + lane], states[first + lane], measured, led)
                 placed[lane] = 0
-        if together > 1:
+        if together >= FEWEST:
             for lane in range(count):
                 p, x = rows[first + lane], states[first + lane]
                 if placed[lane] == 0 and joins[lane] != 0:

@@ -15,7 +15,7 @@ projected out, an exact one has no effect.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from math import ceil
 
 import numpy as np
@@ -31,7 +31,7 @@ from via_sim.torques import HISTORY, QUEUED, X
 from via_gap.residual.memory import HELD, goals_along, held_along, with_late_goal, with_memory
 from via_gap.residual.segments import Indices, Segments, binned
 from via_gap.residual.threads import THREADS, together
-from via_gap.residual.unseen import states_along
+from via_gap.residual.unseen import Along, led_apart
 
 LEAD = 0.06  # [s] longer than any lag between channels
 
@@ -92,7 +92,7 @@ class Rollout:
         drive = self.segments.commands[None] if commands is None else commands
         held = led = None  # by elements with memory, where every angle they hang on was seen; whole states, where not
         if not seen:
-            led = self._led(rows, drive)
+            led = self._led(rows, commands)
         elif with_memory(rows).any():
             held = held_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
         together(partial(self._run, rows, offset, drive, held, led, stretches, piece, out) for piece in pieces)
@@ -106,15 +106,25 @@ class Rollout:
         first = np.flatnonzero(np.concatenate(([True], (np.diff(self.chosen) != 1) | (not seen))))
         return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
 
-    def _led(self, rows: Array, commands: Array) -> Array:
+    def _led(self, rows: Array, commands: Array | None) -> Array:
         """(K, C, S) states of rows at the beginning of each chosen segment, led along what was measured."""
-        segments = self.segments
-        sent = commands.reshape(-1, commands.shape[2])
-        under = np.arange(len(rows)) % len(commands) * commands.shape[1]
-        states = self._fresh(np.zeros(len(rows), dtype=np.intp), sent, under)
-        states[:, [axis for axis in (1, 2) if axis not in segments.axes]] += self.motor_start
-        axes = np.array(segments.axes)
-        return states_along(rows, states, commands, segments.start, axes, segments.begin[self.chosen])
+        if commands is None:
+            return self._along.states(rows)
+        begins = self.segments.begin[self.chosen]
+        starts = self._at_rest(commands.reshape(-1, commands.shape[2]), np.arange(len(rows)) * commands.shape[1])
+        return led_apart(rows, starts, commands, self.segments.start, np.array(self.segments.axes), begins)
+
+    @cached_property
+    def _along(self) -> Along:
+        segments, begins = self.segments, self.segments.begin[self.chosen]
+        start = self._at_rest(segments.commands, np.zeros(1, dtype=np.intp))[0]
+        return Along(segments.commands, segments.start, np.array(segments.axes), start, begins)
+
+    def _at_rest(self, sent: Array, under: Indices) -> Array:
+        """State rows at tick 0, as the recording began."""
+        states = self._fresh(np.zeros(len(under), dtype=np.intp), sent, under)
+        states[:, [axis for axis in (1, 2) if axis not in self.segments.axes]] += self.motor_start
+        return states
 
     def _run(
         self, rows: Array, offset: Array | None, drive: Array, held: Array | None, led: Array | None,

@@ -1,6 +1,7 @@
 """Motors without an encoder, led along what was measured to the beginning of each segment.
 
-    found = states_along(rows, states, commands, measured, axes, ticks)     # (K, n, S)
+    along = Along(commands, measured, axes, start, ticks)
+    found = along.states(rows)                                              # (K, n, S)
 
 A motor behind a spring that is pulled along the measured link forgets where it began as fast as its own friction damps
 it. Simulated together with a link that is set back to its reading at every segment it need not: each time the spring
@@ -13,6 +14,8 @@ else share their states. It is left out, and the link so heavy that it keeps wit
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -24,6 +27,7 @@ from via_sim.parameters import P
 from via_gap.residual.threads import THREADS, together
 
 HEAVY = 1e9  # [kg m^2]
+MEMORY = 2**25  # [bytes] of states that are kept
 OF_LINK = np.array(  # slots of a row that act on the link alone and leave nothing in a state: their first is the link's
     [
         P.inertia, P.viscous_friction, P.viscous_asymmetry, P.quadratic_drag, P.breakaway_friction, P.kinetic_friction,
@@ -35,36 +39,65 @@ OF_LINK = np.array(  # slots of a row that act on the link alone and leave nothi
 )  # fmt: skip
 
 
-def states_along(
-    rows: Array, states: Array, commands: Array, measured: Array, axes: NDArray[np.intp], ticks: NDArray[np.intp]
-) -> Array:
-    """States (K, n, S) of rows (K, N_PARAMETERS) at ascending ticks (n,).
+@dataclass(frozen=True, eq=False)
+class Along:
+    """What one recording leads its motors along, and where they were found; the same question is asked many times.
 
-    states    (K, S) at tick 0, the same for rows that differ in the link alone
-    commands  (1 or K, T, N_COMMANDS) of all rows, or of each
+    commands  (T, N_COMMANDS) of the recording
     measured  (T, 6) angles [rad] and velocities [rad/s] as read, of which those of `axes` are known
+    start     (S,) the state at tick 0, for all rows
+    ticks     (n,) where states are wanted, ascending
     """
-    first = which = np.arange(len(rows))
-    if len(commands) == 1:
+
+    commands: Array
+    measured: Array
+    axes: NDArray[np.intp]
+    start: Array
+    ticks: NDArray[np.intp]
+    found: OrderedDict[bytes, Array] = field(default_factory=OrderedDict)
+
+    def states(self, rows: Array) -> Array:
+        """States (K, n, S) of rows (K, N_PARAMETERS)."""
         alike = rows.copy()
         alike[:, OF_LINK] = 0.0
         alike[:, P.inertia] = HEAVY
-        _, first, which = np.unique(alike, axis=0, return_index=True, return_inverse=True)
-    out = np.empty((len(first), len(ticks), states.shape[1]))
+        keys = [row.tobytes() for row in alike]
+        new = {key: row for key, row in zip(keys, alike, strict=True) if key not in self.found}
+        if new:
+            starts = np.repeat(self.start[None], len(new), axis=0)
+            self.found.update(zip(new, self._led(np.stack([*new.values()]), starts), strict=True))
+        for key in keys:
+            self.found.move_to_end(key)
+        out = np.stack([self.found[key] for key in keys])
+        while len(self.found) * out[0].nbytes > MEMORY:
+            self.found.popitem(last=False)
+        return out
+
+    def _led(self, rows: Array, starts: Array) -> Array:
+        return led_apart(rows, starts, self.commands[None], self.measured, self.axes, self.ticks)
+
+
+def led_apart(
+    rows: Array, starts: Array, commands: Array, measured: Array, axes: NDArray[np.intp], ticks: NDArray[np.intp]
+) -> Array:
+    """`led` on all threads -> (K, n, S)."""
+    out = np.empty((len(rows), len(ticks), starts.shape[1]))
     calls = []
-    for part in np.array_split(np.arange(len(first)), min(THREADS, len(first))):
-        which_rows, here = first[part], slice(int(part[0]), int(part[-1]) + 1)
-        own = commands if len(commands) == 1 else commands[which_rows]
-        calls.append(partial(led, rows[which_rows], states[which_rows], own, measured, axes, ticks, out[here]))
+    for part in np.array_split(np.arange(len(rows)), min(THREADS, len(rows))):
+        own = commands if len(commands) == 1 else commands[part]
+        calls.append(partial(led, rows[part], starts[part], own, measured, axes, ticks, out[part[0] : part[-1] + 1]))
     together(calls)
-    return out[which.reshape(-1)]
+    return out
 
 
 def led(
     rows: Array, states: Array, commands: Array, measured: Array, axes: NDArray[np.intp], ticks: NDArray[np.intp],
     out: Array,
 ) -> None:  # fmt: skip
-    """`states_along` of rows none of which is like another -> out; states (K, S) at tick 0 are used up."""
+    """States of rows at ascending ticks -> out (K, n, S); states (K, S) at tick 0 are used up.
+
+    commands  (1 or K, T, N_COMMANDS) of all rows, or of each
+    """
     runs, length, _ = commands.shape
     sent, under = commands.reshape(runs * length, -1), np.arange(len(rows)) % runs * length
     moved = np.empty((len(rows), int(np.max(np.diff(ticks, prepend=0))) + 1, 6))
