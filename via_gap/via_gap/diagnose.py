@@ -1,11 +1,11 @@
-"""Logs and a nominal device in, a GapReport out: the stages by name. docs/method.md says what each one computes.
+"""Logs and a nominal device in, a GapReport out: the stages by name. docs/method.md explains each in this order.
 
-logs        what was recorded, and whether it can answer at all
-experiment  segments, held-out ones among them; the view that judges; the device's own numbers fitted
-candidates  every effect at every location the device can have, with typical sizes in these logs
-search      effects added, exchanged and dropped by what they are worth on held-out segments
-decision    verdict, named effects, ranking and ties, from one comparison
-report      numbers of the gap before and after, where it lies, and what was not judged
+1. recordings   what was recorded, how noisy it is, and whether it can answer at all
+2. experiment   segments, those held out among them; the view that judges; the device's own numbers fitted
+3. candidates   every effect at every location the device can have, with typical sizes in these logs
+4. comparison   models searched: effects added, exchanged and dropped by what they explain of held-out segments
+5. decision     what could be explained at best; verdict, named effects, ranking and ties; the gap before and after
+6. report       the numbers, where the gap lies, errors of sensors, and what was not judged
 """
 
 from __future__ import annotations
@@ -22,10 +22,8 @@ from via_gap.report.report import GapReport
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import compared
 from via_gap.selection.experiment import Experiment
-from via_gap.selection.gap import Achievable, confirmed
+from via_gap.selection.gap import decided
 from via_gap.selection.search import Progress
-from via_gap.selection.verdict import decide
-from via_gap.sensors.sensor_errors import sensor_errors
 from via_gap.sensors.stamps import separate_delays
 
 
@@ -61,11 +59,8 @@ def diagnose(
     experiment, candidates, models = compared(experiment, candidates, notify)
     models, findings = separate_delays(recordings.logs, models)
     notify("deciding", 0.85)
-    achievable = Achievable(experiment)
-    decision = decide(experiment.tuned, models, achievable.beside).converged(experiment, candidates.scales)
-    notify("measuring the gap", 0.95)
-    decision, gap = confirmed(experiment, decision, achievable)
-    found = sensor_errors(recordings.logs)
-    report = answered(recordings, experiment, candidates, models, decision, gap, found, findings)
+    decision, gap = decided(experiment, models, candidates.scales)
+    notify("writing the report", 0.98)
+    report = answered(recordings, experiment, candidates, models, decision, gap, findings)
     notify("done", 1.0)
     return report

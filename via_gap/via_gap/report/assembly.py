@@ -17,7 +17,7 @@ from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.gap import Gap
 from via_gap.selection.verdict import Decision
-from via_gap.sensors.sensor_errors import SensorError
+from via_gap.sensors.sensor_errors import sensor_errors
 
 
 def unanswered(recordings: Recordings) -> GapReport:
@@ -34,9 +34,10 @@ def unanswered(recordings: Recordings) -> GapReport:
 
 def answered(
     recordings: Recordings, experiment: Experiment, candidates: CandidateSet, models: Sequence[Evaluation],
-    decision: Decision, gap: Gap, sensors: Sequence[SensorError], findings: Sequence[Finding],
+    decision: Decision, gap: Gap, findings: Sequence[Finding],
 ) -> GapReport:  # fmt: skip
     """The report on a decision, and on errors that the sensors' own measurements show."""
+    sensors = sensor_errors(recordings.logs)
     report = GapReport(
         joint=recordings.device.name, level=recordings.first.level, logs=recordings.names,
         holdout=context.judged_on(recordings), reason=decision.reason,

@@ -13,9 +13,9 @@ from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, events, members_of, refine
 from via_gap.selection.evidence import Evaluation, clearly_worse, vetoed
 from via_gap.selection.experiment import Experiment
-from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.plausibility import doubt
 from via_gap.selection.search import Progress, Search
+from via_gap.selection.verdict import noise_only
 
 Models = list[Evaluation]
 
@@ -24,7 +24,7 @@ def compared(
     experiment: Experiment, candidates: CandidateSet, progress: Progress
 ) -> tuple[Experiment, CandidateSet, Models]:
     """The experiment that was compared on, its candidates, and every model evaluated that may be named."""
-    if experiment.tuned.mean_square <= NUMBERS.no_gap:
+    if noise_only(experiment.tuned):
         return experiment, candidates, []
     models = _searched(experiment, candidates, progress)
     best = min(models, key=lambda each: each.score, default=experiment.tuned)  # clear only once its times are known

@@ -1,25 +1,23 @@
-"""The gap in numbers: before a repair, after it, and the least that can be reached."""
+"""The decision with the gap in numbers: before a repair, after it, and the least that can be reached."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from via_core.signals import Array
 from via_sim.effects import Effect
 
-from via_gap.candidates.fit import Fit
-from via_gap.candidates.location import Location
+from via_gap.candidates.scales import Scales
 from via_gap.logs.findings import Number, Record
 from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.recordings import follows
 from via_gap.residual.repaired_device import repaired_device
-from via_gap.selection.bound import Flexible, flexible
+from via_gap.selection.achievable import Achievable
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
-from via_gap.selection.verdict import Decision
+from via_gap.selection.verdict import Decision, decide
 
 By = Literal["segments", "free run", "inverse dynamics"]
 
@@ -59,34 +57,13 @@ class Gap(Record):
     signals: dict[str, SignalGap]
 
 
-class Achievable:
-    """The flexible model beside the effects of a fit, made once for the decision and for the gap."""
+def decided(experiment: Experiment, models: Sequence[Evaluation], scales: Scales) -> tuple[Decision, Gap]:
+    """The decision about `models`, the chosen one fitted to the end, and its gap.
 
-    def __init__(self, experiment: Experiment) -> None:
-        self._experiment = experiment
-        self._models: dict[tuple[Location, ...], Flexible] = {}
-
-    def beside(self, each: Evaluation) -> Evaluation:
-        """Evaluation of the flexible model beside the effects of an evaluated fit, on the same held-out segments."""
-        experiment = self._experiment
-        if experiment.by == "inverse dynamics":
-            segments = experiment.bound_of_equations(each.fit)
-        elif experiment.folds is not None:
-            segments = experiment.folds.flexible(each.fit)
-        else:
-            model, judged = self.model(each.fit), experiment.judged
-            segments = judged.per_segment(model.residual(judged, model.functions(judged)))
-        return replace(each, segments=segments)
-
-    def model(self, fit: Fit) -> Flexible:
-        """Beside the effects at the locations of `fit`, as they were fitted when first asked for."""
-        if fit.locations not in self._models:
-            self._models[fit.locations] = flexible(self._experiment.fitted, fit)
-        return self._models[fit.locations]
-
-
-def confirmed(experiment: Experiment, decision: Decision, achievable: Achievable) -> tuple[Decision, Gap]:
-    """The decision with its gap; nothing is named where the repair leaves no less of it than device numbers alone."""
+    Nothing is named where the repair leaves no less of the held-out gap than the device's own numbers alone.
+    """
+    achievable = Achievable(experiment)
+    decision = decide(experiment.tuned, models, achievable.beside).converged(experiment, scales)
     gap = measured_gap(experiment, decision.chosen, achievable)
     if not decision.named or gap.after < gap.tuned:
         return decision, gap

@@ -17,21 +17,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from via_sim.catalogue import EFFECTS
-from via_sim.parameters import RIPPLE_HARMONICS
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, Fit, Members, member_slopes, members_of, on, refine
 from via_gap.candidates.location import PLAINER, Location
-from via_gap.candidates.orders import harmonics
+from via_gap.candidates.ripple import with_harmonics
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, ranked, ranked_pairs
 from via_gap.candidates.subset import subset
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.selection.evidence import Evaluation
-from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.plausibility import absurd
-from via_gap.selection.verdict import improves, matters, simplest
+from via_gap.selection.verdict import improves, matters, noise_only, simplest
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
 Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on data they were not fitted to
@@ -46,7 +43,6 @@ NEAR = 30.0  # times the best predicted loss: candidates beyond it are not fitte
 CLOSE, CLOSEST = 2.0, 4  # times the best loss on the subset, and how many at least, are fitted to all segments
 EXCHANGED = 0.9  # times the loss, below which another effect takes the place of one
 MOST = 4  # effects
-RIPPLE = "torque_ripple"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +84,7 @@ class Search:
         """Every model evaluated, of any size."""
         models: dict[frozenset[Location], Evaluation] = {}
         current = self.tuned
-        while len(current.fit.effects) < MOST and self._room(current):
+        while len(current.fit.effects) < MOST and not noise_only(current):
             size = len(current.fit.effects)
             progress("trying every effect" if size == 0 else f"beside {current.fit.locations[-1]}", 0.2 + 0.15 * size)
             here = self if size == 0 else self._beside(current.fit)
@@ -106,10 +102,6 @@ class Search:
                 break
             current = following
         return list(models.values())
-
-    def _room(self, current: Evaluation) -> bool:
-        """Whether more than noise is left."""
-        return current.mean_square > NUMBERS.no_gap
 
     def _evaluated(self, fits: Sequence[Fit], models: dict[frozenset[Location], Evaluation]) -> list[Evaluation]:
         """Those of `fits` that may be named, on held-out data; the best of each set of locations goes into `models`."""
@@ -227,26 +219,7 @@ class Search:
         if self.few is not self.whole:
             done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]
             found = [fit for fit in done if fit is not None]
-        rippled = [fit for fit in found if any(place.name == RIPPLE for place in fit.locations)]
-        return found + (self._richer(rippled[0]) if rippled else [])
-
-    def _richer(self, fit: Fit) -> list[Fit]:
-        """A fit with the orders of its torque ripple selected together, where there are several."""
-        equations = self.candidates.equations
-        found = []
-        for number, (place, _) in enumerate(members_of(fit)):
-            if place.name != RIPPLE or equations is None:
-                continue
-            others = [effect for i, effect in enumerate(fit.effects) if i != number]
-            axis = place.axis if equations.device.n_motors else 0
-            waves = harmonics(equations, equations.row(others, fit.deviations), axis, RIPPLE_HARMONICS)
-            if len(waves) > 1:
-                optional = tuple(p.name for p in EFFECTS[RIPPLE].optional[: 3 * (len(waves) - 1)])
-                members = members_of(fit)
-                members[number] = (replace(place, optional=optional), [value for wave in waves for value in wave])
-                richer = refine(self.whole, fit, None, members, self.scales, rounds=FINISHING)
-                found += [richer] if richer is not None else []
-        return found
+        return found + with_harmonics(self.whole, found, self.candidates.equations, self.scales)
 
 
 def _distinct(pairs: Sequence[tuple[float, Members]]) -> list[tuple[float, Members]]:

@@ -82,12 +82,12 @@ def decide(
 
     flexible_beside  evaluation of a flexible torque model beside the effects of a model
     """
-    if tuned.mean_square <= NUMBERS.no_gap:
+    if noise_only(tuned):
         return Decision("no_gap", tuned, 1.0, tuned.rms)
     steps = ladder(tuned, models)
     last = steps[-1]
     flexible = flexible_beside(last)
-    if last.mean_square > NUMBERS.no_gap and last is not tuned:  # beside a wrong cause it may explain less than alone
+    if not noise_only(last) and last is not tuned:  # beside a wrong cause it may explain less than alone
         flexible = min(flexible, flexible_beside(tuned), key=lambda each: each.score)
     bound = min(flexible.rms, last.rms)
     explained = fraction(tuned, last, bound)
@@ -120,6 +120,11 @@ def decide(
     return Decision(verdict, last, explained, bound, shares, spoken, equivalent)
 
 
+def noise_only(each: Evaluation) -> bool:
+    """Whether a model leaves no more than the noise, as well as that is known."""
+    return each.mean_square <= NUMBERS.no_gap
+
+
 def fraction(tuned: Evaluation, model: Evaluation, bound: float) -> float:
     """Fraction of the explainable error that a model explains, at most 1."""
     possible = tuned.rms - max(bound, 1.0)
@@ -137,7 +142,7 @@ def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
     Then larger ones are worth a fit. What is left counts only where there is more than noise.
     """
     gain = fewer.rms - max(more.rms, 1.0)
-    remaining = fewer.mean_square > NUMBERS.no_gap and gain > NUMBERS.remaining * (fewer.rms - 1.0)
+    remaining = not noise_only(fewer) and gain > NUMBERS.remaining * (fewer.rms - 1.0)
     return remaining or gain > NUMBERS.material * (tuned.rms - 1.0)
 
 
