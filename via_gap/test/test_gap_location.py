@@ -9,7 +9,7 @@ from via_gap.candidates.fit import Fit, make
 from via_gap.candidates.location import MEASUREMENT_ONLY, Location, locations, unjudged
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, ranked_pairs
-from via_gap.candidates.starts import Start, size_of, starts
+from via_gap.candidates.starts import _STARTS, Start, size_of, size_parameters, starts
 from via_gap.logs.log import JointLog
 from via_gap.rendering.joint_picture import joint_picture
 from via_gap.rendering.names import site_words
@@ -94,6 +94,16 @@ def test_every_start_makes_an_effect_whose_other_parameters_are_neutral():
                 assert effect is not None and [*effect.parameters] == [
                     p.name for p in EFFECTS[location.name].parameters
                 ]
+
+
+def test_every_effect_has_starts_and_a_size():
+    """Of an effect without a size every fit would count as its absence. Found in devices of any kind, so asked here."""
+    searched = EFFECTS.keys() - {*MEASUREMENT_ONLY}
+    assert searched == _STARTS.keys()
+    for name in searched:
+        location = Location(name, EFFECTS[name].sites[0], 1 if EFFECTS[name].sites[0] == "motor" else 0)
+        sized = size_parameters(location)
+        assert sized and set(sized) <= {p.name for p in EFFECTS[name].parameters}, name
 
 
 def test_no_effect_is_put_twice_at_one_place():

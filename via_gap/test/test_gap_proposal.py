@@ -117,3 +117,11 @@ def test_commands_survive_their_file(tmp_path, device):
     write_motion(tmp_path / "empty.csv", device, commands.select([]))
     with pytest.raises(SignalError, match="no column of commands"):
         read_motion(tmp_path / "empty.csv", device)
+
+
+def test_a_position_drive_is_moved_by_its_goal():
+    device = load_device("xl330")
+    assert device.drive == "position"
+    more, drag = (Effect(name, "link", {"coefficient": 0.02}) for name in ("viscous_friction", "quadratic_drag"))
+    proposed = propose(undecided(device, more, drag), device)
+    assert proposed.commands.channels.keys() == {"equilibrium"} and proposed.disagreement > 0.0

@@ -39,6 +39,8 @@ def commands_of(plant: JointPlant, motion: Motion, size: float) -> tuple[Signals
         start[1 : 1 + device.n_motors] = device.motor_angles(equilibrium[0], preset[0])
         channels = {"equilibrium": equilibrium, "preset": preset, "damping": np.zeros(len(time))}
         return _held(time, channels), start
+    if device.drive == "position":
+        return _held(time, {"equilibrium": equilibrium}), start
     preset = np.zeros(len(time))
     if device.arrangement == "antagonistic":
         raised = np.clip(time / REST, 0.0, 1.0)
