@@ -137,6 +137,8 @@ def simulate(
     else:
         read = read_logs(logs, described)
     by_equations = arm is not None or (told is not None and told.by_equations)
+    if told is not None:
+        read = told.as_read(read)
     before, after = before_and_after(read, described, added, held_out, by_equations)
     floor = float(np.sqrt(np.mean(before.floors**2)))
     answers.print(f"gap: {before.overall:.4g} before, {after.overall:.4g} after, floor {floor:.3g}")

@@ -160,7 +160,7 @@ def measure(
 ) -> None:
     """Measure the gap of a log that a report never saw, before and after its repair."""
     told_of, described = read_report(_text(report), str(report)), load_device(device)
-    read = [read_log(log, described)]
+    read = told_of.as_read([read_log(log, described)])
     before, after = before_and_after(read, described, told_of.repaired(), (), told_of.by_equations)
     told = {"before": before.overall, "after": after.overall, "floor": float(np.sqrt(np.mean(after.floors**2)))}
     as_file.write_text(json.dumps(told, allow_nan=False) + "\n", encoding="utf-8")

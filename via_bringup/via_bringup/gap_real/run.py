@@ -187,6 +187,7 @@ def _elsewhere(case: Case, report: GapReport, device: Device, logs: Sequence[Joi
 
 def _compared(case: Case, report: GapReport, device: Device, logs: list[JointLog], name: str) -> Elsewhere:
     assert report.gap is not None
+    logs = report.as_read(logs)
     try:
         if report.gap.by == "inverse dynamics":
             before, after = before_and_after(logs, logs[0].device, report.repaired(), only_equations=True)

@@ -52,6 +52,8 @@ class JointLog:
               neighbour [rad]; None without any
     dropped   samples that the reading left out: (repeated stamps, stamps that ran backward)
     disbelieved  motors whose encoder jumps about: their angles count as not measured
+    lined     [s] by which commands, and torques that stand for them, act late on straight lines from sample to sample;
+              None: in steps, as they were recorded (`via_gap.logs.between`)
     """
 
     name: str
@@ -60,6 +62,7 @@ class JointLog:
     commands: Signals | None
     dropped: tuple[int, int] = (0, 0)
     disbelieved: tuple[int, ...] = ()
+    lined: float | None = None
 
     def __post_init__(self) -> None:
         if len(self.measured) < 2:

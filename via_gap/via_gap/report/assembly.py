@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from via_gap.candidates.candidate_set import CandidateSet
+from via_gap.logs.between import told
 from via_gap.logs.findings import Finding
 from via_gap.report import context
 from via_gap.report.answer import answer
@@ -43,10 +44,16 @@ def answered(
         holdout=context.judged_on(recordings), reason=decision.reason,
         explained=float(np.clip(decision.explained, 0.0, 1.0)), gap=gap,
         nuisance=context.fitted_parameters(experiment.fitted, decision.chosen.fit.deviations),
-        data_check=(*recordings.findings, *findings), noise=context.channel_noise(recordings),
+        lined=experiment.segments[0].log.lined,
+        data_check=(*recordings.findings, *findings, *_lined(experiment)), noise=context.channel_noise(recordings),
         not_judged=context.not_judged(recordings.first),
         figures=evidence_figures(experiment, candidates, decision, models, gap.by),
         held_out=context.held_out_stretches(experiment.segments, experiment.held),
         **vars(answer(recordings.first.level, experiment, candidates, decision, sensors)),
     )  # fmt: skip
     return GapReport.model_validate(report.model_dump())
+
+
+def _lined(experiment: Experiment) -> list[Finding]:
+    """What was found out about commands between samples."""
+    return [told(each.log) for each in experiment.segments if each.log.lined is not None]

@@ -7,6 +7,7 @@ again = GapReport.model_validate_json(text)
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -16,8 +17,9 @@ from via_sim.effects import Effect
 from via_sim.effects_file import save_effects
 
 from via_gap.candidates.localisation import Region
+from via_gap.logs.between import in_lines
 from via_gap.logs.findings import Finding, Number, Record, Share
-from via_gap.logs.log import Level
+from via_gap.logs.log import JointLog, Level
 from via_gap.report.figures import Figures, NotNegative
 from via_gap.selection.gap import Gap
 from via_gap.selection.verdict import Verdict
@@ -156,6 +158,7 @@ class GapReport(Record):
     proposal: Proposal | None = None
     figures: Figures | None = None
     held_out: tuple[Stretch, ...] = ()  # where `gap` was measured
+    lined: NotNegative | None = None  # [s] by which commands act late on lines between samples; None: in steps
 
     def to_json(self) -> str:
         return self.model_dump_json(indent=2)
@@ -164,6 +167,10 @@ class GapReport(Record):
     def by_equations(self) -> bool:
         """Whether the gap was measured by inverse dynamics."""
         return self.gap is not None and self.gap.by == "inverse dynamics"
+
+    def as_read(self, logs: Sequence[JointLog]) -> list[JointLog]:
+        """Logs with commands as this report took them between samples."""
+        return [log if self.lined is None else in_lines(log, self.lined) for log in logs]
 
     def repair(self) -> tuple[Effect, ...]:
         """The named effects with their values, as via_sim takes them."""

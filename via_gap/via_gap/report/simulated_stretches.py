@@ -11,6 +11,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.effects import Effect
 
+from via_gap.logs.between import acting
 from via_gap.logs.replay import simulated_log
 from via_gap.residual.errors import NAMES
 from via_gap.residual.inverse_dynamics import InverseDynamics
@@ -120,12 +121,13 @@ def free_stretches(
     floor = np.array([(nominal.sensors.link_quantum or 0.0) / np.sqrt(12.0)])
     for each, which in zip(segments, chosen, strict=True):
         log = each.log
-        if not len(which) or log.commands is None:
+        commands = acting(log)
+        if not len(which) or commands is None:
             continue
         seen = np.isfinite(log.measured["q"])
         time, q = log.measured.time[seen], log.measured["q"][seen]
         models = ((nominal, ()), (repaired, effects))
-        two = [simulated_log(device, log.measured, log.commands, added) for device, added in models]
+        two = [simulated_log(device, log.measured, commands, added) for device, added in models]
         before, after = (np.interp(time, run.time, run["q"])[:, None] for run in two)
         segment = np.clip(np.searchsorted(each.time, time, side="right") - 1, 0, len(each) - 1)
         inside = np.flatnonzero(np.isin(segment, which))

@@ -14,6 +14,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.effects import Effect
 
+from via_gap.logs.between import acting
 from via_gap.logs.replay import simulated_log
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
@@ -102,8 +103,9 @@ def free_errors(
         if not len(which):
             continue
         log = each.log
-        assert log.commands is not None
-        simulated = simulated_log(device, log.measured, log.commands, effects)
+        commands = acting(log)
+        assert commands is not None
+        simulated = simulated_log(device, log.measured, commands, effects)
         seen = np.isfinite(log.measured["q"])
         time, q = log.measured.time[seen], log.measured["q"][seen]
         error = q - np.interp(time, simulated.time, simulated["q"])

@@ -113,6 +113,13 @@ class ResidualModel:
         slopes = np.minimum(2.0 / (1.0 + self.per_segment(residual)), 1.0)
         return np.asarray(np.sqrt(slopes)[self.segment_of_value()])
 
+    def under(self, change: Callable[[Segments], Segments]) -> ResidualModel:
+        """The same segments of logs that are changed, by their commands for instance."""
+        views: list[View] = []
+        for view in self.views:
+            views.append(type(view).of(change(view.segments), view.chosen))
+        return replace(self, views=tuple(views))
+
     @property
     def by_squares(self) -> ResidualModel:
         """The same with squares for its loss: far from the best fit they lead there more surely."""

@@ -18,6 +18,7 @@ from via_core.signals import Array
 from via_sim.simulate import command_rows
 from via_sim.torques import EXTERNAL, N_COMMANDS
 
+from via_gap.logs.between import acting, along, in_lines
 from via_gap.logs.checks import step_of
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import error_correlation, log_noise
@@ -169,6 +170,12 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     )
 
 
+def lined(segments: Segments, late: float) -> Segments:
+    """The same with commands on lines from sample to sample, `late` [s] (`via_gap.logs.between`)."""
+    log, grid = in_lines(segments.log, late), segments.origin + np.arange(len(segments.commands)) / segments.rate
+    return replace(segments, log=log, commands=_drive(log, grid))
+
+
 def _inside(begin: Array, span: float, usable: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:
     """(S,) whether segments that begin at `begin` [s] lie within one of the intervals."""
     within = [(low - EDGE <= begin) & (begin + span <= high + EDGE) for low, high in usable]
@@ -287,7 +294,8 @@ def _drive(log: JointLog, grid: Array) -> Array:
     device = log.device
     rows = np.zeros((len(grid), N_COMMANDS))
     if log.commands is not None and len(log.commands):
-        whole = log.commands
+        whole = acting(log, grid)
+        assert whole is not None
         if not log.motors_commanded:
             whole = whole.select([name for name in whole.channels if name in BESIDE_MOTORS])
         if whole.channels:
@@ -301,7 +309,13 @@ def _drive(log: JointLog, grid: Array) -> Array:
 
 
 def _torque_after(log: JointLog, grid: Array) -> Array:
-    """Torque measured (T, m) over the tick that begins at each of `grid`: that of a sample is of the tick before it."""
+    """Torque measured (T, m) over the tick that begins at each of `grid`.
+
+    That of a sample is of the tick before it, or what acted then, with lines between.
+    """
     seen = np.isfinite(log.measured["tau"]).all(axis=1)
     time, tau = log.measured.time[seen], log.measured["tau"][seen]
-    return tau[np.clip(np.searchsorted(time, grid + 0.5 * (grid[1] - grid[0])), 0, len(time) - 1)]
+    middle = grid + 0.5 * (grid[1] - grid[0])
+    if log.lined is not None:
+        return along(middle - log.lined, time, tau)
+    return tau[np.clip(np.searchsorted(time, middle), 0, len(time) - 1)]

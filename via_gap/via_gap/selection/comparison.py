@@ -1,5 +1,8 @@
 """The models that are compared: searched, and only those that may be named.
 
+What commands did between the samples of a log is not known: where lines explain the motion better than steps, the
+comparison is made again with them (between.py).
+
 What begins or ends at one time of a run is seen in the segments it lies in alone. Where the best model has such times,
 they are sought in all segments, and the comparison is made again with those segments fitted.
 """
@@ -11,6 +14,7 @@ from dataclasses import replace
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, events, members_of, refine
+from via_gap.selection.between import between_samples
 from via_gap.selection.evidence import Evaluation, clearly_worse, vetoed
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.plausibility import doubt
@@ -26,8 +30,14 @@ def compared(
     """The experiment that was compared on, its candidates, and every model evaluated that may be named."""
     if noise_only(experiment.tuned):
         return experiment, candidates, []
+    lined = between_samples(experiment, experiment.tuned, candidates.scales)
+    if lined is not None:
+        return compared(lined, _candidates(lined), progress)
     models = _searched(experiment, candidates, progress)
     best = min(models, key=lambda each: each.score, default=experiment.tuned)  # clear only once its times are known
+    lined = between_samples(experiment, best, candidates.scales) if best.fit.effects else None
+    if lined is not None:
+        return compared(lined, _candidates(lined), progress)
     if experiment.folds is not None or not events(best.fit):
         return experiment, candidates, models
     everywhere = experiment.everywhere()
@@ -38,6 +48,10 @@ def compared(
         scales = replace(scales, busy=((times[0], times[1]), *scales.busy))
     experiment, candidates = experiment.around(times), replace(candidates, scales=scales)
     return experiment, candidates, _searched(experiment, candidates, progress)
+
+
+def _candidates(experiment: Experiment) -> CandidateSet:
+    return CandidateSet.of(experiment.segments, experiment.train, experiment.tuned.fit, experiment.fitted)
 
 
 def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progress) -> Models:

@@ -20,7 +20,7 @@ from via_gap.candidates.fit import Fit, fit_device_numbers
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
-from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.segments import Indices, Segments, lined
 from via_gap.selection.evidence import Evaluation, clearly_worse, evaluate
 from via_gap.selection.folds import Folds
 from via_gap.selection.holdout import one_sided, split, split_finely
@@ -96,6 +96,11 @@ class Experiment:
         """The same with finely alternating segments; those in which something begins or ends [s] are fitted."""
         train, held = split_finely(self.segments, events)
         return _experiment(self.segments, train, held, self.by == "inverse dynamics", self.fitted.robust)
+
+    def in_lines(self, late: float) -> Experiment:
+        """The same experiment with commands on lines from sample to sample, `late` [s]."""
+        segments = [lined(each, late) for each in self.segments]
+        return _experiment(segments, self.train, self.held, self.by == "inverse dynamics", self.fitted.robust)
 
     def everywhere(self) -> ResidualModel:
         """All segments, fitted and held out, in the view that judges."""

@@ -1,0 +1,68 @@
+"""Whether lines between the recorded commands explain the motion better than steps, and how late they act.
+
+Beside the best model so far, with everything it fits, how late the lines act is one more unknown: a Gauss-Newton step
+over device numbers, effects and lateness gives it. Lines take the place of steps where the same effects, fitted again,
+are then clearly better on held-out data. No effect of the catalogue looks like it: none lets a command act early. What
+acts late by less than half a sample cannot be told from a controller that is slower than was thought; it is said, and
+not called a cause.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solve
+
+from via_gap.candidates.fit import FINISHING, member_slopes, members_of, on, refine
+from via_gap.candidates.scales import Scales
+from via_gap.candidates.subset import subset
+from via_gap.logs.between import period_of
+from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.segments import lined
+from via_gap.selection.evidence import Evaluation, clearly_worse
+from via_gap.selection.experiment import Experiment
+from via_gap.selection.numbers import NUMBERS
+
+STEP = 0.05  # of a sample: how far lines are moved to see what that does
+
+
+def between_samples(experiment: Experiment, best: Evaluation, scales: Scales) -> Experiment | None:
+    """The experiment with lines between commands, where `best` is then clearly better; None where it is not."""
+    if experiment.folds is not None:
+        return None
+    late = _late(subset(experiment.fitted, best.fit.residual)[0], best, scales)
+    if late is None:
+        return None
+    other = experiment.in_lines(late)
+    fit = other.tuned.fit
+    if best.fit.effects:
+        fit = refine(other.fitted, fit, None, members_of(best.fit), scales, rounds=FINISHING) or fit
+    return other if clearly_worse(best, *other.evaluate([fit])) else None
+
+
+def _late(few: ResidualModel, best: Evaluation, scales: Scales) -> float | None:
+    """[s] by which lines act late; None where to first order they explain no more."""
+    period = period_of(few.views[0].segments.log)
+    now, start, moved = (on(each, best.fit) for each in (few, few.under(_lines(0.0)), few.under(_lines(STEP * period))))
+    lines = few.under(_lines(0.0))
+    own = lines.nuisance_jacobian(start.effects, start.deviations, start.residual)
+    shift = (moved.residual - start.residual) / STEP
+    columns = [own, shift[:, None]]
+    if start.effects:
+        columns.insert(1, member_slopes(lines, start, scales))
+    slopes = np.concatenate(columns, axis=1)
+    weighted = slopes * lines.weights(start.residual)[:, None]
+    normal = weighted.T @ weighted
+    known = np.arange(own.shape[1])
+    normal[known, known] += 1.0
+    pull = weighted.T @ (lines.weights(start.residual) * start.residual)
+    pull[known] += start.deviations
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-12))
+    step = -solve(normal / np.outer(scale, scale) + 1e-9 * np.eye(len(scale)), pull / scale, assume_a="pos") / scale
+    share = float(np.clip(step[-1], 0.0, 0.5))
+    step[-1] = share
+    predicted = lines.loss(start.residual + slopes @ step)
+    return share * period if predicted < now.loss - NUMBERS.margin * len(start.residual) else None
+
+
+def _lines(late: float):  # type: ignore[no-untyped-def]
+    return lambda segments: lined(segments, late)
