@@ -22,6 +22,8 @@ from via_gap.candidates.location import Location
 from via_gap.design.commands import RANGE, commands_of, recorded, within_limits
 from via_gap.design.imitation import TiedCause
 from via_gap.design.motions import DURATION, MOTIONS, Motion
+from via_gap.logs.noise import LogNoise, log_noise
+from via_gap.logs.quality import Quality
 from via_gap.report.report import Cause, GapReport, Place, Proposal
 from via_gap.residual.nuisance import nuisances
 from via_gap.residual.residual_model import ResidualModel
@@ -135,11 +137,13 @@ def _tried(
     plants = [JointPlant(plant.device, blank.row([each.effect()], deviations), (each.effect(),)) for each in causes]
     commands, start = commands_of(plants[0], motion, size)
     problems: list[tuple[ResidualModel, Array]] = []
+    noise: LogNoise | None = None  # of the same sensors in every log
     for seed, each in enumerate(plants):
         log = recorded(each, commands, start, seed)
         if log is None or not within_limits(log, size):
             return None
-        segments = cut_log(log)
+        noise = noise or log_noise(log)
+        segments = cut_log(log, quality=Quality((), ((0.0, log.duration),), noise))
         problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
         problems.append((problem, problem.per_segment(problem.residual([each.parameters])[0])))
     hardest, pair, apart = inf, (causes[0].location, causes[1].location), 0.0

@@ -30,14 +30,17 @@ def compared(
     """The experiment that was compared on, its candidates, and every model evaluated that may be named."""
     if noise_only(experiment.tuned):
         return experiment, candidates, []
-    lined = between_samples(experiment, experiment.tuned, candidates.scales)
-    if lined is not None:
-        return compared(lined, _candidates(lined), progress)
-    models = _searched(experiment, candidates, progress)
+    lined: list[Experiment] = []
+
+    def goes_on(best: Evaluation) -> bool:
+        found = between_samples(experiment, best, candidates.scales)
+        lined.extend([found] if found is not None else [])
+        return bool(lined)
+
+    models = [] if goes_on(experiment.tuned) else _searched(experiment, candidates, progress, goes_on)
+    if lined:
+        return compared(lined[0], _candidates(lined[0]), progress)
     best = min(models, key=lambda each: each.score, default=experiment.tuned)  # clear only once its times are known
-    lined = between_samples(experiment, best, candidates.scales) if best.fit.effects else None
-    if lined is not None:
-        return compared(lined, _candidates(lined), progress)
     if experiment.folds is not None or not events(best.fit):
         return experiment, candidates, models
     everywhere = experiment.everywhere()
@@ -47,21 +50,23 @@ def compared(
     if len(times) == 2:  # which the segments that are fitted alone might not lead to
         scales = replace(scales, busy=((times[0], times[1]), *scales.busy))
     experiment, candidates = experiment.around(times), replace(candidates, scales=scales)
-    return experiment, candidates, _searched(experiment, candidates, progress)
+    return experiment, candidates, _searched(experiment, candidates, progress, lambda _best: False)
 
 
 def _candidates(experiment: Experiment) -> CandidateSet:
     return CandidateSet.of(experiment.segments, experiment.train, experiment.tuned.fit, experiment.fitted)
 
 
-def _searched(experiment: Experiment, candidates: CandidateSet, progress: Progress) -> Models:
+def _searched(
+    experiment: Experiment, candidates: CandidateSet, progress: Progress, enough: Callable[[Evaluation], bool]
+) -> Models:
     evaluate = experiment.evaluate
     folds = experiment.folds
     if folds is not None:
         evaluate = lambda fits: folds.evaluate(fits, candidates.scales)  # noqa: E731
     supported = _supported(experiment, candidates)
     search = Search.of(experiment.fitted, evaluate, supported, experiment.tuned, candidates)
-    return search.run(progress)
+    return search.run(progress, enough)
 
 
 def _supported(experiment: Experiment, candidates: CandidateSet) -> Callable[[Evaluation], bool]:

@@ -80,8 +80,8 @@ class Search:
         """Typical sizes in these logs."""
         return self.candidates.scales
 
-    def run(self, progress: Progress) -> list[Evaluation]:
-        """Every model evaluated, of any size."""
+    def run(self, progress: Progress, enough: Callable[[Evaluation], bool]) -> list[Evaluation]:
+        """Every model evaluated, of any size; no further once the best of a size is `enough`."""
         models: dict[frozenset[Location], Evaluation] = {}
         current = self.tuned
         while len(current.fit.effects) < MOST and not noise_only(current):
@@ -93,11 +93,11 @@ class Search:
                 break
             found = self._evaluated(here._finished(fits), models)
             step = simplest(found) if found else current
-            if not improves(step, current, self.tuned):
+            if not improves(step, current, self.tuned) or enough(step):
                 break
             reduced = self._evaluated(here._reduced(step.fit), models) if size else []
-            enough = [each for each in reduced if each is not step and not matters(step, each, self.tuned)]
-            following = simplest(enough) if enough else step
+            sufficient = [each for each in reduced if each is not step and not matters(step, each, self.tuned)]
+            following = simplest(sufficient) if sufficient else step
             if len(following.fit.effects) <= size:
                 break
             current = following

@@ -5,9 +5,10 @@ before. With E the root mean squared whitened held-out error and `bound` the low
 
     explained = (E(device numbers) - E(step)) / (E(device numbers) - E(bound))
 
-The first step that explains everything is the answer (`effect`, `several_effects`). Otherwise the first that explains
-most of it names the main cause (`main_effect`), and otherwise nothing is named (`unknown`), provided that the flexible
-model shows that there is something to explain; what no model of the motion explains is `cannot_tell`.
+The last step that matters is the answer. If it explains everything above the noise, it is the cause (`effect`,
+`several_effects`); if most of what can be explained, the main cause (`main_effect`); if less, nothing is named
+(`unknown`), provided that the flexible model shows that there is something to explain. What no model of the motion
+explains is `cannot_tell`.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ def decide(
     rivals = without_needless([each for each in models if len(each.fit.effects) == len(last.fit.effects)])
     tied = _tied(last, rivals)
     verdict: Verdict = "main_effect"
-    if explained >= NUMBERS.complete:
+    if min(explained, fraction(tuned, last, 1.0)) >= NUMBERS.complete:
         verdict = "effect" if len(last.fit.effects) == 1 else "several_effects"
     equivalent = tuple(dict.fromkeys(place for each in (last, *tied) for place in each.fit.locations))
     if len(tied) > NUMBERS.largest_set:
