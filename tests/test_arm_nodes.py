@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 from arm_bench import ArmBench
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -11,6 +14,7 @@ from sensor_msgs.msg import JointState
 from via_bringup.control.limit_cycle import ARM, EQUILIBRIUM, GAIN, LEVEL, STIFFNESS, CycleCourse
 from via_controllers.modal_limit_cycle import least_share
 from via_controllers.modal_transform import first_basis
+from via_controllers.nodes.bang_bang import BangBangNode
 from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleNode
 from via_core.errors import ViaError
 from via_interfaces.msg import ControlState, VsaCommand
@@ -37,7 +41,7 @@ def test_the_cycle_after_a_push(graph, mode):
     answer = bench.call(bench.push, Push.Request(deflection=pushed_into(mode).tolist()))
     assert answer.success
     begin = int(answer.message.split()[-1])
-    graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 2400, timeout=100.0)
+    graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 2400)
     z = np.stack([bench.quantity(f"z_{i + 1}") for i in range(ARM.n)], axis=1)[begin:]
     course = CycleCourse(
         H=bench.quantity("H")[begin:] / LEVEL - 1.0,
@@ -73,11 +77,11 @@ def test_held_and_released_the_cycle_comes_back(graph, mode, taken):
     def taking():
         return taken(*(bench.now(f"z_{mode + 1}", ago) / np.sqrt(2.0 * LEVEL) for ago in (1, 0)))
 
-    graph.until(lambda: len(bench.states) > 500 and taking(), timeout=100.0)
+    graph.until(lambda: len(bench.states) > 500 and taking())
     answer = bench.call(bench.hold, Hold.Request(duration=1.0))
     begin, end = (int(word) for word in answer.message.split()[-3::2])
     assert answer.success and end == begin + 1000
-    graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 3200, timeout=100.0)
+    graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 3200)
     share, frequency = bench.quantity("H") / LEVEL, bench.quantity(f"frequency_{mode + 1}")[end]
     held, period = np.array(bench.contacts[begin + 100 : end - 100]), round(1000.0 / frequency)
     assert np.abs(share[begin - 100 : begin] - 1.0).max() < 0.02
@@ -174,6 +178,32 @@ def test_configuring_with_wrong_parameters_fails_and_says_so(graph):
     answer = change.call_async(ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE)))
     graph.until(answer.done)
     assert not answer.result().success
+
+
+@pytest.mark.parametrize("scene", ["arm", "hitting", "hopper", "throw"])
+def test_the_simulator_of_a_scene_starts_with_its_shipped_parameters(graph, scene):
+    """A normal of four digits is a direction."""
+    file = Path(__file__).parents[1] / "via_bringup" / "config" / f"{scene}.yaml"
+    told = yaml.safe_load(file.read_text(encoding="utf-8")) if file.exists() else {}
+    for name, kind in (("arm_simulator", ArmSimulatorNode), ("bang_bang", BangBangNode)):
+        if name in told:
+            graph.add(kind, **told[name]["ros__parameters"])
+
+
+def test_transitions_that_do_not_fit_are_refused_and_the_law_lives_on(graph):
+    graph.add(ModalLimitCycleNode, autostart=False)
+    peer = graph.node("peer")
+    change = peer.create_client(ChangeState, "/modal_limit_cycle/change_state")
+    graph.until(change.service_is_ready)
+
+    def asked(number):
+        answer = change.call_async(ChangeState.Request(transition=Transition(id=number)))
+        graph.until(answer.done)
+        return answer.result().success
+
+    configure, activate = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+    wanted = [(activate, False), (99, False), (configure, True), (configure, False), (activate, True)]
+    assert [(number, asked(number)) for number, _ in wanted] == wanted
 
 
 @pytest.mark.parametrize(

@@ -260,7 +260,7 @@ def ended(name, *parameters, folder, environment=(), **options):
     words = [word for each in parameters for word in ("-p", each)]
     return subprocess.run(
         [executable(name), "--ros-args", *words],
-        cwd=folder, env={**os.environ, **dict(environment)}, capture_output=True, text=True, timeout=60, check=False,
+        cwd=folder, env={**os.environ, **dict(environment)}, capture_output=True, text=True, timeout=600, check=False,
         **options,
     )  # fmt: skip
 
@@ -315,6 +315,6 @@ def test_without_a_home_the_logs_go_where_files_may_go(domain, tmp_path):
     environment = {key: value for key, value in os.environ.items() if key not in ("HOME", "ROS_LOG_DIR")}
     done = subprocess.run(
         [executable("player"), "--ros-args", "-p", "bag:=nowhere"],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60, check=False,
+        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr.strip()) == (2, "error: no bag at nowhere")

@@ -23,7 +23,7 @@ def test_the_law_finds_a_mode_and_swings_regularly(graph):
         duration=9.0, posture=LINEAR.rest.tolist(), link_friction=ARM.link_friction.tolist(),
     )  # fmt: skip
     assert bench.call(bench.push, Push.Request(deflection=(PUSH * LAW.direction).tolist())).success
-    graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 9000, timeout=110.0)
+    graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 9000)
     w = np.array([bench.now(f"w_{joint + 1}") for joint in range(ARM.n)])
     y = bench.quantity("y")[4500:]
     cycles = Cycles(PERIOD * np.arange(len(y)), y)

@@ -19,7 +19,7 @@ from via_sim.nodes.arm_simulator import ArmSimulatorNode
 from via_sim.nodes.simulator import SimulatorNode
 
 WITHIN = 20_000_000  # [ns]
-COMPILED = 120.0  # [s] within which the controller has started, its kernels compiled anew where need be
+COMPILED = 600.0  # [s] within which the controller has started, its kernels compiled anew where need be
 CONTROLLER = "from via_controllers.nodes.{} import main; raise SystemExit(main())"
 ARGUMENTS = {"excitation": ("--ros-args", "-p", "device:=qbmove_a")}
 ROBOTS = {  # name as in topics, how it is simulated, which entries of an effort are motors
@@ -53,7 +53,7 @@ def test_a_controller_that_is_killed_leaves_its_motors_passive_within_20_ms(grap
             graph.until(lambda: len(states) >= after and samples[-1][1] > 0.0, COMPILED)
             os.kill(controller.pid, signal.SIGKILL)
             killed = time.time_ns()
-            controller.wait(timeout=30)
+            controller.wait(timeout=600)
         finally:
             controller.kill()
     graph.until(lambda: samples[-1][0] > killed + 10 * WITHIN)

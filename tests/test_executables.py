@@ -207,7 +207,7 @@ def test_starts_publishes_and_ends_cleanly(graph, folder, package, executable, n
     try:
         until_it_publishes(graph, process, NEEDS.get(executable, Needs()).samples)
         process.send_signal(number)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=600)
     finally:
         if process.poll() is None:
             process.kill()
@@ -230,7 +230,7 @@ def test_starts_where_the_wheels_have_to_find_their_libraries_themselves(graph, 
     try:
         until_it_publishes(graph, process, samples=False)
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=600)
     finally:
         if process.poll() is None:
             process.kill()
@@ -247,7 +247,7 @@ def test_bad_parameters_are_one_line_and_an_exit_code(domain, tmp_path, executab
         [installed("via_ros", executable), "--ros-args", "-p", parameter],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
         cwd=tmp_path,
         check=False,
     )
@@ -257,7 +257,7 @@ def test_bad_parameters_are_one_line_and_an_exit_code(domain, tmp_path, executab
 
 
 def test_via_is_on_the_path_and_says_what_it_can():
-    done = subprocess.run(["via", "--help"], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(["via", "--help"], capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
     assert "demo" in done.stdout
 
@@ -265,7 +265,7 @@ def test_via_is_on_the_path_and_says_what_it_can():
 def ran(executable: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run a node of via_ros that ends by itself."""
     return subprocess.run(
-        [installed("via_ros", executable), *arguments], capture_output=True, text=True, timeout=60, check=False
+        [installed("via_ros", executable), *arguments], capture_output=True, text=True, timeout=600, check=False
     )
 
 

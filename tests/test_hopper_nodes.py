@@ -26,7 +26,7 @@ def test_the_hopper_finds_its_rhythm(graph, payload):
     simulator = graph.add(
         HopperSimulatorNode, mode="lockstep", duration=TICKS * PERIOD, payload=payload * Hopper().trunk_mass
     )
-    graph.until(lambda: simulator.finished.done() and min(len(height), len(force)) > TICKS, timeout=110.0)
+    graph.until(lambda: simulator.finished.done() and min(len(height), len(force)) > TICKS)
     z, late = np.array(height[TICKS // 2 :]), np.array(force[TICKS // 2 :])
     cycles = Cycles(PERIOD * np.arange(len(z)), z, 0.5 * float(z.min() + z.max()))
     apexes = np.array([piece.max() for piece in cycles.each(z)]) - Hopper().leg_height(Hopper().standing(CROUCH)[:2])

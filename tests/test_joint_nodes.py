@@ -63,12 +63,10 @@ class JointBench:
     def _truth(self, message):
         self.truth.append(message.value)
 
-    def finish(self, timeout=100.0):
+    def finish(self):
         """Wait for the end of a run, and for what was told of all of it."""
         done = self.simulator.finished.done
-        self.graph.until(
-            lambda: done() and min(len(self.states), len(self.truth)) >= self.simulator.ticks, timeout
-        )  # fmt: skip
+        self.graph.until(lambda: done() and min(len(self.states), len(self.truth)) >= self.simulator.ticks)
 
     def quantity(self, name):
         """(N,) what the law told."""

@@ -85,7 +85,7 @@ def test_unknown_executors_are_refused():
 def test_the_exit_code_tells_how_a_node_ended(domain, how, code, last, executor):
     options = ["--ros-args", "-p", f"executor:={executor}"]
     done = subprocess.run(
-        [sys.executable, "-c", NODE_FILE, how, *options], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", NODE_FILE, how, *options], capture_output=True, text=True, timeout=600, check=False
     )
     assert (done.returncode, done.stdout.strip()) == (code, last), done.stderr
     assert ("the disk is full" in done.stderr) == (how == "bad")

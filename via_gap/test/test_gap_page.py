@@ -63,7 +63,7 @@ def seen(folder, html, width):
     frame.write_text(FRAME.replace("{width}", str(width)), encoding="utf-8")
     options = ("--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--dump-dom")
     late = ("--window-size=1300,1000", "--virtual-time-budget=1000", f"--user-data-dir={folder / 'profile'}")
-    done = subprocess.run([CHROMIUM, *options, *late, frame.as_uri()], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([CHROMIUM, *options, *late, frame.as_uri()], capture_output=True, text=True, timeout=600)
     told = re.search(r'<pre id="told">(.+?)</pre>', done.stdout, re.DOTALL)
     assert told, done.stderr[-2000:]
     return json.loads(unescape(told[1])), [line for line in done.stderr.splitlines() if "CONSOLE" in line]

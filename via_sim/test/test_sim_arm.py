@@ -140,10 +140,16 @@ def test_a_hand_holds_the_tip():
     assert ARM.tip_position(state.q) == pytest.approx(hand.point, abs=5e-3)
 
 
+def test_a_normal_of_any_length_is_a_direction():
+    wall = Wall(np.zeros(3), np.array([0.0, 3.0, 4.0]))
+    assert wall.normal == pytest.approx([0.0, 0.6, 0.8])
+    assert wall.depth(np.array([0.0, 0.0, -1.0])) == pytest.approx(0.8)
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
-        lambda: Wall(np.zeros(3), np.array([0.0, 0.0, 2.0])),
+        lambda: Wall(np.zeros(3), np.zeros(3)),
         lambda: Wall(np.zeros(2), np.array([0.0, 0.0, 1.0])),
         lambda: Wall(np.zeros(3), np.array([0.0, 0.0, 1.0]), stiffness=-1.0),
         lambda: Hand(np.full(3, np.nan)),

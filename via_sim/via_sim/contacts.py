@@ -34,18 +34,20 @@ class Contact(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Wall(Contact):
-    """A plane that nothing passes. Raises ParameterError for a normal that is not of unit length."""
+    """A plane that nothing passes. Raises ParameterError for a normal without a direction."""
 
     point: Array  # (3,) [m] on the plane
-    normal: Array  # (3,) [-] out of the wall
+    normal: Array  # (3,) [-] out of the wall, of any length; kept as a unit vector
     stiffness: float = 5e4  # K [N/m]
     damping: float = 300.0  # D [N s/m]
 
     def __post_init__(self) -> None:
         _checked(self)
-        object.__setattr__(self, "normal", locked(self.normal, "normal"))
-        if self.normal.shape != (3,) or not abs(self.normal @ self.normal - 1.0) < 1e-9:
-            raise ParameterError(f"normal must be a unit vector, got {self.normal}")
+        normal = locked(self.normal, "normal")
+        length = float(np.linalg.norm(normal))
+        if normal.shape != (3,) or not 0.0 < length < np.inf:
+            raise ParameterError(f"normal must be a direction (3 numbers, not all 0), got {self.normal}")
+        object.__setattr__(self, "normal", locked(normal / length, "normal"))
 
     def depth(self, position: Array) -> float:
         """How deep `position` (3,) [m] is in the wall [m]; negative outside of it."""

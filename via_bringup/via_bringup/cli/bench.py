@@ -91,7 +91,7 @@ def controllers(turns: Turns = 15, as_rows: Json = None) -> None:
 
 @app.command()
 def arm(
-    seconds: Annotated[float, typer.Option(min=5.0, max=3600.0, help="How long each law is at work [s].")] = 20.0,
+    seconds: Annotated[float, typer.Option(min=5.0, max=3600.0, help="How long each law is at work \\[s].")] = 20.0,
     as_rows: Json = None,
 ) -> None:
     """Laws of an arm over DDS in real time at 1 kHz in one process: late commands, and what they cost."""
@@ -115,7 +115,7 @@ def hitting(as_rows: Json = None) -> None:
 
 @app.command()
 def node(
-    seconds: Annotated[float, typer.Option(min=1.0, max=86400.0, help="How long samples are sent [s].")] = 60.0,
+    seconds: Annotated[float, typer.Option(min=1.0, max=86400.0, help="How long samples are sent \\[s].")] = 60.0,
     joints: Annotated[int, typer.Option(min=1, max=64, help="Joints of two transmissions.")] = 16,
     device: Annotated[str, typer.Option(help="What every joint is.")] = "qbmove_a",
     separate: Annotated[bool, typer.Option(help="One JointState per joint instead of one for all.")] = False,
@@ -131,8 +131,8 @@ def node(
 def soak(
     method: Annotated[list[str] | None, typer.Option(help="Only this one (repeat for more).")] = None,
     device: Annotated[str, typer.Option(help="Joint; else one that suits the method.")] = "",
-    hours: Annotated[float, typer.Option(min=0.01, max=10_000.0, help="Simulated time [h].")] = 24.0,
-    start: Annotated[float, typer.Option(min=0.0, max=1e9, help="Stamp of the first sample [s].")] = 0.0,
+    hours: Annotated[float, typer.Option(min=0.01, max=10_000.0, help="Simulated time \\[h].")] = 24.0,
+    start: Annotated[float, typer.Option(min=0.0, max=1e9, help="Stamp of the first sample \\[s].")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Of noise, dropouts and gaps.")] = 0,
     as_rows: Json = None,
     write: Annotated[Path | None, typer.Option(help="Also write soak.md into this folder.")] = None,

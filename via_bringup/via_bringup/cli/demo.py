@@ -23,7 +23,7 @@ def demo(
         Path | None,
         typer.Option(help="Folder of real MACCEPA-VD runs; else the data set beside the repo, or the sample."),
     ] = None,
-    duration: Annotated[float, typer.Option(min=2.0, max=600.0, help="Length of the live run [s].")] = 10.0,
+    duration: Annotated[float, typer.Option(min=2.0, max=600.0, help="Length of the live run \\[s].")] = 10.0,
 ) -> None:
     """A real robot's log and a simulated joint, from bags over DDS to one page; or a scene of a control law."""
     if scene:

@@ -26,6 +26,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from lifecycle_msgs.srv import ChangeState
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
@@ -68,6 +70,8 @@ class ControllerNode(LifecycleNode):
         **options: Any,
     ) -> None:
         super().__init__(name, **options)
+        self._change = self._service_change_state.callback
+        self._service_change_state.callback = self._changed
         self._chosen = declare(self, kind)
         self._make: Callable[[Any], Equipment] = make
         self._active = False
@@ -79,6 +83,16 @@ class ControllerNode(LifecycleNode):
             self.trigger_activate()
 
     # ---- lifecycle
+
+    def _changed(self, request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+        """A transition that the state does not allow is refused; rclpy would raise it out of the executor."""
+        _, state = self._state_machine.current_state
+        try:
+            return self._change(request, response)
+        except rclpy_implementation.RCLError:
+            self.get_logger().error(f"no transition {request.transition.id} from '{state}'")
+            response.success = False
+            return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         try:
