@@ -85,6 +85,9 @@ def test_a_main_effect_comes_with_what_is_left_and_where():
     )
     assert "The remaining error of the" in said and "is largest at" in said
     assert any("remaining error" in step for step in next_steps(report))
+    done = report.model_copy(update={"explained": 1.0})
+    assert cautions(done)[0].startswith("An error of 6 % remains, where sensor noise alone gives 1 %.")
+    assert any("twice" in step for step in next_steps(done))
 
 
 def test_an_unknown_effect_is_looked_for_where_most_of_the_gap_lies():

@@ -22,6 +22,7 @@ from via_gap.rendering.names import (
 from via_gap.rendering.numbers import number, percent
 from via_gap.report.figures import ErrorBin, ErrorFigure
 from via_gap.report.report import GapReport, Proposal
+from via_gap.selection.numbers import NUMBERS
 
 METHOD = {
     "segments": "The gap is the error of the simulated signals on held-out data, relative to the standard deviation of "
@@ -98,10 +99,16 @@ def remainder(report: GapReport) -> str:
     if report.gap is None:
         return "Another effect acts as well."
     gap = report.gap
-    said = (
-        f"Another effect acts as well: an error of {percent(gap.after)} remains, where {percent(gap.bound)} is "
-        f"achievable and sensor noise alone gives {percent(gap.floor)}."
-    )
+    if report.explained >= NUMBERS.complete:
+        said = (
+            f"An error of {percent(gap.after)} remains, where sensor noise alone gives {percent(gap.floor)}. A flexible "
+            "torque model explains no more of it: it does not repeat with the motion."
+        )
+    else:
+        said = (
+            f"Another effect acts as well: an error of {percent(gap.after)} remains, where {percent(gap.bound)} is "
+            f"achievable and sensor noise alone gives {percent(gap.floor)}."
+        )
     found = largest_remainder(report)
     if found is None:
         return said
@@ -176,7 +183,9 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
         said.append("Record again with larger and more varied motion, and repeat the motion; then diagnose all logs.")
     if names_causes(report):
         said.append("Load the repair below into the simulator, and compare it with a new log.")
-    if report.verdict == "main_effect":
+    if report.verdict == "main_effect" and report.explained >= NUMBERS.complete:
+        said.append("Record the same motion twice: what differs between the two is the error that remains (section 4).")
+    elif report.verdict == "main_effect":
         said.append("Then look for the effect that causes the remaining error (section 4).")
     if report.verdict == "unknown":
         at = f", first at {where_words(report.where[0])}" if report.where else ""

@@ -33,10 +33,17 @@ def between_samples(experiment: Experiment, best: Evaluation, scales: Scales) ->
     if late is None:
         return None
     other = experiment.in_lines(late)
-    fit = other.tuned.fit
-    if best.fit.effects:
-        fit = refine(other.fitted, fit, None, members_of(best.fit), scales, rounds=FINISHING) or fit
-    return other if clearly_worse(best, *other.evaluate([fit])) else None
+    lines = _refined(other, other.tuned, best, scales)
+    better = clearly_worse(best, lines) and clearly_worse(_refined(experiment, best, best, scales), lines)
+    return other if better else None
+
+
+def _refined(experiment: Experiment, start: Evaluation, best: Evaluation, scales: Scales) -> Evaluation:
+    """The effects of `best` fitted in an experiment, from the numbers of `start`: the same effort on each side."""
+    if not best.fit.effects:
+        return start
+    fit = refine(experiment.fitted, start.fit, None, members_of(best.fit), scales, rounds=FINISHING)
+    return start if fit is None else experiment.evaluate([fit])[0]
 
 
 def _late(few: ResidualModel, best: Evaluation, scales: Scales) -> float | None:

@@ -28,18 +28,22 @@ def compared(
     experiment: Experiment, candidates: CandidateSet, progress: Progress
 ) -> tuple[Experiment, CandidateSet, Models]:
     """The experiment that was compared on, its candidates, and every model evaluated that may be named."""
+    lined = None if noise_only(experiment.tuned) else between_samples(experiment, experiment.tuned, candidates.scales)
+    if lined is not None:
+        experiment, candidates = lined, _candidates(lined)
     if noise_only(experiment.tuned):
         return experiment, candidates, []
-    lined: list[Experiment] = []
+    found: list[Experiment] = []
 
-    def goes_on(best: Evaluation) -> bool:
-        found = between_samples(experiment, best, candidates.scales)
-        lined.extend([found] if found is not None else [])
-        return bool(lined)
+    def go_on(best: Evaluation) -> bool:
+        other = between_samples(experiment, best, candidates.scales)
+        found.extend([other] if other is not None else [])
+        return bool(found)
 
-    models = [] if goes_on(experiment.tuned) else _searched(experiment, candidates, progress, goes_on)
-    if lined:
-        return compared(lined[0], _candidates(lined[0]), progress)
+    models = _searched(experiment, candidates, progress, go_on)
+    if found:  # once: what is a little better beside one effect is a little worse beside another
+        experiment, candidates = found[0], _candidates(found[0])
+        models = [] if noise_only(experiment.tuned) else _searched(experiment, candidates, progress, _never)
     best = min(models, key=lambda each: each.score, default=experiment.tuned)  # clear only once its times are known
     if experiment.folds is not None or not events(best.fit):
         return experiment, candidates, models
@@ -50,7 +54,11 @@ def compared(
     if len(times) == 2:  # which the segments that are fitted alone might not lead to
         scales = replace(scales, busy=((times[0], times[1]), *scales.busy))
     experiment, candidates = experiment.around(times), replace(candidates, scales=scales)
-    return experiment, candidates, _searched(experiment, candidates, progress, lambda _best: False)
+    return experiment, candidates, _searched(experiment, candidates, progress, _never)
+
+
+def _never(_best: Evaluation) -> bool:
+    return False
 
 
 def _candidates(experiment: Experiment) -> CandidateSet:
