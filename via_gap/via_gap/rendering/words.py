@@ -101,8 +101,8 @@ def remainder(report: GapReport) -> str:
     gap = report.gap
     if report.explained >= NUMBERS.complete:
         said = (
-            f"An error of {percent(gap.after)} remains, where sensor noise alone gives {percent(gap.floor)}. A flexible "
-            "torque model explains no more of it: it does not repeat with the motion."
+            f"An error of {percent(gap.after)} remains, where sensor noise alone gives {percent(gap.floor)}. A "
+            "flexible torque model explains no more of it: it does not repeat with the motion."
         )
     else:
         said = (
