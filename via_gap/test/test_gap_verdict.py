@@ -71,10 +71,9 @@ def test_no_decision_contradicts_itself(case):
         assert len(named) == 1
     if decision.verdict == "several_effects":
         assert len(named) >= 2
-    if decision.verdict in ("effect", "several_effects"):
-        assert decision.explained >= NUMBERS.complete
-    if decision.verdict == "main_effect":
-        assert NUMBERS.most <= decision.explained < NUMBERS.complete
+    if named:
+        everything = min(decision.explained, fraction(tuned, decision.chosen, 1.0)) >= NUMBERS.complete
+        assert everything == (decision.verdict != "main_effect") and decision.explained >= NUMBERS.most
     if named:
         assert set(named) <= set(decision.equivalent)
         assert set(named) <= set(places), "a cause that is named is ranked"
@@ -147,7 +146,7 @@ def test_noise_alone_is_no_gap():
 
 @pytest.mark.parametrize(
     ("left", "bound", "verdict"),
-    [(1.0, 1.0, "effect"), (3.0, 1.0, "main_effect"), (40.0, 1.0, "unknown"), (40.0, 6.2, "effect")],
+    [(1.0, 1.0, "effect"), (3.0, 1.0, "main_effect"), (40.0, 1.0, "unknown"), (40.0, 6.2, "main_effect")],
     ids=["all", "most of it", "some of it", "all that can be"],
 )
 def test_how_much_is_explained_of_what_can_be(left, bound, verdict):
