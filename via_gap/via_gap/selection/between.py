@@ -2,9 +2,9 @@
 
 Beside the best model so far, with everything it fits, how late the lines act is one more unknown: a Gauss-Newton step
 over device numbers, effects and lateness gives it. Lines take the place of steps where the same effects, fitted again,
-are then clearly better on held-out data. No effect of the catalogue looks like it: none lets a command act early. What
-acts late by less than half a sample cannot be told from a controller that is slower than was thought; it is said, and
-not called a cause.
+are then clearly and materially better on held-out data. Beside no effect at all, where lines might imitate a part of
+one, they have to explain half of the error. What acts late by less than half a sample cannot be told from a controller
+that is slower than was thought; it is said, and not called a cause.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from via_gap.candidates.subset import subset
 from via_gap.logs.between import period_of
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import lined
-from via_gap.selection.evidence import Evaluation, clearly_worse
+from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
+from via_gap.selection.verdict import matters
 
 STEP = 0.05  # of a sample: how far lines are moved to see what that does
 
 
 def between_samples(experiment: Experiment, best: Evaluation, scales: Scales) -> Experiment | None:
-    """The experiment with lines between commands, where `best` is then clearly better; None where it is not."""
+    """The experiment with lines between commands, where that matters beside `best`; None where it does not."""
     if experiment.folds is not None:
         return None
     late = _late(subset(experiment.fitted, best.fit.residual)[0], best, scales)
@@ -34,8 +35,11 @@ def between_samples(experiment: Experiment, best: Evaluation, scales: Scales) ->
         return None
     other = experiment.in_lines(late)
     lines = _refined(other, other.tuned, best, scales)
-    better = clearly_worse(best, lines) and clearly_worse(_refined(experiment, best, best, scales), lines)
-    return other if better else None
+    imitated = not best.fit.effects and lines.rms - 1.0 > (1.0 - NUMBERS.remaining) * (best.rms - 1.0)
+    if imitated or not matters(lines, best, best):
+        return None
+    steps = _refined(experiment, best, best, scales)
+    return other if matters(lines, steps, steps) else None
 
 
 def _refined(experiment: Experiment, start: Evaluation, best: Evaluation, scales: Scales) -> Evaluation:
