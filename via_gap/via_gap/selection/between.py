@@ -9,6 +9,8 @@ that is slower than was thought; it is said, and not called a cause.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from scipy.linalg import solve
 
@@ -53,8 +55,8 @@ def _refined(experiment: Experiment, start: Evaluation, best: Evaluation, scales
 def _late(few: ResidualModel, best: Evaluation, scales: Scales) -> float | None:
     """[s] by which lines act late; None where to first order they explain no more."""
     period = period_of(few.views[0].segments.log)
-    now, start, moved = (on(each, best.fit) for each in (few, few.under(_lines(0.0)), few.under(_lines(STEP * period))))
-    lines = few.under(_lines(0.0))
+    lines, later = (few.under(partial(lined, late=late)) for late in (0.0, STEP * period))
+    now, start, moved = (on(each, best.fit) for each in (few, lines, later))
     own = lines.nuisance_jacobian(start.effects, start.deviations, start.residual)
     shift = (moved.residual - start.residual) / STEP
     columns = [own, shift[:, None]]
@@ -73,7 +75,3 @@ def _late(few: ResidualModel, best: Evaluation, scales: Scales) -> float | None:
     step[-1] = share
     predicted = lines.loss(start.residual + slopes @ step)
     return share * period if predicted < now.loss - NUMBERS.margin * len(start.residual) else None
-
-
-def _lines(late: float):  # type: ignore[no-untyped-def]
-    return lambda segments: lined(segments, late)

@@ -35,12 +35,12 @@ def compared(
         return experiment, candidates, []
     found: list[Experiment] = []
 
-    def go_on(best: Evaluation) -> bool:
+    def lines_matter(best: Evaluation) -> bool:
         other = between_samples(experiment, best, candidates.scales)
         found.extend([other] if other is not None else [])
         return bool(found)
 
-    models = _searched(experiment, candidates, progress, go_on)
+    models = _searched(experiment, candidates, progress, lines_matter)
     if found:  # once: what is a little better beside one effect is a little worse beside another
         experiment, candidates = found[0], _candidates(found[0])
         models = [] if noise_only(experiment.tuned) else _searched(experiment, candidates, progress, _never)
