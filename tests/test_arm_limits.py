@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_bringup.bench.limits import Wild, course, limit_rows, supervisor_of
-from via_bringup.control.limit_cycle import ARM, EQUILIBRIUM, law_of
+from via_bringup.demo.reference import ARM, EQUILIBRIUM
 from via_controllers.arm_limits import ArmLimits, Limit
 from via_controllers.contract import ArmController, ArmSample, Torques
 from via_controllers.hold_still import HoldStill
 from via_controllers.supervision import Activity, Supervisor
 from via_core.errors import ParameterError
 from via_sim.arm import ArmState, arm_step
+from via_validation.bench.limits import Wild, course, limit_rows, supervisor_of
+from via_validation.control.limit_cycle import law_of
 
 STILL = np.zeros(4)
 UNKNOWN = np.full(4, np.nan)

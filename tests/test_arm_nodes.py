@@ -11,7 +11,7 @@ from arm_bench import ArmBench
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
-from via_bringup.control.limit_cycle import ARM, EQUILIBRIUM, GAIN, LEVEL, STIFFNESS, CycleCourse
+from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
 from via_controllers.modal_limit_cycle import least_share
 from via_controllers.modal_transform import first_basis
 from via_controllers.nodes.bang_bang import BangBangNode
@@ -22,6 +22,7 @@ from via_interfaces.srv import Hold, Push
 from via_ros import qos
 from via_ros.arms import ArmStateWriter
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
+from via_validation.control.limit_cycle import GAIN, CycleCourse
 
 PERIOD = 1_000_000  # [ns]
 REST = EQUILIBRIUM.tolist()

@@ -5,21 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from via_bringup.control.arm_run import Phase, run_arm
-from via_bringup.control.bang_bang import (
-    MOTORS,
-    damped_arm,
-    degrees_between,
-    free_motion,
-    linear_modes,
-    pushed,
-    reference_law,
-)
-from via_bringup.control.cycles import Cycles, spread
-from via_bringup.control.hitting import TURNING, hitting
-from via_bringup.control.nonlinear_mode import nonlinear_mode
+from via_bringup.demo.reference import MOTORS, TURNING, damped_arm, linear_modes
 from via_controllers.bang_bang import BangBangState, ModalBangBang
 from via_core.errors import ParameterError
+from via_validation.control.arm_run import Phase, run_arm
+from via_validation.control.bang_bang import degrees_between, free_motion, pushed, reference_law
+from via_validation.control.cycles import Cycles, spread
+from via_validation.control.hitting import hitting
+from via_validation.control.nonlinear_mode import nonlinear_mode
 
 ARM = damped_arm()
 

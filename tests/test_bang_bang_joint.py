@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_bringup.control.cycles import Cycles, spread
 from via_controllers.bang_bang_joint import JointBangBang, hanging
 from via_controllers.contract import JointSample
 from via_core.devices import load_device
@@ -12,6 +11,7 @@ from via_core.errors import ParameterError
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import Simulator
+from via_validation.control.cycles import Cycles, spread
 
 RATE = 1000.0
 ELASTIC, ANTAGONISTIC = load_device("visco_elastic_demo"), load_device("cubic_demo")

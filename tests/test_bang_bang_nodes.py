@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from arm_bench import ArmBench
-from via_bringup.bench.hitting import hitting_over_dds
-from via_bringup.control.bang_bang import DIRECTIONS, MOTORS, PUSH, damped_arm, linear_modes, reference_law
-from via_bringup.control.cycles import Cycles, spread
-from via_bringup.control.hitting import STEADY
+from via_bringup.demo.reference import DIRECTIONS, MOTORS, damped_arm, linear_modes
 from via_controllers.nodes.bang_bang import BangBangNode
 from via_core.errors import ViaError
 from via_interfaces.srv import Push
+from via_validation.bench.hitting import hitting_over_dds
+from via_validation.control.bang_bang import PUSH, reference_law
+from via_validation.control.cycles import Cycles, spread
+from via_validation.control.hitting import STEADY
 
 ARM, PERIOD = damped_arm(), 1e-3
 LAW = reference_law(ARM, np.array(DIRECTIONS[1]))

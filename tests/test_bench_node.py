@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from via_bringup.bench import node
+from via_validation.bench import node
 
 
 def test_every_estimate_of_a_second_comes(domain, monkeypatch):

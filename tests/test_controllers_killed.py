@@ -11,7 +11,7 @@ import time
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-from via_bringup.control.limit_cycle import ARM, EQUILIBRIUM
+from via_bringup.demo.reference import ARM, EQUILIBRIUM
 from via_interfaces.msg import ControlState
 from via_ros import qos
 from via_ros.conversions import nanoseconds

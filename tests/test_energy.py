@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from via_bringup.control.bang_bang import damped_arm, free_motion
-from via_bringup.control.energy import (
+from via_bringup.demo.reference import damped_arm
+from via_validation.control.bang_bang import free_motion
+from via_validation.control.energy import (
     bang_bang_energy,
     energy,
     limit_cycle_energy,
@@ -11,7 +12,7 @@ from via_bringup.control.energy import (
     positive_work,
     rigid_torque,
 )
-from via_bringup.control.limit_cycle import law_of
+from via_validation.control.limit_cycle import law_of
 
 
 def test_positive_work_of_a_harmonic():

@@ -119,8 +119,8 @@ warm_up(load_device("{DEVICE.name}"))
 """
 
 ARM_LOADED = """
-from via_bringup.control.arm_run import Phase, run_arm
-from via_bringup.control.limit_cycle import ARM, law_of, start
+from via_validation.control.arm_run import Phase, run_arm
+from via_validation.control.limit_cycle import law_of, start
 run_arm(ARM, law_of(0), start(law_of(0)), (Phase(0.002),))
 """
 ARMS = ("arm_simulator", "hopper_simulator", "modal_limit_cycle", "bang_bang", "hopping")

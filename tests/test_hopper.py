@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from via_bringup.control.hopper import PAYLOAD, hop, reference_law, sinusoid, toppling
+from via_validation.control.hopper import PAYLOAD, hop, reference_law, sinusoid, toppling
 
 
 @pytest.fixture(scope="module")

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from via_bringup.control.cycles import Cycles, spread
-from via_bringup.control.hopper import CROUCH, PAYLOAD, hop, reference_law
 from via_controllers.nodes.hopping import HoppingNode
 from via_core.hopper import Hopper
 from via_interfaces.srv import Hold, Push
 from via_ros import qos
 from via_sim.nodes.hopper_simulator import HopperSimulatorNode
+from via_validation.control.cycles import Cycles, spread
+from via_validation.control.hopper import CROUCH, PAYLOAD, hop, reference_law
 
 PERIOD, TICKS = 1e-3, 6000
 

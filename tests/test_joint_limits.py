@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_bringup.bench.joint_limits import course as bench_course
-from via_bringup.bench.joint_limits import joint_limit_rows, wild_supervisor
 from via_controllers.arm_limits import Limit
 from via_controllers.contract import Controller, JointSample, Torques
 from via_controllers.hold_joint import HoldJoint
@@ -18,6 +16,8 @@ from via_core.errors import ParameterError
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
 from via_sim.simulate import Simulator
+from via_validation.bench.joint_limits import course as bench_course
+from via_validation.bench.joint_limits import joint_limit_rows, wild_supervisor
 
 TICK = 1e-3  # [s]
 QBMOVE, ELASTIC, CUBIC = (load_device(name) for name in ("qbmove_a", "visco_elastic_demo", "cubic_demo"))

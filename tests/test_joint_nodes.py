@@ -11,8 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
-from via_bringup.control.cycles import Cycles, spread
-from via_bringup.control.throw import law_of
+from via_bringup.demo.reference import throwing_controller
 from via_controllers.contract import JointSample
 from via_controllers.joint_axes import JointAxes
 from via_controllers.nodes.bang_bang_joint import BangBangJointNode
@@ -27,6 +26,7 @@ from via_interfaces.msg import ControlState, JointReference, StiffnessEstimate, 
 from via_ros import qos
 from via_ros.conversions import JointStateWriter, nanoseconds
 from via_sim.nodes.simulator import SimulatorNode
+from via_validation.control.cycles import Cycles, spread
 
 TICK = 1e-3  # [s]
 
@@ -158,7 +158,7 @@ def test_a_serial_joint_swings_by_switching(graph, tmp_path):
 
 def test_a_throw_is_as_fast_as_the_closed_form_says(graph):
     bench = JointBench(graph, "visco_elastic_demo", MaxVelocityNode, {"turns": 2, "damping": 0.25}, duration=1.2)
-    law, ideal = law_of(bench.device, 0.25, 2)
+    law, ideal = throwing_controller(bench.device, 0.25, 2)
     bench.finish()
     position, end, around = bench.joint[:, 0], round(law.horizon / TICK), 3
     reached = (position[end + around, 0] - position[end - around, 0]) / (2.0 * around * TICK)

@@ -4,40 +4,41 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_bringup.control.throw import RATE, law_of, throw
+from via_bringup.demo.reference import throwing_controller
 from via_controllers.contract import JointSample
 from via_controllers.max_velocity import MaxVelocity, joint_of
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_sim.sensors import IDEAL, Sensors
+from via_validation.control.throw import RATE, throw
 
 DEVICE = load_device("visco_elastic_demo")
 
 
 @pytest.mark.parametrize(("damper", "turns"), [(0.0, 0), (0.0, 3), (0.5, 2), (1.0, 1)])
 def test_the_link_is_as_fast_as_the_closed_form_says(damper, turns):
-    law, ideal = law_of(DEVICE, damper, turns)
+    law, ideal = throwing_controller(DEVICE, damper, turns)
     for sensors in (IDEAL, Sensors.of_device(DEVICE)):
         assert throw(DEVICE, law, damper, sensors).velocity[-1] == pytest.approx(ideal, rel=5e-3)
 
 
 @pytest.mark.parametrize(("damper", "turns"), [(0.0, 3), (1.0, 1)])
 def test_the_motor_keeps_to_its_speed(damper, turns):
-    law, _ = law_of(DEVICE, damper, turns)
+    law, _ = throwing_controller(DEVICE, damper, turns)
     seen = throw(DEVICE, law, damper, Sensors.of_device(DEVICE), more=0.3)
     assert np.abs(seen.motor_velocity).max() < 1.02 * law.velocity
 
 
 def test_turning_uniformly_is_slower_on_the_joint_too():
     """The printed 'period of omega_d' for the last stretch as well, on the simulated joint with D = .4."""
-    law, ideal = law_of(DEVICE, 1.0, 2)
+    law, ideal = throwing_controller(DEVICE, 1.0, 2)
     between = joint_of(DEVICE, 1.0).between_turns
     uniform = replace(law, turns=tuple(law.horizon - between * np.arange(2, 0, -1)))
     assert throw(DEVICE, uniform, 1.0).velocity[-1] < 0.9 * ideal
 
 
 def test_after_the_horizon_the_motor_holds_still():
-    law, _ = law_of(DEVICE, 1.0, 2)
+    law, _ = throwing_controller(DEVICE, 1.0, 2)
     after = throw(DEVICE, law, 1.0, more=3.0)
     there, rate = law.reference(law.horizon + 3.0)
     assert after.theta[-1] == pytest.approx(there, abs=1e-3)
@@ -45,7 +46,7 @@ def test_after_the_horizon_the_motor_holds_still():
 
 
 def test_the_motor_never_gets_more_than_its_torque():
-    law, _ = law_of(DEVICE, 0.0, 3)
+    law, _ = throwing_controller(DEVICE, 0.0, 3)
     law = replace(law, torque_limit=3.0)
     state = law.init()
     for tick in range(500):
@@ -55,7 +56,7 @@ def test_the_motor_never_gets_more_than_its_torque():
 
 
 def test_blind_samples_are_answered_with_nothing():
-    law, _ = law_of(DEVICE, 0.0, 1)
+    law, _ = throwing_controller(DEVICE, 0.0, 1)
     state, _ = law.step(law.init(), JointSample(0.0, 0.0, np.zeros(1)))
     after, out = law.step(state, JointSample(1e-3, np.nan, np.zeros(1)))
     assert after is state and out.torque == [0.0]

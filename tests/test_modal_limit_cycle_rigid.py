@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from via_bringup.control.limit_cycle import law_of, rigid
 from via_controllers import modal_limit_cycle
+from via_validation.control.limit_cycle import law_of, rigid
 
 
 @pytest.mark.parametrize("mode", [0, 1])

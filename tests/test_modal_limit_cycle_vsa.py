@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_bringup.control.arm_run import PERIOD, Phase, run_arm
-from via_bringup.control.limit_cycle import ARM, LEVEL, CycleCourse, cycling, in_modes, law_of, start
-from via_bringup.control.limit_cycle import EQUILIBRIUM as REST
+from via_bringup.demo.reference import ARM, LEVEL
+from via_bringup.demo.reference import EQUILIBRIUM as REST
 from via_controllers.contract import ArmSample
 from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_core.errors import ParameterError
 from via_sim.arm import ArmState, arm_step
 from via_sim.contacts import Hand
+from via_validation.control.arm_run import PERIOD, Phase, run_arm
+from via_validation.control.limit_cycle import CycleCourse, cycling, in_modes, law_of, start
 
 STILL, NO_SENSOR = np.zeros(4), np.full(4, np.nan)
 

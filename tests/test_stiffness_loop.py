@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from via_bringup.control.stiffness_loop import StiffnessCourse, run_joint
 from via_controllers.equilibrium_preset import EquilibriumPreset
 from via_core.devices import load_device
+from via_validation.control.stiffness_loop import StiffnessCourse, run_joint
 
 NOMINAL, WANTED = load_device("qbmove_a"), 6.0  # [N m/rad]
 

@@ -13,8 +13,7 @@ from typing import Any
 
 import pytest
 import yaml
-from via_bringup.control.bang_bang import MOTORS, damped_arm
-from via_bringup.control.hitting import stand_of
+from via_bringup.demo.reference import MOTORS, damped_arm, wall_scene
 from via_bringup.demo.scenes import PUT_ASIDE, WALL_AT
 from via_controllers.nodes.bang_bang import BangBangParameters
 from via_controllers.nodes.excitation import ExcitationParameters
@@ -204,7 +203,7 @@ def test_parameter_file_names_parameters_that_exist(file):
 
 def test_the_wall_of_the_launch_file_is_that_of_the_scene():
     content = yaml.safe_load((PACKAGE / "config" / "hitting.yaml").read_text(encoding="utf-8"))
-    given, stand = content["arm_simulator"]["ros__parameters"], stand_of(WALL_AT, PUT_ASIDE)
+    given, stand = content["arm_simulator"]["ros__parameters"], wall_scene(WALL_AT, PUT_ASIDE)
     assert given["posture"] == pytest.approx(stand.start, abs=1e-3)
     assert given["walls"] == pytest.approx([*stand.face, *-stand.along], abs=1e-3)
     assert given["link_friction"] == pytest.approx(damped_arm().link_friction, abs=5e-3)

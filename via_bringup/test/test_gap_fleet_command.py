@@ -5,7 +5,7 @@ import io
 import json
 
 from typer.testing import CliRunner
-from via_bringup.cli.gap import app
+from via_bringup.cli import app
 from via_bringup.cli.gap_fleet import HEAD, as_csv, as_markdown, cells
 from via_gap.run.fleet import Row
 
@@ -36,7 +36,7 @@ def test_cells_show_the_reason_where_there_is_no_cause():
 
 
 def test_logs_that_cannot_be_read_are_rows_and_the_command_ends_with_2(tmp_path):
-    words = ["fleet", str(tmp_path / "none.csv"), "--device", "cubic_demo", "--results", str(tmp_path / "out")]
+    words = ["gap", "fleet", str(tmp_path / "none.csv"), "--device", "cubic_demo", "--results", str(tmp_path / "out")]
     answer = CliRunner().invoke(app, words)
     assert answer.exit_code == 2 and "1 of 1 logs have no report" in answer.output
     assert {"No", "such", "file", "or", "directory"} <= set(answer.output.split())  # the cell may be folded

@@ -9,7 +9,7 @@ import pinocchio
 import pytest
 import via_core
 from typer.testing import CliRunner
-from via_bringup.cli.gap import app
+from via_bringup.cli import app
 from via_core.errors import DeviceError, SignalError, ViaError
 from via_core.signals import Array, Signals
 from via_gap.logs.log import JointLog
@@ -90,7 +90,7 @@ def answered(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
     asked = ["--json", str(here / "report.json"), "--html", str(here / "page.html")]
     asked += ["--effects-out", str(here / "repair.yaml")]
     done = CliRunner().invoke(
-        app, ["diagnose", str(here / "run.csv"), "--arm", arm.name, "--holdout", str(here / "held.csv"), *asked]
+        app, ["gap", "diagnose", str(here / "run.csv"), "--arm", arm.name, "--holdout", str(here / "held.csv"), *asked]
     )
     assert done.exit_code == 0, done.output
     return here
@@ -124,7 +124,7 @@ def test_an_arms_page_draws_torques_in_their_unit(arm: Arm, answered: Path) -> N
 def test_the_gap_claimed_of_an_arms_joint_comes_again_from_its_files(arm: Arm, answered: Path) -> None:
     name = arm.devices[1].name
     report = read_report((answered / f"report_{name}.json").read_text(), "report")
-    words = ["simulate", str(answered / "held.csv"), "--arm", arm.name, "--device", name]
+    words = ["gap", "simulate", str(answered / "held.csv"), "--arm", arm.name, "--device", name]
     words += ["--effects", str(answered / f"repair_{name}.yaml"), "--json", str(answered / "again.json")]
     assert CliRunner().invoke(app, [*words, "--report", str(answered / f"report_{name}.json")]).exit_code == 0
     again = json.loads((answered / "again.json").read_text())
@@ -144,7 +144,7 @@ def test_the_gap_claimed_of_an_arms_joint_comes_again_from_its_files(arm: Arm, a
     ],
 )
 def test_a_question_about_no_joint_is_refused(words: list[str], message: str) -> None:
-    done = CliRunner().invoke(app, words)
+    done = CliRunner().invoke(app, ["gap", *words])
     assert isinstance(done.exception, ViaError)
     assert message in str(done.exception)
 

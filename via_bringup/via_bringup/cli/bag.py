@@ -18,20 +18,17 @@ from via_core.devices import load_device
 from via_bringup.cli.console import answers, errors, table
 from via_bringup.cli.run import become, parameters
 
-app = typer.Typer(help="Import, inspect, record, play and mend MCAP bags.", no_args_is_help=True)
-
 BagPath = Annotated[Path, typer.Argument(help="Bag folder or .mcap file.")]
 SEVERITIES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 
-@app.command("import")
 def import_folder(
     folder: Annotated[Path, typer.Argument(help="Folder with the recordings (CSV).")],
     mapping: Annotated[str, typer.Option(help=f"Mapping file, or a shipped one: {', '.join(mapping_names())}.")],
     out: Annotated[Path, typer.Option(help="Folder for the bags, one per recording.")],
     report: Annotated[Path | None, typer.Option("--json", help="Write the full report to this file.")] = None,
 ) -> None:
-    """Make bags of foreign recordings; what cannot be true is refused and listed with its reason."""
+    """Convert recordings to bags; impossible recordings are refused, each with its reason."""
     done = import_recordings(folder, mapping, out)
     if done.refused:
         listing = table("Refused", "recording", "why")
@@ -48,7 +45,6 @@ def import_folder(
         report.write_text(json.dumps(done.as_dict(), indent=2) + "\n", encoding="utf-8")
 
 
-@app.command()
 def info(bag: BagPath) -> None:
     """Show what is in a bag."""
     found = info_of(bag)
@@ -74,13 +70,12 @@ def info(bag: BagPath) -> None:
         errors.print(f"note: {remark}")
 
 
-@app.command()
 def check(
     bag: BagPath,
     device: Annotated[str, typer.Option(help="Also hold the joint against this device file.")] = "",
     joint_topic: Annotated[str, typer.Option(help="Topic of its joint states.")] = "/joint_states",
 ) -> None:
-    """Look for what is wrong in a bag; exit code 1 when there is an error among the findings."""
+    """Look for faults in a bag; exit code 1 when one of the findings is an error."""
     findings = check_bag(bag, load_device(device) if device else None, joint_topic)
     for finding in findings:
         severity = (f"{finding.severity:>8}", SEVERITIES[finding.severity])
@@ -91,19 +86,17 @@ def check(
         raise typer.Exit(1)
 
 
-@app.command()
 def recover(
     bag: BagPath,
     out: Annotated[Path, typer.Argument(help="New bag folder.")],
 ) -> None:
-    """Make a whole bag of every message that survived in an unfinished or damaged one."""
+    """Write a complete bag from all messages that are left in a damaged one."""
     done = recover_bag(bag, out)
     for remark in done.remarks:
         errors.print(f"note: {remark}")
     answers.print(f"{sum(done.messages.values())} messages saved into {done.bag}")
 
 
-@app.command()
 def record(
     out: Annotated[Path, typer.Argument(help="New bag folder.")],
     topics: Annotated[list[str] | None, typer.Argument(help="Topics; none: all there are.")] = None,
@@ -112,7 +105,6 @@ def record(
     become("via_ros", "recorder", parameters(bag=str(out), **({"topics": topics} if topics else {})))
 
 
-@app.command()
 def play(
     bag: BagPath,
     rate: Annotated[float, typer.Option(help="Speed; 0: as fast as the listeners keep up.")] = 1.0,

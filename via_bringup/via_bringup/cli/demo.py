@@ -25,7 +25,7 @@ def demo(
     ] = None,
     duration: Annotated[float, typer.Option(min=2.0, max=600.0, help="Length of the live run \\[s].")] = 10.0,
 ) -> None:
-    """A real robot's log and a simulated joint, from bags over DDS to one page; or a scene of a control law."""
+    """A real robot's log and a simulated joint, from bags over DDS to one page; or a scene of a controller."""
     if scene:
         from via_bringup.demo.scenes import play  # loads ROS, which `via --help` need not wait for
 

@@ -33,7 +33,7 @@ def estimate(
         Path | None, typer.Option("--csv", help="Write every estimate to this CSV file; of several, one file each.")
     ] = None,
 ) -> None:
-    """Estimate stiffness and damping from a bag and print where they ended."""
+    """Estimate stiffness and damping from a bag and print the last values."""
     pairs = pairs_of([load_device(each) for each in device], method or ["auto"])
     read = read_bag(bag)
     for remark in read.remarks:

@@ -21,22 +21,13 @@ from via_gap.report.report import GapReport, read_report, save_repair
 from via_gap.report.withheld import before_and_after
 from via_sim.effects_file import load_effects
 
-from via_bringup.cli import gap_blind, gap_fleet, gap_propose, gap_real
 from via_bringup.cli.console import answers, errors
-
-app = typer.Typer(help="Diagnose the gap between a log and its model.", no_args_is_help=True)
-app.add_typer(gap_blind.app, name="blind")
-app.command("propose")(gap_propose.command)
-app.command("fleet")(gap_fleet.fleet)
-app.command("real")(gap_real.real)
-
 
 Arm = Annotated[
     str | None, typer.Option(help="Arm of rigid joints, by name or path to its YAML: logs hold all of its joints.")
 ]
 
 
-@app.command("diagnose")
 def diagnose(
     logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files of one joint, or of an arm.")],
     device: Annotated[str | None, typer.Option(help="Device name (see `via devices`) or path to its YAML.")] = None,
@@ -48,9 +39,9 @@ def diagnose(
         Path | None, typer.Option(help="Write the named effects, and the numbers fitted with them, for the simulator.")
     ] = None,
 ) -> None:
-    """Say where the gap between logs and model lies, which effect causes it and how far it shrinks.
+    """Report where the gap between logs and model lies, which effect causes it and how far it shrinks.
 
-    Of an arm every joint has a report of its own, and files of its own: report.json becomes report_JOINT.json.
+    For an arm, one report and one set of files per joint is written: report.json becomes report_JOINT.json.
     """
     if (device is None) == (arm is None):
         raise ViaError("name either a --device or an --arm")
@@ -99,7 +90,6 @@ def _named(path: Path, joint: str) -> Path:
     return path.with_stem(f"{path.stem}_{joint}") if joint else path
 
 
-@app.command("render")
 def render(
     report: Annotated[Path, typer.Argument(help="Report that `via gap diagnose --json` wrote.")],
     html: Annotated[Path | None, typer.Option(help="Write it as one HTML page to this file.")] = None,
@@ -112,7 +102,6 @@ def render(
         answers.print(f"wrote {html}")
 
 
-@app.command("simulate")
 def simulate(
     logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files.")],
     device: Annotated[str, typer.Option(help="Device name or path to its YAML.")],
@@ -124,9 +113,9 @@ def simulate(
     arm: Arm = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
 ) -> None:
-    """Simulate logs without and with effects and print how far each is from what was measured.
+    """Simulate logs without and with effects and print the error of each against the measurement.
 
-    The joint of an --arm is not simulated: what counts is the torque that its equation lacks.
+    A joint of an --arm is not simulated: its error is the torque that its equation of motion lacks.
     """
     described = load_device(device)
     told = read_report(_text(report), str(report)) if report is not None else None

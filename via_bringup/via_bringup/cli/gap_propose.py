@@ -16,13 +16,13 @@ from via_gap.report.report import read_report
 from via_bringup.cli.console import answers
 
 
-def command(
+def propose_motion(
     report: Annotated[Path, typer.Argument(help="Report of `via gap diagnose --json`.")],
     device: Annotated[str, typer.Option(help="Device name or path to its YAML; else the report's joint.")] = "",
     out: Annotated[Path | None, typer.Option(help="Commands: a .csv file, or else a new bag folder.")] = None,
     reach: Annotated[float, typer.Option(min=0.01, max=6.0, help="Largest motor angle from rest \\[rad].")] = RANGE,
 ) -> None:
-    """Propose the motion that tells tied causes apart best, within the device's limits."""
+    """Propose the motion that best distinguishes tied causes, within the device's limits."""
     try:
         text = report.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -10,15 +10,13 @@ from typing import Annotated, Any, NoReturn
 import typer
 from via_core.errors import ViaError
 
-PASS_ARGUMENTS_ON = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
-
 
 def run(
     context: typer.Context,
     package: Annotated[str, typer.Argument(help="Package, e.g. via_sim.")],
     executable: Annotated[str, typer.Argument(help="Executable of that package, e.g. simulator.")] = "",
 ) -> None:
-    """Run an installed node; everything behind the two names goes to it, e.g. --ros-args -p device:=maccepavd."""
+    """Run an installed node; all further arguments go to the node, e.g. --ros-args -p device:=maccepavd."""
     if package in ("--help", "-h"):
         raise ViaError("usage: via run PACKAGE EXECUTABLE --ros-args -p name:=value; e.g. via run via_sim simulator")
     become(package, executable, context.args)

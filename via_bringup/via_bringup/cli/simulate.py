@@ -23,7 +23,7 @@ def simulate(
     commands: Annotated[Path | None, typer.Option(help="Run these commands (.csv) at once, without ROS.")] = None,
     record: Annotated[Path, typer.Option(help="With --commands: the log to write.")] = Path("log.csv"),
 ) -> None:
-    """Run the simulator node until interrupted; it answers VsaCommand on /<device>/command."""
+    """Run the simulator node until interrupted; it takes VsaCommand on /<device>/command."""
     described = load_device(device)  # said here in one line rather than by the node
     added = load_effects(effects) if effects is not None else ()
     if commands is not None:

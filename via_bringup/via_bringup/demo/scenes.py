@@ -37,11 +37,8 @@ from via_sim.nodes.hopper_simulator import HopperSimulatorNode
 from via_sim.nodes.simulator import SimulatorNode
 
 from via_bringup.composition import Composition
-from via_bringup.control.bang_bang import damped_arm
-from via_bringup.control.hitting import stand_of
-from via_bringup.control.limit_cycle import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
-from via_bringup.control.throw import law_of
 from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
+from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS, damped_arm, throwing_controller, wall_scene
 
 FRAMES, SHOWN = 15, 4.0  # [Hz] of an animation, [s] that it shows
 PATIENCE = 60.0  # [s] of wall time per second of simulated time, at least one
@@ -106,7 +103,7 @@ def _limit_cycle(out: Path, duration: float) -> list[Path]:
 
 
 def _hitting(out: Path, duration: float) -> list[Path]:
-    arm, stand = damped_arm(), stand_of(WALL_AT, PUT_ASIDE)
+    arm, stand = damped_arm(), wall_scene(WALL_AT, PUT_ASIDE)
     point, normal = stand.face, -stand.along
     seen = _over_dds(
         out / "bag", BangBangNode, duration, posture=stand.start.tolist(), walls=[*point.tolist(), *normal.tolist()],
@@ -124,7 +121,7 @@ def _hitting(out: Path, duration: float) -> list[Path]:
 
 def _throw(out: Path, duration: float) -> list[Path]:
     device, turns = load_device("visco_elastic_demo"), 3
-    law, ideal = law_of(device, 0.0, turns)
+    law, ideal = throwing_controller(device, 0.0, turns)
     share = MaxVelocityParameters().speed_share
     seen = _over_dds(
         out / "bag",

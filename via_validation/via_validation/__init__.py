@@ -1,0 +1,1 @@
+"""Proof of the suite, which users do not need: second simulator, sealed benchmark, tables, comparison, benchmarks."""

@@ -1,0 +1,162 @@
+"""A thousand parameter sets of one joint at once, beside a loop of simulate() and beside MuJoCo's rollout, in one run.
+
+The joint is that of `bench.simulator` (antagonistic, tau_e = 5 phi + 10 phi^3, held torques at 1 kHz); sets differ in
+inertia, viscous friction, torque gain and, where it says so, dry friction of a motor. MuJoCo gets the same sets without
+dry friction as models of its own, all in one call of its rollout, with the integrator and step that is fastest for it
+at the accuracy reached here, and once more with Euler's method at 1 ms, the cheapest it has. One thread each; what
+counts is the processor's time, least of the turns, which the contenders take one after the other.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from time import thread_time
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from rich.console import Console
+from rich.table import Table
+from via_core.signals import Array, Signals
+from via_sim.effects import Effect
+from via_sim.lockstep import run_many
+from via_sim.plants import JointPlant
+from via_sim.simulate import command_rows, initial_state, simulate
+
+from via_validation.bench.simulator import DEVICE, RATE, B, Dq, Dth, M, torques
+
+SETS, LOOPED, ROLLED, TURNS = 1000, 20, 40, 5
+TICKS = (100, 1000, 3000)  # of a segment and of whole logs
+TARGET = 1e-4  # [rad] accuracy at which MuJoCo is compared
+
+
+def sets(dry: float) -> list[tuple[Effect, ...]]:
+    """Effects of each set; `dry` [N m] scales the dry friction of motor 1."""
+    random, found = np.random.default_rng(4), []
+    for inertia, gain, viscous, friction in random.uniform(size=(SETS, 4)):
+        effects = [
+            Effect("link_inertia", "link", {"inertia": 0.01 * inertia}),
+            Effect("torque_gain", "motor", {"gain": 0.9 + 0.2 * gain}, 1),
+            Effect("viscous_friction", "motor", {"coefficient": 0.1 * viscous}, 2),
+        ]
+        if dry > 0.0:
+            effects.append(Effect("coulomb_friction", "motor", {"torque": dry * (0.5 + friction)}, 1))
+        found.append(tuple(effects))
+    return found
+
+
+def rolled(each: list[tuple[Effect, ...]], motor: Array, integrator: str, finer: int) -> Callable[[], Array]:
+    """MuJoCo's rollout of the sets, one model each -> angles (K, N, 3)."""
+    joints = '<joint joint="q" coef="1"/><joint joint="{0}" coef="-1"/>'
+    spring = '<fixed springlength="0" stiffness="5 0 10">' + joints + "</fixed>"
+    models = []
+    for inertia, gain, viscous in each:
+        body = (
+            '<body><joint name="{0}" axis="0 0 1" damping="{2!r}"/>'
+            '<inertial pos="0 0 0" mass="1" diaginertia="{1!r} {1!r} {1!r}"/></body>'
+        )
+        link = body.format("q", M + inertia.parameters["inertia"], Dq)
+        second = body.format("b", B, Dth + viscous.parameters["coefficient"])
+        models.append(
+            mujoco.MjModel.from_xml_string(
+                f'<mujoco><option timestep="{1.0 / RATE / finer!r}" gravity="0 0 0" integrator="{integrator}">'
+                f'<flag contact="disable" constraint="disable"/></option><worldbody>{link}{body.format("a", B, Dth)}'
+                f"{second}</worldbody><tendon>{spring.format('a')}{spring.format('b')}</tendon>"
+                f'<actuator><motor joint="a" gear="{gain.parameters["gain"]!r}"/><motor joint="b"/></actuator></mujoco>'
+            )
+        )
+    data = mujoco.MjData(models[0])
+    start = np.zeros((len(models), mujoco.mj_stateSize(models[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    control = np.repeat(np.repeat(motor, finer, axis=0)[None], len(models), axis=0)
+
+    def work() -> Array:
+        state, _ = rollout.rollout(models, data, start, control)
+        return np.asarray(state[:, finer - 1 :: finer, 1:4])
+
+    return work
+
+
+def least(work: dict[str, tuple[int, Callable[[], object]]]) -> dict[str, float]:
+    """Least processor time [s] per set of each contender, in turns after a first one that compiles."""
+    best = dict.fromkeys(work, np.inf)
+    for turn in range(TURNS + 1):
+        for name, (count, run) in work.items():
+            begin = thread_time()
+            run()
+            if turn:
+                best[name] = min(best[name], (thread_time() - begin) / count)
+    return best
+
+
+def compared(ticks: int, dry: float) -> dict[str, object]:
+    """Times [s] per set of all contenders over so many ticks, and the ratios that matter."""
+    plant, each, motor = JointPlant.from_device(DEVICE), sets(dry), torques(ticks)
+    time = np.arange(ticks) / RATE
+    held = Signals(time, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
+    sent = command_rows(DEVICE, held, time)
+    rows = np.stack([plant.with_effects(effects).at_rate(RATE) for effects in each])
+    states = np.repeat(initial_state(plant, RATE, None, 0)[None], SETS, axis=0)
+    out = np.empty((SETS, ticks + 1, 6))
+
+    def batch() -> None:
+        run_many(rows, states.copy(), sent, np.zeros(len(rows), dtype=np.int64), out)
+
+    def loop() -> list[Array]:
+        return [simulate(plant, held, ticks / RATE, RATE, effects).truth["q"] for effects in each[:LOOPED]]
+
+    work: dict[str, tuple[int, Callable[[], object]]] = {"batch": (SETS, batch), "loop": (LOOPED, loop)}
+    batch()
+    worst = max(float(np.max(np.abs(out[k, :, 0] - q))) for k, q in enumerate(loop()))
+    if dry == 0.0:
+        work["MuJoCo Euler, 1 ms"] = (ROLLED, rolled(each[:ROLLED], motor, "Euler", 1))
+        for integrator, finer in (("implicitfast", 16), ("RK4", 1), ("RK4", 2), ("RK4", 4)):
+            run = rolled(each[:ROLLED], motor, integrator, finer)
+            if float(np.max(np.abs(run() - out[:ROLLED, 1:, :3]))) < TARGET:
+                work[f"MuJoCo {integrator}, {1.0 / finer:g} ms"] = (ROLLED, run)
+    times = least(work)
+    peers = [name for name in times if name.startswith("MuJoCo") and "Euler" not in name]
+    row: dict[str, object] = {"ticks": ticks, "dry": dry, "seconds": times, "worst": worst}
+    row["over_loop"] = times["loop"] / times["batch"]
+    if peers:
+        fastest = min(peers, key=lambda name: times[name])
+        row |= {"peer": fastest, "over_peer": times[fastest] / times["batch"]}
+        row["over_euler"] = times["MuJoCo Euler, 1 ms"] / times["batch"]
+    return row
+
+
+def main() -> None:
+    console, work = Console(), [partial(compared, ticks, dry) for dry in (0.0, 0.05) for ticks in TICKS]
+    rows = [each() for each in work]
+    table = Table(title=f"{SETS} parameter sets of one joint, one thread, per set")
+    for heading in (
+        "ticks",
+        "dry friction",
+        "batch [us]",
+        "ns per tick",
+        "x loop",
+        "x MuJoCo",
+        "x Euler 1 ms",
+        "differs",
+    ):
+        table.add_column(heading, justify="right")
+    for row in rows:
+        batch = row["seconds"]["batch"]  # type: ignore[index]
+        cells = [f"{row['ticks']}", "yes" if row["dry"] else "no", f"{batch * 1e6:.1f}"]
+        cells += [f"{batch / row['ticks'] * 1e9:.0f}", f"{row['over_loop']:.1f}"]  # type: ignore[operator]
+        cells += [f"{row[name]:.1f}" if name in row else "-" for name in ("over_peer", "over_euler")]
+        table.add_row(*cells, f"{row['worst']:.0e}")
+    console.print(table)
+    console.print(
+        f"MuJoCo at {TARGET:g} rad: " + ", ".join(sorted({str(row["peer"]) for row in rows if "peer" in row}))
+    )
+    target = Path("out/bench/batch.json")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(json.dumps(rows, indent=1))
+    console.print(f"written: {target}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,22 @@
+"""Commands that this package adds to `via`, through the entry point group `via.commands`."""
+
+from via_bringup.cli.deferred import Entry
+
+COMMANDS = {
+    "tables": Entry(
+        "via_validation.commands.tables:tables",
+        "Reproduce the tables and figures of the document: its numbers, ours, and the limits.",
+    ),
+    "compare": Entry(
+        "via_validation.commands.compare:compare",
+        "Compare accuracy, convergence, coverage, robustness and cost of all stiffness estimators.",
+    ),
+    "bench": Entry("via_validation.commands.bench:app", "Measure speed, memory and endurance beside other libraries'."),
+    "gap blind": Entry(
+        "via_validation.commands.gap_blind:app", "Evaluate the diagnosis on sealed cases of a second simulator."
+    ),
+    "gap real": Entry(
+        "via_validation.commands.gap_real:real",
+        "Diagnose real robots from public recordings and compare the answers with the documented causes.",
+    ),
+}

@@ -1,0 +1,181 @@
+"""`via gap blind ...`: sealed cases of a second simulator, the diagnosis run on them, and its score."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+import yaml
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
+from via_bringup.cli.console import answers, errors, table
+from via_bringup.provenance import provenance
+from via_core.devices import load_device
+from via_core.errors import ViaError
+from via_gap.logs.log import read_log
+from via_gap.report.report import read_report
+from via_gap.report.withheld import before_and_after
+from via_gap.selection.reliability import Calibrated, calibrated
+
+app = typer.Typer(
+    help="Evaluate the diagnosis on sealed cases of a second simulator.", no_args_is_help=True, add_completion=False
+)
+
+DIAGNOSE = "via gap diagnose {bag} --device {device} --json {json} --effects-out {effects}"
+SEED = 100_016  # where a block of seeds begins: every named effect as often as any other
+MEASURE = "via gap blind measure {log} --device {device} --report {report} --json {json}"
+Cases = Annotated[Path, typer.Argument(help="Folder of the cases.")]
+Processes = Annotated[int, typer.Option(min=1, max=256, help="How many at a time.")]
+
+
+@app.command()
+def make(
+    out: Annotated[Path, typer.Option(help="New folder for the cases: recordings and nominal device files.")],
+    keys: Annotated[Path, typer.Option(help="New folder for the keys, outside the cases.")],
+    seed_from: Annotated[int, typer.Option(min=0, help="First seed; below 100000 they are for development.")] = SEED,
+    count: Annotated[int, typer.Option(min=1, max=1000, help="How many cases.")] = 376,
+    duration: Annotated[float, typer.Option(min=5.0, max=600.0, help="Seconds of a recording.")] = 40.0,
+    processes: Processes = 2,
+) -> None:
+    """Draw cases from seeds and seal their keys; prints the SHA-256 of every key."""
+    from via_validation.sealed.making import make_cases  # MuJoCo takes a second to load
+
+    with _progress(count) as bar:
+        made = make_cases(
+            range(seed_from, seed_from + count), out, keys, duration, processes, lambda _: bar.advance(bar.task_ids[0])
+        )
+    for each in made:
+        answers.print(f"{each.digest}  {each.name}.json")
+    again = sum(each.attempts - 1 for each in made)
+    errors.print(f"{len(made)} cases in {out}, their keys in {keys}; {again} draws were rejected and drawn again")
+
+
+@app.command()
+def run(
+    cases: Cases,
+    results: Annotated[Path, typer.Option(help="Folder for the reports.")],
+    command: Annotated[
+        str, typer.Option(help="The diagnosis: {bag}, {device}, {json}, {effects} are paths.")
+    ] = DIAGNOSE,
+    patience: Annotated[float, typer.Option(min=1.0, help="Most seconds for one case.")] = 600.0,
+    processes: Processes = 1,
+) -> None:
+    """Diagnose every case in a process of its own, on the recording alone; goes on where it was interrupted."""
+    from via_validation.sealed.running import run_cases
+    from via_validation.sealed.sealing import names_in
+
+    with _progress(len(names_in(cases))) as bar:
+        ran = run_cases(cases, results, command, patience, processes, lambda _: bar.advance(bar.task_ids[0]))
+    failed = [each for each in ran if each.code != 0]
+    for each in failed:
+        errors.print(f"{each.name}: {each.said or f'exit code {each.code}'}")
+    errors.print(f"{len(ran) - len(failed)} of {len(ran)} cases have a report in {results}")
+    if failed:
+        raise typer.Exit(1)
+
+
+@app.command()
+def score(
+    cases: Cases,
+    keys: Annotated[Path, typer.Option(help="Folder of the keys.")],
+    results: Annotated[Path, typer.Option(help="Folder of the reports.")],
+    simulate: Annotated[
+        str,
+        typer.Option(
+            help="What measures the gap on a withheld log: {log}, {device}, {effects}, {report}, {json}; '': nothing."
+        ),
+    ] = MEASURE,
+    as_file: Annotated[Path | None, typer.Option("--json", help="Write every number to this file.")] = None,
+    write: Annotated[Path | None, typer.Option(help="Also write gap.md and its picture into this folder.")] = None,
+    processes: Processes = 2,
+) -> None:
+    """Open the keys, verify their seals, and score the reports; exit code 1 when a limit is missed."""
+    from via_validation.sealed.opening import judged_cases
+    from via_validation.sealed.page import as_json, write_page
+    from via_validation.sealed.scoring import score as score_of
+    from via_validation.sealed.sealing import names_in
+
+    with _progress(len(names_in(cases))) as bar:
+        judged = judged_cases(cases, keys, results, simulate, processes, lambda _: bar.advance(bar.task_ids[0]))
+    scored = score_of(judged)
+    listing = table(f"{len(judged)} cases", "group", "number", "ours", "limit", "cases", "verdict")
+    for number in scored.numbers:
+        word = {None: "", True: "ok", False: "MISSED"}[number.kept]
+        limit = "" if number.limit is None else f"{'>=' if number.at_least else '<='} {number.limit:g}"
+        ours = "-" if number.value is None else f"{number.value:.3f}"
+        style = {"ok": "green", "MISSED": "bold red"}.get(word, "")
+        listing.add_row(number.group, number.name, ours, limit, str(number.cases), Text(word, style))
+    answers.print(listing)
+    if as_file is not None:
+        as_file.write_text(json.dumps(as_json(scored), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    if write is not None:
+        try:
+            write_page(scored, write, str(provenance("via gap blind score")))
+        except OSError as error:
+            raise ViaError(f"{write} cannot be written: {error.strerror}") from None
+    if any(number.kept is False for number in scored.numbers):
+        raise typer.Exit(1)
+
+
+@app.command()
+def calibrate(
+    cases: Cases,
+    keys: Annotated[Path, typer.Option(help="Folder of the keys.")],
+    results: Annotated[Path, typer.Option(help="Folder of the reports.")],
+    write: Annotated[Path, typer.Option(help="File for the counts: selection/reliability.yaml of via_gap.")],
+) -> None:
+    """Count on judged development cases how often answers of each verdict are right, and what conformal sets need."""
+    from via_validation.sealed.judging import judge
+    from via_validation.sealed.sealing import names_in, opened
+
+    judged, seeds = [], []
+    for name in names_in(cases):
+        file = results / f"{name}.json"
+        if not file.exists():
+            continue
+        report, key = read_report(_text(file), str(file)), opened(name, cases, keys).key
+        if key["seed"] >= SEED:
+            raise ViaError(f"{name}: seed {key['seed']} is of the set that judges, not one to learn from")
+        causes = [(each["effect"], each["site"], each["motor"]) for each in key["effects"]]
+        shares = {(c.effect, c.site, c.motor): c.share for c in report.causes}
+        first_right = judge(name, key, json.loads(report.to_json()), None, None).first_right
+        truth = min((shares.get(cause, 0.0) for cause in causes), default=None) if key["kind"] != "unknown" else None
+        judged.append(Calibrated(report.verdict, report.level, bool(report.causes), first_right, truth))
+        seeds.append(int(key["seed"]))
+    if not judged:
+        raise ViaError(f"no report in {results}")
+    numbers = calibrated(judged, str(provenance("via gap blind calibrate")), f"{min(seeds)} to {max(seeds)}")
+    write.write_text(yaml.safe_dump(numbers.model_dump(), sort_keys=False), encoding="utf-8")
+    answers.print(f"{len(judged)} answers counted; numbers in {write}")
+
+
+@app.command()
+def measure(
+    log: Annotated[Path, typer.Argument(help="Bag folder, .mcap or .csv file.")],
+    device: Annotated[str, typer.Option(help="Nominal device: name or path to its YAML.")],
+    report: Annotated[Path, typer.Option(help="Report of a diagnosis: its effects and device numbers are the repair.")],
+    as_file: Annotated[Path, typer.Option("--json", help="Write `before`, `after` and `floor` to this file.")],
+) -> None:
+    """Measure the gap of a log that a report never saw, before and after its repair."""
+    told_of, described = read_report(_text(report), str(report)), load_device(device)
+    read = told_of.as_read([read_log(log, described)])
+    before, after = before_and_after(read, described, told_of.repaired(), (), told_of.by_equations)
+    told = {"before": before.overall, "after": after.overall, "floor": float(np.sqrt(np.mean(after.floors**2)))}
+    as_file.write_text(json.dumps(told, allow_nan=False) + "\n", encoding="utf-8")
+    answers.print(f"gap {before.overall:.4g} before, {after.overall:.4g} after")
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ViaError(f"{file} cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8'}") from None
+
+
+def _progress(count: int) -> Progress:
+    bar = Progress(TextColumn("cases"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=errors)
+    bar.add_task("cases", total=count)
+    return bar

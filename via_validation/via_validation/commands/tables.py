@@ -1,0 +1,111 @@
+"""`via tables`: every table and quoted figure of the document beside ours."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.text import Text
+from via_bringup.cli.console import answers, errors, table
+from via_bringup.provenance import provenance
+from via_core.errors import ViaError
+
+from via_validation.tables.page import Report, as_json, number, verdict, write_html, write_markdown
+from via_validation.tables.run import SECTIONS, Finished, chosen, run_sections
+
+STYLES = {"ok": "green", "MISSED": "bold red"}
+PAGES = " and ".join(dict.fromkeys(f"{each.page}.md" for each in SECTIONS))
+
+
+def tables(
+    section: Annotated[
+        list[str] | None,
+        typer.Option(help=f"Only this one of {', '.join(s.name for s in SECTIONS)} (repeat for more)."),
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Noise realisations per noisy row.")] = 50,
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Folder of real MACCEPA-VD runs; else the data set beside the repo, or the sample."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for index.html and the pictures.")] = Path("out/tables"),
+    as_rows: Annotated[
+        Path | None, typer.Option("--json", help="Write the rows to this file; -: to stdout, and nothing else.")
+    ] = None,
+    write: Annotated[
+        Path | None, typer.Option(help=f"Also write {PAGES} with small pictures into this folder.")
+    ] = None,
+) -> None:
+    """Reproduce the tables and figures of the document: its numbers, ours, and the limits."""
+    sections = chosen(section or [])
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ViaError(f"{out} cannot be made: {error.strerror}; choose another folder with --out") from None
+    columns = (
+        TextColumn("{task.description:<10}"),
+        BarColumn(),
+        TextColumn("{task.fields[what]}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=errors) as bars:
+        tasks = {each.name: bars.add_task(f"section {each.name}"[-10:], total=None, what="") for each in sections}
+
+        def progress(name: str, done: int, of: int, what: str) -> None:
+            bars.update(tasks[name], completed=done, total=of, what=what)
+
+        finished, interrupted = run_sections(sections, seeds, out, progress, data)
+
+    words = ["via tables", *(f"--section {name}" for name in section or []), f"--seeds {seeds}"]
+    words += [f"--data {data}"] * (data is not None)
+    report = Report(finished, seeds, provenance(" ".join(words)))
+    write_html(report, out / "index.html")
+    if write is not None:
+        write_markdown(report, write)
+    objects = json.dumps(as_json(report.rows), indent=1, allow_nan=False) + "\n"
+    if as_rows == Path("-"):
+        print(objects, end="")
+    else:
+        for each in finished:
+            _show(each)
+        _conclude(report, out)
+        if as_rows is not None:
+            as_rows.write_text(objects, encoding="utf-8")
+    for each in finished:
+        if each.trouble:
+            errors.print(f"section {each.section.name}: {each.trouble}")
+    if interrupted:
+        raise typer.Exit(130)
+    if any(each.trouble for each in finished):
+        raise typer.Exit(1)
+
+
+def _show(finished: Finished) -> None:
+    if not finished.rows:
+        return
+    title = f"{finished.section.name}: {finished.section.title}"
+    shown = table(title, "id", "case", "quantity", "document", "ours", "limit", "verdict")
+    shown.columns[1].justify = shown.columns[2].justify = "left"
+    for row in finished.rows:
+        word = verdict(row)
+        shown.add_row(
+            row.id,
+            Text.assemble(row.what, (f"\n{row.remark}", "dim") if row.remark else ""),
+            row.quantity,
+            number(row.document),
+            number(row.ours),
+            number(row.limit),
+            Text(word, STYLES.get(word, "")),
+        )
+    answers.print(shown)
+
+
+def _conclude(report: Report, out: Path) -> None:
+    missed = ", ".join(row.id for row in report.missed)
+    answers.print(
+        f"{len(report.rows)} rows, {report.judged} with a limit, {len(report.missed)} missed"
+        + (f": {missed}" if missed else "")
+        + f"; {out / 'index.html'} shows them with the pictures"
+    )

@@ -1,0 +1,60 @@
+"""The end effector of an arm on its limit cycle held and released, at phases all around the cycle: Section 6.3.
+
+A hand holds the tip where it is; z_k is then what it is there, next to nothing moves, and H at release is z_k^2 / 2.
+Held near z_k = 0 the arm is let go without a push. The document's law then takes its time (`approach`), as any would
+that is continuous in z_k and zd_k alone; ours remembers a way to go (`self_start`), and pushes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from via_controllers.self_start import START
+from via_sim.contacts import Hand
+
+from via_validation.control.arm_run import PERIOD, Phase, run_arm
+from via_validation.control.limit_cycle import GAIN, CycleCourse, cycling, in_modes, law_of
+
+SETTLING, AFTER = 2.5, 2.5  # [s] before the first hold, after a release
+
+
+@dataclass(frozen=True)
+class Released:
+    """What came of one hold."""
+
+    phase: float  # [rad] on the cycle when it was held: z_k ~ cos(phase)
+    grip: float  # |z_k| where it was held, over the cycle's amplitude [-]
+    share: float  # H / H_d at release [-]
+    period: float  # [s] of the cycle
+    eigenvalue: float  # lambda_k [1/s^2], mean over a cycle
+    course: CycleCourse  # from the release on
+    saturated: bool  # while held
+    force: float  # [N] largest on the hand in the second half of the hold
+
+    def error(self, periods: float) -> float:
+        """The largest |H / H_d - 1| from so many periods after the release on."""
+        return float(np.abs(self.course.H[round(periods * self.period / PERIOD) :]).max())
+
+
+def held_and_released(
+    mode: int, phases: int, duration: float = 1.0, gain: float = GAIN, start: float = START
+) -> Iterator[Released]:
+    """Mode `mode` held for `duration` [s], at that many phases evenly around the cycle; the rest as for `law_of`."""
+    law = law_of(mode, gain, start=start)
+    arm = law.cycle.arm
+    run = cycling(law, SETTLING, share=1.0)
+    steady = in_modes(law, run)
+    period = 1.0 / steady.frequencies()[0]
+    eigenvalue = float(steady.eigenvalue[-round(period / PERIOD) :].mean())
+    for _ in range(phases):
+        run = run_arm(arm, law, run.body, (Phase(period / phases),), state=run.state)
+        seen = run.state.motion
+        z, speed = seen.z[mode], seen.z_velocity[mode] / np.sqrt(seen.basis.eigenvalues[mode])
+        hand = Hand(arm.tip_position(run.body.q))
+        held = run_arm(arm, law, run.body, (Phase(duration, (hand,)),), 4, run.state)
+        after = in_modes(law, run_arm(arm, law, held.body, (Phase(AFTER),), state=held.state))
+        force = float(np.linalg.norm(held.force[len(held.force) // 2 :], axis=1).max())
+        phase, grip = float(np.arctan2(-speed, z)), abs(float(z)) / law.cycle.amplitude
+        yield Released(phase, grip, float(after.H[0]) + 1.0, period, eigenvalue, after, held.saturated > 0.0, force)

@@ -1,0 +1,116 @@
+"""The modal limit cycle of Section 6.1 on the simulated arm: the reference set-up, and what a run of it was like."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
+from via_controllers.modal_limit_cycle import ModalLimitCycle
+from via_controllers.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
+from via_controllers.modal_transform import ModalBasis, first_basis
+from via_controllers.self_start import START, turned
+from via_core.signals import Array
+from via_sim.arm import ArmState, loaded_state
+
+from via_validation.control.arm_run import PERIOD, ArmRun, Phase, run_arm
+
+DAMPING_RATIO, GAIN, BANDWIDTH = 0.7, 3.0, 100.0  # xi, k_V [s/(kg m^2)], omega_tau [rad/s]
+PUSH = 0.5  # of the cycle's amplitude: where a run starts, at rest
+ALONG = 1e-5  # [s] to either side, over which the start's torque is differenced
+
+
+def law_of(
+    mode: int, gain: float = GAIN, damping_ratio: float = DAMPING_RATIO, start: float = START
+) -> VsaModalLimitCycle:
+    """The law on mode k = `mode`, 0 the softest; `start` = 0: the document's, which waits for a push."""
+    cycle = ModalLimitCycle(ARM, EQUILIBRIUM, STIFFNESS, mode, damping_ratio, gain, LEVEL, start)
+    return VsaModalLimitCycle(cycle, BANDWIDTH)
+
+
+def start(law: VsaModalLimitCycle, share: float = PUSH) -> ArmState:
+    """At rest, by `share` of the cycle's amplitude beside the equilibrium, the springs as the law wants them."""
+    cycle, arm = law.cycle, law.cycle.arm
+    z, still = np.zeros(arm.n), np.zeros(arm.n)
+    z[cycle.mode] = share * np.sqrt(2.0 * cycle.level)
+    q = cycle.equilibrium + first_basis(arm.inertia(cycle.equilibrium), cycle.stiffness).W @ z
+    motion = cycle.at(cycle.init(q), q, still)
+    ahead, behind = (cycle.at(motion.basis, q, s * motion.acceleration).torque for s in (ALONG, -ALONG))
+    return loaded_state(arm, q, still, -motion.torque, -(ahead - behind) / (2.0 * ALONG))
+
+
+@dataclass(frozen=True)
+class CycleCourse:
+    """A run of the law in its own terms, N samples."""
+
+    H: Array  # (N,) H / H_d - 1 [-]
+    leak: Array  # (N,) the largest of the other modes, over mode k's amplitude [-]
+    z: Array  # (N,) mode k
+    eigenvalue: Array  # (N,) mode k's [1/s^2]
+
+    @property
+    def late(self) -> slice:
+        """The second half of the run."""
+        return slice(len(self.H) // 2, None)
+
+    def frequencies(self) -> tuple[float, float]:
+        """Of z_k's upward zeros, and sqrt(mean lambda_k) / 2 pi over the same cycles [Hz]; late half."""
+        z, values = self.z[self.late], self.eigenvalue[self.late]
+        up = np.flatnonzero((z[:-1] < 0.0) & (z[1:] >= 0.0))
+        zeros = (up + z[up] / (z[up] - z[up + 1])) * PERIOD
+        return 1.0 / float(np.diff(zeros).mean()), float(np.sqrt(values[up[0] : up[-1]].mean())) / (2.0 * np.pi)
+
+
+def cycling(
+    law: VsaModalLimitCycle, duration: float, share: float = PUSH, torque_noise: float = 0.0, seed: int = 1
+) -> ArmRun[Swing]:
+    """The law on its arm from `start`, for `duration` [s]; the rest as for `run_arm`."""
+    phases = (Phase(duration),)
+    return run_arm(law.cycle.arm, law, start(law, share), phases, torque_noise=torque_noise, seed=seed)
+
+
+def in_modes(law: VsaModalLimitCycle, run: ArmRun[Swing]) -> CycleCourse:
+    """What the law told of a run."""
+    k, level = law.cycle.mode, law.cycle.level
+    z = np.stack([run.quantity(f"z_{i + 1}") for i in range(law.cycle.arm.n)], axis=1)
+    frequency = run.quantity(f"frequency_{k + 1}")
+    return CycleCourse(
+        H=run.quantity("H") / level - 1.0,
+        leak=np.abs(np.delete(z, k, axis=1)).max(axis=1) / np.sqrt(2.0 * level),
+        z=z[:, k],
+        eigenvalue=(2.0 * np.pi * frequency) ** 2,
+    )
+
+
+def rigid(cycle: ModalLimitCycle, duration: float, step: float = 2e-3, others: float = 0.03) -> CycleCourse:
+    """The law of a rigid arm as one in continuous time: asked at every stage of classical Runge-Kutta steps [s].
+
+    From half of the amplitude at rest, the other modes `others` off [sqrt(kg m^2) rad].
+    """
+    arm, k, n = cycle.arm, cycle.mode, cycle.arm.n
+    z0 = np.full(n, others)
+    z0[k] = 0.5 * np.sqrt(2.0 * cycle.level)
+    q = cycle.equilibrium + first_basis(arm.inertia(cycle.equilibrium), cycle.stiffness).W @ z0
+    v, h, basis, direction, seen = np.zeros(n), step, cycle.init(q), 0.0, []
+    for _ in range(round(duration / step)):
+        motion = cycle.at(basis, q, v, direction)
+        basis, rate = motion.basis, motion.turning
+        seen.append(motion)
+        later = turned(direction, rate, 0.5 * h)
+
+        def pulled(q: Array, v: Array, direction: float = later, near: ModalBasis = basis) -> Array:
+            return arm.link_acceleration(q, v, cycle.at(near, q, v, direction).torque)
+
+        direction = turned(direction, rate, h)
+        a1 = arm.link_acceleration(q, v, motion.torque)
+        a2 = pulled(q + 0.5 * h * v, v + 0.5 * h * a1)
+        a3 = pulled(q + 0.5 * h * v + 0.25 * h * h * a1, v + 0.5 * h * a2)
+        a4 = pulled(q + h * v + 0.5 * h * h * a2, v + h * a3, direction)
+        q, v = q + h * v + h * h / 6.0 * (a1 + a2 + a3), v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    z = np.array([motion.z for motion in seen])
+    return CycleCourse(
+        H=np.array([motion.H for motion in seen]) / cycle.level - 1.0,
+        leak=np.abs(np.delete(z, k, axis=1)).max(axis=1) / np.sqrt(2.0 * cycle.level),
+        z=z[:, k],
+        eigenvalue=np.array([motion.basis.eigenvalues[k] for motion in seen]),
+    )

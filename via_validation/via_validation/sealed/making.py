@@ -1,0 +1,58 @@
+"""Draw and seal many cases, in processes of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from via_validation.sealed.case import draw_case
+from via_validation.sealed.sealing import SealError, name_of, seal, write_seals
+
+MAX_CASES = 1000
+
+
+@dataclass(frozen=True)
+class Made:
+    name: str
+    digest: str
+    attempts: int
+
+
+def make_cases(
+    seeds: Sequence[int], cases: Path, keys: Path, duration: float, processes: int, progress: Callable[[Made], None]
+) -> list[Made]:
+    """Cases of `seeds` into two folders, numbered in order; `progress` is called after each.
+
+    Raises SealError where one folder would contain the other, or a folder is in use already.
+    """
+    where, apart = cases.resolve(), keys.resolve()
+    if where == apart or where in apart.parents or apart in where.parents:
+        raise SealError(f"keys in {keys} and cases in {cases}: neither folder may hold the other")
+    if not 1 <= len(seeds) <= MAX_CASES:
+        raise SealError(f"the number of cases must be 1 to {MAX_CASES}, got {len(seeds)}")
+    cases.mkdir(parents=True, exist_ok=True)
+    keys.mkdir(parents=True, exist_ok=True)
+    work = partial(_made, cases=cases, keys=keys, duration=duration)
+    done: list[Made] = []
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        jobs = [pool.submit(work, number, seed) for number, seed in enumerate(seeds)]
+        try:
+            for job in as_completed(jobs):
+                done.append(job.result())
+                progress(done[-1])
+        except BaseException:
+            # Waiting, or leaving `with` would take the cancelling back before it has happened.
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+    done.sort(key=lambda each: each.name)
+    write_seals(cases, {each.name: each.digest for each in done})
+    return done
+
+
+def _made(number: int, seed: int, cases: Path, keys: Path, duration: float) -> Made:
+    case, name = draw_case(seed, duration), name_of(number)
+    return Made(name, seal(case, name, cases, keys), case.attempts)

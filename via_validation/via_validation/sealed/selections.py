@@ -1,0 +1,41 @@
+"""Parts of the catalogue: for position drives, for controlled motors, and for both motors alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from via_validation.sealed.catalogue import CATALOGUE, Entry, at_site, no_shape, single, whole
+
+_SPEED_LIMIT = single("goal_speed", "limit", whole, lambda scene, _number, size: scene.speed[0] / size)
+
+
+# Of position drives: what such a drive can have, and its own speed limit, which no other drive has.
+OF_POSITION: Mapping[str, Entry] = MappingProxyType(
+    {
+        **{
+            name: CATALOGUE[name]
+            for name in (
+                "coulomb_friction", "stribeck_friction", "viscous_friction", "load_dependent_friction", "payload",
+                "torque_ripple", "actuator_delay",
+            )
+        },
+        "speed_limit": Entry("speed_limit", at_site("command"), 0.3, 3.0, no_shape, _SPEED_LIMIT),
+    }
+)  # fmt: skip
+# Of light motors under control, whose nominal torque is small: sizes are relative to it.
+OF_CONTROL: Mapping[str, Entry] = MappingProxyType(
+    {
+        name: replace(CATALOGUE[name], high=high)
+        for name, high in (
+            ("torque_ripple", 4.0), ("coulomb_friction", 3.0), ("stribeck_friction", 2.0), ("viscous_friction", 40.0),
+            ("asymmetric_coulomb", 3.0),
+        )
+    }
+)  # fmt: skip
+# Effects of a motor that two motors can have alike, as one cause.
+OF_BOTH = (
+    "coulomb_friction", "stribeck_friction", "viscous_friction", "quadratic_drag", "presliding_friction",
+    "load_dependent_friction", "torque_gain", "torque_ripple", "torque_saturation",
+)  # fmt: skip
