@@ -60,7 +60,8 @@ def imported(package: Path) -> tuple[set[str], set[str]]:
     """Foreign imports of the installed files, and those that only the tests need."""
     files = [file for file in package.rglob("*.py") if file != package / "setup.py"]
     tests = [file for file in files if file.relative_to(package).parts[0] == "test"]
-    known = sys.stdlib_module_names | {package.name} | {file.stem for file in tests}
+    helpers = {file.stem for file in ROOT.glob("via_*/test/*.py")}
+    known = sys.stdlib_module_names | {package.name} | helpers
     installed = set(imports([file for file in files if file not in tests])) - known
     return installed, set(imports(tests)) - known - installed
 
@@ -89,14 +90,7 @@ def distributions(modules: set[str]) -> set[str]:
     return {PYPI[module] for module in modules if module in PYPI}
 
 
-# Until the tests of the sealed benchmark leave via_gap/test: they import via_bringup, which depends on via_gap.
-CASES = [
-    pytest.param(package, marks=[pytest.mark.xfail(reason="imports via_bringup")] if package.name == "via_gap" else [])
-    for package in PYTHON_PACKAGES
-]
-
-
-@pytest.mark.parametrize("package", CASES, ids=lambda package: package.name)
+@pytest.mark.parametrize("package", PYTHON_PACKAGES, ids=lambda package: package.name)
 def test_package_xml_declares_exactly_the_imports(package: Path) -> None:
     installed, only_tests = imported(package)
     assert declared_keys(package, "depend", "exec_depend") == keys(installed)

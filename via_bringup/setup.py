@@ -20,7 +20,7 @@ setup(
         (f"share/{package}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{package}/config", sorted(glob("config/*.yaml"))),
     ],
-    install_requires=["setuptools", "mcap", "mcap-ros2-support", "padasip"],
+    install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     entry_points={"console_scripts": ["via = via_bringup.cli:main"]},
