@@ -1,9 +1,15 @@
-"""For every test of the tree: one cache of compiled kernels per worker.
+"""For all tests: one numba cache per worker, and no time limit per hypothesis example.
 
 Workers that fill numba's cache at the same time can give one signature the code of another (numba issue 4807): a crash.
+The first example of a test may compile a kernel, and the machine may be busy.
 """
 
 import os
 
+from hypothesis import settings
+
 if worker := os.environ.get("PYTEST_XDIST_WORKER"):
     os.environ["NUMBA_CACHE_DIR"] = os.path.join(os.environ.get("NUMBA_CACHE_DIR", ".numba_cache"), worker)
+
+settings.register_profile("no_deadline", deadline=None)
+settings.load_profile("no_deadline")

@@ -16,7 +16,8 @@ from math import inf, isfinite, sin
 
 import numpy as np
 from scipy.optimize import brentq
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 

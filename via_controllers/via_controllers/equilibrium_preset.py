@@ -19,7 +19,8 @@ from dataclasses import dataclass, replace
 from math import exp, isfinite, isnan, log, nan
 
 import numpy as np
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.status import Status

@@ -15,7 +15,8 @@ from typing import Generic
 
 import numpy as np
 from numba import njit
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.signals import Array, locked
 from via_core.springs import spring_stiffness, spring_torque
 

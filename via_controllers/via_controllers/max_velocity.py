@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from math import isfinite, isnan, nan, sqrt
 
 import numpy as np
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw

@@ -7,7 +7,8 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from via_core.devices import Device, ServoMotor, TorqueMotor, device_names, load_device, parse_device
+from via_core.device_parts import ServoMotor, TorqueMotor
+from via_core.devices import Device, device_names, load_device, parse_device
 from via_core.errors import DeviceError, ParameterError
 
 EVERY_DEVICE = pytest.mark.parametrize("name", device_names())

@@ -18,7 +18,6 @@ from math import cos, pi, sin
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
-from scipy.optimize import brentq
 
 from via_core.errors import ParameterError
 from via_core.signals import Array
@@ -97,6 +96,8 @@ class Hopper:
 
         if not 0.0 < angle < UPRIGHT or moment(UPRIGHT) <= 0.0:
             raise ParameterError(f"the springs do not carry the robot crouched at {angle} rad")
+        from scipy.optimize import brentq  # takes 0.2 s to import
+
         return self.crouched(brentq(moment, angle, UPRIGHT, xtol=1e-14))
 
     def leg_height(self, leg: Array) -> float:

@@ -20,7 +20,6 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from via_core.errors import ParameterError
 from via_core.signals import Array
@@ -209,6 +208,8 @@ class SpringLaw(ABC):
             )
         if torque in (low, high):
             return stop if torque == high else -stop
+        from scipy.optimize import brentq  # takes 0.2 s to import; most programs invert no spring law
+
         return float(brentq(lambda phi: float(self.torque(phi, preset)) - torque, -stop, stop, xtol=1e-14, rtol=1e-14))
 
     def _each(self, kernel: Kernel, phi: ArrayLike, preset: ArrayLike) -> Array:

@@ -23,9 +23,8 @@ import pinocchio
 import yaml
 from numba import njit
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from scipy.optimize import root
 
-from via_core.devices import Number, Spring, Text, TorqueMotor
+from via_core.device_parts import Number, Spring, Text, TorqueMotor
 from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw, spring_stiffness, spring_stiffness_slope, spring_torque
@@ -291,6 +290,8 @@ class VsaArm:
         def forces(q: Array) -> tuple[Array, Array]:
             tau_e, stiffness, _ = self.spring_state(q - theta)
             return self.gravity(q) + tau_e, self.gravity_slope(q) + np.diag(stiffness)
+
+        from scipy.optimize import root  # takes 0.2 s to import
 
         found = root(forces, theta, jac=True, options={"xtol": 1e-14})
         q = np.asarray(found.x)

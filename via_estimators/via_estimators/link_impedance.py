@@ -28,7 +28,8 @@ from math import exp, sin, sqrt
 
 import numpy as np
 from numba import njit
-from via_core.devices import Device, ServoMotor
+from via_core.device_parts import ServoMotor
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.servos import servo_step
 from via_core.signals import Array

@@ -26,7 +26,8 @@ from math import exp, log, sqrt
 
 import numpy as np
 from numba import njit
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.status import Status

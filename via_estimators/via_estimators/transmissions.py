@@ -10,7 +10,8 @@ from math import sqrt
 from typing import Any
 
 from numba import njit
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
 

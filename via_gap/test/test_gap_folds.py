@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from gap_logs import log_of, servo
-from via_core.devices import Tolerances
+from via_core.device_parts import Tolerances
 from via_gap.candidates.fit import fit_device_numbers
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog

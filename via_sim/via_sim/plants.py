@@ -9,7 +9,8 @@ from math import ceil, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER, SpringLaw

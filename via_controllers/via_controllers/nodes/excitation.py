@@ -12,7 +12,8 @@ import sys
 from dataclasses import dataclass, field
 from typing import Any
 
-from via_core.devices import Device, TorqueMotor, load_device
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device, load_device
 from via_core.errors import ParameterError
 from via_ros import spin
 

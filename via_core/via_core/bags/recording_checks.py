@@ -16,7 +16,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from via_core.bags.findings import Finding
-from via_core.devices import Device, ServoMotor
+from via_core.device_parts import ServoMotor
+from via_core.devices import Device
 from via_core.servos import servo_step
 from via_core.signals import Array, Signals
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from math import ceil, inf
 
 import numpy as np
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, Signals
 from via_sim.plants import JointPlant

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from via_core.devices import TorqueMotor
+from via_core.device_parts import TorqueMotor
 from via_core.signals import Array
 
 from via_gap.logs.findings import Finding

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from via_core.devices import Tolerances
+from via_core.device_parts import Tolerances
 from via_core.signals import Array
 from via_sim.device_numbers import numbers_of
 from via_sim.plants import JointPlant

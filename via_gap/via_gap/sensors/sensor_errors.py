@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from via_core.devices import TorqueMotor
+from via_core.device_parts import TorqueMotor
 from via_core.signals import Array
 from via_sim.effects import Effect
 

@@ -20,7 +20,8 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from via_bringup.provenance import Provenance
 from via_controllers.multisine import Multisine
-from via_core.devices import Device, Observed
+from via_core.device_parts import Observed
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, Signals
 from via_core.status import Status

@@ -19,7 +19,8 @@ import numpy as np
 from via_controllers.contract import JointSample
 from via_controllers.motor_position import MotorPositionControl
 from via_controllers.multisine import Multisine
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.plants import JointPlant

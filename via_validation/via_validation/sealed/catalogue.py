@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 
 from via_validation.sealed.physics import HARMONICS, Physics, at, of_motor, terms_at
 from via_validation.sealed.scene import Scene

@@ -10,7 +10,8 @@ from math import ceil, pi
 
 import numpy as np
 from numpy.random import Generator
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.signals import Array
 
 from via_validation.sealed.stepping import Drive, Servo

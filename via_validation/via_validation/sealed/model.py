@@ -10,7 +10,8 @@ from __future__ import annotations
 from math import cos, inf, isfinite, sin
 
 import mujoco
-from via_core.devices import Cubic, Device, Linear, Maccepa, OddPolynomial, ServoMotor, TorqueMotor
+from via_core.device_parts import Cubic, Linear, Maccepa, OddPolynomial, ServoMotor, TorqueMotor
+from via_core.devices import Device
 
 from via_validation.sealed.physics import Physics
 

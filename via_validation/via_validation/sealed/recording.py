@@ -12,7 +12,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from via_core.bags import BagWriter
 from via_core.bags.messages import Stream, command_messages, in_order, joint_messages
-from via_core.devices import Device, TorqueMotor
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
 from via_core.signals import Array
 from via_core.wire import JOINT_STATE, VSA_COMMAND
 

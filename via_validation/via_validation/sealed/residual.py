@@ -11,7 +11,8 @@ from math import isfinite, pi
 
 import numpy as np
 from scipy.optimize import lsq_linear
-from via_core.devices import Device, ServoMotor
+from via_core.device_parts import ServoMotor
+from via_core.devices import Device
 from via_core.signals import Array
 
 from via_validation.sealed.recording import Log

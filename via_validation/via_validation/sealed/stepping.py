@@ -9,7 +9,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from via_core.devices import Device, Exponential, Maccepa, Sinh, TorqueMotor
+from via_core.device_parts import Exponential, Maccepa, Sinh, TorqueMotor
+from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
 

@@ -14,7 +14,8 @@ from math import pi, sin
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
-from via_core.devices import Device, TorqueMotor, load_device
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device, load_device
 from via_core.signals import Array
 from via_core.springs import OddPolynomialSpring, SpringLaw, spring_stiffness, spring_torque
 

@@ -1,0 +1,264 @@
+"""The entries of a device file: link, motors, springs, damper, sensors and names, each checked when it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from via_core.dampers import DamperMap, LinearDamper, TwoStageDamper
+from via_core.errors import ParameterError
+from via_core.springs import (
+    ExponentialSpring,
+    FourBarSpring,
+    MaccepaSpring,
+    OddPolynomialSpring,
+    SinhSpring,
+    SpringLaw,
+    TwoLeverSpring,
+    cubic_spring,
+    linear_spring,
+)
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
+NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
+Text = Annotated[str, Field(min_length=1)]
+
+
+class Part(BaseModel):
+    """An immutable entry that refuses unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Link(Part):
+    """M qdd + Dq qd + Coulomb + sum tau_e + gravity_torque sin(q - gravity_angle) = tau_ext."""
+
+    inertia: Positive  # M [kg m^2]
+    viscous_friction: NotNegative  # Dq [N m s/rad]
+    coulomb_friction: NotNegative = 0.0  # [N m]
+    gravity_torque: Number = 0.0  # [N m] largest gravity torque
+    gravity_angle: Number = 0.0  # [rad] angle at which the link hangs at rest
+
+
+class TorqueMotor(Part):
+    """A torque-controlled motor with its own dynamics: B thdd + Dth thd - tau_e(phi) = tau."""
+
+    inertia: Positive  # B [kg m^2], reflected to the joint
+    viscous_friction: NotNegative  # Dth [N m s/rad]
+    coulomb_friction: NotNegative = 0.0  # [N m]
+    torque_limit: Positive | None = None  # [N m]; None: unknown
+    speed_limit: Positive | None = None  # [rad/s]; None: unknown
+
+
+class ServoMotor(Part):
+    """A position servo: critically damped second-order lag that the spring torque does not back-drive."""
+
+    bandwidth: Positive  # w [rad/s]
+
+
+class PositionDrive(Part):
+    """A position-controlled drive on the link of a rigid joint; it measures neither motor angle nor torque.
+
+        tau = clip(kp (goal - q), -torque_limit, torque_limit) - kd qd
+
+    `goal` is the command of `delay` seconds ago. A NaN goal switches the drive off: its torque is zero. For a DC servo
+    with supply voltage V, torque constant kt and resistance R (seen at the joint) whose duty cycle is proportional to
+    the error: kp = kt V/R times duty per error, torque_limit = kt V/R (full duty), kd = kt^2/R (back EMF).
+    """
+
+    kp: Positive  # [N m/rad]
+    kd: NotNegative  # [N m s/rad]
+    torque_limit: Positive | None = None  # [N m]; None: unknown
+    speed_limit: Positive | None = None  # [rad/s] slew rate of the drive's internal goal; None: unknown
+    delay: Annotated[float, Field(strict=True, ge=0.0, le=0.1)] = 0.0  # [s] dead time of the goal
+
+
+def motor_kind(motor: Any) -> str:
+    """'servo' or 'torque', by the keys of an entry or the fields of a model."""
+    has = motor.keys() if isinstance(motor, dict) else vars(motor).keys() if isinstance(motor, BaseModel) else ()
+    return "servo" if "bandwidth" in has else "torque"
+
+
+Motor = Annotated[
+    Annotated[TorqueMotor, Tag("torque")] | Annotated[ServoMotor, Tag("servo")], Discriminator(motor_kind)
+]
+
+
+class _Built(Part):
+    """An entry that describes an object of `make`, which checks the numbers against each other."""
+
+    make: ClassVar[Callable[..., Any]]
+    not_arguments: ClassVar[set[str]]  # keys that `make` does not take
+
+    @property
+    def built(self) -> Any:
+        """The object that this entry describes. Raises ParameterError where its numbers are inconsistent."""
+        return type(self).make(**self.model_dump(exclude=self.not_arguments))
+
+    @model_validator(mode="after")
+    def _builds(self) -> _Built:
+        try:
+            _ = self.built
+        except ParameterError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+
+class _Spring(_Built):
+    make: ClassVar[Callable[..., SpringLaw]]
+    not_arguments = {"law"}
+    max_deflection: Positive  # [rad] mechanical stop
+
+
+class Linear(_Spring):
+    make = staticmethod(linear_spring)
+    law: Literal["linear"]
+    stiffness: Positive  # [N m/rad]
+
+
+class Cubic(_Spring):
+    make = staticmethod(cubic_spring)
+    law: Literal["cubic"]
+    coefficient: Positive  # [N m/rad^3]
+
+
+class OddPolynomial(_Spring):
+    make = OddPolynomialSpring
+    law: Literal["odd_polynomial"]
+    odd_coefficients: tuple[Number, ...]  # [N m/rad^(2p+1)]
+
+
+class Sinh(_Spring):
+    make = SinhSpring
+    law: Literal["sinh"]
+    k: Positive  # [N m]
+    a: Positive  # [1/rad]
+
+
+class Exponential(_Spring):
+    make = ExponentialSpring
+    law: Literal["exponential"]
+    k: Positive  # [N m]
+    rise: Positive  # [-]
+    fall: Positive  # [-]
+    a: Positive  # [1/rad]
+
+
+class FourBar(_Spring):
+    make = FourBarSpring
+    law: Literal["four_bar"]
+    k: Positive  # [N m/rad]
+    ratio: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=1.0)]  # C [-]
+
+
+class Maccepa(_Spring):
+    make = MaccepaSpring
+    law: Literal["maccepa"]
+    k: Positive  # K [N/m]
+    lever: Positive  # B [m]
+    base: Positive  # C [m]
+    free_length: Positive  # A0 [m]
+    drum_radius: Positive  # r [m]
+
+
+class TwoLever(_Spring):
+    make = TwoLeverSpring
+    law: Literal["two_lever"]
+    k: Positive  # kappa [N/m]
+    rest_length: Positive  # s0 [m]
+    motor_lever: Positive  # L [m]
+    link_lever: Positive  # a [m]
+    offset: Number  # h [m]
+    distance: Positive  # d [m]
+    side: Literal[-1, 1]
+
+
+Spring = Annotated[
+    Linear | Cubic | OddPolynomial | Sinh | Exponential | FourBar | Maccepa | TwoLever, Field(discriminator="law")
+]
+
+
+class _Damper(_Built):
+    make: ClassVar[Callable[..., DamperMap]]
+    not_arguments = {"map", "site"}
+    site: Literal["link", "transmission"]  # damping acts on qd, or on phid
+    minimum: NotNegative = 0.0  # [N m s/rad] at command 0
+
+
+class LinearDamping(_Damper):
+    make = LinearDamper
+    map: Literal["linear"]
+    maximum: Positive  # [N m s/rad] at command 1
+
+
+class TwoStageDamping(_Damper):
+    make = TwoStageDamper
+    map: Literal["two_stage"]
+    stage: Positive  # [N m s/rad] added by the first half of the command
+    second: NotNegative  # [-] fraction of `stage` added by the second half
+
+
+Damping = Annotated[LinearDamping | TwoStageDamping, Field(discriminator="map")]
+
+
+class Sensors(Part):
+    """Sensors of the device; an omitted quantum means an ideal sensor."""
+
+    rate: Positive  # [Hz]
+    link_quantum: Positive | None = None  # [rad] encoder step at the link
+    motor_quantum: Positive | None = None  # [rad] encoder step at the motors
+    torque_noise: NotNegative = 0.0  # [N m] standard deviation of the motor torque measurement
+    link_torque_noise: NotNegative | None = None  # [N m] standard deviation of a link torque sensor; None: no sensor
+
+
+class Observed(Part):
+    """Behaviour seen in the device's logs beyond its published model; used by estimators, not by the nominal plant."""
+
+    servo_dead_time: NotNegative = 0.0  # [s] delay before a servo reacts to a new command
+    servo_speed_limit: Positive | None = None  # [rad/s] slew rate of a servo; None: not observed
+    inertia_tolerance: Annotated[float, Field(strict=True, ge=0.0, le=1.0)] = 0.15  # relative sd of the link inertia
+
+
+Tolerance = Annotated[float, Field(strict=True, gt=0.0, le=0.65)]
+
+
+class Tolerances(Part):
+    """Relative standard deviations of the numbers in a device file; 5 % where the sources give none."""
+
+    link_inertia: Tolerance = 0.05
+    link_friction: Tolerance = 0.05  # viscous and Coulomb
+    gravity: Tolerance = 0.05
+    motor_inertia: Tolerance = 0.05
+    motor_friction: Tolerance = 0.05  # viscous and Coulomb
+    bandwidth: Tolerance = 0.05  # of servos
+    spring: Tolerance = 0.05  # torque at a deflection
+    damper: Tolerance = 0.05  # damping at a command
+    kp: Tolerance = 0.05  # of a position drive: small where gains are known, large where they are to be identified
+    kd: Tolerance = 0.05
+    torque_limit: Tolerance = 0.05  # of a position drive
+
+
+class WireColumn(Part):
+    """A column of a CSV file in other units: value = scale * number in the file + offset."""
+
+    column: Text
+    scale: Number = 1.0
+    offset: Number = 0.0  # in the channel's unit
+    enable: Text | None = None  # another column: where it is 0, the value is NaN
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_header(cls, entry: Any) -> Any:
+        return {"column": entry} if isinstance(entry, str) else entry
+
+
+class Wire(Part):
+    """Names in sensor_msgs/JointState, of topics and in CSV files; empty ones are derived from the device name."""
+
+    link: str = ""
+    motors: tuple[str, ...] = ()
+    command: str = ""
+    columns: dict[str, WireColumn] = {}  # channel (time, q, theta_1, tau_1 ...) -> column of a CSV file
