@@ -15,7 +15,9 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from via_controllers.nodes.excitation import ExcitationNode
-from via_core.bags import BagWriter, definition_of, read_bag
+from via_core.bags.definitions import definition_of
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import BagError, ParameterError
 from via_estimators.nodes.estimator import EstimatorNode

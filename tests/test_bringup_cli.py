@@ -15,7 +15,8 @@ import typer
 from rclpy.serialization import serialize_message
 from rich.text import Text
 from via_bringup import cli
-from via_core.bags import BagWriter, read_bag
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter
 from via_core.devices import device_names, load_device
 from via_estimators.methods import methods_for
 from via_ros.conversions import JointStateWriter

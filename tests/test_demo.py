@@ -8,7 +8,8 @@ import pytest
 from via_bringup.demo.live import same_bits
 from via_bringup.demo.run import MARK, run_demo
 from via_bringup.demo.summary import Quantity, Summary, Traffic
-from via_core.bags import BagWriter, read_bag
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_gap.report.report import read_report

@@ -11,7 +11,8 @@ import rclpy
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from via_bringup.composition import Composition
-from via_core.bags import BagWriter, read_bag
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter
 from via_core.devices import device_names, load_device
 from via_core.status import Status
 from via_estimators.methods import METHODS, estimator_for, methods_for, pairs_of

@@ -12,7 +12,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from via_core.bags import BagWriter, read_bag
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import ParameterError, ViaError
 from via_core.status import Status

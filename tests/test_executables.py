@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from via_core.bags import BagWriter
+from via_core.bags.writer import BagWriter
 from via_core.devices import device_names, load_device
 from via_estimators.methods import METHODS, methods_for
 from via_ros import qos

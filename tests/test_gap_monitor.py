@@ -10,7 +10,7 @@ from rclpy.action import ActionClient
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from via_controllers.nodes.excitation import ExcitationNode
-from via_core.bags import BagWriter
+from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.status import Status

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from via_core.bags import import_recordings, joint_signals, read_bag
+from via_core.bags.importing import import_recordings
+from via_core.bags.joints import joint_signals
+from via_core.bags.reader import read_bag
 from via_core.devices import load_device
 from via_core.signals import Signals
 from via_estimators.contract import summarise

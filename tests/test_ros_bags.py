@@ -7,7 +7,8 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from via_core.bags import BagWriter, read_bag
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import BagError, ParameterError
 from via_interfaces.msg import StiffnessEstimate

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from via_bringup.demo import scenes
-from via_core.bags import read_bag
+from via_core.bags.reader import read_bag
 from via_core.errors import ParameterError
 from via_core.hopper import Hopper
 

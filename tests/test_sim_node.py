@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from via_core.bags import BagWriter
+from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals

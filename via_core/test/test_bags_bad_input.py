@@ -9,9 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.writer import Writer
-from via_core.bags import BagWriter, check, definition_of, import_recordings, load_mapping, read_bag, recover
-from via_core.bags.definitions import typestore_of
-from via_core.bags.writer import OfferedQos
+from via_core.bags.definitions import definition_of, typestore_of
+from via_core.bags.importing import import_recordings
+from via_core.bags.inspection import check
+from via_core.bags.mapping import load_mapping
+from via_core.bags.reader import read_bag
+from via_core.bags.recovery import recover
+from via_core.bags.writer import BagWriter, OfferedQos
 from via_core.errors import BagError, ImportMapError
 
 FLOAT = "std_msgs/msg/Float64"

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from via_core.bags import BagWriter, check
 from via_core.bags.definitions import typestore_of
+from via_core.bags.inspection import check
+from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.wire import JOINT_STATE
 

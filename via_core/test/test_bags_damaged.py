@@ -10,8 +10,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
-from via_core.bags import Bag, BagWriter, OfferedQos, check, definition_of, info, read_bag, recover
-from via_core.bags.definitions import typestore_of
+from via_core.bags.definitions import definition_of, typestore_of
+from via_core.bags.inspection import check, info
+from via_core.bags.reader import Bag, read_bag
+from via_core.bags.recovery import recover
+from via_core.bags.writer import BagWriter, OfferedQos
 from via_core.errors import BagError
 
 FLOAT64 = "std_msgs/msg/Float64"

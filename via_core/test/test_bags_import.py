@@ -10,18 +10,12 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import Reader
-from via_core.bags import (
-    BagWriter,
-    ImportReport,
-    Mapping,
-    import_recordings,
-    joint_signals,
-    load_mapping,
-    mapping_names,
-    read_bag,
-)
-from via_core.bags.importing import _nanoseconds
+from via_core.bags.importing import ImportReport, _nanoseconds, import_recordings
+from via_core.bags.joints import joint_signals
+from via_core.bags.mapping import Mapping, load_mapping, mapping_names
+from via_core.bags.reader import read_bag
 from via_core.bags.recording_checks import servo_response
+from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import BagError, ImportMapError
 

@@ -4,8 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from via_core.bags import BagWriter, check, info, joint_signals, read_bag
 from via_core.bags.definitions import typestore_of
+from via_core.bags.inspection import check, info
+from via_core.bags.joints import joint_signals
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter
 from via_core.devices import Device, load_device
 from via_core.errors import BagError
 from via_core.wire import EQUILIBRIUM_PRESET, JOINT_STATE, MOTOR_POSITION, MOTOR_TORQUE, VSA_COMMAND

@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
-from via_core.bags import BagWriter, check, definition_of, read_bag
-from via_core.bags.definitions import typestore_of
+from via_core.bags.definitions import definition_of, typestore_of
+from via_core.bags.inspection import check
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter
 from via_core.errors import BagError
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

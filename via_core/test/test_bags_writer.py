@@ -8,8 +8,8 @@ import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
-from via_core.bags import BagWriter, OfferedQos, definition_of
-from via_core.bags.definitions import typestore_of
+from via_core.bags.definitions import definition_of, typestore_of
+from via_core.bags.writer import BagWriter, OfferedQos
 from via_core.errors import BagError
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

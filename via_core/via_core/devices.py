@@ -207,8 +207,8 @@ def device_names() -> tuple[str, ...]:
 def load_device(name_or_path: str | Path) -> Device:
     """The shipped device of that name, or the device of a YAML file.
 
-    'elbow=qbmove_a' is the same device named elbow, with joint names and topics to match, so that one file serves several
-    joints of an arm. Names listed under `wire` in the file stay.
+    'elbow=qbmove_a' is the device qbmove_a named elbow, with joint names and topics to match, so that one file serves
+    several joints of an arm. Names listed under `wire` in the file stay.
     Raises DeviceError: no such device, unreadable file, bad YAML, or an invalid key or value.
     """
     renamed = re.fullmatch(r"([a-z][a-z0-9_]*)=(.+)", name_or_path) if isinstance(name_or_path, str) else None

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from via_core.bags import BagWriter, read_bag
 from via_core.bags.definitions import typestore_of
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import BagError
 from via_core.status import Status

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from via_core.bags import Bag
 from via_core.bags.joints import joint_channels
+from via_core.bags.reader import Bag
 from via_core.devices import Device
 from via_core.errors import BagError
 from via_core.signals import Array

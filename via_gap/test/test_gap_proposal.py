@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from gap_logs import flexible, log_of, servo, wrong_plant
-from via_core.bags import read_bag
+from via_core.bags.reader import read_bag
 from via_core.devices import Device, load_device
 from via_core.errors import ParameterError, SignalError
 from via_gap.design.commands import commands_of, rate_of, recorded

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from via_core.bags import OfferedQos
+from via_core.bags.writer import OfferedQos
 
 # Commands and answers: nothing is lost while a reader is less than ten messages behind.
 CONTROL = QoSProfile(

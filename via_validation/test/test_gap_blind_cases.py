@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from via_core.bags import joint_signals, read_bag
+from via_core.bags.joints import joint_signals
+from via_core.bags.reader import read_bag
 from via_core.devices import Device, load_device
 from via_gap.logs.log import read_log
 from via_validation.sealed.case import FAR_RANGE, RANGE, _rates, _windows, draw_case

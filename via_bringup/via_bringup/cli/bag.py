@@ -9,10 +9,11 @@ from typing import Annotated
 
 import typer
 from rich.text import Text
-from via_core.bags import check as check_bag
-from via_core.bags import import_recordings, mapping_names
-from via_core.bags import info as info_of
-from via_core.bags import recover as recover_bag
+from via_core.bags.importing import import_recordings
+from via_core.bags.inspection import check as check_bag
+from via_core.bags.inspection import info as info_of
+from via_core.bags.mapping import mapping_names
+from via_core.bags.recovery import recover as recover_bag
 from via_core.devices import load_device
 
 from via_bringup.cli.console import answers, errors, table

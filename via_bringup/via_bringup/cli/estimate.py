@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.table import Table
-from via_core.bags import read_bag
+from via_core.bags.reader import read_bag
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_core.status import Status

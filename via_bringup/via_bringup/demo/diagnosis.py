@@ -8,7 +8,7 @@ from collections.abc import Callable
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from via_core.bags import import_recordings
+from via_core.bags.importing import import_recordings
 from via_core.devices import load_device
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import read_log

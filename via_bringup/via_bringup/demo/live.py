@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 from via_controllers.nodes.excitation import ExcitationNode
-from via_core.bags import Bag, joint_signals, read_bag
+from via_core.bags.joints import joint_signals
+from via_core.bags.reader import Bag, read_bag
 from via_core.devices import Device, load_device
 from via_core.metrics import WIDTH_95, coverage
 from via_core.status import Status

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from via_core.bags import Bag, ImportReport, import_recordings, joint_signals, read_bag
+from via_core.bags.importing import ImportReport, import_recordings
+from via_core.bags.joints import joint_signals
+from via_core.bags.reader import Bag, read_bag
 from via_core.devices import Device, load_device
 from via_core.signals import Array
 from via_core.status import Status

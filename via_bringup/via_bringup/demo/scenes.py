@@ -24,8 +24,7 @@ from via_controllers.nodes.bang_bang import BangBangNode
 from via_controllers.nodes.hopping import HoppingNode
 from via_controllers.nodes.max_velocity import MaxVelocityNode, MaxVelocityParameters
 from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleNode
-from via_core.bags import read_bag
-from via_core.bags.reader import Columns
+from via_core.bags.reader import Columns, read_bag
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.hopper import Hopper

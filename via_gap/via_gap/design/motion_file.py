@@ -10,8 +10,8 @@ import csv
 from pathlib import Path
 
 import numpy as np
-from via_core.bags import BagWriter
 from via_core.bags.messages import command_messages
+from via_core.bags.writer import BagWriter
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals

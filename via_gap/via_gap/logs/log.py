@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from via_core.bags import joint_signals, read_bag
+from via_core.bags.joints import joint_signals
+from via_core.bags.reader import read_bag
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from via_core.bags import Bag, joint_signals
+from via_core.bags.joints import joint_signals
+from via_core.bags.reader import Bag
 from via_core.devices import Device
 from via_core.errors import ViaError
 from via_core.signals import Signals

@@ -22,7 +22,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
-from via_core.bags import RawMessage, read_bag
+from via_core.bags.reader import RawMessage, read_bag
 from via_core.errors import BagError, ParameterError
 from via_core.wire import JOINT_STATE, SECOND
 

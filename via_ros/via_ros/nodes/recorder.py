@@ -17,7 +17,7 @@ from functools import partial
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.task import Future
-from via_core.bags import BagWriter
+from via_core.bags.writer import BagWriter
 from via_core.errors import BagError, ParameterError
 
 from via_ros import qos

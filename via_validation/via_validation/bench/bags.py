@@ -23,9 +23,10 @@ from mcap_ros2.decoder import DecoderFactory
 from rich.console import Console
 from rich.table import Table
 from rosbags.rosbag2 import Reader
-from via_core.bags import BagWriter, read_bag
 from via_core.bags.definitions import typestore_of
 from via_core.bags.layout import filled
+from via_core.bags.reader import read_bag
+from via_core.bags.writer import BagWriter
 
 SAMPLES = 20_000
 PERIOD = 3_000_000  # [ns]

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
-from via_core.bags import import_recordings
+from via_core.bags.importing import import_recordings
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_gap.diagnose import diagnose

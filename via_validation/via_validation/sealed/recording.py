@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
-from via_core.bags import BagWriter
 from via_core.bags.messages import Stream, command_messages, in_order, joint_messages
+from via_core.bags.writer import BagWriter
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array

@@ -16,7 +16,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from via_bringup.demo.pictures import Column, by_strategy
 from via_bringup.recordings import recordings
-from via_core.bags import import_recordings, read_bag
+from via_core.bags.importing import import_recordings
+from via_core.bags.reader import read_bag
 from via_core.devices import Device, load_device
 from via_core.metrics import WIDTH_95
 from via_core.status import Status
