@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench blind results clean
+.PHONY: help setup workspace demo test check bench blind results clean
 
 ENV := source ros2_ws/env.sh;
 WORKERS ?= 2
@@ -11,16 +11,19 @@ TESTS ?=
 help: ## this list
 	@sed -nE 's/^([a-z]+):.*## (.*)/make \1@\2/p' Makefile | column -t -s @
 
-setup: ## .venv from the lock and the colcon workspace (PYTHON=/path/to/python3.12 chooses the interpreter)
+setup: workspace ## .venv from the lock, the colcon workspace, compiled kernels (PYTHON=/path/to/python3.12 chooses the interpreter)
+	@$(ENV) python -m via_bringup.kernels
+
+workspace:
 	@PYTHON="$(PYTHON)" ros2_ws/setup.sh
 
 demo: setup ## the main job on a real robot's log and on a live simulated joint; writes out/demo/index.html
 	@$(ENV) via demo
 
-test: setup ## all tests (TESTS="via_ros/test tests/test_ros_player.py" for some, WORKERS=2)
+test: workspace ## all tests (TESTS="via_ros/test tests/test_ros_player.py" for some, WORKERS=2)
 	@$(ENV) python -m pytest -n $(WORKERS) --dist loadscope -p no:launch_testing -p no:launch_pytest -p no:launch_testing_ros_pytest_entrypoint $(TESTS)
 
-check: setup ## style, types, import rules
+check: workspace ## style, types, import rules
 	@$(ENV) ros2_ws/check.sh
 
 bench: setup ## speed against MuJoCo, scipy, mcap-ros2-support, Eigen and padasip, each in one run

@@ -5,11 +5,17 @@ The first example of a test may compile a kernel, and the machine may be busy.
 """
 
 import os
+import shutil
+from pathlib import Path
 
 from hypothesis import settings
 
 if worker := os.environ.get("PYTEST_XDIST_WORKER"):
-    os.environ["NUMBA_CACHE_DIR"] = os.path.join(os.environ.get("NUMBA_CACHE_DIR", ".numba_cache"), worker)
+    common = Path(os.environ.get("NUMBA_CACHE_DIR", ".numba_cache"))
+    own = common / worker
+    if (common / ".via-kernels").exists() and not own.exists():  # what `make setup` compiled serves every worker
+        shutil.copytree(common, own, ignore=shutil.ignore_patterns("gw*"))
+    os.environ["NUMBA_CACHE_DIR"] = str(own)
 
 settings.register_profile("no_deadline", deadline=None)
 settings.load_profile("no_deadline")
