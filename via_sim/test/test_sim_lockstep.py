@@ -21,7 +21,8 @@ from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
 from via_sim.encoders import true_motion
 from via_sim.kernel import N_WEIGHTS, advance_tick, begin, run
-from via_sim.lockstep import LANES, _decay, _sine, lead_many, run_many
+from via_sim.lockstep.block import decay, sine
+from via_sim.lockstep.run import LANES, lead_many, run_many
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
@@ -171,8 +172,8 @@ def test_a_shipped_stiff_joint_in_lockstep():
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-1e4, 1e4), st.floats(-30.0, 800.0))
 def test_sine_and_decay_are_those_of_the_library(x, y):
-    assert abs(_sine(x) - np.sin(x)) < 1e-11
-    assert abs(_decay(y) - np.exp(-y)) < 1e-12 * max(1.0, np.exp(-y))
+    assert abs(sine(x) - np.sin(x)) < 1e-11
+    assert abs(decay(y) - np.exp(-y)) < 1e-12 * max(1.0, np.exp(-y))
 
 
 def led(row: Array, state: Array, sent: Array, measured: Array) -> None:

@@ -10,8 +10,8 @@ from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
+from via_sim.measurements import MEASURED
 from via_sim.plants import JointPlant
-from via_sim.readings import MEASURED
 from via_sim.sensors import IDEAL, Sensors
 from via_sim.simulate import Simulator, command_rows, simulate, simulate_many
 from via_sim.torques import N_COMMANDS

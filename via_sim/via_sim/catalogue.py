@@ -36,8 +36,8 @@ from via_sim.effect_kinds import (
     write_spring_law,
 )
 from via_sim.friction_kinds import FRICTION_KINDS
+from via_sim.measurements import MAX_SKEW
 from via_sim.parameters import ENCODER_HARMONICS, MOTOR_1, RIPPLE_HARMONICS, P
-from via_sim.readings import MAX_SKEW
 
 _SWING = harmonic(0, "rad", 0.5)
 

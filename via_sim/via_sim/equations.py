@@ -31,6 +31,7 @@ from via_core.signals import Array
 from via_sim.actuation import couple, servo_bandwidth
 from via_sim.encoders import read_motion, true_motion
 from via_sim.friction import breakaway, dry_friction, has_friction, viscous_friction
+from via_sim.measurements import hermite
 from via_sim.parameters import (
     ABSENT,
     DYNAMIC,
@@ -41,7 +42,6 @@ from via_sim.parameters import (
     P,
 )
 from via_sim.position_drive import followed, mean_followed
-from via_sim.readings import hermite
 from via_sim.records import Record
 from via_sim.torques import (
     ACTING,

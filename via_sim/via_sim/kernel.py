@@ -27,7 +27,9 @@ called ETDRK4-B.
 
 from __future__ import annotations
 
+from collections import namedtuple
 from math import ceil, floor, nan
+from typing import Any
 
 import numpy as np
 from via_core.dampers import damper_value
@@ -37,10 +39,10 @@ from via_core.springs import N_COEFFICIENTS
 from via_sim.actuation import couple, lagged, saturated, servo_motion, supply
 from via_sim.encoders import read_motion
 from via_sim.friction import viscous_rate
+from via_sim.measurements import observe, record, stride
 from via_sim.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
 from via_sim.phi_functions import phi_functions
 from via_sim.position_drive import acting_goal, drive_torque, followed
-from via_sim.readings import observe, record, stride
 from via_sim.torques import (
     ACTING,
     ARM,
@@ -73,7 +75,11 @@ from via_sim.torques import (
     violation,
 )
 
-PER_AXIS, _FOR = 20, 60  # integrator weights per axis; where step and damping stand that they are for
+# Krogstad's weights of one axis, for velocity and (next column) angle: linear part over half a step and a full step,
+# then weights of the torques N(u_n), N(a), N(b), N(c) in stages a, b, c and in the result (N(a) and N(b) share one).
+_Weights = namedtuple("_Weights", "half full a_n b_n b_a c_n c_b end_n end_ab end_c")
+W: Any = _Weights(*range(0, 20, 2))
+PER_AXIS, _FOR = 20, 60  # columns per axis; first of the two columns that hold the step and the damping they are for
 N_WEIGHTS = _FOR + 2
 _MAX_EVENTS = 64  # per substep
 _EVENT_WIDTH = 1e-12  # of a substep: how exactly an event is located
@@ -99,7 +105,7 @@ def derivative(p: Array, x: Array, u: Array, out: Array) -> None:
 
 @bare
 def weigh(p: Array, h: float, damping: float, weights: Array) -> None:
-    """Krogstad's weights for step h -> weights (62,): 20 per axis, then the step and damping they are for."""
+    """Krogstad's weights for step h [s] into weights (N_WEIGHTS,), see `W`."""
     if weights[_FOR] == h and weights[_FOR + 1] == damping:
         return
     weights[_FOR], weights[_FOR + 1] = h, damping
@@ -112,17 +118,17 @@ def weigh(p: Array, h: float, damping: float, weights: Array) -> None:
         z = -viscous_rate(p, i, damping) * h
         e, p1, p2, p3, p4 = phi_functions(z)
         eh, h1, h2, h3, _ = phi_functions(0.5 * z)
-        w[0], w[1] = eh, 0.5 * h * h1  # half a step of the linear part: velocity, position
-        w[2], w[3] = e, h * p1  # a whole step
-        w[4], w[5] = 0.5 * h * h1, 0.25 * h * h * h2  # stage a: velocity, position weights of N(u)
-        w[6], w[7] = h * (0.5 * h1 - h2), 0.5 * h * h * (0.5 * h2 - h3)  # stage b: of N(u)
-        w[8], w[9] = h * h2, 0.5 * h * h * h3  # stage b: of N(a)
-        w[10], w[11] = h * (p1 - 2.0 * p2), h * h * (p2 - 2.0 * p3)  # stage c: of N(u)
-        w[12], w[13] = 2.0 * h * p2, 2.0 * h * h * p3  # stage c: of N(b)
-        w[14], w[15] = h * (p1 - 3.0 * p2 + 4.0 * p3), h * h * (p2 - 3.0 * p3 + 4.0 * p4)  # result: of N(u)
-        w[16], w[17] = h * (2.0 * p2 - 4.0 * p3), h * h * (2.0 * p3 - 4.0 * p4)  # of N(a) + N(b)
-        w[18], w[19] = h * (4.0 * p3 - p2), h * h * (4.0 * p4 - p3)  # of N(c)
-        for j in range(4, PER_AXIS):
+        w[W.half], w[W.half + 1] = eh, 0.5 * h * h1
+        w[W.full], w[W.full + 1] = e, h * p1
+        w[W.a_n], w[W.a_n + 1] = 0.5 * h * h1, 0.25 * h * h * h2
+        w[W.b_n], w[W.b_n + 1] = h * (0.5 * h1 - h2), 0.5 * h * h * (0.5 * h2 - h3)
+        w[W.b_a], w[W.b_a + 1] = h * h2, 0.5 * h * h * h3
+        w[W.c_n], w[W.c_n + 1] = h * (p1 - 2.0 * p2), h * h * (p2 - 2.0 * p3)
+        w[W.c_b], w[W.c_b + 1] = 2.0 * h * p2, 2.0 * h * h * p3
+        w[W.end_n], w[W.end_n + 1] = h * (p1 - 3.0 * p2 + 4.0 * p3), h * h * (p2 - 3.0 * p3 + 4.0 * p4)
+        w[W.end_ab], w[W.end_ab + 1] = h * (2.0 * p2 - 4.0 * p3), h * h * (2.0 * p3 - 4.0 * p4)
+        w[W.end_c], w[W.end_c + 1] = h * (4.0 * p3 - p2), h * h * (4.0 * p4 - p3)
+        for j in range(W.a_n, PER_AXIS):
             w[j] /= p[P.inertia + i]  # N are torques
 
 
@@ -137,46 +143,51 @@ def _drift(p: Array, x: Array, u: Array, h: float, axis: int, w: float, w_angle:
 
 @bare
 def _step(p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: Array, weights: Array, y: Array) -> None:
-    """One Krogstad step of h [s] in fixed modes: x (6,) -> y (9,), whose tail holds the velocities at the midpoint."""
+    """One Krogstad step of h [s] in fixed modes from x into y (9,): motion at the end, velocities at the midpoint."""
     weigh(p, h, u[DAMPING], weights)
-    w = weights
-    half0, speed0 = x[0] + w[1] * x[3], w[0] * x[3]  # the linear part at the midpoint
-    half1, speed1 = _drift(p, x, u, 0.5 * h, 1, w[20], w[21])
-    half2, speed2 = _drift(p, x, u, 0.5 * h, 2, w[40], w[41])
-    full0, end0 = x[0] + w[3] * x[3], w[2] * x[3]  # and at the end
-    full1, end1 = _drift(p, x, u, h, 1, w[22], w[23])
-    full2, end2 = _drift(p, x, u, h, 2, w[42], w[43])
+    w0, w1, w2 = weights[:PER_AXIS], weights[PER_AXIS : 2 * PER_AXIS], weights[2 * PER_AXIS : 3 * PER_AXIS]
+    half0, speed0 = x[0] + w0[W.half + 1] * x[3], w0[W.half] * x[3]  # the linear part at the midpoint
+    half1, speed1 = _drift(p, x, u, 0.5 * h, 1, w1[W.half], w1[W.half + 1])
+    half2, speed2 = _drift(p, x, u, 0.5 * h, 2, w2[W.half], w2[W.half + 1])
+    full0, end0 = x[0] + w0[W.full + 1] * x[3], w0[W.full] * x[3]  # and at the end
+    full1, end1 = _drift(p, x, u, h, 1, w1[W.full], w1[W.full + 1])
+    full2, end2 = _drift(p, x, u, h, 2, w2[W.full], w2[W.full + 1])
     lags = modes[LAGS] != 0
     if lags:
         supply(p, modes, x, u, 0.0)
     n0, n1, n2 = forced(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
-    v0, v1, v2 = speed0 + w[4] * n0, speed1 + w[24] * n1, speed2 + w[44] * n2
+    v0, v1, v2 = speed0 + w0[W.a_n] * n0, speed1 + w1[W.a_n] * n1, speed2 + w2[W.a_n] * n2
     if lags:
         supply(p, modes, x, u, 0.5 * h)
     a0, a1, a2 = forced(
-        p, c1, c2, modes, u, x, half0 + w[5] * n0, half1 + w[25] * n1, half2 + w[45] * n2, v0, v1, v2
+        p, c1, c2, modes, u, x,
+        half0 + w0[W.a_n + 1] * n0, half1 + w1[W.a_n + 1] * n1, half2 + w2[W.a_n + 1] * n2, v0, v1, v2,
     )  # fmt: skip
-    r0, r1, r2 = speed0 + w[6] * n0 + w[8] * a0, speed1 + w[26] * n1 + w[28] * a1, speed2 + w[46] * n2 + w[48] * a2
-    # the mean of both stages is the speed at the midpoint of torques that change evenly; each alone is off by O(h^2)
+    r0, r1 = speed0 + w0[W.b_n] * n0 + w0[W.b_a] * a0, speed1 + w1[W.b_n] * n1 + w1[W.b_a] * a1
+    r2 = speed2 + w2[W.b_n] * n2 + w2[W.b_a] * a2
+    # For torques linear in time the mean of stages a and b is the exact midpoint velocity; each alone errs by O(h^2).
     y[6], y[7], y[8] = 0.5 * (v0 + r0), 0.5 * (v1 + r1), 0.5 * (v2 + r2)
     b0, b1, b2 = forced(
-        p, c1, c2, modes, u, x, half0 + w[7] * n0 + w[9] * a0, half1 + w[27] * n1 + w[29] * a1,
-        half2 + w[47] * n2 + w[49] * a2, r0, r1, r2,
+        p, c1, c2, modes, u, x,
+        half0 + w0[W.b_n + 1] * n0 + w0[W.b_a + 1] * a0, half1 + w1[W.b_n + 1] * n1 + w1[W.b_a + 1] * a1,
+        half2 + w2[W.b_n + 1] * n2 + w2[W.b_a + 1] * a2, r0, r1, r2,
     )  # fmt: skip
     if lags:
         supply(p, modes, x, u, h)
     d0, d1, d2 = forced(
-        p, c1, c2, modes, u, x, full0 + w[11] * n0 + w[13] * b0, full1 + w[31] * n1 + w[33] * b1,
-        full2 + w[51] * n2 + w[53] * b2, end0 + w[10] * n0 + w[12] * b0, end1 + w[30] * n1 + w[32] * b1,
-        end2 + w[50] * n2 + w[52] * b2,
+        p, c1, c2, modes, u, x,
+        full0 + w0[W.c_n + 1] * n0 + w0[W.c_b + 1] * b0, full1 + w1[W.c_n + 1] * n1 + w1[W.c_b + 1] * b1,
+        full2 + w2[W.c_n + 1] * n2 + w2[W.c_b + 1] * b2,
+        end0 + w0[W.c_n] * n0 + w0[W.c_b] * b0, end1 + w1[W.c_n] * n1 + w1[W.c_b] * b1,
+        end2 + w2[W.c_n] * n2 + w2[W.c_b] * b2,
     )  # fmt: skip
     a0, a1, a2 = a0 + b0, a1 + b1, a2 + b2
-    y[0] = full0 + w[15] * n0 + w[17] * a0 + w[19] * d0
-    y[1] = full1 + w[35] * n1 + w[37] * a1 + w[39] * d1
-    y[2] = full2 + w[55] * n2 + w[57] * a2 + w[59] * d2
-    y[3] = end0 + w[14] * n0 + w[16] * a0 + w[18] * d0
-    y[4] = end1 + w[34] * n1 + w[36] * a1 + w[38] * d1
-    y[5] = end2 + w[54] * n2 + w[56] * a2 + w[58] * d2
+    y[0] = full0 + w0[W.end_n + 1] * n0 + w0[W.end_ab + 1] * a0 + w0[W.end_c + 1] * d0
+    y[1] = full1 + w1[W.end_n + 1] * n1 + w1[W.end_ab + 1] * a1 + w1[W.end_c + 1] * d1
+    y[2] = full2 + w2[W.end_n + 1] * n2 + w2[W.end_ab + 1] * a2 + w2[W.end_c + 1] * d2
+    y[3] = end0 + w0[W.end_n] * n0 + w0[W.end_ab] * a0 + w0[W.end_c] * d0
+    y[4] = end1 + w1[W.end_n] * n1 + w1[W.end_ab] * a1 + w1[W.end_c] * d1
+    y[5] = end2 + w2[W.end_n] * n2 + w2[W.end_ab] * a2 + w2[W.end_c] * d2
 
 
 @bare

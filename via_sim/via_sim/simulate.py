@@ -22,10 +22,10 @@ from via_core.signals import Array, Signals
 from via_sim.catalogue import MAX_DELAY
 from via_sim.effects import Effect
 from via_sim.kernel import run
-from via_sim.lockstep import LANES, run_many
+from via_sim.lockstep.run import LANES, run_many
+from via_sim.measurements import MEASURED, TRUTH
 from via_sim.parameters import ABSENT, SERVO, P
 from via_sim.plants import JointPlant
-from via_sim.readings import MEASURED, TRUTH
 from via_sim.sensors import IDEAL, Sensors
 from via_sim.torques import ARM, DAMPING, EXTERNAL, GOAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, POWER, QUEUED, X
 

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 from via_core.signals import Array, Signals
 from via_sim.effects import Effect
-from via_sim.lockstep import run_many
+from via_sim.lockstep.run import run_many
 from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows, initial_state, simulate
 

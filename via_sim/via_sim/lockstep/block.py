@@ -1,0 +1,122 @@
+"""Memory of a block of runs: named rows of one number per lane, and loops over lanes without branches."""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from typing import Any
+
+import numpy as np
+from via_core.signals import Array
+from via_core.springs import N_COEFFICIENTS
+
+from via_sim.compiled import bare
+from via_sim.kernel import PER_AXIS
+from via_sim.parameters import RIPPLE_HARMONICS
+
+# Name and number of rows. Three rows belong to link, motor 1, motor 2; two rows to the motors or transmissions.
+_SIZES = {
+    # motion: at the beginning of the step, at the stage, at the midpoint (velocities)
+    "start": 6, "at": 6, "midpoint": 3,
+    # torques at Krogstad's stages, and the weights of `kernel.weigh`
+    "n": 3, "a": 3, "b": 3, "c": 3, "weight": 3 * PER_AXIS,
+    # inputs: all external torque, the part that is not from the drives, drive torque before and behind the lag
+    "torque": 3, "other_torque": 3, "commanded": 3, "lagged": 3, "damping": 1, "spring_factor": 2,
+    # modes: slip direction (0 without friction), 1 where an axis sticks, flank of the gap, slip direction of the
+    # Maxwell element, 1 where the wall is touched; the margin is positive while the lane has kept its modes
+    "sign": 3, "stuck": 3, "flank": 2, "slip": 2, "touch": 1, "margin": 1,
+    # torques of the elements with memory at the beginning of the step
+    "bristle": 3, "maxwell": 2,
+    # intermediate values
+    "spring_torque": 2, "phi": 1, "inside": 1, "slope": 1, "load_torque": 1, "counter_torque": 1,
+    "sliding_friction": 1, "standstill_friction": 1,
+    # position drive: goal less encoder offset, gain and bias while it is on, torque without kd, kd while it is on
+    "goal": 1, "drive_stiffness": 1, "drive_limit": 1, "drive_gain": 1, "drive_bias": 1, "drive_torque": 1,
+    "drive_damping": 1,
+    # parameters, as in the row; an exponential spring is rise exp(growth phi) - fall exp(-growth phi); `no_gap` and
+    # `no_wall` are infinite where there is none; `lag_left` is the share of a lag left at the beginning, the middle and
+    # the end of a step
+    "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
+    "viscous_asymmetry": 3, "load_friction": 3, "counter_friction": 3, "load_stribeck": 3, "counter_stribeck": 3,
+    "load_quadratic": 3, "inverse_load_velocity": 3, "bristle_torque": 3, "bristle_rate": 3, "quadratic_drag": 3,
+    "gravity_torque": 1, "gravity_angle": 1, "coefficient": 2 * N_COEFFICIENTS, "rise": 2, "fall": 2, "growth": 2,
+    "stop": 2, "spring_hardening": 2, "pretension_offset": 2, "half_gap": 2, "no_gap": 2, "slip_torque": 2,
+    "slip_stiffness": 2, "spring_damping": 2, "wall_angle": 1, "wall_side": 1, "wall_stiffness": 1, "wall_damping": 1,
+    "no_wall": 1, "torque_gain": 3, "torque_bias": 3, "lag_left": 3, "ripple_amplitude": 3 * RIPPLE_HARMONICS,
+    "ripple_order": 3 * RIPPLE_HARMONICS, "ripple_phase": 3 * RIPPLE_HARMONICS,
+}  # fmt: skip
+_Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
+Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
+N_ROWS = sum(_SIZES.values())
+
+# Terms that some lane of a block has; the others are skipped.
+#   axes          number of axes
+#   coefficients  polynomial coefficients of the springs that are not zero
+#   gravity       whether any link has gravity
+#   friction      bit per axis with dry friction
+#   falls         whether breakaway differs from kinetic friction
+#   gaps          number of transmissions whose backlash is checked
+#   rare          bits of the terms below, which most joints lack
+Terms = namedtuple("Terms", "axes coefficients gravity friction falls gaps rare")
+
+# First bit of each rare term: one per axis, per transmission, one only, or (ripple) one per axis and harmonic.
+BRISTLE, DRAG, MAXWELL, SPRING_DAMPING, WALL, LAG, LOADS, POSITION, RIPPLE = 0, 3, 6, 8, 9, 10, 11, 12, 13
+
+
+@bare
+def sine(x: float) -> float:
+    """sin(x) within 1e-11 for |x| <= 1e4, without a branch: Taylor series about the nearest multiple of pi."""
+    turns = np.floor(x * 0.3183098861837907 + 0.5)
+    r = (x - turns * 3.141592653589793) - turns * 1.2246467991473532e-16
+    s = r * r
+    t = 1.0 - s * (1.0 / 342.0)
+    t = 1.0 - s * (1.0 / 272.0) * t
+    t = 1.0 - s * (1.0 / 210.0) * t
+    t = 1.0 - s * (1.0 / 156.0) * t
+    t = 1.0 - s * (1.0 / 110.0) * t
+    t = 1.0 - s * (1.0 / 72.0) * t
+    t = 1.0 - s * (1.0 / 42.0) * t
+    t = 1.0 - s * (1.0 / 20.0) * t
+    t = 1.0 - s * (1.0 / 6.0) * t
+    odd = turns - 2.0 * np.floor(0.5 * turns)
+    return (1.0 - 2.0 * odd) * r * t
+
+
+@bare
+def decay(x: float) -> float:
+    """exp(-x) for x > -30, without a branch: Taylor series of exp(-x/1024), squared ten times."""
+    y = -min(x, 700.0) * (1.0 / 1024.0)
+    t = 1.0 + y * (1.0 / 11.0)
+    t = 1.0 + y * (1.0 / 10.0) * t
+    t = 1.0 + y * (1.0 / 9.0) * t
+    t = 1.0 + y * (1.0 / 8.0) * t
+    t = 1.0 + y * (1.0 / 7.0) * t
+    t = 1.0 + y * (1.0 / 6.0) * t
+    t = 1.0 + y * (1.0 / 5.0) * t
+    t = 1.0 + y * (1.0 / 4.0) * t
+    t = 1.0 + y * (1.0 / 3.0) * t
+    t = 1.0 + y * (1.0 / 2.0) * t
+    t = 1.0 + y * t
+    t = t * t
+    t = t * t
+    t = t * t
+    t = t * t
+    t = t * t
+    t = t * t
+    t = t * t
+    t = t * t
+    t = t * t
+    return t * t
+
+
+@bare
+def copy(z: Array, source: int, target: int, count: int) -> None:
+    for row in range(count):
+        for lane in range(z.shape[1]):
+            z[target + row, lane] = z[source + row, lane]
+
+
+@bare
+def add(z: Array, source: int, target: int, count: int) -> None:
+    for row in range(count):
+        for lane in range(z.shape[1]):
+            z[target + row, lane] += z[source + row, lane]
