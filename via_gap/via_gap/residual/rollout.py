@@ -23,9 +23,9 @@ from via_core.signals import Array
 from via_sim.catalogue import MAX_DELAY
 from via_sim.encoders import true_motions
 from via_sim.lockstep.run import LANES, run_many
+from via_sim.measurements import stride
 from via_sim.parameters import DYNAMIC, SERVO, P
 from via_sim.plants import JointPlant
-from via_sim.measurements import stride
 from via_sim.torques import HISTORY, QUEUED, X
 
 from via_gap.residual.memory import HELD, goals_along, held_along, with_late_goal, with_memory
