@@ -1,4 +1,4 @@
-"""docs/effects.md is the registry. `python via_sim/test/test_sim_effects_page.py` writes it anew."""
+"""docs/effects.md equals the page made from the registry; `python via_sim/test/test_sim_effects_page.py` writes it."""
 
 from pathlib import Path
 
@@ -7,8 +7,8 @@ from via_sim.catalogue import DEVICE_NUMBERS, EFFECTS
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
 HEAD = """# Effects
 
-One piece of unmodelled physics each. An effects file lists those a joint has; the simulator node, launch files and
-`via sim` load it, and a diagnosis writes one:
+An effect is one piece of physics that the nominal model lacks. An effects file lists the effects of a joint. The simulator node,
+launch files and `via sim` load it, and a diagnosis writes one:
 
 ```yaml
 - effect: coulomb_friction
@@ -17,20 +17,20 @@ One piece of unmodelled physics each. An effects file lists those a joint has; t
   parameters: {torque: 0.02}
 ```
 
-`motor` numbers motors and transmissions from 1; 0 there means both alike, which is one cause and not two. Sensors and
-late channels count from 0, the link's. A rigid joint has no motor of its own; what its drive does wrong stands at
-motor 1, and its drive's command is the external torque. Values outside the bounds are refused. At its neutral values
-an effect is absent to the last bit. A parameter that may be left out is then neutral. `linear` marks numbers in which
-the torques of the joint's equations are linear. In formulas v is the speed of the axis, s its sign, phi the
-deflection of the transmission, u a command. An entry may have `intervals` beside its parameters, which nothing reads.
-This page is written from the registry by `python via_sim/test/test_sim_effects_page.py`.
+`motor` counts motors and transmissions from 1; 0 means both alike, as one cause. For sensors and late channels, 0 is the
+link. A rigid joint has no motor of its own: its drive is motor 1, and the command of the drive is the external torque.
 
-| Effect | Sites | What it adds | Most like, told apart by |
+Values outside the bounds are refused. At its neutral values an effect changes no bit of the simulation; optional parameters
+default to neutral. `Linear` marks parameters in which the joint torques are linear. Entries may contain `intervals`, which
+are ignored. In formulas, v is the speed of the axis, s its sign, phi the deflection of the transmission, u a command.
+
+`python via_sim/test/test_sim_effects_page.py` writes this page from the registry.
+
+| Effect | Sites | Term | Similar to; distinguished by |
 |---|---|---|---|
 """
-NUMBERS = """Not an effect, but what a diagnosis fitted beside its effects: factors (0.1 to 10) on numbers of
-the device file. They are written before the effects, wherever they stand in the file; with them a simulation has the
-gap that the report claims, without them another.
+NUMBERS = """Not an effect: factors (0.1 to 10) on numbers of the device file, which a diagnosis fitted together with its
+effects. They apply before the effects, wherever they are in the file. The gap in the report refers to effects and factors together.
 
 ```yaml
 - effect: device_numbers
@@ -38,7 +38,7 @@ gap that the report claims, without them another.
   parameters: {link inertia: 1.03, spring 1 torque: 0.98}
 ```
 
-Any of those that the joint has:
+Possible names, as far as the joint has these numbers:
 
 """
 
@@ -57,7 +57,7 @@ def page() -> str:
         lines.append("| Parameter | Unit | From | To | Neutral | Linear | |\n|---|---|---|---|---|---|---|\n")
         for p in kind.all_parameters:
             linear = "yes" if p.linear else ""
-            text = f"{p.text}; may be left out" if p in kind.optional else p.text
+            text = f"{p.text}; optional" if p in kind.optional else p.text
             lines.append(
                 f"| {p.name} | {p.unit} | {p.low:.6g} | {p.high:.6g} | {p.neutral:.6g} | {linear} | {text} |\n"
             )
@@ -66,7 +66,7 @@ def page() -> str:
     return "".join(lines)
 
 
-def test_the_page_is_the_registry():
+def test_page_equals_registry():
     assert PAGE.read_text(encoding="utf-8") == page()
 
 
