@@ -7,8 +7,8 @@ from via_sim.catalogue import DEVICE_NUMBERS, EFFECTS
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
 HEAD = """# Effects
 
-An effect is one piece of physics that the nominal model lacks. An effects file lists the effects of a joint. The simulator node,
-launch files and `via sim` load it, and a diagnosis writes one:
+An effect is one piece of physics that the nominal model lacks. An effects file lists the effects of a joint. The
+simulator node, launch files and `via sim` load it, and a diagnosis writes one:
 
 ```yaml
 - effect: coulomb_friction
@@ -17,20 +17,23 @@ launch files and `via sim` load it, and a diagnosis writes one:
   parameters: {torque: 0.02}
 ```
 
-`motor` counts motors and transmissions from 1; 0 means both alike, as one cause. For sensors and late channels, 0 is the
-link. A rigid joint has no motor of its own: its drive is motor 1, and the command of the drive is the external torque.
+`motor` counts motors and transmissions from 1; 0 means both alike, as one cause. For sensors and late channels, 0 is
+the link. A rigid joint has no motor of its own: its drive is motor 1, and the command of the drive is the external
+torque.
 
-Values outside the bounds are refused. At its neutral values an effect changes no bit of the simulation; optional parameters
-default to neutral. `Linear` marks parameters in which the joint torques are linear. Entries may contain `intervals`, which
-are ignored. In formulas, v is the speed of the axis, s its sign, phi the deflection of the transmission, u a command.
+Values outside the bounds are refused. At its neutral values an effect changes no bit of the simulation; optional
+parameters default to neutral. `Linear` marks parameters in which the joint torques are linear. Entries may contain
+`intervals`, which are ignored. In formulas, v is the speed of the axis, s its sign, phi the deflection of the
+transmission, u a command.
 
 `python via_sim/test/test_sim_effects_page.py` writes this page from the registry.
 
 | Effect | Sites | Term | Similar to; distinguished by |
 |---|---|---|---|
 """
-NUMBERS = """Not an effect: factors (0.1 to 10) on numbers of the device file, which a diagnosis fitted together with its
-effects. They apply before the effects, wherever they are in the file. The gap in the report refers to effects and factors together.
+NUMBERS = """Not an effect: factors (0.1 to 10) on numbers of the device file, which a diagnosis fitted together with
+its effects. They apply before the effects, wherever they are in the file. The gap in the report refers to effects and
+factors together.
 
 ```yaml
 - effect: device_numbers
