@@ -10,7 +10,7 @@ from via_core.status import Status
 from via_estimators.methods import estimator_for
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import simulate
+from via_sim.simulate import InitialConditions, simulate
 
 
 def simulated(device, share, duration=20.0):
@@ -23,7 +23,7 @@ def simulated(device, share, duration=20.0):
     torques = np.column_stack([size * first, -size * second])
     commands = Signals(t, {"motor": torques}, {"motor": "N m"}, frozenset({"motor"}))
     sensors = Sensors.of_device(device)
-    return simulate(JointPlant.from_device(device), commands, duration, 1e3, sensors=sensors, seed=3)
+    return simulate(JointPlant.from_device(device), commands, duration, 1e3, sensors, InitialConditions(seed=3))
 
 
 @pytest.mark.parametrize(

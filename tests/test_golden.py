@@ -53,13 +53,7 @@ def simulated_joint() -> dict[str, dict[str, float]]:
         Effect("coulomb_friction", "link", {"torque": 0.05}),
         Effect("backlash", "transmission", {"gap": 0.02}, motor=1),
     )
-    run = simulate(
-        JointPlant.from_device(device),
-        commands,
-        3.999,
-        1000.0,
-        effects=effects,
-    )
+    run = simulate(JointPlant.from_device(device).with_effects(effects), commands, 3.999, 1000.0)
     estimates = estimator_for(device).run(run.measured)
     value, deviation = estimates.column("stiffness")
     return {

@@ -27,7 +27,7 @@ from via_sim.nodes.simulator import SimulatorNode
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import simulate
+from via_sim.simulate import InitialConditions, simulate
 
 PERIOD = 1_000_000  # [ns]
 
@@ -93,7 +93,9 @@ def expected(device, ticks, effects=()):
     motor = np.array([excitation(tick) for tick in range(ticks)])
     held = Signals(t, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
     plant = JointPlant.from_device(device)
-    run = simulate(plant, held, ticks / 1000.0, 1000.0, effects, Sensors.of_device(device), seed=4)
+    run = simulate(
+        plant.with_effects(effects), held, ticks / 1000.0, 1000.0, Sensors.of_device(device), InitialConditions(seed=4)
+    )
     return np.column_stack([run.measured["q"], run.measured["theta"]]), run
 
 
@@ -328,7 +330,7 @@ def test_a_position_drive_is_commanded_by_its_goal_switched_off_and_read_back_fr
     assert np.isnan([message.effort[1] for message in heard]).all()
     held = Signals(np.arange(ticks) / 200.0, {"equilibrium": goals}, {"equilibrium": "rad"}, frozenset({"equilibrium"}))
     plant = JointPlant.from_device(bench.device)
-    run = simulate(plant, held, ticks / 200.0, 200.0, (), Sensors.of_device(bench.device))
+    run = simulate(plant, held, ticks / 200.0, 200.0, sensors=Sensors.of_device(bench.device))
     np.testing.assert_array_equal(bench.angles[:, 0], run.measured["q"])
     with BagWriter(tmp_path / "bag") as bag:
         for topic, kind, messages in zip(
@@ -342,5 +344,5 @@ def test_a_position_drive_is_commanded_by_its_goal_switched_off_and_read_back_fr
     log = read_log(tmp_path / "bag", bench.device)
     assert (log.level, log.drivable, "tau" in log.measured) == ("encoder and command", True, False)
     np.testing.assert_array_equal(log.commands["equilibrium"], goals)
-    again = simulate(plant, log.commands, ticks / 200.0, 200.0, (), Sensors.of_device(bench.device)).measured
+    again = simulate(plant, log.commands, ticks / 200.0, 200.0, sensors=Sensors.of_device(bench.device)).measured
     np.testing.assert_array_equal(again["q"], log.measured["q"])

@@ -12,7 +12,7 @@ from via_gap.design.motion_file import columns_of, read_motion, write_table
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import simulate
+from via_sim.simulate import InitialConditions, simulate
 
 
 def run_file(device: Device, effects: Sequence[Effect], commands: Path, record: Path, rate: float, seed: int) -> None:
@@ -32,10 +32,9 @@ def run_file(device: Device, effects: Sequence[Effect], commands: Path, record: 
         goal = asked["equilibrium"][0]
         start[0] = goal if np.isfinite(goal) else device.link.gravity_angle
     period = asked.time[-1] - asked.time[-2] if len(asked) > 1 else 1.0 / rate
-    run = simulate(
-        JointPlant.from_device(device), asked, float(asked.time[-1] - asked.time[0] + period), rate, effects,
-        Sensors.of_device(device), start, seed, float(asked.time[0]),
-    )  # fmt: skip
+    plant, duration = JointPlant.from_device(device).with_effects(effects), asked.time[-1] - asked.time[0] + period
+    initial = InitialConditions(start, seed=seed, time=float(asked.time[0]))
+    run = simulate(plant, asked, float(duration), rate, Sensors.of_device(device), initial)
     seen = run.measured.select([n for n, values in run.measured.channels.items() if np.isfinite(values).any()])
     beside = Signals(asked.time, asked.channels, asked.units, asked.held).resample(seen.time)
     write_table(record, seen.time, {**columns_of(seen), **columns_of(beside)})

@@ -12,7 +12,7 @@ from via_gap.residual.nuisance import nuisances
 from via_sim.effects import Effect, write_effects
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import Simulator, simulate
+from via_sim.simulate import InitialConditions, Simulator, simulate
 
 FLEXIBLE = """
 name: joint
@@ -101,12 +101,12 @@ def _made(text: str, effects: _Key, seed: int, duration: float, tolerance: float
             "damping": 0.5 + 0.5 * np.sin(1.4 * time[every]),
         }
         commands = Signals(time[every], channels, {"equilibrium": "rad", "preset": "rad", "damping": "-"}, HELD)
-        measured = simulate(plant, commands, duration, rate, sensors=sensors, seed=seed).measured
+        measured = simulate(plant, commands, duration, rate, sensors, InitialConditions(seed=seed)).measured
     elif not device.motors:
         commands = Signals(
             time[:-1], {"external_torque": wish[:-1]}, {"external_torque": "N m"}, frozenset({"external_torque"})
         )
-        measured = simulate(plant, commands, duration, rate, sensors=sensors, seed=seed).measured
+        measured = simulate(plant, commands, duration, rate, sensors, InitialConditions(seed=seed)).measured
     else:
         measured, commands = _controlled(plant, sensors, rate, time, wish, seed)
     seen = {name: values for name, values in measured.channels.items() if np.isfinite(values).any()}
@@ -144,7 +144,9 @@ def antagonistic_log(effects: Sequence[Effect] = (), duration: float = 6.0, seed
     preset = 0.15 * fade * device.spring_laws[0].max_deflection * (2.0 + np.sin(0.9 * time))
     torque = following(plant, device.motor_angles(equilibrium, preset), equilibrium, np.zeros(6), rate)
     commands = Signals(time, {"motor": torque}, {"motor": "N m"}, frozenset({"motor"}))
-    measured = simulate(plant, commands, duration, rate, sensors=Sensors.of_device(device), seed=seed).measured
+    measured = simulate(
+        plant, commands, duration, rate, Sensors.of_device(device), InitialConditions(seed=seed)
+    ).measured
     seen = [name for name, values in measured.channels.items() if np.isfinite(values).any()]
     return JointLog(f"log {seed}", device, measured.select(seen), commands)
 

@@ -16,7 +16,7 @@ from via_gap.selection.folds import FOLDS, Folds
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import simulate
+from via_sim.simulate import InitialConditions, simulate
 
 DELAY = Effect("actuator_delay", "command", {"delay": 0.03})
 GROUPS = ("a", "b", "a", "c")
@@ -28,7 +28,7 @@ def log_at_rest(seed, *more):
     commands = log_of(device, seed=seed, duration=2.0).commands
     plant = JointPlant.from_device(device).with_effects((DELAY, *more))
     rest = [0.0, 0.0, commands["preset"][0], 0.0, 0.0, 0.0]
-    run = simulate(plant, commands, 2.0, 500.0, sensors=Sensors.of_device(device), initial=rest, seed=seed)
+    run = simulate(plant, commands, 2.0, 500.0, Sensors.of_device(device), InitialConditions(rest, seed=seed))
     return JointLog(f"log {seed}", device, run.measured.select(["q", "theta"]), commands)
 
 

@@ -18,7 +18,7 @@ from via_gap.residual.segments import binned, cut_log
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import simulate
+from via_sim.simulate import InitialConditions, simulate
 
 MOTOR = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
 LINK = Effect("coulomb_friction", "link", {"torque": 0.02})
@@ -132,7 +132,7 @@ def coasting() -> JointLog:
     still = {"external_torque": np.zeros(len(time))}
     commands = Signals(time, still, {"external_torque": "N m"}, frozenset(still))
     plant, start = JointPlant.from_device(free), np.array([-1.0, 0.0, 0.0, 0.5, 0.0, 0.0])
-    run = simulate(plant, commands, 4.0, 500.0, sensors=Sensors.of_device(free), initial=start, seed=2)
+    run = simulate(plant, commands, 4.0, 500.0, Sensors.of_device(free), InitialConditions(start, seed=2))
     return JointLog("coasting", free, run.measured.select(["q"]), commands)
 
 

@@ -8,7 +8,7 @@ from via_core.signals import Signals
 from via_gap.logs.replay import measure_gap, pooled, simulated_log
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
-from via_sim.simulate import simulate
+from via_sim.simulate import InitialConditions, simulate
 
 HELD = frozenset({"equilibrium", "preset", "damping"})
 UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "q": "rad", "theta": "rad"}
@@ -26,13 +26,11 @@ def log_of(effects=(), start: float = 0.0, early: float = 0.0, read: bool = Fals
     """What was, or is `read`, at 250 Hz of the MACCEPA-VD model from `early` [s] before the first command, at rest."""
     device = load_device("maccepavd")
     run = simulate(
-        JointPlant.from_device(device),
+        JointPlant.from_device(device).with_effects(effects),
         commands(start),
         1.48,
         1000.0,
-        effects=effects,
-        initial=[0.1, 0.1, 0.5, 0.0, 0.0, 0.0],
-        start=start - early,
+        initial=InitialConditions([0.1, 0.1, 0.5, 0.0, 0.0, 0.0], time=start - early),
     )
     truth = run.measured if read else run.truth
     theta = truth["theta"].copy()

@@ -11,7 +11,7 @@ from via_core.signals import Signals
 from via_sim.effects import Effect
 from via_sim.encoders import read_motion, true_angle, true_motions
 from via_sim.plants import JointPlant
-from via_sim.simulate import simulate
+from via_sim.simulate import InitialConditions, simulate
 
 RATE = 1000.0
 K, M, DQ, G, GA, B, DTH = 10.0, 0.02, 0.1, 0.3, 0.2, 0.01, 0.1
@@ -142,8 +142,14 @@ SLOW = [
 def test_an_effect_does_what_its_equation_says(name, site, motor, other):
     values = SIZES[name] | other
     plant, sent = JointPlant.from_device(JOINT), held(motor=np.array(TORQUE)[:, None], neighbour=np.array(NEIGHBOUR))
-    run = simulate(plant, sent, TICKS / RATE, RATE, [Effect(name, site, values, motor)], initial=START).truth
-    nominal = simulate(plant, sent, TICKS / RATE, RATE, initial=START).truth
+    run = simulate(
+        plant.with_effects([Effect(name, site, values, motor)]),
+        sent,
+        TICKS / RATE,
+        RATE,
+        initial=InitialConditions(START),
+    ).truth
+    nominal = simulate(plant, sent, TICKS / RATE, RATE, initial=InitialConditions(START)).truth
     reference = slow(name, site, values, 100 if name == "hysteresis" else 25)  # its elements switch at corners
     error = np.column_stack([run["q"], run["theta"]]) - reference
     assert np.max(np.abs(nominal["q"] - reference[:, 0])) > 1e-3
@@ -155,7 +161,7 @@ def test_a_spring_that_softens_to_nothing_is_slack_beyond_its_range():
     law = Effect("spring_law", "transmission", {"scale": 1.0, "hardening": -0.5}, 1)
     plant = JointPlant.from_device(servo_flexible(K, f"{{inertia: {M}, viscous_friction: 0.0}}")).with_effects([law])
     stop = plant.device.springs[0].max_deflection
-    run = simulate(plant, None, 0.3, 8000.0, initial=(1.6, 0, 0, 0, 0, 0)).truth
+    run = simulate(plant, None, 0.3, 8000.0, initial=InitialConditions((1.6, 0, 0, 0, 0, 0))).truth
     beyond = run["q"] > stop
     pushed = np.sqrt(K / M * (0.5 * 0.5 * (stop**4 - 1.6**4) - (stop**2 - 1.6**2)))
     assert beyond.any() and run["q_velocity"][beyond] == pytest.approx(pushed, rel=0.01)  # a step goes over the end
@@ -177,7 +183,7 @@ def test_load_dependent_friction_holds_a_link_on_its_spring():
     plant = JointPlant.from_device(joint).with_effects(
         [Effect("load_dependent_friction", "link", {"coefficient": 0.2})]
     )
-    q = simulate(plant, None, 0.4, 4000.0, initial=(0.5, 0, 0, 0, 0, 0)).truth["q"]
+    q = simulate(plant, None, 0.4, 4000.0, initial=InitialConditions((0.5, 0, 0, 0, 0, 0))).truth["q"]
     towards, away = np.sqrt(0.8 * K / M), np.sqrt(1.2 * K / M)
     quarter = 0.5 * pi / towards  # (1 - c) k pulls it to the middle
     speed = 0.5 * towards
@@ -193,9 +199,9 @@ def test_asymmetric_coulomb_friction_holds_more_one_way_than_the_other():
     for torque, holds in ((0.3, True), (0.301, False), (-0.1, True), (-0.101, False)):
         q = simulate(plant, held(external_torque=np.full(100, torque)), 0.1, RATE).truth["q"]
         assert bool(np.all(q == 0.0)) is holds
-    fast = simulate(plant, None, 0.05, RATE, initial=(0, 0, 0, 2.0, 0, 0)).truth["q_velocity"]
+    fast = simulate(plant, None, 0.05, RATE, initial=InitialConditions((0, 0, 0, 2.0, 0, 0))).truth["q_velocity"]
     assert fast[-1] == pytest.approx(2.0 - 0.3 / 0.02 * 0.05, abs=1e-9)
-    back = simulate(plant, None, 0.05, RATE, initial=(0, 0, 0, -2.0, 0, 0)).truth["q_velocity"]
+    back = simulate(plant, None, 0.05, RATE, initial=InitialConditions((0, 0, 0, -2.0, 0, 0))).truth["q_velocity"]
     assert back[-1] == pytest.approx(-2.0 + 0.1 / 0.02 * 0.05, abs=1e-9)
 
 
@@ -205,7 +211,7 @@ def test_dahls_bristle_stops_a_link_where_its_energy_says_and_pulls_it_back():
     plant = JointPlant.from_device(rigid()).with_effects(
         [Effect("presliding_friction", "link", {"torque": Fc, "stiffness": s})]
     )
-    q = simulate(plant, None, 0.5, 10_000.0, initial=(0, 0, 0, v, 0, 0)).truth["q"]
+    q = simulate(plant, None, 0.5, 10_000.0, initial=InitialConditions((0, 0, 0, v, 0, 0))).truth["q"]
     turn = brentq(lambda x: Fc * x - Fc**2 / s * (1.0 - exp(-s * x / Fc)) - 0.5 * 0.02 * v**2, 0.0, 1.0)
     assert np.max(q) == pytest.approx(turn, abs=2e-7)
     assert q[np.argmax(q) : np.argmax(q) + 500].min() < turn - 0.2 * Fc / s  # elastic: it swings back
@@ -217,7 +223,9 @@ def test_a_maxwell_element_takes_the_area_of_its_loop():
     joint = servo_flexible(K, "{inertia: 1000.0, viscous_friction: 0.0}")
     effect = Effect("hysteresis", "transmission", {"torque": F, "stiffness": k}, 1)
     time = np.arange(round(8.0 * pi * RATE)) / RATE
-    run = simulate(JointPlant.from_device(joint), held(motor=A * np.sin(time)[:, None]), time[-1], RATE, [effect])
+    run = simulate(
+        JointPlant.from_device(joint).with_effects([effect]), held(motor=A * np.sin(time)[:, None]), time[-1], RATE
+    )
     phi, torque = run.truth["deflection"][:, 0], run.measured["tau_link"]
     cycle = slice(round(4.0 * pi * RATE), round(6.0 * pi * RATE) + 1)
     reach = 0.5 * np.ptp(phi[cycle])
@@ -245,7 +253,9 @@ def test_a_lag_far_shorter_than_a_tick_acts_like_its_dead_time(T):
 def test_a_servo_with_a_lag_has_the_bandwidth_that_adds_up():
     joint = servo_flexible()
     slower = Effect("actuator_lag", "command", {"time_constant": 0.05})
-    run = simulate(JointPlant.from_device(joint), held(motor=np.full((500, 1), 0.4)), 0.5, RATE, [slower]).truth
+    run = simulate(
+        JointPlant.from_device(joint).with_effects([slower]), held(motor=np.full((500, 1), 0.4)), 0.5, RATE
+    ).truth
     w = 2.0 / (2.0 / 40.0 + 0.05)
     assert run["theta"][:, 0] == pytest.approx(0.4 * (1.0 - (1.0 + w * run.time) * np.exp(-w * run.time)), abs=1e-12)
 
@@ -256,7 +266,9 @@ def test_a_servo_slews_no_faster_than_its_limit(limit):
     effect = Effect("torque_saturation", "motor", {"limit": limit}, 1)
     asked = np.where(np.arange(400) < 150, 1.0, -0.5)
     asked[300:] = 0.3
-    run = simulate(JointPlant.from_device(servo_flexible()), held(motor=asked[:, None]), 0.4, RATE, [effect]).truth
+    run = simulate(
+        JointPlant.from_device(servo_flexible()).with_effects([effect]), held(motor=asked[:, None]), 0.4, RATE
+    ).truth
     x = v = 0.0
     expected, w, h = [0.0], 40.0, 1e-5
     for u in asked:
@@ -275,7 +287,7 @@ def test_a_wall_is_met_and_left_as_its_closed_form_says(restitution):
     k, d, v = 50.0, 0.4 if restitution else 0.0, 1.0
     effect = Effect("contact", "environment", {"angle": -0.1, "stiffness": k, "damping": d, "side": -1.0})
     plant = JointPlant.from_device(rigid()).with_effects([effect])
-    truth = simulate(plant, None, 0.3, RATE, initial=(0, 0, 0, -v, 0, 0)).truth
+    truth = simulate(plant, None, 0.3, RATE, initial=InitialConditions((0, 0, 0, -v, 0, 0))).truth
     a = d / (2.0 * 0.02)
     w = np.sqrt(k / 0.02 - a * a)
     depth = lambda t: v / w * np.exp(-a * t) * np.sin(w * t)  # noqa: E731
@@ -295,14 +307,16 @@ def test_a_pulse_gives_its_impulse_whatever_its_edges():
     v = simulate(plant, None, 0.1, RATE).truth["q_velocity"]
     assert np.all(v[:13] == 0.0)
     assert v[-1] == pytest.approx(0.4 * (0.05678 - 0.01234) / 0.02, rel=1e-12)
-    late = simulate(plant, None, 0.1, RATE, age=0.05).truth["q_velocity"]
+    late = simulate(plant, None, 0.1, RATE, initial=InitialConditions(age=0.05)).truth["q_velocity"]
     assert late[-1] == pytest.approx(0.4 * 0.00678 / 0.02, rel=1e-12)
 
 
 def test_drift_counts_from_the_age_of_the_run():
     drift = Effect("stiffness_drift", "transmission", {"rate": 0.5}, 1)
     plant = JointPlant.from_device(servo_flexible()).with_effects([drift])
-    assert simulate(plant, None, 0.0, RATE, age=2.0).truth["stiffness"][0] == pytest.approx(2.0 * 10.0)
+    assert simulate(plant, None, 0.0, RATE, initial=InitialConditions(age=2.0)).truth["stiffness"][0] == pytest.approx(
+        2.0 * 10.0
+    )
     assert simulate(plant, None, 1.0, RATE).truth["stiffness"][-1] == pytest.approx(1.5 * 10.0)
 
 
@@ -312,9 +326,17 @@ def test_a_late_channel_reads_the_past(late, rate):
     time = np.arange(round(0.4 * rate)) / rate
     sent = Signals(time, {"motor": np.sin(20.0 * time)[:, None]}, {"motor": "N m"}, frozenset({"motor"}))
     effect = Effect("channel_skew", "timing", {"delay": late}, 0)
-    run = simulate(JointPlant.from_device(JOINT), sent, 0.4, rate, [effect], initial=(0.2, 0, 0, 0, 0, 0))
+    run = simulate(
+        JointPlant.from_device(JOINT).with_effects([effect]),
+        sent,
+        0.4,
+        rate,
+        initial=InitialConditions((0.2, 0, 0, 0, 0, 0)),
+    )
     fine = np.arange(0, round(0.4 * rate) * 20 + 1) / (20.0 * rate)
-    dense = simulate(JointPlant.from_device(JOINT), sent, 0.4, 20.0 * rate, initial=(0.2, 0, 0, 0, 0, 0)).truth["q"]
+    dense = simulate(
+        JointPlant.from_device(JOINT), sent, 0.4, 20.0 * rate, initial=InitialConditions((0.2, 0, 0, 0, 0, 0))
+    ).truth["q"]
     expected = np.interp(np.maximum(run.truth.time - late, 0.0), fine, dense)
     assert np.max(np.abs(run.measured["q"] - expected)) < 2e-5
     assert np.array_equal(run.measured["theta"], run.truth["theta"])
@@ -328,7 +350,7 @@ def test_encoders_err_as_their_equations_say():
         Effect("encoder_eccentricity", "sensor", {"amplitude": 0.05, "phase": 0.3}, 0),
         Effect("encoder_quantisation", "sensor", {"quantum": 0.01}, 1),
     ]
-    run = simulate(JointPlant.from_device(JOINT), sent, 0.5, RATE, effects)
+    run = simulate(JointPlant.from_device(JOINT).with_effects(effects), sent, 0.5, RATE)
     q, theta = run.truth["q"], run.truth["theta"]
     assert np.allclose(run.measured["q"], q + 0.1 + 0.05 * np.sin(q + 0.3), rtol=0, atol=1e-15)
     assert np.allclose(run.measured["q_velocity"], run.truth["q_velocity"] * (1.0 + 0.05 * np.cos(q + 0.3)), atol=1e-14)
@@ -341,7 +363,10 @@ def test_an_encoder_errs_with_several_orders():
     sent = held(motor=np.sin(0.01 * np.arange(500))[:, None])
     values = {"amplitude": 0.03, "phase": 0.7} | ENCODER_ERRORS
     run = simulate(
-        JointPlant.from_device(JOINT), sent, 0.5, RATE, [Effect("encoder_eccentricity", "sensor", values, 1)]
+        JointPlant.from_device(JOINT).with_effects([Effect("encoder_eccentricity", "sensor", values, 1)]),
+        sent,
+        0.5,
+        RATE,
     )
     theta, w = run.truth["theta"], run.truth["theta_velocity"]
     terms = ((0.03, 2.0, 0.7), (0.01, 7.5, 1.0), (0.005, 36.0, 0.0))
@@ -389,7 +414,7 @@ def test_a_true_angle_is_what_its_encoder_reads(values):
 def test_torque_sensors_err_and_nothing_moves():
     sent = held(motor=np.sin(0.01 * np.arange(500))[:, None])
     effects = [Effect("torque_gain", "sensor", {"gain": 1.2}, 1), Effect("torque_bias", "sensor", {"torque": 0.05}, 1)]
-    run = simulate(JointPlant.from_device(JOINT), sent, 0.5, RATE, effects)
+    run = simulate(JointPlant.from_device(JOINT).with_effects(effects), sent, 0.5, RATE)
     assert np.allclose(run.measured["tau"][1:], 1.2 * sent["motor"] + 0.05, rtol=0, atol=1e-15)
     assert np.array_equal(run.truth["q"], simulate(JointPlant.from_device(JOINT), sent, 0.5, RATE).truth["q"])
 
@@ -398,7 +423,7 @@ def test_an_upright_axis_feels_a_payload_as_inertia_only():
     load = Effect("payload", "link", {"mass": 0.5, "distance": 0.2})
     more = Effect("link_inertia", "link", {"inertia": 0.5 * 0.2**2})
     plant, push = JointPlant.from_device(rigid()), held(external_torque=np.full(100, 0.1))
-    one, other = (simulate(plant, push, 0.1, RATE, [effect]).truth["q"] for effect in (load, more))
+    one, other = (simulate(plant.with_effects([effect]), push, 0.1, RATE).truth["q"] for effect in (load, more))
     assert one == pytest.approx(other, abs=1e-15)
 
 
@@ -406,8 +431,8 @@ def test_preset_error_of_a_serial_joint_is_another_preset():
     plant = JointPlant.from_device(serial_servo())
     effect = Effect("preset_error", "transmission", {"offset": 0.2}, 1)
     start = (0.3, 0.0, 0.5, 0.0, 0.0, 0.0)
-    off = simulate(plant, None, 0.5, RATE, [effect], initial=start).truth["q"]
-    moved = simulate(plant, None, 0.5, RATE, initial=(0.3, 0.0, 0.7, 0.0, 0.0, 0.0)).truth["q"]
+    off = simulate(plant.with_effects([effect]), None, 0.5, RATE, initial=InitialConditions(start)).truth["q"]
+    moved = simulate(plant, None, 0.5, RATE, initial=InitialConditions((0.3, 0.0, 0.7, 0.0, 0.0, 0.0))).truth["q"]
     assert off == pytest.approx(moved, abs=1e-12)
 
 

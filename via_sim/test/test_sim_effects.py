@@ -14,7 +14,7 @@ from via_sim.effects import Effect, places
 from via_sim.effects_file import effects_text, load_effects, parse_effects, save_effects
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
-from via_sim.simulate import Simulator, simulate
+from via_sim.simulate import InitialConditions, Simulator, simulate
 from via_sim.torques import X
 
 RATE = 1000.0
@@ -54,8 +54,8 @@ EVERYWHERE = [
 ]
 
 
-def readings(plant, sent, effects=()) -> np.ndarray:
-    run = simulate(plant, sent, 0.5, RATE, effects).measured
+def measured(plant, sent) -> np.ndarray:
+    run = simulate(plant, sent, 0.5, RATE).measured
     return np.column_stack([run[name] for name in run.channels])
 
 
@@ -69,11 +69,13 @@ def test_every_effect_of_the_catalogue_has_a_place_on_some_joint():
 def test_a_neutral_effect_leaves_every_bit_and_a_strong_one_does_not(joint, name, site, motor):
     plant, sent = JointPlant.from_device(joint), commands_of(joint)
     neutral = {parameter.name: parameter.neutral for parameter in EFFECTS[name].all_parameters}
-    nominal = readings(plant, sent)
-    assert np.array_equal(readings(plant, sent, [Effect(name, site, neutral, motor)]), nominal, equal_nan=True)
+    nominal = measured(plant, sent)
+    assert np.array_equal(
+        measured(plant.with_effects([Effect(name, site, neutral, motor)]), sent), nominal, equal_nan=True
+    )
     changed = plant.with_effects([Effect(name, site, SIZES[name], motor)])
-    assert np.nanmax(np.abs(readings(changed, sent) - nominal)) > 1e-4
-    assert np.array_equal(readings(changed.with_effects([]), sent), nominal, equal_nan=True)
+    assert np.nanmax(np.abs(measured(changed, sent) - nominal)) > 1e-4
+    assert np.array_equal(measured(changed.with_effects([]), sent), nominal, equal_nan=True)
 
 
 def test_places_of_a_joint_are_those_it_accepts():
@@ -108,12 +110,12 @@ def test_places_of_a_joint_are_those_it_accepts():
 def test_backlash_leaves_the_link_free_within_the_gap_and_pulls_beyond_it():
     gap = Effect("backlash", "transmission", {"gap": 0.2}, 1)
     plant = JointPlant.from_device(servo_flexible(10.0)).with_effects([gap])
-    drift = simulate(plant, None, 0.09, RATE, initial=(0, 0, 0, 1.0, 0, 0)).truth
+    drift = simulate(plant, None, 0.09, RATE, initial=InitialConditions((0, 0, 0, 1.0, 0, 0))).truth
     assert np.allclose(drift["q"], drift.time, rtol=0, atol=1e-14)  # nothing acts: q = t until .1 rad
     assert np.all(drift["stiffness"] == 0.0)
     # beyond it half an oscillation on the spring, closed form, then free flight back
     w = np.sqrt(10.0 / 0.02)
-    truth = simulate(plant, None, 0.1 + np.pi / w + 0.15, RATE, initial=(0, 0, 0, 1.0, 0, 0)).truth
+    truth = simulate(plant, None, 0.1 + np.pi / w + 0.15, RATE, initial=InitialConditions((0, 0, 0, 1.0, 0, 0))).truth
     t = truth.time - 0.1
     bounce = (t > 0) & (t < np.pi / w)
     assert np.allclose(truth["q"][bounce], 0.1 + np.sin(w * t[bounce]) / w, rtol=0, atol=1e-6)
@@ -125,9 +127,9 @@ def test_backlash_leaves_the_link_free_within_the_gap_and_pulls_beyond_it():
 def test_dead_time_of_whole_ticks_shifts_the_motion_exactly(ticks):
     plant, commands = JointPlant.from_device(flexible(10.0)), torques(0.5, 1)
     nominal = simulate(plant, commands, 0.5, RATE).truth["q"]
-    late = simulate(plant, commands, 0.5, RATE, [Effect("actuator_delay", "command", {"delay": ticks / RATE})]).truth[
-        "q"
-    ]
+    late = simulate(
+        plant.with_effects([Effect("actuator_delay", "command", {"delay": ticks / RATE})]), commands, 0.5, RATE
+    ).truth["q"]
     assert np.array_equal(late[ticks:], nominal[:-ticks])
     assert np.all(late[:ticks] == 0.0)
 
@@ -136,8 +138,8 @@ def test_dead_time_of_a_fraction_of_a_tick_is_exact_too():
     """2.4 ticks of 1 ms are 12 ticks of .2 ms: the same joint under the same commands on a finer grid."""
     plant, commands = JointPlant.from_device(flexible(10.0)), torques(0.3, 1)
     delay = Effect("actuator_delay", "command", {"delay": 2.4e-3})
-    coarse = simulate(plant, commands, 0.3, RATE, [delay]).truth["q"]
-    fine = simulate(plant, commands, 0.3, 5.0 * RATE, [delay]).truth["q"]
+    coarse = simulate(plant.with_effects([delay]), commands, 0.3, RATE).truth["q"]
+    fine = simulate(plant.with_effects([delay]), commands, 0.3, 5.0 * RATE).truth["q"]
     shifted = simulate(plant, commands, 0.3, 5.0 * RATE).truth["q"]
     assert np.array_equal(fine[12:], shifted[:-12])
     assert np.max(np.abs(coarse - fine[::5])) < 1e-9
@@ -146,7 +148,7 @@ def test_dead_time_of_a_fraction_of_a_tick_is_exact_too():
 
 def test_torque_gain_scales_the_torque_but_not_its_report():
     plant, commands = JointPlant.from_device(antagonistic()), torques()
-    run = simulate(plant, commands, 0.5, RATE, [Effect("torque_gain", "motor", {"gain": 0.5}, 2)])
+    run = simulate(plant.with_effects([Effect("torque_gain", "motor", {"gain": 0.5}, 2)]), commands, 0.5, RATE)
     assert np.array_equal(run.truth["motor_torque"][1:], commands["motor"] * [1.0, 0.5])
     assert np.array_equal(run.measured["tau"][1:], commands["motor"])
 
@@ -158,7 +160,7 @@ def test_an_arms_torque_acts_beside_the_drive():
 
     def motion(effects, **channels):
         sent = Signals(t, channels, dict.fromkeys(channels, "N m"), frozenset(channels))
-        return simulate(JointPlant.from_device(rigid()), sent, 0.4, RATE, effects).truth["q"]
+        return simulate(JointPlant.from_device(rigid()).with_effects(effects), sent, 0.4, RATE).truth["q"]
 
     doubled = Effect("torque_gain", "motor", {"gain": 2.0}, 1)
     whole = motion([], external_torque=2.0 * drive + arm)
@@ -177,7 +179,7 @@ def test_viscous_error_equals_a_device_that_has_it():
     wrong = flexible(10.0, motor="{inertia: 0.01, viscous_friction: 0.3}")
     right = flexible(10.0, motor="{inertia: 0.01, viscous_friction: 0.5}")
     commands = torques(0.2, 1)
-    a = simulate(JointPlant.from_device(wrong), commands, 0.2, RATE, [extra]).truth["q"]
+    a = simulate(JointPlant.from_device(wrong).with_effects([extra]), commands, 0.2, RATE).truth["q"]
     assert np.array_equal(a, simulate(JointPlant.from_device(right), commands, 0.2, RATE).truth["q"])
     with pytest.raises(ParameterError, match="must stay >= 0"):
         JointPlant.from_device(wrong).with_effects([Effect("viscous_friction", "motor", {"coefficient": -0.5}, 1)])

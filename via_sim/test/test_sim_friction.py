@@ -11,7 +11,7 @@ from via_sim.effects import Effect
 from via_sim.measurements import MEASURED
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import Simulator, simulate, simulate_many
+from via_sim.simulate import InitialConditions, Simulator, simulate, simulate_many
 
 RATE = 1000.0
 
@@ -39,9 +39,9 @@ def test_link_stands_still_exactly_up_to_the_threshold_and_moves_beyond_it(frict
 
 def test_stuck_link_on_a_spring_holds_forever_away_from_its_rest():
     plant = JointPlant.from_device(servo_flexible(10.0)).with_effects([coulomb(0.5)])
-    held = simulate(plant, None, 20.0, RATE, initial=(0.049, 0, 0, 0, 0, 0)).truth["q"]
+    held = simulate(plant, None, 20.0, RATE, initial=InitialConditions((0.049, 0, 0, 0, 0, 0))).truth["q"]
     assert np.all(held == 0.049)  # .49 N m of spring torque against .5
-    freed = simulate(plant, None, 1.0, RATE, initial=(0.051, 0, 0, 0, 0, 0)).truth["q"]
+    freed = simulate(plant, None, 1.0, RATE, initial=InitialConditions((0.051, 0, 0, 0, 0, 0))).truth["q"]
     assert abs(freed[-1]) < 0.05 and freed[-1] != 0.051
 
 
@@ -49,7 +49,7 @@ def test_free_vibration_loses_the_same_amplitude_each_half_swing_and_then_rests(
     """Closed form: extremes fall by 2 F / k per half period and the link stays where |k q| <= F."""
     k, F, M = 10.0, 0.3, 0.02
     plant = JointPlant.from_device(servo_flexible(k)).with_effects([coulomb(F)])
-    q = simulate(plant, None, 3.0, 10_000.0, initial=(0.5, 0, 0, 0, 0, 0)).truth["q"]
+    q = simulate(plant, None, 3.0, 10_000.0, initial=InitialConditions((0.5, 0, 0, 0, 0, 0))).truth["q"]
     half = np.pi * np.sqrt(M / k)
     extremes = [q[round(n * half * 10_000.0)] for n in range(9)]
     assert extremes == pytest.approx([(-1) ** n * (0.5 - n * 0.06) for n in range(9)], abs=1e-5)
@@ -99,10 +99,12 @@ def test_stick_slip_follows_an_event_driven_reference():
 
 def test_friction_of_a_motor_holds_the_motor_only():
     plant = JointPlant.from_device(flexible(10.0)).with_effects([coulomb(0.4, "motor", 1)])
-    truth = simulate(plant, None, 0.3, RATE, initial=(0.039, 0, 0, 0, 0, 0)).truth  # at most .39 N m on the motor
+    truth = simulate(
+        plant, None, 0.3, RATE, initial=InitialConditions((0.039, 0, 0, 0, 0, 0))
+    ).truth  # at most .39 N m on the motor
     assert np.all(truth["theta"] == 0.0)
     assert np.ptp(truth["q"]) > 0.07
-    moved = simulate(plant, None, 0.3, RATE, initial=(0.2, 0, 0, 0, 0, 0)).truth
+    moved = simulate(plant, None, 0.3, RATE, initial=InitialConditions((0.2, 0, 0, 0, 0, 0))).truth
     assert np.ptp(moved["theta"]) > 0.0
 
 
@@ -110,8 +112,8 @@ def test_friction_never_feeds_energy_and_results_do_not_depend_on_the_step():
     effects = [coulomb(0.05), coulomb(0.1, "motor", 1), Effect("backlash", "transmission", {"gap": 0.05}, 2)]
     plant = JointPlant.from_device(antagonistic()).with_effects(effects)
     start = (0.4, -0.3, 0.2, 2.0, 0.0, -3.0)
-    coarse = simulate(plant, None, 1.0, RATE, initial=start).truth
-    fine = simulate(plant, None, 1.0, 16.0 * RATE, initial=start).truth
+    coarse = simulate(plant, None, 1.0, RATE, initial=InitialConditions(start)).truth
+    fine = simulate(plant, None, 1.0, 16.0 * RATE, initial=InitialConditions(start)).truth
     assert np.max(np.abs(coarse["q"] - fine["q"][::16])) < 1e-5
     phi = fine["deflection"] - np.array([0.0, 0.05]) * 0.5 * np.sign(fine["deflection"])
     phi[np.abs(fine["deflection"]) < [0.0, 0.025]] = 0.0
@@ -151,8 +153,8 @@ def test_a_speed_that_touches_zero_within_a_step_is_caught():
     servo = servo_flexible(k)
     start = (0.0, (F - M * jerk * lowest) / k, 0.0, 0.6e-3, rise, 0.0)
     plant = JointPlant.from_device(servo).with_effects([coulomb(F)])
-    once = simulate(plant, None, 1e-3, RATE, initial=start).truth["q_velocity"][-1]
-    fine = simulate(plant, None, 1e-3, 64.0 * RATE, initial=start).truth["q_velocity"]
+    once = simulate(plant, None, 1e-3, RATE, initial=InitialConditions(start)).truth["q_velocity"][-1]
+    fine = simulate(plant, None, 1e-3, 64.0 * RATE, initial=InitialConditions(start)).truth["q_velocity"]
     assert np.any(fine == 0.0)
     assert once == pytest.approx(fine[-1], abs=1e-6)
     assert once == pytest.approx(0.5 * jerk * lowest**2, rel=0.1)  # the servo brakes a little on the way
@@ -178,7 +180,9 @@ def test_a_rigid_joint_measures_what_its_clutch_dissipates():
     plant = JointPlant.from_device(device("rigid", "{inertia: 0.1, viscous_friction: 0.02}", CLUTCH))
     time = np.arange(2000) / RATE
     channels = {"external_torque": 4.0 * np.sin(5.0 * time), "damping": 0.5 + 0.4 * np.sin(2.0 * time)}
-    run = simulate(plant, Signals(time, channels, {"external_torque": "N m", "damping": "-"}), 2.0, RATE, [STRIBECK])
+    run = simulate(
+        plant.with_effects([STRIBECK]), Signals(time, channels, {"external_torque": "N m", "damping": "-"}), 2.0, RATE
+    )
     torque, speed, damping = run.measured["tau_link"], run.truth["q_velocity"], run.truth["damping"]
     expected = damping * speed + np.sign(speed) * (0.1 + 0.2 * np.exp(-((speed / 0.05) ** 2)))
     moving = speed != 0.0
@@ -193,12 +197,12 @@ def test_a_rigid_joint_measures_what_its_clutch_dissipates():
 def test_a_clutch_that_sticks_holds_what_is_asked_of_it():
     plant = JointPlant.from_device(device("rigid", rest=CLUTCH))
     push = np.where(np.arange(100) < 50, 0.2, -0.1)
-    run = simulate(plant, pushed(push), 0.1, RATE, [STRIBECK])
+    run = simulate(plant.with_effects([STRIBECK]), pushed(push), 0.1, RATE)
     assert np.all(run.truth["q"] == 0.0)
     np.testing.assert_array_equal(run.measured["tau_link"], np.concatenate([[0.0], push]))
     simulator = Simulator(plant.with_effects([STRIBECK]), RATE)
     state, measured, _ = simulator.step(simulator.init(), (0.0, 0.0, 0.0, 0.2))
-    assert measured[MEASURED.index("tau_link")] == 0.2 == simulator.sample(state)[0][MEASURED.index("tau_link")]
+    assert measured[MEASURED.tau_link] == 0.2 == simulator.sample(state)[0][MEASURED.tau_link]
 
 
 def test_a_device_file_says_whether_there_is_a_torque_sensor_at_the_link():

@@ -11,7 +11,7 @@ from via_sim.kernel import run
 from via_sim.parameters import P
 from via_sim.plants import JointPlant, substeps_for
 from via_sim.sensors import IDEAL
-from via_sim.simulate import initial_state, simulate
+from via_sim.simulate import InitialConditions, initial_state, simulate
 from via_sim.torques import N_COMMANDS
 
 RATE = 1000.0
@@ -177,7 +177,7 @@ def test_maccepa_vd_repeats_the_published_model():
     units = {"equilibrium": "rad", "preset": "rad", "damping": "-"}
     held = Signals(t, dict(zip(units, commands.T, strict=True)), units, frozenset(units))
     plant = JointPlant.from_device(load_device("maccepavd"))
-    q = simulate(plant, held, 1.499, RATE, initial=(0.1, 0.3, 0.8, 0.0, 0.0, 0.0)).truth["q"]
+    q = simulate(plant, held, 1.499, RATE, initial=InitialConditions((0.1, 0.3, 0.8, 0.0, 0.0, 0.0))).truth["q"]
     assert np.ptp(q) > 0.3
     assert np.max(np.abs(q - reference)) < 1e-6
 

@@ -11,7 +11,7 @@ from via_sim.effects import Effect
 from via_sim.friction import breakaway, dry_friction
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
-from via_sim.simulate import simulate
+from via_sim.simulate import InitialConditions, simulate
 
 RATE = 1000.0
 M, B, K, G, GA = 0.02, 0.01, 10.0, 0.3, 0.2
@@ -100,7 +100,9 @@ def test_a_stuck_link_carries_spring_and_external_torque():
         acceleration = plant.derivative((start, 0, 0, 0, 0, 0), (0.0, 0.0, 0.0, push))[3]
         expected = np.sign(asked) * max(abs(asked) - friction, 0.0) / M
         assert acceleration == pytest.approx(expected, abs=1e-12)
-    truth = simulate(plant, held(external_torque=np.full(200, 0.5)), 0.2, RATE, initial=(0.08, 0, 0, 0, 0, 0)).truth
+    truth = simulate(
+        plant, held(external_torque=np.full(200, 0.5)), 0.2, RATE, initial=InitialConditions((0.08, 0, 0, 0, 0, 0))
+    ).truth
     assert np.all(truth["q"] == 0.08)
 
 
@@ -114,7 +116,9 @@ def test_a_pendulum_on_a_gear_follows_scipy():
         return [x[1], (drive + counter - formula(BOTH_SIDES, drive, counter, x[1])) / M]
 
     reference = solve_ivp(rate, (0.0, 0.6), [0.0, 0.05], "DOP853", rtol=1e-11, atol=1e-13, dense_output=True)
-    truth = simulate(plant, held(external_torque=np.full(600, drive)), 0.6, RATE, initial=(0, 0, 0, 0.05, 0, 0)).truth
+    truth = simulate(
+        plant, held(external_torque=np.full(600, drive)), 0.6, RATE, initial=InitialConditions((0, 0, 0, 0.05, 0, 0))
+    ).truth
     assert np.min(truth["q_velocity"]) > 0.0 and np.max(truth["q"]) > 2.0
     assert np.max(np.abs(truth["q"] - reference.sol(truth.time)[0])) < 1e-6
 

@@ -15,7 +15,7 @@ from via_sim.kernel import run
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
-from via_sim.simulate import Simulator, command_rows, initial_state, simulate, simulate_rows
+from via_sim.simulate import InitialConditions, Simulator, command_rows, initial_state, simulate, simulate_rows
 from via_sim.torques import GOAL, POWER, X
 
 RATE = 1000.0
@@ -35,8 +35,8 @@ def goals(values, rate: float = RATE, **others) -> Signals:
     return Signals(np.arange(len(values)) / rate, channels, dict.fromkeys(channels, "-"), frozenset(channels))
 
 
-def step(device, duration: float = 1.0, goal: float = 1.0, **how):
-    return simulate(JointPlant.from_device(device), goals([goal]), duration, RATE, **how).truth
+def step(device, duration: float = 1.0, goal: float = 1.0, effects=()):
+    return simulate(JointPlant.from_device(device).with_effects(effects), goals([goal]), duration, RATE).truth
 
 
 def wave(ticks: int) -> np.ndarray:
@@ -103,17 +103,29 @@ def test_a_drive_that_is_switched_off_gives_no_torque_at_all() -> None:
     """The pendulum falls as if there were no drive, and the drive returns when there is a goal again."""
     off = np.full(600, np.nan)
     plant, start = JointPlant.from_device(positioned(GRAVITY)), (1.5, 0, 0, 0, 0, 0)
-    fallen = simulate(plant, goals(off), 0.6, RATE, initial=start).truth
+    fallen = simulate(plant, goals(off), 0.6, RATE, initial=InitialConditions(start)).truth
     free = simulate(
-        JointPlant.from_device(positioned(GRAVITY, "{kp: 1e-9, kd: 0.0}")), goals(off), 0.6, RATE, initial=start
+        JointPlant.from_device(positioned(GRAVITY, "{kp: 1e-9, kd: 0.0}")),
+        goals(off),
+        0.6,
+        RATE,
+        initial=InitialConditions(start),
     ).truth
     assert np.array_equal(fallen["q"], free["q"])
     assert fallen["q"].min() < 0.2
-    passive = simulate(plant, None, 0.6, RATE, initial=start).truth
+    passive = simulate(plant, None, 0.6, RATE, initial=InitialConditions(start)).truth
     assert np.array_equal(fallen["q"], passive["q"])
-    biased = simulate(plant, goals(off), 0.6, RATE, [Effect("torque_bias", "motor", {"torque": 0.2}, 1)], initial=start)
+    biased = simulate(
+        plant.with_effects([Effect("torque_bias", "motor", {"torque": 0.2}, 1)]),
+        goals(off),
+        0.6,
+        RATE,
+        initial=InitialConditions(start),
+    )
     assert np.array_equal(fallen["q"], biased.truth["q"])
-    back = simulate(plant, goals(np.concatenate([off, np.full(6000, 0.5)])), 6.6, RATE, initial=start).truth
+    back = simulate(
+        plant, goals(np.concatenate([off, np.full(6000, 0.5)])), 6.6, RATE, initial=InitialConditions(start)
+    ).truth
     q = back["q"][-1]
     assert KP * (0.5 - q) == pytest.approx(0.3 * np.sin(q - 0.2), abs=1e-6)
 
@@ -121,7 +133,9 @@ def test_a_drive_that_is_switched_off_gives_no_torque_at_all() -> None:
 def test_a_goal_that_is_limited_in_speed_begins_where_the_link_is_when_the_drive_is_switched_on() -> None:
     slow = positioned(servo="{kp: 4.0, kd: 0.1, speed_limit: 1.0}")
     sent = goals(np.concatenate([np.full(100, np.nan), np.full(1000, 1.0)]))
-    truth = simulate(JointPlant.from_device(slow), sent, 1.0, RATE, initial=(0.8, 0, 0, 0, 0, 0)).truth
+    truth = simulate(
+        JointPlant.from_device(slow), sent, 1.0, RATE, initial=InitialConditions((0.8, 0, 0, 0, 0, 0))
+    ).truth
     assert np.all(truth["q"][:100] == 0.8)
     assert 0.0 < truth["q_velocity"].max() < 2.0  # the ramp from .8, and not a jump to 1 or a fall to 0
     assert truth["q"].min() == 0.8
@@ -131,7 +145,10 @@ def test_the_drive_closes_its_loop_over_its_own_encoder() -> None:
     """An encoder that reads .1 rad too much stops at the goal by its own reading, .1 rad before it."""
     device = positioned(f"{{inertia: {M}, viscous_friction: 0.1}}")
     found = simulate(
-        JointPlant.from_device(device), goals([1.0]), 8.0, RATE, [Effect("encoder_offset", "sensor", {"offset": 0.1})]
+        JointPlant.from_device(device).with_effects([Effect("encoder_offset", "sensor", {"offset": 0.1})]),
+        goals([1.0]),
+        8.0,
+        RATE,
     )
     assert found.truth["q"][-1] == pytest.approx(0.9, abs=1e-9)
     assert found.measured["q"][-1] == pytest.approx(1.0, abs=1e-9)
@@ -305,7 +322,7 @@ def test_a_sensor_in_the_clutch_reads_the_friction_of_that_load() -> None:
 def test_the_loop_is_closed_over_every_harmonic_of_the_encoder() -> None:
     wrong = Effect("encoder_eccentricity", "sensor", SIZES["encoder_eccentricity"] | MORE["encoder_eccentricity"])
     device = positioned(f"{{inertia: {M}, viscous_friction: 0.1}}")
-    found = simulate(JointPlant.from_device(device), goals([1.0]), 8.0, RATE, [wrong])
+    found = simulate(JointPlant.from_device(device).with_effects([wrong]), goals([1.0]), 8.0, RATE)
     assert found.measured["q"][-1] == pytest.approx(1.0, abs=1e-9)
     q, e = found.truth["q"][-1], wrong.parameters
     error = e["amplitude"] * np.sin(e["order"] * q + e["phase"])

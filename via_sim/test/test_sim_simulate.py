@@ -13,7 +13,7 @@ from via_sim.effects import Effect
 from via_sim.measurements import MEASURED
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
-from via_sim.simulate import Simulator, command_rows, simulate, simulate_many
+from via_sim.simulate import InitialConditions, Simulator, command_rows, simulate, simulate_many
 from via_sim.torques import N_COMMANDS
 
 RATE = 1000.0
@@ -36,14 +36,14 @@ def torques(ticks: int) -> Signals:
 @pytest.mark.parametrize("effects", [(), ALL])
 def test_stepping_gives_the_bits_of_the_batch(effects):
     plant, commands = JointPlant.from_device(antagonistic()).with_effects(effects), torques(400)
-    batch = simulate(plant, commands, 0.4, RATE, sensors=NOISY, seed=7)
+    batch = simulate(plant, commands, 0.4, RATE, NOISY, InitialConditions(seed=7))
     simulator = Simulator(plant, RATE, NOISY)
     state = simulator.init(seed=7)
     measured = [simulator.sample(state)[0]]
     for row in command_rows(plant.device, commands, batch.truth.time[:-1]):
         state, sample, _ = simulator.step(state, row)
         measured.append(sample)
-    stepped = dict(zip(MEASURED, np.array(measured).T, strict=True))
+    stepped = dict(zip(MEASURED._fields, np.array(measured).T, strict=True))
     assert np.array_equal(batch.measured["q"], stepped["q"])
     assert np.array_equal(batch.measured["tau_link"], stepped["tau_link"])
     for i in (1, 2):
@@ -75,7 +75,7 @@ def test_step_leaves_the_state_it_was_given():
 def test_noise_has_the_stated_deviation_is_white_and_follows_its_seed():
     plant = JointPlant.from_device(flexible())
     sensors = Sensors(link_noise=2.0, motor_noise=3.0, velocity_noise=0.5, torque_noise=0.1)
-    run = simulate(plant, None, 20.0, RATE, sensors=sensors, seed=5)
+    run = simulate(plant, None, 20.0, RATE, sensors, InitialConditions(seed=5))
     columns = {"q": 2.0, "theta": 3.0, "q_velocity": 0.5, "tau": 0.1}
     noises = [(run.measured[name].ravel(), deviation) for name, deviation in columns.items()]
     for noise, deviation in noises:  # the joint rests at zero
@@ -84,8 +84,8 @@ def test_noise_has_the_stated_deviation_is_white_and_follows_its_seed():
         assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.03
     assert abs(np.corrcoef(noises[0][0], noises[1][0])[0, 1]) < 0.03
     assert np.mean(np.abs(noises[0][0]) < 2.0) == pytest.approx(0.6827, abs=0.02)  # normal, not merely its variance
-    same = simulate(plant, None, 0.1, RATE, sensors=sensors, seed=5).measured["q"]
-    other = simulate(plant, None, 0.1, RATE, sensors=sensors, seed=6).measured["q"]
+    same = simulate(plant, None, 0.1, RATE, sensors, InitialConditions(seed=5)).measured["q"]
+    other = simulate(plant, None, 0.1, RATE, sensors, InitialConditions(seed=6)).measured["q"]
     assert np.array_equal(same, run.measured["q"][:101])
     assert not np.array_equal(same, other)
 
@@ -96,7 +96,7 @@ def test_noise_of_any_two_channels_ticks_and_seeds_is_independent():
     sensors = Sensors(link_noise=1.0, motor_noise=1.0, velocity_noise=1.0, torque_noise=1.0, link_torque_noise=1.0)
     streams = []
     for seed in (0, 1, 2, 32):
-        run = simulate(plant, None, ticks / RATE, RATE, sensors=sensors, seed=seed).measured
+        run = simulate(plant, None, ticks / RATE, RATE, sensors, InitialConditions(seed=seed)).measured
         for name in ("q", "theta", "q_velocity", "theta_velocity", "tau", "tau_link"):
             streams.extend(run[name].reshape(ticks + 1, -1).T)  # the joint rests at zero: noise is all there is
     noise = np.array(streams)
@@ -110,7 +110,7 @@ def test_noise_of_any_two_channels_ticks_and_seeds_is_independent():
 
 def test_the_quantiser_comes_after_the_noise():
     sensors = Sensors(link_quantum=0.5, motor_quantum=0.25, link_noise=0.3, motor_noise=0.2)
-    run = simulate(JointPlant.from_device(antagonistic()), None, 0.5, RATE, sensors=sensors, seed=2)
+    run = simulate(JointPlant.from_device(antagonistic()), None, 0.5, RATE, sensors, InitialConditions(seed=2))
     for name, quantum in (("q", 0.5), ("theta", 0.25)):
         steps = run.measured[name] / quantum
         assert np.array_equal(steps, np.rint(steps))
@@ -133,8 +133,10 @@ def test_encoders_quantise_and_what_is_not_measured_is_nan():
 
 def test_a_slow_sensor_keeps_every_nth_sample():
     plant = JointPlant.from_device(antagonistic())
-    fast = simulate(plant, torques(100), 0.1, RATE, sensors=NOISY, seed=1)
-    slow = simulate(plant, torques(100), 0.1, RATE, sensors=Sensors(**{**vars(NOISY), "rate": 250.0}), seed=1)
+    fast = simulate(plant, torques(100), 0.1, RATE, NOISY, InitialConditions(seed=1))
+    slow = simulate(
+        plant, torques(100), 0.1, RATE, Sensors(**{**vars(NOISY), "rate": 250.0}), InitialConditions(seed=1)
+    )
     assert np.array_equal(slow.measured.time, fast.measured.time[::4])
     assert np.array_equal(slow.measured["q"], fast.measured["q"][::4])
     assert len(slow.truth) == len(fast.truth)
@@ -173,7 +175,7 @@ def test_torque_saturates_at_the_limit_of_the_motor():
     assert np.all(run.truth["motor_torque"][1:] == 0.7)
     assert np.all(run.measured["tau"][1:] == 0.7)
     weak = [Effect("torque_gain", "motor", {"gain": 0.5}, 1)]  # the drive saturates, what is lost is lost behind it
-    run = simulate(JointPlant.from_device(flexible(motor=motor)), held, 0.1, RATE, weak)
+    run = simulate(JointPlant.from_device(flexible(motor=motor)).with_effects(weak), held, 0.1, RATE)
     assert np.all(run.truth["motor_torque"][1:] == 0.35)
 
 
@@ -199,7 +201,7 @@ def finite_commands(**channels) -> Signals:
         (flexible(), finite_commands(motor=np.nan), "command 'motor' is not finite at 0 s"),
         (flexible(), finite_commands(equilibrium=1.0), "has no position servos"),
         (servo_flexible(), finite_commands(preset=1.0), "no 'equilibrium'"),
-        (servo_flexible(), finite_commands(motor=1.0, equilibrium=1.0), "one of them rules"),
+        (servo_flexible(), finite_commands(motor=1.0, equilibrium=1.0), "give only one of them"),
         (antagonistic(), finite_commands(motor=1.0), "has 1 columns, 'joint' 2 motors"),
     ],
 )
@@ -213,9 +215,9 @@ def test_commands_that_do_not_fit_are_refused(joint, commands, message):
     [
         ({"rate": 0.0}, "rate must be finite and > 0 Hz, got 0.0"),
         ({"duration": -1.0}, "duration must be finite and >= 0 s, got -1.0"),
-        ({"initial": (0.0, 1.0)}, "initial must be 6 finite numbers"),
-        ({"initial": (0.0, 0.0, 0.0, np.inf, 0.0, 0.0)}, "initial must be 6 finite numbers"),
-        ({"seed": -1}, "seed must be 0 to"),
+        ({"initial": InitialConditions((0.0, 1.0))}, "initial must be 6 finite numbers"),
+        ({"initial": InitialConditions((0.0, 0.0, 0.0, np.inf, 0.0, 0.0))}, "initial must be 6 finite numbers"),
+        ({"initial": InitialConditions(seed=-1)}, "seed must be 0 to"),
     ],
 )
 def test_misuse_is_refused(arguments, message):
@@ -225,7 +227,7 @@ def test_misuse_is_refused(arguments, message):
 
 def test_commands_beyond_all_numbers_are_told():
     held = Signals(np.zeros(1), {"motor": np.array([[1e308, -1e308]])}, {"motor": "N m"})
-    with pytest.raises(ParameterError, match="'joint' left the range of numbers at"):
+    with pytest.raises(ParameterError, match="'joint' overflows at"):
         simulate(JointPlant.from_device(antagonistic()), held, 0.1, RATE)
 
 

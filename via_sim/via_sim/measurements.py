@@ -31,15 +31,17 @@ from via_sim.torques import (
 
 MAX_SKEW = 0.05  # [s] by which an encoder may be late
 
-# Measured row and truth row of one tick.
-MEASURED = (
-    "q", "theta_1", "theta_2", "tau_1", "tau_2", "q_velocity", "theta_velocity_1", "theta_velocity_2", "tau_link",
-)  # fmt: skip
-TRUTH = (
-    "q", "theta_1", "theta_2", "q_velocity", "theta_velocity_1", "theta_velocity_2", "stiffness", "stiffness_1",
-    "stiffness_2", "damping", "deflection_1", "deflection_2", "motor_torque_1", "motor_torque_2",
-    "transmission_torque_1", "transmission_torque_2",
-)  # fmt: skip
+# Columns of the measured row and the truth row of one tick.
+_Measured = namedtuple(
+    "_Measured", "q theta_1 theta_2 tau_1 tau_2 q_velocity theta_velocity_1 theta_velocity_2 tau_link"
+)
+_Truth = namedtuple(
+    "_Truth",
+    "q theta_1 theta_2 q_velocity theta_velocity_1 theta_velocity_2 stiffness stiffness_1 stiffness_2 damping "
+    "deflection_1 deflection_2 motor_torque_1 motor_torque_2 transmission_torque_1 transmission_torque_2",
+)
+MEASURED: Any = _Measured(*range(9))
+TRUTH: Any = _Truth(*range(16))
 
 # Sensor row; a noise of NaN means 'not measured', a quantum of 0 'not quantised'.
 SensorSlots = namedtuple(
@@ -156,40 +158,42 @@ def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array,
     age = p[P.origin] + x[X.tick] * p[P.tick]
     for i in range(6):
         truth[i] = x[i] if p[P.axis_kind + i % 3] != 0.0 else nan
-    truth[6], truth[9] = 0.0, x[X.damping]
+    truth[TRUTH.stiffness], truth[TRUTH.damping] = 0.0, x[X.damping]
     for i in range(2):
-        truth[7 + i] = truth[10 + i] = truth[14 + i] = nan
+        truth[TRUTH.stiffness_1 + i] = truth[TRUTH.deflection_1 + i] = truth[TRUTH.transmission_torque_1 + i] = nan
         motored = p[P.axis_kind + 1 + i]
-        truth[12 + i] = x[X.motor_torque + i] if motored == DYNAMIC else nan
-        measured[3 + i] = nan
+        truth[TRUTH.motor_torque_1 + i] = x[X.motor_torque + i] if motored == DYNAMIC else nan
+        measured[MEASURED.tau_1 + i] = nan
         if motored == DYNAMIC:
             torque = p[P.sensed_gain + 1 + i] * x[X.reported_torque + i] + p[P.sensed_bias + 1 + i]
-            measured[3 + i] = _read(torque, s[S.torque_noise], 0.0, x, 3 + i)
+            measured[MEASURED.tau_1 + i] = _read(torque, s[S.torque_noise], 0.0, x, 3 + i)
     link_torque = 0.0
     for i in range(transmissions):
         c = c1 if i == 0 else c2
         phi, preset = deflection(p, i, x[0], x[1 + i]), preset_of(p, i, x[1], x[2])
         flank = 0 if abs(phi) < 0.5 * p[P.backlash + i] else (1 if phi > 0.0 else -1)
         factor = spring_factor(p, i, age)
-        truth[7 + i] = transmission_stiffness(p, c, i, phi, preset, factor)
-        truth[6] += truth[7 + i]
-        truth[10 + i] = x[0] - x[1 + i]
-        truth[14 + i] = transmission_torque(p, c, i, phi, preset, flank, factor)
-        link_torque += truth[14 + i] + x[X.hysteresis + i] + p[P.spring_damping + i] * (x[3] - x[4 + i])
+        truth[TRUTH.stiffness_1 + i] = transmission_stiffness(p, c, i, phi, preset, factor)
+        truth[TRUTH.stiffness] += truth[TRUTH.stiffness_1 + i]
+        truth[TRUTH.deflection_1 + i] = x[0] - x[1 + i]
+        truth[TRUTH.transmission_torque_1 + i] = transmission_torque(p, c, i, phi, preset, flank, factor)
+        link_torque += (
+            truth[TRUTH.transmission_torque_1 + i] + x[X.hysteresis + i] + p[P.spring_damping + i] * (x[3] - x[4 + i])
+        )
     for i in range(3):
-        measured[i] = measured[5 + i] = nan
+        measured[MEASURED.q + i] = measured[MEASURED.q_velocity + i] = nan
         if p[P.axis_kind + i] != 0.0:
             quantum, deviation = s[S.motor_quantum], s[S.motor_noise]
             if i == 0:
                 quantum, deviation = s[S.link_quantum], s[S.link_noise]
             angle, speed = past(p, x, i)
             angle, speed = read_motion(p, i, angle, speed)
-            measured[i] = _read(angle, deviation, max(quantum, p[P.encoder_quantum + i]), x, i)
-            measured[5 + i] = _read(speed, s[S.velocity_noise], 0.0, x, 5 + i)
+            measured[MEASURED.q + i] = _read(angle, deviation, max(quantum, p[P.encoder_quantum + i]), x, i)
+            measured[MEASURED.q_velocity + i] = _read(speed, s[S.velocity_noise], 0.0, x, 5 + i)
     if transmissions == 0:
         link_torque = dissipated_torque(p, x)
     link_torque = p[P.sensed_gain] * link_torque + p[P.sensed_bias]
-    measured[8] = _read(link_torque, s[S.link_torque_noise], 0.0, x, 8)
+    measured[MEASURED.tau_link] = _read(link_torque, s[S.link_torque_noise], 0.0, x, 8)
 
 
 @bare

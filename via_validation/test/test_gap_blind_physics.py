@@ -8,7 +8,7 @@ from via_core.devices import Device, load_device
 from via_core.signals import Array, Signals
 from via_sim.effects import EFFECTS, Effect, places
 from via_sim.plants import JointPlant
-from via_sim.simulate import Simulation
+from via_sim.simulate import InitialConditions, Simulation
 from via_sim.simulate import simulate as first
 from via_validation.sealed.bench import push_of
 from via_validation.sealed.catalogue import CATALOGUE
@@ -50,7 +50,7 @@ def repeated(
     start = np.zeros(6)
     start[: len(initial)] = initial
     plant = JointPlant.from_device(device)
-    return first(plant, commands, run.time[-1], drive.rate, effects=effects, initial=start)
+    return first(plant.with_effects(effects), commands, run.time[-1], drive.rate, initial=InitialConditions(start))
 
 
 def angles(simulation: Simulation) -> Array:

@@ -12,6 +12,7 @@ from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
+from via_sim.simulate import InitialConditions
 from via_sim.simulate import simulate as first
 from via_validation.sealed.excitation import excite
 from via_validation.sealed.joints import POSITIONED, as_yaml, believed, device_of, draw_joint, servo_of
@@ -49,7 +50,13 @@ def repeated(device: Device, run: Run, effects: tuple[Effect, ...], before: Arra
     time = run.time[:-1]
     goals = Signals(time, {"equilibrium": run.commands[:, 0]}, {"equilibrium": "rad"}, HELD)
     start = np.array([before[0], 0.0, 0.0, 0.0, 0.0, 0.0])
-    return first(JointPlant.from_device(device), goals, run.time[-1], 200.0, effects=effects, initial=start).truth["q"]
+    return first(
+        JointPlant.from_device(device).with_effects(effects),
+        goals,
+        run.time[-1],
+        200.0,
+        initial=InitialConditions(start),
+    ).truth["q"]
 
 
 def planted(name: str, device: Device, drive: Drive) -> tuple[Physics, Effect]:

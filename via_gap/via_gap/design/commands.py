@@ -11,7 +11,7 @@ from via_core.errors import ParameterError
 from via_core.signals import Array, Signals
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import Simulator, simulate
+from via_sim.simulate import InitialConditions, Simulator, simulate
 
 from via_gap.design.motion_file import COMMAND_UNITS
 from via_gap.design.motions import DURATION, REST, Motion
@@ -89,7 +89,7 @@ def recorded(plant: JointPlant, commands: Signals, start: Array, seed: int) -> J
     device = plant.device
     sensors = Sensors.of_device(device)
     try:
-        run = simulate(plant, commands, DURATION, rate_of(device), sensors=sensors, initial=start, seed=seed)
+        run = simulate(plant, commands, DURATION, rate_of(device), sensors, InitialConditions(start, seed=seed))
     except ParameterError:
         return None
     seen = {name: values for name, values in run.measured.channels.items() if np.isfinite(values).any()}

@@ -17,7 +17,7 @@ from via_core.signals import Array, Signals
 from via_sim.effects import Effect
 from via_sim.encoders import true_angle
 from via_sim.plants import JointPlant
-from via_sim.simulate import simulate
+from via_sim.simulate import InitialConditions, simulate
 
 TICK_RATE = 1000.0  # [Hz] of the simulation; commands of logs change on whole milliseconds
 FIRST_SAMPLES = 9  # whose median is where a log starts: long enough to outvote spikes of a servo's encoder
@@ -52,7 +52,7 @@ def simulated_log(device: Device, measured: Signals, commands: Signals, effects:
     duration = ceil((float(measured.time[-1]) - start) * TICK_RATE) / TICK_RATE
     plant = JointPlant.from_device(device).with_effects(effects)
     initial = _initial(device, measured, commands, plant.parameters)
-    run = simulate(plant, commands, duration, TICK_RATE, initial=initial, start=start)
+    run = simulate(plant, commands, duration, TICK_RATE, initial=InitialConditions(initial, time=start))
     read = {name: run.measured[name] for name in ("q", "theta") if name in run.measured}
     return Signals(run.truth.time, {**run.truth.channels, **read}, run.truth.units)
 

@@ -29,6 +29,7 @@ from via_ros.spin import run
 
 from via_sim.effects import Effect, place_name
 from via_sim.effects_file import load_effects
+from via_sim.measurements import MEASURED, TRUTH
 from via_sim.nodes.simulation import SimulationNode, TimeParameters
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
@@ -120,18 +121,21 @@ class SimulatorNode(SimulationNode[Array]):
             self._measured, self._truth = self._simulator.sample(self._state)
 
     def _sample(self, stamp: int) -> JointState:
-        """Order of the rows: kernel.MEASURED, kernel.TRUTH."""
-        for (message, publisher), value in zip(self._truths, (self._truth[6], self._truth[9])):
+        for (message, publisher), value in zip(
+            self._truths, (self._truth[TRUTH.stiffness], self._truth[TRUTH.damping])
+        ):
             set_stamp(message.header.stamp, stamp)
             message.sequence = self.ticks
             message.value = float(value)
             publisher.publish(message)
         measured, count = self._measured, 1 + self.device.n_motors
         self._samples.position[:count] = measured[:count]
-        self._samples.velocity[:count] = measured[5 : 5 + count]
-        self._samples.effort[0] = measured[8]
+        self._samples.velocity[:count] = measured[MEASURED.q_velocity : MEASURED.q_velocity + count]
+        self._samples.effort[0] = measured[MEASURED.tau_link]
         if self.device.drive != "position":  # which measures no torque: NaN
-            self._samples.effort[1:] = measured[3 : 2 + count] if self.device.n_motors else self._sent
+            self._samples.effort[1:] = (
+                measured[MEASURED.tau_1 : MEASURED.tau_1 + count - 1] if self.device.n_motors else self._sent
+            )
         return self._samples.stamped(stamp)
 
     def _told(self) -> tuple[dict[str, bool], dict[str, Any]]:

@@ -105,7 +105,7 @@ def compared(ticks: int, dry: float) -> dict[str, object]:
         run_many(rows, states.copy(), sent, np.zeros(len(rows), dtype=np.int64), out)
 
     def loop() -> list[Array]:
-        return [simulate(plant, held, ticks / RATE, RATE, effects).truth["q"] for effects in each[:LOOPED]]
+        return [simulate(plant.with_effects(effects), held, ticks / RATE, RATE).truth["q"] for effects in each[:LOOPED]]
 
     work: dict[str, tuple[int, Callable[[], object]]] = {"batch": (SETS, batch), "loop": (LOOPED, loop)}
     batch()

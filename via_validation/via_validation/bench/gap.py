@@ -50,7 +50,7 @@ from via_sim.effects import Effect
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import simulate
+from via_sim.simulate import InitialConditions, simulate
 
 RATE = 1000.0  # [Hz]
 SHORT, LONG = 40.0, 400.0  # [s]
@@ -112,7 +112,7 @@ def log_of(duration: float, found: Array = TRUE, device: Device = DEVICE) -> Joi
     angle = fade * (np.sin(2.0 * np.pi * np.outer(time, frequency) + phase) @ amplitude)
     torque = following(true, angle[:, None], angle, np.zeros(6), RATE)
     commands = Signals(time, {"motor": torque}, {"motor": "N m"}, frozenset({"motor"}))
-    seen = simulate(true, commands, duration, RATE, sensors=Sensors.of_device(device), seed=1).measured
+    seen = simulate(true, commands, duration, RATE, Sensors.of_device(device), InitialConditions(seed=1)).measured
     return JointLog(
         f"{duration:g} s", device, seen.select([n for n, v in seen.channels.items() if np.isfinite(v).any()]), commands
     )

@@ -25,7 +25,7 @@ from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
-from via_sim.simulate import Simulation, Simulator, simulate
+from via_sim.simulate import InitialConditions, Simulation, Simulator, simulate
 
 RATE = 1000.0  # [Hz]
 DURATION = 30.0  # [s]
@@ -102,7 +102,7 @@ class Motion:
             torque_noise=level.torque_noise,
             velocity_noise=level.velocity_noise,
         )
-        return simulate(self.plant, self.torques, len(self.torques) / RATE, RATE, sensors=sensors, seed=seed)
+        return simulate(self.plant, self.torques, len(self.torques) / RATE, RATE, sensors, InitialConditions(seed=seed))
 
 
 def motion_of(device: Device, friction: bool, duration: float = DURATION) -> Motion:

@@ -56,7 +56,7 @@ def run_joint(
     measured, truth = simulator.sample(body)
     rows, saturated = [], False
     for tick in range(round(duration * RATE)):
-        time, seen = tick / RATE, dict(zip(MEASURED, measured, strict=True))
+        time, seen = tick / RATE, dict(zip(MEASURED._fields, measured, strict=True))
         angle, wanted = wishes(time)
         if tick % WISHES == 0:
             state = law.towards(state, angle, wanted)
@@ -66,7 +66,7 @@ def run_joint(
         if feedback:
             state = law.estimated(state, time, Status(status), value, deviation)
         good = status == Status.OK
-        rows.append((time, seen["q"], truth[TRUTH.index("stiffness")], wanted, value if good else np.nan, state.factor))
+        rows.append((time, seen["q"], truth[TRUTH.stiffness], wanted, value if good else np.nan, state.factor))
         saturated |= out.saturated
         body, measured, truth = simulator.step(body, [*out.torque, 0.0, 0.0])
     stamps, q, true, asked, found, factor = np.array(rows).T

@@ -16,7 +16,7 @@ from via_estimators.contract import Estimates
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import Simulation, simulate
+from via_sim.simulate import InitialConditions, Simulation, simulate
 
 DEVICE = "compact_vpda"
 DURATION = 20.0  # [s]
@@ -66,7 +66,7 @@ class Experiment:
         commands = Signals(time, channels, {"external_torque": "N m", "damping": "-"}, frozenset(channels))
         effects = [STRIBECK] if self.friction else []
         plant, sensors = JointPlant.from_device(device), Sensors.of_device(device)
-        return simulate(plant, commands, DURATION, RATE, effects, sensors, seed=seed)
+        return simulate(plant.with_effects(effects), commands, DURATION, RATE, sensors, InitialConditions(seed=seed))
 
 
 EXPERIMENTS = (
