@@ -173,7 +173,7 @@ def test_a_stamp_that_no_clock_shows_costs_its_own_sample_only(tmp_path, text):
 def test_a_command_at_no_time_refuses_the_run_and_says_so(tmp_path, text):
     done = imported(tmp_path, COMMANDS, 40, text)
     assert not done.accepted
-    assert any("command stamps are no times" in reason for reason in done.reasons)
+    assert any("command stamps are invalid" in reason for reason in done.reasons)
     assert not list((tmp_path).glob("out/*"))
 
 

@@ -257,7 +257,7 @@ def test_one_file_with_other_columns_is_refused_and_the_rest_imported(tmp_path: 
         (",header,joint_position,rege_current,servo1_position,servo2_position,servo_current\n1,2\n", "line 2 has 2"),
         (",header,joint_position,rege_current,servo1_position,servo2_position,servo_current\n" + "1," * 6 + "x\n", ""),
         (",header,joint_position,rege_current,servo1_position,servo2_position,servo_current\n0,0,two,0,0,0,0\n",
-         "line 2, column 'joint_position': 'two' is no number"),
+         "line 2, column 'joint_position': 'two' is not a number"),
         (",header,joint_position,rege_current,servo1_position,servo2_position,servo_current\n", "only 0 samples"),
     ],
 )  # fmt: skip

@@ -1,25 +1,25 @@
-"""Weak form: modulated signals <f, psi^(i)> over a sliding window, straight from samples and their stamps.
+"""Weak form: modulated signals <f, psi^(i)> over a sliding window, computed from samples and their stamps.
 
 Modulating functions, eq. (13): w_hh(u) = (1 - u)^h u^h. All derivatives below the h-th vanish at 0 and 1, so w_hh has
-order h (the document's Example 1 prints h + 1; but w_33''' is 6 and -6 at the ends). On a window of length T that ends
-at t, with u = (s - t + T) / T, we use
+order h ((12), Example 1, prints h + 1; but w_33''' is 6 and -6 at the ends). On a window of length T that ends at t,
+with u = (s - t + T) / T,
 
     psi(s) = c_h / T w_hh(u),   c_h = (2h + 1)! / (h!)^2,   so that  integral psi ds = 1
 
-and d/ds = (1/T) d/du. Integrating by parts i times, the boundary terms hold psi, ..., psi^(i-1) and vanish for i <= h:
+and d/ds = (1/T) d/du. Integration by parts, i times, leaves no boundary terms for i <= h:
 
     <f^(i), psi> = (-1)^i <f, psi^(i)>,   <f, psi^(i)> = c_h / T^(i+1)  integral f(s) w_hh^(i)(u) ds
 
-Derivatives thus move from the measured signal to a known function. The motor equation (5) becomes, with no derivative
-of anything measured,  B <theta, psi''> - D <theta, psi'> - <tau_e(phi), psi> = <tau, psi>.
+This moves derivatives from the measured signal to a known function. The motor equation (5) becomes
+B <theta, psi''> - D <theta, psi'> - <tau_e(phi), psi> = <tau, psi>, without derivatives of measurements.
 
-Discretisation: trapezoid weights on the actual stamps (eq. 24, whose t_m = m Ts belongs on [0, 1]: t_m = m/H). The last
-stamp is u = 1, the oldest u = 0 (the document's (26), (27) run the other way and thereby flip the sign of <f, psi'>).
-On a uniform window the error falls like H^-(m+1), m the first odd number >= h - i (Euler-Maclaurin). On jittered stamps
-plain trapezoids only reach H^-2, and <1, psi''> = 0 holds no longer, so that a mere offset of an encoder would move an
-estimate. Therefore the rows are corrected by the lower ones until row i is exact for polynomials of degree <= i on any
-stamps; the order on uniform stamps stays. The third derivative, for Section 3's differentiated equations, is a function
-of its own: who does not need it does not pay for it.
+Discretisation: trapezoid weights on the actual stamps (eq. 24, where t_m = m/H on [0, 1] replaces the printed t_m = m
+Ts). The oldest stamp is u = 0, the newest u = 1; (26) and (27) use the opposite direction, which flips the sign of <f,
+psi'>. On a uniform window the error decreases as H^-(m+1), m the first odd number >= h - i (Euler-Maclaurin). On
+jittered stamps plain trapezoids reach H^-2 only, and <1, psi''> is not 0, so that an encoder offset would bias an
+estimate. Each row is therefore corrected by the lower ones until row i is exact for polynomials of degree <= i on any
+stamps; the order on uniform stamps is unchanged. The third derivative, for the differentiated equations of Section 3,
+is a separate function, so that the other estimators do not pay for it.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from numpy.typing import ArrayLike
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 
-VECTOR = {"reassoc", "contract"}  # sums in the order that vector instructions like, the same every time
-ROWS = 3  # <f, psi>, <f, psi'>, <f, psi''>: all that second-order dynamics ask for, not differentiated
+VECTOR = {"reassoc", "contract"}  # lets sums be vectorised; their order is fixed at compile time
+ROWS = 3  # <f, psi>, <f, psi'>, <f, psi''>: enough for second-order dynamics
 
 
 def modulating(order: int, derivative: int, u: ArrayLike) -> Array:
     """d^i w_hh / du^i at u (...) by Leibniz' rule, h = `order`, i = `derivative`; zero outside [0, 1].
 
-    The sum is that of eqs. (28)-(30): w_33''' = -6 w_03 + 54 w_12 - 54 w_21 + 6 w_30 (the document prints + 6 w_03).
+    Eqs. (28)-(30), corrected: w_33''' = -6 w_03 + 54 w_12 - 54 w_21 + 6 w_30 (printed: + 6 w_03).
     Raises ParameterError for a negative order or derivative.
     """
     if order < 0 or derivative < 0:
@@ -56,7 +56,7 @@ def modulating(order: int, derivative: int, u: ArrayLike) -> Array:
 
 @njit(cache=True, error_model="numpy", fastmath=VECTOR)
 def half_widths(stamps: Array, first: int, out: Array) -> None:
-    """What each sample stands for in a trapezoid sum over the window: half of the two steps beside it [s].
+    """Trapezoid weights [s] of the samples in a window: half of the two steps next to each.
 
     stamps, first  a ring buffer as in `fill_weights`; the oldest and the newest sample have one step only
     out            (n,) overwritten, in the storage order of `stamps`
@@ -71,23 +71,17 @@ def half_widths(stamps: Array, first: int, out: Array) -> None:
     out[last] = 0.5 * (stamps[last] - stamps[last - 1 if last > 0 else n - 1])
 
 
-@njit(cache=True, error_model="numpy", fastmath=VECTOR)
-def fill_weights(order: int, stamps: Array, first: int, weights: Array) -> None:
-    """Weights W such that <f, psi^(i)> = sum_n W[i, n] f[n] over one window, i = 0, 1, 2, for use in compiled loops.
+@njit(cache=True, error_model="numpy", fastmath=VECTOR, inline="always")
+def _rows_and_moments(order: int, stamps: Array, first: int, weights: Array) -> tuple[float, ...]:
+    """Trapezoid rows of w_hh, w_hh', w_hh'' into `weights`; 1 / window length [1/s], then moments s_00, s_01, ... s_22.
 
-    order    h >= 2 of w_hh
-    stamps   (n,) [s], n >= 5, a ring buffer: stamps[first] is the oldest, then increasing, cyclic. A plain array has
-             first = 0. Not checked here.
-    weights  (3, n) [1, 1/s, 1/s^2], overwritten, in the storage order of `stamps`, so no ring is ever unrolled and
-             every loop below is one that the compiler turns into vector instructions.
+    s_ij = sum of row_i x^j about the middle of the window, x = u - 1/2.
     """
     n = stamps.size
     oldest = stamps[first]
     newest = stamps[first - 1 if first > 0 else n - 1]
     rate = 1.0 / (newest - oldest)
     psi, slope_row, bend_row = weights[0], weights[1], weights[2]
-
-    # Trapezoid rows in u, and their moments s_ij = sum of row_i x^j about the middle of the window, x = u - 1/2.
     half_widths(stamps, first, psi)
     for k in range(n):
         u = (stamps[k] - oldest) * rate
@@ -118,7 +112,20 @@ def fill_weights(order: int, stamps: Array, first: int, weights: Array) -> None:
         s20 += w2
         s21 += w2 * x
         s22 += w2 * square
+    return rate, s00, s01, s02, s10, s11, s12, s20, s21, s22
 
+
+@njit(cache=True, error_model="numpy", fastmath=VECTOR)
+def fill_weights(order: int, stamps: Array, first: int, weights: Array) -> None:
+    """Weights W such that <f, psi^(i)> = sum_n W[i, n] f[n] over one window, i = 0, 1, 2, for use in compiled loops.
+
+    order    h >= 2 of w_hh
+    stamps   (n,) [s], n >= 5, a ring buffer: stamps[first] is the oldest, then increasing, cyclic; first = 0 for a
+             plain array. Not checked here.
+    weights  (3, n) [1, 1/s, 1/s^2], overwritten, in the storage order of `stamps`: the loops need no unrolled copy and
+             compile to vector instructions.
+    """
+    rate, s00, s01, s02, s10, s11, s12, s20, s21, s22 = _rows_and_moments(order, stamps, first, weights)
     # Row i minus multiples of the rows below it, scaled: <x^j, psi^(i)> = 0 for j < i, (-1)^i i! for j = i.
     a00 = 1.0 / s00
     c10 = s10 * a00
@@ -134,7 +141,8 @@ def fill_weights(order: int, stamps: Array, first: int, weights: Array) -> None:
     b0 = -a22 * c20
     b1 = -a22 * c21
     rate2 = rate * rate
-    for k in range(n):
+    psi, slope_row, bend_row = weights[0], weights[1], weights[2]
+    for k in range(stamps.size):
         w0 = a00 * psi[k]
         w1 = a11 * slope_row[k] + a10 * psi[k]
         bend_row[k] = rate2 * (a22 * bend_row[k] + b1 * w1 + b0 * w0)
@@ -144,10 +152,10 @@ def fill_weights(order: int, stamps: Array, first: int, weights: Array) -> None:
 
 @njit(cache=True, error_model="numpy", fastmath=VECTOR)
 def fill_third(order: int, stamps: Array, first: int, weights: Array) -> None:
-    """One row more, W[3] for <f, psi^(3)>, below the three that `fill_weights` has written into the same array.
+    """Row W[3] for <f, psi^(3)>, after `fill_weights` has written the other three into the same array.
 
-    order    h >= 3 of w_hh: w_33 is enough, although its third derivative does not vanish at the ends
-    stamps   (n,) [s], n >= 5, a ring buffer as there
+    order    h >= 3 of w_hh; 3 suffices, although the third derivative of w_33 does not vanish at the ends
+    stamps   (n,) [s], n >= 5, a ring buffer as in `fill_weights`
     weights  (4, n), rows 0..2 filled; row 3 [1/s^3] is overwritten
     """
     n = stamps.size
@@ -155,7 +163,7 @@ def fill_third(order: int, stamps: Array, first: int, weights: Array) -> None:
     newest = stamps[first - 1 if first > 0 else n - 1]
     rate = 1.0 / (newest - oldest)
 
-    # The trapezoid row of w_hh^(3) = h (h-1) p^(h-3) p' ((h-2) p'^2 - 6 p), p = u (1-u), and the moments it takes.
+    # Trapezoid row of w_hh^(3) = h (h-1) p^(h-3) p' ((h-2) p'^2 - 6 p), p = u (1-u), and the moments needed below.
     psi, slope_row, bend_row, third = weights[0], weights[1], weights[2], weights[3]
     half_widths(stamps, first, third)
     for k in range(n):
@@ -184,7 +192,7 @@ def fill_third(order: int, stamps: Array, first: int, weights: Array) -> None:
         m13 += slope_row[k] * cube
         m23 += bend_row[k] * cube
 
-    # Minus multiples of the rows below, scaled: <x^j, psi^(3)> = 0 for j < 3, -3! for j = 3.
+    # Row 3 minus multiples of the rows below it, scaled: <x^j, psi^(3)> = 0 for j < 3, -3! for j = 3.
     span = 1.0 / rate
     c0 = s0
     c1 = (c0 * m01 - s1) * span
@@ -195,9 +203,9 @@ def fill_third(order: int, stamps: Array, first: int, weights: Array) -> None:
 
 
 def window_weights(order: int, stamps: ArrayLike, rows: int = ROWS) -> Array:
-    """`fill_weights` with its arguments checked: the weights (rows, n) for stamps (n,) [s], oldest first, read-only.
+    """Weights (rows, n) for stamps (n,) [s], oldest first, read-only: `fill_weights` with checked arguments.
 
-    Four rows are those three and the one of `fill_third`. Raises ParameterError for any other number of rows, an order
+    The fourth row, if asked for, is that of `fill_third`. Raises ParameterError for any other number of rows, an order
     below the highest derivative, fewer than 5 stamps, or stamps that are not finite and strictly increasing.
     """
     if rows not in (ROWS, ROWS + 1):

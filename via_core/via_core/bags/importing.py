@@ -1,8 +1,8 @@
-"""Foreign recordings (CSV) into bags, by a mapping file, refusing with a reason what cannot be true.
+"""Import of CSV recordings into bags, by a mapping file; recordings that cannot be valid are refused with a reason.
 
-One bag per recording: /joint_states, /<device>/command and a std_msgs/Float64 topic for every further scalar, ordered
-by stamp, commands before measurements of the same stamp. Values keep every bit; stamps are rounded to ns and shifted by
-one whole offset, kept in the bag's metadata, so that none is negative.
+One bag per recording: /joint_states, /<device>/command and a std_msgs/Float64 topic for each further scalar, ordered by
+stamp, commands before measurements of the same stamp. Values keep every bit. Stamps are rounded to ns and shifted by
+one offset, stored in the bag's metadata, so that none is negative.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import re
 import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,21 +27,21 @@ from via_core.bags.writer import BagWriter
 from via_core.devices import Device, load_device
 from via_core.errors import BagError, ImportMapError
 from via_core.signals import Array, Signals
-from via_core.wire import JOINT_STATE, VSA_COMMAND
+from via_core.wire import JOINT_STATE, SECOND, UNITS, VSA_COMMAND
 
 FLOAT64 = "std_msgs/msg/Float64"
-_QUANTITIES = ("position", "velocity", "effort")
+SEVERITIES = ("error", "warning", "note")
 
 
 @dataclass(frozen=True)
 class FileReport:
-    """What became of one recording.
+    """Result of the import of one recording.
 
-    source       path below the folder
-    bag          the bag made of it, None when it was refused
-    findings     everything the checks have to say, errors first; errors are the reasons of a refusal
-    samples      measurements in the bag (or that would have been)
-    commands     commands likewise
+    source       path relative to the folder
+    bag          the bag written, None when the recording was refused
+    findings     results of the checks, errors first; errors are the reasons of a refusal
+    samples      number of measurements in the recording
+    commands     number of commands
     time_offset  [ns] added to every stamp
     """
 
@@ -58,13 +58,13 @@ class FileReport:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it was refused, one sentence each; empty when it was accepted."""
+        """Reasons of the refusal, one sentence each; empty when accepted."""
         return tuple(each.text for each in self.findings if each.severity == "error")
 
 
 @dataclass(frozen=True)
 class ImportReport:
-    """What became of every recording of a folder."""
+    """Results of the import of all recordings in a folder."""
 
     folder: Path
     mapping: str  # its title
@@ -91,9 +91,17 @@ class ImportReport:
         }
 
 
+class _Source(NamedTuple):
+    """One recording to import: name of its bag, file, and named groups of the mapping's pattern."""
+
+    bag: str
+    path: Path
+    groups: dict[str, str]
+
+
 @dataclass(frozen=True)
 class _Run:
-    """One recording, read: SI values by column index of its table, stamps [ns] not yet shifted."""
+    """Contents of one recording: values in SI units by column, stamps [ns] without the offset."""
 
     stamp: NDArray[np.int64]
     joints: Array  # (N, columns)
@@ -104,44 +112,45 @@ class _Run:
 
 
 class _BadFileError(Exception):
-    """A file that is damaged as a table; its text is the reason of the refusal."""
+    """A file is damaged as a table; the text is the reason of the refusal."""
 
 
 def import_recordings(folder: str | Path, mapping: str | Path | Mapping, out: str | Path) -> ImportReport:
-    """Make a bag in `out` of every recording in `folder` that can be what it claims; report all others with reasons.
+    """Write one bag in `out` for each valid recording in `folder`; report the others with reasons.
 
     mapping  a Mapping, the name of a shipped one, or a file
-    Raises ImportMapError when no file matches or the columns of none fit, BagError when a bag exists already or `out`
-    cannot be written. An interrupted import leaves the bags finished so far and nothing of the one begun.
+    Raises ImportMapError when no file matches or no file has the mapped columns, BagError when a bag exists already or
+    `out` cannot be written. An interrupted import leaves the finished bags and no part of the current one.
     """
     folder, out = Path(folder), Path(out)
     mapping = mapping if isinstance(mapping, Mapping) else load_mapping(mapping)
     device = None if mapping.device is None else load_device(mapping.device)
     found = _recordings(folder, mapping)
-    for name, _, _ in found:
-        if (out / name).exists():
-            raise BagError(f"{out / name} exists already; remove it or choose another folder")
-    files = [_import_one(folder, path, groups, name, mapping, device, out) for name, path, groups in found]
+    for source in found:
+        if (out / source.bag).exists():
+            raise BagError(f"{out / source.bag} exists already; remove it or choose another folder")
+    importer = _Importer(folder, out, mapping, device)
+    files = [importer.import_one(source) for source in found]
     if all(each.findings and each.findings[0].check == "columns" for each in files):
         raise ImportMapError(files[0].reasons[0])
     return ImportReport(folder, mapping.title, tuple(files))
 
 
-def _recordings(folder: Path, mapping: Mapping) -> list[tuple[str, Path, dict[str, str]]]:
-    """Bag name, path and named groups of every file that matches, in natural order (traj2 before traj10)."""
+def _recordings(folder: Path, mapping: Mapping) -> list[_Source]:
+    """All files that match the mapping's pattern, in natural order (traj2 before traj10)."""
     if not folder.is_dir():
         raise ImportMapError(f"no folder {folder}")
-    found: dict[str, tuple[str, Path, dict[str, str]]] = {}
+    found: dict[str, _Source] = {}
     for path in sorted((path for path in folder.rglob("*") if path.is_file()), key=_natural):
         match = re.fullmatch(mapping.recordings.pattern, path.relative_to(folder).as_posix())
         if match is None:
             continue
         name = mapping.recordings.bag.format(**match.groupdict(""))
-        if Path(name).name != name or name in ("", ".."):  # a mapping from elsewhere shall not write elsewhere
+        if Path(name).name != name or name in ("", ".."):  # a mapping must not write outside of `out`
             raise ImportMapError(f"recordings.bag makes '{name}' of {path.name}, which is not the name of one folder")
         if name in found:
-            raise ImportMapError(f"{found[name][1].name} and {path.name} would both become the bag '{name}'")
-        found[name] = (name, path, match.groupdict(""))
+            raise ImportMapError(f"{found[name].path.name} and {path.name} would both become the bag '{name}'")
+        found[name] = _Source(name, path, match.groupdict(""))
     if not found:
         raise ImportMapError(f"no file in {folder} matches {mapping.recordings.pattern}")
     return list(found.values())
@@ -151,73 +160,128 @@ def _natural(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.as_posix())]
 
 
-def _import_one(
-    folder: Path, path: Path, groups: dict[str, str], name: str, mapping: Mapping, device: Device | None, out: Path
-) -> FileReport:
-    source = path.relative_to(folder).as_posix()
-    try:
-        run = _read_run(folder, path, groups, mapping, device)
-    except _BadFileError as error:
-        return FileReport(source, None, (Finding("error", "file", source, str(error), 0.0),), 0, 0, 0)
-    except ImportMapError as error:
-        return FileReport(source, None, (Finding("error", "columns", source, str(error), 0.0),), 0, 0, 0)
-    findings = tuple(sorted(run.findings, key=lambda each: ("error", "warning", "note").index(each.severity)))
-    first = min(int(stamps[0]) for stamps in (run.stamp, run.command_stamp) if len(stamps)) if len(run.stamp) else 0
-    offset = max(0, -first)
-    refused = any(each.severity == "error" for each in findings)
-    bag = None if refused else out / name
-    if bag is not None:
-        notes = {
-            "title": mapping.title,
-            "source": "; ".join(mapping.source),
-            "file": source,
-            "device": mapping.device or "",
-            "time_offset_ns": str(offset),
-            "findings": "; ".join(map(str, findings)),
+@dataclass(frozen=True)
+class _Importer:
+    folder: Path
+    out: Path
+    mapping: Mapping
+    device: Device | None
+
+    def import_one(self, source: _Source) -> FileReport:
+        file = source.path.relative_to(self.folder).as_posix()
+        try:
+            run = self._read(source)
+        except (_BadFileError, ImportMapError) as error:
+            check = "file" if isinstance(error, _BadFileError) else "columns"
+            return FileReport(file, None, (Finding("error", check, file, str(error), 0.0),), 0, 0, 0)
+        findings = tuple(sorted(run.findings, key=lambda each: SEVERITIES.index(each.severity)))
+        first = min(int(stamps[0]) for stamps in (run.stamp, run.command_stamp) if len(stamps)) if len(run.stamp) else 0
+        offset = max(0, -first)
+        refused = any(each.severity == "error" for each in findings)
+        bag = None if refused else self.out / source.bag
+        if bag is not None:
+            notes = {
+                "title": self.mapping.title,
+                "source": "; ".join(self.mapping.source),
+                "file": file,
+                "device": self.mapping.device or "",
+                "time_offset_ns": str(offset),
+                "findings": "; ".join(map(str, findings)),
+            }
+            _write(bag, self._streams(run, offset), notes)
+        return FileReport(file, bag, findings, len(run.stamp), len(run.command_stamp), offset)
+
+    def _read(self, source: _Source) -> _Run:
+        table = self.mapping.recordings
+        recording = _read_table(source.path, table)
+        time = table.time.in_si(recording[table.time.column])
+        usable = usable_stamps(time)
+        values = {each.column: each.in_si(recording[each.column]) for each in (*table.joints, *table.scalars)}
+        findings = list(check_samples(time, values))
+        given: Table = table if self.mapping.commands is None else self.mapping.commands
+        command_table = recording
+        if self.mapping.commands is not None:
+            file = self.mapping.commands.file.format(**source.groups)
+            if not (self.folder / file).is_file():
+                raise _BadFileError(f"its commands {file} are missing")
+            command_table = _read_table(self.folder / file, given)
+        command_time = given.time.in_si(command_table[given.time.column])
+        in_order = usable_stamps(command_time)
+        commands: dict[str, Array] = {
+            str(each.quantity): each.in_si(command_table[each.column])[in_order] for each in given.commands
         }
-        _write(bag, run, offset, mapping, device, notes)
-    return FileReport(source, bag, findings, len(run.stamp), len(run.command_stamp), offset)
+        if self.mapping.commands is not None:
+            findings += _command_findings(command_time, in_order, commands)
+        joints = _columns([values[each.column] for each in table.joints], usable)
+        if self.device is not None and usable.any():
+            measured = self._measured(time[usable], joints, self.device)
+            findings += check_recording(measured, _commanded(command_time[in_order], commands), self.device)
+        return _Run(
+            stamp=_nanoseconds(time[usable]),
+            joints=joints,
+            scalars=_columns([values[each.column] for each in table.scalars], usable),
+            command_stamp=_nanoseconds(command_time[in_order]) if commands else np.empty(0, np.int64),
+            commands=commands,
+            findings=tuple(findings),
+        )
 
+    def _measured(self, time: Array, joints: Array, device: Device) -> Signals:
+        channels: dict[str, Array] = {}
+        theta = np.full((len(time), device.n_motors), np.nan)
+        for column, values in zip(self.mapping.recordings.joints, joints.T):
+            name = self._joint_name(column.joint)
+            if column.quantity == "position" and name == device.link_joint:
+                channels["q"] = values
+            elif column.quantity == "position" and name in device.motor_joints:
+                theta[:, device.motor_joints.index(name)] = values
+        if np.isfinite(theta).any():
+            channels["theta"] = theta
+        return Signals(time, channels, UNITS)
 
-def _read_run(folder: Path, path: Path, groups: dict[str, str], mapping: Mapping, device: Device | None) -> _Run:
-    table = mapping.recordings
-    recording = _read_table(path, table)
-    time = table.time.in_si(recording[table.time.column])
-    usable = usable_stamps(time)
-    values = {each.column: each.in_si(recording[each.column]) for each in (*table.joints, *table.scalars)}
-    findings = list(check_samples(time, values))
-    given: Table = table if mapping.commands is None else mapping.commands
-    command_table = recording
-    if mapping.commands is not None:
-        file = mapping.commands.file.format(**groups)
-        if not (folder / file).is_file():
-            raise _BadFileError(f"its commands {file} are missing")
-        command_table = _read_table(folder / file, given)
-    command_time = given.time.in_si(command_table[given.time.column])
-    in_order = usable_stamps(command_time)
-    commands: dict[str, Array] = {
-        str(each.quantity): each.in_si(command_table[each.column])[in_order] for each in given.commands
-    }
-    if mapping.commands is not None:
-        findings += _command_findings(command_time, in_order, commands)
-    joints = _columns([values[each.column] for each in table.joints], usable)
-    if device is not None and usable.any():
-        measured = _measured(time[usable], joints, mapping, device)
-        findings += check_recording(measured, _commanded(command_time[in_order], commands), device)
-    return _Run(
-        stamp=_nanoseconds(time[usable]),
-        joints=joints,
-        scalars=_columns([values[each.column] for each in table.scalars], usable),
-        command_stamp=_nanoseconds(command_time[in_order]) if commands else np.empty(0, np.int64),
-        commands=commands,
-        findings=tuple(findings),
-    )
+    def _streams(self, run: _Run, offset: int) -> list[Stream]:
+        """Commands first, then joint states, then scalars: the order in which equal stamps are written."""
+        streams = []
+        stamp = run.stamp + offset
+        if run.commands and self.device is not None:
+            at = run.command_stamp + offset
+            messages = _command_messages(run.commands, at, self.device)
+            streams.append(Stream(self.device.command_topic, VSA_COMMAND, at, messages))
+        if self.mapping.recordings.joints:
+            streams.append(Stream("/joint_states", JOINT_STATE, stamp, self._joint_messages(run, stamp)))
+        store = typestore_of(FLOAT64)
+        template = store.types[FLOAT64](0.0)
+        for column, values in zip(self.mapping.recordings.scalars, run.scalars.T):
+            messages = filled(store, FLOAT64, template, len(values), {"data": values})
+            streams.append(Stream(column.topic, FLOAT64, stamp, messages))
+        return streams
+
+    def _joint_messages(self, run: _Run, stamp: NDArray[np.int64]) -> list[bytes]:
+        device, columns = self.device, self.mapping.recordings.joints
+        of_device = [] if device is None else [device.link_joint, *device.motor_joints]
+        names = list(dict.fromkeys([*of_device, *(self._joint_name(each.joint) for each in columns)]))
+        values: dict[str, Array] = {}
+        for column, measured in zip(columns, run.joints.T):
+            array = values.setdefault(column.quantity, np.full((len(stamp), len(names)), np.nan))
+            array[:, names.index(self._joint_name(column.joint))] = measured
+        return joint_messages("" if device is None else device.name, names, stamp, values)
+
+    def _joint_name(self, joint: str) -> str:
+        """Name in a JointState of 'link', 'motor_<i>' or another joint of the mapping."""
+        device = self.device
+        if device is None or not re.fullmatch(r"link|motor_\d+", joint):
+            return joint
+        if joint == "link":
+            return device.link_joint
+        number = int(joint.removeprefix("motor_"))
+        if not 1 <= number <= device.n_motors:
+            raise ImportMapError(f"{joint}: device '{device.name}' has {device.n_motors} motors")
+        return device.motor_joints[number - 1]
 
 
 def _command_findings(time: Array, in_order: NDArray[np.bool_], commands: dict[str, Array]) -> list[Finding]:
     findings = []
     if not in_order.all():
-        text = f"{int((~in_order).sum())} of {len(time)} command stamps are no times, repeated or run backwards"
+        text = f"{int((~in_order).sum())} of {len(time)} command stamps are invalid, repeated or decreasing"
         findings.append(Finding("error", "stamps", "commands", text, float((~in_order).mean()), 0.0))
     for name, values in commands.items():
         bad = int(np.count_nonzero(~np.isfinite(values)))
@@ -230,7 +294,7 @@ def _command_findings(time: Array, in_order: NDArray[np.bool_], commands: dict[s
 
 
 def _read_table(path: Path, table: Table) -> dict[str, Array]:
-    """Column name -> (N,) numbers as written in the file; an empty cell is NaN. ImportMapError, _BadFileError."""
+    """Column name -> (N,) numbers of the file; an empty cell is NaN. Raises ImportMapError and _BadFileError."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             lines = list(csv.reader(file, delimiter=table.delimiter))
@@ -249,7 +313,7 @@ def _read_table(path: Path, table: Table) -> dict[str, Array]:
             try:
                 columns[k, i] = float(cells[column]) if cells[column].strip() else np.nan
             except ValueError:
-                text = f"{path.name} line {k + 2}, column '{header[column]}': {cells[column]!r} is no number"
+                text = f"{path.name} line {k + 2}, column '{header[column]}': {cells[column]!r} is not a number"
                 raise _BadFileError(text) from None
     return {each.column: columns[:, i] for i, each in enumerate(table.mapped)}
 
@@ -259,50 +323,23 @@ def _columns(columns: list[Array], rows: NDArray[np.bool_]) -> Array:
 
 
 def _nanoseconds(time: Array) -> NDArray[np.int64]:
-    """Seconds as whole nanoseconds, rounded; whole seconds apart, so that epoch times keep their precision."""
+    """`time` [s] rounded to [ns]; whole seconds are converted apart, so that epoch times keep their precision."""
     whole = np.floor(time)
-    return whole.astype(np.int64) * 1_000_000_000 + np.rint((time - whole) * 1e9).astype(np.int64)
-
-
-def _joint_name(joint: str, device: Device | None) -> str:
-    if device is None or not re.fullmatch(r"link|motor_\d+", joint):
-        return joint
-    if joint == "link":
-        return device.link_joint
-    number = int(joint.removeprefix("motor_"))
-    if not 1 <= number <= device.n_motors:
-        raise ImportMapError(f"{joint}: device '{device.name}' has {device.n_motors} motors")
-    return device.motor_joints[number - 1]
-
-
-def _measured(time: Array, joints: Array, mapping: Mapping, device: Device) -> Signals:
-    channels: dict[str, Array] = {}
-    theta = np.full((len(time), device.n_motors), np.nan)
-    for column, values in zip(mapping.recordings.joints, joints.T):
-        name = _joint_name(column.joint, device)
-        if column.quantity == "position" and name == device.link_joint:
-            channels["q"] = values
-        elif column.quantity == "position" and name in device.motor_joints:
-            theta[:, device.motor_joints.index(name)] = values
-    if np.isfinite(theta).any():
-        channels["theta"] = theta
-    return Signals(time, channels, {"q": "rad", "theta": "rad"})
+    return whole.astype(np.int64) * SECOND + np.rint((time - whole) * 1e9).astype(np.int64)
 
 
 def _commanded(time: Array, commands: dict[str, Array]) -> Signals | None:
     if not commands:
         return None
-    units = {"equilibrium": "rad", "preset": "rad", "damping": "-"}
-    return Signals(time, commands, units, held=frozenset(commands))
+    return Signals(time, commands, UNITS, held=frozenset(commands))
 
 
-def _write(bag: Path, run: _Run, offset: int, mapping: Mapping, device: Device | None, notes: dict[str, str]) -> None:
-    """The bag grows in a folder whose name says so, and moves to its place when it is whole."""
+def _write(bag: Path, streams: list[Stream], notes: dict[str, str]) -> None:
+    """Write the bag in the folder `.importing` and move it to its place when it is complete."""
     growing = bag.parent / ".importing" / bag.name
     shutil.rmtree(growing, ignore_errors=True)  # of an import that was killed
     writer = BagWriter(growing, notes)
     try:
-        streams = _streams(run, offset, mapping, device)
         for stream in streams:
             writer.add_topic(stream.topic, stream.type_name)
         for topic, message, stamp in in_order(streams):
@@ -317,36 +354,8 @@ def _write(bag: Path, run: _Run, offset: int, mapping: Mapping, device: Device |
             growing.parent.rmdir()
 
 
-def _streams(run: _Run, offset: int, mapping: Mapping, device: Device | None) -> list[Stream]:
-    """Commands first, then joint states, then scalars: the order in which equal stamps are written."""
-    streams = []
-    stamp = run.stamp + offset
-    if run.commands and device is not None:
-        at = run.command_stamp + offset
-        streams.append(Stream(device.command_topic, VSA_COMMAND, at, _command_messages(run.commands, at, device)))
-    if mapping.recordings.joints:
-        streams.append(Stream("/joint_states", JOINT_STATE, stamp, _joint_messages(run, stamp, mapping, device)))
-    store = typestore_of(FLOAT64)
-    template = store.types[FLOAT64](0.0)
-    for column, values in zip(mapping.recordings.scalars, run.scalars.T):
-        messages = filled(store, FLOAT64, template, len(values), {"data": values})
-        streams.append(Stream(column.topic, FLOAT64, stamp, messages))
-    return streams
-
-
-def _joint_messages(run: _Run, stamp: NDArray[np.int64], mapping: Mapping, device: Device | None) -> list[bytes]:
-    names = [] if device is None else [device.link_joint, *device.motor_joints]
-    columns = mapping.recordings.joints
-    names = list(dict.fromkeys([*names, *(_joint_name(each.joint, device) for each in columns)]))
-    values: dict[str, Array] = {}
-    for column, measured in zip(columns, run.joints.T):
-        whole = values.setdefault(column.quantity, np.full((len(stamp), len(names)), np.nan))
-        whole[:, names.index(_joint_name(column.joint, device))] = measured
-    return joint_messages("" if device is None else device.name, names, stamp, values)
-
-
 def _command_messages(commands: dict[str, Array], stamp: NDArray[np.int64], device: Device) -> list[bytes]:
-    """A reference that was not logged is NaN, one that the device cannot follow is 0."""
+    """References that were not logged are NaN; those that the device cannot follow are 0."""
     unknown = {
         "preset": np.nan if device.n_motors > 1 else 0.0,
         "damping": np.nan if device.damper is not None else 0.0,
