@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Style, types, import rules, and no path of anybody's machine in the tree. Runs them all, fails if one fails.
+# Checks style, types, import rules, and that no file names a path of a particular machine. Fails if one check fails.
 cd "$(dirname "${BASH_SOURCE[0]}")/.." || exit 1
 failed=()
 
@@ -15,12 +15,12 @@ check() {
 }
 
 no_machine_paths() {
-    # Character classes keep this line from finding itself.
+    # The character classes prevent a match with this line itself.
     ! git grep -nIE '(^|[^[:alnum:]_.$}-])/([w]ork|[r]oot|[h]ome|[t]mp)/' -- . ':!*.svg'
 }
 
 import_rules() {
-    # The linter finds packages on the path of Python; the packages stand one folder down.
+    # The linter finds packages through PYTHONPATH; each package is one folder below its project folder.
     local each path=
     for each in via_*/setup.py; do path=$path${each%/setup.py}:; done
     PYTHONPATH=$path${PYTHONPATH:-} lint-imports --no-cache

@@ -1,17 +1,17 @@
-# Source this in bash or zsh: the virtual environment, the built workspace and safe defaults; puts `via` on PATH.
+# Source this in bash or zsh. Sets the virtual environment, the workspace and safe defaults; puts `via` on the PATH.
 # shellcheck shell=bash disable=SC1091
 
 _via_ws=$(cd "$(dirname "${BASH_SOURCE[0]:-$0}")" && pwd)
 _via_venv=$(dirname "$_via_ws")/.venv
 
-# Setup files of ROS read variables that are not set: not under `set -u`.
+# Setup files of ROS read unset variables, which `set -u` would not allow.
 case $- in *u*) _via_nounset=1 && set +u ;; *) _via_nounset= ;; esac
 
 if [ -f "$_via_venv/bin/activate" ]; then
     . "$_via_venv/bin/activate"
     if [ -d "$_via_venv/share/rcl_interfaces" ]; then
-        # ROS from wheels. Without these two variables every Python starts itself again to set them; a child that
-        # inherits only one of them cannot load ROS, so both are set here, once.
+        # ROS from wheels. Without LD_LIBRARY_PATH and the bootstrap flag, every Python process restarts itself to set
+        # them. A child that inherits only one of them cannot load ROS, so both are set here.
         _via_libraries=$_via_venv/lib
         for _via_each in "$_via_venv"/lib/python3.1[12]/site-packages/ros_*.libs; do
             _via_libraries=$_via_libraries:$_via_each
@@ -23,7 +23,7 @@ if [ -f "$_via_venv/bin/activate" ]; then
         unset _via_libraries _via_each
     fi
 fi
-# setup.bash also sources the Jazzy that the workspace was built on; the wheels have no such file of their own.
+# setup.bash also sources the Jazzy that the workspace was built on. The wheels have no such file.
 _via_setup=setup
 if [ -n "${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ]; then _via_setup=local_setup; fi
 if [ -n "${ZSH_VERSION:-}" ]; then _via_setup=$_via_setup.zsh; else _via_setup=$_via_setup.bash; fi
@@ -33,13 +33,13 @@ else
     echo "env.sh: the workspace is not built yet; run: make setup" >&2
 fi
 
-# Compiled kernels are kept with this tree, apart for every state of its sources: numba looks only at the file a kernel
-# stands in, and would run old code where a constant or a function of another file has changed.
+# Each state of the sources has its own cache of compiled kernels. numba checks only the file that defines a kernel, and
+# would run outdated code after a constant or function of another file has changed.
 _via_root=$(dirname "$_via_ws")
 _via_key=$(find "$_via_root"/via_*/via_* -name '*.py' | LC_ALL=C sort | xargs -d '\n' cat | cksum | cut -d' ' -f1)
 case ${NUMBA_CACHE_DIR:-} in '' | "$_via_root"/.numba_cache/*) export NUMBA_CACHE_DIR=$_via_root/.numba_cache/$_via_key ;; esac
 
-# ROS writes its logs somewhere even where there is no home.
+# Without a writable home directory, logs of ROS go to the workspace.
 if [ ! -w "${HOME:-}" ]; then
     export ROS_LOG_DIR=${ROS_LOG_DIR:-$_via_ws/log/ros} MPLCONFIGDIR=${MPLCONFIGDIR:-$_via_ws/log/matplotlib}
 fi

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Makes .venv from requirements.lock and builds the packages of this repository with colcon.
-# Does nothing when both are up to date. Where a Jazzy is sourced, its rclpy, numpy and colcon are used, not the wheels.
+# Make .venv from requirements.lock and build the packages of this repository with colcon.
+# Does nothing when both are up to date. If a Jazzy is sourced, its rclpy, numpy and colcon replace the wheels.
 #   PYTHON=/path/to/python3.12 ros2_ws/setup.sh     chooses the interpreter of a new .venv
 set -euo pipefail
 
@@ -15,7 +15,7 @@ fail() {
     exit 1
 }
 
-# stage TITLE COMMAND...: one line with the seconds it took; its output goes to the log.
+# stage TITLE COMMAND...: runs the command and prints one line with its duration; output goes to the log.
 stage() {
     local title=$1 start=$SECONDS code=0
     shift
@@ -26,7 +26,7 @@ stage() {
     return $code
 }
 
-# One process at a time works on this tree; a second one waits and then finds everything done.
+# A lock lets one process at a time work on this tree; a second one waits and then finds everything done.
 exec 9>"$ws/log/setup.lock"
 flock 9
 
@@ -40,7 +40,7 @@ if [ "${ROS_DISTRO:-}" = jazzy ] && [ -z "${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ]
     "${PYTHON:-python3}" -c 'import rclpy' 2>>"$log" && ros=jazzy
 fi
 if [ $ros = wheels ]; then
-    # A workspace or wheels sourced earlier must not leak into the build.
+    # A workspace or wheels sourced earlier must not affect the build.
     unset PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH
     unset _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 fi
@@ -53,7 +53,7 @@ choose_python() {
         python=$PYTHON
         return
     fi
-    # Candidates must run: a pyenv shim exists for versions that are not selected.
+    # Candidates must run: pyenv has shims even for versions that are not selected.
     local candidate
     for candidate in python3.12 python3.11 python3; do
         [ $ros = jazzy ] && [ $candidate != python3 ] && continue
@@ -92,7 +92,7 @@ install_packages() {
     if [ $ros = wheels ]; then
         "${pip[@]}" install -r "$ws/requirements.lock"
     else
-        # The C extensions of the sourced messages were compiled against its numpy: keep exactly that one.
+        # The C extensions of the sourced messages were compiled against its numpy, so that version must stay.
         local numpy
         numpy=$("$venv/bin/python" -c 'import numpy; print(numpy.__version__)')
         sed -E "s/^numpy==.*/numpy==$numpy/" "$ws/requirements.lock" >"$venv/constraints.txt"
@@ -100,7 +100,7 @@ install_packages() {
     fi
 }
 
-# The wheels' CMake files carry the paths of the machine that built them.
+# CMake files in the wheels contain paths of the machine that built them.
 mend_wheels() {
     grep -rlZ '/opt/python/cp3' "$venv/share" --include='*.cmake' |
         xargs -0 -r sed -i -E "s#/opt/python/cp3[0-9]+-cp3[0-9]+/#$venv/#g"
@@ -113,7 +113,7 @@ why_pip_failed() {
     fail "pip could not install requirements.lock: $(grep -m1 '^ERROR' <<<"$1" || echo 'see the log') (log: $log)"
 }
 
-# What .venv must have been made from; the place counts because its scripts carry it.
+# The key that identifies an up-to-date .venv. It includes the path of the tree, because scripts in .venv contain it.
 venv_key=$ros-$(hash_of "$ws/requirements.lock" "$ws/requirements.in" <(echo "$root"))
 venv_stamp=$venv/.via-setup
 venv_is_ready() {
@@ -140,10 +140,10 @@ fi
 
 # --- the workspace --------------------------------------------------------------------------------------------------------
 
-# What a symlinked install does not follow by itself: interfaces, package manifests, entry points, installed data files.
+# Changes that need a rebuild despite the symlinked install: interfaces, manifests, entry points, installed data files.
 sources() {
     cd "$root"
-    # methods.py: one executable per method.
+    # methods.py determines the executables: one per method.
     find via_interfaces via_*/{package.xml,setup.py,setup.cfg} via_estimators/via_estimators/methods.py \
         ros2_ws/colcon_defaults.yaml -type f -print0 | sort -z | xargs -0 sha256sum
     find via_*/{resource,bin,launch,config} -type f 2>/dev/null | sort || true
@@ -155,7 +155,7 @@ build() {
     if [ $ros = wheels ]; then
         export AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv
     fi
-    # Through the interpreter of .venv, so that every installed executable starts with it.
+    # Run with the interpreter of .venv, so that every installed executable uses it.
     "$venv/bin/python" -m colcon build --cmake-args -DBUILD_TESTING=OFF -DPython3_EXECUTABLE="$venv/bin/python" --no-warn-unused-cli
 }
 
@@ -172,5 +172,5 @@ if [ "$(cat "$build_stamp" 2>/dev/null)" != "$build_key" ]; then
     echo "setup: done; use it with: source ros2_ws/env.sh"
 fi
 
-# Kernels compiled for sources of long ago.
+# Remove kernels that were compiled more than a week ago.
 [ ! -d "$root/.numba_cache" ] || find "$root/.numba_cache" -mindepth 1 -maxdepth 1 -mtime +7 -exec rm -rf {} +
