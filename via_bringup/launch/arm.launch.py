@@ -1,10 +1,11 @@
-"""An arm of simulated joints and one node that estimates all of them, several methods side by side.
+"""Several simulated joints and one node that estimates all of them with several methods.
 
 ros2 launch via_bringup arm.launch.py
 ros2 launch via_bringup arm.launch.py joints:="shoulder=qbmove_a elbow=qbmove_b" methods:=auto
 
-Every joint has a simulator and a controller of its own; their joint states arrive as separate messages. Estimates come
-on /<joint>/<method>/stiffness and so on. For a robot start the bank alone, with `simulated:=false`.
+Every joint has its own simulator and controller, and publishes its joint states as separate messages. Estimates are
+published on /<joint>/<method>/stiffness and similar topics. For a real robot use `simulated:=false`, which starts only
+the estimator bank.
 """
 
 from launch import LaunchContext, LaunchDescription
@@ -21,12 +22,12 @@ MOTION = {
     "preset_mean": 0.4,  # [rad]
     "preset_amplitudes": [0.1],  # [rad]
     "preset_frequencies": [0.3],  # [Hz]
-    "fade_in": 0.5,  # [s] within half of the motors' speed
+    "fade_in": 0.5,  # [s]; keeps the motors below half their speed limit
 }
 
 
 def nodes(context: LaunchContext) -> list[Node]:
-    """One simulator and one controller per joint, and the bank."""
+    """The estimator bank, and for each joint a simulator and a controller."""
     file = LaunchConfiguration("parameters").perform(context)
     joints = LaunchConfiguration("joints").perform(context).split()
     methods = LaunchConfiguration("methods").perform(context).split()
@@ -34,7 +35,7 @@ def nodes(context: LaunchContext) -> list[Node]:
     started = [node("via_estimators", "estimator_bank", file, {"devices": joints, "methods": methods})]
     for seed, joint in enumerate(joints):
         name = load_device(joint).name
-        # Time begins when the bank and all controllers listen.
+        # Simulated time starts when the bank and all controllers have subscribed.
         body = {"device": joint, "seed": seed, "truth": True, "listeners": 1 + len(joints)}
         started += [
             node("via_sim", "simulator", body, name=f"{name}_simulator", condition=simulated),
@@ -52,11 +53,11 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "joints",
                 default_value="j1=qbmove_a j2=qbmove_a j3=qbmove_a j4=qbmove_a",
-                description="joints, separated by spaces: each a device, the path of its file, or name=either",
+                description="joints, separated by spaces: device, path to its YAML, or NAME=either of these",
             ),
-            DeclareLaunchArgument("methods", default_value="all", description="auto, all or names of estimators"),
-            DeclareLaunchArgument("simulated", default_value="true", description="false: a robot is there"),
-            parameter_file("arm.yaml", "parameter file of the bank"),
+            DeclareLaunchArgument("methods", default_value="all", description="auto, all or names of estimators, separated by spaces"),
+            DeclareLaunchArgument("simulated", default_value="true", description="false: only the estimators, for a real robot"),
+            parameter_file("arm.yaml", "parameter file of the estimator bank"),
             OpaqueFunction(function=nodes),
         ]
     )

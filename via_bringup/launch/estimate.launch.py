@@ -1,4 +1,4 @@
-"""The estimator beside a robot that publishes /joint_states, or beside a bag that is played.
+"""An estimator for a robot that publishes /joint_states, or for a bag that is played.
 
 ros2 launch via_bringup estimate.launch.py device:=/path/to/my_joint.yaml
 ros2 launch via_bringup estimate.launch.py device:=maccepavd bag:=/path/to/bag rate:=1.0
@@ -6,15 +6,15 @@ ros2 launch via_bringup estimate.launch.py device:=maccepavd bag:=/path/to/bag r
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from via_bringup.launching import node, playing, text
+from via_bringup.launching import node, playback, string_argument
 
 
 def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument("device", description="device name or path to its YAML"),
-            DeclareLaunchArgument("method", default_value="auto", description="auto or a name of estimator"),
-            *playing("; 0: as fast as all keep up"),
-            node("via_estimators", "estimator", {"device": text("device"), "method": text("method")}),
+            DeclareLaunchArgument("method", default_value="auto", description="auto or the name of an estimator"),
+            *playback("playback speed; 0: as fast as the subscribers keep up"),
+            node("via_estimators", "estimator", {"device": string_argument("device"), "method": string_argument("method")}),
         ]
     )

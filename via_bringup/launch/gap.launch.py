@@ -1,4 +1,4 @@
-"""The gap monitor beside a robot that publishes /joint_states, or beside a bag that is played.
+"""The gap monitor for a robot that publishes /joint_states, or for a bag that is played.
 
 ros2 launch via_bringup gap.launch.py device:=/path/to/my_joint.yaml
 ros2 launch via_bringup gap.launch.py device:=maccepavd bag:=/path/to/bag rate:=1.0
@@ -7,15 +7,15 @@ ros2 launch via_bringup gap.launch.py device:=maccepavd bag:=/path/to/bag rate:=
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
-from via_bringup.launching import node, parameter_file, playing, text
+from via_bringup.launching import node, parameter_file, playback, string_argument
 
 
 def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument("device", description="device name or path to its YAML"),
-            *playing(),
-            parameter_file("gap.yaml", "parameter file of the monitor"),
-            node("via_gap", "gap_monitor", LaunchConfiguration("parameters"), {"device": text("device")}),
+            *playback(),
+            parameter_file("gap.yaml", "parameter file of the gap monitor"),
+            node("via_gap", "gap_monitor", LaunchConfiguration("parameters"), {"device": string_argument("device")}),
         ]
     )

@@ -1,4 +1,4 @@
-"""The 4-dof arm swings against a wall by motors that switch; nothing in the law knows of the wall.
+"""The 4-DOF arm swings against a wall under bang-bang control. The controller has no model of the wall.
 
 ros2 launch via_bringup hitting.launch.py
 ros2 launch via_bringup hitting.launch.py mode:=lockstep bag:=hitting
@@ -8,7 +8,7 @@ ros2 topic echo /reference_4dof/contact
 
 from launch import LaunchDescription
 from launch.substitutions import LaunchConfiguration
-from via_bringup.launching import node, simulation, text
+from via_bringup.launching import node, simulation, string_argument
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -16,7 +16,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             *simulation("hitting.yaml"),
-            node("via_sim", "arm_simulator", file, {"mode": text("mode")}),
+            node("via_sim", "arm_simulator", file, {"mode": string_argument("mode")}),
             node("via_controllers", "bang_bang", file),
         ]
     )

@@ -1,4 +1,4 @@
-"""A simulated joint with its controller, its estimator and, if asked, a recorder.
+"""A simulated joint with its controller and its estimator. With `bag` the run is recorded.
 
 ros2 launch via_bringup joint.launch.py device:=cubic_demo bag:=joint
 """
@@ -6,16 +6,16 @@ ros2 launch via_bringup joint.launch.py device:=cubic_demo bag:=joint
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
-from via_bringup.launching import node, simulation, text
+from via_bringup.launching import node, simulation, string_argument
 
 
 def generate_launch_description() -> LaunchDescription:
-    file, device = LaunchConfiguration("parameters"), text("device")
-    simulated = {"device": device, "mode": text("mode"), "effects": text("effects")}
+    file, device = LaunchConfiguration("parameters"), string_argument("device")
+    simulated = {"device": device, "mode": string_argument("mode"), "effects": string_argument("effects")}
     return LaunchDescription(
         [
-            DeclareLaunchArgument("device", default_value="cubic_demo", description="device or path to its YAML"),
-            DeclareLaunchArgument("effects", default_value="", description="effects file the simulator adds"),
+            DeclareLaunchArgument("device", default_value="cubic_demo", description="device name or path to its YAML"),
+            DeclareLaunchArgument("effects", default_value="", description="effects file for the simulator; empty: the nominal model"),
             *simulation("joint.yaml"),
             node("via_sim", "simulator", file, simulated),
             node("via_controllers", "excitation", file, {"device": device}),

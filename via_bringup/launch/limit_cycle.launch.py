@@ -1,7 +1,7 @@
-"""A simulated arm of flexible joints that swings on one of its modes; push it, hold it, let it go.
+"""A simulated arm with flexible joints that oscillates along one of its modes. You can push, hold and release it.
 
-With modal_limit_cycle the arm begins to swing by itself as soon as the law is active, unless its `start` is 0; with
-bang_bang it stays at rest until it is pushed.
+With modal_limit_cycle the arm starts to swing on its own once the controller is active, unless the node parameter
+`start` is 0. With bang_bang it stays at rest until it is pushed.
 
 ros2 launch via_bringup limit_cycle.launch.py
 ros2 launch via_bringup limit_cycle.launch.py law:=bang_bang mode:=lockstep bag:=swing
@@ -14,21 +14,24 @@ ros2 lifecycle set /modal_limit_cycle deactivate
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration, PythonExpression
-from via_bringup.launching import node, simulation, text, when
+from via_bringup.launching import if_equal, node, simulation, string_argument
+
+CONTROLLERS = ("modal_limit_cycle", "bang_bang")
+ARGUMENT, DEFAULT = "law:=modal_limit_cycle".split(":=")  # chooses the controller
 
 
 def generate_launch_description() -> LaunchDescription:
-    file, arm = LaunchConfiguration("parameters"), text("arm")
-    defaults = PythonExpression(["'", LaunchConfiguration("law"), "' + '.yaml'"])
+    file, arm = LaunchConfiguration("parameters"), string_argument("arm")
+    defaults = PythonExpression(["'", LaunchConfiguration(ARGUMENT), "' + '.yaml'"])
     return LaunchDescription(
         [
-            DeclareLaunchArgument("arm", default_value="reference_4dof", description="arm or path to its YAML"),
-            DeclareLaunchArgument("law", default_value="modal_limit_cycle", description="modal_limit_cycle, bang_bang"),
-            *simulation(defaults, description="parameter file of the nodes; else that of the law"),
-            node("via_sim", "arm_simulator", file, {"arm": arm, "mode": text("mode")}),
+            DeclareLaunchArgument("arm", default_value="reference_4dof", description="arm name or path to its YAML"),
+            DeclareLaunchArgument(ARGUMENT, default_value=DEFAULT, description=f"controller: {' or '.join(CONTROLLERS)}"),
+            *simulation(defaults, description="parameter file of the nodes; default: CONTROLLER.yaml"),
+            node("via_sim", "arm_simulator", file, {"arm": arm, "mode": string_argument("mode")}),
             *(
-                node("via_controllers", law, file, {"arm": arm}, condition=when("law", law))
-                for law in ("modal_limit_cycle", "bang_bang")
+                node("via_controllers", controller, file, {"arm": arm}, condition=if_equal(ARGUMENT, controller))
+                for controller in CONTROLLERS
             ),
         ]
     )

@@ -1,26 +1,26 @@
-"""A flexible joint whose link is as fast as can be at a given time.
+"""A flexible joint that reaches the highest possible link velocity at a given time.
 
 ros2 launch via_bringup throw.launch.py
 ros2 launch via_bringup throw.launch.py mode:=lockstep bag:=throw
 
-Once more: ros2 lifecycle set /max_velocity deactivate, then activate
+To repeat the throw: ros2 lifecycle set /max_velocity deactivate, then activate
 """
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
-from via_bringup.launching import node, simulation, text
+from via_bringup.launching import node, simulation, string_argument
 
 
 def generate_launch_description() -> LaunchDescription:
-    file, device = LaunchConfiguration("parameters"), text("device")
+    file, device = LaunchConfiguration("parameters"), string_argument("device")
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 "device", default_value="visco_elastic_demo", description="device name or path to its YAML"
             ),
             *simulation("throw.yaml"),
-            node("via_sim", "simulator", file, {"device": device, "mode": text("mode")}),
+            node("via_sim", "simulator", file, {"device": device, "mode": string_argument("mode")}),
             node("via_controllers", "max_velocity", file, {"device": device}),
         ]
     )

@@ -1,4 +1,4 @@
-"""What launch files share: nodes on the screen, text arguments, a simulation with its recorder, a bag to play."""
+"""Parts that launch files share: typed launch arguments, nodes, a simulation with a recorder, a bag to play."""
 
 from __future__ import annotations
 
@@ -12,50 +12,51 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 
-def text(name: str) -> ParameterValue:
-    """A launch argument as a text parameter, also where it looks like a number."""
+def string_argument(name: str) -> ParameterValue:
+    """Value of a launch argument as a string parameter, even if it looks like a number."""
     return ParameterValue(LaunchConfiguration(name), value_type=str)
 
 
-def number(name: str) -> ParameterValue:
-    """A launch argument as a parameter with a fraction, also where it looks whole."""
+def float_argument(name: str) -> ParameterValue:
+    """Value of a launch argument as a float parameter, even if it looks like an integer."""
     return ParameterValue(LaunchConfiguration(name), value_type=float)
 
 
-def when(name: str, value: str) -> IfCondition:
-    """Whether an argument has this value."""
+def if_equal(name: str, value: str) -> IfCondition:
+    """Condition that a launch argument has this value."""
     return IfCondition(PythonExpression(["'", LaunchConfiguration(name), f"' == '{value}'"]))
 
 
 def node(package: str, executable: str, *parameters: Any, **more: Any) -> Node:
-    """A node that logs to the screen; `parameters` are files and dictionaries, later ones win."""
+    """A node that logs to the screen. `parameters` are files and dictionaries; later ones override earlier ones."""
     return Node(package=package, executable=executable, parameters=list(parameters), output="screen", **more)
 
 
 def parameter_file(default: Any, description: str = "parameter file of the nodes") -> DeclareLaunchArgument:
-    """Argument `parameters`; its default is a file of this package's `config`."""
+    """Launch argument `parameters`. `default` is the name of a file in this package's `config` folder."""
     path = PathJoinSubstitution([FindPackageShare("via_bringup"), "config", default])
     return DeclareLaunchArgument("parameters", default_value=path, description=description)
 
 
 def simulation(defaults: Any, **more: Any) -> list[Any]:
-    """Arguments `mode`, `bag` and `parameters` (as in `parameter_file`), and the recorder that a `bag` starts."""
+    """Launch arguments `mode`, `bag` and `parameters` (as in `parameter_file`); a recorder starts if `bag` is given."""
     return [
         DeclareLaunchArgument("mode", default_value="realtime", description="realtime, lockstep or free"),
         DeclareLaunchArgument("bag", default_value="", description="folder of the bag to record; empty: none"),
         parameter_file(defaults, **more),
-        node("via_ros", "recorder", {"bag": text("bag")}, condition=_with_a_bag()),
+        node("via_ros", "recorder", {"bag": string_argument("bag")}, condition=_if_bag()),
     ]
 
 
-def playing(fastest: str = "") -> list[Any]:
-    """Arguments `bag` and `rate`, and the player that a `bag` starts; `fastest` is said of the rate."""
+def playback(speed: str = "playback speed") -> list[Any]:
+    """Launch arguments `bag` and `rate`; a player starts if `bag` is given. `speed` describes `rate`."""
+    played = {"bag": string_argument("bag"), "rate": float_argument("rate")}
     return [
-        DeclareLaunchArgument("bag", default_value="", description="bag to play; empty: listen to the robot"),
-        DeclareLaunchArgument("rate", default_value="1.0", description=f"playing speed{fastest}"),
-        node("via_ros", "player", {"bag": text("bag"), "rate": number("rate")}, condition=_with_a_bag()),
+        DeclareLaunchArgument("bag", default_value="", description="bag to play; empty: use the robot's topics"),
+        DeclareLaunchArgument("rate", default_value="1.0", description=speed),
+        node("via_ros", "player", played, condition=_if_bag()),
     ]
 
 
-def _with_a_bag() -> IfCondition:
+def _if_bag() -> IfCondition:
     return IfCondition(PythonExpression(["'", LaunchConfiguration("bag"), "' != ''"]))

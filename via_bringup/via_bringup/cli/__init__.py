@@ -1,4 +1,4 @@
-"""The `via` command: one word for everything that the suite does without writing code."""
+"""The `via` command line: its table of commands, plug-ins and error handling."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from via_core.errors import ViaError
 from via_bringup.cli.console import answers, errors
 from via_bringup.cli.deferred import Entry, add
 
-PLUGINS = "via.commands"  # entry points, each a dict of commands such as COMMANDS
+PLUGINS = "via.commands"  # entry point group; each entry point is a dict like COMMANDS
 GROUPS = {
     "bag": "Import, inspect, record, play and recover MCAP bags.",
-    "gap": "Diagnose the gap between a log and its model.",
+    "gap": "Diagnose the gap between logs and the model of their device.",
 }
 COMMANDS = {
     "demo": Entry(
         "via_bringup.cli.demo:demo",
-        "A real robot's log and a simulated joint, from bags over DDS to one page; or a scene of a controller.",
+        "Run the demo: a real robot's recordings and a simulated joint, shown on one page; or one controller scene.",
     ),
     "devices": Entry("via_bringup.cli.devices:devices", "List the shipped devices, or describe one."),
     "estimate": Entry(
@@ -32,34 +32,33 @@ COMMANDS = {
     ),
     "sim": Entry(
         "via_bringup.cli.simulate:simulate",
-        "Run the simulator node until interrupted; it takes VsaCommand on /<device>/command.",
+        "Run the simulator node until interrupted; it subscribes to VsaCommand on /<device>/command.",
     ),
     "run": Entry(
         "via_bringup.cli.run:run",
-        "Run an installed node; all further arguments go to the node, e.g. --ros-args -p device:=maccepavd.",
+        "Run an installed node; all further arguments are passed to it, e.g. --ros-args -p device:=maccepavd.",
         {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
     ),
     "bag import": Entry(
-        "via_bringup.cli.bag:import_folder",
-        "Convert recordings to bags; impossible recordings are refused, each with its reason.",
+        "via_bringup.cli.bag:import_folder", "Convert CSV recordings to bags; refuse unusable ones and list the reasons."
     ),
-    "bag info": Entry("via_bringup.cli.bag:info", "Show what is in a bag."),
+    "bag info": Entry("via_bringup.cli.bag:info", "Show the topics and metadata of a bag."),
     "bag check": Entry(
-        "via_bringup.cli.bag:check", "Look for faults in a bag; exit code 1 when one of the findings is an error."
+        "via_bringup.cli.bag:check", "Check a bag for faults; the exit code is 1 if any finding is an error."
     ),
     "bag recover": Entry(
-        "via_bringup.cli.bag:recover", "Write a complete bag from all messages that are left in a damaged one."
+        "via_bringup.cli.bag:recover", "Write all readable messages of a damaged bag to a new bag."
     ),
     "bag record": Entry("via_bringup.cli.bag:record", "Record topics until interrupted."),
-    "bag play": Entry("via_bringup.cli.bag:play", "Play a bag in stamp order, with /clock."),
+    "bag play": Entry("via_bringup.cli.bag:play", "Play a bag in time stamp order and publish /clock."),
     "gap diagnose": Entry(
         "via_bringup.cli.gap:diagnose",
-        "Report where the gap between logs and model lies, which effect causes it and how far it shrinks.",
+        "Locate the gap between logs and model, identify the effects that cause it, and report what they explain of it.",
     ),
-    "gap render": Entry("via_bringup.cli.gap:render", "Show a report again: as text, and as a page."),
+    "gap render": Entry("via_bringup.cli.gap:render", "Print a saved report as text; optionally write it as an HTML page."),
     "gap simulate": Entry(
         "via_bringup.cli.gap:simulate",
-        "Simulate logs without and with effects and print the error of each against the measurement.",
+        "Simulate logs without and with effects and print both errors against the measurement.",
     ),
     "gap propose": Entry(
         "via_bringup.cli.gap_propose:propose_motion",
@@ -67,13 +66,13 @@ COMMANDS = {
     ),
     "gap fleet": Entry(
         "via_bringup.cli.gap_fleet:fleet",
-        "Diagnose many logs and print one table; also as fleet.csv and fleet.json in the folder of results.",
+        "Diagnose many logs and print one table; also written to fleet.csv and fleet.json in the results folder.",
     ),
 }
 
 
 class Via(TyperGroup):
-    """The commands of this package and those of every installed plug-in."""
+    """Command group with the commands of this package and of all installed plug-ins."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -90,8 +89,8 @@ app = typer.Typer(
 )
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         answers.print(f"via {version('via_bringup')}")
         raise typer.Exit
 
@@ -106,11 +105,11 @@ def via(
 
 
 def main() -> None:
-    """Run the command. Expected errors, and those of the file system, become one line and exit code 2."""
+    """Run the command. A ViaError or file system error is printed in one line, with exit code 2."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # file names may be no text, terminals no Unicode
+            stream.reconfigure(errors="backslashreplace")  # for names that are not valid Unicode, and terminals without it
     try:
         app()
     except ViaError as error:

@@ -1,4 +1,4 @@
-"""`via bag ...`: everything about recordings. What needs no ROS runs without it; `record` and `play` are the nodes."""
+"""`via bag ...`: recordings. Only `record` and `play` need ROS: they run the nodes `recorder` and `player`."""
 
 from __future__ import annotations
 
@@ -17,37 +17,38 @@ from via_core.bags.recovery import recover as recover_bag
 from via_core.devices import load_device
 
 from via_bringup.cli.console import answers, errors, table
-from via_bringup.cli.run import become, parameters
+from via_bringup.cli.files import write_text
+from via_bringup.cli.run import execute_node, ros_arguments
 
 BagPath = Annotated[Path, typer.Argument(help="Bag folder or .mcap file.")]
 SEVERITIES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 
 def import_folder(
-    folder: Annotated[Path, typer.Argument(help="Folder with the recordings (CSV).")],
-    mapping: Annotated[str, typer.Option(help=f"Mapping file, or a shipped one: {', '.join(mapping_names())}.")],
-    out: Annotated[Path, typer.Option(help="Folder for the bags, one per recording.")],
+    folder: Annotated[Path, typer.Argument(help="Folder with the CSV recordings.")],
+    mapping: Annotated[str, typer.Option(help=f"Mapping file, or the name of a shipped one: {', '.join(mapping_names())}.")],
+    out: Annotated[Path, typer.Option(help="Output folder, with one bag per recording.")],
     report: Annotated[Path | None, typer.Option("--json", help="Write the full report to this file.")] = None,
 ) -> None:
-    """Convert recordings to bags; impossible recordings are refused, each with its reason."""
-    done = import_recordings(folder, mapping, out)
-    if done.refused:
-        listing = table("Refused", "recording", "why")
+    """Convert CSV recordings to bags; refuse unusable ones and list the reasons."""
+    imported = import_recordings(folder, mapping, out)
+    if imported.refused:
+        listing = table("Refused", "recording", "reason")
         listing.columns[1].justify = "left"
-        for file in done.refused:
+        for file in imported.refused:
             listing.add_row(file.source, "; ".join(file.reasons))
         answers.print(listing)
-    warnings = sum(finding.severity == "warning" for file in done.accepted for finding in file.findings)
+    warnings = sum(finding.severity == "warning" for file in imported.accepted for finding in file.findings)
     answers.print(
-        f"{len(done.accepted)} of {len(done.files)} recordings are now bags in {out}; {warnings} warnings, "
-        "kept in the bags' metadata",
+        f"{len(imported.accepted)} of {len(imported.files)} recordings are now bags in {out}; "
+        f"their metadata lists {warnings} warnings"
     )
     if report is not None:
-        report.write_text(json.dumps(done.as_dict(), indent=2) + "\n", encoding="utf-8")
+        write_text(report, json.dumps(imported.as_dict(), indent=2) + "\n")
 
 
 def info(bag: BagPath) -> None:
-    """Show what is in a bag."""
+    """Show the topics and metadata of a bag."""
     found = info_of(bag)
     listing = table(
         f"{found.path}: {found.messages} messages, {found.duration:.3f} s, {found.size / 1e6:.2f} MB",
@@ -66,24 +67,24 @@ def info(bag: BagPath) -> None:
         if value:
             answers.print(f"{name}: {value}")
     if not found.complete:
-        errors.print("this bag is not whole: `via bag recover` makes one of what is there")
+        errors.print("this bag is incomplete; `via bag recover` writes its readable messages to a new bag")
     for remark in found.remarks:
         errors.print(f"note: {remark}")
 
 
 def check(
     bag: BagPath,
-    device: Annotated[str, typer.Option(help="Also hold the joint against this device file.")] = "",
-    joint_topic: Annotated[str, typer.Option(help="Topic of its joint states.")] = "/joint_states",
+    device: Annotated[str, typer.Option(help="Device name or path to its YAML: also check the joint against it.")] = "",
+    joint_topic: Annotated[str, typer.Option(help="Topic of the joint states.")] = "/joint_states",
 ) -> None:
-    """Look for faults in a bag; exit code 1 when one of the findings is an error."""
+    """Check a bag for faults; the exit code is 1 if any finding is an error."""
     findings = check_bag(bag, load_device(device) if device else None, joint_topic)
     for finding in findings:
         severity = (f"{finding.severity:>8}", SEVERITIES[finding.severity])
         answers.print(Text.assemble(severity, f" {finding.subject}: {finding.text}"))
-    bad = sum(finding.severity == "error" for finding in findings)
-    answers.print(f"{len(findings)} findings, {bad} errors" if findings else "nothing found")
-    if bad:
+    failures = sum(finding.severity == "error" for finding in findings)
+    answers.print(f"{len(findings)} findings, {failures} errors" if findings else "no findings")
+    if failures:
         raise typer.Exit(1)
 
 
@@ -91,27 +92,27 @@ def recover(
     bag: BagPath,
     out: Annotated[Path, typer.Argument(help="New bag folder.")],
 ) -> None:
-    """Write a complete bag from all messages that are left in a damaged one."""
-    done = recover_bag(bag, out)
-    for remark in done.remarks:
+    """Write all readable messages of a damaged bag to a new bag."""
+    recovered = recover_bag(bag, out)
+    for remark in recovered.remarks:
         errors.print(f"note: {remark}")
-    answers.print(f"{sum(done.messages.values())} messages saved into {done.bag}")
+    answers.print(f"{sum(recovered.messages.values())} messages saved into {recovered.bag}")
 
 
 def record(
     out: Annotated[Path, typer.Argument(help="New bag folder.")],
-    topics: Annotated[list[str] | None, typer.Argument(help="Topics; none: all there are.")] = None,
+    topics: Annotated[list[str] | None, typer.Argument(help="Topics to record; default: all.")] = None,
 ) -> None:
     """Record topics until interrupted."""
-    become("via_ros", "recorder", parameters(bag=str(out), **({"topics": topics} if topics else {})))
+    execute_node("via_ros", "recorder", ros_arguments(bag=str(out), **({"topics": topics} if topics else {})))
 
 
 def play(
     bag: BagPath,
-    rate: Annotated[float, typer.Option(help="Speed; 0: as fast as the listeners keep up.")] = 1.0,
-    topic: Annotated[list[str] | None, typer.Option(help="Play only this topic (repeat for more).")] = None,
-    listeners: Annotated[int, typer.Option(help="Listeners to wait for.")] = 1,
+    rate: Annotated[float, typer.Option(help="Playback speed; 0: as fast as the subscribers keep up.")] = 1.0,
+    topic: Annotated[list[str] | None, typer.Option(help="Topic to play (repeat for several); default: all.")] = None,
+    listeners: Annotated[int, typer.Option(help="Number of subscribers to wait for on each topic of samples.")] = 1,
 ) -> None:
-    """Play a bag in stamp order, with /clock."""
+    """Play a bag in time stamp order and publish /clock."""
     more = {"topics": topic} if topic else {}
-    become("via_ros", "player", parameters(bag=str(bag), rate=rate, subscribers=listeners, **more))
+    execute_node("via_ros", "player", ros_arguments(bag=str(bag), rate=rate, subscribers=listeners, **more))

@@ -1,4 +1,4 @@
-"""Commands that are imported when they run, so that `via --help` and each command load only what they need."""
+"""Commands whose modules are imported only when they run, which keeps `via --help` fast."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typer.core import TyperCommand, TyperGroup
 
 @dataclass(frozen=True)
 class Entry:
-    """One command of a table: where its function is, and the line that the help page of its group shows."""
+    """One command of a table: the location of its function, and its line on the help page of its group."""
 
     target: str  # module:attribute, a function or a typer.Typer
-    help: str  # first line of the function's docstring
+    help: str  # first paragraph of the function's docstring
     settings: Mapping[str, Any] = field(default_factory=dict)  # context settings of click
 
     def load(self, name: str) -> TyperCommand | TyperGroup:
-        """The command itself. Imports its module."""
+        """The command. Imports its module."""
         found = resolve_name(self.target)
         if not isinstance(found, typer.Typer):
             app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -30,21 +30,21 @@ class Entry:
 
 
 class DeferredCommand(TyperCommand):
-    """A command known by name and help line; the context that click makes to run it is that of the loaded command."""
+    """Placeholder with name and help line, replaced by the loaded command when click runs or completes it."""
 
     def __init__(self, name: str, entry: Entry) -> None:
         super().__init__(name, help=entry.help)
         self.entry = entry
 
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
-        """Context of the loaded command; the only method that click calls before it runs or completes a command."""
+        """Context of the loaded command. click always calls this method before it runs or completes a command."""
         return self.entry.load(self.name or "").make_context(info_name, args, parent, **extra)
 
 
 def add(group: TyperGroup, commands: Mapping[str, Entry], helps: Mapping[str, str]) -> None:
-    """Add `commands` to `group`. A name such as "gap blind" is the command blind of the group gap.
+    """Add `commands` to `group`. The name "gap diagnose" means the command `diagnose` of the group `gap`.
 
-    helps  help text of each group that `group` does not have yet
+    helps  help texts of groups, used for those that do not exist yet
     """
     for path, entry in commands.items():
         *groups, name = path.split()

@@ -1,4 +1,4 @@
-"""`via devices`: the shipped device files, what estimates them and how far to trust their numbers."""
+"""`via devices`: the shipped device files, their estimators, and the confidence in their parameters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from via_bringup.cli.console import answers, table
 
 
 def devices(
-    device: Annotated[str, typer.Argument(help="Device or path to its YAML: show where its numbers come from.")] = "",
+    device: Annotated[str, typer.Argument(help="Device name or path to its YAML: describe it with the source of its parameters.")] = "",
 ) -> None:
     """List the shipped devices, or describe one."""
     if device:
@@ -26,13 +26,13 @@ def devices(
         each = load_device(name)
         listing.add_row(name, each.arrangement, each.drive, _estimator(each), each.confidence)
     answers.print(listing)
-    answers.print("`via devices NAME` says where the numbers of one come from")
+    answers.print("`via devices NAME` shows the source of a device's parameters")
 
 
 def _describe(device: Device) -> None:
     answers.print(f"{device.name}: {device.title}")
     answers.print(f"{device.arrangement} joint, {device.drive} drive; estimator: {_estimator(device)}")
-    answers.print(f"numbers: {device.confidence}; {'; '.join(device.source)}")
+    answers.print(f"parameters: {device.confidence}; {'; '.join(device.source)}")
     if device.remark:
         answers.print(device.remark.strip())
     answers.print(f"link {device.link_joint}, motors {', '.join(device.motor_joints) or 'none'}")
@@ -40,7 +40,7 @@ def _describe(device: Device) -> None:
 
 
 def _estimator(device: Device) -> str:
-    """The method that suits the device, or a dash where there is none yet."""
+    """Name of the device's default estimator, or a dash if there is none."""
     try:
         estimator_for(device)
     except ParameterError:

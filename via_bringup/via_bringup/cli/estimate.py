@@ -1,4 +1,4 @@
-"""`via estimate BAG`: a recorded bag through estimators, without ROS, bit for bit what their node would publish."""
+"""`via estimate BAG`: run estimators on a bag without ROS. The estimates equal those of the node bit for bit."""
 
 from __future__ import annotations
 
@@ -24,13 +24,16 @@ UNITS = {"stiffness": "N m/rad", "motor_inertia": "kg m^2", "motor_damping": "N 
 
 def estimate(
     bag: Annotated[Path, typer.Argument(help="Bag folder or .mcap file.")],
-    device: Annotated[list[str], typer.Option(help="Device name (see `via devices`) or path to its YAML; any number.")],
+    device: Annotated[
+        list[str], typer.Option(help="Device name (see `via devices`) or path to its YAML; repeat for several.")
+    ],
     method: Annotated[
-        list[str] | None, typer.Option(help="Estimator; auto: the best for the device, all: all that suit; any number.")
+        list[str] | None,
+        typer.Option(help="Estimator name, auto (default: the best for the device) or all; repeat for several."),
     ] = None,
     joint_topic: Annotated[str, typer.Option(help="Topic of the joint states.")] = "/joint_states",
     out: Annotated[
-        Path | None, typer.Option("--csv", help="Write every estimate to this CSV file; of several, one file each.")
+        Path | None, typer.Option("--csv", help="Write all estimates to this CSV file; with several estimators, one file each.")
     ] = None,
 ) -> None:
     """Estimate stiffness and damping from a bag and print the last values."""
@@ -38,24 +41,24 @@ def estimate(
     read = read_bag(bag)
     for remark in read.remarks:
         errors.print(f"note: {remark}")
-    done = [(pair, estimate_bag(read, pair.device, estimator_for(*pair), joint_topic)) for pair in pairs]
-    lacking = [f"{pair.device.name}: {what}" for pair, each in done for what in _missing(each, _inputs(pair))]
+    results = [(pair, estimate_bag(read, pair.device, estimator_for(*pair), joint_topic)) for pair in pairs]
+    lacking = [f"{pair.device.name}: {what}" for pair, each in results for what in _missing(each, _inputs(pair))]
     for complaint in dict.fromkeys([*read[joint_topic].left_out, *lacking]):
         errors.print(f"note: {complaint}")
     shown = table(bag.name, "device", "method", "estimate", "value", "sd", "unit", "last trusted at [s]")
-    for pair, (_, estimates) in done:
+    for pair, (_, estimates) in results:
         _add_last(shown, pair, estimates)
     answers.print(_texts_left(shown, 3))
     by_status = table("samples by status", "device", "method", "samples", *(status.name for status in Status))
-    for pair, (_, estimates) in done:
+    for pair, (_, estimates) in results:
         shares = [float(np.mean(estimates.status == status)) if len(estimates) else 0.0 for status in Status]
         by_status.add_row(
             pair.device.name, pair.method, str(len(estimates)), *(f"{100.0 * share:.1f} %" for share in shares)
         )
     answers.print(_texts_left(by_status, 2))
     if out is not None:
-        for pair, each in done:
-            path = out if len(done) == 1 else out.with_stem(f"{out.stem}_{pair.device.name}_{pair.method}")
+        for pair, each in results:
+            path = out if len(results) == 1 else out.with_stem(f"{out.stem}_{pair.device.name}_{pair.method}")
             _write(path, each)
             answers.print(f"wrote {path}")
 
@@ -65,28 +68,28 @@ def _inputs(pair: Pair) -> tuple[str, ...]:
 
 
 def _texts_left(shown: Table, count: int) -> Table:
-    """The first columns hold names, which are neither right-aligned nor cut short."""
+    """The table with its first `count` columns left-aligned and never truncated: they hold names."""
     for column in shown.columns[:count]:
         column.justify, column.no_wrap = "left", True
     return shown
 
 
 def _add_last(shown: Table, pair: Pair, estimates: Estimates) -> None:
-    """The last trusted estimate of every output, or that there is none."""
+    """Add one row per output with its last trusted estimate, or dashes if there is none."""
     trusted = np.flatnonzero(estimates.status == Status.OK)
     for name in estimates.outputs:
-        value, deviation = estimates.column(name)
+        value, standard_deviation = estimates.column(name)
         if len(trusted):
             at = trusted[-1]
-            told = (f"{value[at]:.6g}", f"{deviation[at]:.2g}", _unit(name), f"{estimates.time[at]:.3f}")
+            cells = (f"{value[at]:.6g}", f"{standard_deviation[at]:.2g}", _unit(name), f"{estimates.time[at]:.3f}")
         else:
-            told = ("-", "-", _unit(name), "never")
-        shown.add_row(pair.device.name, pair.method, name, *told)
+            cells = ("-", "-", _unit(name), "never")
+        shown.add_row(pair.device.name, pair.method, name, *cells)
 
 
-def _missing(done: BagEstimates, inputs: tuple[str, ...]) -> list[str]:
-    """What the samples lack, one sentence per input; a message without the value counts as well as a NaN."""
-    rows = done.samples.rows[:, 1:]
+def _missing(result: BagEstimates, inputs: tuple[str, ...]) -> list[str]:
+    """One sentence for each input that is missing (NaN or absent) in some samples, or that never changes."""
+    rows = result.samples.rows[:, 1:]
     shares = np.mean(~np.isfinite(rows), axis=0) if len(rows) else np.ones(len(inputs))
     constant = [len(rows) > 1 and bool(np.all(column == column[0])) for column in rows.T]
     lacking = [
@@ -96,21 +99,21 @@ def _missing(done: BagEstimates, inputs: tuple[str, ...]) -> list[str]:
         for name, share in zip(inputs, shares, strict=True)
         if share > 0.0
     ]
-    dead = [
-        f"{name} never changes: is it measured at all?"
+    frozen = [
+        f"{name} never changes; check that it is measured"
         for name, still in zip(inputs, constant, strict=True)
         if still and name.startswith("tau_")
     ]
-    return lacking + dead
+    return lacking + frozen
 
 
 def _unit(output: str) -> str:
     return UNITS.get(output.rstrip("_0123456789"), "-")
 
 
-def _write(path: Path, done: BagEstimates) -> None:
-    """One line per sample: stamp [ns], status, then value and standard deviation of every output, exact."""
-    estimates = done.estimates
+def _write(path: Path, result: BagEstimates) -> None:
+    """Write one line per sample: stamp [ns], status, value and standard deviation of every output, without rounding."""
+    estimates = result.estimates
     names = [f"{name}{what}" for name in estimates.outputs for what in ("", "_standard_deviation")]
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
@@ -119,7 +122,7 @@ def _write(path: Path, done: BagEstimates) -> None:
             for k in range(len(estimates)):
                 pairs = np.stack([estimates.value[k], estimates.standard_deviation[k]], axis=1).ravel()
                 writer.writerow(
-                    [int(done.samples.stamp[k]), Status(int(estimates.status[k])).name, *map(repr, pairs.tolist())]
+                    [int(result.samples.stamp[k]), Status(int(estimates.status[k])).name, *map(repr, pairs.tolist())]
                 )
     except OSError as error:
         raise ViaError(f"cannot write {path}: {error.strerror}") from None

@@ -1,4 +1,4 @@
-"""`via gap`: what separates a log from its device's model, and the log simulated with effects."""
+"""`via gap diagnose`, `render` and `simulate`: the gap between logs and the model of their device."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from via_gap.report.withheld import before_and_after
 from via_sim.effects_file import load_effects
 
 from via_bringup.cli.console import answers, errors
+from via_bringup.cli.files import read_text, write_text
 
 Arm = Annotated[
-    str | None, typer.Option(help="Arm of rigid joints, by name or path to its YAML: logs hold all of its joints.")
+    str | None, typer.Option(help="Arm with rigid joints, name or path to its YAML; each log contains all its joints.")
 ]
 
 
@@ -32,73 +33,76 @@ def diagnose(
     logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files of one joint, or of an arm.")],
     device: Annotated[str | None, typer.Option(help="Device name (see `via devices`) or path to its YAML.")] = None,
     arm: Arm = None,
-    holdout: Annotated[list[Path] | None, typer.Option(help="Log to judge on instead of blocks of the others.")] = None,
+    holdout: Annotated[
+        list[Path] | None, typer.Option(help="Log to hold out for scoring, instead of blocks of the others.")
+    ] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the report to this file.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write the report as one HTML page to this file.")] = None,
     effects_out: Annotated[
-        Path | None, typer.Option(help="Write the named effects, and the numbers fitted with them, for the simulator.")
+        Path | None,
+        typer.Option(help="Write the identified effects and the refitted device parameters to this effects file."),
     ] = None,
 ) -> None:
-    """Report where the gap between logs and model lies, which effect causes it and how far it shrinks.
+    """Locate the gap between logs and model, identify the effects that cause it, and report what they explain of it.
 
-    For an arm, one report and one set of files per joint is written: report.json becomes report_JOINT.json.
+    For an arm, one report per joint is written: report.json becomes report_JOINT.json.
     """
     if (device is None) == (arm is None):
-        raise ViaError("name either a --device or an --arm")
+        raise ViaError("give either --device or --arm")
     columns = (SpinnerColumn(), TextColumn("{task.percentage:3.0f} % {task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=errors, transient=True) as bar:
         task = bar.add_task("reading", total=1.0)
 
-        def tell(what: str, share: float) -> None:
-            bar.update(task, description=what, completed=share)
+        def progress(step: str, share: float) -> None:
+            bar.update(task, description=step, completed=share)
 
         if arm is not None:
-            reports = _of_arm(arm, logs, holdout or (), tell)
+            reports = _of_arm(arm, logs, holdout or (), progress)
         else:
             described = load_device(device or "")
             everything = read_logs([*logs, *(holdout or ())], described)
             read, held = everything[: len(logs)], everything[len(logs) :]
-            report = diagnosed(read, described, held or None, tell)
-            tell("looking for a motion that decides", 1.0)
+            report = diagnosed(read, described, held or None, progress)
+            progress("searching for a motion that separates tied causes", 1.0)
             reports = (with_proposal(report, described),)
     for number, report in enumerate(reports):
         answers.print("\n" * (number > 0) + text(report), soft_wrap=True)
-        of = report.joint if arm is not None else ""
+        joint = report.joint if arm is not None else ""
         if out is not None:
-            _write(_named(out, of), report.to_json())
+            write_text(_named(out, joint), report.to_json())
         if html is not None:
-            write_page(report, _named(html, of))
+            write_page(report, _named(html, joint))
         if effects_out is not None:
-            save_repair(report, _named(effects_out, of))
+            save_repair(report, _named(effects_out, joint))
         for path in (out, html, effects_out):
             if path is not None:
-                answers.print(f"wrote {_named(path, of)}")
+                answers.print(f"wrote {_named(path, joint)}")
 
 
 def _of_arm(
-    arm: str, logs: list[Path], holdout: Sequence[Path], tell: Callable[[str, float], None]
+    arm: str, logs: list[Path], holdout: Sequence[Path], progress: Callable[[str, float], None]
 ) -> tuple[GapReport, ...]:
-    from via_gap.run.arms import diagnose_arm, load_arm, read_arm_log  # pinocchio takes a second to load
+    from via_gap.run.arms import diagnose_arm, load_arm, read_arm_log  # importing pinocchio takes a second
 
     whole = load_arm(arm)
     read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))
-    return diagnose_arm(whole, read, held, tell)
+    return diagnose_arm(whole, read, held, progress)
 
 
 def _named(path: Path, joint: str) -> Path:
-    """The file of one joint of an arm; of a single joint the path itself."""
+    """The path with the name of an arm's joint appended; unchanged if `joint` is empty."""
     return path.with_stem(f"{path.stem}_{joint}") if joint else path
 
 
 def render(
-    report: Annotated[Path, typer.Argument(help="Report that `via gap diagnose --json` wrote.")],
-    html: Annotated[Path | None, typer.Option(help="Write it as one HTML page to this file.")] = None,
+    report: Annotated[Path, typer.Argument(help="Report written by `via gap diagnose --json`.")],
+    html: Annotated[Path | None, typer.Option(help="Write the report as one HTML page to this file.")] = None,
 ) -> None:
-    """Show a report again: as text, and as a page."""
-    told = read_report(_text(report), str(report))
-    answers.print(text(told), soft_wrap=True)
+    """Print a saved report as text; optionally write it as an HTML page."""
+    saved = read_report(read_text(report), str(report))
+    answers.print(text(saved), soft_wrap=True)
     if html is not None:
-        write_page(told, html)
+        write_page(saved, html)
         answers.print(f"wrote {html}")
 
 
@@ -108,26 +112,26 @@ def simulate(
     effects: Annotated[Path | None, typer.Option(help="Effects file to add to the nominal model.")] = None,
     report: Annotated[
         Path | None,
-        typer.Option(help="Report of these logs: only what it held out counts; its repair, without a file."),
+        typer.Option(help="Report of these logs: use its repair unless --effects is given, score its held-out data."),
     ] = None,
     arm: Arm = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
 ) -> None:
-    """Simulate logs without and with effects and print the error of each against the measurement.
+    """Simulate logs without and with effects and print both errors against the measurement.
 
-    A joint of an --arm is not simulated: its error is the torque that its equation of motion lacks.
+    For a joint of an --arm the error is the residual torque of its equation of motion; nothing is simulated.
     """
     described = load_device(device)
-    told = read_report(_text(report), str(report)) if report is not None else None
-    added = load_effects(effects) if effects is not None else told.repaired() if told is not None else ()
-    held_out = told.held_out if told is not None else ()
+    saved = read_report(read_text(report), str(report)) if report is not None else None
+    added = load_effects(effects) if effects is not None else saved.repaired() if saved is not None else ()
+    held_out = saved.held_out if saved is not None else ()
     if arm is not None:
         read = _joint_of_arm(arm, described, logs)
     else:
         read = read_logs(logs, described)
-    by_equations = arm is not None or (told is not None and told.by_equations)
-    if told is not None:
-        read = told.as_read(read)
+    by_equations = arm is not None or (saved is not None and saved.by_equations)
+    if saved is not None:
+        read = saved.as_read(read)
     before, after = before_and_after(read, described, added, held_out, by_equations)
     floor = float(np.sqrt(np.mean(before.floors**2)))
     answers.print(f"gap: {before.overall:.4g} before, {after.overall:.4g} after, floor {floor:.3g}")
@@ -137,7 +141,7 @@ def simulate(
             for name, a, b in zip(before.names, before.signals, after.signals, strict=True)
         }
         content = {"before": before.overall, "after": after.overall, "floor": floor, "signals": signals}
-        _write(out, json.dumps(content, indent=2) + "\n")
+        write_text(out, json.dumps(content, indent=2) + "\n")
         answers.print(f"wrote {out}")
 
 
@@ -147,19 +151,5 @@ def _joint_of_arm(arm: str, device: Device, logs: list[Path]) -> list[JointLog]:
     whole = load_arm(arm)
     names = [each.name for each in whole.devices]
     if device.name not in names:
-        raise ViaError(f"'{device.name}' is no joint of '{whole.name}', whose are {', '.join(names)}")
+        raise ViaError(f"'{device.name}' is not a joint of '{whole.name}', which has: {', '.join(names)}")
     return [read_arm_log(path, whole)[names.index(device.name)] for path in logs]
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ViaError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ViaError(f"cannot write {path}: {error.strerror}") from None

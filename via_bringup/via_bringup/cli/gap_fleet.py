@@ -1,4 +1,4 @@
-"""`via gap fleet`: many logs diagnosed by many processes, and what was found in one table."""
+"""`via gap fleet`: diagnose many logs in parallel and list the results in one table."""
 
 from __future__ import annotations
 
@@ -13,45 +13,48 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from via_core.devices import load_device
-from via_core.errors import ViaError
 
 from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.files import write_text
 
 if TYPE_CHECKING:
     from via_gap.run.fleet import Row
 
-HEAD = ("log", "verdict", "where", "causes", "probability", "gap before", "after", "explained")
+HEADER = ("log", "verdict", "where", "causes", "probability", "gap before", "after", "explained")
 
 
 def fleet(
-    logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files of joints of one kind.")],
+    logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files of joints of one type.")],
     device: Annotated[str, typer.Option(help="Device name (see `via devices`) or path to its YAML.")],
-    results: Annotated[Path, typer.Option(help="Folder for reports and table; another run goes on from there.")],
+    results: Annotated[Path, typer.Option(help="Folder for reports and table; a later run resumes from it.")],
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a dask scheduler, e.g. tcp://host:8786, instead of this machine.")
+        str | None, typer.Option(help="Address of a dask scheduler, e.g. tcp://host:8786; default: this machine.")
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes here; default: one per core.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes on this machine; default: one per core.")] = None,
     markdown: Annotated[Path | None, typer.Option(help="Also write the table to this Markdown file.")] = None,
 ) -> None:
-    """Diagnose many logs and print one table; also as fleet.csv and fleet.json in the folder of results."""
-    from via_gap.run.fleet import run_fleet  # dask takes a second to load
+    """Diagnose many logs and print one table; also written to fleet.csv and fleet.json in the results folder."""
+    from via_gap.run.fleet import run_fleet  # importing dask takes a second
 
     described = load_device(device)
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=errors, transient=True) as bar:
         task = bar.add_task("starting", total=len(logs))
 
-        def told(done: int, of: int, path: Path | None) -> None:
-            said = f"{done} done before" if path is None and done else path.name if path is not None else "starting"
-            bar.update(task, completed=done, total=of, description=said)
+        def progress(done: int, total: int, path: Path | None) -> None:
+            if path is not None:
+                step = path.name
+            else:
+                step = f"{done} already done" if done else "starting"
+            bar.update(task, completed=done, total=total, description=step)
 
-        rows = run_fleet(logs, described, results, told, scheduler, workers)
+        rows = run_fleet(logs, described, results, progress, scheduler, workers)
     _print(rows)
-    _write(results / "fleet.csv", as_csv(rows))
-    _write(results / "fleet.json", json.dumps([asdict(row) for row in rows], indent=1) + "\n")
+    write_text(results / "fleet.csv", as_csv(rows))
+    write_text(results / "fleet.json", json.dumps([asdict(row) for row in rows], indent=1) + "\n")
     written = [results / "fleet.csv", results / "fleet.json"]
     if markdown is not None:
-        _write(markdown, as_markdown(rows))
+        write_text(markdown, as_markdown(rows))
         written.append(markdown)
     answers.print(f"wrote {', '.join(map(str, written))}", soft_wrap=True)
     failed = sum(not row.verdict for row in rows)
@@ -62,7 +65,7 @@ def fleet(
 
 
 def cells(row: Row) -> tuple[str, ...]:
-    """What a row shows under HEAD."""
+    """Texts of a row, one per column of HEADER."""
     share = "" if row.share is None else f" {100.0 * row.share:.0f} %"
     percent = ["" if value is None else f"{100.0 * value:.0f} %" for value in (row.probability, row.explained)]
     gaps = ["" if value is None else f"{value:.4g}" for value in (row.before, row.after)]
@@ -70,7 +73,7 @@ def cells(row: Row) -> tuple[str, ...]:
 
 
 def as_csv(rows: Sequence[Row]) -> str:
-    """Every number of every row, with a header."""
+    """All fields of all rows as CSV, with a header."""
     from via_gap.run.fleet import Row
 
     out = io.StringIO()
@@ -81,20 +84,13 @@ def as_csv(rows: Sequence[Row]) -> str:
 
 
 def as_markdown(rows: Sequence[Row]) -> str:
-    """The table as Markdown."""
-    lines = [HEAD, tuple("---" for _ in HEAD), *(cells(row) for row in rows)]
+    """The table in Markdown."""
+    lines = [HEADER, tuple("---" for _ in HEADER), *(cells(row) for row in rows)]
     return "".join(f"| {' | '.join(each.replace('|', chr(92) + '|') for each in line)} |\n" for line in lines)
 
 
 def _print(rows: Sequence[Row]) -> None:
-    shown = table(f"{len(rows)} logs", *HEAD)
+    shown = table(f"{len(rows)} logs", *HEADER)
     for row in rows:
         shown.add_row(*cells(row))
     answers.print(shown)
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ViaError(f"cannot write {path}: {error.strerror}") from None

@@ -1,4 +1,4 @@
-"""`via gap propose`: the short motion that would separate the causes a log left undecided, as a file of commands."""
+"""`via gap propose`: a short motion that separates tied causes, as a file of commands."""
 
 from __future__ import annotations
 
@@ -7,35 +7,31 @@ from typing import Annotated
 
 import typer
 from via_core.devices import load_device
-from via_core.errors import ViaError
 from via_gap.design.commands import RANGE
 from via_gap.design.motion_file import write_motion
 from via_gap.design.proposal import propose
 from via_gap.report.report import read_report
 
 from via_bringup.cli.console import answers
+from via_bringup.cli.files import read_text, write_text
 
 
 def propose_motion(
-    report: Annotated[Path, typer.Argument(help="Report of `via gap diagnose --json`.")],
-    device: Annotated[str, typer.Option(help="Device name or path to its YAML; else the report's joint.")] = "",
-    out: Annotated[Path | None, typer.Option(help="Commands: a .csv file, or else a new bag folder.")] = None,
+    report: Annotated[Path, typer.Argument(help="Report written by `via gap diagnose --json`; the proposal is added to it if --out is given.")],
+    device: Annotated[str, typer.Option(help="Device name or path to its YAML; default: the report's joint.")] = "",
+    out: Annotated[Path | None, typer.Option(help="Write the commands to this .csv file or new bag folder.")] = None,
     reach: Annotated[float, typer.Option(min=0.01, max=6.0, help="Largest motor angle from rest \\[rad].")] = RANGE,
 ) -> None:
     """Propose the motion that best distinguishes tied causes, within the device's limits."""
-    try:
-        text = report.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ViaError(f"{report}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
-    told = read_report(text, str(report))
-    described = load_device(device or told.joint)
-    found = propose(told, described, reach)
+    saved = read_report(read_text(report), str(report))
+    described = load_device(device or saved.joint)
+    found = propose(saved, described, reach)
     if found is None:
-        answers.print("nothing to decide: the report names one answer")
+        answers.print("nothing to decide: the report has no tied causes")
         return
     answers.print(found.text)
     if out is not None:
         write_motion(out, described, found.commands)
         answers.print(f"wrote {out}")
-        completed = told.model_copy(update={"proposal": found.summary(described.name, str(out))})
-        report.write_text(completed.to_json(), encoding="utf-8")
+        completed = saved.model_copy(update={"proposal": found.summary(described.name, str(out))})
+        write_text(report, completed.to_json())
