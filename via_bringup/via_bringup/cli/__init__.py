@@ -31,7 +31,7 @@ COMMANDS = {
         "via_bringup.cli.estimate:estimate", "Estimate stiffness and damping from a bag and print the last values."
     ),
     "sim": Entry(
-        "via_bringup.cli.simulate:simulate",
+        "via_bringup.cli.simulate:run_simulator",
         "Run the simulator node until interrupted; it subscribes to VsaCommand on /<device>/command.",
     ),
     "run": Entry(
