@@ -12,7 +12,7 @@ help: ## show this list
 	@sed -nE 's/^([a-z]+):.*## (.*)/make \1@\2/p' Makefile | column -t -s @
 
 setup: workspace ## make .venv and the colcon workspace, compile kernels (PYTHON=/path/to/python3.12 chooses the interpreter)
-	@$(ENV) python -m via_bringup.kernels
+	@$(ENV) python -m via_bringup.compile_kernels
 
 workspace:
 	@PYTHON="$(PYTHON)" ros2_ws/setup.sh

@@ -1,4 +1,4 @@
-"""The demo on a few runs: every part is there, nothing is lost, and its own judgement can fail."""
+"""The demo on a few runs: every part is complete, no message is lost, and its own checks can fail."""
 
 import json
 import shutil
@@ -33,7 +33,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory, root: Path, domain: int) -> t
     return out, run_demo(out, folder, DURATION, lambda part, done, of, what: parts.append(part))
 
 
-def test_summary_file_is_the_summary(demo):
+def test_summary_file_contains_the_summary(demo):
     out, summary = demo
     written = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     lost = written["live"]["traffic"].pop("lost")
@@ -55,7 +55,7 @@ def test_good_runs_are_estimated_and_corrupt_ones_listed_with_reasons(demo):
         assert 0.1 < run.nrmse < 1.0
 
 
-def test_nothing_is_lost(demo):
+def test_no_message_is_lost(demo):
     _, summary = demo
     for run in summary.robot.runs:
         assert run.traffic.lost == 0
@@ -66,13 +66,13 @@ def test_nothing_is_lost(demo):
     assert summary.live.replay.lost == 0
 
 
-def test_live_and_replayed_estimates_are_the_same_bits_and_near_the_truth(demo):
+def test_live_and_replayed_estimates_are_bit_identical_and_near_the_truth(demo):
     _, summary = demo
     assert summary.live.bit_identical
     assert summary.live.stiffness_error < 0.05
 
 
-def test_a_single_changed_bit_is_found(demo, tmp_path):
+def test_a_single_changed_bit_is_detected(demo, tmp_path):
     out, summary = demo
     device, live = load_device(summary.live.device), read_bag(out / "bags" / "live")
     topic = f"/{device.name}/stiffness"
@@ -112,28 +112,28 @@ def test_diagnosis_is_the_first_link_of_the_page(demo):
     assert (out / summary.diagnosis.page).stat().st_size > 10_000
 
 
-def test_every_bag_is_whole(demo):
+def test_every_bag_is_complete(demo):
     out, summary = demo
     bags = [path.parent for path in (out / "bags").rglob("metadata.yaml")]
     assert len(bags) == 2 * len(summary.robot.runs) + 2
     assert all(read_bag(bag).complete for bag in bags)
 
 
-def test_a_foreign_folder_is_left_alone(tmp_path):
+def test_a_folder_with_other_content_is_not_changed(tmp_path):
     (tmp_path / "thesis.tex").write_text("chapter 1")
-    with pytest.raises(ViaError, match="not the demo's"):
+    with pytest.raises(ViaError, match="not made by the demo"):
         run_demo(tmp_path, None, DURATION, lambda *_: None)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 @pytest.mark.parametrize("out", ["thesis.tex", "thesis.tex/below"])
-def test_a_file_in_the_way_is_said_in_one_line(tmp_path, out):
+def test_a_file_in_place_of_the_folder_is_an_error(tmp_path, out):
     (tmp_path / "thesis.tex").write_text("chapter 1")
     with pytest.raises(ViaError, match="choose another folder"):
         run_demo(tmp_path / out, None, DURATION, lambda *_: None)
 
 
-def test_a_failure_leaves_the_last_results(tmp_path):
+def test_a_failure_keeps_the_last_results(tmp_path):
     out = tmp_path / "demo"
     out.mkdir()
     (out / MARK).touch()

@@ -10,7 +10,6 @@ import pytest
 import rclpy
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from via_bringup.composition import Composition
 from via_core.bags.reader import read_bag
 from via_core.bags.writer import BagWriter
 from via_core.devices import device_names, load_device
@@ -20,6 +19,7 @@ from via_estimators.nodes.estimator import BANK, EstimatorNode
 from via_estimators.rows import estimate_bag
 from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate, VsaCommand
 from via_ros import qos
+from via_ros.composition import Composition
 from via_ros.conversions import Command, CommandWriter, JointStateWriter, nanoseconds
 from via_ros.nodes.player import Player
 

@@ -135,11 +135,11 @@ def test_the_gap_claimed_of_an_arms_joint_comes_again_from_its_files(arm: Arm, a
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["diagnose", "run.csv"], "name either a --device or an --arm"),
+        (["diagnose", "run.csv"], "give either --device or --arm"),
         (["diagnose", "run.csv", "--arm", "nobody"], "no arm 'nobody'"),
         (
             ["simulate", "run.csv", "--arm", "dfki_double_pendulum", "--device", "maccepavd"],
-            "'maccepavd' is no joint of 'dfki_double_pendulum', whose are dfki_shoulder, dfki_elbow",
+            "'maccepavd' is not a joint of 'dfki_double_pendulum', which has: dfki_shoulder, dfki_elbow",
         ),
     ],
 )

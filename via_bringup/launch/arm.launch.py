@@ -55,8 +55,8 @@ def generate_launch_description() -> LaunchDescription:
                 default_value="j1=qbmove_a j2=qbmove_a j3=qbmove_a j4=qbmove_a",
                 description="joints, separated by spaces: device, path to its YAML, or NAME=either of these",
             ),
-            DeclareLaunchArgument("methods", default_value="all", description="auto, all or names of estimators, separated by spaces"),
-            DeclareLaunchArgument("simulated", default_value="true", description="false: only the estimators, for a real robot"),
+            DeclareLaunchArgument("methods", default_value="all", description="auto, all or names of estimators"),
+            DeclareLaunchArgument("simulated", default_value="true", description="false: for a real robot"),
             parameter_file("arm.yaml", "parameter file of the estimator bank"),
             OpaqueFunction(function=nodes),
         ]

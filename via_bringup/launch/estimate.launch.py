@@ -6,7 +6,7 @@ ros2 launch via_bringup estimate.launch.py device:=maccepavd bag:=/path/to/bag r
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from via_bringup.launching import node, playback, string_argument
+from via_bringup.launching import node, playback, string
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -15,6 +15,6 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("device", description="device name or path to its YAML"),
             DeclareLaunchArgument("method", default_value="auto", description="auto or the name of an estimator"),
             *playback("playback speed; 0: as fast as the subscribers keep up"),
-            node("via_estimators", "estimator", {"device": string_argument("device"), "method": string_argument("method")}),
+            node("via_estimators", "estimator", {"device": string("device"), "method": string("method")}),
         ]
     )

@@ -7,7 +7,7 @@ ros2 launch via_bringup gap.launch.py device:=maccepavd bag:=/path/to/bag rate:=
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
-from via_bringup.launching import node, parameter_file, playback, string_argument
+from via_bringup.launching import node, parameter_file, playback, string
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -16,6 +16,6 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("device", description="device name or path to its YAML"),
             *playback(),
             parameter_file("gap.yaml", "parameter file of the gap monitor"),
-            node("via_gap", "gap_monitor", LaunchConfiguration("parameters"), {"device": string_argument("device")}),
+            node("via_gap", "gap_monitor", LaunchConfiguration("parameters"), {"device": string("device")}),
         ]
     )

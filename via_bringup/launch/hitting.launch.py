@@ -8,7 +8,7 @@ ros2 topic echo /reference_4dof/contact
 
 from launch import LaunchDescription
 from launch.substitutions import LaunchConfiguration
-from via_bringup.launching import node, simulation, string_argument
+from via_bringup.launching import node, simulation, string
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -16,7 +16,7 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             *simulation("hitting.yaml"),
-            node("via_sim", "arm_simulator", file, {"mode": string_argument("mode")}),
+            node("via_sim", "arm_simulator", file, {"mode": string("mode")}),
             node("via_controllers", "bang_bang", file),
         ]
     )

@@ -1,4 +1,4 @@
-"""A two-legged hopper that is dropped from just above the ground and settles into periodic hopping.
+"""A two-legged hopper, dropped from just above the ground. No hopping frequency is prescribed.
 
 ros2 launch via_bringup hopper.launch.py
 ros2 launch via_bringup hopper.launch.py payload:=6.0 bag:=hop
@@ -9,7 +9,7 @@ ros2 topic echo /hopper/base          # pose of the trunk
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
-from via_bringup.launching import float_argument, node, simulation, string_argument
+from via_bringup.launching import node, number, simulation, string
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -18,7 +18,7 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument("payload", default_value="0.0", description="mass added to the trunk [kg]"),
             *simulation("hopper.yaml"),
-            node("via_sim", "hopper_simulator", file, {"payload": float_argument("payload"), "mode": string_argument("mode")}),
+            node("via_sim", "hopper_simulator", file, {"payload": number("payload"), "mode": string("mode")}),
             node("via_controllers", "hopping", file),
         ]
     )

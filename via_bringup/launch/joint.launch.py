@@ -6,16 +6,16 @@ ros2 launch via_bringup joint.launch.py device:=cubic_demo bag:=joint
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
-from via_bringup.launching import node, simulation, string_argument
+from via_bringup.launching import node, simulation, string
 
 
 def generate_launch_description() -> LaunchDescription:
-    file, device = LaunchConfiguration("parameters"), string_argument("device")
-    simulated = {"device": device, "mode": string_argument("mode"), "effects": string_argument("effects")}
+    file, device = LaunchConfiguration("parameters"), string("device")
+    simulated = {"device": device, "mode": string("mode"), "effects": string("effects")}
     return LaunchDescription(
         [
             DeclareLaunchArgument("device", default_value="cubic_demo", description="device name or path to its YAML"),
-            DeclareLaunchArgument("effects", default_value="", description="effects file for the simulator; empty: the nominal model"),
+            DeclareLaunchArgument("effects", default_value="", description="effects file for the simulator"),
             *simulation("joint.yaml"),
             node("via_sim", "simulator", file, simulated),
             node("via_controllers", "excitation", file, {"device": device}),

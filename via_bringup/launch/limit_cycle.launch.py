@@ -14,21 +14,21 @@ ros2 lifecycle set /modal_limit_cycle deactivate
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration, PythonExpression
-from via_bringup.launching import if_equal, node, simulation, string_argument
+from via_bringup.launching import if_equal, node, simulation, string
 
 CONTROLLERS = ("modal_limit_cycle", "bang_bang")
-ARGUMENT, DEFAULT = "law:=modal_limit_cycle".split(":=")  # chooses the controller
+ARGUMENT, _, DEFAULT = "law:=modal_limit_cycle".partition(":=")  # chooses the controller
 
 
 def generate_launch_description() -> LaunchDescription:
-    file, arm = LaunchConfiguration("parameters"), string_argument("arm")
+    file, arm = LaunchConfiguration("parameters"), string("arm")
     defaults = PythonExpression(["'", LaunchConfiguration(ARGUMENT), "' + '.yaml'"])
     return LaunchDescription(
         [
             DeclareLaunchArgument("arm", default_value="reference_4dof", description="arm name or path to its YAML"),
-            DeclareLaunchArgument(ARGUMENT, default_value=DEFAULT, description=f"controller: {' or '.join(CONTROLLERS)}"),
+            DeclareLaunchArgument(ARGUMENT, default_value=DEFAULT, description=" or ".join(CONTROLLERS)),
             *simulation(defaults, description="parameter file of the nodes; default: CONTROLLER.yaml"),
-            node("via_sim", "arm_simulator", file, {"arm": arm, "mode": string_argument("mode")}),
+            node("via_sim", "arm_simulator", file, {"arm": arm, "mode": string("mode")}),
             *(
                 node("via_controllers", controller, file, {"arm": arm}, condition=if_equal(ARGUMENT, controller))
                 for controller in CONTROLLERS

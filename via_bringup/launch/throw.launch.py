@@ -9,18 +9,18 @@ To repeat the throw: ros2 lifecycle set /max_velocity deactivate, then activate
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
-from via_bringup.launching import node, simulation, string_argument
+from via_bringup.launching import node, simulation, string
 
 
 def generate_launch_description() -> LaunchDescription:
-    file, device = LaunchConfiguration("parameters"), string_argument("device")
+    file, device = LaunchConfiguration("parameters"), string("device")
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 "device", default_value="visco_elastic_demo", description="device name or path to its YAML"
             ),
             *simulation("throw.yaml"),
-            node("via_sim", "simulator", file, {"device": device, "mode": string_argument("mode")}),
+            node("via_sim", "simulator", file, {"device": device, "mode": string("mode")}),
             node("via_controllers", "max_velocity", file, {"device": device}),
         ]
     )

@@ -1,4 +1,4 @@
-"""Launch and parameter files fit what they start: a stock Jazzy runs them, this machine at least reads them."""
+"""Launch and parameter files match the nodes they start. `launch` is not on PyPI, so a stub reads the files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 from via_bringup.demo.reference import MOTORS, damped_arm, wall_scene
-from via_bringup.demo.scenes import PUT_ASIDE, WALL_AT
+from via_bringup.demo.scenes import START_AT, WALL_AT
 from via_controllers.nodes.bang_bang import BangBangParameters
 from via_controllers.nodes.excitation import ExcitationParameters
 from via_controllers.nodes.hopping import HoppingParameters
@@ -48,23 +48,23 @@ PARAMETERS = {
     "hopper.yaml": {"hopper_simulator": HopperSimulatorParameters, "hopping": HoppingParameters},
     "throw.yaml": {"simulator": SimulatorParameters, "max_velocity": MaxVelocityParameters},
 }
-OWN = {  # what executables take in launch files
+OWN = {  # parameter classes of the executables in launch files
     **{executable: kind for each in PARAMETERS.values() for executable, kind in each.items()},
     "estimator_bank": BankParameters,
     "player": PlayerParameters,
     "recorder": RecorderParameters,
 }
-ROBOTS = {"hitting.launch.py", "hopper.launch.py"}  # these start one robot and no other
+ROBOTS = {"hitting.launch.py", "hopper.launch.py"}  # these have no argument for the device
 
 
 class Part:
-    """Anything of `launch`, which is not on PyPI: keeps what it was made of."""
+    """Stub of any class of `launch`; keeps its arguments."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         self.args, self.options = args, options
 
     def parts(self) -> Iterator[Part]:
-        """This and all that it was made of."""
+        """This part and, recursively, the parts among its arguments."""
         yield self
         for each in _inside([self.args, self.options]):
             yield from each.parts()
@@ -95,20 +95,20 @@ class OpaqueFunction(Part): ...
 
 
 class Context(dict[str, Any]):
-    """Values of arguments, and which were asked for."""
+    """Values of the launch arguments; records which were read."""
 
     def __init__(self, declared: list[Part]) -> None:
         super().__init__({each.args[0]: each.options.get("default_value") for each in declared})
-        self.asked: list[str] = []
+        self.read: list[str] = []
 
     def __getitem__(self, name: str) -> Any:
-        self.asked.append(name)
+        self.read.append(name)
         return super().__getitem__(name)
 
 
 @pytest.fixture
 def described(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], list[Part]]:
-    """Everything that a launch file describes, with the defaults of its arguments where it asks for them."""
+    """Function that returns all parts of a launch file, with the default values of its arguments."""
     own = (Node, DeclareLaunchArgument, LaunchConfiguration, OpaqueFunction)
     for name in ("launch", "launch.actions", "launch.conditions", "launch.substitutions", "launch_ros",
                  "launch_ros.actions", "launch_ros.parameter_descriptions", "launch_ros.substitutions"):  # fmt: skip
@@ -116,7 +116,7 @@ def described(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], list[Part]]:
         module.__getattr__ = lambda _: Part  # type: ignore[method-assign]
         vars(module).update({kind.__name__: kind for kind in own})
         monkeypatch.setitem(sys.modules, name, module)
-    # Made of these, for this test alone.
+    # Imports `launching` with the stubs, for this test only.
     monkeypatch.delitem(sys.modules, "via_bringup.launching", raising=False)
 
     def describe(file: Path) -> list[Part]:
@@ -124,7 +124,7 @@ def described(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], list[Part]]:
         context = Context(of(found, DeclareLaunchArgument))
         for each in of(found, OpaqueFunction):
             found += [part for made in each.options["function"](context) for part in made.parts()]
-        return [*found, *map(LaunchConfiguration, context.asked)]
+        return [*found, *map(LaunchConfiguration, context.read)]
 
     yield describe
     sys.modules.pop("via_bringup.launching", None)
@@ -149,23 +149,21 @@ def test_every_node_is_an_installed_executable(file, described):
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
-def test_every_parameter_is_one_that_its_node_has(file, described):
+def test_every_parameter_exists_in_its_node(file, described):
     for node in of(described(file), Node):
         known = {item.name for item in fields(OWN[node.options["executable"]])}
-        told = {name for each in node.options["parameters"] if isinstance(each, dict) for name in each}
-        assert told <= known
+        given = {name for each in node.options["parameters"] if isinstance(each, dict) for name in each}
+        assert given <= known
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
-def test_every_parameter_file_named_is_there(file, described):
+def test_every_parameter_file_exists(file, described):
     named = {word for part in described(file) for word in re.findall(r"\w+\.yaml", str(part.args))}
     assert named <= {each.name for each in (PACKAGE / "config").iterdir()}
     assert (
         named
         or "parameters" not in {part.args[0] for part in of(described(file), DeclareLaunchArgument)}
-        or (
-            file.name == "limit_cycle.launch.py"  # which is named after the law
-        )
+        or file.name == "limit_cycle.launch.py"  # its parameter file is named after the controller
     )
 
 
@@ -181,16 +179,16 @@ def test_every_configuration_is_declared_with_a_description(file, described):
 
 
 @pytest.mark.parametrize("file", SIMULATIONS, ids=lambda file: file.name)
-def test_a_bag_starts_a_recorder_and_nothing_else_does(file, described):
-    waiting = []
+def test_a_bag_starts_exactly_the_recorder(file, described):
+    conditional = []
     for node in of(described(file), Node):
-        asked = of(list(node.options.get("condition", Part()).parts()), LaunchConfiguration)
-        waiting += [node for each in asked if each.args == ("bag",)]
-    assert [node.options["executable"] for node in waiting] == ["recorder"]
+        conditions = of(list(node.options.get("condition", Part()).parts()), LaunchConfiguration)
+        conditional += [node for each in conditions if each.args == ("bag",)]
+    assert [node.options["executable"] for node in conditional] == ["recorder"]
 
 
 @pytest.mark.parametrize("file", PARAMETERS)
-def test_parameter_file_names_parameters_that_exist(file):
+def test_parameter_file_contains_parameters_that_exist(file):
     content = yaml.safe_load((PACKAGE / "config" / file).read_text(encoding="utf-8"))
     assert content.keys() == PARAMETERS[file].keys()
     for node, section in content.items():
@@ -201,10 +199,10 @@ def test_parameter_file_names_parameters_that_exist(file):
         kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
 
 
-def test_the_wall_of_the_launch_file_is_that_of_the_scene():
+def test_the_wall_of_the_launch_file_equals_that_of_the_scene():
     content = yaml.safe_load((PACKAGE / "config" / "hitting.yaml").read_text(encoding="utf-8"))
-    given, stand = content["arm_simulator"]["ros__parameters"], wall_scene(WALL_AT, PUT_ASIDE)
-    assert given["posture"] == pytest.approx(stand.start, abs=1e-3)
-    assert given["walls"] == pytest.approx([*stand.face, *-stand.along], abs=1e-3)
+    given, scene = content["arm_simulator"]["ros__parameters"], wall_scene(WALL_AT, START_AT)
+    assert given["posture"] == pytest.approx(scene.start, abs=1e-3)
+    assert given["walls"] == pytest.approx([*scene.face, *-scene.along], abs=1e-3)
     assert given["link_friction"] == pytest.approx(damped_arm().link_friction, abs=5e-3)
     assert content["bang_bang"]["ros__parameters"]["motors"] == list(MOTORS)

@@ -1,4 +1,4 @@
-"""CSV files of other makers: headers, units and an enabling column by the device file; levels of a position drive."""
+"""CSV files from other software: column names, units and enable column from the device file."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def test_counts_and_amperes_are_read_in_si_units(tmp_path) -> None:
     assert (log.level, log.drivable) == ("full", True)
 
 
-def test_a_position_drive_that_is_switched_off_has_no_goal(tmp_path) -> None:
+def test_a_disabled_position_drive_has_no_goal(tmp_path) -> None:
     file = tmp_path / "log.csv"
     text = "time,position,goal_position,torque_enable\n0.0,0.1,0.2,1\n0.005,0.1,0.3,0\n0.01,0.1,0.4,1\n"
     file.write_text(text, encoding="utf-8")
@@ -32,8 +32,8 @@ def test_a_position_drive_that_is_switched_off_has_no_goal(tmp_path) -> None:
     assert not read_log(file, load_device("xl330")).drivable
 
 
-def test_via_sim_runs_goals_of_a_table_and_its_log_is_read(tmp_path) -> None:
-    """By the channels' own names: what via sim writes is no foreign file."""
+def test_a_log_of_via_sim_with_goals_of_a_table_can_be_read(tmp_path) -> None:
+    """The columns of its log have the names of VIA's channels."""
     motion, record = tmp_path / "motion.csv", tmp_path / "log.csv"
     t = np.arange(400) / 200.0
     goals = np.where(t < 1.5, 0.5 * np.sin(3.0 * t), np.nan)

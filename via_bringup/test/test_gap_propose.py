@@ -1,4 +1,4 @@
-"""`via gap propose` and `via sim --commands`: from a report to a file of commands to a log that can be diagnosed."""
+"""`via gap propose` and `via sim --commands`: from a report to a command file to a log for diagnosis."""
 
 import numpy as np
 import pytest
@@ -52,12 +52,12 @@ def test_a_proposal_is_written_and_runs_on_the_simulator(tmp_path):
     recorded = read_log(log, device)
     assert recorded.drivable
     assert recorded.duration == pytest.approx(proposal.duration, abs=0.05)
-    asked = read_motion(motion, device)
-    assert np.max(np.abs(asked["equilibrium"])) > 0.05
+    commands = read_motion(motion, device)
+    assert np.max(np.abs(commands["equilibrium"])) > 0.05
     assert np.ptp(recorded.measured["q"]) > 0.05
 
 
-def test_a_report_that_names_one_answer_needs_no_motion(tmp_path):
+def test_a_report_without_tied_causes_needs_no_motion(tmp_path):
     report = tmp_path / "report.json"
     report.write_text(report_of(COULOMB).to_json(), encoding="utf-8")
     ran = CliRunner().invoke(app, ["gap", "propose", str(report), "--out", str(tmp_path / "motion.csv")])

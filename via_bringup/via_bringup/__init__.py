@@ -1,1 +1,1 @@
-"""The demo and the `via` command: what a user meets first."""
+"""The `via` command, the demo, and shared parts of the launch files."""

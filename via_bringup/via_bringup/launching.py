@@ -12,12 +12,12 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 
-def string_argument(name: str) -> ParameterValue:
+def string(name: str) -> ParameterValue:
     """Value of a launch argument as a string parameter, even if it looks like a number."""
     return ParameterValue(LaunchConfiguration(name), value_type=str)
 
 
-def float_argument(name: str) -> ParameterValue:
+def number(name: str) -> ParameterValue:
     """Value of a launch argument as a float parameter, even if it looks like an integer."""
     return ParameterValue(LaunchConfiguration(name), value_type=float)
 
@@ -44,13 +44,13 @@ def simulation(defaults: Any, **more: Any) -> list[Any]:
         DeclareLaunchArgument("mode", default_value="realtime", description="realtime, lockstep or free"),
         DeclareLaunchArgument("bag", default_value="", description="folder of the bag to record; empty: none"),
         parameter_file(defaults, **more),
-        node("via_ros", "recorder", {"bag": string_argument("bag")}, condition=_if_bag()),
+        node("via_ros", "recorder", {"bag": string("bag")}, condition=_if_bag()),
     ]
 
 
 def playback(speed: str = "playback speed") -> list[Any]:
     """Launch arguments `bag` and `rate`; a player starts if `bag` is given. `speed` describes `rate`."""
-    played = {"bag": string_argument("bag"), "rate": float_argument("rate")}
+    played = {"bag": string("bag"), "rate": number("rate")}
     return [
         DeclareLaunchArgument("bag", default_value="", description="bag to play; empty: use the robot's topics"),
         DeclareLaunchArgument("rate", default_value="1.0", description=speed),

@@ -1,4 +1,4 @@
-"""Where results come from: the commit, the command and the versions that made them. No dates: a rerun is no change."""
+"""Provenance of results: commit, command and versions. No dates, so that a repeated run changes nothing."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Provenance:
-    """What is needed to make the same results again."""
+    """What is needed to reproduce results."""
 
-    commit: str  # short hash, with a + where sources differ from it; 'unknown' outside a clone
+    commit: str  # as in `commit`
     command: str
     python: str
     numpy: str
@@ -24,12 +24,12 @@ class Provenance:
 
 
 def provenance(command: str) -> Provenance:
-    """Of what `command` makes here and now."""
+    """Provenance of the results of `command`, run now with the current sources."""
     return Provenance(commit(), command, platform.python_version(), version("numpy"), version("numba"))
 
 
 def commit() -> str:
-    """Short hash of the commit checked out, with a + where packages differ from it; 'unknown' outside a clone."""
+    """Short hash of the checked-out commit, with a + if a package was changed since; 'unknown' outside a clone."""
     found = _git("rev-parse", "--short", "HEAD").strip()
     if not found:
         return "unknown"
@@ -38,11 +38,11 @@ def commit() -> str:
 
 
 def _git(*words: str) -> str:
-    """What git answers where this file stands, nothing where it cannot."""
+    """Output of git in the folder of this file; empty if git fails."""
     try:
-        asked = subprocess.run(
+        done = subprocess.run(
             ["git", "-C", str(Path(__file__).resolve().parent), *words], capture_output=True, text=True, check=False
         )
     except OSError:
         return ""
-    return asked.stdout if asked.returncode == 0 else ""
+    return done.stdout if done.returncode == 0 else ""

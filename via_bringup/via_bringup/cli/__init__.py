@@ -26,7 +26,10 @@ COMMANDS = {
         "via_bringup.cli.demo:demo",
         "Run the demo: a real robot's recordings and a simulated joint, shown on one page; or one controller scene.",
     ),
-    "devices": Entry("via_bringup.cli.devices:devices", "List the shipped devices, or describe one."),
+    "devices": Entry(
+        "via_bringup.cli.devices:devices",
+        "List the shipped devices, or describe one with the source of its parameters.",
+    ),
     "estimate": Entry(
         "via_bringup.cli.estimate:estimate", "Estimate stiffness and damping from a bag and print the last values."
     ),
@@ -40,22 +43,23 @@ COMMANDS = {
         {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
     ),
     "bag import": Entry(
-        "via_bringup.cli.bag:import_folder", "Convert CSV recordings to bags; refuse unusable ones and list the reasons."
+        "via_bringup.cli.bag:import_folder",
+        "Convert CSV recordings to bags; refuse unusable ones and list the reasons.",
     ),
     "bag info": Entry("via_bringup.cli.bag:info", "Show the topics and metadata of a bag."),
     "bag check": Entry(
         "via_bringup.cli.bag:check", "Check a bag for faults; the exit code is 1 if any finding is an error."
     ),
-    "bag recover": Entry(
-        "via_bringup.cli.bag:recover", "Write all readable messages of a damaged bag to a new bag."
-    ),
+    "bag recover": Entry("via_bringup.cli.bag:recover", "Write all readable messages of a damaged bag to a new bag."),
     "bag record": Entry("via_bringup.cli.bag:record", "Record topics until interrupted."),
     "bag play": Entry("via_bringup.cli.bag:play", "Play a bag in time stamp order and publish /clock."),
     "gap diagnose": Entry(
         "via_bringup.cli.gap:diagnose",
-        "Locate the gap between logs and model, identify the effects that cause it, and report what they explain of it.",
+        "Locate the gap between logs and model, identify the effects that cause it, and report what they explain.",
     ),
-    "gap render": Entry("via_bringup.cli.gap:render", "Print a saved report as text; optionally write it as an HTML page."),
+    "gap render": Entry(
+        "via_bringup.cli.gap:render", "Print a saved report as text; optionally write it as an HTML page."
+    ),
     "gap simulate": Entry(
         "via_bringup.cli.gap:simulate",
         "Simulate logs without and with effects and print both errors against the measurement.",
@@ -109,7 +113,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # for names that are not valid Unicode, and terminals without it
+            stream.reconfigure(errors="backslashreplace")  # for file names that are not valid Unicode
     try:
         app()
     except ViaError as error:

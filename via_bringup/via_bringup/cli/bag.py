@@ -26,7 +26,7 @@ SEVERITIES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 def import_folder(
     folder: Annotated[Path, typer.Argument(help="Folder with the CSV recordings.")],
-    mapping: Annotated[str, typer.Option(help=f"Mapping file, or the name of a shipped one: {', '.join(mapping_names())}.")],
+    mapping: Annotated[str, typer.Option(help=f"Mapping file or shipped mapping: {', '.join(mapping_names())}.")],
     out: Annotated[Path, typer.Option(help="Output folder, with one bag per recording.")],
     report: Annotated[Path | None, typer.Option("--json", help="Write the full report to this file.")] = None,
 ) -> None:

@@ -21,9 +21,9 @@ def demo(
     ] = None,
     recordings: Annotated[
         Path | None,
-        typer.Option(help="Folder with MACCEPA-VD recordings; default: ../shared/data/maccepavd if it exists, else the shipped sample."),
+        typer.Option(help="Folder with MACCEPA-VD recordings; default: ../shared/data/maccepavd, else the sample."),
     ] = None,
-    duration: Annotated[float, typer.Option(min=2.0, max=600.0, help="Duration of the live run \\[s]; of a scene, at most 10.")] = 10.0,
+    duration: Annotated[float, typer.Option(min=2.0, max=600.0, help="Live run \\[s]; scene: at most 10.")] = 10.0,
 ) -> None:
     """Run the demo: a real robot's recordings and a simulated joint, shown on one page; or one controller scene."""
     if scene:

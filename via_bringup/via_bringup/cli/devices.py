@@ -13,9 +13,9 @@ from via_bringup.cli.console import answers, table
 
 
 def devices(
-    device: Annotated[str, typer.Argument(help="Device name or path to its YAML: describe it with the source of its parameters.")] = "",
+    device: Annotated[str, typer.Argument(help="Device name or path to its YAML; default: list all.")] = "",
 ) -> None:
-    """List the shipped devices, or describe one."""
+    """List the shipped devices, or describe one with the source of its parameters."""
     if device:
         _describe(load_device(device))
         return

@@ -28,12 +28,11 @@ def estimate(
         list[str], typer.Option(help="Device name (see `via devices`) or path to its YAML; repeat for several.")
     ],
     method: Annotated[
-        list[str] | None,
-        typer.Option(help="Estimator name, auto (default: the best for the device) or all; repeat for several."),
+        list[str] | None, typer.Option(help="Estimator name, all, or auto (the default); repeat for several.")
     ] = None,
     joint_topic: Annotated[str, typer.Option(help="Topic of the joint states.")] = "/joint_states",
     out: Annotated[
-        Path | None, typer.Option("--csv", help="Write all estimates to this CSV file; with several estimators, one file each.")
+        Path | None, typer.Option("--csv", help="Write all estimates to this CSV file, or one file per estimator.")
     ] = None,
 ) -> None:
     """Estimate stiffness and damping from a bag and print the last values."""

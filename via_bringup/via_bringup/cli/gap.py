@@ -34,16 +34,15 @@ def diagnose(
     device: Annotated[str | None, typer.Option(help="Device name (see `via devices`) or path to its YAML.")] = None,
     arm: Arm = None,
     holdout: Annotated[
-        list[Path] | None, typer.Option(help="Log to hold out for scoring, instead of blocks of the others.")
+        list[Path] | None, typer.Option(help="Log held out for scoring; default: blocks of LOGS.")
     ] = None,
     out: Annotated[Path | None, typer.Option("--json", help="Write the report to this file.")] = None,
     html: Annotated[Path | None, typer.Option(help="Write the report as one HTML page to this file.")] = None,
     effects_out: Annotated[
-        Path | None,
-        typer.Option(help="Write the identified effects and the refitted device parameters to this effects file."),
+        Path | None, typer.Option(help="Write the effects and refitted device parameters to this effects file.")
     ] = None,
 ) -> None:
-    """Locate the gap between logs and model, identify the effects that cause it, and report what they explain of it.
+    """Locate the gap between logs and model, identify the effects that cause it, and report what they explain.
 
     For an arm, one report per joint is written: report.json becomes report_JOINT.json.
     """

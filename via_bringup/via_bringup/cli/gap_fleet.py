@@ -30,7 +30,9 @@ def fleet(
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask scheduler, e.g. tcp://host:8786; default: this machine.")
     ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes on this machine; default: one per core.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, max=1024, help="Processes on this machine; default: one per core.")
+    ] = None,
     markdown: Annotated[Path | None, typer.Option(help="Also write the table to this Markdown file.")] = None,
 ) -> None:
     """Diagnose many logs and print one table; also written to fleet.csv and fleet.json in the results folder."""

@@ -17,7 +17,9 @@ from via_bringup.cli.files import read_text, write_text
 
 
 def propose_motion(
-    report: Annotated[Path, typer.Argument(help="Report written by `via gap diagnose --json`; the proposal is added to it if --out is given.")],
+    report: Annotated[
+        Path, typer.Argument(help="Report written by `via gap diagnose --json`; --out adds the proposal to it.")
+    ],
     device: Annotated[str, typer.Option(help="Device name or path to its YAML; default: the report's joint.")] = "",
     out: Annotated[Path | None, typer.Option(help="Write the commands to this .csv file or new bag folder.")] = None,
     reach: Annotated[float, typer.Option(min=0.01, max=6.0, help="Largest motor angle from rest \\[rad].")] = RANGE,

@@ -48,7 +48,9 @@ def find_executable(package: str, executable: str) -> Path:
         path = folder / executable
         if path.is_file() and os.access(path, os.X_OK):
             return path
-    existing = sorted({path.name for folder in folders if folder.is_dir() for path in folder.iterdir() if path.is_file()})
+    existing = sorted(
+        {path.name for folder in folders if folder.is_dir() for path in folder.iterdir() if path.is_file()}
+    )
     if existing:
         raise ViaError(f"package '{package}' has no executable '{executable}'; it has: {', '.join(existing)}")
     raise ViaError(f"package '{package}' is not in the sourced workspace; source ros2_ws/env.sh after `make setup`")

@@ -1,1 +1,1 @@
-"""The main job as one command: a real robot's log and a simulated joint, from bags to one page."""
+"""The demo: recordings of a real robot, a live simulated joint, a diagnosis, and controller scenes."""

@@ -1,4 +1,4 @@
-"""The demo's diagnosis: why the robot's published model differs from its recordings, as a page of its own."""
+"""Diagnosis of the difference between the robot's published model and its recordings, written to its own page."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from via_gap.report.report import GapReport
 from via_bringup.demo.summary import DiagnosisPart
 
 DEVICE = "maccepavd"
-SAMPLE = Path("samples") / DEVICE  # within via_core: small enough that the diagnosis takes seconds
-REPEAT = re.compile(r"traj\d+_3\.csv$")  # the sample has this repeat of every trajectory
+SAMPLE = Path("samples") / DEVICE  # in via_core; small, so that the diagnosis takes seconds
+REPEAT = re.compile(r"traj\d+_3\.csv$")  # repeat 3, which the sample contains for every trajectory
 PAGE = "diagnosis.html"
-Progress = Callable[[float, float, str], None]  # done, of how much, what
+Progress = Callable[[float, float, str], None]  # done, total, step
 
 
 def diagnosis(out: Path, progress: Progress) -> DiagnosisPart:
-    """Diagnose the shipped sample of the robot's recordings; writes `diagnosis.html` and `diagnosis.json` in `out`."""
-    report = diagnosed_sample(lambda what, share: progress(share, 1.0, what))
+    """Diagnose the shipped sample of recordings. Writes `diagnosis.html` and `diagnosis.json` in `out`."""
+    report = diagnosed_sample(lambda step, share: progress(share, 1.0, step))
     write_page(report, out / PAGE)
     (out / PAGE).with_suffix(".json").write_text(report.to_json() + "\n", encoding="utf-8")
     gap = report.gap
     return DiagnosisPart(
         verdict=report.verdict,
         headline=headline(report),
-        named=[place.effect for place in report.effects],
+        named=[each.effect for each in report.effects],
         runs=len(report.logs),
         before=gap.before if gap is not None else None,
         after=gap.after if gap is not None else None,
@@ -43,7 +43,7 @@ def diagnosis(out: Path, progress: Progress) -> DiagnosisPart:
 
 
 def diagnosed_sample(progress: Callable[[str, float], None]) -> GapReport:
-    """The report on the sample; stretches of its runs are held out, which takes a tenth of the time of whole runs."""
+    """Report on the sample. It holds out time blocks, which takes a tenth of the time of holding out whole runs."""
     device = load_device(DEVICE)
     with as_file(files("via_core") / str(SAMPLE)) as folder, tempfile.TemporaryDirectory() as bags:
         imported = import_recordings(folder, DEVICE, bags).accepted

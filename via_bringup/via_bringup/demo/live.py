@@ -1,4 +1,4 @@
-"""The demo's simulated joint: simulator, controller, estimator and recorder in closed loop, then the bag once more."""
+"""Simulated joint of the demo: simulator, controller, estimator and recorder in closed loop, and a replay."""
 
 from __future__ import annotations
 
@@ -13,52 +13,38 @@ from via_core.devices import Device, load_device
 from via_core.metrics import WIDTH_95, coverage
 from via_core.status import Status
 from via_estimators.nodes.estimator import EstimatorNode
+from via_ros.composition import Composition
 from via_ros.nodes.player import Player
 from via_ros.nodes.recorder import Recorder
 from via_sim.nodes.simulator import SimulatorNode
 
-from via_bringup.composition import Composition
 from via_bringup.demo.pictures import Band, live_joint
 from via_bringup.demo.summary import LivePart, Traffic
 
 DEVICE = "cubic_demo"
 RATE = 1000.0  # [Hz]
 SEED = 1
-WINDOW = 200  # samples on their way at a time in the replay
-PATIENCE = 60.0  # [s] beyond the run itself
-MEMBERS = {  # what a replayed estimate must have in common with the live one, to the last bit
-    "stiffness": (
-        "value",
-        "standard_deviation",
-        "transmission_value",
-        "transmission_standard_deviation",
-        "status",
-        "sequence",
-    ),
-    "motor": (
-        "inertia",
-        "inertia_standard_deviation",
-        "damping",
-        "damping_standard_deviation",
-        "status",
-        "sequence",
-    ),
+WINDOW = 200  # samples in flight during the replay
+TIMEOUT = 60.0  # [s] in addition to the run itself
+COMPARED = {  # message fields in which live and replayed estimates are compared, by topic
+    "stiffness": "value standard_deviation transmission_value transmission_standard_deviation status sequence",
+    "motor": "inertia inertia_standard_deviation damping damping_standard_deviation status sequence",
 }
-Progress = Callable[[float, float, str], None]  # done, of how much, what
+Progress = Callable[[float, float, str], None]  # done, total, step
 
 
 def live(out: Path, duration: float, progress: Progress) -> LivePart:
-    """Part 4 of the demo: `duration` [s] in real time; writes `bags/live`, `bags/live_replayed` and a picture."""
+    """Part 4 of the demo, `duration` [s] long. Writes `bags/live`, `bags/live_replayed` and a picture below `out`."""
     device = load_device(DEVICE)
     recorded, replayed = out / "bags" / "live", out / "bags" / "live_replayed"
     late = _run_live(device, recorded, duration, progress)
     _replay(device, recorded, replayed, progress)
     first, second = read_bag(recorded), read_bag(replayed)
-    return _judged(device, first, second, late, out / "pictures" / "live.png")
+    return _summary(device, first, second, late, out / "pictures" / "live.png")
 
 
 def _run_live(device: Device, bag: Path, duration: float, progress: Progress) -> int:
-    """Record a live run; returns how many ticks began late."""
+    """Record a live run. Returns the number of ticks that started late."""
     name = device.name
     topics = [
         "/joint_states:sensor_msgs/msg/JointState",
@@ -67,11 +53,11 @@ def _run_live(device: Device, bag: Path, duration: float, progress: Progress) ->
         f"/{name}/motor:via_interfaces/msg/MotorEstimate",
         f"/{name}/truth/stiffness:via_interfaces/msg/StiffnessEstimate",
     ]
-    # One message per tick; the controller may leave out samples that are already outdated when it gets to them.
-    answering = ("/joint_states", f"/{name}/stiffness", f"/{name}/motor", f"/{name}/truth/stiffness")
+    # Topics with one message per tick. The controller may skip outdated samples.
+    every_tick = ("/joint_states", f"/{name}/stiffness", f"/{name}/motor", f"/{name}/truth/stiffness")
     with Composition() as graph:
         graph.add(EstimatorNode, device=name)
-        graph.add(ExcitationNode, device=name, told_every=100)  # nobody listens to what it tells
+        graph.add(ExcitationNode, device=name, told_every=100)  # its ControlState has no subscriber here
         recorder = graph.add(Recorder, bag=str(bag), topics=topics)
         simulator = graph.add(
             SimulatorNode,
@@ -88,18 +74,18 @@ def _run_live(device: Device, bag: Path, duration: float, progress: Progress) ->
             progress(recorder.counts["/joint_states"].messages / RATE, duration, "live")
             return simulator.finished.done()
 
-        graph.run_until(done, duration + PATIENCE, "the live run")
+        graph.run_until(done, duration + TIMEOUT, "the live run")
         expected = round(duration * RATE) + 1
         graph.run_until(
-            lambda: all(recorder.counts[topic].messages >= expected for topic in answering),
-            PATIENCE,
-            f"recording {expected} messages on each of {', '.join(answering)}",
+            lambda: all(recorder.counts[topic].messages >= expected for topic in every_tick),
+            TIMEOUT,
+            f"recording {expected} messages on each of {', '.join(every_tick)}",
         )
         return simulator.late_ticks
 
 
 def _replay(device: Device, bag: Path, replayed: Path, progress: Progress) -> None:
-    """Play the samples of a live run to a new estimator, as fast as it keeps up."""
+    """Play the samples of a live run to a new estimator as fast as it keeps up, and record its estimates."""
     name = device.name
     answers = [f"/{name}/stiffness", f"/{name}/motor"]
     samples = len(read_bag(bag, ["/joint_states"]).topic("/joint_states"))
@@ -125,22 +111,22 @@ def _replay(device: Device, bag: Path, replayed: Path, progress: Progress) -> No
             progress(recorder.counts["/joint_states"].messages, samples, "replay")
             return player.finished.done() and all(count.messages >= samples for count in recorder.counts.values())
 
-        graph.run_until(done, PATIENCE + samples / RATE, f"replaying {samples} samples")
+        graph.run_until(done, TIMEOUT + samples / RATE, f"replaying {samples} samples")
 
 
 def same_bits(device: Device, first: Bag, second: Bag) -> bool:
-    """Whether two bags hold the same estimates of a device: stamps, numbers, values, deviations, statuses."""
-    for topic, members in MEMBERS.items():
+    """Whether the estimates of a device are bit-identical in two bags: stamps and the fields in COMPARED."""
+    for topic, names in COMPARED.items():
         one, other = first[f"/{device.name}/{topic}"], second[f"/{device.name}/{topic}"]
         if not np.array_equal(one.stamp, other.stamp):
             return False
-        if any(one[member].tobytes() != other[member].tobytes() for member in members):
+        if any(one[name].tobytes() != other[name].tobytes() for name in names.split()):
             return False
     return True
 
 
 def _traffic(device: Device, bag: Bag, sent: int) -> Traffic:
-    """What arrived of `sent` samples, and the gaps in the numbers of everything that is numbered."""
+    """Recorded messages out of `sent` samples, and gaps in the sequence numbers of all topics that have them."""
     samples, estimates = bag["/joint_states"], bag[f"/{device.name}/stiffness"]
     numbered = [columns["sequence"] for columns in map(bag.__getitem__, bag.topics) if "sequence" in columns.fields]
     missing = sum(int(each[-1]) - int(each[0]) + 1 - len(each) for each in numbered)
@@ -149,24 +135,26 @@ def _traffic(device: Device, bag: Bag, sent: int) -> Traffic:
     )
 
 
-def _judged(device: Device, first: Bag, second: Bag, late: int, picture: Path) -> LivePart:
+def _summary(device: Device, first: Bag, second: Bag, late: int, picture: Path) -> LivePart:
     measured, _, _ = joint_signals(first, device)
     estimates, truth = first[f"/{device.name}/stiffness"], first[f"/{device.name}/truth/stiffness"]
     time = (estimates.stamp - estimates.stamp[0]) * 1e-9
-    value, deviation = estimates["value"], estimates["standard_deviation"]
+    value, standard_deviation = estimates["value"], estimates["standard_deviation"]
     trusted = estimates["status"] == Status.OK
     true = truth["value"][np.searchsorted(truth.stamp, estimates.stamp)]
-    live_joint(measured.time, measured["q"], measured["theta"], Band(time, value, deviation, true, trusted), picture)
+    live_joint(
+        measured.time, measured["q"], measured["theta"], Band(time, value, standard_deviation, true, trusted), picture
+    )
     return LivePart(
         device=device.name,
         samples=len(measured),
         rate=RATE,
         duration=float(measured.time[-1] - measured.time[0]),
         late_ticks=late,
-        traffic=_traffic(device, first, int(truth["sequence"][-1]) + 1),  # the simulator numbers its ticks
+        traffic=_traffic(device, first, int(truth["sequence"][-1]) + 1),  # the simulator's tick count
         replay=_traffic(device, second, len(measured)),
         bit_identical=same_bits(device, first, second),
         stiffness_error=float(np.median(np.abs(value - true)[trusted] / true[trusted])),
-        stiffness_coverage=coverage(true[trusted], value[trusted], deviation[trusted], WIDTH_95),
+        stiffness_coverage=coverage(true[trusted], value[trusted], standard_deviation[trusted], WIDTH_95),
         bag="bags/live",
     )

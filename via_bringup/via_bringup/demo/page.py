@@ -1,4 +1,4 @@
-"""The demo's one page: the summary and the pictures, as a person would rather see them."""
+"""HTML page of the demo with its summary and pictures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from via_bringup.demo.summary import Summary
 
 
 def write_page(summary: Summary, path: Path) -> None:
-    """Write index.html beside the `pictures` folder it shows."""
+    """Write the page to `path`, next to the `pictures` folder that it shows."""
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     template = environment.from_string(files("via_bringup.demo").joinpath("page.html").read_text("utf-8"))
     path.write_text(template.render(s=summary), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The demo's pictures: arrays in, PNG files out; every axis has its unit."""
+"""Pictures of the demo: functions that take arrays and write PNG files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STYLE = {
 
 @dataclass(frozen=True)
 class Trace:
-    """One run as it was and as the nominal model has it."""
+    """Measured and simulated joint angle of one run."""
 
     title: str
     time: Array  # (N,) [s]
@@ -43,7 +43,7 @@ class Trace:
 
 @dataclass(frozen=True)
 class Band:
-    """An estimate over time beside its reference."""
+    """An estimate over time with its reference."""
 
     time: Array  # (N,) [s]
     value: Array  # (N,)
@@ -69,27 +69,27 @@ def gap_traces(traces: Sequence[Trace], path: Path) -> None:
 
 @dataclass(frozen=True)
 class Column:
-    """The runs of one strategy, drawn side by side."""
+    """The runs of one damping strategy."""
 
     values: Array  # (N,) one per run
-    deviations: Array | None  # (N,) standard deviations, None where there are none
-    level: float  # what they are held against, or their pooled value
+    standard_deviations: Array | None  # (N,)
+    level: float  # reference, or pooled value
 
 
 def by_strategy(columns: Mapping[str, Column], label: str, level: str, path: Path) -> None:
-    """Every run by strategy, sorted; `label` names the axis with its unit, `level` the bar of each strategy."""
+    """All runs by strategy, sorted by value. `label` is the axis label with unit, `level` the legend of the bars."""
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(8, 4.4), constrained_layout=True)
-        for place, column in enumerate(columns.values()):
+        for index, column in enumerate(columns.values()):
             order = np.argsort(column.values)
-            spread = place + (np.linspace(-0.34, 0.34, len(order)) if len(order) > 1 else np.zeros(1))
-            bars = None if column.deviations is None else WIDTH_95 * column.deviations[order]
-            name = ("one run" if bars is None else "one run, 95 % interval") if place == 0 else None
+            x = index + (np.linspace(-0.34, 0.34, len(order)) if len(order) > 1 else np.zeros(1))
+            bars = None if column.standard_deviations is None else WIDTH_95 * column.standard_deviations[order]
+            name = ("one run" if bars is None else "one run, 95 % interval") if index == 0 else None
             axes.errorbar(
-                spread, column.values[order], yerr=bars, fmt="o", color=REAL, markersize=4, elinewidth=0.8, label=name
+                x, column.values[order], yerr=bars, fmt="o", color=REAL, markersize=4, elinewidth=0.8, label=name
             )
             axes.hlines(
-                column.level, place - 0.4, place + 0.4, color=MODEL, linewidth=2.5, label=level if place == 0 else None
+                column.level, index - 0.4, index + 0.4, color=MODEL, linewidth=2.5, label=level if index == 0 else None
             )
         axes.set_xticks(range(len(columns)), list(columns))
         axes.set_xlim(-0.6, len(columns) - 0.4)
@@ -100,25 +100,35 @@ def by_strategy(columns: Mapping[str, Column], label: str, level: str, path: Pat
         _save(figure, path)
 
 
-def run_in_detail(
-    title: str, time: Array, q: Array, equilibrium: Array, damping: Band, stiffness: Band, path: Path
-) -> None:
-    """One run: angle, damping and stiffness over time."""
+@dataclass(frozen=True)
+class RunDetail:
+    """Angle, damping and stiffness of one run over time."""
+
+    title: str
+    time: Array  # (N,) [s]
+    q: Array  # (N,) [rad]
+    equilibrium: Array  # (N,) [rad] commanded
+    damping: Band  # [N m s/rad]
+    stiffness: Band  # [N m/rad]
+
+
+def run_in_detail(run: RunDetail, path: Path) -> None:
+    """Angle, damping and stiffness of one run over time."""
     with plt.rc_context(STYLE):
         figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 8), sharex=True, constrained_layout=True)
-        figure.suptitle(title, fontsize=13)
-        top.plot(time, q, color=REAL, label="joint angle q")
-        top.plot(time, equilibrium, color=REFERENCE, linestyle=":", label="commanded equilibrium")
+        figure.suptitle(run.title, fontsize=13)
+        top.plot(run.time, run.q, color=REAL, label="joint angle q")
+        top.plot(run.time, run.equilibrium, color=REFERENCE, linestyle=":", label="commanded equilibrium")
         top.set_ylabel("angle [rad]")
         _legend(top)
-        _band(middle, damping, "commanded", "damping\n[N m s/rad]")
-        _band(bottom, stiffness, "spring law of the published model", "stiffness\n[N m/rad]")
+        _band(middle, run.damping, "commanded", "damping\n[N m s/rad]")
+        _band(bottom, run.stiffness, "spring law of the published model", "stiffness\n[N m/rad]")
         bottom.set_xlabel("time [s]")
         _save(figure, path)
 
 
 def live_joint(time: Array, q: Array, theta: Array, stiffness: Band, path: Path) -> None:
-    """The simulated joint: angles, stiffness against the truth, and the error in its band; theta is (N, 2)."""
+    """The simulated joint: angles, stiffness with its true value, and estimation error; theta is (N, 2) [rad]."""
     with plt.rc_context(STYLE):
         figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 8.4), sharex=True, constrained_layout=True)
         top.plot(time, q, color=REAL, label="link q")
@@ -141,27 +151,27 @@ def live_joint(time: Array, q: Array, theta: Array, stiffness: Band, path: Path)
 
 
 def _band(axes: Axes, band: Band, reference: str, label: str) -> None:
-    """Estimate with its 95 % band where trusted, faint where the status says otherwise."""
+    """Estimate with its 95 % band where the status is OK, and faint elsewhere."""
     half = WIDTH_95 * band.standard_deviation
     trusted = np.where(band.trusted, band.value, np.nan)
-    axes.plot(band.time, band.value, color=FAINT, linewidth=0.9, label="held or warming up")
+    axes.plot(band.time, band.value, color=FAINT, linewidth=0.9, label="status not OK")
     axes.plot(band.time, trusted, color=MODEL, label="estimate, 95 % band")
     axes.fill_between(
         band.time, band.value - half, band.value + half, where=band.trusted, color=MODEL, alpha=0.2, linewidth=0
     )
     axes.plot(band.time, band.reference, color=REAL, linestyle="--", label=reference)
-    seen = np.concatenate([band.reference, band.value[band.trusted]])
-    seen = seen[np.isfinite(seen)]
-    if seen.size:
-        low, high = np.percentile(seen, [0.5, 99.5])
-        room = 0.3 * max(high - low, 1e-9 + 0.1 * abs(high))
-        axes.set_ylim(max(low - room, 0.0) if low >= 0.0 else low - room, high + room)
+    shown = np.concatenate([band.reference, band.value[band.trusted]])
+    shown = shown[np.isfinite(shown)]
+    if shown.size:
+        low, high = np.percentile(shown, [0.5, 99.5])
+        margin = 0.3 * max(high - low, 1e-9 + 0.1 * abs(high))
+        axes.set_ylim(max(low - margin, 0.0) if low >= 0.0 else low - margin, high + margin)
     axes.set_ylabel(label)
     _legend(axes)
 
 
 def _legend(axes: Axes) -> None:
-    """In one line above the axes, where it hides no curve."""
+    """Legend in one line above the axes, where it covers no curve."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=10, borderaxespad=0.2)
 
 

@@ -1,4 +1,4 @@
-"""Reference set-ups of Sections 6 and 7: the arm, its modes, the wall of the hitting scene, the joint that throws."""
+"""Reference set-ups of (12), Sections 6 and 7: arm, modes, wall of the hitting scene, throwing joint."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ LEVEL = 0.02  # H_d [kg m^2]
 # Section 6.2: bang-bang control of the arm with friction in its links.
 MOTORS = (0.2, 0.5, 0.3, 1.3)  # theta_0 [rad]
 DAMPING = 0.05  # zeta [-]
-# w_1(0) that a user would write down: which joints are to swing together.
+# w_1(0) as a user would choose it: the joints that should swing together.
 DIRECTIONS = {1: (0.0, 1.0, 0.0, 1.0), 2: (1.0, 0.0, 1.0, 0.0), 3: (-0.5, 0.0, 1.0, 1.0), 4: (0.0, 0.0, -0.5, 1.0)}
 HITTING_MODE = 1
-TURNING = 0.138  # [rad] w_1' (q - q_0) where the free motion turns around
+TURNING = 0.138  # [rad] w_1' (q - q_0) at the turning point of the free motion
 
 
 @dataclass(frozen=True)
 class Linear:
-    """Modes of the arm at rest, softest first."""
+    """Modes of the arm about its rest position, softest first."""
 
     rest: Array  # q_0 (n,) [rad]
     frequencies: Array  # (n,) [Hz]
@@ -46,7 +46,7 @@ def damped_arm() -> VsaArm:
 
 
 def linear_modes(arm: VsaArm, motors: Array) -> Linear:
-    """Modes of small oscillations about rest, with the motors fixed at `motors` (n,) [rad]."""
+    """Modes of small oscillations about the rest position, with the motors fixed at `motors` (n,) [rad]."""
     q = arm.hanging(motors)
     _, stiffness, _ = arm.spring_state(q - motors)
     values, modes = eigh(np.diag(stiffness) + arm.gravity_slope(q), arm.inertia(q))
@@ -55,28 +55,28 @@ def linear_modes(arm: VsaArm, motors: Array) -> Linear:
 
 @dataclass(frozen=True)
 class WallScene:
-    """Positions of wall and hand in the hitting scene."""
+    """Wall and initial posture of the hitting scene."""
 
-    rest: Array  # (n,) [rad] links at rest
-    direction: Array  # (n,) [-] of the mode
-    along: Array  # (3,) [-] path of the tip there, towards the wall
-    face: Array  # (3,) [m] point of the wall's face
-    start: Array  # (n,) [rad] links where the hand holds the tip
+    rest: Array  # (n,) [rad] link angles at rest
+    direction: Array  # (n,) [-] direction of the mode
+    along: Array  # (3,) [-] direction of the tip's path at rest, towards the wall
+    face: Array  # (3,) [m] point on the wall
+    start: Array  # (n,) [rad] link angles at which the arm is released
 
 
-def wall_scene(wall: float, hold: float) -> WallScene:
-    """Scene with the wall and the hand at these shares of the free turning point [-]."""
+def wall_scene(wall: float, release: float) -> WallScene:
+    """Scene with wall and release at these fractions [-] of the distance to the free turning point."""
     arm = damped_arm()
     linear = linear_modes(arm, np.array(MOTORS))
     direction = linear.directions[:, HITTING_MODE - 1]
     direction = direction * np.sign(direction @ np.array(DIRECTIONS[HITTING_MODE]))
     along = arm.tip_jacobian(linear.rest) @ direction
-    face, start = linear.rest + wall * TURNING * direction, linear.rest - hold * TURNING * direction
+    face, start = linear.rest + wall * TURNING * direction, linear.rest - release * TURNING * direction
     return WallScene(linear.rest, direction, along / np.linalg.norm(along), arm.tip_position(face), start)
 
 
 def throwing_controller(device: Device, damping_command: float, turns: int) -> tuple[MaxVelocity, float]:
-    """The controller over t_n, n = `turns`, and the link velocity [rad/s] that an ideal motor would reach."""
+    """Controller with horizon t_n, n = `turns`, and the link velocity [rad/s] that an ideal motor would reach."""
     joint = joint_of(device, damping_command)
     horizon = joint.first_turn + turns * joint.between_turns
     controller = MaxVelocity.from_device(device, horizon, damping_command)

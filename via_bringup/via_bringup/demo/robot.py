@@ -1,4 +1,4 @@
-"""The demo's real robot: recordings into bags, bags over DDS into the estimator, the same commands into the model."""
+"""Real robot of the demo: recordings become bags, bags are played to the estimator, and the model is simulated."""
 
 from __future__ import annotations
 
@@ -18,41 +18,41 @@ from via_estimators.contract import Estimates, summarise
 from via_estimators.nodes.estimator import EstimatorNode
 from via_gap.logs.replay import Gap, gap_to, pooled, simulated_log
 from via_interfaces.srv import ResetEstimator
+from via_ros.composition import Composition
 from via_ros.nodes.player import Player
 from via_ros.nodes.recorder import Recorder
 
-from via_bringup.composition import Composition
-from via_bringup.demo.pictures import Band, Column, Trace, by_strategy, gap_traces, run_in_detail
+from via_bringup.demo.pictures import Band, Column, RunDetail, Trace, by_strategy, gap_traces, run_in_detail
 from via_bringup.demo.summary import Quantity, RefusedRecording, RobotPart, RobotRun, Traffic
 
 DEVICE = "maccepavd"
 MAPPING = "maccepavd"
-WINDOW = 200  # samples on their way at a time while a bag plays as fast as the estimator keeps up
-PATIENCE = 60.0  # [s] for anything one run may take
-IN_DETAIL = "vardamp"  # the strategy whose damping changes most
-Progress = Callable[[int, int, str], None]  # done, of how many, what
+WINDOW = 200  # samples in flight while a bag plays as fast as the estimator keeps up
+TIMEOUT = 60.0  # [s] per step of one run
+IN_DETAIL = "vardamp"  # strategy with the largest changes of damping
+Progress = Callable[[int, int, str], None]  # done, total, step
 
 
 @dataclass(frozen=True)
 class Stream:
-    """One recorded estimate over a run, and what it is held against."""
+    """One recorded estimate over a run, with its reference."""
 
     estimates: Estimates  # one output
-    reference: Array  # (N,) commanded damping, or the law's stiffness
+    reference: Array  # (N,) commanded damping, or stiffness of the spring law
 
     @property
     def quantity(self) -> Quantity:
-        """The run in one number, and the reference averaged with the same weights."""
+        """Weighted mean of the estimates, and of the reference with the same weights."""
         (output,) = self.estimates.outputs
-        value, deviation, weights = summarise(self.estimates, output)
+        value, standard_deviation, weights = summarise(self.estimates, output)
         reference = float(weights @ self.reference) if weights.any() else float(np.mean(self.reference))
-        return Quantity(value=value, standard_deviation=deviation, reference=reference)
+        return Quantity(value=value, standard_deviation=standard_deviation, reference=reference)
 
     @property
     def status(self) -> Status:
-        """OK where any estimate of the run is, else the last status."""
-        seen = self.estimates.status
-        return Status.OK if np.any(seen == Status.OK) else Status(int(seen[-1]))
+        """OK if any estimate of the run is OK, else the last status."""
+        status = self.estimates.status
+        return Status.OK if np.any(status == Status.OK) else Status(int(status[-1]))
 
     @property
     def band(self) -> Band:
@@ -63,8 +63,8 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class JudgedRun:
-    """One run: its line of the summary, and what the pictures need."""
+class EvaluatedRun:
+    """Summary of one run, and the signals for the pictures."""
 
     record: RobotRun
     gap: Gap
@@ -74,33 +74,33 @@ class JudgedRun:
 
 
 def real_robot(recordings: Path, source: str, out: Path, progress: Progress) -> RobotPart:
-    """Parts 1 to 3 of the demo; writes `bags/robot`, `bags/robot_estimates` and four pictures below `out`.
+    """Parts 1 to 3 of the demo. Writes `bags/robot`, `bags/robot_estimates` and four pictures below `out`.
 
-    recordings  folder laid out as the mapping says
-    source      what to call it
+    recordings  folder with the layout of the mapping
+    source      its name in the summary
     """
     device = load_device(DEVICE)
     imported = import_recordings(recordings, MAPPING, out / "bags" / "robot")
     bags = [file.bag for file in imported.accepted if file.bag is not None]
-    runs: list[JudgedRun] = []
+    runs: list[EvaluatedRun] = []
     with Composition() as graph:
         estimator = graph.add(EstimatorNode, device=DEVICE)
         client = estimator.create_client(ResetEstimator, "~/reset")
         for number, bag in enumerate(bags):
             progress(number, len(bags), bag.name)
             if number:
-                asked = client.call_async(ResetEstimator.Request())
-                graph.run_until(asked.done, PATIENCE, "resetting the estimator")
+                reset = client.call_async(ResetEstimator.Request())
+                graph.run_until(reset.done, TIMEOUT, "resetting the estimator")
             recorded = out / "bags" / "robot_estimates" / bag.name
             traffic = _play(graph, device, bag, recorded)
-            runs.append(_judged(device, recorded, traffic))
+            runs.append(_evaluate(device, recorded, traffic))
         progress(len(bags), len(bags), "done")
     _draw(runs, out / "pictures")
     return _part(imported, source, runs)
 
 
 def _play(graph: Composition, device: Device, bag: Path, recorded: Path) -> Traffic:
-    """Play one bag into the estimator and record samples, commands and estimates."""
+    """Play one bag to the estimator, and record samples, commands and estimates."""
     estimates = f"/{device.name}/damping"
     topics = [
         "/joint_states:sensor_msgs/msg/JointState",
@@ -120,10 +120,10 @@ def _play(graph: Composition, device: Device, bag: Path, recorded: Path) -> Traf
     )
     samples = len(read_bag(bag, ["/joint_states"]).topic("/joint_states"))
     counts = recorder.counts
-    graph.run_until(player.finished.done, PATIENCE, f"playing {bag.name}")
+    graph.run_until(player.finished.done, TIMEOUT, f"playing {bag.name}")
     graph.run_until(
         lambda: counts["/joint_states"].messages == counts[estimates].messages == samples,
-        PATIENCE,
+        TIMEOUT,
         f"recording all {samples} estimates of {bag.name}",
     )
     graph.remove(player)
@@ -136,19 +136,22 @@ def _play(graph: Composition, device: Device, bag: Path, recorded: Path) -> Traf
     )
 
 
-def _judged(device: Device, recorded: Path, traffic: Traffic) -> JudgedRun:
-    """Estimates against command and spring law, simulation against the robot."""
+def _evaluate(device: Device, recorded: Path, traffic: Traffic) -> EvaluatedRun:
+    """Compare the estimates with command and spring law, and the simulated angle with the measured one."""
     parts = re.fullmatch(r"([a-z]+)_traj(\d+)_(\d+)", recorded.name)
-    assert parts is not None  # the mapping names bags so
+    assert parts is not None  # the mapping defines this name
     bag = read_bag(recorded)
     measured, commands, _ = joint_signals(bag, device)
     assert commands is not None  # the import refuses recordings without commands
-    held = commands.resample(measured.time)
-    damping = _stream(bag, f"/{device.name}/damping", device.link.viscous_friction + device.damping_of(held["damping"]))
+    commanded = commands.resample(measured.time)
+    damping = _stream(
+        bag, f"/{device.name}/damping", device.link.viscous_friction + device.damping_of(commanded["damping"])
+    )
     model = simulated_log(device, measured, commands)
-    servos = model.select(["theta"]).resample(measured.time)["theta"]  # the logged ones are wrong while they slew
-    law = device.stiffness(measured["q"], servos)
-    stiffness = _stream(bag, f"/{device.name}/stiffness", law)
+    servos = model.select(["theta"]).resample(measured.time)[
+        "theta"
+    ]  # logged servo angles are wrong while the servos move
+    stiffness = _stream(bag, f"/{device.name}/stiffness", device.stiffness(measured["q"], servos))
     gap = gap_to(model, measured)
     record = RobotRun(
         strategy=parts[1],
@@ -161,11 +164,11 @@ def _judged(device: Device, recorded: Path, traffic: Traffic) -> JudgedRun:
         traffic=traffic,
         bag=f"bags/robot_estimates/{recorded.name}",
     )
-    return JudgedRun(record, gap, damping, stiffness, held["equilibrium"])
+    return EvaluatedRun(record, gap, damping, stiffness, commanded["equilibrium"])
 
 
 def _stream(bag: Bag, topic: str, reference: Array) -> Stream:
-    """The estimates of a topic, one per sample."""
+    """Recorded estimates of a topic, one per sample."""
     columns = bag[topic]
     estimates = Estimates(
         (columns.stamp - columns.stamp[0]) / 1e9,
@@ -177,11 +180,10 @@ def _stream(bag: Bag, topic: str, reference: Array) -> Stream:
     return Stream(estimates, reference)
 
 
-def _draw(runs: Sequence[JudgedRun], pictures: Path) -> None:
-    strategies = sorted({run.record.strategy for run in runs})
-    of = {name: [run for run in runs if run.record.strategy == name] for name in strategies}
+def _draw(runs: Sequence[EvaluatedRun], pictures: Path) -> None:
+    of = _grouped(runs)
     middle = {name: sorted(each, key=lambda run: run.record.nrmse)[len(each) // 2] for name, each in of.items()}
-    gap_traces([_trace(name, run) for name, run in middle.items()], pictures / "gap.png")
+    gap_traces([_trace(run) for run in middle.values()], pictures / "gap.png")
     by_strategy(
         {name: _gap_column(each) for name, each in of.items()},
         "NRMSE of the simulated angle [-]",
@@ -191,32 +193,40 @@ def _draw(runs: Sequence[JudgedRun], pictures: Path) -> None:
     by_strategy(
         {name: _damping_column(each) for name, each in of.items()},
         "damping [N m s/rad]",
-        "commanded, weighted as the estimates are",
+        "commanded, averaged with the same weights",
         pictures / "damping.png",
     )
     shown = middle.get(IN_DETAIL, runs[0])
-    run_in_detail(
-        f"{shown.record.strategy} {shown.record.trajectory}.{shown.record.repeat}, real robot",
+    detail = RunDetail(
+        f"{_name(shown)}, real robot",
         shown.gap.time - shown.gap.time[0],
         shown.gap.measured,
         shown.equilibrium,
         shown.damping.band,
         shown.stiffness.band,
-        pictures / "run.png",
     )
+    run_in_detail(detail, pictures / "run.png")
 
 
-def _trace(strategy: str, run: JudgedRun) -> Trace:
-    gap, record = run.gap, run.record
-    title = f"{strategy} {record.trajectory}.{record.repeat}"
-    return Trace(title, gap.time - gap.time[0], gap.measured, gap.simulated, gap.nrmse)
+def _grouped(runs: Sequence[EvaluatedRun]) -> dict[str, list[EvaluatedRun]]:
+    strategies = sorted({run.record.strategy for run in runs})
+    return {name: [run for run in runs if run.record.strategy == name] for name in strategies}
 
 
-def _gap_column(runs: Sequence[JudgedRun]) -> Column:
+def _name(run: EvaluatedRun) -> str:
+    return f"{run.record.strategy} {run.record.trajectory}.{run.record.repeat}"
+
+
+def _trace(run: EvaluatedRun) -> Trace:
+    gap = run.gap
+    return Trace(_name(run), gap.time - gap.time[0], gap.measured, gap.simulated, gap.nrmse)
+
+
+def _gap_column(runs: Sequence[EvaluatedRun]) -> Column:
     return Column(np.array([run.record.nrmse for run in runs]), None, pooled([run.gap for run in runs]))
 
 
-def _damping_column(runs: Sequence[JudgedRun]) -> Column:
+def _damping_column(runs: Sequence[EvaluatedRun]) -> Column:
     each = [run.record.damping for run in runs]
     return Column(
         np.array([q.value for q in each]),
@@ -225,8 +235,7 @@ def _damping_column(runs: Sequence[JudgedRun]) -> Column:
     )
 
 
-def _part(imported: ImportReport, source: str, runs: Sequence[JudgedRun]) -> RobotPart:
-    strategies = sorted({run.record.strategy for run in runs})
+def _part(imported: ImportReport, source: str, runs: Sequence[EvaluatedRun]) -> RobotPart:
     covered = [run.record.damping.covered for run in runs]
     return RobotPart(
         source=source,
@@ -235,9 +244,7 @@ def _part(imported: ImportReport, source: str, runs: Sequence[JudgedRun]) -> Rob
         warnings=sum(finding.severity == "warning" for file in imported.accepted for finding in file.findings),
         runs=[run.record for run in runs],
         nrmse=pooled([run.gap for run in runs]),
-        nrmse_by_strategy={
-            name: pooled([run.gap for run in runs if run.record.strategy == name]) for name in strategies
-        },
+        nrmse_by_strategy={name: pooled([run.gap for run in each]) for name, each in _grouped(runs).items()},
         damping_coverage=float(np.mean(covered)),
         lost=sum(run.record.traffic.lost for run in runs),
     )

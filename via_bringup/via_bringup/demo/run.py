@@ -1,4 +1,4 @@
-"""The demo from end to end: robot, live joint and diagnosis, then summary.json and the page."""
+"""Run the whole demo: robot, live joint and diagnosis, then write summary.json and the page."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from via_core.errors import ViaError
 from via_bringup.demo.diagnosis import diagnosis
 from via_bringup.demo.live import live
 from via_bringup.demo.page import write_page
+from via_bringup.demo.recordings import recordings as recordings_of
 from via_bringup.demo.robot import real_robot
 from via_bringup.demo.summary import Summary
 from via_bringup.provenance import commit
-from via_bringup.recordings import recordings as recordings_of
 
-MARK = ".via-demo"  # a folder with this file was made by the demo and may be made anew
-Progress = Callable[[str, float, float, str], None]  # part, done, of how much, what
+MARK = ".via-demo"  # marks a folder made by the demo, which may be replaced
+Progress = Callable[[str, float, float, str], None]  # part, done, total, step
 
 
 def run_demo(out: Path, recordings: Path | None, duration: float, progress: Progress) -> Summary:
-    """Everything the demo does; `out` is replaced once all is done, and stays as it was if anything fails before.
+    """Run the demo and return its summary. `out` is replaced only after everything succeeded.
 
-    recordings  folder of real MACCEPA-VD runs; None: the whole set where it lies beside the repo, else the sample
+    recordings  folder with MACCEPA-VD recordings; None: the full data set if present, else the shipped sample
     duration    [s] of the live run
 
-    Raises ViaError where `out` holds something the demo did not make or cannot be written.
+    Raises ViaError if `out` has other content or cannot be written.
     """
     unfinished = _begin(out)
     began = time.monotonic()
@@ -41,11 +41,11 @@ def run_demo(out: Path, recordings: Path | None, duration: float, progress: Prog
         return now
 
     with recordings_of(recordings) as (folder, source):
-        robot = real_robot(folder, source, unfinished, lambda done, of, what: progress("real robot", done, of, what))
+        robot = real_robot(folder, source, unfinished, lambda *step: progress("real robot", *step))
     at = taken("robot", began)
-    joint = live(unfinished, duration, lambda done, of, what: progress("simulated joint", done, of, what))
+    joint = live(unfinished, duration, lambda *step: progress("simulated joint", *step))
     at = taken("live", at)
-    why = diagnosis(unfinished, lambda done, of, what: progress("diagnosis", done, of, what))
+    why = diagnosis(unfinished, lambda *step: progress("diagnosis", *step))
     taken("diagnosis", at)
     taken("total", began)
     summary = Summary(
@@ -65,15 +65,15 @@ def run_demo(out: Path, recordings: Path | None, duration: float, progress: Prog
 
 
 def _begin(out: Path) -> Path:
-    """An empty folder beside `out` to work in."""
+    """Create an empty working folder next to `out`. Raises ViaError."""
     unfinished = out.parent / f"{out.name}.unfinished"
     for folder in (out, unfinished):
         if folder.exists() and not (folder.is_dir() and (not any(folder.iterdir()) or (folder / MARK).exists())):
-            raise ViaError(f"{folder} is not the demo's; choose another folder with --out")
+            raise ViaError(f"{folder} was not made by the demo; choose another folder with --out")
     try:
         shutil.rmtree(unfinished, ignore_errors=True)
         unfinished.mkdir(parents=True)
         (unfinished / MARK).touch()
     except OSError as error:
-        raise ViaError(f"{unfinished} cannot be made: {error.strerror}; choose another folder with --out") from None
+        raise ViaError(f"cannot create {unfinished}: {error.strerror}; choose another folder with --out") from None
     return unfinished

@@ -1,6 +1,6 @@
-"""Scenes of the control laws: a robot in motion, its bag, phase plots and a short animation.
+"""Controller scenes: each simulates a robot, and writes a bag, phase plots and a short animation.
 
-Simulator, controller and recorder run over DDS in one process, in lockstep; pictures are drawn from the bag.
+Simulator, controller and recorder run in one process, in lockstep over DDS. The pictures are drawn from the bag.
 """
 
 from __future__ import annotations
@@ -30,50 +30,63 @@ from via_core.errors import ParameterError
 from via_core.hopper import Hopper
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
+from via_ros.composition import Composition
 from via_ros.nodes.recorder import Recorder
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
 from via_sim.nodes.hopper_simulator import HopperSimulatorNode
 from via_sim.nodes.simulator import SimulatorNode
 
-from via_bringup.composition import Composition
 from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS, damped_arm, throwing_controller, wall_scene
 
-FRAMES, SHOWN = 15, 4.0  # [Hz] of an animation, [s] that it shows
-PATIENCE = 60.0  # [s] of wall time per second of simulated time, at least one
-WALL_AT, PUT_ASIDE = 0.5, 1.2  # of the free turning point, in the hitting scene
+FRAMES, SHOWN = 15, 4.0  # frame rate [Hz] and simulated time [s] of an animation
+TIMEOUT = 60.0  # [s] of wall time per simulated second, at least one
+WALL_AT, START_AT = 0.5, 1.2  # hitting scene: fractions of the distance to the free turning point
 COLOURS = (REAL, MODEL, "#2a7f62", "#b08ea2")
 Frame = Callable[[int], None]
 
 
 @dataclass(frozen=True)
+class Robot:
+    """A simulated robot."""
+
+    name: str  # of its topics
+    node: Callable[..., Any]
+    contact: str = ""  # type of its messages on `contact`; empty: none
+    base: str = ""  # type of its messages on `base`; empty: the base is fixed
+
+
+SIMULATED_ARM = Robot(ARM.name, ArmSimulatorNode, contact="geometry_msgs/msg/WrenchStamped")
+
+
+@dataclass(frozen=True)
 class Recorded:
-    """What the bag of a scene holds, N samples of links and motors."""
+    """Content of the bag of a scene, with N samples."""
 
     time: Array  # (N,) [s]
-    position: Array  # (N, l) [rad] in the order of the wire
-    speed: Array  # (N, l) [rad/s], NaN where nobody measures
-    names: tuple[str, ...]
-    told: Array  # (K, k) what the law told
-    trunk: Array  # (N, 3) x [m], z [m], pitch [rad] of a base that moves; empty for one that does not
+    position: Array  # (N, l) [rad] of links and motors, in the order of the JointState message
+    speed: Array  # (N, l) [rad/s], NaN where it is not measured
+    names: tuple[str, ...]  # of the controller's quantities
+    values: Array  # (K, k) the controller's quantities in its ControlState messages
+    trunk: Array  # (N, 3) x [m], z [m], pitch [rad] of a moving base; (N, 0) for a fixed base
 
     @property
     def q(self) -> Array:
-        """(N, n) [rad] of an arm's links; motors stand between them."""
+        """(N, n) [rad] link angles of an arm, whose links and motors alternate."""
         return self.position[:, ::2]
 
     @property
     def velocity(self) -> Array:
-        """(N, n) [rad/s] of an arm's links."""
+        """(N, n) [rad/s] link velocities of an arm."""
         return self.speed[:, ::2]
 
     def quantity(self, name: str) -> Array:
-        """(K,) what the law told under this name."""
-        return np.asarray(self.told[:, self.names.index(name)], dtype=float)
+        """(K,) the controller's quantity of this name."""
+        return np.asarray(self.values[:, self.names.index(name)], dtype=float)
 
 
-def play(scene: str, out: Path, duration: float) -> list[Path]:
-    """Make the scene of this name in the folder `out`; what was made. Raises ParameterError for a stranger."""
+def run_scene(scene: str, out: Path, duration: float) -> list[Path]:
+    """Run a scene and return the paths written to `out`; `duration` [s]. Raises ParameterError for an unknown name."""
     if scene not in SCENES:
         raise ParameterError(f"no scene '{scene}'; there are: {', '.join(SCENES)}")
     out.mkdir(parents=True, exist_ok=True)
@@ -84,8 +97,8 @@ def play(scene: str, out: Path, duration: float) -> list[Path]:
 def _limit_cycle(out: Path, duration: float) -> list[Path]:
     z = np.zeros(ARM.n)
     z[0] = 0.3 * np.sqrt(2.0 * LEVEL)
-    beside = EQUILIBRIUM + first_basis(ARM.inertia(EQUILIBRIUM), STIFFNESS).W @ z
-    seen = _over_dds(out / "bag", ModalLimitCycleNode, duration, posture=beside.tolist())
+    start = EQUILIBRIUM + first_basis(ARM.inertia(EQUILIBRIUM), STIFFNESS).W @ z
+    seen = _record(out / "bag", SIMULATED_ARM, ModalLimitCycleNode, duration, posture=start.tolist())
     figure, (modal, joints, level) = plt.subplots(1, 3, figsize=(14, 4.6), constrained_layout=True)
     step = float(np.diff(seen.time).mean())
     for i, colour in enumerate(COLOURS):
@@ -95,18 +108,18 @@ def _limit_cycle(out: Path, duration: float) -> list[Path]:
     modal.set_ylabel("zd [sqrt(kg m^2) rad/s]")
     modal.legend(loc="upper right", fontsize=9)
     _joints_plot(joints, seen, EQUILIBRIUM)
-    level.plot(step * np.arange(len(seen.told)), seen.quantity("H") / LEVEL, color=REAL)
+    level.plot(step * np.arange(len(seen.values)), seen.quantity("H") / LEVEL, color=REAL)
     level.set_xlabel("time [s]")
     level.set_ylabel("H / H_d [-]")
     return [out / "bag", _saved(figure, out / "phase.png"), _arm_animation(ARM, seen, None, out / "motion.gif")]
 
 
 def _hitting(out: Path, duration: float) -> list[Path]:
-    arm, stand = damped_arm(), wall_scene(WALL_AT, PUT_ASIDE)
-    point, normal = stand.face, -stand.along
-    seen = _over_dds(
-        out / "bag", BangBangNode, duration, posture=stand.start.tolist(), walls=[*point.tolist(), *normal.tolist()],
-        link_friction=arm.link_friction.tolist(),
+    arm, scene = damped_arm(), wall_scene(WALL_AT, START_AT)
+    point, normal = scene.face, -scene.along
+    seen = _record(
+        out / "bag", SIMULATED_ARM, BangBangNode, duration, posture=scene.start.tolist(),
+        walls=[*point.tolist(), *normal.tolist()], link_friction=arm.link_friction.tolist(),
     )  # fmt: skip
     figure, (tip, joints) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
     path = np.array([arm.tip_position(q) for q in seen.q])
@@ -114,30 +127,24 @@ def _hitting(out: Path, duration: float) -> list[Path]:
     tip.axhspan(0.0, 5.0, color=FAINT, alpha=0.5, linewidth=0)
     tip.set_xlabel("time [s]")
     tip.set_ylabel("tip beyond the wall's face [mm]")
-    _joints_plot(joints, seen, stand.rest)
+    _joints_plot(joints, seen, scene.rest)
     return [out / "bag", _saved(figure, out / "phase.png"), _arm_animation(arm, seen, point, out / "motion.gif")]
 
 
 def _throw(out: Path, duration: float) -> list[Path]:
-    device, turns = load_device("visco_elastic_demo"), 3
-    law, ideal = throwing_controller(device, 0.0, turns)
-    share = MaxVelocityParameters().speed_share
-    seen = _over_dds(
-        out / "bag",
-        MaxVelocityNode,
-        law.horizon + 0.4,
-        SimulatorNode,
-        device.name,
-        {"turns": turns},
-        device=device.name,
-    )
+    device, parameters = load_device("visco_elastic_demo"), MaxVelocityParameters()
+    controller, ideal = throwing_controller(device, parameters.damping, parameters.turns)
+    robot = Robot(device.name, SimulatorNode)
+    seen = _record(out / "bag", robot, MaxVelocityNode, controller.horizon + 0.4, device=device.name)
     q, theta = seen.position[:, 0], seen.position[:, 1]
-    # No sensor tells velocities: over a window of 11 ms, in which the link hardly turns.
+    # Velocities are not measured, so they are estimated over 11 ms, in which the link hardly turns.
     velocity, motor = savgol_filter(seen.position, 11, 2, deriv=1, delta=1e-3, axis=0).T
     figure, (speeds, phase) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
     speeds.plot(seen.time, motor, color=MODEL, linewidth=0.9, label="motor")
     speeds.plot(seen.time, velocity, color=REAL, label="link")
-    speeds.plot([law.horizon], [share * ideal], "o", color=REFERENCE, label="closed form, ideal motor")
+    speeds.plot(
+        [controller.horizon], [parameters.speed_share * ideal], "o", color=REFERENCE, label="closed form, ideal motor"
+    )
     speeds.set_xlabel("time [s]")
     speeds.set_ylabel("velocity [rad/s]")
     speeds.legend(loc="upper left", fontsize=10)
@@ -149,7 +156,7 @@ def _throw(out: Path, duration: float) -> list[Path]:
     figure, axes = plt.subplots(figsize=(4.5, 4.5), constrained_layout=True)
     axes.set(xlim=(-1.2, 1.2), ylim=(-1.2, 1.2), aspect="equal", xticks=[], yticks=[])
     (link,), (motor,) = axes.plot([], [], color=REAL, linewidth=5), axes.plot([], [], color=MODEL, linewidth=2)
-    slow = 4  # times slower than it is
+    slow = 4  # times slower than real time
     pick = np.arange(0, len(seen.time), max(1, round(1.0 / (FRAMES * slow) / (seen.time[1] - seen.time[0]))))
 
     def show(frame: int) -> None:
@@ -163,7 +170,8 @@ def _throw(out: Path, duration: float) -> list[Path]:
 
 def _hopper(out: Path, duration: float) -> list[Path]:
     robot = Hopper()
-    seen = _over_dds(out / "bag", HoppingNode, duration, HopperSimulatorNode, "hopper")
+    simulated = Robot("hopper", HopperSimulatorNode, SIMULATED_ARM.contact, base="geometry_msgs/msg/PoseStamped")
+    seen = _record(out / "bag", simulated, HoppingNode, duration)
     figure, (height, phase) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
     height.plot(seen.time, seen.trunk[:, 1], color=REAL)
     height.set_xlabel("time [s]")
@@ -200,7 +208,7 @@ SCENES: dict[str, Callable[[Path, float], list[Path]]] = {
 
 
 def skeleton(robot: Hopper, trunk: Array, q: Array) -> list[Array]:
-    """Points (k, 2) [m], forward and up, of the trunk and of both legs, hip to foot; forward counts from the trunk."""
+    """Points (k, 2) [m] (forward from the trunk, up) of the trunk, and of both legs from hip to foot."""
     half, length, pitch = 0.5 * robot.trunk_length, robot.segment_length, trunk[2]
     ahead = np.array([np.cos(pitch), -np.sin(pitch)])
     middle = np.array([0.0, trunk[1]])
@@ -213,50 +221,41 @@ def skeleton(robot: Hopper, trunk: Array, q: Array) -> list[Array]:
     return [np.array(hips), *legs]
 
 
-def _over_dds(
-    bag: Path,
-    controller: Callable[..., Any],
-    duration: float,
-    body: Callable[..., Any] = ArmSimulatorNode,
-    name: str = ARM.name,
-    law: dict[str, Any] | None = None,
-    **simulator: Any,
-) -> Recorded:
-    """The controller with parameters `law` on the simulated arm or joint of this name, in lockstep, recorded."""
-    topics = [
-        "/joint_states:sensor_msgs/msg/JointState",
-        f"/{name}/command:via_interfaces/msg/VsaCommand",
-        f"/{name}/control:via_interfaces/msg/ControlState",
-    ]
-    if body in (ArmSimulatorNode, HopperSimulatorNode):
-        topics.append(f"/{name}/contact:geometry_msgs/msg/WrenchStamped")
-    base = f"/{name}/base"
-    if body is HopperSimulatorNode:
-        topics.append(f"{base}:geometry_msgs/msg/PoseStamped")
-    wait = PATIENCE * max(1.0, duration)
+def _record(bag: Path, robot: Robot, controller: Callable[..., Any], duration: float, **simulator: Any) -> Recorded:
+    """Record the controller node on the simulated robot, in lockstep; `simulator` are parameters of its node."""
+    base, control = f"/{robot.name}/base", f"/{robot.name}/control"
+    topics = {
+        "/joint_states": "sensor_msgs/msg/JointState",
+        f"/{robot.name}/command": "via_interfaces/msg/VsaCommand",
+        control: "via_interfaces/msg/ControlState",
+        f"/{robot.name}/contact": robot.contact,
+        base: robot.base,
+    }
+    needed = ["/joint_states", control, *([base] if robot.base else [])]
+    wait = TIMEOUT * max(1.0, duration)
     with Composition() as graph:
-        graph.add(controller, **(law or {}))
-        recorder = graph.add(Recorder, bag=str(bag), topics=topics)
-        simulated = graph.add(body, mode="lockstep", duration=duration, listeners=2, **simulator)
+        graph.add(controller)
+        recorded = [f"{topic}:{kind}" for topic, kind in topics.items() if kind]
+        recorder = graph.add(Recorder, bag=str(bag), topics=recorded)
+        simulated = graph.add(robot.node, mode="lockstep", duration=duration, listeners=2, **simulator)
         graph.run_until(simulated.finished.done, wait, "the scene")
-        wanted = ["/joint_states", f"/{name}/control", *([base] if body is HopperSimulatorNode else [])]
         least = round(duration * 1e3)
-        graph.run_until(lambda: all(recorder.counts[topic].messages >= least for topic in wanted), wait, "recording")
-    found = read_bag(bag, wanted)
-    states, control = found["/joint_states"], found[f"/{name}/control"]
+        graph.run_until(lambda: all(recorder.counts[topic].messages >= least for topic in needed), wait, "recording")
+    found = read_bag(bag, needed)
+    states, quantities = found["/joint_states"], found[control]
     stamps = found.topic("/joint_states").stamp
     return Recorded(
         time=1e-9 * (stamps - stamps[0]),
         position=np.array(list(states["position"]), dtype=float),
         speed=np.array(list(states["velocity"]), dtype=float),
-        names=tuple(control["name"][0]),
-        told=np.array(list(control["value"]), dtype=float),
-        trunk=_trunk(found[base]) if base in wanted else np.empty((len(stamps), 0)),
+        names=tuple(quantities["name"][0]),
+        values=np.array(list(quantities["value"]), dtype=float),
+        trunk=_trunk(found[base]) if robot.base else np.empty((len(stamps), 0)),
     )
 
 
 def _trunk(poses: Columns) -> Array:
-    """(N, 3) x [m], z [m] and pitch [rad] of a base that stays in its plane."""
+    """(N, 3) x [m], z [m] and pitch [rad] of a base that moves in the x-z plane."""
     x, z = poses["pose.position.x"], poses["pose.position.z"]
     return np.column_stack([x, z, 2.0 * np.arctan2(poses["pose.orientation.y"], poses["pose.orientation.w"])])
 
@@ -270,7 +269,7 @@ def _joints_plot(axes: plt.Axes, seen: Recorded, about: Array) -> None:
 
 
 def _arm_animation(arm: VsaArm, seen: Recorded, wall: Array | None, path: Path) -> Path:
-    """The arm from the side and from above over the last seconds, the tip's way behind it."""
+    """Animate the last seconds of the arm, seen from the side and from above, with the path of its tip."""
     last = seen.time >= seen.time[-1] - SHOWN
     pick = np.flatnonzero(last)[:: max(1, round(1.0 / FRAMES / float(np.diff(seen.time).mean())))]
     data, points = arm.model.createData(), []

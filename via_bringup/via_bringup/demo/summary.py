@@ -1,4 +1,4 @@
-"""What the demo measured: the one definition behind summary.json, the terminal's tables and the page."""
+"""Data model of the demo's results, used by summary.json, the terminal output and the page."""
 
 from __future__ import annotations
 
@@ -7,36 +7,36 @@ from via_core.metrics import WIDTH_95
 
 
 class Record(BaseModel):
-    """Frozen, and refusing fields it does not know."""
+    """Frozen model without extra fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class Quantity(Record):
-    """An estimate beside what it is held against."""
+    """An estimate and its reference."""
 
     value: float
     standard_deviation: float
-    reference: float  # the commanded damping, or the stiffness of the device file's spring law
+    reference: float  # commanded damping, or stiffness of the spring law in the device file
 
     @property
     def covered(self) -> bool:
-        """Whether the 95 % interval holds the reference."""
+        """Whether the 95 % interval contains the reference."""
         return abs(self.value - self.reference) <= WIDTH_95 * self.standard_deviation
 
 
 class Traffic(Record):
-    """Messages of one run: what was sent, and what arrived at its end."""
+    """Numbers of sent and recorded messages of one run."""
 
     samples: int  # joint states sent
     samples_recorded: int
-    estimates_recorded: int  # the estimator answers every sample once
-    numbers_missing: int  # gaps in the sequence numbers of what was recorded
+    estimates_recorded: int  # one estimate per sample
+    numbers_missing: int  # gaps in the recorded sequence numbers
 
     @computed_field  # type: ignore[prop-decorator]
     @property
     def lost(self) -> int:
-        """Messages that should have been recorded and were not."""
+        """Number of messages that should have been recorded but were not."""
         return 2 * self.samples - self.samples_recorded - self.estimates_recorded + self.numbers_missing
 
 
@@ -49,29 +49,29 @@ class RobotRun(Record):
     status: str
     damping: Quantity  # [N m s/rad]
     stiffness: Quantity  # [N m/rad]
-    nrmse: float  # [-] simulated against real joint angle, of the angle's standard deviation
+    nrmse: float  # [-] RMS error of the simulated angle / standard deviation of the real angle
     traffic: Traffic
     bag: str
 
 
 class RefusedRecording(Record):
-    """A recording that was not used, and why."""
+    """A recording that was not used, with the reasons."""
 
     file: str
     reasons: list[str]
 
 
 class RobotPart(Record):
-    """Parts 1 to 3: import, replay, gap."""
+    """Parts 1 to 3: import, replay and gap."""
 
     source: str
     accepted: int
     refused: list[RefusedRecording]
     warnings: int
     runs: list[RobotRun]
-    nrmse: float  # pooled over runs: all squared errors over all squared deviations
+    nrmse: float  # pooled: sqrt of the summed squared errors / summed squares about the means
     nrmse_by_strategy: dict[str, float]
-    damping_coverage: float  # share of runs whose 95 % interval holds the commanded damping
+    damping_coverage: float  # share of runs whose 95 % interval contains the commanded damping
     lost: int
 
 
@@ -81,13 +81,13 @@ class LivePart(Record):
     device: str
     samples: int
     rate: float  # [Hz]
-    duration: float  # [s] of stamps
+    duration: float  # [s] between first and last stamp
     late_ticks: int
     traffic: Traffic
     replay: Traffic
     bit_identical: bool
     stiffness_error: float  # median |estimate - truth| / truth after warm-up [-]
-    stiffness_coverage: float  # share of samples whose 95 % interval holds the truth
+    stiffness_coverage: float  # share of samples whose 95 % interval contains the truth
     bag: str
 
 
@@ -98,13 +98,13 @@ class DiagnosisPart(Record):
     headline: str
     named: list[str]
     runs: int
-    before: float | None  # gap on stretches held out [-]; None where it was not measured
+    before: float | None  # gap on held-out data [-]; None if not evaluated
     after: float | None
     page: str
 
 
 class Summary(Record):
-    """summary.json."""
+    """Content of summary.json."""
 
     version: str
     commit: str

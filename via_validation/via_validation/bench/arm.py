@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from via_bringup.composition import Composition
 from via_bringup.demo import reference
 from via_controllers.modal_transform import first_basis
 from via_controllers.nodes.bang_bang import BangBangNode
@@ -22,6 +21,7 @@ from via_core.signals import Array
 from via_interfaces.msg import ControlState
 from via_interfaces.srv import Push
 from via_ros import qos
+from via_ros.composition import Composition
 from via_ros.scheduling import real_time
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
 

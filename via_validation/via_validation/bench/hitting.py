@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
-from via_bringup.composition import Composition
 from via_bringup.demo.reference import DIRECTIONS, HITTING_MODE, MOTORS, damped_arm, wall_scene
 from via_controllers.nodes.bang_bang import BangBangNode
 from via_core.errors import ViaError
 from via_core.signals import Array
 from via_interfaces.srv import Hold, Push
 from via_ros import qos
+from via_ros.composition import Composition
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
 
 from via_validation.control.hitting import HELD, HOLDS, WALLS, Impacts, impacts

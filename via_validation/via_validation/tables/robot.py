@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from via_bringup.demo.pictures import Column, by_strategy
-from via_bringup.recordings import recordings
+from via_bringup.demo.recordings import recordings
 from via_core.bags.importing import import_recordings
 from via_core.bags.reader import read_bag
 from via_core.devices import Device, load_device

@@ -1,7 +1,7 @@
-"""Several nodes in one process, on one events executor, in a ROS domain of their own.
+"""Several nodes in one process, with one events executor and their own ROS domain.
 
-One process is what keeps a 1 kHz loop in time here; the own domain and LOCALHOST discovery keep a demo from commanding
-a robot that happens to listen on the same network.
+One process keeps a 1 kHz loop on time. The separate domain and LOCALHOST discovery keep the nodes from commanding a
+robot on the same network.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 from via_core.errors import ViaError
+
 from via_ros import middleware, spin
 from via_ros.domains import Domain
 
@@ -22,7 +23,7 @@ Node = TypeVar("Node")
 
 
 class Composition:
-    """A context manager: nodes added to it are closed and destroyed, last first, when it ends."""
+    """A context manager that runs nodes. On exit it closes and destroys them in reverse order."""
 
     def __init__(self) -> None:
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -47,7 +48,7 @@ class Composition:
         self._domain.release()
 
     def add(self, make: Callable[..., Node], **parameters: Any) -> Node:
-        """A node made with these parameters, on the executor."""
+        """Create a node with these parameters and add it to the executor."""
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         node = make(context=self.context, parameter_overrides=overrides)
         self._nodes.append(node)
@@ -55,12 +56,12 @@ class Composition:
         return node
 
     def remove(self, node: Any) -> None:
-        """Close and destroy one node before the end."""
+        """Close and destroy one node."""
         self._nodes.remove(node)
         self._executor.remove_node(node)
         spin.close_all([node])
 
     def run_until(self, condition: Callable[[], bool], timeout: float, what: str) -> None:
-        """Run callbacks until condition() holds; raises ViaError naming `what` after `timeout` [s] of wall time."""
+        """Run callbacks until condition() is true. Raises ViaError with `what` after `timeout` [s] of wall time."""
         if not spin.spin_until(self._executor, condition, timeout):
             raise ViaError(f"{what} did not happen within {timeout:.0f} s")

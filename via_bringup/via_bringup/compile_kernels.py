@@ -1,13 +1,12 @@
-"""Compiles the kernels of demo and diagnosis once for each state of the sources: `python -m via_bringup.kernels`.
+"""Compile the numba kernels of demo and diagnosis into the cache: `python -m via_bringup.compile_kernels`.
 
-numba compiles a kernel when it is first called and keeps it in NUMBA_CACHE_DIR. The first diagnosis on a new machine
-would spend a minute of processor time on that, so `make setup` does it, with progress.
+numba compiles a kernel at its first call and caches it in NUMBA_CACHE_DIR. In the first diagnosis on a new machine this
+takes a minute of processor time, so `make setup` does it in advance and shows its progress.
 """
 
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,13 +14,13 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from via_bringup.cli.console import errors
 
-STAMP = ".via-kernels"  # in NUMBA_CACHE_DIR: everything below is compiled
-SIZE = 0.3  # [rad] of the motion
-FRICTION = 0.1  # [N m] of a motor: a cause that the search finds
+STAMP = ".via-kernels"  # file in NUMBA_CACHE_DIR that marks a complete cache
+AMPLITUDE = 0.3  # [rad] of the simulated motion
+FRICTION = 0.1  # [N m] Coulomb friction of a motor; large enough for the diagnosis to find it
 
 
 def main() -> None:
-    """Compile what is not compiled yet. Without NUMBA_CACHE_DIR there is nothing to keep, and nothing is done."""
+    """Compile the kernels unless the cache is complete. Does nothing if NUMBA_CACHE_DIR is not set."""
     folder = os.environ.get("NUMBA_CACHE_DIR")
     if not folder or (Path(folder) / STAMP).exists():
         return
@@ -34,7 +33,7 @@ def main() -> None:
 
 
 def compile_kernels(progress: Callable[[float], None]) -> None:
-    """Diagnose a simulated joint with all signals and with its link alone, and run the estimator of every drive."""
+    """Diagnose a simulated joint with all signals and with its link angle only, then run an estimator of each drive."""
     from via_core.devices import load_device
     from via_estimators.methods import estimator_for
     from via_gap.design.commands import commands_of, recorded
@@ -45,9 +44,9 @@ def compile_kernels(progress: Callable[[float], None]) -> None:
     from via_sim.plants import JointPlant
 
     plant = JointPlant.from_device(load_device("qbmove_a"))
-    commands, start = commands_of(plant, MOTIONS[2], SIZE)
-    rubbing = plant.with_effects([Effect("coulomb_friction", "motor", {"torque": FRICTION}, 1)])
-    log = recorded(rubbing, commands, start, seed=1)
+    commands, start = commands_of(plant, MOTIONS[2], AMPLITUDE)
+    with_friction = plant.with_effects([Effect("coulomb_friction", "motor", {"torque": FRICTION}, 1)])
+    log = recorded(with_friction, commands, start, seed=1)
     assert log is not None and log.commands is not None
     link_only = JointLog(log.name, log.device, log.measured.select(["q"]), log.commands)
     diagnose([log], plant.device, progress=lambda _, share: progress(0.7 * share))
@@ -58,4 +57,4 @@ def compile_kernels(progress: Callable[[float], None]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
