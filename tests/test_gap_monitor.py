@@ -132,7 +132,7 @@ def test_friction_of_a_simulated_joint_is_named_and_the_report_is_that_of_a_bag(
     cause = result.hypotheses[0]
     assert (cause.effect.name, cause.effect.site, cause.identifiable) == ("coulomb_friction", "link", True)
     assert cause.effect.parameter_values[0] == pytest.approx(0.02, rel=0.1) and cause.probability > 0.9
-    assert result.sites[0].site == "link" and result.gap_after < 0.2 * result.gap_before and result.closes > 0.9
+    assert result.sites[0].site == "link" and result.gap_after < 0.2 * result.gap_before and result.explained > 0.9
     shares = [each.share for each in bench.feedback]
     assert shares == sorted(shares) and len(shares) > 5 and bench.feedback[-1].doing
     assert result.report == expected

@@ -10,7 +10,7 @@ from via_gap.report.report import GapReport
 
 REFUSED = GapReport(
     joint="elbow", level="link only", logs=("run.csv",), holdout=("blocks of the same logs",), verdict="cannot_tell",
-    where=(), causes=(), equivalence_set=(), effects=(), gap=None, nuisance=(), not_judged=(),
+    where=(), causes=(), equivalence_set=(), effects=(), gap=None, nuisance=(), not_evaluated=(),
     data_check=(
         Finding(log="run.csv", check="drive", signal="commands", severity="refuse", value=0.0, text="no commands"),
     ),

@@ -7,7 +7,7 @@ from via_bringup.cli import app
 from via_core.devices import load_device
 from via_gap.design.motion_file import read_motion
 from via_gap.logs.log import read_log
-from via_gap.report.report import Cause, GapReport, NuisanceValue, Place, Value, read_report
+from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValue, Value, read_report
 from via_gap.residual.nuisance import nuisances
 from via_sim.plants import JointPlant
 
@@ -16,7 +16,7 @@ DEVICE = "maccepavd"
 
 def report_of(*named: tuple[str, str, str, float, str]) -> GapReport:
     device = load_device(DEVICE)
-    places = tuple(Place(effect=name, site=site, joint=DEVICE) for name, site, _, _, _ in named)
+    places = tuple(EffectLocation(effect=name, site=site, joint=DEVICE) for name, site, _, _, _ in named)
     causes = tuple(
         Cause(
             effect=name, site=site, joint=DEVICE, probability=0.5, share=0.5, left=0.1, score=0.7,
@@ -25,12 +25,12 @@ def report_of(*named: tuple[str, str, str, float, str]) -> GapReport:
         for name, site, parameter, value, unit in named
     )  # fmt: skip
     numbers = tuple(
-        NuisanceValue(name=n.name, unit=n.unit, filed=n.value, fitted=n.value, deviations=0.0, at_bound=False)
+        NuisanceValue(name=n.name, unit=n.unit, filed=n.value, fitted=n.value, offset=0.0, at_bound=False)
         for n in nuisances(JointPlant.from_device(device))
     )
     return GapReport(
         joint=DEVICE, level="full", logs=("a",), holdout=("b",), verdict="effect", where=(), causes=causes,
-        equivalence_set=places, effects=places[:1], gap=None, nuisance=numbers, data_check=(), not_judged=(),
+        equivalence_set=places, effects=places[:1], gap=None, nuisance=numbers, data_check=(), not_evaluated=(),
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from gap_logs import flexible, log_of
 from via_gap.diagnose import diagnose
 from via_gap.logs.findings import Finding
 from via_gap.report.figures import Member, OrderSpectrum, Trial
-from via_gap.report.report import Cause, GapReport, Place, Proposal, Value, Where
+from via_gap.report.report import Cause, EffectLocation, GapReport, Proposal, Value, Where
 from via_gap.selection.gap import Gap, SignalGap
 
 HOSTILE = "<script>document.title='taken'</script> & \"run\" 1.csv"  # a file may be called that
@@ -15,8 +15,8 @@ KINDS = (
 )  # fmt: skip
 
 
-def place(effect: str, site: str, motor: int = 0) -> Place:
-    return Place(effect=effect, site=site, joint="joint", motor=motor)
+def place(effect: str, site: str, motor: int = 0) -> EffectLocation:
+    return EffectLocation(effect=effect, site=site, joint="joint", motor=motor)
 
 
 BACKLASH, COULOMB = place("backlash", "transmission", 1), place("coulomb_friction", "motor", 1)
@@ -39,7 +39,7 @@ VALUES = {
 }
 
 
-def cause(at: Place, probability: float, left: float = 0.01) -> Cause:
+def cause(at: EffectLocation, probability: float, left: float = 0.01) -> Cause:
     return Cause(
         **at.model_dump(),
         probability=probability,
@@ -50,12 +50,12 @@ def cause(at: Place, probability: float, left: float = 0.01) -> Cause:
     )
 
 
-def trial(*places: Place, left: float, behind: float) -> Trial:
+def trial(*places: EffectLocation, left: float, behind: float) -> Trial:
     members = tuple(Member(effect=p.effect, site=p.site, motor=p.motor) for p in places)
     return Trial(effects=members, left=left, behind=behind, behind_sd=0.03)
 
 
-def where(at: Place, share: float, equation: str) -> Where:
+def where(at: EffectLocation, share: float, equation: str) -> Where:
     return Where(joint="joint", site=at.site, motor=at.motor, equation=equation, share=share)
 
 
@@ -88,7 +88,7 @@ def report_of(kind: str) -> GapReport:
     trials = (alone, trial(COULOMB, left=0.02, behind=0.02), trial(VISCOUS, left=1.1, behind=3.0))
     found = {
         "verdict": "effect", "explained": 0.973, "gap": GAP, "data_check": (noticed,),
-        "not_judged": ("no motor torque was measured",),
+        "not_evaluated": ("no motor torque was measured",),
         "where": (where(BACKLASH, 0.9, "link and motor 1"), where(COULOMB, 0.1, "motor 1")),
         "causes": (cause(BACKLASH, 0.97), cause(COULOMB, 0.02, 0.3), cause(VISCOUS, 0.001, 1.1)),
         "equivalence_set": (BACKLASH,), "effects": (BACKLASH,),

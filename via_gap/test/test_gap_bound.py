@@ -57,7 +57,7 @@ def test_a_joint_of_servos_is_run_freely_with_it():
     device = servo()
     damped = Effect("viscous_friction", "link", {"coefficient": 0.05})
     fitted, judged, base, segments = prepared(device, (damped, DRAG), 24.0)
-    model = flexible(fitted, replace(base, deviations=np.zeros_like(base.deviations)))
+    model = flexible(fitted, replace(base, offsets=np.zeros_like(base.offsets)))
     held = [view.chosen for view in judged.views]
     plain = free_errors(device, (), [segments], held)
     reached = free_errors(device, (), [model.driven(segments)], held)

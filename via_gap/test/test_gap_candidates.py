@@ -48,7 +48,7 @@ def fitted(device: Device, effect: Effect, duration: float) -> tuple[ResidualMod
 def based(problem: ResidualModel) -> tuple[Fit, np.ndarray]:
     """The device's own numbers, and the Jacobian of the nuisances there."""
     base = fit_device_numbers(problem)
-    return base, problem.nuisance_jacobian((), base.deviations, base.residual)
+    return base, problem.nuisance_jacobian((), base.offsets, base.residual)
 
 
 @pytest.mark.parametrize(("name", "effect"), [("flexible", MAXWELL), ("servo", DAMPED), ("rigid", CLIPPED)])
@@ -66,7 +66,8 @@ def test_the_screen_puts_the_cause_first(name, effect):
 )
 def test_a_fit_finds_the_planted_numbers_from_a_poor_start(name, effect, start):
     problem, base, jacobian, scales = searched(name)
-    fit = refine(problem, base, jacobian, [(Location(effect.name, effect.site, effect.motor), start)], scales)
+    members = [(Location(effect.name, effect.site, effect.motor), start)]
+    fit = refine(problem, base, members, scales, jacobian=jacobian)
     planted = problem.residual([problem.row([effect])])[0]
     assert fit is not None and fit.loss < 1.001 * (planted @ planted)  # the device's numbers are the file's
     # Beside servos all torques may grow in one proportion.
@@ -92,10 +93,9 @@ def test_a_second_cause_shows_once_the_first_gives_way():
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base, jacobian = based(problem)
     scales = scales_of([segments], [()], segments.time[1:], problem.per_segment(base.residual))
-    first = refine(
-        problem, base, jacobian, [(Location("contact", "environment", 0), [*wall.parameters.values()])], scales
-    )
-    beside = problem.nuisance_jacobian(first.effects, first.deviations, first.residual)
+    members = [(Location("contact", "environment", 0), [*wall.parameters.values()])]
+    first = refine(problem, base, members, scales, jacobian=jacobian)
+    beside = problem.nuisance_jacobian(first.effects, first.offsets, first.residual)
     candidates = [each for each in locations(problem.device, segments.log) if each not in first.locations]
     tried = directions(problem, first, candidates, scales)
     at_rest, giving_way = (ranked(first, beside, tried, s) for s in (None, member_slopes(problem, first, scales)))
@@ -136,11 +136,11 @@ def test_what_no_torque_on_record_tells_is_known_as_well_as_the_device_file_says
     """Beside servos inertia, friction, springs and the effect may grow in one proportion, and nothing shows."""
     problem, base, _, scales = searched("servo")
     location = Location(DAMPED.name, DAMPED.site, DAMPED.motor)
-    led_astray = Fit((), 0.8 * BOUND * np.sign(base.deviations), 0.0, base.residual, base.covariance)
-    fit = refine(problem, led_astray, None, [(location, (0.06,))], scales)
+    led_astray = Fit((), 0.8 * BOUND * np.sign(base.offsets), 0.0, base.residual, base.covariance)
+    fit = refine(problem, led_astray, [(location, (0.06,))], scales)
     end = converged(problem, fit, scales)
     proportional = [each.tolerance for each in problem.nuisances if "bandwidth" not in each.name]
-    factors = [1.0 + n.tolerance * d for n, d in zip(problem.nuisances, end.deviations) if "bandwidth" not in n.name]
+    factors = [1.0 + n.tolerance * d for n, d in zip(problem.nuisances, end.offsets) if "bandwidth" not in n.name]
     known = 1.0 / np.sqrt(sum((factor / t) ** 2 for factor, t in zip(factors, proportional)))
     planted, (value,) = DAMPED.parameters["coefficient"], end.effects[0].parameters.values()
     assert end.loss <= fit.loss
@@ -170,8 +170,8 @@ def test_a_few_segments_that_nothing_explains_do_not_move_a_fit():
     base = fit_device_numbers(problem)
     scales = scales_of([segments], [()], segments.time[1:], problem.per_segment(base.residual))
     place = Location("coulomb_friction", "motor", 1)
-    plain = refine(problem, base, None, [(place, [0.02])], scales)
-    fit = refine(replace(problem, robust=True), plain, None, [(place, plain.values)], scales)
+    plain = refine(problem, base, [(place, [0.02])], scales)
+    fit = refine(replace(problem, robust=True), plain, [(place, plain.values)], scales)
     assert abs(plain.values[0] - 0.03) > 4.0 * abs(fit.values[0] - 0.03)
     assert fit.values[0] == pytest.approx(0.03, abs=2.0 * max(fit.sd[0], 1e-5))
     assert fit.values[0] == pytest.approx(0.03, rel=0.02)

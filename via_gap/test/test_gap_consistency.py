@@ -13,7 +13,7 @@ from via_gap.rendering.page import page
 from via_gap.rendering.text import text
 from via_gap.rendering.words import boxes, cautions, headline, next_steps, repair_words
 from via_gap.report.figures import Figures, JointSketch, Member, Trial
-from via_gap.report.report import Cause, GapReport, NuisanceValue, Place, Value, Where
+from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValue, Value, Where
 from via_sim.catalogue import EFFECTS
 from via_sim.effects_file import parse_effects
 
@@ -31,7 +31,7 @@ NAMED = {"effect": (1, 1), "several_effects": (2, 3), "main_effect": (1, 2)}
 SHARES = st.floats(0.0, 1.0)
 
 
-def cause_of(at: Place, probability: float, left: float) -> Cause:
+def cause_of(at: EffectLocation, probability: float, left: float) -> Cause:
     values = {
         p.name: Value(value=p.neutral + 0.01, sd=0.001, unit=p.unit, low=p.low, high=p.high, neutral=p.neutral)
         for p in EFFECTS[at.effect].parameters
@@ -68,7 +68,7 @@ def reports(draw) -> GapReport:
     sketch = JointSketch(arrangement="antagonistic", drive="torque", motors_seen=(True, True), torque_seen=True)
     filed, fitted = 1.0, draw(st.sampled_from((1.0, 1.03)))
     number = NuisanceValue(
-        name="link inertia", unit="kg m^2", filed=filed, fitted=fitted, deviations=1.3 * (fitted - 1.0) / 0.03,
+        name="link inertia", unit="kg m^2", filed=filed, fitted=fitted, offset=1.3 * (fitted - 1.0) / 0.03,
         at_bound=fitted > 1.0, low=0.97, high=1.03,
     )  # fmt: skip
     share = draw(SHARES)
@@ -80,7 +80,7 @@ def reports(draw) -> GapReport:
         where=tuple(Where(joint="joint", site=p.site, motor=p.motor, equation="link", share=0.5) for p in named[:2]),
         causes=() if refused else causes, equivalence_set=(*named, *ties),
         conformal_set=(*named, *ties), effects=named, gap=None if refused else gap,
-        nuisance=() if refused else (number,), data_check=(finding,) if refused else (), not_judged=(),
+        nuisance=() if refused else (number,), data_check=(finding,) if refused else (), not_evaluated=(),
         figures=Figures(joint=sketch, trials=tuple(trials)),
     )  # fmt: skip
 

@@ -80,7 +80,7 @@ def test_a_log_that_cannot_be_used_is_answered_not_raised():
     report = diagnose([blind], log.device)
     assert (report.verdict, report.gap) == ("cannot_tell", None)
     assert any(finding.severity == "refuse" for finding in report.data_check)
-    assert report.not_judged
+    assert report.not_evaluated
 
 
 @pytest.mark.parametrize(("effect", "site"), [(COULOMB, "motor"), (BACKLASH, "transmission"), (LINK, "link")])

@@ -10,7 +10,7 @@ from via_gap.candidates.fit import Fit
 from via_gap.report.binning import BINS
 from via_gap.report.error_figures import POINTS, error_figures, trace_figures
 from via_gap.report.evidence_figures import LONGEST
-from via_gap.report.simulated_stretches import SimulatedStretch, free_stretches, segment_stretches
+from via_gap.report.simulated_intervals import SimulatedInterval, free_intervals, segment_intervals
 from via_gap.report.torque_figures import amplitudes, missing_torques, order_spectra, residual_figures
 from via_gap.residual.errors import free_errors, segment_errors
 from via_gap.residual.residual_model import ResidualModel
@@ -35,7 +35,7 @@ def two_residuals():
     return problem, *problem.residual([problem.row(()), problem.row((COULOMB,))])
 
 
-def stretch(error, restarts=None, begin=0.0) -> SimulatedStretch:
+def stretch(error, restarts=None, begin=0.0) -> SimulatedInterval:
     """A link that stands at zero, simulated `error` beside it, every 10 ms."""
     n = len(error)
     time = begin + 0.01 * np.arange(n)
@@ -43,7 +43,7 @@ def stretch(error, restarts=None, begin=0.0) -> SimulatedStretch:
     marks = np.zeros(n, dtype=bool) if restarts is None else np.asarray(restarts)
     nothing = np.zeros((n, 1))
     before = np.asarray(error)[:, None]
-    return SimulatedStretch("log", (0,), time, states, nothing, before, nothing, marks, np.array([1e-3]))
+    return SimulatedInterval("log", (0,), time, states, nothing, before, nothing, marks, np.array([1e-3]))
 
 
 def fit_of(*effects) -> Fit:
@@ -111,7 +111,7 @@ def test_orders_that_the_motion_does_not_hold_once_are_left_out():
 
 def test_errors_of_segments_are_those_of_the_gap():
     problem, before, after = two_residuals()
-    stretches = segment_stretches(problem, before, after)
+    stretches = segment_intervals(problem, before, after)
     for which, residual in (("before", before), ("after", after)):
         gap = segment_errors(problem, residual)
         error = np.concatenate([getattr(s, which) - s.measured for s in stretches])
@@ -122,7 +122,7 @@ def test_errors_of_segments_are_those_of_the_gap():
 
 def test_error_figures_fall_where_the_effect_is_added():
     problem, before, after = two_residuals()
-    figures = error_figures(segment_stretches(problem, before, after), 1)
+    figures = error_figures(segment_intervals(problem, before, after), 1)
     expected = {(s, by) for s in ("q", "theta_1") for by in ("speed", "deflection", "angle", "time")}
     assert {(f.signal, f.by) for f in figures} == {*expected, ("theta_1", "motor angle")}
     assert all(b.after < 0.2 * b.before for f in figures for b in f.bins)
@@ -132,7 +132,7 @@ def test_errors_of_a_free_run_are_those_of_the_gap():
     segments = cut_log(log_of(servo(), (Effect("coulomb_friction", "link", {"torque": 0.02}),), seed=5, duration=5.9))
     every = [np.arange(len(segments))]
     device = segments.log.device
-    stretches = free_stretches(device, device, (), [segments], every)
+    stretches = free_intervals(device, device, (), [segments], every)
     gap = free_errors(device, (), [segments], every)
     error = np.concatenate([s.before - s.measured for s in stretches])
     assert np.sqrt(np.mean(error**2)) == pytest.approx(float(gap.signals[0] * np.sqrt(gap.variance[0])), rel=0.03)

@@ -12,7 +12,7 @@ from gap_logs import flexible, log_of
 from via_core.errors import ViaError
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import read_log
-from via_gap.run.fleet import Row, key_of, row_of, run_fleet
+from via_gap.run.fleet import Row, Workers, key_of, row_of, run_fleet
 from via_sim.effects import Effect
 
 DEVICE = flexible()
@@ -55,7 +55,7 @@ def test_a_killed_worker_loses_nothing_and_bad_logs_are_rows(logs, tmp_path):
             for pid in workers:
                 os.kill(pid, signal.SIGKILL)
 
-    rows = run_fleet(every, DEVICE, results, told, workers=1)
+    rows = run_fleet(every, DEVICE, results, told, workers=Workers(count=1))
     assert killed and killed[0] and addresses == {"127.0.0.1"}
     assert [row.log for row in rows] == [str(path) for path in every]
     assert [bool(row.verdict) for row in rows] == [True, False, True, False, False, True, True]
@@ -70,13 +70,13 @@ def test_a_killed_worker_loses_nothing_and_bad_logs_are_rows(logs, tmp_path):
     )
     # A second run takes what is there; a changed log, a lost report and a row cut short are done again.
     heard.clear()
-    again = run_fleet(every, DEVICE, results, told, workers=1)
+    again = run_fleet(every, DEVICE, results, told, workers=Workers(count=1))
     assert again == rows and heard == [(6, 6, None)]
     write(logs[0], 44)
     (results / rows[2].report).unlink()
     row_file = results / "rows" / f"{rows[5].key}.json"
     row_file.write_text(row_file.read_text()[:40])
-    third = run_fleet(every, DEVICE, results, told, workers=1)
+    third = run_fleet(every, DEVICE, results, told, workers=Workers(count=1))
     assert heard[1] == (3, 6, None) and {name for _, _, name in heard[2:]} == {path.name for path in logs}
     assert third[0].key != rows[0].key
     assert [row.after for row in third[1:6]] == [row.after for row in rows[1:6]]
@@ -90,7 +90,7 @@ def test_an_interrupted_run_keeps_what_was_done_and_leaves_no_process(logs, tmp_
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_fleet(logs, DEVICE, results, told, workers=1)
+        run_fleet(logs, DEVICE, results, told, workers=Workers(count=1))
     assert not children()
     kept = list((results / "rows").iterdir())
     assert len(kept) == 1 and json.loads(kept[0].read_text())["verdict"]
@@ -127,5 +127,5 @@ def test_a_key_is_of_content_name_device_and_topic(logs, tmp_path):
 def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
     monkeypatch.setattr("via_gap.run.fleet.PATIENCE", "1s")
     with pytest.raises(ViaError, match=r"scheduler tcp://127[.]0[.]0[.]1:9") as told:
-        run_fleet(logs, DEVICE, tmp_path / "results", scheduler="tcp://127.0.0.1:9")
+        run_fleet(logs, DEVICE, tmp_path / "results", workers=Workers("tcp://127.0.0.1:9"))
     assert "\n" not in str(told.value)

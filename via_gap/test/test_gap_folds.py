@@ -72,11 +72,9 @@ def test_a_fold_is_judged_by_a_fit_to_the_others():
     (judged,) = Folds.of(whole, (1, 2, 3)).evaluate([base], None)
     for i, seed in enumerate((1, 2, 3)):
         others = problem(*(s for s in (1, 2, 3) if s != seed))
-        deviations = others.fit_nuisances((), base.deviations)[0]
+        offsets = others.fit_nuisances((), base.offsets)[0]
         alone = problem(seed)
-        assert judged.segments[i] == pytest.approx(
-            np.mean(alone.residual([alone.row((), deviations)])[0] ** 2), rel=1e-9
-        )
+        assert judged.segments[i] == pytest.approx(np.mean(alone.residual([alone.row((), offsets)])[0] ** 2), rel=1e-9)
     assert judged.mean_square > np.mean(base.residual**2)  # a fit is best where it was fitted
 
 

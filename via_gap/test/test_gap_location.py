@@ -5,8 +5,8 @@ import pytest
 from gap_logs import flexible, log_of, servo
 from via_core.devices import load_device
 from via_core.signals import Signals
-from via_gap.candidates.fit import Fit, make
-from via_gap.candidates.location import MEASUREMENT_ONLY, Location, locations, unjudged
+from via_gap.candidates.fit import Fit, effect_or_none
+from via_gap.candidates.location import MEASUREMENT_ONLY, Location, locations, missing_effects
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, ranked_pairs
 from via_gap.candidates.starts import _STARTS, Start, size_of, size_parameters, starts
@@ -29,7 +29,7 @@ def test_what_is_no_candidate_is_told(device):
     log = log_of(flexible() if device.drive == "torque" else servo(), (), seed=5, duration=2.0)
     log = JointLog(log.name, device, log.measured, log.commands)
     offered = {location.name for location in locations(device, log)}
-    told = " ".join(unjudged(device, log))
+    told = " ".join(missing_effects(device, log))
     for name in EFFECTS:
         meaningless = EFFECTS[name].of_goal and device.drive != "position"
         assert (name in offered) != (name in told) or name in MEASUREMENT_ONLY or meaningless, name
@@ -39,7 +39,7 @@ def test_a_torque_driven_joint_beside_a_neighbour_can_have_all_but_those_of_a_go
     log = beside(log_of(flexible(), (), seed=5, duration=2.0), "neighbour")
     every = {kind.name for kind in EFFECTS.values() if not kind.of_goal}
     assert {location.name for location in locations(log.device, log)} | set(MEASUREMENT_ONLY) == every
-    assert unjudged(log.device, log) == ()
+    assert missing_effects(log.device, log) == ()
 
 
 def test_an_encoder_that_was_not_recorded_is_no_candidate():
@@ -90,7 +90,7 @@ def test_every_start_makes_an_effect_whose_other_parameters_are_neutral():
     for location in locations(PAIR, pair_log()):
         for start in starts(location, SCALES, PAIR):
             for direction in start.directions:
-                effect = make(location, list(direction.values()))
+                effect = effect_or_none(location, list(direction.values()))
                 assert effect is not None and [*effect.parameters] == [
                     p.name for p in EFFECTS[location.name].parameters
                 ]

@@ -7,7 +7,7 @@ import pytest
 from gap_logs import flexible, log_of
 from via_core.devices import parse_device
 from via_core.signals import Signals
-from via_gap.residual.memory import goals_along, held_along, with_memory
+from via_gap.residual.memory import goals_along, torques_along, with_memory
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
@@ -29,7 +29,7 @@ def test_what_is_held_is_the_law_step_by_step():
     for effect in (MAXWELL, BRISTLE):
         effect.write(row)
     ticks = np.array([3999, 0, 1234, 700])
-    held = held_along(np.stack([plain, row]), angles, ticks)
+    held = torques_along(np.stack([plain, row]), angles, ticks)
 
     spring, bristle, springs, bristles = 0.0, 0.0, [0.0], [0.0]
     for k in range(1, len(time)):

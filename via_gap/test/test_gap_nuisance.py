@@ -47,10 +47,10 @@ def test_the_repaired_device_has_the_row_of_the_fit(name):
     device = flexible() if name == "flexible" else load_device(name)
     plant = JointPlant.from_device(device)
     each = nuisances(plant)
-    deviations = np.linspace(-1.0, 1.0, len(each))
+    offsets = np.linspace(-1.0, 1.0, len(each))
     row = plant.parameters.copy()
-    apply_all(row, each, deviations)
-    assert JointPlant.from_device(repaired_device(device, each, deviations)).parameters == pytest.approx(row, rel=1e-12)
+    apply_all(row, each, offsets)
+    assert JointPlant.from_device(repaired_device(device, each, offsets)).parameters == pytest.approx(row, rel=1e-12)
 
 
 def test_numbers_that_are_zero_are_no_nuisance():

@@ -42,10 +42,10 @@ def fit(location: Location, covariance: object, *values: float) -> Fit:
     return Fit((effect,), np.zeros(2), 0.0, NOTHING, given if given.ndim == 2 else given**2 * np.eye(len(values)))
 
 
-@pytest.mark.parametrize(("deviations", "plausible"), [(1.5, False), (1.9, False), (2.1, True), (10.0, True)])
-def test_a_size_is_named_from_two_standard_deviations_on(deviations, plausible):
+@pytest.mark.parametrize(("offsets", "plausible"), [(1.5, False), (1.9, False), (2.1, True), (10.0, True)])
+def test_a_size_is_named_from_two_standard_deviations_on(offsets, plausible):
     """chi2 with one degree of freedom: 1.96 at 5 %."""
-    said = doubt(fit(COULOMB, 0.01, 0.01 * deviations), scales())
+    said = doubt(fit(COULOMB, 0.01, 0.01 * offsets), scales())
     assert said == ("" if plausible else "coulomb_friction at motor 1: its size is consistent with zero")
 
 

@@ -11,7 +11,7 @@ from via_gap.design.motion_file import read_motion, write_motion
 from via_gap.design.motions import DURATION, MOTIONS
 from via_gap.design.proposal import ENOUGH, propose, tied, with_proposal
 from via_gap.diagnose import diagnose
-from via_gap.report.report import Cause, GapReport, NuisanceValue, Place, Value
+from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValue, Value
 from via_gap.residual.nuisance import nuisances
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
@@ -26,7 +26,7 @@ SKEWED = Effect("asymmetric_coulomb", "motor", {"forward": 0.008, "backward": 0.
 
 def undecided(device: Device, *effects: Effect) -> GapReport:
     """A report that ties these causes, as a diagnosis would write it."""
-    places = tuple(Place(effect=e.name, site=e.site, joint=device.name, motor=e.motor) for e in effects)
+    places = tuple(EffectLocation(effect=e.name, site=e.site, joint=device.name, motor=e.motor) for e in effects)
     causes = tuple(
         Cause(
             effect=e.name, site=e.site, joint=device.name, motor=e.motor, probability=1.0 / len(effects),
@@ -36,13 +36,13 @@ def undecided(device: Device, *effects: Effect) -> GapReport:
         for e in effects
     )  # fmt: skip
     numbers = tuple(
-        NuisanceValue(name=n.name, unit=n.unit, filed=n.value, fitted=n.value, deviations=0.0, at_bound=False)
+        NuisanceValue(name=n.name, unit=n.unit, filed=n.value, fitted=n.value, offset=0.0, at_bound=False)
         for n in nuisances(JointPlant.from_device(device))
     )
     return GapReport(
         joint=device.name, level="full", logs=("a",), holdout=("blocks of the same logs",), verdict="effect", where=(),
         causes=causes, equivalence_set=places, effects=places[:1], gap=None, nuisance=numbers, data_check=(),
-        not_judged=(),
+        not_evaluated=(),
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from importlib import resources
 
 import pytest
 from via_core.errors import ParameterError
-from via_gap.report.report import Cause, GapReport, Place, Value, Where, read_report
+from via_gap.report.report import Cause, EffectLocation, GapReport, Value, Where, read_report
 from via_gap.selection.gap import Gap, SignalGap
 from via_sim.effects import Effect
 from via_sim.effects_file import load_effects, save_effects
@@ -16,7 +16,7 @@ def report() -> GapReport:
         effect="backlash", site="transmission", joint="elbow", motor=1, probability=0.9, share=0.9,
         parameters={"gap": Value(value=0.02, sd=1e-4, unit="rad")}, left=0.01, score=0.7,
     )  # fmt: skip
-    place = Place(effect="backlash", site="transmission", joint="elbow", motor=1)
+    place = EffectLocation(effect="backlash", site="transmission", joint="elbow", motor=1)
     gap = Gap(
         by="segments", before=0.2, tuned=0.1, after=0.02, interval=(0.01, 0.03), floor=0.01, bound=0.02, explained=1.0,
         signals={"q": SignalGap(before=0.2, after=0.02, floor=0.01, bound=0.02, explained=1.0)},
@@ -24,7 +24,8 @@ def report() -> GapReport:
     return GapReport(
         joint="elbow", level="full", logs=("a",), holdout=("b",), verdict="effect",
         where=(Where(joint="elbow", site="transmission", motor=1, equation="link and motor 1", share=1.0),),
-        causes=(cause,), equivalence_set=(place,), effects=(place,), gap=gap, nuisance=(), data_check=(), not_judged=(),
+        causes=(cause,), equivalence_set=(place,), effects=(place,), gap=gap, nuisance=(), data_check=(),
+        not_evaluated=(),
     )  # fmt: skip
 
 
@@ -59,7 +60,7 @@ def test_documented_keys_are_in_the_json():
 
 
 def test_what_is_no_report_is_refused_in_one_line():
-    for text in ("", "{}", '{"version": "2", "verdict": "guilty"}', "[1]"):
+    for text in ("", "{}", '{"version": "3", "verdict": "guilty"}', "[1]"):
         with pytest.raises(ParameterError, match=r"^r\.json: not a gap report") as caught:
             read_report(text, "r.json")
         assert "\n" not in str(caught.value)

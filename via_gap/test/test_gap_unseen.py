@@ -1,4 +1,4 @@
-"""Motors without an encoder: led along the measured link they are where the simulator had them."""
+"""States of motors without an encoder, simulated along the measured link, equal those of the simulator."""
 
 from dataclasses import replace
 
@@ -7,9 +7,9 @@ import pytest
 from gap_logs import flexible, log_of
 from via_core.signals import Signals
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.rollout import Rollout, settled
+from via_gap.residual.rollout import Rollout, without_transient
 from via_gap.residual.segments import Segments, cut_log
-from via_gap.residual.unseen import OF_LINK, led
+from via_gap.residual.unseen import OF_LINK, MeasuredPath
 from via_sim.effects import Effect
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
@@ -20,39 +20,39 @@ def without_motors(log):
     return replace(log, measured=measured)
 
 
-def told(segments: Segments):
+def rollout_of(segments: Segments):
     every = np.arange(len(segments))
     nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
     return Rollout(segments, every, nominal, np.empty(0), np.empty(0), 0)
 
 
-def test_a_motor_nobody_saw_is_where_its_encoder_would_have_read_it():
+def test_the_simulated_angle_of_an_unmeasured_motor_equals_its_encoder():
     log = log_of(flexible(), (), seed=3, duration=8.0, tolerance=0.0)
-    seen, unseen = cut_log(log), settled(cut_log(without_motors(log)))
+    seen, unseen = cut_log(log), without_transient(cut_log(without_motors(log)))
     assert seen.axes == (0, 1) and unseen.axes == (0,)
-    rollout = told(unseen)
-    states = rollout._led(rollout.nominal[None], None)[0]
+    rollout = rollout_of(unseen)
+    states = rollout._states_of_unseen(rollout.nominal[None], None)[0]
     read = seen.angles[unseen.begin, 1]
     late = unseen.valid
     assert late.any() and np.std(read[late]) > 0.05
     assert states[late, 1] == pytest.approx(read[late], abs=3e-4)
 
 
-def test_segments_of_motors_nobody_saw_show_an_effect_as_well_as_any():
-    """Set back only at the beginning of each segment, a link would drive the motor ever further away."""
+def test_segments_with_an_unmeasured_motor_show_an_effect():
+    """If the link were reset at the beginning of each segment only, the error of the motor would grow without bound."""
     effect = Effect("payload", "link", {"mass": 0.05, "distance": 0.3}, 0)
     log = log_of(flexible(), (effect,), seed=4, duration=20.0, tolerance=0.0)
-    segments = settled(cut_log(without_motors(log)))
+    segments = without_transient(cut_log(without_motors(log)))
     problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
     right, nominal = problem.residual([problem.row([effect]), problem.row([])])
     assert np.sqrt(np.mean(right**2)) < 1.6
     assert np.sqrt(np.mean(nominal**2)) > 10.0
 
 
-def test_what_acts_on_the_link_alone_moves_no_motor_that_is_led():
-    """Each slot of OF_LINK moved on its own, every row led for itself: that is why such rows share their states."""
+def test_torques_on_the_link_have_no_influence_on_an_unmeasured_motor():
+    """Each slot of OF_LINK is changed alone, without the cache, in which such rows share their states."""
     segments = cut_log(without_motors(log_of(flexible(), (), seed=5, duration=4.0)))
-    rollout, ticks = told(segments), segments.begin[2:]
+    rollout, ticks = rollout_of(segments), segments.begin[2:]
     values = {
         P.inertia: 0.03,
         P.contact_angle: 5.0,
@@ -63,26 +63,25 @@ def test_what_acts_on_the_link_alone_moves_no_motor_that_is_led():
     rows = np.repeat(rollout.nominal[None], 2 + len(OF_LINK), axis=0)
     rows[range(1, 1 + len(OF_LINK)), OF_LINK] = [values.get(slot, 0.05) for slot in OF_LINK]
     rows[-1, P.inertia + 1] *= 1.2  # of the motor
-    fresh = rollout._fresh(np.zeros(len(rows), dtype=np.intp), segments.commands, np.zeros(len(rows), dtype=np.intp))
-    out = np.empty((len(rows), len(ticks), fresh.shape[1]))
-    led(rows, fresh, segments.commands[None], segments.start, np.array([0]), ticks, out)
+    fresh = rollout._initial(np.zeros(len(rows), dtype=np.intp), segments.commands, np.zeros(len(rows), dtype=np.intp))
+    out = MeasuredPath(segments.start, np.array([0]), ticks).states(rows, fresh, segments.commands[None])
     assert np.max(np.abs(out[1:-1, :, 1] - out[0, :, 1])) < 2e-5 < 1e-3 < np.max(np.abs(out[-1, :, 1] - out[0, :, 1]))
-    shared = rollout._led(rows, None)[:, 2:]
+    shared = rollout._states_of_unseen(rows, None)[:, 2:]
     assert np.array_equal(shared[0], shared[5]) and not np.array_equal(shared[0], shared[-1])
     assert np.max(np.abs(shared[:, :, 1] - out[:, :, 1])) < 5e-5
-    again = rollout._led(rows[-3:], None)[:, 2:]
+    again = rollout._states_of_unseen(rows[-3:], None)[:, 2:]
     assert np.array_equal(again, shared[-3:])
 
 
-def test_segments_are_left_out_until_a_start_is_forgotten():
+def test_segments_are_invalid_until_the_initial_angle_has_no_influence():
     log = log_of(flexible(), (), seed=6, duration=10.0, tolerance=0.0)
     segments = cut_log(without_motors(log))
-    kept = settled(segments)
+    kept = without_transient(segments)
     first = int(np.flatnonzero(kept.valid)[0])
     assert 0 < first < len(segments) // 2 and kept.valid[first:].all()
-    rollout = told(segments)
+    rollout = rollout_of(segments)
     beside = replace(rollout, motor_start=float(np.std(segments.angles[:, 0])))
     moved = beside.motion(rollout.nominal[None])[0] - rollout.motion(rollout.nominal[None])[0]
     size = np.sqrt(np.mean((moved / segments.noise) ** 2, axis=(1, 2)))
     assert size[0] > 1.0 and np.all(size[first:] <= 1.0)
-    assert settled(cut_log(log)).valid.all()  # every motor was seen
+    assert without_transient(cut_log(log)).valid.all()  # every motor was seen

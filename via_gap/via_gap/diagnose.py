@@ -1,28 +1,28 @@
-"""Logs and a nominal device in, a GapReport out: the stages by name. docs/method.md explains each in this order.
+"""Diagnosis of the gap between logs and a nominal device. docs/method.md explains the stages in this order.
 
-1. recordings   what was recorded, how noisy it is, and whether it can answer at all
-2. experiment   segments, those held out among them; the view that judges; the device's own numbers fitted
-3. candidates   every effect at every location the device can have, with typical sizes in these logs
-4. comparison   models searched: effects added, exchanged and dropped by what they explain of held-out segments
-5. decision     what could be explained at best; verdict, named effects, ranking and ties; the gap before and after
-6. report       the numbers, where the gap lies, errors of sensors, and what was not judged
+1. recordings   noise and quality of each log; logs that can be used are cut into segments
+2. experiment   held-out segments; the view that compares models; the fitted device parameters
+3. candidates   every effect at every location of the device, with typical sizes in these logs
+4. comparison   search for models: effects are added, exchanged and dropped by their held-out error
+5. decision     achievable error; verdict, named effects, ranking and ties; the gap before and after
+6. report       the numbers, the sites of the gap, sensor errors, and what the logs cannot show
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
 
 from via_core.devices import Device
 from via_core.errors import SignalError
 
-from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.logs.log import JointLog
-from via_gap.report.assembly import answered, unanswered
+from via_gap.report.assembly import full_report, refusal_report
 from via_gap.report.report import GapReport
 from via_gap.residual.recordings import Recordings
-from via_gap.selection.comparison import compared
+from via_gap.selection.comparison import candidates_of, compare_models
 from via_gap.selection.experiment import Experiment
-from via_gap.selection.gap import decided
+from via_gap.selection.gap import decide_and_measure
 from via_gap.selection.search import Progress
 from via_gap.sensors.stamps import separate_delays
 
@@ -35,15 +35,16 @@ def diagnose(
     groups: Mapping[str, Hashable] | None = None,
     only_equations: bool = False,
 ) -> GapReport:
-    """Where the gap between `logs` and the nominal `device` lies, what causes it, and how far it shrinks.
+    """Location, cause and size of the gap between `logs` and the nominal `device`.
 
-    holdout         logs to judge on; without them stretches of `logs` are held out. Where motors follow their commands,
-                    each log is one run, and causes are chosen by cross-validation over `logs` alone
-    progress        called with what is being done and how much of the whole is done [0..1]
-    groups          of logs, by their names: logs of one group never judge one another. Each its own if left out
-    only_equations  inverse dynamics judges alone: for the joints of an arm
+    holdout         logs to compare models on; without them, segments of `logs` are held out. With servos, each log is
+                    one run, and causes are chosen by cross-validation over `logs` alone
+    progress        called with the current stage and the share of the whole that is done [0..1]
+    groups          group of each log by its name; logs of one group are left out together in cross-validation.
+                    Without it, each log is a group
+    only_equations  compare models by inverse dynamics alone: for the joints of an arm
 
-    Raises SignalError for no log at all. A log that cannot be used is a finding in the report.
+    Raises SignalError if `logs` is empty. A log that cannot be used is a finding in the report.
     """
     if not logs:
         raise SignalError("no log to diagnose")
@@ -51,16 +52,16 @@ def diagnose(
     notify("checking the recordings", 0.0)
     recordings = Recordings.of(logs, holdout, device)
     if recordings.refused:
-        return unanswered(recordings)
-    notify("fitting the device's own numbers", 0.05)
-    experiment = Experiment.of(recordings.fitted, recordings.judged, groups, only_equations)
+        return refusal_report(recordings)
+    notify("fitting the device parameters", 0.05)
+    experiment = Experiment.of(recordings.fitted, recordings.held_out, groups, only_equations)
     notify("locating the gap", 0.15)
-    candidates = CandidateSet.of(experiment.segments, experiment.train, experiment.tuned.fit, experiment.fitted)
-    experiment, candidates, models = compared(experiment, candidates, notify)
-    models, findings = separate_delays(recordings.logs, models)
+    comparison = compare_models(experiment, candidates_of(experiment), notify)
+    models, findings = separate_delays(recordings.logs, comparison.models)
+    comparison = replace(comparison, models=models)
     notify("deciding", 0.85)
-    decision, gap = decided(experiment, models, candidates.scales)
+    decision, gap = decide_and_measure(comparison)
     notify("writing the report", 0.98)
-    report = answered(recordings, experiment, candidates, models, decision, gap, findings)
+    report = full_report(recordings, comparison, decision, gap, findings)
     notify("done", 1.0)
     return report

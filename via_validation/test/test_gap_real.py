@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from via_core.errors import ViaError
-from via_gap.report.report import Cause, GapReport, Place, Value
+from via_gap.report.report import Cause, EffectLocation, GapReport, Value
 from via_validation.commands.gap_real import real
 from via_validation.gap_real.cases import CASES, DRY, Case
 from via_validation.gap_real.page import page
@@ -27,8 +27,8 @@ def cause(effect: str, probability: float = 0.9, **values: float) -> Cause:
     )  # fmt: skip
 
 
-def place(effect: str) -> Place:
-    return Place(effect=effect, site="link", joint="elbow")
+def place(effect: str) -> EffectLocation:
+    return EffectLocation(effect=effect, site="link", joint="elbow")
 
 
 def report(verdict: str, *named: Cause, tied: tuple[str, ...] = ()) -> GapReport:
@@ -37,7 +37,7 @@ def report(verdict: str, *named: Cause, tied: tuple[str, ...] = ()) -> GapReport
     return GapReport(
         joint="elbow", level="full", logs=("a",), holdout=("b",), verdict=verdict, where=(), causes=named,
         equivalence_set=(*effects, *map(place, tied)), effects=effects, gap=None, nuisance=(), data_check=(),
-        not_judged=(),
+        not_evaluated=(),
     )  # fmt: skip
 
 

@@ -36,7 +36,7 @@ def fleet(
     markdown: Annotated[Path | None, typer.Option(help="Also write the table to this Markdown file.")] = None,
 ) -> None:
     """Diagnose many logs and print one table; also written to fleet.csv and fleet.json in the results folder."""
-    from via_gap.run.fleet import run_fleet  # importing dask takes a second
+    from via_gap.run.fleet import Workers, run_fleet  # importing dask takes a second
 
     described = load_device(device)
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
@@ -50,7 +50,7 @@ def fleet(
                 step = f"{done} already done" if done else "starting"
             bar.update(task, completed=done, total=total, description=step)
 
-        rows = run_fleet(logs, described, results, progress, scheduler, workers)
+        rows = run_fleet(logs, described, results, progress, Workers(scheduler, workers))
     _print(rows)
     write_text(results / "fleet.csv", as_csv(rows))
     write_text(results / "fleet.json", json.dumps([asdict(row) for row in rows], indent=1) + "\n")

@@ -43,7 +43,7 @@ class CandidateSet:
     @staticmethod
     def of(segments: Sequence[Segments], train: Sequence[Indices], base: Fit, fitted: ResidualModel) -> CandidateSet:
         """base: the device's own numbers, fitted to the segments `train` (one array per log) of the model `fitted`."""
-        numbers = repaired_device(fitted.device, fitted.nuisances, base.deviations)
+        numbers = repaired_device(fitted.device, fitted.nuisances, base.offsets)
         residuals = tuple(weak_residuals(each, numbers) for each in segments)
         shares = localise(segments, residuals, numbers) if all(residuals) else ()
         seen = [i for i, which in enumerate(train) if len(which)]

@@ -85,7 +85,7 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
     return tuple(found)
 
 
-def unjudged(device: Device, log: JointLog) -> tuple[str, ...]:
+def missing_effects(device: Device, log: JointLog) -> tuple[str, ...]:
     """Why effects of the catalogue can be no answer on this log: a sentence for each reason that there is."""
     offered = {location.name for location in locations(device, log)} | set(MEASUREMENT_ONLY)
     possible = [kind for kind in EFFECTS.values() if device.drive == "position" or not kind.of_goal]

@@ -29,11 +29,11 @@ def with_harmonics(
             continue
         others = [effect for i, effect in enumerate(fit.effects) if i != number]
         axis = place.axis if equations.device.n_motors else 0
-        waves = harmonics(equations, equations.row(others, fit.deviations), axis, RIPPLE_HARMONICS)
+        waves = harmonics(equations, equations.row(others, fit.offsets), axis, RIPPLE_HARMONICS)
         if len(waves) > 1:
             optional = tuple(p.name for p in EFFECTS[RIPPLE].optional[: 3 * (len(waves) - 1)])
             members = members_of(fit)
             members[number] = (replace(place, optional=optional), [value for wave in waves for value in wave])
-            richer = refine(whole, fit, None, members, scales, rounds=FINISHING)
+            richer = refine(whole, fit, members, scales, FINISHING)
             found += [richer] if richer is not None else []
     return found

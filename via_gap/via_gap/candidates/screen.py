@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.candidates.fit import Fit, Members, make
+from via_gap.candidates.fit import Fit, Members, effect_or_none
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import Start, amount_range, combined, starts
@@ -45,7 +45,7 @@ def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location]
             continue
         for start in starts(location, scales, problem.device):
             rows = [
-                problem.row_or_none([*base.effects, make(location, list(direction.values()))], base.deviations)
+                problem.row_or_none([*base.effects, effect_or_none(location, list(direction.values()))], base.offsets)
                 for direction in start.directions
             ]
             there = [row for row in rows if row is not None]
@@ -115,14 +115,14 @@ class _Screen:
 
     @staticmethod
     def of(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> _Screen:
-        count = len(base.deviations)
+        count = len(base.offsets)
         whole = np.hstack([jacobian, *(each.moved for each in tried)])
         normal, gradient = whole.T @ whole, -(whole.T @ base.residual)
         normal[range(len(normal)), range(len(normal))] += np.where(np.arange(len(normal)) < count, 1.0, 1e-9)
-        gradient[:count] -= base.deviations
+        gradient[:count] -= base.offsets
         ranges = [amount_range(each.location, each.start, REACH) for each in tried]
-        low = np.concatenate([-BOUND - base.deviations, *(lows for lows, _ in ranges)])
-        high = np.concatenate([BOUND - base.deviations, *(highs for _, highs in ranges)])
+        low = np.concatenate([-BOUND - base.offsets, *(lows for lows, _ in ranges)])
+        high = np.concatenate([BOUND - base.offsets, *(highs for _, highs in ranges)])
         first = count + np.cumsum([0, *(each.moved.shape[1] for each in tried)])
         return _Screen(base, tried, normal, gradient, low, high, [int(each) for each in first])
 
@@ -137,7 +137,7 @@ class _Screen:
 
     def left(self, which: Sequence[int]) -> tuple[float, Members]:
         """Predicted loss with the best amounts of some of `tried` and the nuisances moved along, and their values."""
-        count = len(self.base.deviations)
+        count = len(self.base.offsets)
         columns = [np.arange(self.first[each], self.first[each + 1]) for each in which]
         chosen = np.concatenate([np.arange(count), *columns])
         normal, gradient = self.normal[np.ix_(chosen, chosen)], self.gradient[chosen]

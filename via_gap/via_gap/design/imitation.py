@@ -10,7 +10,7 @@ from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
 
-from via_gap.candidates.fit import make
+from via_gap.candidates.fit import effect_or_none
 from via_gap.candidates.location import Location
 from via_gap.report.report import Cause
 from via_gap.residual.nuisance import BOUND, descend
@@ -41,7 +41,7 @@ class TiedCause:
 
     def effect(self) -> Effect:
         """Raises ParameterError where the report's values are not valid together."""
-        made = make(self.location, list(self.values))
+        made = effect_or_none(self.location, list(self.values))
         if made is None:
             raise ParameterError(f"{self.location}: the report's values make no such effect")
         return made
@@ -51,22 +51,22 @@ class TiedCause:
         same = (self.location.site, self.location.motor) == (simpler.site, simpler.motor)
         return same and len(EFFECTS[self.location.name].parameters) > len(EFFECTS[simpler.name].parameters)
 
-    def imitated(self, problem: ResidualModel, deviations: Array) -> Array:
+    def imitated(self, problem: ResidualModel, offsets: Array) -> Array:
         """(R,) residual of `problem` once this cause's and the device's parameters imitate what was recorded.
 
-        deviations  (J,) of the device's parameters [sd], where the fit starts
+        offsets  (J,) of the device's parameters [sd], where the fit starts
 
         A prior keeps every parameter near its value in the report.
         """
-        count, kind = len(deviations), EFFECTS[self.location.name].parameters
-        start = np.append(deviations, np.zeros(len(kind)))
+        count, kind = len(offsets), EFFECTS[self.location.name].parameters
+        start = np.append(offsets, np.zeros(len(kind)))
         low, high = (
             np.append(np.full(count, bound), (np.array(ends) - self.values) / self.width)
             for bound, ends in ((-BOUND, [p.low for p in kind]), (BOUND, [p.high for p in kind]))
         )
 
         def row(point: Array) -> Array | None:
-            effect = make(self.location, list(self.values + point[count:] * self.width))
+            effect = effect_or_none(self.location, list(self.values + point[count:] * self.width))
             return problem.row_or_none([effect], point[:count])
 
         at, here = start, row(start)

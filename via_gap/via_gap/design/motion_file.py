@@ -6,7 +6,6 @@ A table has `time` [s] and motor_1, motor_2 [N m], or equilibrium, preset [rad] 
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,8 @@ from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
 from via_core.wire import VSA_COMMAND
+
+from via_gap.logs.log import read_table
 
 COMMAND_UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "external_torque": "N m", "motor": "N m"}
 
@@ -51,16 +52,8 @@ def write_table(path: Path, time: Array, columns: dict[str, Array]) -> None:
 
 def read_motion(path: Path, device: Device) -> Signals:
     """Commands of a table. Raises SignalError in one line if it is none."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
-        table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2, encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SignalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
-    except ValueError as error:
-        raise SignalError(f"{path}: {' '.join(str(error).split())[:120]}") from None
-    columns = {name: table[:, i] for i, name in enumerate(header) if i < table.shape[1]}
-    if "time" not in columns or not len(table):
+    header, columns = read_table(path)
+    if "time" not in columns or not len(columns["time"]):
         raise SignalError(f"{path}: no column 'time' with numbers; there are: {', '.join(header) or 'none'}")
     motors = [columns[f"motor_{i + 1}"] for i in range(device.n_motors) if f"motor_{i + 1}" in columns]
     channels = {name: columns[name] for name in COMMAND_UNITS if name in columns}

@@ -24,7 +24,7 @@ from via_gap.design.imitation import TiedCause
 from via_gap.design.motions import DURATION, MOTIONS, Motion
 from via_gap.logs.noise import LogNoise, log_noise
 from via_gap.logs.quality import Quality
-from via_gap.report.report import Cause, GapReport, Place, Proposal
+from via_gap.report.report import Cause, EffectLocation, GapReport, Proposal
 from via_gap.residual.nuisance import nuisances
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
@@ -74,7 +74,7 @@ class Proposed:
         """The proposal as a report contains it; `file` holds the commands."""
         return Proposal(
             separates=tuple(
-                Place(effect=p.name, site=p.site, joint=joint, motor=p.motor)  # type: ignore[arg-type]
+                EffectLocation(effect=p.name, site=p.site, joint=joint, motor=p.motor)  # type: ignore[arg-type]
                 for p in self.separates
             ),
             expected_disagreement=self.disagreement, duration=DURATION, file=file,
@@ -111,16 +111,16 @@ def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed
     Raises ParameterError where the report is of another device or no motion keeps within its limits.
     """
     plant = JointPlant.from_device(device)
-    found = {value.name: value.deviations for value in report.nuisance}
+    found = {value.name: value.offset for value in report.nuisance}
     if found.keys() != {nuisance.name for nuisance in nuisances(plant)}:
         raise ParameterError(f"the report's numbers are not those of '{device.name}'")
     causes = [TiedCause.of(cause) for cause in tied(report)]
     if len(causes) < 2:
         return None
-    deviations = np.array([found[nuisance.name] for nuisance in nuisances(plant)])
+    offsets = np.array([found[nuisance.name] for nuisance in nuisances(plant)])
     best: Proposed | None = None
     for motion in MOTIONS:
-        sizes = (_tried(plant, causes, deviations, motion, share * reach) for share in SMALLER)
+        sizes = (_tried(plant, causes, offsets, motion, share * reach) for share in SMALLER)
         made = next((each for each in sizes if each is not None), None)
         if made is not None and (best is None or made.score > best.score):
             best = made
@@ -130,11 +130,11 @@ def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed
 
 
 def _tried(
-    plant: JointPlant, causes: Sequence[TiedCause], deviations: Array, motion: Motion, size: float
+    plant: JointPlant, causes: Sequence[TiedCause], offsets: Array, motion: Motion, size: float
 ) -> Proposed | None:
     """The motion of this size, if it keeps within limits whichever cause is true."""
     blank = ResidualModel((), plant, nuisances(plant))
-    plants = [JointPlant(plant.device, blank.row([each.effect()], deviations), (each.effect(),)) for each in causes]
+    plants = [JointPlant(plant.device, blank.row([each.effect()], offsets), (each.effect(),)) for each in causes]
     commands, start = commands_of(plants[0], motion, size)
     problems: list[tuple[ResidualModel, Array]] = []
     noise: LogNoise | None = None  # of the same sensors in every log
@@ -151,7 +151,7 @@ def _tried(
         if causes[other].includes(causes[true].location):
             continue  # the diagnosis prefers the simpler effect, so the richer one need not fail
         problem, own = problems[true]
-        wrong = problem.per_segment(causes[other].imitated(problem, deviations))
+        wrong = problem.per_segment(causes[other].imitated(problem, offsets))
         score = float(np.mean(np.log1p(wrong) - np.log1p(own)))
         if score < hardest:
             hardest, pair = score, (causes[true].location, causes[other].location)

@@ -1,10 +1,9 @@
-"""What commands and torques did between the samples of a log: held until the next, or on the way to it.
+"""Commands and torques between the samples of a log: constant (zero-order hold), or interpolated linearly.
 
-A log as fast as its controller contains every command, each of which acts until the next. One that was thinned out
-contains one of many: held until the next sample it acts half a sample too late, and in steps that nobody commanded. A
-straight line from each sample to the next is nearer; what acted were steps along it, one for each command that was
-sent, which is half a period of the controller later on average. A log does not say which it is. Its own motion does
-(`via_gap.selection.between`).
+A log at the rate of the controller contains every command, and each acts until the next. A decimated log contains one
+of many commands. With a zero-order hold, it would act half a sample too late on average, in steps that were not
+commanded. Linear interpolation is closer: the controller sent steps along the line, which are late by half its period
+on average. The motion in the log decides between the two (`via_gap.selection.between`).
 """
 
 from __future__ import annotations
@@ -17,22 +16,22 @@ from via_core.signals import Array, Signals
 from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog
 
-RATE = 1000.0  # [Hz] of steps that stand for a line where a log is simulated freely
+RATE = 1000.0  # [Hz] of the steps that approximate a line in a free simulation
 
 
 def in_lines(log: JointLog, late: float) -> JointLog:
-    """The same with commands, and torques that stand for them, on lines from sample to sample, `late` [s]."""
+    """The log with commands, or torques in their place, interpolated linearly and delayed by `late` [s]."""
     return replace(log, lined=late)
 
 
 def period_of(log: JointLog) -> float:
-    """[s] from command to command, or from torque to torque where those stand for commands."""
+    """[s] from command to command, or from torque to torque if there are no commands."""
     time = log.measured.time if log.commands is None or len(log.commands) < 2 else log.commands.time
     return float(np.median(np.diff(time)))
 
 
 def acting(log: JointLog, time: Array | None = None) -> Signals | None:
-    """The commands as they act: as recorded, or steps along their lines, one from each of the even `time` (N,) on."""
+    """The commands as recorded; interpolated ones as steps along the lines that begin at the even `time` (N,)."""
     commands = log.commands
     if log.lined is None or commands is None or len(commands) < 2:
         return commands
@@ -44,17 +43,17 @@ def acting(log: JointLog, time: Array | None = None) -> Signals | None:
 
 
 def along(time: Array, known: Array, values: Array) -> Array:
-    """Values (N, ...) at `known` on lines between them, at `time`."""
+    """Values (N, ...) at times `known`, interpolated linearly at `time`."""
     columns = [np.interp(time, known, column) for column in values.reshape(len(values), -1).T]
     return np.stack(columns, axis=1).reshape(-1, *values.shape[1:])
 
 
-def told(log: JointLog) -> Finding:
-    """What to say of a log that lines explain better."""
+def lines_finding(log: JointLog) -> Finding:
+    """The finding on a log that interpolated commands explain better."""
     late = 1e3 * (log.lined or 0.0)
     text = (
-        "commands go on between the samples of the log: lines from one to the next, "
-        f"{late:.2g} ms late, explain the motion clearly better than steps. A controller with a period of "
-        f"{2.0 * late:.2g} ms does that, or a delay of {late:.2g} ms: record at the rate of the controller"
+        "commands changed between the samples of the log: linear interpolation, "
+        f"{late:.2g} ms late, explains the motion clearly better than steps. The controller has a period of "
+        f"{2.0 * late:.2g} ms, or commands are delayed by {late:.2g} ms: record at the rate of the controller"
     )
-    return Finding(log=log.name, check="between samples", signal="commands", severity="note", value=late, text=text)
+    return log.finding("between samples", "commands", "note", late, text)

@@ -7,16 +7,14 @@ steps of the device's sensors.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
 
 import numpy as np
 from via_core.device_parts import TorqueMotor
 from via_core.signals import Array
 
-from via_gap.logs.findings import Finding
+from via_gap.logs.findings import Finding, Severity
 from via_gap.logs.log import ERRATIC, JointLog, jumps
 
-Severity = Literal["refuse", "downgrade", "note"]
 SHORTEST = 0.5  # [s] two segments; short recordings are fitted together
 SLOWEST = 50.0  # [Hz]
 GRID = 0.9  # share of readings on a common grid from which its step is the quantum
@@ -31,51 +29,47 @@ def check_log(log: JointLog) -> list[Finding]:
     return sorted(found, key=lambda each: ("refuse", "downgrade", "note").index(each.severity))
 
 
-def _finding(log: JointLog, check: str, signal: str, severity: Severity, value: float, text: str) -> Finding:
-    return Finding(log=log.name, check=check, signal=signal, severity=severity, value=float(value), text=text)
-
-
 def _stamps(log: JointLog) -> Iterator[Finding]:
     steps = np.diff(log.measured.time)
     period = float(np.median(steps))
     rate, told = 1.0 / period, log.device.sensors.rate
     if log.duration < SHORTEST:
         text = f"only {log.duration:.2g} s long: record for longer"
-        yield _finding(log, "duration", "time", "refuse", log.duration, text)
+        yield log.finding("duration", "time", "refuse", log.duration, text)
     if rate < SLOWEST:
         text = f"{rate:.3g} Hz are too slow to see what a joint does: record at {SLOWEST:g} Hz or more"
-        yield _finding(log, "rate", "time", "refuse", rate, text)
+        yield log.finding("rate", "time", "refuse", rate, text)
     elif abs(rate / told - 1.0) > 0.1:
-        yield _finding(log, "rate", "time", "note", rate, f"{rate:.4g} Hz, the device file says {told:.4g} Hz")
+        yield log.finding("rate", "time", "note", rate, f"{rate:.4g} Hz, the device file says {told:.4g} Hz")
     for count, what in zip(log.dropped, ("repeat", "run backward"), strict=True):
         if count:
             text = f"{count} samples whose stamps {what} were dropped"
-            yield _finding(log, "duplicates", "time", "note", count, text)
+            yield log.finding("duplicates", "time", "note", count, text)
 
 
 def _channels(log: JointLog) -> Iterator[Finding]:
     if not log.drivable:
         text = "neither commands nor motor torques were recorded, so that nothing can be simulated: record the commands"
-        yield _finding(log, "drive", "commands", "refuse", 0.0, text)
+        yield log.finding("drive", "commands", "refuse", 0.0, text)
     for name, values in _angles(log):
         seen = np.isfinite(values)
         share = float(np.mean(seen))
         if share < 0.9 and name == "q":
             text = f"the link angle is missing in {100 * (1 - share):.0f} % of the samples: check its encoder"
-            yield _finding(log, "missing", name, "refuse" if share < 0.5 else "downgrade", 1.0 - share, text)
+            yield log.finding("missing", name, "refuse" if share < 0.5 else "downgrade", 1.0 - share, text)
         there = values[seen]
         if there.size < 2:
             continue
         if np.ptp(there) == 0.0:
             severity: Severity = "refuse" if name == "q" else "downgrade"
             text = f"{name} never changes: check that the joint moves and that this angle is recorded"
-            yield _finding(log, "stale", name, severity, 0.0, text)
+            yield log.finding("stale", name, severity, 0.0, text)
             continue
         share = jumps(there)
         if share > 0.0:
             used = "this encoder is not believed" if share > ERRATIC and name != "q" else "used as it is"
             text = f"{round(share * there.size)} single samples of {name} jump away and back: {used}"
-            yield _finding(log, "outliers", name, "downgrade", share * there.size, text)
+            yield log.finding("outliers", name, "downgrade", share * there.size, text)
 
 
 def _angles(log: JointLog) -> Iterator[tuple[str, Array]]:
@@ -116,7 +110,7 @@ def _steps(log: JointLog) -> Iterator[Finding]:
         step = step_of(values)
         if step > 0.0 and told is not None and step > COARSE * told:
             text = f"{name} stands on steps of {step:.4g} rad, the device file says {told:.4g} rad"
-            yield _finding(log, "quantisation", name, "note", step, text)
+            yield log.finding("quantisation", name, "note", step, text)
 
 
 def _torques(log: JointLog) -> Iterator[Finding]:
@@ -129,14 +123,14 @@ def _torques(log: JointLog) -> Iterator[Finding]:
         if seen.sum() < 20:
             continue
         if np.ptp(tau[seen]) == 0.0:
-            yield _finding(log, "stale", f"tau_{i + 1}", "downgrade", 0.0, f"tau_{i + 1} never changes")
+            yield log.finding("stale", f"tau_{i + 1}", "downgrade", 0.0, f"tau_{i + 1} never changes")
             continue
         limit = motor.torque_limit if isinstance(motor, TorqueMotor) else None
         top = float(np.max(np.abs(tau[seen])))
         clipped = float(np.mean(np.abs(tau[seen]) > 0.999 * top))
         if clipped > 0.02 or (limit is not None and float(np.mean(np.abs(tau[seen]) >= 0.999 * limit)) > 0.02):
             text = f"the torque of motor {i + 1} stands at its largest value in {100 * clipped:.0f} % of the samples"
-            yield _finding(log, "saturation", f"tau_{i + 1}", "note", clipped, text)
+            yield log.finding("saturation", f"tau_{i + 1}", "note", clipped, text)
 
 
 def _alignment(log: JointLog) -> Iterator[Finding]:
@@ -156,4 +150,4 @@ def _alignment(log: JointLog) -> Iterator[Finding]:
         spread = float(np.var(tau[seen]))
         if best != 0 and errors[best + 2] < 0.5 * errors[2] and errors[best + 2] < 0.1 * spread:
             text = f"tau_{i + 1} follows its command {1e3 * best * period:.3g} ms later than it should"
-            yield _finding(log, "skew", f"tau_{i + 1}", "note", best * period, text)
+            yield log.finding("skew", f"tau_{i + 1}", "note", best * period, text)

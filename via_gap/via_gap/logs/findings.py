@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+Severity = Literal["refuse", "downgrade", "note"]  # worst first
 
 
 class Record(BaseModel):
@@ -17,11 +18,11 @@ class Record(BaseModel):
 
 
 class Finding(Record):
-    """One thing the data check noticed."""
+    """One result of the data check."""
 
     log: str
     check: str
     signal: str
-    severity: Literal["refuse", "downgrade", "note"]
+    severity: Severity
     value: Number
     text: str

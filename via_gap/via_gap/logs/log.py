@@ -1,4 +1,4 @@
-"""A log of one joint: what was measured, what was commanded, and how much of the model that lets one look at."""
+"""A log of one joint: measured and commanded signals, and which parts of the model they allow to evaluate."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
 
-from via_gap.logs.neighbour import beside
+from via_gap.logs.findings import Finding, Severity
+from via_gap.logs.neighbour import with_neighbour
 
 Level = Literal["full", "no torque", "link only", "commands only", "encoder and command"]
-ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not believed
-FAR = 8.0  # times the 90 % quantile of the steps between samples
-# Columns of a CSV file, header -> channel; '_1', '_2' number the motors. Held are what somebody commanded.
+ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not used
+FAR = 8.0  # times the 90 % quantile of the steps between samples: a jump
+# Columns of a CSV file with their units; '_1', '_2' number the motors. Commands have a zero-order hold.
 _MEASURED = {
     "q": "rad",
     "q_velocity": "rad/s",
@@ -44,17 +45,17 @@ _HEADER = re.compile(rf"({'|'.join((*_MEASURED, *_COMMANDED))})(?:_([12]))?")
 
 @dataclass(frozen=True, eq=False)
 class JointLog:
-    """One joint's recording.
+    """Recording of one joint.
 
-    name      what to call it: a file, a run
-    device    the nominal device
-    measured  q (N,) [rad] and what else there is of theta (N, m), tau (N, m), q_velocity, theta_velocity; NaN: not seen
-    commands  held: motor (N, m), or equilibrium and preset [rad]; damping [-]; external_torque [N m],
-              neighbour [rad]; None without any
-    dropped   samples that the reading left out: (repeated stamps, stamps that ran backward)
-    disbelieved  motors whose encoder jumps about: their angles count as not measured
-    lined     [s] by which commands, and torques that stand for them, act late on straight lines from sample to sample;
-              None: in steps, as they were recorded (`via_gap.logs.between`)
+    name         file or run
+    device       the nominal device
+    measured     q (N,) [rad], optional theta (N, m), tau (N, m), q_velocity, theta_velocity; NaN: not measured
+    commands     with zero-order hold: motor (N, m), or equilibrium and preset [rad]; damping [-];
+                 external_torque [N m]; neighbour [rad]; None: not recorded
+    dropped      number of samples left out: (repeated stamps, stamps that ran backward)
+    disbelieved  motors whose encoder jumps: their angles count as not measured
+    lined        [s] delay of commands (or torques in their place) that are interpolated linearly between samples;
+                 None: zero-order hold (`via_gap.logs.between`)
     """
 
     name: str
@@ -71,6 +72,10 @@ class JointLog:
         if "q" not in self.measured or not np.isfinite(self.measured["q"]).any():
             raise SignalError(f"{self.name}: the link angle of '{self.device.name}' was not recorded")
 
+    def finding(self, check: str, signal: str, severity: Severity, value: float, text: str) -> Finding:
+        """A result of the data check on this log."""
+        return Finding(log=self.name, check=check, signal=signal, severity=severity, value=float(value), text=text)
+
     @property
     def duration(self) -> float:
         """[s] from first to last sample."""
@@ -78,7 +83,7 @@ class JointLog:
 
     @cached_property
     def motors_seen(self) -> tuple[bool, ...]:
-        """Per motor: whether its angle was measured in nine samples of ten and can be believed."""
+        """Per motor: whether its angle was measured in 90 % of the samples or more, without jumps of the encoder."""
         if "theta" not in self.measured:
             return (False,) * self.device.n_motors
         return tuple(
@@ -88,12 +93,12 @@ class JointLog:
 
     @property
     def torque_seen(self) -> bool:
-        """Whether the torque of every motor was measured."""
+        """Whether motor torques were measured in at least 90 % of the samples."""
         return "tau" in self.measured and bool(np.mean(np.isfinite(self.measured["tau"])) >= 0.9)
 
     @cached_property
     def torque(self) -> Array | None:
-        """(N, m) [N m] of the drives at the samples: measured, or of a rigid joint's drive what it was commanded."""
+        """(N, m) [N m] of the drives at the samples: measured, or for a rigid joint as commanded; None: neither."""
         if "tau" in self.measured:
             return self.measured["tau"]
         if self.device.n_motors or self.commands is None or "external_torque" not in self.commands:
@@ -104,13 +109,13 @@ class JointLog:
 
     @property
     def motors_commanded(self) -> bool:
-        """Whether the commands say what the motors were asked for."""
+        """Whether commands of the motors were recorded."""
         names = {"equilibrium"} if self.device.drive in ("servo", "position") else set()
         return self.commands is not None and bool(self.commands.channels.keys() & ({"motor"} | names))
 
     @property
     def level(self) -> Level:
-        """How much of the model can be looked at."""
+        """Signal set, which determines the parts of the model that can be evaluated."""
         seen = self.motors_seen
         if self.device.drive == "position":
             return "full" if self.torque_seen else "encoder and command"
@@ -122,7 +127,7 @@ class JointLog:
 
     @property
     def drivable(self) -> bool:
-        """Whether there is anything to run a simulation with."""
+        """Whether the log contains what drives a simulation."""
         if self.device.drive == "position":
             return self.motors_commanded
         return (
@@ -131,7 +136,7 @@ class JointLog:
 
 
 def believed(logs: Sequence[JointLog]) -> list[JointLog]:
-    """The logs without the motor angles whose encoder jumps about in any of them: it is the same encoder in all."""
+    """The logs without the motor angles whose encoder jumps in any of them, because all logs have the same encoder."""
     jumpy = {
         i + 1
         for log in logs
@@ -143,7 +148,7 @@ def believed(logs: Sequence[JointLog]) -> list[JointLog]:
 
 
 def jumps(values: Array) -> float:
-    """Share of samples that leave their neighbours by far more than the angle ever moves in one sample, and return."""
+    """Share of single samples that jump away from their neighbours and back."""
     there = values[np.isfinite(values)]
     if there.size < 3:
         return 0.0
@@ -154,20 +159,20 @@ def jumps(values: Array) -> float:
 
 
 def read_log(path: str | Path, device: Device, joint_topic: str = "/joint_states") -> JointLog:
-    """The log in a bag (folder or .mcap file) or a CSV file. Raises ViaError in one line for what is none."""
+    """The log in a bag (folder or .mcap file) or a CSV file. Raises ViaError if it cannot be read."""
     where = Path(path)
     if where.suffix.lower() == ".csv":
         return _from_csv(where, device)
     bag = read_bag(where)
     measured, commands, reports = joint_signals(bag, device, joint_topic)
     if commands is not None:
-        commands = beside(commands, bag, device, joint_topic)
+        commands = with_neighbour(commands, bag, device, joint_topic)
     dropped = (sum(report.repeated for report in reports), sum(report.backward for report in reports))
     return JointLog(where.name, device, measured, commands, dropped)
 
 
 def read_logs(paths: Sequence[str | Path], device: Device) -> list[JointLog]:
-    """The logs of several files; those of one name, in folders of their own, are called by as much of the path more."""
+    """The logs of several files; for files of the same name, the log names include folders until they differ."""
     parts = [Path(path).absolute().parts for path in paths]
     depth = 1
     while len({each[-depth:] for each in parts}) < len(set(parts)):
@@ -177,8 +182,21 @@ def read_logs(paths: Sequence[str | Path], device: Device) -> list[JointLog]:
     return [replace(read_log(path, device), name=name) for path, name in zip(paths, names, strict=True)]
 
 
+def read_table(path: Path) -> tuple[list[str], dict[str, Array]]:
+    """Header and columns (N,) of a CSV file of numbers. Raises SignalError."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            header = [name.strip() for name in next(csv.reader(file), [])]
+        table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2, encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SignalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
+    except ValueError as error:
+        raise SignalError(f"{path}: {' '.join(str(error).split())[:120]}") from None
+    return header, {name: table[:, i] for i, name in enumerate(header) if i < table.shape[1]}
+
+
 def _in_si(columns: dict[str, Array], device: Device) -> dict[str, Array]:
-    """Columns of a file by the channels that the device file gives them, in SI units; the others as they are."""
+    """Columns by the channels to which the device file assigns them, in SI units; other columns unchanged."""
     given = {channel: entry for channel, entry in device.wire.columns.items() if entry.column in columns}
     taken = {entry.column for entry in given.values()}
     found = {name: values for name, values in columns.items() if name not in taken}
@@ -192,20 +210,13 @@ def _in_si(columns: dict[str, Array], device: Device) -> dict[str, Array]:
 
 
 def _from_csv(path: Path, device: Device) -> JointLog:
-    """Columns `time` [s] and those of docs/notation.md, `theta_1`, `tau_2`, `motor_1`; others are not looked at.
+    """Columns `time` [s] and those of docs/notation.md, `theta_1`, `tau_2`, `motor_1`; others are ignored.
 
-    A device file names the columns of foreign files under `wire.columns`, with their units where they have others:
+    A device file can assign columns with other names and units under `wire.columns`:
     {q: ShoulderAngle, theta_1: {column: Enc1, scale: 1.534e-3}}.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
-        table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2, encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SignalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
-    except ValueError as error:
-        raise SignalError(f"{path}: {' '.join(str(error).split())[:120]}") from None
-    columns = _in_si({name: table[:, i] for i, name in enumerate(header) if i < table.shape[1]}, device)
+    header, table = read_table(path)
+    columns = _in_si(table, device)
     if "time" not in columns:
         raise SignalError(f"{path}: no column 'time'; there are: {', '.join(header) or 'none'}")
     stamps = columns["time"]
@@ -227,8 +238,8 @@ def _from_csv(path: Path, device: Device) -> JointLog:
                 at[:, int(parts[2]) - 1] = values[keep]
     try:
         measured = {name: values for name, values in channels.items() if name in _MEASURED}
-        held = {name: values for name, values in channels.items() if name in _COMMANDED}
-        commands = Signals(time, held, _COMMANDED, frozenset(held)) if held else None
+        sent = {name: values for name, values in channels.items() if name in _COMMANDED}
+        commands = Signals(time, sent, _COMMANDED, frozenset(sent)) if sent else None
         return JointLog(path.name, device, Signals(time, measured, _MEASURED), commands, dropped)
     except ViaError as error:
         raise SignalError(f"{path}: {error}") from None

@@ -1,4 +1,4 @@
-"""The joint before this one: its angle, where a bag holds it, is an input that may pull at this joint."""
+"""Angle of the neighbour joint in a bag, an input of the joint through coupling."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from via_core.devices import Device
 from via_core.errors import ViaError
 from via_core.signals import Signals
 
-LINK = "_shaft_joint"  # how the name of a link ends, and of no motor
+LINK = "_shaft_joint"  # suffix of link names, which motor names do not have
 
 
-def beside(commands: Signals, bag: Bag, device: Device, joint_topic: str) -> Signals:
-    """The commands with the angle [rad] of the neighbour as channel `neighbour`, held; unchanged where there is none.
+def with_neighbour(commands: Signals, bag: Bag, device: Device, joint_topic: str) -> Signals:
+    """The commands with the angle [rad] of the neighbour as channel `neighbour`; unchanged if there is none.
 
-    The neighbour is the one other link in the messages of joint states. Of several links nobody knows which one it is.
+    The neighbour is the only other link in the joint states; with several others it is not known.
     """
     names = {name for names in bag[joint_topic]["name"].tolist() for name in names}
     own = {device.link_joint, *device.drive_joints}

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import log as ln
 from math import sqrt
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +16,10 @@ from scipy.signal import savgol_filter
 from via_core.signals import Array
 
 from via_gap.logs.angle_torque import left_by_angles
-from via_gap.logs.findings import Finding
+from via_gap.logs.findings import Finding, Severity
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import STANDARD_ERRORS, LogNoise
 
-Severity = Literal["refuse", "downgrade", "note"]
 Indices = NDArray[np.intp]
 
 Interval = tuple[float, float]
@@ -83,10 +81,6 @@ def assess(log: JointLog, noise: LogNoise) -> Quality:
     return Quality(tuple(findings), tuple(usable), noise, " ".join(f"{text}." for text in refused))
 
 
-def _found(log: JointLog, check: str, signal: str, severity: Severity, value: float, text: str) -> Finding:
-    return Finding(log=log.name, check=check, signal=signal, severity=severity, value=float(value), text=text)
-
-
 def _without(whole: Interval, cuts: Sequence[Interval]) -> list[Interval]:
     """What is left of an interval without others."""
     left, begin = [], whole[0]
@@ -137,7 +131,7 @@ def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         "hide motion: record on a machine with less load, or stamp samples in the driver"
     )
     severity: Severity = "downgrade" if lost > MUCH or share > MUCH else "note"
-    yield _Found(_found(log, "late", "time", severity, share, text), cut)
+    yield _Found(log.finding("late", "time", severity, share, text), cut)
 
 
 def _commands(log: JointLog) -> Iterator[_Found]:
@@ -166,7 +160,7 @@ def _commands(log: JointLog) -> Iterator[_Found]:
     )
     severity: Severity = "downgrade" if share > MUCH else "note"
     cut = tuple((float(time[i]), float(time[i + 1])) for i in gone)
-    yield _Found(_found(log, "command gaps", "commands", severity, 1e3 * longest, text), cut)
+    yield _Found(log.finding("command gaps", "commands", severity, 1e3 * longest, text), cut)
 
 
 def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
@@ -184,7 +178,7 @@ def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         "link angle; it is added to the noise: stamp samples where they are measured"
     )
     severity: Severity = "downgrade" if ratio > WORTH else "note"
-    yield _Found(_found(log, "jitter", "time", severity, 1e3 * jitter, text))
+    yield _Found(log.finding("jitter", "time", severity, 1e3 * jitter, text))
 
 
 def _drive(log: JointLog) -> Iterator[_Found]:
@@ -198,7 +192,7 @@ def _drive(log: JointLog) -> Iterator[_Found]:
         "the effort of the drive (tau_1) or its command (external_torque); if nothing drives the joint, say so by an "
         "external_torque of zero"
     )
-    yield _Found(_found(log, "no torque", "tau_1", "refuse", 0.0, text))
+    yield _Found(log.finding("no torque", "tau_1", "refuse", 0.0, text))
 
 
 def _segments(time: Array) -> Indices:
@@ -243,12 +237,12 @@ def _motion(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
             f"{100 * share:.0f} % of the time: a change of {100 * TOLERANCE:.0f} % in the device shows by "
             f"{shown:.2g} standard errors; {held if _varies(log, noise) else ''}move it further and for longer"
         )
-        yield _Found(_found(log, "too little motion", "q", "refuse", shown, text))
+        yield _Found(log.finding("too little motion", "q", "refuse", shown, text))
     elif share < HALF:
         text = (
             f"the link moves {100 * share:.0f} % of the time: the rest says nothing about inertia and viscous friction"
         )
-        yield _Found(_found(log, "still", "q", "note", share, text))
+        yield _Found(log.finding("still", "q", "note", share, text))
 
 
 def _varies(log: JointLog, noise: LogNoise) -> bool:
@@ -285,7 +279,7 @@ def _pinned(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         )
         severity: Severity = "refuse" if share > HALF else "downgrade"
         cut = _spans(log.measured.time[there], rests[segment])
-        yield _Found(_found(log, "clamped", "q", severity, share, text), cut)
+        yield _Found(log.finding("clamped", "q", severity, share, text), cut)
 
 
 def _range(values: Array) -> float:
@@ -323,7 +317,7 @@ def _fast_torque(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
                 "drive is faster than the log, or it is mostly noise, and no simulation can be driven with it. Record "
                 "at the rate of the drive, or the mean over each sample"
             )
-            yield _Found(_found(log, "decimated", name, "downgrade", share, text))
+            yield _Found(log.finding("decimated", name, "downgrade", share, text))
 
 
 def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
@@ -348,17 +342,17 @@ def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         )
         if log.device.n_motors:
             text += "it shows the controller more than the joint: use a reference that varies"
-            yield _Found(_found(log, "torque of angle", name, "downgrade", share, text))
+            yield _Found(log.finding("torque of angle", name, "downgrade", share, text))
         elif _inertia_torque(log, noise) > 2.0 * sqrt(residual):
             text += (
                 "it cannot tell inertia and friction from gravity: something else moved the joint (a hand, another "
                 "joint), or the motion repeats one sine. Record motion made by the drive, with several speeds at each "
                 "angle"
             )
-            yield _Found(_found(log, "torque of angle", name, "refuse", share, text))
+            yield _Found(log.finding("torque of angle", name, "refuse", share, text))
         else:
             text += "the motion is so slow that it shows gravity only: move faster to see inertia and friction"
-            yield _Found(_found(log, "torque of angle", name, "downgrade", share, text))
+            yield _Found(log.finding("torque of angle", name, "downgrade", share, text))
 
 
 def _inertia_torque(log: JointLog, noise: LogNoise) -> float:

@@ -74,13 +74,13 @@ def result_of(report: GapReport) -> DiagnoseGap.Result:
     result.sites, result.hypotheses = _sites(report.where), _hypotheses(report)
     if report.gap is not None:
         result.gap_before, result.gap_after = float(report.gap.before), float(report.gap.after)
-        result.closes = float(report.gap.explained)
+        result.explained = float(report.gap.explained)
     return result
 
 
 def failure(reason: str) -> DiagnoseGap.Result:
     """The result of a goal that ended without a report."""
-    return DiagnoseGap.Result(message=reason, gap_before=UNKNOWN, gap_after=UNKNOWN, closes=UNKNOWN)
+    return DiagnoseGap.Result(message=reason, gap_before=UNKNOWN, gap_after=UNKNOWN, explained=UNKNOWN)
 
 
 def _age(monitor: Monitor) -> float:

@@ -21,7 +21,7 @@ from via_gap.rendering.names import (
 )
 from via_gap.rendering.numbers import number, percent, raised, with_sd
 from via_gap.report.figures import Trial
-from via_gap.report.report import Cause, GapReport, Place, Where
+from via_gap.report.report import Cause, EffectLocation, GapReport, Where
 
 NAMING = ("effect", "several_effects", "main_effect")  # verdicts that name causes
 
@@ -91,8 +91,8 @@ class Tie:
     trial  the evaluation of the model in which it does, where there is one
     """
 
-    named: Place
-    other: Place
+    named: EffectLocation
+    other: EffectLocation
     trial: Trial | None
 
     @property

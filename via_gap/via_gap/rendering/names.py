@@ -9,7 +9,7 @@ from via_sim.catalogue import EFFECTS
 
 from via_gap.candidates.location import MEASUREMENT_ONLY
 from via_gap.report.figures import Member
-from via_gap.report.report import Cause, Place, Where
+from via_gap.report.report import Cause, EffectLocation, Where
 
 Spot = tuple[str, str, int]  # effect, site, motor
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
@@ -64,7 +64,7 @@ def site_words(site: str, motor: int) -> str:
     return AT[site].format(motor) if motor and site in AT else UNNUMBERED.get(site, site)
 
 
-def place_words(place: Place | Cause | Member) -> str:
+def place_words(place: EffectLocation | Cause | Member) -> str:
     """backlash in transmission 1."""
     return f"{effect_words(place.effect)} {site_words(place.site, place.motor)}"
 
@@ -88,12 +88,12 @@ def log_words(names: Sequence[str]) -> str:
     return listed(names) if len(names) <= SEVERAL else f"{len(names)} logs ({names[0]}, ...)"
 
 
-def spot_of(place: Place | Cause | Member) -> Spot:
+def spot_of(place: EffectLocation | Cause | Member) -> Spot:
     """What identifies a location."""
     return place.effect, place.site, place.motor
 
 
-def of_measurements(place: Place | Cause) -> bool:
+def of_measurements(place: EffectLocation | Cause) -> bool:
     """Whether an effect is found in a sensor's measurements and not in the motion."""
     drives = place.effect in EFFECTS and EFFECTS[place.effect].of_drive
     return place.site == "sensor" and (place.effect in MEASUREMENT_ONLY or drives)

@@ -228,7 +228,7 @@ def _whole_reason(report: GapReport) -> str:
             return f"{finding.log}: {finding.text}"
     if len(report.equivalence_set) > 1:
         return f"{len(report.equivalence_set)} causes explain these data equally well"
-    return report.not_judged[0].split(":")[0] if report.not_judged else "the data show too little of the joint"
+    return report.not_evaluated[0].split(":")[0] if report.not_evaluated else "the data show too little of the joint"
 
 
 def _nearest(report: GapReport) -> str:

@@ -13,8 +13,8 @@ from via_gap.candidates.localisation import SiteShare
 from via_gap.candidates.location import Location
 from via_gap.logs.log import Level
 from via_gap.report.causes import compared_causes, conformal_set, sensor_causes
-from via_gap.report.report import Cause, Place, Where
-from via_gap.selection.experiment import Experiment
+from via_gap.report.report import Cause, EffectLocation, Where
+from via_gap.selection.comparison import ModelComparison
 from via_gap.selection.verdict import Decision, Verdict
 from via_gap.sensors.sensor_errors import SensorError
 
@@ -29,16 +29,15 @@ class Answer:
     verdict: Verdict
     where: tuple[Where, ...]
     causes: tuple[Cause, ...]
-    equivalence_set: tuple[Place, ...]
-    conformal_set: tuple[Place, ...]
-    effects: tuple[Place, ...]
+    equivalence_set: tuple[EffectLocation, ...]
+    conformal_set: tuple[EffectLocation, ...]
+    effects: tuple[EffectLocation, ...]
 
 
-def answer(
-    level: Level, experiment: Experiment, candidates: CandidateSet, decision: Decision, sensors: Sequence[SensorError]
-) -> Answer:
-    """Sensor errors are added to the named effects, except where the decision is that the cause is not known."""
-    device = experiment.judged.device
+def answer(level: Level, comparison: ModelComparison, decision: Decision, sensors: Sequence[SensorError]) -> Answer:
+    """The answer; sensor errors are added to the named effects unless the verdict is `unknown` or `cannot_tell`."""
+    experiment, candidates = comparison.experiment, comparison.candidates
+    device = experiment.evaluated.device
     causes = compared_causes(device, decision, candidates.scales, experiment.tuned)
     named = tuple(_place(device, each) for each in decision.named)
     equivalent = tuple(_place(device, each) for each in decision.equivalent)
@@ -57,8 +56,8 @@ def answer(
     return Answer(verdict, where, causes, equivalent, conformal_set(level, causes), effects)
 
 
-def _place(device: Device, location: Location) -> Place:
-    return Place(effect=location.name, site=location.site, joint=device.name, motor=location.motor)  # type: ignore[arg-type]
+def _place(device: Device, location: Location) -> EffectLocation:
+    return EffectLocation(effect=location.name, site=location.site, joint=device.name, motor=location.motor)  # type: ignore[arg-type]
 
 
 def _where(device: Device, candidates: CandidateSet, decision: Decision, sensors: Sequence[Cause]) -> tuple[Where, ...]:

@@ -11,7 +11,7 @@ from via_gap.candidates.fit import bounds_of
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.report.combinations import combinations
-from via_gap.report.report import Cause, Place, Value
+from via_gap.report.report import Cause, EffectLocation, Value
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.reliability import in_conformal_set, reliability
 from via_gap.selection.verdict import Decision
@@ -70,7 +70,7 @@ def sensor_causes(joint: str, errors: Sequence[SensorError]) -> tuple[Cause, ...
     )  # fmt: skip
 
 
-def conformal_set(level: str, causes: Sequence[Cause]) -> tuple[Place, ...]:
+def conformal_set(level: str, causes: Sequence[Cause]) -> tuple[EffectLocation, ...]:
     """The causes that belong to the 95 % set on logs of this signal set."""
     inside = in_conformal_set([cause.share for cause in causes], level)
     return tuple(each.place for each, within in zip(causes, inside, strict=True) if within)

@@ -1,4 +1,4 @@
-"""Parts of a report about recordings and device: noise, held-out data, fitted parameters, what was not judged."""
+"""Parts of a report about recordings and device: noise, held-out data, fitted parameters, what logs cannot show."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from via_core.signals import Array
 
-from via_gap.candidates.location import unjudged
+from via_gap.candidates.location import missing_effects
 from via_gap.logs.log import JointLog
-from via_gap.report.report import Noise, NuisanceValue, Stretch
-from via_gap.report.simulated_stretches import runs
+from via_gap.report.report import HeldOutInterval, Noise, NuisanceValue
+from via_gap.report.simulated_intervals import runs
 from via_gap.residual.nuisance import BOUND
 from via_gap.residual.recordings import Recordings, follows
 from via_gap.residual.residual_model import ResidualModel
@@ -17,8 +17,8 @@ from via_gap.residual.segments import Indices, Segments
 from via_gap.selection.reliability import shipped
 
 
-def judged_on(recordings: Recordings) -> tuple[str, ...]:
-    """Names of the logs that judge, or that blocks of the same logs do."""
+def holdout_names(recordings: Recordings) -> tuple[str, ...]:
+    """Names of the held-out logs, or that blocks of the same logs were held out."""
     return recordings.holdout or ("blocks of the same logs",)
 
 
@@ -34,7 +34,7 @@ def channel_noise(recordings: Recordings) -> tuple[Noise, ...]:
     )  # fmt: skip
 
 
-def not_judged(log: JointLog) -> tuple[str, ...]:
+def not_evaluated(log: JointLog) -> tuple[str, ...]:
     """What this log cannot show, one sentence each."""
     said = []
     unseen = [i + 1 for i, seen in enumerate(log.motors_seen) if not seen]
@@ -42,28 +42,28 @@ def not_judged(log: JointLog) -> tuple[str, ...]:
         which = " and ".join(f"motor {i}" for i in unseen)
         said.append(f"the angle of {which} was not measured: only the simulated link angle can be compared")
     if log.device.drive == "torque" and not log.torque_seen and log.device.n_motors:
-        said.append("no motor torque was measured: commands are used instead, a torque sensor cannot be judged")
+        said.append("no motor torque was measured: commands are used instead, the torque sensor cannot be evaluated")
     if log.device.drive == "servo":
-        said.append("motors are position servos: their torques and their friction are not in the model")
+        said.append("motors are position servos: their torques and friction are not in the model")
     if not shipped().cases:
-        said.append("probabilities are not calibrated in this version: the ranking counts, not their size")
-    return (*said, *unjudged(log.device, log))
+        said.append("probabilities are not calibrated in this version: only their order is valid")
+    return (*said, *missing_effects(log.device, log))
 
 
-def fitted_parameters(problem: ResidualModel, deviations: Array) -> tuple[NuisanceValue, ...]:
-    """The device's parameters as filed and as fitted; deviations (J,) in standard deviations of their tolerance."""
+def fitted_parameters(problem: ResidualModel, offsets: Array) -> tuple[NuisanceValue, ...]:
+    """The device parameters as filed and as fitted; offsets (J,) in standard deviations of their tolerance."""
     return tuple(
         NuisanceValue(
             name=n.name, unit=n.unit, filed=n.value, fitted=n.value * (1.0 + n.tolerance * float(d)),
-            deviations=float(d), at_bound=bool(abs(d) > BOUND - 1e-6),
+            offset=float(d), at_bound=bool(abs(d) > BOUND - 1e-6),
             low=n.value - BOUND * n.tolerance * abs(n.value), high=n.value + BOUND * n.tolerance * abs(n.value),
         )
-        for n, d in zip(problem.nuisances, deviations, strict=True)
+        for n, d in zip(problem.nuisances, offsets, strict=True)
     )  # fmt: skip
 
 
-def held_out_stretches(segments: Sequence[Segments], held: Sequence[Indices]) -> tuple[Stretch, ...]:
-    """The segments `held` (indices, one array per log), neighbours joined."""
+def held_out_intervals(segments: Sequence[Segments], held: Sequence[Indices]) -> tuple[HeldOutInterval, ...]:
+    """Time intervals of the segments `held` (indices, one array per log), neighbours joined."""
     found = []
     for each, which in zip(segments, held, strict=True):
         begins = each.time - each.log.measured.time[0]
@@ -72,5 +72,5 @@ def held_out_stretches(segments: Sequence[Segments], held: Sequence[Indices]) ->
             end = begins[last] + each.ticks / each.rate
             if last == len(each) - 1 and follows(each.log.device):
                 end = each.log.duration  # a free run includes the samples after the last segment
-            found.append(Stretch(log=each.log.name, begin=float(begins[first]), end=float(end)))
+            found.append(HeldOutInterval(log=each.log.name, begin=float(begins[first]), end=float(end)))
     return tuple(found)

@@ -10,13 +10,13 @@ import numpy as np
 
 from via_gap.report.binning import bins_of, quantities, rms, six
 from via_gap.report.figures import ErrorBin, ErrorFigure, TraceFigure
-from via_gap.report.simulated_stretches import SimulatedStretch
+from via_gap.report.simulated_intervals import SimulatedInterval
 
 POINTS = 240  # of a trace
 STRETCHES: tuple[Literal["after", "before"], ...] = ("after", "before", "after")  # each the worst one left
 
 
-def error_figures(stretches: Sequence[SimulatedStretch], n_transmissions: int) -> tuple[ErrorFigure, ...]:
+def error_figures(stretches: Sequence[SimulatedInterval], n_transmissions: int) -> tuple[ErrorFigure, ...]:
     """Error of every signal before and after the repair, against speed, deflection, angle and time."""
     if not stretches:
         return ()
@@ -37,7 +37,7 @@ def error_figures(stretches: Sequence[SimulatedStretch], n_transmissions: int) -
     return tuple(found)
 
 
-def trace_figures(stretches: Sequence[SimulatedStretch], longest: float) -> tuple[TraceFigure, ...]:
+def trace_figures(stretches: Sequence[SimulatedInterval], longest: float) -> tuple[TraceFigure, ...]:
     """Every signal of the stretches [at most `longest` s] that are worst after and before the repair."""
     pieces = [piece for each in stretches for piece in _pieces(each, longest)]
     found = []
@@ -47,7 +47,7 @@ def trace_figures(stretches: Sequence[SimulatedStretch], longest: float) -> tupl
     return tuple(found)
 
 
-def _pieces(stretch: SimulatedStretch, longest: float) -> list[SimulatedStretch]:
+def _pieces(stretch: SimulatedInterval, longest: float) -> list[SimulatedInterval]:
     """The stretch in pieces of at most `longest` [s], cut where the simulation restarts if it ever does."""
     cuts = np.flatnonzero(stretch.restarts)
     cuts = cuts if len(cuts) else np.arange(len(stretch.time))
@@ -58,13 +58,13 @@ def _pieces(stretch: SimulatedStretch, longest: float) -> list[SimulatedStretch]
     return [stretch.part(a, b) for a, b in pairwise([*begins, len(stretch.time)])]
 
 
-def _size(piece: SimulatedStretch, by: Literal["after", "before"]) -> float:
+def _size(piece: SimulatedInterval, by: Literal["after", "before"]) -> float:
     """Squared error in units of the floor, summed over samples so that short pieces do not win."""
     error = (getattr(piece, by) - piece.measured) / np.maximum(piece.floor, 1e-9)
     return float(np.sum(error**2))
 
 
-def _traces(piece: SimulatedStretch, by: Literal["after", "before"]) -> list[TraceFigure]:
+def _traces(piece: SimulatedInterval, by: Literal["after", "before"]) -> list[TraceFigure]:
     every = max(1, -(-len(piece.time) // POINTS))
     begins = np.flatnonzero(piece.restarts)
     kept = np.arange(0, len(piece.time), every)

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.logs.log import JointLog
 from via_gap.report.error_figures import error_figures, trace_figures
 from via_gap.report.figures import Figures, JointSketch
-from via_gap.report.simulated_stretches import (
-    SimulatedStretch,
-    free_stretches,
-    segment_stretches,
-    torque_stretches,
+from via_gap.report.simulated_intervals import (
+    SimulatedInterval,
+    free_intervals,
+    segment_intervals,
+    torque_intervals,
 )
 from via_gap.report.torque_figures import missing_torques, order_spectra, periodic, residual_figures
 from via_gap.report.trial_figures import screened_members, trial_figures, untried_effects
 from via_gap.residual.repaired_device import repaired_device
+from via_gap.selection.comparison import ModelComparison
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.gap import By
@@ -25,13 +23,12 @@ from via_gap.selection.verdict import Decision
 LONGEST: dict[By, float] = {"segments": 2.0, "free run": 5.0, "inverse dynamics": 5.0}  # [s] of a trace
 
 
-def evidence_figures(
-    experiment: Experiment, candidates: CandidateSet, decision: Decision, models: Sequence[Evaluation], by: By
-) -> Figures:
+def evidence_figures(comparison: ModelComparison, decision: Decision, by: By) -> Figures:
     """All figures of one diagnosis; `by` is how the gap was measured."""
+    experiment, candidates, models = comparison.experiment, comparison.candidates, comparison.models
     missing = missing_torques(experiment.segments, experiment.nominal.fit, decision.chosen.fit)
-    stretches = _stretches(experiment, decision.chosen, by)
-    transmissions = experiment.judged.device.n_transmissions
+    stretches = _intervals(experiment, decision.chosen, by)
+    transmissions = experiment.evaluated.device.n_transmissions
     compared = [location for location, _ in decision.shares]
     return Figures(
         joint=_joint_sketch(experiment.segments[0].log),
@@ -50,14 +47,14 @@ def joint_only(log: JointLog) -> Figures:
     return Figures(joint=_joint_sketch(log))
 
 
-def _stretches(experiment: Experiment, chosen: Evaluation, by: By) -> list[SimulatedStretch]:
-    """Held-out data before and after the repair, simulated or judged as the gap was measured."""
-    judged = experiment.judged
+def _intervals(experiment: Experiment, chosen: Evaluation, by: By) -> list[SimulatedInterval]:
+    """Held-out data before and after the repair, in the view in which the gap was measured."""
+    data = experiment.evaluated
     if by == "free run":
-        repaired = repaired_device(judged.device, judged.nuisances, chosen.fit.deviations)
-        return free_stretches(judged.device, repaired, chosen.fit.effects, experiment.segments, experiment.held)
-    two = judged.residual([judged.row(e.fit.effects, e.fit.deviations) for e in (experiment.nominal, chosen)])
-    return (segment_stretches if by == "segments" else torque_stretches)(judged, *two)
+        repaired = repaired_device(data.device, data.nuisances, chosen.fit.offsets)
+        return free_intervals(data.device, repaired, chosen.fit.effects, experiment.segments, experiment.held)
+    two = data.residual([data.row(e.fit.effects, e.fit.offsets) for e in (experiment.nominal, chosen)])
+    return (segment_intervals if by == "segments" else torque_intervals)(data, *two)
 
 
 def _joint_sketch(log: JointLog) -> JointSketch:

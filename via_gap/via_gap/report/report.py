@@ -70,7 +70,7 @@ class Noise(Record):
     jitter: NotNegative  # [s] standard deviation of the time stamps, as this channel shows it
 
 
-class Place(Record):
+class EffectLocation(Record):
     """An effect at a site; `motor` numbers motors, transmissions and sensors, 0 the link's, both or none."""
 
     effect: str
@@ -94,8 +94,8 @@ class Cause(Record):
     score: Number  # mean loss of the held-out segments, see docs/method.md
 
     @property
-    def place(self) -> Place:
-        return Place(effect=self.effect, site=self.site, joint=self.joint, motor=self.motor)
+    def place(self) -> EffectLocation:
+        return EffectLocation(effect=self.effect, site=self.site, joint=self.joint, motor=self.motor)
 
 
 class NuisanceValue(Record):
@@ -105,13 +105,13 @@ class NuisanceValue(Record):
     unit: str
     filed: Number
     fitted: Number
-    deviations: Number  # fitted minus filed, in standard deviations of the tolerance
+    offset: Number  # fitted minus filed, in standard deviations of the tolerance
     at_bound: bool
     low: Number | None = None  # of the range it was fitted in
     high: Number | None = None
 
 
-class Stretch(Record):
+class HeldOutInterval(Record):
     """Part of a log that was held out; [s] since its first sample.
 
     It includes the sample at `begin`; the one at `end` only where the log ends.
@@ -125,7 +125,7 @@ class Stretch(Record):
 class Proposal(Record):
     """The short motion that separates the tied causes best."""
 
-    separates: tuple[Place, ...]
+    separates: tuple[EffectLocation, ...]
     expected_disagreement: Number  # [-] between their predictions, in units of the noise
     duration: Number  # [s]
     file: str  # with its commands; empty: not written
@@ -137,7 +137,7 @@ class Proposal(Record):
 class GapReport(Record):
     """The answer, the evidence, and everything that pages and texts show."""
 
-    version: Literal["2"] = "2"
+    version: Literal["3"] = "3"
     joint: str
     level: Level
     logs: tuple[str, ...]
@@ -147,17 +147,19 @@ class GapReport(Record):
     explained: Share = 0.0  # fraction of the explainable error that the named effects explain
     where: tuple[Where, ...]
     causes: tuple[Cause, ...]
-    equivalence_set: tuple[Place, ...]  # the named causes and those tied with them on held-out data
-    conformal_set: tuple[Place, ...] = ()  # contains the true cause in 95 % of cases like the calibration cases
-    effects: tuple[Place, ...]  # the repair, in the order in which they were found
+    equivalence_set: tuple[EffectLocation, ...]  # the named causes and those tied with them on held-out data
+    conformal_set: tuple[
+        EffectLocation, ...
+    ] = ()  # contains the true cause in 95 % of cases like the calibration cases
+    effects: tuple[EffectLocation, ...]  # the repair, in the order in which they were found
     gap: Gap | None
     nuisance: tuple[NuisanceValue, ...]
     data_check: tuple[Finding, ...]
     noise: tuple[Noise, ...] = ()
-    not_judged: tuple[str, ...]  # what this log cannot show, in sentences
+    not_evaluated: tuple[str, ...]  # what this log cannot show, in sentences
     proposal: Proposal | None = None
     figures: Figures | None = None
-    held_out: tuple[Stretch, ...] = ()  # where `gap` was measured
+    held_out: tuple[HeldOutInterval, ...] = ()  # where `gap` was measured
     lined: NotNegative | None = None  # [s] by which commands act late on lines between samples; None: in steps
 
     def to_json(self) -> str:

@@ -56,7 +56,7 @@ def missing_torques(segments: Sequence[Segments], before: Fit, after: Fit) -> tu
         model = ResidualModel.of(segments, every, InverseDynamics.of)
     except SignalError:
         return ()
-    two = model.residual([model.row(each.effects, each.deviations) for each in (before, after)])
+    two = model.residual([model.row(each.effects, each.offsets) for each in (before, after)])
     columns: dict[int, list[tuple[Array, ...]]] = {}
     begin, stride = 0, 1.0
     for view in model.views:

@@ -10,12 +10,12 @@ from via_core.errors import SignalError
 from via_sim.effects import Effect
 
 from via_gap.logs.log import JointLog, believed
-from via_gap.report.report import Stretch
+from via_gap.report.report import HeldOutInterval
 from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.recordings import follows
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.rollout import Rollout, settled
+from via_gap.residual.rollout import Rollout, without_transient
 from via_gap.residual.segments import Indices, Segments, cut_log
 
 
@@ -23,7 +23,7 @@ def before_and_after(
     logs: Sequence[JointLog],
     device: Device,
     effects: Sequence[Effect],
-    held_out: Sequence[Stretch] = (),
+    held_out: Sequence[HeldOutInterval] = (),
     only_equations: bool = False,
 ) -> tuple[Errors, Errors]:
     """Errors of the nominal device, and of the one with `effects` and the device numbers among them.
@@ -44,9 +44,9 @@ def before_and_after(
     return errors_of(problem, before), errors_of(problem, after)
 
 
-def _chosen(logs: Sequence[JointLog], held_out: Sequence[Stretch]) -> tuple[list[Segments], list[Indices]]:
+def _chosen(logs: Sequence[JointLog], held_out: Sequence[HeldOutInterval]) -> tuple[list[Segments], list[Indices]]:
     """The logs cut into segments, and which of them are compared."""
-    segments = [settled(cut_log(log)) for log in believed(logs)]
+    segments = [without_transient(cut_log(log)) for log in believed(logs)]
     chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in segments]
     if not any(map(len, chosen)):
         reason = "none of the stretches that the report held out" if held_out else "too short to compare"
@@ -54,7 +54,7 @@ def _chosen(logs: Sequence[JointLog], held_out: Sequence[Stretch]) -> tuple[list
     return segments, chosen
 
 
-def _held(segments: Segments, held_out: Sequence[Stretch]) -> Indices:
+def _held(segments: Segments, held_out: Sequence[HeldOutInterval]) -> Indices:
     """Segments of one log whose middle lies in a held-out stretch."""
     middle = segments.time - segments.log.measured.time[0] + 0.5 * segments.ticks / segments.rate
     inside = [(s.begin < middle) & (middle < s.end) for s in held_out if s.log == segments.log.name]

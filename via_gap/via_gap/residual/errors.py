@@ -98,7 +98,7 @@ def free_errors(
     device: Device, effects: Sequence[Effect], segments: Sequence[Segments], chosen: Sequence[Indices]
 ) -> Errors:
     """Errors of the link angle when every log is simulated from beginning to end; only chosen segments count."""
-    squares, deviations, count = [], 0.0, 0
+    squares, total, count = [], 0.0, 0
     for each, which in zip(segments, chosen, strict=True):
         if not len(which):
             continue
@@ -116,7 +116,7 @@ def free_errors(
         block = np.minimum((time - time[0]) / log.duration * blocks, blocks - 1).astype(int)
         for b in np.unique(block[inside]):
             squares.append([float(np.mean(error[inside & (block == b)] ** 2))])
-        deviations += float(np.sum((q[inside] - np.mean(q[inside])) ** 2))
+        total += float(np.sum((q[inside] - np.mean(q[inside])) ** 2))
         count += int(np.sum(inside))
     quantum = device.sensors.link_quantum or 0.0
-    return Errors(("q",), np.array(squares), np.array([max(deviations / count, 1e-12)]), np.array([quantum**2 / 12.0]))
+    return Errors(("q",), np.array(squares), np.array([max(total / count, 1e-12)]), np.array([quantum**2 / 12.0]))

@@ -1,13 +1,12 @@
-"""What a joint remembers at the start of a segment: bristles, Maxwell elements, and the goal of a position drive.
+"""Hidden states at the start of a segment: bristles, Maxwell elements, and the goal of a position drive.
 
-    held = held_along(rows, angles, ticks)                  # (K, n, 5)
-    behind = goals_along(rows, commands, reading, ticks)    # (K, n, 2)
+    torques = torques_along(rows, angles, ticks)            # (K, n, 5)
+    behind = goals_along(rows, commands, measured, ticks)   # (K, n, 2)
 
-A segment starts from measured angles; what its elements hold there depends on every reversal since they last slipped,
-which may be seconds ago. The same law that the simulator integrates (`remember`) is therefore led along the measured
-angles from the beginning of the log on, once per parameter row, instead of being guessed and simulated for a while. How
-far the goal of a position drive is behind its command, where its speed is limited or it lags, follows likewise from the
-commands since the log began.
+A segment starts from measured angles, but the torque of such an element depends on all reversals since it last slipped,
+maybe seconds ago. Its equation, as in the simulator (`remember`), is therefore integrated along the measured angles
+from the beginning of the log, once per parameter row. The goal of a position drive, which is behind its command because
+of a speed limit or a lag, is integrated along the commands in the same way.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from via_sim.position_drive import acting_goal, followed
 from via_sim.torques import GOAL, N_MODES, POWER, X, compiled, remember
 
 HELD = 5  # bristles of link, motor 1, motor 2; Maxwell elements of transmission 1, 2
-ELEMENTS = np.concatenate(  # of a row, all that counts here: most rows of a fit differ in other things
+ELEMENTS = np.concatenate(  # slots of a row that matter here: most rows of a fit differ in others
     [
         [P.bristle_torque + i for i in range(3)],
         [P.bristle_stiffness + i for i in range(3)],
@@ -29,13 +28,13 @@ ELEMENTS = np.concatenate(  # of a row, all that counts here: most rows of a fit
     ]
 )
 
-GOAL_NUMBERS = np.array([P.delay, P.lag, P.drive_speed_limit])  # of a row, all that the goal of its drive depends on
+GOAL_NUMBERS = np.array([P.delay, P.lag, P.drive_speed_limit])  # slots that the goal of the drive depends on
 
 
-def held_along(rows: Array, angles: Array, ticks: NDArray[np.intp]) -> Array:
-    """Torques [N m] (K, n, HELD) that the elements of rows (K, N_PARAMETERS) hold at ticks (n,).
+def torques_along(rows: Array, angles: Array, ticks: NDArray[np.intp]) -> Array:
+    """Torques [N m] (K, n, HELD) of the elements of rows (K, N_PARAMETERS) at ticks (n,).
 
-    angles  (T, 3) [rad] of link and motors on every tick; NaN: not seen, and nothing is known of what hangs on it
+    angles  (T, 3) [rad] of link and motors on every tick; NaN: not measured, taken as 0
     """
     out = np.zeros((len(rows), len(ticks), HELD))
     some = np.flatnonzero(with_memory(rows))
@@ -43,7 +42,7 @@ def held_along(rows: Array, angles: Array, ticks: NDArray[np.intp]) -> Array:
         order = np.argsort(ticks, kind="stable")
         _, first, which = np.unique(rows[some][:, ELEMENTS], axis=0, return_index=True, return_inverse=True)
         found = np.zeros((first.size, len(ticks), HELD))
-        _led(np.ascontiguousarray(rows[some[first]]), angles, np.asarray(ticks)[order], found)
+        _integrate(np.ascontiguousarray(rows[some[first]]), angles, np.asarray(ticks)[order], found)
         back = np.empty_like(found)
         back[:, order] = found
         out[some] = back[which.reshape(-1)]
@@ -58,8 +57,8 @@ def with_memory(rows: Array) -> Array:
 
 
 @compiled
-def _led(rows: Array, angles: Array, ticks: Array, out: Array) -> None:
-    """`held_along` for ascending ticks."""
+def _integrate(rows: Array, angles: Array, ticks: Array, out: Array) -> None:
+    """`torques_along` for ascending ticks."""
     x, y = np.zeros(X.queue), np.zeros(6)
     modes = np.zeros(N_MODES, np.int64)
     for k in range(len(rows)):
@@ -84,16 +83,16 @@ def _led(rows: Array, angles: Array, ticks: Array, out: Array) -> None:
 
 
 def with_late_goal(rows: Array) -> Array:
-    """(K,) whether the goal of a row's position drive can be behind its command by more than a dead time."""
+    """(K,) whether the goal of a row's position drive can differ from its delayed command."""
     slow = (rows[:, P.lag] > 0.0) | np.isfinite(rows[:, P.drive_speed_limit])
     return np.asarray(slow & (rows[:, P.link_drive] == POSITION_DRIVE))
 
 
-def goals_along(rows: Array, commands: Array, reading: Array, ticks: NDArray[np.intp]) -> Array:
-    """How far [rad] (K, n, 2) the goals of rows (K, N_PARAMETERS) are behind speed limit and lag at ticks (n,).
+def goals_along(rows: Array, commands: Array, measured: Array, ticks: NDArray[np.intp]) -> Array:
+    """(K, n, 2) [rad] lag of the goals of rows (K, N_PARAMETERS) by speed limit and by time constant at ticks (n,).
 
-    commands  (T, N_COMMANDS) held over each tick; before the first tick the drive had reached its first goal
-    reading   (T,) [rad] of the drive's encoder, where the goal waits while the drive is off
+    commands  (T, N_COMMANDS) constant over each tick; before the first tick the drive had reached its first goal
+    measured  (T,) [rad] by the drive's encoder, the goal while the drive is off
     """
     out = np.zeros((len(rows), len(ticks), 2))
     some = np.flatnonzero(with_late_goal(rows))
@@ -101,14 +100,14 @@ def goals_along(rows: Array, commands: Array, reading: Array, ticks: NDArray[np.
         _, first, which = np.unique(rows[some][:, GOAL_NUMBERS], axis=0, return_index=True, return_inverse=True)
         at, back = np.unique(ticks, return_inverse=True)
         found = np.zeros((first.size, len(at), 2))
-        _follow(np.ascontiguousarray(rows[some[first]]), commands, reading, at, found)
+        _follow(np.ascontiguousarray(rows[some[first]]), commands, measured, at, found)
         out[some] = found[which.reshape(-1)][:, back.reshape(-1)]
     return out
 
 
 @compiled
-def _follow(rows: Array, commands: Array, reading: Array, ticks: Array, out: Array) -> None:
-    """`goals_along` for ascending ticks; within a tick as `kernel.advance_tick` has it."""
+def _follow(rows: Array, commands: Array, measured: Array, ticks: Array, out: Array) -> None:
+    """`goals_along` for ascending ticks; within a tick the order of `kernel.advance_tick`."""
     for k in range(len(rows)):
         p = rows[k]
         period = p[P.tick]
@@ -116,13 +115,13 @@ def _follow(rows: Array, commands: Array, reading: Array, ticks: Array, out: Arr
         rest = p[P.delay] - whole * period
         if rest < 1e-9 * period:
             rest = 0.0
-        follows = lags = commands[0, GOAL] if commands[0, POWER] > 0.5 else reading[0]
+        follows = lags = commands[0, GOAL] if commands[0, POWER] > 0.5 else measured[0]
         done = 0
         for j in range(len(ticks)):
             while done < ticks[j]:
                 if commands[max(done - whole - 1, 0), POWER] <= 0.5:
-                    follows = lags = reading[done]
-                for piece in range(2):  # until the command of this tick arrives, and from then on
+                    follows = lags = measured[done]
+                for piece in range(2):  # before and after the command of this tick arrives
                     held, span = max(done - whole - (1 - piece), 0), rest if piece == 0 else period - rest
                     if span <= 0.0:
                         continue
@@ -131,7 +130,7 @@ def _follow(rows: Array, commands: Array, reading: Array, ticks: Array, out: Arr
                         lags = acting_goal(p, goal, follows, lags, span)
                         follows = followed(p, goal, follows, span)
                     else:
-                        follows = lags = reading[done]
+                        follows = lags = measured[done]
                 done += 1
             last = max(done - whole - 1, 0)
             if commands[last, POWER] > 0.5:

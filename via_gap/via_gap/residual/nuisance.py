@@ -53,9 +53,9 @@ def _tolerance(known: Tolerances, name: str) -> float:
     return float(getattr(known, kind or part))
 
 
-def apply_all(row: Array, each: tuple[Nuisance, ...], deviations: Array) -> None:
-    """Every nuisance into a row in place; deviations (J,) in standard deviations."""
-    for nuisance, deviation in zip(each, deviations, strict=True):
+def apply_all(row: Array, each: tuple[Nuisance, ...], offsets: Array) -> None:
+    """Every nuisance into a row in place; offsets (J,) in standard deviations."""
+    for nuisance, deviation in zip(each, offsets, strict=True):
         nuisance.apply(row, 1.0 + nuisance.tolerance * float(deviation))
 
 

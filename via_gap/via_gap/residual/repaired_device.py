@@ -18,10 +18,10 @@ _SCALED = {
 _FIELDS = {"inertia": "inertia", "viscous friction": "viscous_friction", "dry friction": "coulomb_friction"}
 
 
-def repaired_device(device: Device, nuisances: tuple[Nuisance, ...], deviations: Array) -> Device:
+def repaired_device(device: Device, nuisances: tuple[Nuisance, ...], offsets: Array) -> Device:
     """The device with every nuisance moved by its deviation [sd]; rows made from it equal those of the fit."""
     content: dict[str, Any] = device.model_dump(mode="python")
-    for nuisance, deviation in zip(nuisances, deviations, strict=True):
+    for nuisance, deviation in zip(nuisances, offsets, strict=True):
         factor = 1.0 + nuisance.tolerance * float(deviation)
         part, _, what = nuisance.name.partition(" ")
         if nuisance.name == "gravity torque":

@@ -1,6 +1,6 @@
 """One inverse problem: segments of some logs, and parameter rows made of device numbers and effects.
 
-values = problem.residual([problem.row(effects, deviations)])     # (K, R) whitened
+values = problem.residual([problem.row(effects, offsets)])     # (K, R) whitened
 """
 
 from __future__ import annotations
@@ -63,21 +63,21 @@ class ResidualModel:
         """Values of a residual, R."""
         return sum(len(view.chosen) * view.size for view in self.views)
 
-    def row(self, effects: Sequence[Effect], deviations: Array | None = None) -> Array:
-        """Parameter row (N_PARAMETERS,) of the device with its numbers moved by `deviations` [sd] and effects added."""
+    def row(self, effects: Sequence[Effect], offsets: Array | None = None) -> Array:
+        """Parameter row (N_PARAMETERS,) of the device with its numbers moved by `offsets` [sd] and effects added."""
         row = self.plant.parameters.copy()
-        if deviations is not None:
-            apply_all(row, self.nuisances, deviations)
+        if offsets is not None:
+            apply_all(row, self.nuisances, offsets)
         for effect in in_order(effects):
             effect.write(row)
         return row
 
-    def row_or_none(self, effects: Sequence[Effect | None], deviations: Array | None = None) -> Array | None:
+    def row_or_none(self, effects: Sequence[Effect | None], offsets: Array | None = None) -> Array | None:
         """The row, or None where an effect has no meaning with these numbers (less friction than none)."""
         if any(effect is None for effect in effects):
             return None
         try:
-            return self.row([effect for effect in effects if effect is not None], deviations)
+            return self.row([effect for effect in effects if effect is not None], offsets)
         except ParameterError:
             return None
 
@@ -92,7 +92,7 @@ class ResidualModel:
         return np.concatenate(parts, axis=1)
 
     def loss(self, residual: Array) -> Array:
-        """(...,) what a fit minimises beside its squared deviations, of residuals (..., R).
+        """(...,) what a fit minimises beside its squared offsets, of residuals (..., R).
 
         Robust, a segment whose mean square z^2 exceeds that of noise counts by 1 + 2 log((1 + z^2) / 2) per value:
         squares alone would let the segments that no model explains decide.
@@ -158,7 +158,7 @@ class ResidualModel:
         """(R,) whitened error of a prediction without any model, see the views."""
         return np.concatenate([view.baseline().ravel() for view in self.views])
 
-    def nuisance_jacobian(self, effects: Sequence[Effect], deviations: Array, residual: Array) -> Array:
+    def nuisance_jacobian(self, effects: Sequence[Effect], offsets: Array, residual: Array) -> Array:
         """(R, J): change of the residual per standard deviation of each nuisance.
 
         A step goes towards the middle of the tolerance, or the other way where effects mean nothing beside it (an
@@ -167,9 +167,9 @@ class ResidualModel:
         slopes = np.zeros((len(self.nuisances), len(residual)))
         rows, taken = [], []
         for k, each in enumerate(self.nuisances):
-            size = STEP / each.tolerance if deviations[k] <= 0.0 else -STEP / each.tolerance
+            size = STEP / each.tolerance if offsets[k] <= 0.0 else -STEP / each.tolerance
             for step in (size, -size):
-                moved = deviations.copy()
+                moved = offsets.copy()
                 moved[k] += step
                 row = self.row_or_none(effects, moved)
                 if row is not None:
@@ -181,20 +181,18 @@ class ResidualModel:
             slopes[list(which)] = (self.residual(rows) - residual) / np.array(steps)[:, None]
         return slopes.T
 
-    def fit_nuisances(
-        self, effects: Sequence[Effect], deviations: Array, rounds: int = 3
-    ) -> tuple[Array, Array, Array]:
-        """Device numbers fitted inside their tolerance from `deviations` on -> (J,), residual (R,), Jacobian (R, J)."""
-        residual = self.residual([self.row(effects, deviations)])[0]
-        jacobian = self.nuisance_jacobian(effects, deviations, residual)
+    def fit_nuisances(self, effects: Sequence[Effect], offsets: Array, rounds: int = 3) -> tuple[Array, Array, Array]:
+        """Device numbers fitted inside their tolerance from `offsets` on -> (J,), residual (R,), Jacobian (R, J)."""
+        residual = self.residual([self.row(effects, offsets)])[0]
+        jacobian = self.nuisance_jacobian(effects, offsets, residual)
         for round_ in range(rounds):
             if round_:
-                jacobian = self.nuisance_jacobian(effects, deviations, residual)
+                jacobian = self.nuisance_jacobian(effects, offsets, residual)
             pull = self.weights(residual)
-            wanted = solve_nuisances(jacobian * pull[:, None], residual * pull, deviations)
-            value = self.loss(residual) + deviations @ deviations
+            wanted = solve_nuisances(jacobian * pull[:, None], residual * pull, offsets)
+            value = self.loss(residual) + offsets @ offsets
             for share in (1.0, 0.5, 0.1):
-                trial = deviations + share * (wanted - deviations)
+                trial = offsets + share * (wanted - offsets)
                 row = self.row_or_none(effects, trial)
                 if row is None:
                     continue
@@ -202,18 +200,18 @@ class ResidualModel:
                 loss = self.loss(moved) + trial @ trial
                 if loss < value:
                     done = value - loss < 1e-3 * loss
-                    deviations, residual = trial, moved
+                    offsets, residual = trial, moved
                     break
             else:
                 break
             if done:
                 break
-        return deviations, residual, jacobian
+        return offsets, residual, jacobian
 
 
-def solve_nuisances(jacobian: Array, residual: Array, deviations: Array) -> Array:
-    """One bounded Gauss-Newton step: where the deviations (J,) should stand, in standard deviations."""
-    normal = jacobian.T @ jacobian + np.eye(len(deviations))
-    gradient = jacobian.T @ (jacobian @ deviations - residual)
-    bound = np.full(len(deviations), BOUND)
-    return descend(normal, gradient, deviations, -bound, bound)
+def solve_nuisances(jacobian: Array, residual: Array, offsets: Array) -> Array:
+    """One bounded Gauss-Newton step: where the offsets (J,) should stand, in standard deviations."""
+    normal = jacobian.T @ jacobian + np.eye(len(offsets))
+    gradient = jacobian.T @ (jacobian @ offsets - residual)
+    bound = np.full(len(offsets), BOUND)
+    return descend(normal, gradient, offsets, -bound, bound)

@@ -1,15 +1,15 @@
 """Segments simulated from their measured states, and the whitened error of the simulation.
 
-Between two segments only angles and velocities of the measured axes are reset, and what bristles and slipping springs
-hold after such a motion (memory.py); the rest of the state (delayed commands, lags) continues. Motors without an
-encoder are led along what was measured, from the beginning of the log on (unseen.py): each segment starts from there.
-The start of a segment is known only as well as the sensors allow. To first order, from rollouts that start beside it,
-a wrong start adds correlated noise to the segment, and every comparison is whitened by it,
+Between two segments, angles and velocities of the measured axes are reset, and so are the torques of bristles and
+slipping springs (memory.py). The rest of the state (delayed commands, lags) continues. The states of motors without an
+encoder are simulated along the measured motion from the beginning of the log (unseen.py).
+The start of a segment has the uncertainty of the sensors. To first order, a wrong start adds correlated noise to the
+segment. All errors are whitened by its covariance,
 
     e' (1 + A S A')^-1 e = |w|^2,   w = e - U (1 - 1 / sqrt(1 + s^2)) U' e,   U s V' = A S^1/2
 
-with the error e in units of the noise, A the sensitivities, S the variances of the start. An unknown start would be
-projected out, an exact one has no effect.
+with the error e in units of the noise, A the sensitivities to the start by finite differences, S the variances of the
+start. An unknown start would be projected out, an exact one has no effect.
 """
 
 from __future__ import annotations
@@ -28,12 +28,30 @@ from via_sim.parameters import DYNAMIC, SERVO, P
 from via_sim.plants import JointPlant
 from via_sim.torques import HISTORY, QUEUED, X
 
-from via_gap.residual.memory import HELD, goals_along, held_along, with_late_goal, with_memory
+from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal, with_memory
 from via_gap.residual.segments import Indices, Segments, binned
 from via_gap.residual.threads import THREADS, together
-from via_gap.residual.unseen import Along, led_apart
+from via_gap.residual.unseen import MeasuredPath, UnseenMotors
 
 LEAD = 0.06  # [s] longer than any lag between channels
+
+
+@dataclass(frozen=True, eq=False)
+class _Inputs:
+    """What a simulation of K rows starts from and is driven by.
+
+    rows      (K, N_PARAMETERS)
+    commands  (1 or K, T, N_COMMANDS) of all rows, or of each
+    memory    (K, C, HELD) torques of elements with memory at the starts; None: no row has any, or `states` contain them
+    states    (K, C, S) whole states at the starts, where a motor has no encoder
+    offset    (6,) added to every start
+    """
+
+    rows: Array
+    commands: Array
+    memory: Array | None
+    states: Array | None
+    offset: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +59,9 @@ class Rollout:
     """Chosen segments of a log, ready to be simulated with any parameter row.
 
     chosen       indices of segments, ascending
-    motor_start  [rad] added to the angle at which motors without an encoder begin the log
-    basis        orthonormal (C, b a, k): what a wrong start does to each segment, in units of the noise
-    shrink       (C, k) how much of a residual along each of them is put down to the start
+    basis        orthonormal (C, b a, k): errors of each segment by a wrong start, in units of the noise
+    shrink       (C, k) fraction of a residual along each of them that is attributed to the start
+    motor_start  [rad] added to the initial angle of motors without an encoder
     """
 
     segments: Segments
@@ -51,7 +69,7 @@ class Rollout:
     nominal: Array  # (N_PARAMETERS,) row for this rate
     basis: Array
     shrink: Array
-    lead: int  # ticks that are simulated before the first segment of a stretch
+    lead: int  # ticks that are simulated before the first segment of a chain
     motor_start: float = 0.0
 
     @staticmethod
@@ -62,7 +80,7 @@ class Rollout:
         return replace(unknown, basis=basis, shrink=shrink)
 
     def part(self, which: Indices) -> Rollout:
-        """Some of the segments, by their indices into `chosen`; a short lead is enough where all axes were measured."""
+        """Some of the segments, by their indices into `chosen`; with all axes measured, a short lead is enough."""
         lead = self.lead
         if all(self.segments.log.motors_seen):
             lead = min(round(LEAD * self.segments.rate), self.segments.ticks)
@@ -79,90 +97,88 @@ class Rollout:
         offset    (6,) is added to every start
         commands  (K, T, N_COMMANDS) of each row, instead of the log's
 
-        Every stretch of neighbouring segments with every row is a run of its own; runs of about one length go in
-        lockstep.
+        Each chain of neighbouring segments with each row is a run; runs of similar length are simulated in lockstep.
         """
         seen = all(self.segments.log.motors_seen)
-        stretches = self._stretches(seen)
+        chains = self._chains(seen)
         out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
-        order = np.argsort(-stretches[:, 1], kind="stable")
+        order = np.argsort(-chains[:, 1], kind="stable")
         runs = np.stack([np.tile(np.arange(len(rows)), len(order)), np.repeat(order, len(rows))], axis=1)
-        size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # as many on every thread
-        pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
-        drive = self.segments.commands[None] if commands is None else commands
-        held = led = None  # by elements with memory, where every angle they hang on was seen; whole states, where not
+        size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # the same number on every thread
+        memory = states = None
         if not seen:
-            led = self._led(rows, commands)
+            states = self._states_of_unseen(rows, commands)
         elif with_memory(rows).any():
-            held = held_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
-        together(partial(self._run, rows, offset, drive, held, led, stretches, piece, out) for piece in pieces)
+            memory = torques_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
+        inputs = _Inputs(rows, self.segments.commands[None] if commands is None else commands, memory, states, offset)
+        pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
+        together(partial(self._run, inputs, chains, piece, out) for piece in pieces)
         return out
 
-    def _stretches(self, seen: bool) -> Indices:
-        """(n, 2): index into `chosen` of the first segment of each stretch of neighbours, and how many they are.
+    def _chains(self, seen: bool) -> Indices:
+        """(n, 2): index into `chosen` of the first segment of each chain of neighbours, and their number.
 
-        Where all motors were seen neighbours go on from one another; else each segment is led to on its own.
+        In a chain, the state continues from segment to segment. If a motor was not measured (not `seen`), each segment
+        is a chain, because its whole state is known.
         """
         first = np.flatnonzero(np.concatenate(([True], (np.diff(self.chosen) != 1) | (not seen))))
         return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
 
-    def _led(self, rows: Array, commands: Array | None) -> Array:
-        """(K, C, S) states of rows at the beginning of each chosen segment, led along what was measured."""
+    def _states_of_unseen(self, rows: Array, commands: Array | None) -> Array:
+        """(K, C, S) states of rows at the beginning of each chosen segment, where a motor has no encoder."""
+        motors = self._unseen_motors
         if commands is None:
-            return self._along.states(rows)
-        begins = self.segments.begin[self.chosen]
+            return motors.states(rows)
         starts = self._at_rest(commands.reshape(-1, commands.shape[2]), np.arange(len(rows)) * commands.shape[1])
-        return led_apart(rows, starts, commands, self.segments.start, np.array(self.segments.axes), begins)
+        return motors.path.states(rows, starts, commands)
 
     @cached_property
-    def _along(self) -> Along:
+    def _unseen_motors(self) -> UnseenMotors:
         segments, begins = self.segments, self.segments.begin[self.chosen]
         start = self._at_rest(segments.commands, np.zeros(1, dtype=np.intp))[0]
-        return Along(segments.commands, segments.start, np.array(segments.axes), start, begins)
+        return UnseenMotors(MeasuredPath(segments.start, np.array(segments.axes), begins), segments.commands, start)
 
     def _at_rest(self, sent: Array, under: Indices) -> Array:
-        """State rows at tick 0, as the recording began."""
-        states = self._fresh(np.zeros(len(under), dtype=np.intp), sent, under)
+        """State rows at tick 0."""
+        states = self._initial(np.zeros(len(under), dtype=np.intp), sent, under)
         states[:, [axis for axis in (1, 2) if axis not in self.segments.axes]] += self.motor_start
         return states
 
-    def _run(
-        self, rows: Array, offset: Array | None, drive: Array, held: Array | None, led: Array | None,
-        stretches: Indices, runs: Indices, out: Array,
-    ) -> None:  # fmt: skip
-        """The `runs` (n, 2), row and stretch each; of one with fewer segments than another the lane ends."""
+    def _run(self, inputs: _Inputs, chains: Indices, runs: Indices, out: Array) -> None:
+        """Simulate `runs` (n, 2), pairs of row and chain, longest chains first, and write angles into `out`."""
+        rows, drive = inputs.rows, inputs.commands
         segments, axes = self.segments, list(self.segments.axes)
         known = np.array([*axes, *(3 + axis for axis in axes)])
-        first, count = stretches[runs[:, 1]].T
+        first, count = chains[runs[:, 1]].T
         warm = np.maximum(segments.begin[self.chosen[first]] - self.lead, 0)
         sent = drive.reshape(-1, drive.shape[2])
-        under = runs[:, 0] % len(drive) * drive.shape[1]  # where each run's commands begin in all that were sent
-        if led is None:
-            states = self._fresh(warm, sent, under)
-            self._late_goals(rows, drive, runs, warm, states)
+        under = runs[:, 0] % len(drive) * drive.shape[1]  # row of `sent` at which the commands of each run begin
+        if inputs.states is None:
+            states = self._initial(warm, sent, under)
+            self._late_goals(inputs, runs, warm, states)
+            ahead = np.flatnonzero(self.chosen[first] > 0)
+            if ahead.size:
+                begun, moved = states[ahead], np.empty((len(ahead), self.lead + 1, 6))
+                run_many(rows[runs[ahead, 0]], begun, sent, under[ahead] + warm[ahead], moved)
+                states[ahead] = begun
         else:
-            states = led[runs[:, 0], first]
-        ahead = np.flatnonzero((self.chosen[first] > 0) & (led is None))
-        if ahead.size:
-            begun, moved = states[ahead], np.empty((len(ahead), self.lead + 1, 6))
-            run_many(rows[runs[ahead, 0]], begun, sent, under[ahead] + warm[ahead], moved)
-            states[ahead] = begun
+            states = inputs.states[runs[:, 0], first]
         moved = np.empty((len(runs), segments.ticks + 1, 6))
         for j in range(int(count.max())):
-            left = int(np.sum(count > j))  # runs come longest first
+            left = int(np.sum(count > j))  # shorter chains have ended
             here, run, state = first[:left] + j, rows[runs[:left, 0]], states[:left]
             begin = segments.begin[self.chosen[here]]
             state[:, known] = self._starts(run, begin)[:, known]
-            if held is not None:
-                state[:, X.bristle : X.bristle + HELD] = held[runs[:left, 0], here]
-            if offset is not None:
-                state[:, :6] += offset
-            self._remembered(run, begin, state)
+            if inputs.memory is not None:
+                state[:, X.bristle : X.bristle + HELD] = inputs.memory[runs[:left, 0], here]
+            if inputs.offset is not None:
+                state[:, :6] += inputs.offset
+            self._write_history(run, begin, state)
             run_many(run, state, sent, under[:left] + begin, moved[:left])
             out[runs[:left, 0], here] = binned(moved[:left][:, :, axes], segments.every, segments.averaged)
 
-    def _fresh(self, ticks: Indices, sent: Array, under: Indices) -> Array:
-        """State rows (n, .) at ticks: what was seen, commands under way, motors that were not seen at their command."""
+    def _initial(self, ticks: Indices, sent: Array, under: Indices) -> Array:
+        """State rows (n, .) at ticks: measured axes, unmeasured motors at their command, queues of delayed commands."""
         segments = self.segments
         length = ceil(MAX_DELAY * segments.rate) + 2
         states = np.zeros((len(ticks), X.queue + QUEUED * length))
@@ -173,7 +189,7 @@ class Rollout:
         before = ticks[:, None] - np.arange(1, length + 1)
         queue[each[:, None], before % length] = sent[under[:, None] + np.maximum(before, 0), :QUEUED]
         early, back = np.nonzero(before < 0)
-        for axis in (1, 2):  # servos stood where they were before the log began
+        for axis in (1, 2):  # before the log began, servos were at rest
             if known[axis] and self.nominal[P.axis_kind + axis] == SERVO:
                 queue[early, before[early, back] % length, axis - 1] = segments.rest[axis]
         for axis in range(3):
@@ -190,8 +206,9 @@ class Rollout:
         history[:, :, :3] = states[:, None, :3]
         return states
 
-    def _late_goals(self, rows: Array, drive: Array, runs: Indices, ticks: Indices, states: Array) -> None:
-        """How far the goals of position drives are behind their commands at `ticks` of `runs`, into states (n, .)."""
+    def _late_goals(self, inputs: _Inputs, runs: Indices, ticks: Indices, states: Array) -> None:
+        """Write into states (n, .) how far goals of position drives are behind their commands at `ticks` of `runs`."""
+        rows, drive = inputs.rows, inputs.commands
         for k in np.flatnonzero(with_late_goal(rows)):
             own = np.flatnonzero(runs[:, 0] == k)
             if own.size:
@@ -199,7 +216,7 @@ class Rollout:
                 states[own, X.behind], states[own, X.lag] = found.T
 
     def _starts(self, rows: Array, ticks: Indices) -> Array:
-        """Where segments start (n, 6): as read there, errors that a row gives its encoders undone."""
+        """True angles and velocities (n, 6) at ticks: the measured ones without the encoder errors of each row."""
         segments = self.segments
         states = segments.start[ticks]
         for axis in segments.axes:
@@ -216,11 +233,11 @@ class Rollout:
             states[:, axis], states[:, 3 + axis] = true_motions(rows, axis, states[:, axis], states[:, 3 + axis])
         return states
 
-    def _remembered(self, rows: Array, ticks: Indices, states: Array) -> None:
-        """Where axes were before segments that start at `ticks` (n,), for encoders that read late, into states (n, .).
+    def _write_history(self, rows: Array, ticks: Indices, states: Array) -> None:
+        """Write into states (n, .) the motion before segments that start at `ticks` (n,), for late encoders.
 
-        A late encoder's first readings of a segment are of the time before it: as it read then, not as the segment
-        before it ran, which ended somewhere else.
+        The first samples of a late encoder in a segment are from the time before it. They are the measured motion then,
+        not the simulated motion of the segment before, which ended elsewhere.
         """
         skews = rows[:, [P.skew + axis for axis in self.segments.axes]].max(axis=1)
         late = np.flatnonzero(skews > 0.0)
@@ -236,7 +253,7 @@ class Rollout:
         states[late, X.history : X.queue] = history.reshape(len(late), -1)
 
     def _sensitivity(self, row: Array) -> tuple[Array, Array]:
-        """Directions and shares for `residual`, by runs that start one standard deviation beside the measured state."""
+        """`basis` and `shrink`, from runs whose start is one standard deviation beside the measured state."""
         steps = []
         for axis, noise in zip(self.segments.axes, self.segments.start_noise, strict=True):
             for slot, size in ((axis, noise[0]), (3 + axis, noise[1])):
@@ -251,14 +268,14 @@ class Rollout:
         return basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
-        """Whitened measured minus simulated (K, C, b a), under commands as of `motion`; what overflowed is huge."""
+        """Whitened measured minus simulated (K, C, b a), commands as in `motion`; overflow gives a huge value."""
         segments = self.segments
         scale = segments.weight[self.chosen] / segments.noise
         error = (segments.measured[self.chosen] - self.motion(rows, commands=commands)) * scale
-        return self._less_starts(error.reshape(len(rows), len(self.chosen), self.size))
+        return self._without_starts(error.reshape(len(rows), len(self.chosen), self.size))
 
     def baseline(self) -> Array:
-        """Whitened measured minus a straight line from each measured start (C, b a): motion without any model."""
+        """(C, b a) whitened error of a prediction without a model: constant velocity from each measured start."""
         segments = self.segments
         ticks = np.arange(segments.ticks + 1) / segments.rate
         start = segments.start[segments.begin[self.chosen]]
@@ -266,20 +283,20 @@ class Rollout:
         line = start[:, None, axes] + ticks[None, :, None] * start[:, None, [3 + axis for axis in axes]]
         error = segments.measured[self.chosen] - binned(line, segments.every, segments.averaged)
         scaled = error * segments.weight[self.chosen] / segments.noise
-        return self._less_starts(scaled.reshape(1, len(self.chosen), self.size))[0]
+        return self._without_starts(scaled.reshape(1, len(self.chosen), self.size))[0]
 
-    def _less_starts(self, error: Array) -> Array:
-        """Errors (K, C, b a) without what uncertain starts explain; what overflowed is huge."""
+    def _without_starts(self, error: Array) -> Array:
+        """Errors (K, C, b a) without the part that uncertain starts explain; overflow gives a huge value."""
         flat = np.clip(np.nan_to_num(error, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
         return flat - np.einsum("crk,Kck->Kcr", self.basis, along)
 
 
-def settled(segments: Segments) -> Segments:
-    """The same without the segments in which it still shows where motors without an encoder began.
+def without_transient(segments: Segments) -> Segments:
+    """The segments, those marked invalid on which the unknown initial angle of a motor without encoder has influence.
 
-    Their start is moved by the standard deviation of the link's angle; what that changes has to be below the noise.
-    Where it never is, all segments stay.
+    That angle is moved by the standard deviation of the link angle. Segments up to the last one that changes by more
+    than the noise are invalid. If that is all of them, all stay valid.
     """
     if all(segments.log.motors_seen) or segments.log.device.drive == "servo":
         return segments

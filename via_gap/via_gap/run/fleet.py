@@ -63,20 +63,29 @@ class Row:
     report: str = ""  # its file, relative to the results
 
 
+@dataclass(frozen=True)
+class Workers:
+    """Processes of a fleet.
+
+    scheduler  address of a dask scheduler whose workers have VIA and the same files; None: processes on this machine
+    count      number of processes on this machine; None: one per core
+    """
+
+    scheduler: str | None = None
+    count: int | None = None
+
+
 def run_fleet(
     logs: Sequence[Path],
     device: Device,
     results: Path,
     progress: OnDone = lambda _done, _of, _path: None,
-    scheduler: str | None = None,
-    workers: int | None = None,
+    workers: Workers = Workers(),
     joint_topic: str = "/joint_states",
 ) -> list[Row]:
     """Diagnose every log; rows in the order of `logs`.
 
-    progress   called with the number of logs done, first with those of earlier runs
-    scheduler  address of a dask scheduler whose workers have VIA and the same files; None: processes on this machine
-    workers    number of these processes; None: one per core
+    progress  called with the number of logs done, first with those of earlier runs
 
     Raises ViaError where the results cannot be written or the scheduler does not answer.
     """
@@ -92,7 +101,7 @@ def run_fleet(
     every = len(found) + len(todo)
     progress(len(found), every, None)
     if todo:
-        with _client(scheduler, workers) as client:
+        with _client(workers) as client:
             for key, row in _diagnosed(client, todo, device, joint_topic, results):
                 found[key] = row
                 progress(len(found), every, todo[key])
@@ -225,13 +234,14 @@ def _write(path: Path, text: str) -> None:
 
 
 @contextmanager
-def _client(scheduler: str | None, workers: int | None) -> Iterator[Client]:
+def _client(workers: Workers) -> Iterator[Client]:
     """A client of the scheduler, or of local processes that only this machine can reach."""
-    if scheduler is not None:
+    if workers.scheduler is not None:
         try:
-            client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
+            client = Client(workers.scheduler, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
-            raise ViaError(f"scheduler {scheduler}: {' '.join(str(error).split()) or 'does not answer'}") from None
+            reason = " ".join(str(error).split()) or "does not answer"
+            raise ViaError(f"scheduler {workers.scheduler}: {reason}") from None
         with client:
             client.register_plugin(OwnKernels())
             yield client
@@ -239,7 +249,7 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     with tempfile.TemporaryDirectory(prefix="via_fleet_", ignore_cleanup_errors=True) as folder:
         with undisturbed():
             cluster = LocalCluster(
-                n_workers=workers or len(os.sched_getaffinity(0)),
+                n_workers=workers.count or len(os.sched_getaffinity(0)),
                 threads_per_worker=1,
                 processes=True,
                 host=LOOPBACK,

@@ -234,6 +234,6 @@ class Monitor:
 
 def fitted_device(device: Device, report: GapReport) -> Device:
     """The device with the parameters that a diagnosis fitted inside their tolerances."""
-    found = {each.name: each.deviations for each in report.nuisance}
+    found = {each.name: each.offset for each in report.nuisance}
     moved = nuisances(JointPlant.from_device(device))
     return repaired_device(device, moved, np.array([found.get(each.name, 0.0) for each in moved]))

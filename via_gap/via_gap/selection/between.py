@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from scipy.linalg import solve
 
-from via_gap.candidates.fit import FINISHING, member_slopes, members_of, on, refine
+from via_gap.candidates.fit import FINISHING, fit_on, member_slopes, members_of, refine
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.subset import subset
 from via_gap.logs.between import period_of
@@ -48,7 +48,7 @@ def _refined(experiment: Experiment, start: Evaluation, best: Evaluation, scales
     """The effects of `best` fitted in an experiment, from the numbers of `start`: the same effort on each side."""
     if not best.fit.effects:
         return start
-    fit = refine(experiment.fitted, start.fit, None, members_of(best.fit), scales, rounds=FINISHING)
+    fit = refine(experiment.fitted, start.fit, members_of(best.fit), scales, FINISHING)
     return start if fit is None else experiment.evaluate([fit])[0]
 
 
@@ -56,8 +56,8 @@ def _late(few: ResidualModel, best: Evaluation, scales: Scales) -> float | None:
     """[s] by which lines act late; None where to first order they explain no more."""
     period = period_of(few.views[0].segments.log)
     lines, later = (few.under(partial(lined, late=late)) for late in (0.0, STEP * period))
-    now, start, moved = (on(each, best.fit) for each in (few, lines, later))
-    own = lines.nuisance_jacobian(start.effects, start.deviations, start.residual)
+    now, start, moved = (fit_on(each, best.fit) for each in (few, lines, later))
+    own = lines.nuisance_jacobian(start.effects, start.offsets, start.residual)
     shift = (moved.residual - start.residual) / STEP
     columns = [own, shift[:, None]]
     if start.effects:
@@ -68,7 +68,7 @@ def _late(few: ResidualModel, best: Evaluation, scales: Scales) -> float | None:
     known = np.arange(own.shape[1])
     normal[known, known] += 1.0
     pull = weighted.T @ (lines.weights(start.residual) * start.residual)
-    pull[known] += start.deviations
+    pull[known] += start.offsets
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-12))
     step = -solve(normal / np.outer(scale, scale) + 1e-9 * np.eye(len(scale)), pull / scale, assume_a="pos") / scale
     share = float(np.clip(step[-1], 0.0, 0.5))

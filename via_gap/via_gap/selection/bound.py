@@ -83,7 +83,7 @@ class Flexible:
 
 def flexible(fitted: ResidualModel, start: Fit) -> Flexible:
     """The flexible model beside the effects and numbers of `start`, fitted to the segments of `fitted`."""
-    row = fitted.row(start.effects, start.deviations)
+    row = fitted.row(start.effects, start.offsets)
     limits = row[P.torque_limit : P.torque_limit + 2].copy()
     row[P.torque_limit : P.torque_limit + 2] = np.inf
     columns = [EXTERNAL]

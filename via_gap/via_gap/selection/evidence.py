@@ -67,7 +67,7 @@ def evaluate(held: ResidualModel, fits: Sequence[Fit], other: ResidualModel | No
     """Every fit on the held-out segments of the view that judges and of the `other` view, in the order given."""
     if not fits:
         return []
-    rows = [held.row(fit.effects, fit.deviations) for fit in fits]
+    rows = [held.row(fit.effects, fit.offsets) for fit in fits]
     residuals = held.residual(rows)
     first = held.views[0].segments
     block = max(1, round(BLOCK * first.rate / first.ticks))

@@ -1,14 +1,15 @@
-"""What is fitted, what is held out, and which view judges.
+"""Segments that are fitted, segments that are held out, and the view in which models are compared.
 
-Two views look at every segment: simulated from its measured start (`Rollout`), and the torque that its equations lack
-along the measured motion (`InverseDynamics`). Simulated segments judge, with inverse dynamics as the witness that can
-contradict, unless the model does not clearly predict the motion better than a straight line from each start: then
-measured torque does not predict it, whatever keeps the model from moving would win, and inverse dynamics judges alone.
+There are two views of the error of a segment: the simulation from its measured start (`Rollout`), and the missing
+torque of its equations along the measured motion (`InverseDynamics`). Models are compared by simulation, and inverse
+dynamics can veto them. If the tuned device does not predict the motion clearly better than constant velocity from each
+start, measured torque does not predict the motion, and any effect that keeps the model at rest would win. Then models
+are compared by inverse dynamics alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -18,7 +19,7 @@ from via_core.signals import Array
 
 from via_gap.candidates.fit import Fit, fit_device_numbers
 from via_gap.residual.inverse_dynamics import InverseDynamics
-from via_gap.residual.residual_model import ResidualModel
+from via_gap.residual.residual_model import ResidualModel, View
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Indices, Segments, lined
 from via_gap.selection.evidence import Evaluation, clearly_worse, evaluate
@@ -32,14 +33,15 @@ By = Literal["segments", "whole runs", "inverse dynamics"]
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Segments of all logs, those held out last, and the models that are fitted to some and judged on others.
+    """Segments of all logs, those of held-out logs last, and their residual models.
 
-    train, held  indices of segments, one array per log
-    fitted       what fits minimise; `judged` what they are evaluated on
-    witness      the other view of the held-out segments, None where it cannot judge
-    nominal      the device as filed, evaluated; `tuned` its own numbers fitted
-    baseline     the prediction without a model, evaluated in the view that judges
-    folds        cross-validation over whole runs, where each is one segment
+    train, held  indices of fitted and held-out segments, one array per log
+    by           view in which models are compared
+    fitted       residual model that fits minimise; `evaluated` the one on which fits are compared
+    witness      the other view of the held-out segments; None if it is not available
+    nominal      evaluation of the device as filed; `tuned` with its parameters fitted
+    baseline     evaluation of a prediction without a model
+    folds        cross-validation over whole runs, where each run is one segment
     """
 
     segments: tuple[Segments, ...]
@@ -47,7 +49,7 @@ class Experiment:
     held: tuple[Indices, ...]
     by: By
     fitted: ResidualModel
-    judged: ResidualModel
+    evaluated: ResidualModel
     witness: ResidualModel | None
     nominal: Evaluation
     tuned: Evaluation
@@ -63,11 +65,11 @@ class Experiment:
     ) -> Experiment:
         """The experiment on logs cut into segments.
 
-        holdout         logs to judge on; without them stretches of the same logs are held out
-        groups          of logs, by their names: those of one group never speak for each other
-        only_equations  inverse dynamics judges alone, whatever is predicted
+        holdout         logs to compare models on; without them, segments of the same logs are held out
+        groups          group of each log by its name; logs of one group are left out together in cross-validation
+        only_equations  compare models by inverse dynamics alone
 
-        Raises SignalError where inverse dynamics is needed and the signals allow none.
+        Raises SignalError if inverse dynamics is needed and the signals do not allow it.
         """
         train, held, everything = split(segments, holdout)
         if only_equations:
@@ -83,39 +85,46 @@ class Experiment:
             known = groups or {}
             names = [known.get(s.log.name, i) for i, s in enumerate(segments) if len(train[i])]
             return made._crossed(names)
-        open_loop = made.judged.device.drive == "torque"  # else the loop that moves the joint is part of the model
+        open_loop = made.evaluated.device.drive == "torque"  # otherwise the control loop is part of the model
         if open_loop and made.witness is not None and not clearly_worse(made.baseline, made.tuned):
             return made._by_equations() or made
         return made
 
     def evaluate(self, fits: Sequence[Fit]) -> list[Evaluation]:
-        """Fits on held-out segments of the view that judges and of the witness."""
-        return evaluate(self.judged, fits, self.witness)
+        """Held-out errors of fits in both views."""
+        return evaluate(self.evaluated, fits, self.witness)
+
+    @property
+    def by_equations(self) -> bool:
+        """Whether models are compared by inverse dynamics."""
+        return self.by == "inverse dynamics"
 
     def around(self, events: Sequence[float]) -> Experiment:
-        """The same with finely alternating segments; those in which something begins or ends [s] are fitted."""
+        """The same with finely alternating segments; those that contain one of `events` [s] are fitted."""
         train, held = split_finely(self.segments, events)
-        return _experiment(self.segments, train, held, self.by == "inverse dynamics", self.fitted.robust)
+        return _experiment(self.segments, train, held, self.by_equations, self.fitted.robust)
 
     def in_lines(self, late: float) -> Experiment:
-        """The same experiment with commands on lines from sample to sample, `late` [s]."""
+        """The same with commands interpolated linearly between samples, delayed by `late` [s]."""
         segments = [lined(each, late) for each in self.segments]
-        return _experiment(segments, self.train, self.held, self.by == "inverse dynamics", self.fitted.robust)
+        return _experiment(segments, self.train, self.held, self.by_equations, self.fitted.robust)
 
     def everywhere(self) -> ResidualModel:
-        """All segments, fitted and held out, in the view that judges."""
+        """The residual model of all segments, fitted and held out."""
         every = [np.flatnonzero(each.valid) for each in self.segments]
-        return ResidualModel.of(self.segments, every, _view(self.by == "inverse dynamics"), self.fitted.robust)
+        return ResidualModel.of(self.segments, every, _view(self.by_equations), self.fitted.robust)
 
     @property
     def contradicts(self) -> bool:
-        """Whether the witness can contradict: it predicts better than no model does."""
-        return self.witness is not None and not clearly_worse(
-            _seen_by_witness(self.tuned), Evaluation(self.tuned.fit, *_baseline(self.witness), self.tuned.block)
-        )
+        """Whether the witness may veto: the tuned device is not clearly worse there than no model."""
+        if self.witness is None:
+            return False
+        tuned, seen = self.tuned, self.tuned.witness
+        nothing = Evaluation(tuned.fit, *_baseline(self.witness), tuned.block)
+        return not clearly_worse(Evaluation(tuned.fit, seen, seen, tuned.block), nothing)
 
     def _by_equations(self) -> Experiment | None:
-        """The same judged by inverse dynamics alone; None where no model predicts the torque either."""
+        """The same compared by inverse dynamics alone; None if no model predicts the torque of the drive either."""
         made = _experiment(self.segments, self.train, self.held, equations=True)
         bound = Evaluation(
             made.tuned.fit, made.tuned.residual, made.bound_of_equations(made.tuned.fit), made.tuned.block
@@ -123,16 +132,16 @@ class Experiment:
         return None if clearly_worse(bound, made.baseline) else made
 
     def bound_of_equations(self, fit: Fit) -> Array:
-        """(S,) mean squared whitened missing torque that a flexible torque model beside a fit leaves, held out."""
-        row = self.fitted.row(fit.effects, fit.deviations)
+        """(S,) mean squared whitened held-out missing torque that a flexible torque model beside a fit leaves."""
+        row = self.fitted.row(fit.effects, fit.offsets)
         sides = []
-        for model in (self.fitted, self.judged):
+        for model in (self.fitted, self.evaluated):
             views = [view for view in model.views if isinstance(view, InverseDynamics)]
             sides += [views, [view.residual(row[None])[0] for view in views]]
         return torque_bound(*sides)
 
     def _crossed(self, names: Sequence[Hashable]) -> Experiment:
-        """Whole runs: causes are chosen on the fitted runs alone, each evaluated by fits to others."""
+        """The same for whole runs: models are compared by cross-validation over the fitted runs."""
         folds = Folds.of(self.fitted, names)
         if folds is None:
             return replace(self, by="whole runs")
@@ -148,9 +157,9 @@ def _experiment(
     segments: Sequence[Segments], train: Sequence[Indices], held: Sequence[Indices], equations: bool = False,
     robust: bool = True,
 ) -> Experiment:  # fmt: skip
-    """Both sides of one view, with the device's own numbers fitted by the loss that judges, and evaluated."""
+    """An experiment in one view, with the device parameters fitted and evaluated."""
     view = _view(equations)
-    fitted, judged = (ResidualModel.of(segments, side, view, robust) for side in (train, held))
+    fitted, evaluated = (ResidualModel.of(segments, side, view, robust) for side in (train, held))
     witness = None
     if not equations:
         try:
@@ -158,22 +167,20 @@ def _experiment(
         except SignalError:
             witness = None
     base = fit_device_numbers(fitted)
-    filed = Fit((), np.zeros_like(base.deviations), 0.0, np.empty(0), np.empty((0, 0)))
-    nominal, tuned = evaluate(judged, [filed, base], witness)
-    baseline = Evaluation(base, *_baseline(judged), tuned.block)
+    filed = Fit((), np.zeros_like(base.offsets), 0.0, np.empty(0), np.empty((0, 0)))
+    nominal, tuned = evaluate(evaluated, [filed, base], witness)
+    baseline = Evaluation(base, *_baseline(evaluated), tuned.block)
     by: By = "inverse dynamics" if equations else "segments"
-    return Experiment(tuple(segments), tuple(train), tuple(held), by, fitted, judged, witness, nominal, tuned, baseline)
+    return Experiment(
+        tuple(segments), tuple(train), tuple(held), by, fitted, evaluated, witness, nominal, tuned, baseline
+    )
 
 
-def _view(equations: bool):  # type: ignore[no-untyped-def]
+def _view(equations: bool) -> Callable[[Segments, Indices], View]:
     return InverseDynamics.of if equations else Rollout.of
 
 
 def _baseline(model: ResidualModel) -> tuple[Array, Array]:
-    """(R,) and (S,) of the prediction without a model."""
+    """(R,) residual of a prediction without a model, and its mean square (S,) per segment."""
     residual = model.baseline()
     return residual, model.per_segment(residual)
-
-
-def _seen_by_witness(each: Evaluation) -> Evaluation:
-    return Evaluation(each.fit, each.witness, each.witness, each.block)

@@ -1,11 +1,9 @@
-"""Evidence from the fitted logs alone: each is judged by fits that did not see it (cross-validation by groups of logs).
+"""Cross-validation over groups of fitted logs: each log is evaluated by fits to logs of other groups.
 
-Logs held out by the caller say how far a repair carries. Were they also asked which effects to add, and there are
-many to choose from, they would no longer be held out. So that runs of the same motion do not vouch for each other, logs
-of one group are left out together.
+Logs that the caller holds out measure the gap of the repair. They must not also choose among many effects. Logs of one
+group, such as runs of the same motion, are left out together.
 
-Source: T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning (2009), 7.10: what has to be left
-out.
+Source: T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning (2009), section 7.10.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.signals import Array
 
-from via_gap.candidates.fit import Fit, refine
+from via_gap.candidates.fit import Budget, Fit, members_of, refine
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices
@@ -24,15 +22,16 @@ from via_gap.selection.bound import flexible
 from via_gap.selection.evidence import Evaluation
 
 FOLDS = 3
-JUDGED = 4  # of the fits, those that are closest to the logs they were fitted to
-REFITS = 4  # rounds from the fit to all logs to that without some
+EVALUATED = 4  # fits with the least loss that are evaluated
+REFITS = Budget(rounds=4)  # from the fit to all logs to the fit without some
 
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """A problem and its parts: of each fold the logs kept, those left out, and where their values stand in (R,).
+    """A residual model and its folds.
 
-    block  segments of one group, which are resampled together
+    parts  of each fold the model of the logs kept, the model of those left out, and the indices of its values in (R,)
+    block  number of segments of one group, which are resampled together
     """
 
     whole: ResidualModel
@@ -41,7 +40,7 @@ class Folds:
 
     @staticmethod
     def of(whole: ResidualModel, groups: Sequence[Hashable]) -> Folds | None:
-        """Groups are of the views of `whole`. None where there are fewer than two."""
+        """groups: one for each view of `whole`. None if there are fewer than two."""
         names = list(dict.fromkeys(groups))
         if len(names) < 2:
             return None
@@ -55,12 +54,12 @@ class Folds:
         return Folds(whole, tuple(parts), max(1, round(sum(map(len, sizes)) / len(names))))
 
     def evaluate(self, fits: Sequence[Fit], scales: Scales | None) -> list[Evaluation]:
-        """The closest fits, fitted again without each fold (with `scales` where they have effects), judged on it."""
+        """The fits with the least loss, each fitted again without a fold and evaluated on it; effects need `scales`."""
         order = sorted(fits, key=lambda fit: fit.loss)
-        return [self._judged(fit, scales) for fit in order[:JUDGED]]
+        return [self._evaluated(fit, scales) for fit in order[:EVALUATED]]
 
     def flexible(self, fit: Fit) -> Array:
-        """(S,) mean squared whitened error that a flexible model beside a fit leaves of each fold it did not see."""
+        """(S,) mean squared whitened error of flexible models beside a fit, each fitted without the segment's fold."""
         residual = np.empty(self.whole.size)
         for kept, rest, where in self.parts:
             model = flexible(kept, fit)
@@ -68,22 +67,20 @@ class Folds:
         return self.whole.per_segment(residual)
 
     def nominal(self, fit: Fit) -> Evaluation:
-        """What a fit that was not fitted is worth."""
-        residual = self.whole.residual([self.whole.row(fit.effects, fit.deviations)])[0]
+        """Evaluation of a fit as it is."""
+        residual = self.whole.residual([self.whole.row(fit.effects, fit.offsets)])[0]
         return Evaluation(fit, residual, self.whole.per_segment(residual), self.block, whole=True)
 
-    def _judged(self, fit: Fit, scales: Scales | None) -> Evaluation:
+    def _evaluated(self, fit: Fit, scales: Scales | None) -> Evaluation:
         residual = np.empty(self.whole.size)
-        members = [
-            (location, list(e.parameters.values())) for location, e in zip(fit.locations, fit.effects, strict=True)
-        ]
+        members = members_of(fit)
         for kept, rest, where in self.parts:
-            effects, deviations = fit.effects, fit.deviations
+            effects, offsets = fit.effects, fit.offsets
             if members and scales is not None:
-                again = refine(kept, fit, None, members, scales, rounds=REFITS)
+                again = refine(kept, fit, members, scales, REFITS)
                 if again is not None:
-                    effects, deviations = again.effects, again.deviations
+                    effects, offsets = again.effects, again.offsets
             else:
-                deviations = kept.fit_nuisances(effects, deviations)[0]
-            residual[where] = rest.residual([rest.row(effects, deviations)])[0]
+                offsets = kept.fit_nuisances(effects, offsets)[0]
+            residual[where] = rest.residual([rest.row(effects, offsets)])[0]
         return Evaluation(fit, residual, self.whole.per_segment(residual), self.block, whole=True)

@@ -1,4 +1,4 @@
-"""The decision with the gap in numbers: before a repair, after it, and the least that can be reached."""
+"""The decision, and the size of the gap: before a repair, after it, and the achievable bound."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from typing import Literal
 
 import numpy as np
 from via_core.signals import Array
-from via_sim.effects import Effect
 
-from via_gap.candidates.scales import Scales
 from via_gap.logs.findings import Number, Record
 from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.recordings import follows
 from via_gap.residual.repaired_device import repaired_device
 from via_gap.selection.achievable import Achievable
+from via_gap.selection.comparison import ModelComparison
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.verdict import Decision, decide
@@ -35,15 +34,15 @@ class SignalGap(Record):
 class Gap(Record):
     """The gap over all signals: root mean square of those of each.
 
-    before     the device file as it stands
-    tuned      its numbers moved inside their tolerance, no effect
-    after      those numbers and the effects named
-    interval   95 % of `after`, from resampled blocks
-    floor      what the sensors alone leave
-    bound      achievable error: the least that a flexible torque model beside the repair, or the repair itself, leaves
+    before     of the device file as filed
+    tuned      of its parameters fitted inside their tolerances, without effects
+    after      of fitted parameters and named effects
+    interval   95 % interval of `after`, from resampled blocks
+    floor      of sensor noise alone
+    bound      achievable error: of the repair or, if lower, of a flexible torque model beside it
     explained  (before - after) / (before - bound)
     by         'segments': short runs from measured states; 'free run': one run over the whole log;
-               'inverse dynamics': torque that the equations lack, against the drive's
+               'inverse dynamics': missing torque of the equations, relative to the torque of the drive
     """
 
     by: By
@@ -57,13 +56,15 @@ class Gap(Record):
     signals: dict[str, SignalGap]
 
 
-def decided(experiment: Experiment, models: Sequence[Evaluation], scales: Scales) -> tuple[Decision, Gap]:
-    """The decision about `models`, the chosen one fitted to the end, and its gap.
+def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
+    """The decision, with the chosen model fitted to convergence, and its gap.
 
-    Nothing is named where the repair leaves no less of the held-out gap than the device's own numbers alone.
+    Nothing is named if the held-out gap of the repair is not below that of the fitted device parameters alone.
     """
+    experiment = comparison.experiment
     achievable = Achievable(experiment)
-    decision = decide(experiment.tuned, models, achievable.beside).converged(experiment, scales)
+    decision = decide(experiment.tuned, comparison.models, achievable.beside)
+    decision = decision.converged(experiment, comparison.candidates.scales)
     gap = measured_gap(experiment, decision.chosen, achievable)
     if not decision.named or gap.after < gap.tuned:
         return decision, gap
@@ -72,33 +73,29 @@ def decided(experiment: Experiment, models: Sequence[Evaluation], scales: Scales
 
 def measured_gap(experiment: Experiment, chosen: Evaluation, achievable: Achievable) -> Gap:
     """The gap of an experiment with the effects of `chosen`."""
-    three = (experiment.nominal, experiment.tuned, chosen)
-    judged = experiment.judged
-    if experiment.by == "inverse dynamics":
-        residuals = [judged.residual([judged.row(e.fit.effects, e.fit.deviations)])[0] for e in three]
-        errors = [torque_errors(judged, residual) for residual in residuals]
-        share = achievable.beside(chosen).rms / max(chosen.rms, 1e-12)
-        return _gap("inverse dynamics", errors, errors[2].signals * min(share, 1.0))
-    model = achievable.model(chosen.fit)
-    if not follows(judged.device):
-        residuals = [judged.residual([judged.row(e.fit.effects, e.fit.deviations)])[0] for e in three]
-        errors = [segment_errors(judged, residual) for residual in residuals]
-        reached = segment_errors(judged, model.residual(judged, model.functions(judged)))
+    fits = [each.fit for each in (experiment.nominal, experiment.tuned, chosen)]
+    data, by_equations = experiment.evaluated, experiment.by == "inverse dynamics"
+    if by_equations or not follows(data.device):
+        errors_of = torque_errors if by_equations else segment_errors
+        errors = [errors_of(data, data.residual([data.row(fit.effects, fit.offsets)])[0]) for fit in fits]
+        if by_equations:
+            share = achievable.beside(chosen).rms / max(chosen.rms, 1e-12)
+            return _gap("inverse dynamics", errors, errors[2].signals * min(share, 1.0))
+        model = achievable.model(chosen.fit)
+        reached = segment_errors(data, model.residual(data, model.functions(data)))
         return _gap("segments", errors, reached.signals)
-
-    def free(deviations: Array, effects: Sequence[Effect]) -> Errors:
-        device = repaired_device(judged.device, judged.nuisances, deviations)
-        return free_errors(device, effects, experiment.segments, experiment.held)
-
-    errors = [free(each.fit.deviations, each.fit.effects) for each in three]
-    repaired = repaired_device(judged.device, judged.nuisances, chosen.fit.deviations)
-    driven = [model.driven(each) for each in experiment.segments]
-    reached = free_errors(repaired, chosen.fit.effects, driven, experiment.held)
+    devices = [repaired_device(data.device, data.nuisances, fit.offsets) for fit in fits]
+    errors = [
+        free_errors(device, fit.effects, experiment.segments, experiment.held)
+        for device, fit in zip(devices, fits, strict=True)
+    ]
+    driven = [achievable.model(chosen.fit).driven(each) for each in experiment.segments]
+    reached = free_errors(devices[2], chosen.fit.effects, driven, experiment.held)
     return _gap("free run", errors, reached.signals)
 
 
 def _gap(by: By, errors: Sequence[Errors], reached: Array) -> Gap:
-    """Of errors before, tuned and after, and what a flexible model leaves of each signal."""
+    """The gap from errors before, tuned and after, and the errors `reached` (n,) by a flexible model."""
     first, second, third = errors
     low, high = np.quantile(third.resampled(), [0.025, 0.975])
     bounds = np.maximum(np.minimum(third.signals, reached), first.floors)
@@ -115,6 +112,6 @@ def _gap(by: By, errors: Sequence[Errors], reached: Array) -> Gap:
 
 
 def _explained(before: float, after: float, bound: float) -> float:
-    """(before - after) / (before - bound); 1 where there was nothing to explain."""
+    """(before - after) / (before - bound); 1 if nothing can be explained."""
     possible = before - bound
     return 1.0 if possible <= 1e-12 else float((before - after) / possible)

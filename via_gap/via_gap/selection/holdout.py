@@ -1,4 +1,4 @@
-"""What is fitted and what is judged: whole files, or blocks of the same file that alternate."""
+"""Split into fitted and held-out segments: whole logs, or alternating blocks of the same log."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from via_gap.selection.information import describe, hold_out
 
 BLOCK = 2.0  # [s] at least
 SEGMENTS = 6  # of a block at least
-NEAR = 0.02  # [s] to either side of a segment: what happens there shows in it, too
-LEAST = 0.02  # of the error of one side that the other has to have
+NEAR = 0.02  # [s] to either side of a segment: an event there has an influence on it
+LEAST = 0.02  # smallest ratio of the errors of both sides at which blocks are representative
 PATTERN = (True, True, False, True, False)  # which of five neighbouring blocks are fitted
 
 
 def split(
     segments: Sequence[Segments], holdout: Sequence[Segments]
 ) -> tuple[list[Indices], list[Indices], list[Segments]]:
-    """Indices of the segments to fit and to judge, per log of the list returned last (all logs, then the held-out)."""
+    """Indices of fitted and of held-out segments, per log of the list returned last (all logs, then the held-out)."""
     everything = [*segments, *holdout]
     valid: list[Indices] = [np.flatnonzero(each.valid) for each in everything]
     none: Indices = np.empty(0, dtype=np.intp)
@@ -29,15 +29,15 @@ def split(
         return train, [none if i < len(segments) else valid[i] for i in range(len(everything))], everything
     size = [max(SEGMENTS, int(np.ceil(BLOCK * each.rate / each.ticks))) for each in everything]
     if len(everything) > 2 and all(len(v) < 5 * n for v, n in zip(valid, size, strict=True)):
-        judged = _informative(everything, valid)  # of several short logs whole ones, none of which is nearly still
-        train = [none if h else v for v, h in zip(valid, judged, strict=True)]
-        return train, [v if h else none for v, h in zip(valid, judged, strict=True)], everything
+        out = _informative(everything, valid)
+        train = [none if h else v for v, h in zip(valid, out, strict=True)]
+        return train, [v if h else none for v, h in zip(valid, out, strict=True)], everything
     train, held = _by_blocks(valid, size)
     return train, held, everything
 
 
 def _informative(segments: Sequence[Segments], valid: Sequence[Indices]) -> list[bool]:
-    """Which logs are held out, so that both sides see comparable motion."""
+    """Whether each log is held out, such that both sides contain comparable motion."""
     windows = [
         each.begin[which][:, None] + np.arange(min(s.ticks for s in segments)) for each, which in zip(segments, valid)
     ]
@@ -45,15 +45,15 @@ def _informative(segments: Sequence[Segments], valid: Sequence[Indices]) -> list
     speed = np.concatenate([each.start[w, 3] for each, w in zip(segments, windows, strict=True)])
     log_of = np.repeat(np.arange(len(segments)), [len(each) for each in valid])
     held = hold_out(describe(angle, speed), list(map(int, log_of))).held
-    if not len(held):  # nothing moves: any choice is as good
+    if not len(held):  # nothing moves
         return [i % 3 == 2 for i in range(len(segments))]
     return [bool(i in set(log_of[held])) for i in range(len(segments))]
 
 
 def split_finely(segments: Sequence[Segments], events: Sequence[float] = ()) -> tuple[list[Indices], list[Indices]]:
-    """Indices of the segments to fit and to judge, of blocks of one segment: for what happens once in a log.
+    """Indices of fitted and of held-out segments in blocks of one segment: for effects that occur once in a log.
 
-    events  [s since the logs began] of what begins or ends. No other segment tells when: those that hold one are fitted
+    events  [s since the logs began]; segments that contain one are fitted, because no other segment shows its time
     """
     train, held = _by_blocks([np.flatnonzero(each.valid) for each in segments], [1] * len(segments))
     for i, each in enumerate(segments):
@@ -64,9 +64,9 @@ def split_finely(segments: Sequence[Segments], events: Sequence[float] = ()) -> 
     return train, held
 
 
-def one_sided(fitted: Array, judged: Array, noise: float) -> bool:
-    """Whether what is unexplained, as mean squared errors (S,) of segments, is seen by one side only."""
-    sizes = [float(np.mean(np.maximum(each - noise, 0.0))) for each in (fitted, judged)]
+def one_sided(fitted: Array, held_out: Array, noise: float) -> bool:
+    """Whether only one side, given by mean squared errors (S,) of its segments, has errors above the noise."""
+    sizes = [float(np.mean(np.maximum(each - noise, 0.0))) for each in (fitted, held_out)]
     return max(sizes) > noise and min(sizes) < LEAST * max(sizes)
 
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from via_gap.candidates.candidate_set import CandidateSet
-from via_gap.candidates.fit import FINISHING, Fit, Members, member_slopes, members_of, on, refine
+from via_gap.candidates.fit import FINISHING, Budget, Fit, Members, fit_on, member_slopes, members_of, refine
 from via_gap.candidates.location import PLAINER, Location
 from via_gap.candidates.ripple import with_harmonics
 from via_gap.candidates.scales import Scales
@@ -114,10 +114,10 @@ class Search:
 
     def _beside(self, fit: Fit) -> Search:
         """The same, with a subset in which what `fit` leaves is seen, and candidates simulated there."""
-        left = on(self.whole, fit).residual if fit is not self.tuned.fit else fit.residual
+        left = fit_on(self.whole, fit).residual if fit is not self.tuned.fit else fit.residual
         few = subset(self.whole.by_squares, left)[0]
-        start = on(few, self.tuned.fit)
-        jacobian = few.nuisance_jacobian(start.effects, start.deviations, start.residual)
+        start = fit_on(few, self.tuned.fit)
+        jacobian = few.nuisance_jacobian(start.effects, start.offsets, start.residual)
         tried = directions(few, start, self.candidates.locations, self.scales)
         return replace(self, few=few, start=start, jacobian=jacobian, tried=tried)
 
@@ -132,13 +132,13 @@ class Search:
 
     def _joined(self, fit: Fit, rival: float = 0.0) -> list[Fit]:
         """Fits on the subset of the effects of `fit` and the most promising one more."""
-        here = on(self.few, fit)
+        here = fit_on(self.few, fit)
         if not fit.effects:
             most = FITTED_WHOLE if self.tuned.whole else FITTED
             hopeful = ranked(self.start, self.jacobian, self.tried)[:most]
             jacobian = self.jacobian
         else:
-            jacobian = self.few.nuisance_jacobian(here.effects, here.deviations, here.residual)
+            jacobian = self.few.nuisance_jacobian(here.effects, here.offsets, here.residual)
             slopes = member_slopes(self.few, here, self.scales)
             most = FITTED_WHOLE if self.tuned.whole else FITTED_NEXT
             known = [each for each in self.tried if not any(map(each.location.overlaps, fit.locations))]
@@ -148,7 +148,8 @@ class Search:
         for number, (loss, place, values) in enumerate(hopeful):
             if number > 2 and loss > NEAR * max(hopeful[0][0], 1.0 * self.few.size):
                 break
-            found = refine(self.few, here, jacobian, [*members_of(fit), (place, values)], self.scales, rival)
+            members = [*members_of(fit), (place, values)]
+            found = refine(self.few, here, members, self.scales, Budget(rival=rival), jacobian)
             if found is not None:
                 fits.append(found)
                 rival = min(rival, found.loss) if rival else found.loss
@@ -166,7 +167,7 @@ class Search:
         for _, members in _distinct(ranked_pairs(self.start, self.jacobian, self.tried))[:PAIRS]:
             if frozenset(place for place, _ in members) in seen:
                 continue
-            fit = refine(self.few, self.start, self.jacobian, members, self.scales, rival)
+            fit = refine(self.few, self.start, members, self.scales, Budget(rival=rival), self.jacobian)
             if fit is not None:
                 found.append(fit)
                 rival = min(rival, fit.loss) if rival else fit.loss
@@ -178,7 +179,7 @@ class Search:
         older = list(fit.locations[:-1])
         while older:
             out = older.pop(0)
-            rest = refine(self.few, fit, None, [each for each in members_of(fit) if each[0] != out], self.scales)
+            rest = refine(self.few, fit, [each for each in members_of(fit) if each[0] != out], self.scales)
             joined = self._joined(rest, fit.loss) if rest is not None else []
             found += joined
             best = min(joined, key=lambda each: each.loss, default=fit)
@@ -198,7 +199,7 @@ class Search:
                 members = members_of(best)
                 members[number] = (replace(place, name=name), [float(np.mean([values[i] for i in which]))])
                 if frozenset(each for each, _ in members) not in there:
-                    plain = refine(self.few, best, None, members, self.scales)
+                    plain = refine(self.few, best, members, self.scales)
                     found += [plain] if plain is not None else []
         return found
 
@@ -207,7 +208,7 @@ class Search:
         found = []
         for out in fit.locations:
             members = [each for each in members_of(fit) if each[0] != out]
-            shorter = refine(self.whole, fit, None, members, self.scales, rounds=FINISHING)
+            shorter = refine(self.whole, fit, members, self.scales, FINISHING)
             found += [shorter] if shorter is not None else []
         return found
 
@@ -217,7 +218,7 @@ class Search:
         near = [fit for number, fit in enumerate(order) if number < CLOSEST or fit.loss < CLOSE * order[0].loss]
         found = near
         if self.few is not self.whole:
-            done = [refine(self.whole, fit, None, members_of(fit), self.scales, rounds=FINISHING) for fit in near]
+            done = [refine(self.whole, fit, members_of(fit), self.scales, FINISHING) for fit in near]
             found = [fit for fit in done if fit is not None]
         return found + with_harmonics(self.whole, found, self.candidates.equations, self.scales)
 

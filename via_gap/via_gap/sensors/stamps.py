@@ -78,8 +78,7 @@ def separate_delays(logs: Sequence[JointLog], models: Sequence[Evaluation]) -> t
         if late
         else "commands depend on the link angle as it is stamped: the angle is not late, the command is"
     )
-    finding = Finding(log=logs[0].name, check="feedback", signal="q", severity="note", value=float(late), text=text)
-    return _renamed(models, wrong, right), [finding]
+    return _renamed(models, wrong, right), [logs[0].finding("feedback", "q", "note", float(late), text)]
 
 
 def _renamed(found: Sequence[Evaluation], wrong: Location, right: Location) -> list[Evaluation]:

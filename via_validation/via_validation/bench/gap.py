@@ -154,10 +154,10 @@ def by_via(log: JointLog) -> Array:
         (Location("coulomb_friction", "motor", 1), [START[0]]),
         (Location("viscous_friction", "motor", 1), [START[1]]),
     ]
-    fit = refine(problem, base, None, members, scales)
+    fit = refine(problem, base, members, scales)
     assert fit is not None
     dry, viscous = fit.effects
-    share = problem.nuisances[0].tolerance * float(fit.deviations[0])
+    share = problem.nuisances[0].tolerance * float(fit.offsets[0])
     return totals(np.array([dry.parameters["torque"], viscous.parameters["coefficient"], share]))
 
 

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from via_gap.report.report import Cause, GapReport, Place, Value
+from via_gap.report.report import Cause, EffectLocation, GapReport, Value
 
 Outcome = Literal["named", "rightly tied", "silent", "wrong", "honest"]
 COMPLETE = ("effect", "several_effects")  # verdicts that everything is explained
@@ -137,5 +137,5 @@ def _documented_order(cause: Cause, truth: Truth) -> bool:
     return not orders or not truth.orders or bool(set(orders) & set(truth.orders))
 
 
-def _spot(each: Cause | Place) -> tuple[str, str, int]:
+def _spot(each: Cause | EffectLocation) -> tuple[str, str, int]:
     return each.effect, each.site, each.motor

@@ -20,7 +20,7 @@ from via_gap.residual.segments import Indices, Segments
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedStretch:
+class SimulatedInterval:
     """Consecutive held-out samples.
 
     time      (N,) [s] since the log began
@@ -48,7 +48,7 @@ class SimulatedStretch:
             return NAMES[axis]
         return "tau" if self.axes == (0,) else "tau_link" if axis == 0 else f"tau_{axis}"
 
-    def part(self, begin: int, end: int) -> SimulatedStretch:
+    def part(self, begin: int, end: int) -> SimulatedInterval:
         """The samples from `begin` to before `end`."""
         names = ("time", "states", "measured", "before", "after", "restarts")
         return replace(self, **{name: getattr(self, name)[begin:end] for name in names})
@@ -60,7 +60,7 @@ def runs(indices: Indices) -> list[Indices]:
     return [run for run in np.split(positions, np.flatnonzero(np.diff(indices) != 1) + 1) if len(run)]
 
 
-def segment_stretches(problem: ResidualModel, before: Array, after: Array) -> list[SimulatedStretch]:
+def segment_intervals(problem: ResidualModel, before: Array, after: Array) -> list[SimulatedInterval]:
     """Neighbouring segments of a problem, with whitened residuals (R,) of two simulations.
 
     The part of an error that the noise of the segment's start explains is not counted, as in the gap: 'simulated' is
@@ -80,13 +80,13 @@ def segment_stretches(problem: ResidualModel, before: Array, after: Array) -> li
             first, second = (flat - each[run].reshape(flat.shape) for each in errors)
             restarts = np.arange(len(ticks)) % bins == 0
             found.append(
-                SimulatedStretch(segments.log.name, segments.axes, ticks / segments.rate, segments.start[ticks], flat,
+                SimulatedInterval(segments.log.name, segments.axes, ticks / segments.rate, segments.start[ticks], flat,
                                  first, second, restarts, segments.noise)
             )  # fmt: skip
     return found
 
 
-def torque_stretches(problem: ResidualModel, before: Array, after: Array) -> list[SimulatedStretch]:
+def torque_intervals(problem: ResidualModel, before: Array, after: Array) -> list[SimulatedInterval]:
     """Neighbouring segments judged by inverse dynamics, with the missing torque (R,) of two models."""
     found, begin = [], 0
     for view in problem.views:
@@ -103,19 +103,19 @@ def torque_stretches(problem: ResidualModel, before: Array, after: Array) -> lis
                 for each in (sent, sent + missing[0], sent + missing[1])
             )
             found.append(
-                SimulatedStretch(segments.log.name, windows.axes, ticks / segments.rate, segments.start[ticks], flat,
+                SimulatedInterval(segments.log.name, windows.axes, ticks / segments.rate, segments.start[ticks], flat,
                                  first, second, np.zeros(len(ticks), dtype=bool), windows.floor, True)
             )  # fmt: skip
     return found
 
 
-def free_stretches(
+def free_intervals(
     nominal: Device,
     repaired: Device,
     effects: Sequence[Effect],
     segments: Sequence[Segments],
     chosen: Sequence[Indices],
-) -> list[SimulatedStretch]:
+) -> list[SimulatedInterval]:
     """Held-out stretches of logs that are simulated from beginning to end; the link angle only."""
     found = []
     floor = np.array([(nominal.sensors.link_quantum or 0.0) / np.sqrt(12.0)])
@@ -135,7 +135,7 @@ def free_stretches(
         for run in runs(inside):
             at = inside[run]
             found.append(
-                SimulatedStretch(log.name, (0,), time[at] - time[0], each.start[ticks[at]], q[at, None], before[at],
+                SimulatedInterval(log.name, (0,), time[at] - time[0], each.start[ticks[at]], q[at, None], before[at],
                                  after[at], np.zeros(len(at), dtype=bool), floor)
             )  # fmt: skip
     return found
