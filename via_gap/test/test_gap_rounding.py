@@ -8,7 +8,7 @@ from scipy.signal import savgol_filter
 from via_core.signals import Signals
 from via_gap.candidates.fit import fit_device_numbers
 from via_gap.logs.log import JointLog
-from via_gap.logs.rounding import between, correlation, mean_variance, slope_order, variance, variances
+from via_gap.logs.rounding import correlation, interpolated, mean_variance, slope_order, variance, variances
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
@@ -74,19 +74,19 @@ def test_between_readings_a_cubic_is_exact_and_its_weights_tell_what_is_left_of_
     time = np.cumsum(rng.uniform(0.9e-3, 1.1e-3, 3000))
     wanted = np.sort(rng.uniform(time[1], time[-2], 2000))
     cubic = np.polynomial.Polynomial([0.3, -2.0, 4.0, 7.0])
-    found, weights = between(time, cubic(time), wanted, 1.5e-3)
+    found, weights = interpolated(time, cubic(time), wanted, 1.5e-3)
     assert np.allclose(found, cubic(wanted), atol=1e-12)
     errors = 1e-9 * rng.normal(size=(3000, 400))  # which turn no bend
-    noisy = np.stack([1e9 * between(time, cubic(time) + each, wanted, 1.5e-3)[0] for each in errors.T])
+    noisy = np.stack([1e9 * interpolated(time, cubic(time) + each, wanted, 1.5e-3)[0] for each in errors.T])
     independent = np.eye(1, 4)[0]
     assert np.mean(variances(weights, independent)) == pytest.approx(float(np.mean(np.var(noisy, axis=0))), rel=0.02)
-    assert between(time, cubic(time), time[5:9], 1.5e-3)[0] == pytest.approx(cubic(time[5:9]), abs=1e-14)
+    assert interpolated(time, cubic(time), time[5:9], 1.5e-3)[0] == pytest.approx(cubic(time[5:9]), abs=1e-14)
 
 
 def test_beside_lost_samples_and_at_the_ends_readings_are_joined_by_straight_lines():
     time = np.array([0.0, 1.0, 2.0, 3.0, 6.0, 7.0, 8.0, 9.0])
     wanted = np.array([-0.5, 0.5, 1.5, 2.5, 4.5, 6.5, 7.5, 8.5, 9.0])
-    found, weights = between(time, time**3, wanted, 1.5)
+    found, weights = interpolated(time, time**3, wanted, 1.5)
     straight = np.interp(wanted, time, time**3)
     curved = np.isin(wanted, [1.5, 7.5, 9.0])
     assert np.allclose(found[~curved], straight[~curved]) and np.allclose(found[curved], wanted[curved] ** 3)
@@ -95,7 +95,7 @@ def test_beside_lost_samples_and_at_the_ends_readings_are_joined_by_straight_lin
 
 def test_a_jump_of_readings_is_joined_by_straight_lines():
     time, readings = np.arange(12.0), np.append(np.zeros(6), 1.5 - 0.1 * np.arange(6.0))
-    found, _ = between(time, readings, time[:-1] + 0.5, 1.5)
+    found, _ = interpolated(time, readings, time[:-1] + 0.5, 1.5)
     assert np.allclose(found, np.interp(time[:-1] + 0.5, time, readings))
 
 

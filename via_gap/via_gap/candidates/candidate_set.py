@@ -1,4 +1,4 @@
-"""Where the gap may come from: the equations' residuals, the sites they point at, and every candidate cause."""
+"""All candidate causes of an experiment, and the sites at which the equations show the gap."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from via_gap.residual.repaired_device import repaired_device
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices, Segments
 
-ONE_RUN = ("external_torque",)  # happens at one time of one run, so that it is not the cause of the gap of several
+ONE_RUN = ("external_torque",)  # acts at one time of one run, so it cannot be the common cause in several logs
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +27,10 @@ class CandidateSet:
 
     locations  every effect at every location
     scales     typical sizes in these logs
-    numbers    the device with its own numbers as fitted
+    numbers    the device with fitted parameters
     residuals  weak-form residuals of its equations, one tuple per log
-    shares     what each site explains of them
-    equations  inverse dynamics of the fitted segments in short windows; None where the signals allow no equation
+    shares     share of each site in these residuals
+    equations  inverse dynamics of the fitted segments in short windows; None if no equation can be evaluated
     """
 
     locations: tuple[Location, ...]
@@ -42,7 +42,7 @@ class CandidateSet:
 
     @staticmethod
     def of(segments: Sequence[Segments], train: Sequence[Indices], base: Fit, fitted: ResidualModel) -> CandidateSet:
-        """base: the device's own numbers, fitted to the segments `train` (one array per log) of the model `fitted`."""
+        """base: fit of the device parameters to the segments `train` (one array per log) of the model `fitted`."""
         numbers = repaired_device(fitted.device, fitted.nuisances, base.offsets)
         residuals = tuple(weak_residuals(each, numbers) for each in segments)
         shares = localise(segments, residuals, numbers) if all(residuals) else ()

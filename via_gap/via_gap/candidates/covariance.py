@@ -1,4 +1,4 @@
-"""Covariance of fitted parameters: from the curvature of the loss, and from how scores vary over blocks of segments."""
+"""Covariance of fitted parameters: from the curvature of the loss, and from the scores of blocks of segments."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from via_core.signals import Array
 
 from via_gap.residual.residual_model import ResidualModel
 
-CLUSTERS = 30  # blocks of neighbouring segments whose errors may have something in common
+CLUSTERS = 30  # blocks of neighbouring segments, whose errors may be correlated
 
 
 def covariance_of(normal: Array, width: Array, first: int) -> Array:
-    """(p, p) of the parameters from `first` on, over their typical sizes; one without influence is known to `width`."""
+    """(p, p) of the parameters from `first` on, over their typical sizes, with a prior of sd `width`."""
     informed = normal.copy()
     informed[range(first, len(normal)), range(first, len(normal))] += width**-2.0
     return _inverse(informed)[first:, first:]
@@ -26,16 +26,16 @@ def _inverse(normal: Array) -> Array:
 
 
 def in_units(covariance: Array, sd: Array, size: Array) -> Array:
-    """(p, p) in units of the parameters, with `sd` (p,) over their sizes for its standard deviations."""
+    """(p, p) in units of the parameters, rescaled to the standard deviations `sd` (p,) over their typical sizes."""
     own = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     return np.asarray(covariance * np.outer(sd * size / own, sd * size / own))
 
 
 def clustered_covariance(problem: ResidualModel, slopes: Array, residual: Array, normal: Array, first: int) -> Array:
-    """(p, p) covariance that holds whatever the errors inside a block of segments have in common.
+    """(p, p) covariance that is valid for any correlation of the errors inside a block of segments.
 
     With the score g_b = J_b' r_b of every block b and the normal matrix N:  N^-1 (sum g_b g_b' + prior) N^-1.
-    0 for parameters on which nothing depends.
+    0 for parameters without influence.
     Source: K.-Y. Liang, S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986).
     """
     segment = problem.segment_of_value()

@@ -1,9 +1,9 @@
-"""Where the gap lies, before any cause is named: which equation, which site, which region of the motion.
+"""Location of the gap before any cause is known: equation, site, and region of the motion.
 
-Sites from equations: a torque that is missing at the link alone is a link's, at one motor alone that motor's; a
-transmission's error acts on both of its sides with opposite sign. The second moments of the residuals, window by
-window, are therefore a sum with weights >= 0 of a few patterns; the weights are the energy of each site. What fits no
-pattern (both motors at once, a bent link angle in every equation) is left to the sensors, the clock and the commands.
+A torque that is missing in the equation of the link alone belongs to the link, in that of one motor alone to that
+motor. An error of a transmission acts on both of its sides with opposite sign. The second moments of the residuals are
+therefore a non-negative combination of a few patterns, and the weights are the energy of each site. Errors without a
+pattern (of both motors at once, of the link angle in every equation) may belong to sensors, timing or commands.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from via_gap.residual.segments import Segments
 
 Quantity = Literal["speed", "deflection", "angle", "motor angle", "torque", "time", "reversal"]
 BINS = 5
-STANDS_OUT = 1.6  # times its share of the data: a region that is named
+STANDS_OUT = 1.6  # times its share of the data: energy from which a region is listed
 
 
 class Region(Record):
-    """A range of one quantity that holds more of the gap than its share of the data."""
+    """A range of one quantity that contains more of the gap than its share of the data."""
 
     by: Quantity
     unit: str
@@ -40,7 +40,7 @@ class Region(Record):
 
 @dataclass(frozen=True)
 class SiteShare:
-    """Energy that one site explains, as a share of what all equations together leave beyond the noise."""
+    """Energy at one site, as a share of the residual energy above the noise."""
 
     site: str
     motor: int
@@ -52,7 +52,7 @@ class SiteShare:
 def localise(
     segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], device: Device
 ) -> tuple[SiteShare, ...]:
-    """Shares of the sites that equations can tell apart, largest first; empty where no equation could be looked at."""
+    """Shares of the sites that the equations distinguish, largest first; empty if no equation could be evaluated."""
     axes = [each.axis for each in residuals[0]] if residuals else []
     if not axes:
         return ()
@@ -72,8 +72,6 @@ def localise(
             both[0] = -1.0 / scale[0]
             patterns.append(both / np.linalg.norm(both))
             names.append(("transmission", axis, f"link and motor {axis}"))
-    if axes == [0] and device.n_transmissions:
-        names[0] = ("link", 0, "link")
     upper = np.triu_indices(len(axes))
     columns = np.stack([np.outer(p, p)[upper] for p in patterns], axis=1)
     energy, _ = nnls(columns, moments[upper])
@@ -92,7 +90,7 @@ def localise(
 def _regions(
     segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], excess: Array, device: Device, axis: int
 ) -> tuple[Region, ...]:
-    """Ranges of speed, deflection, angle and time that hold more of the energy than of the data."""
+    """Ranges of speed, deflection, angle and time that contain more of the energy than of the data."""
     centres = [each[0].centre for each in residuals]
     states = np.concatenate([s.start[c] for s, c in zip(segments, centres, strict=True)])
     time = np.concatenate([c / s.rate for s, c in zip(segments, centres, strict=True)])

@@ -13,9 +13,9 @@ from via_sim.effects import places as places_of
 
 from via_gap.logs.log import JointLog
 
-# Seen in the measurements themselves, see sensor_errors.py: no simulation of motion shows them.
+# Found in the measurements, see sensor_errors.py, because they do not change the motion.
 MEASUREMENT_ONLY = ("encoder_quantisation",)
-PLAINER = {  # effects that contain another: its name, and the parameters whose mean is where it starts
+PLAINER = {  # effects that contain a simpler one: its name, and the parameters whose mean is its initial value
     "asymmetric_coulomb": ("coulomb_friction", (0, 1)),
     "stribeck_friction": ("coulomb_friction", (1,)),
     "presliding_friction": ("coulomb_friction", (0,)),
@@ -25,9 +25,9 @@ PLAINER = {  # effects that contain another: its name, and the parameters whose 
 
 @dataclass(frozen=True)
 class Location:
-    """An effect at a site; `motor` is the number of motor, transmission or sensor, 0 the link's, both or none.
+    """An effect at a site; `motor` is the number of motor, transmission or sensor; 0: link, both motors, or none.
 
-    optional  names of the optional parameters that it has here: an effect with more of them is the same cause
+    optional  names of its optional parameters here, which do not distinguish causes
     """
 
     name: str
@@ -37,7 +37,7 @@ class Location:
 
     @staticmethod
     def of(effect: Effect) -> Location:
-        """Where an effect is, with the optional parameters that it has."""
+        """The location of an effect, with its optional parameters."""
         optional = tuple(p.name for p in effect.kind.optional if p.name in effect.parameters)
         return Location(effect.name, effect.site, effect.motor, optional)
 
@@ -52,16 +52,16 @@ class Location:
 
     @property
     def spots(self) -> tuple[tuple[str, int], ...]:
-        """(site, number) of every single place: of both motors these two."""
+        """(site, number) of every single site: two for both motors."""
         return spots(self.site, self.motor)
 
     @property
     def axis(self) -> int:
-        """The axis whose motion and torques are typical of it, 0 the link, 1, 2 motors; of both motors the first's."""
+        """The axis whose typical motion and torque apply: 0 link, 1, 2 motors; for both motors the first."""
         return self.spots[0][1] if self.site in ("motor", "transmission", "sensor", "timing") else 0
 
     def overlaps(self, other: Location) -> bool:
-        """Whether it is the same effect at some place of the other: the two together would be one effect twice."""
+        """Whether both are the same effect with a common site, so that a model cannot contain both."""
         return self.name == other.name and not set(self.spots).isdisjoint(other.spots)
 
     def __str__(self) -> str:
@@ -69,7 +69,7 @@ class Location:
 
 
 def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
-    """All locations of all effects that this device can have and that a simulation of this log can show."""
+    """All locations of all effects that this device can have and that change the simulation of this log."""
     seen = (0, *(1 + i for i, each in enumerate(log.motors_seen) if each))
     neighbour = log.commands is not None and "neighbour" in log.commands
     found = []
@@ -78,7 +78,7 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
             continue
         for site, motor in places_of(kind, device):
             if site == "sensor" and kind.of_drive:
-                continue  # torque sensors: seen in the readings
+                continue  # torque sensors: found in the measurements
             if site in ("sensor", "timing") and motor not in seen:
                 continue
             found.append(Location(kind.name, site, motor))
@@ -86,14 +86,14 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
 
 
 def missing_effects(device: Device, log: JointLog) -> tuple[str, ...]:
-    """Why effects of the catalogue can be no answer on this log: a sentence for each reason that there is."""
+    """Why effects of the catalogue cannot be found in this log, one sentence per reason."""
     offered = {location.name for location in locations(device, log)} | set(MEASUREMENT_ONLY)
     possible = [kind for kind in EFFECTS.values() if device.drive == "position" or not kind.of_goal]
     absent = [kind for kind in possible if kind.name not in offered]
     nowhere = [kind.name for kind in absent if not places_of(kind, device)]
-    said = []
+    reasons = []
     if any(kind.name == "joint_coupling" and kind.name not in nowhere for kind in absent):
-        said.append("the angle of no neighbour was recorded: joint_coupling cannot be judged")
+        reasons.append("the angle of the neighbour joint was not recorded: joint_coupling cannot be evaluated")
     if nowhere:
-        said.append(f"'{device.name}' has no place for {', '.join(nowhere)}")
-    return tuple(said)
+        reasons.append(f"'{device.name}' cannot have {', '.join(nowhere)}")
+    return tuple(reasons)

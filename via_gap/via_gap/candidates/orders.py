@@ -1,9 +1,9 @@
-"""The orders of a periodic torque, selected together from what an equation lacks over its angle.
+"""Orders of a periodic torque, selected from the missing torque of an equation over its angle.
 
     missing(angle) = sum_k amplitude_k sin(order_k angle + phase_k) + rest
 
-Orders are added one by one, each that of the sine and cosine that explain most of the rest, all amplitudes fitted anew
-after each (orthogonal matching pursuit), as long as one explains a material share of the rest.
+Orders are added one by one: the one whose sine and cosine explain most of the rest, then all amplitudes are fitted
+again (orthogonal matching pursuit). The selection ends if the next order explains less than MATERIAL of the rest.
 
 Source: Y. C. Pati, R. Rezaiifar, P. S. Krishnaprasad, Orthogonal matching pursuit, Asilomar Conference (1993).
 """
@@ -15,16 +15,15 @@ from math import atan2, hypot
 import numpy as np
 from via_core.signals import Array
 
+from via_gap.candidates.scales import APART, ORDERS
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 
-ORDERS = np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])  # periods per turn that are tried
-APART = 0.6  # orders closer than this are one
-MATERIAL = 0.05  # share of what is left that one more order must explain
+MATERIAL = 0.05  # share of the rest that one more order must explain
 
 
 def harmonics(equations: ResidualModel, row: Array, axis: int, most: int) -> list[tuple[float, float, float]]:
-    """(amplitude [N m], order, phase [rad]) of at most `most` orders of the torque that a row lacks on an axis."""
+    """(amplitude [N m], order, phase [rad]) of at most `most` orders of the missing torque of a row on an axis."""
     angle, torque = _missing(equations, row, axis)
     if not len(torque):
         return []
@@ -46,7 +45,7 @@ def harmonics(equations: ResidualModel, row: Array, axis: int, most: int) -> lis
 
 
 def _missing(equations: ResidualModel, row: Array, axis: int) -> tuple[Array, Array]:
-    """Angle (W,) [rad] in the middle of every window of an axis, and the torque (W,) [N m] that the row lacks there."""
+    """Angle (W,) [rad] in the middle of every window of an axis, and missing torque (W,) [N m] of the row there."""
     angles, torques = [np.empty(0)], [np.empty(0)]
     for view in equations.views:
         assert isinstance(view, InverseDynamics)
@@ -61,7 +60,7 @@ def _missing(equations: ResidualModel, row: Array, axis: int) -> tuple[Array, Ar
 
 
 def _strongest(angle: Array, rest: Array, taken: list[float]) -> float:
-    """The order not taken whose sine and cosine explain most of what is left."""
+    """The order, not yet taken, whose sine and cosine explain most of the rest."""
     waves = np.exp(1j * ORDERS[:, None] * angle)
     waves -= waves.mean(axis=1, keepdims=True)
     power = np.abs(waves @ rest) ** 2 / np.maximum(np.sum(np.abs(waves) ** 2, axis=1), 1.0)

@@ -1,4 +1,4 @@
-"""A fit with a torque ripple of one order, fitted again with every order that the equations show."""
+"""Fits with a torque ripple of one order, repeated with all orders that the equations show."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RIPPLE = "torque_ripple"
 def with_harmonics(
     whole: ResidualModel, fits: Sequence[Fit], equations: ResidualModel | None, scales: Scales
 ) -> list[Fit]:
-    """The first of `fits` that has a ripple, with all its orders fitted together; empty where there is one order."""
+    """The first of `fits` with a ripple, with all its orders fitted together; empty if there is only one order."""
     fit = next((each for each in fits if any(place.name == RIPPLE for place in each.locations)), None)
     if fit is None or equations is None:
         return []

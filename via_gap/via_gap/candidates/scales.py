@@ -1,4 +1,4 @@
-"""How large things are in a log: what fits start from and step by."""
+"""Typical sizes in a log, from which fits derive initial values and step sizes."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from via_gap.residual.equations import Residual
 from via_gap.residual.segments import Segments
 
 ORDERS = np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])  # periods per turn that are screened
+APART = 0.6  # least distance of two orders
 KEPT_ORDERS = 2
-FASTEST = 0.995  # quantile of the speed that counts as the largest: above it is noise of the encoder
+FASTEST = 0.995  # quantile of the speed that counts as the largest: above it is encoder noise
 
 
 @dataclass(frozen=True, eq=False)
 class Scales:
     """Sizes over logs of one device.
 
-    torque      (3,) [N m] typical torque on link, motor 1, motor 2; the drive of a rigid joint is its motor 1
+    torque      (3,) [N m] typical torque on link, motor 1, motor 2; the drive of a rigid joint is motor 1
     speed       (3,) [rad/s] root mean square
-    peak        (2,) [N m] or [rad] largest command of each motor; of a position drive its largest torque
-    slew        [rad/s] fastest motor; of a position drive the link at its fastest
+    peak        (2,) [N m] or [rad] largest command of each motor; for a position drive its largest torque
+    slew        [rad/s] largest speed of a motor; for a position drive of the link
     angle       [rad] standard deviation of the link angle
     range       (4,) [rad] its 2, 10, 90 and 98 percent quantiles
     deflection  [rad] typical
     duration    [s]
-    busy        intervals [s] that hold most of what is unexplained
-    orders      per axis: periods per turn that its weak-form residual shows most
+    busy        intervals [s] that contain most of the residual
+    orders      per axis: the strongest orders [periods per turn] of its weak-form residual
     """
 
     torque: Array
@@ -49,7 +50,7 @@ class Scales:
 def scales_of(
     segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], time: Array, excess: Array
 ) -> Scales:
-    """time, excess (S,): when segments begin [s since their log began] and their unexplained mean squared error."""
+    """time, excess (S,): beginnings of segments [s since their log began] and their mean squared residuals."""
     device = segments[0].log.device
     start = np.concatenate([each.start for each in segments])
     commands = np.concatenate([each.commands for each in segments])
@@ -76,7 +77,7 @@ def scales_of(
     speed = np.where(speed > 0.0, speed, max(float(speed.max()), 1e-3))
     torque = np.maximum(torque, 1e-3 * max(float(torque.max()), 1e-3))
     slew = 1.0
-    if device.drive == "servo":  # of a servo that follows the largest change asked for: w step / e
+    if device.drive == "servo":  # largest speed after the largest step of the command: bandwidth times step over e
         reach = max(float(np.ptp(each.commands[:, 0])) + _first_step(each) for each in segments)
         slew = max(getattr(motor, "bandwidth", 1.0) for motor in device.motors) * reach / np.e
     elif device.drive == "position":
@@ -92,7 +93,7 @@ def scales_of(
 
 
 def _drive_torque(device: Device, commands: Array, start: Array) -> tuple[Array, Array]:
-    """Torque (T,) [N m] that the drive of a rigid joint is commanded or pulls with, and what acts with its damping."""
+    """Torque (T,) [N m] of the drive of a rigid joint without its damping, and with it."""
     if device.servo is None:
         return commands[:, EXTERNAL], commands[:, EXTERNAL]
     servo, on = device.servo, commands[:, POWER]
@@ -102,13 +103,13 @@ def _drive_torque(device: Device, commands: Array, start: Array) -> tuple[Array,
 
 
 def _first_step(segments: Segments) -> float:
-    """[rad] from where motor 1 stood to its first command."""
+    """[rad] from the initial angle of motor 1 to its first command."""
     step = abs(float(segments.commands[0, 0] - segments.rest[1]))
     return step if np.isfinite(step) else 0.0
 
 
 def _busiest(time: Array, excess: Array) -> tuple[tuple[float, float], ...]:
-    """The stretch of time in which the error is most above its mean (largest sum of a segment), and its two halves."""
+    """The interval [s] with the largest sum of log errors above a level between median and maximum, if there is one."""
     if len(time) < 4:
         return ()
     order = np.argsort(time)
@@ -126,7 +127,7 @@ def _busiest(time: Array, excess: Array) -> tuple[tuple[float, float], ...]:
 
 
 def _orders(segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], axis: int) -> tuple[float, ...]:
-    """Orders whose sine and cosine over the angle of the axis explain most of its residual."""
+    """The orders whose sine and cosine over the angle of the axis explain most of its residual."""
     pairs = [(s, r) for s, each in zip(segments, residuals, strict=True) for r in each if r.axis == axis]
     if not pairs:
         return (1.0,)
@@ -139,7 +140,7 @@ def _orders(segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]
     )
     kept: list[float] = []
     for k in np.argsort(-power):
-        if all(abs(ORDERS[k] - other) > 0.6 for other in kept):
+        if all(abs(ORDERS[k] - other) > APART for other in kept):
             kept.append(float(ORDERS[k]))
         if len(kept) == KEPT_ORDERS:
             break

@@ -1,7 +1,7 @@
-"""Screen of the candidates: which of them could explain the residual, before any is fitted.
+"""Ranking of the candidates by a linear prediction, before any is fitted.
 
-One simulation at each start of each candidate gives the direction in which the effect changes the residual. How much of
-the residual lies in that direction, after the nuisance parameters have taken their part, ranks the candidates.
+One simulation at each initial value of each candidate gives the direction in which it changes the residual. Candidates
+are ranked by the loss that remains after least squares over this direction and the nuisance parameters.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from via_gap.candidates.starts import Start, amount_range, combined, starts
 from via_gap.residual.nuisance import BOUND, descend
 from via_gap.residual.residual_model import ResidualModel
 
-REACH = 12.0  # times its start: how far the screen extrapolates an effect
-LEAST = 0.02  # times its start: with less of an effect a fit would not find its way
+REACH = 12.0  # times the initial value: largest extrapolation of an effect
+LEAST = 0.02  # times the initial value: least amount from which a fit starts
 BATCH = 16  # starts that are simulated at once
 
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """What one start of a candidate does: change (R, k) of a residual by each of its directions."""
+    """Change (R, k) of a residual by each direction of one start of a candidate."""
 
     location: Location
     start: Start
@@ -38,7 +38,7 @@ Ranked = list[tuple[float, Location, list[float]]]  # predicted loss, location, 
 
 
 def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location], scales: Scales) -> list[Direction]:
-    """Every start of every candidate beside the effects of `base`, but for those that are there, simulated once."""
+    """Every start of every candidate beside the effects of `base`, simulated once; effects of `base` are left out."""
     tried: list[tuple[Location, Start, list[Array]]] = []
     for location in candidates:
         if any(map(location.overlaps, base.locations)):
@@ -63,13 +63,12 @@ def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location]
 
 
 def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array | None = None) -> Ranked:
-    """Candidates by the loss that the best amounts of their directions would leave of `base`'s residual (R,).
+    """Candidates by the predicted loss with the best amounts of their directions, beside the effects of `base`.
 
-    slopes  (R, k) of the residual along what `base`'s effects may give way: a cause that is to join them often shows
-            only once they stand elsewhere. None: they stay
+    slopes  (R, k) derivatives of the residual by the effect parameters of `base`, which are then fitted as well: often
+            a second cause is visible only if the first can change. None: they are fixed
 
-    Where an effect is not linear in its amounts, the true simulation of the result would be better or worse than
-    predicted, which `refine` finds out. Directions simulated beside other effects than those of `base` tell roughly.
+    The prediction is exact if effects are linear in their amounts and were simulated beside the effects of `base`.
     """
     if slopes is not None and slopes.shape[1]:
         basis = np.linalg.qr(slopes)[0]
@@ -77,16 +76,14 @@ def ranked(base: Fit, jacobian: Array, tried: Sequence[Direction], slopes: Array
         base = replace(base, residual=base.residual - basis @ (basis.T @ base.residual))
         tried = [replace(each, moved=each.moved - basis @ (basis.T @ each.moved)) for each in tried]
     screen = _Screen.of(base, jacobian, tried)
-    alone = map(screen.left, combinations(screen.best_starts(), 1))
+    alone = map(screen.predicted, combinations(screen.best_starts(), 1))
     return sorted(((loss, location, values) for loss, ((location, values),) in alone), key=lambda each: each[0])
 
 
 def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list[tuple[float, Members]]:
-    """Every two candidates by the loss that the best amounts of both together would leave, as `ranked` does each alone.
+    """All pairs of candidates by the predicted loss with the best amounts of both.
 
-    No effect is put twice at one place: at motor 1 and at both motors.
-
-    Of each candidate only the start that is best alone is combined with others.
+    Pairs of one effect at a common site are left out. Each candidate is represented by its best start alone.
     """
     screen = _Screen.of(base, jacobian, tried)
     pairs = [
@@ -94,15 +91,15 @@ def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list
         for one, two in combinations(screen.best_starts(), 2)
         if not tried[one].location.overlaps(tried[two].location)
     ]
-    return sorted(map(screen.left, pairs), key=lambda each: each[0])
+    return sorted(map(screen.predicted, pairs), key=lambda each: each[0])
 
 
 @dataclass(frozen=True, eq=False)
 class _Screen:
-    """Normal equations of the nuisances (J) and all directions tried (K): what any of these would leave together.
+    """Normal equations of the nuisances (J) and all directions (K), for predicted losses of any of them.
 
-    low    (J + K,) ends of what nuisances and amounts may do; high likewise
-    first  columns at which the directions of each begin, and where the last end
+    low    (J + K,) least changes of offsets, and least amounts; high likewise
+    first  first column of each start, and the number of columns
     """
 
     base: Fit
@@ -127,16 +124,16 @@ class _Screen:
         return _Screen(base, tried, normal, gradient, low, high, [int(each) for each in first])
 
     def best_starts(self) -> list[int]:
-        """For each location the one start that is best alone, by its index in `tried`."""
+        """Index in `tried` of the best start of each location."""
         best: dict[Location, tuple[float, int]] = {}
         for number, each in enumerate(self.tried):
-            loss, _ = self.left((number,))
+            loss, _ = self.predicted((number,))
             if each.location not in best or loss < best[each.location][0]:
                 best[each.location] = (loss, number)
         return [number for _, number in best.values()]
 
-    def left(self, which: Sequence[int]) -> tuple[float, Members]:
-        """Predicted loss with the best amounts of some of `tried` and the nuisances moved along, and their values."""
+    def predicted(self, which: Sequence[int]) -> tuple[float, Members]:
+        """Predicted loss with the best amounts of some of `tried` and the best nuisances, and the parameter values."""
         count = len(self.base.offsets)
         columns = [np.arange(self.first[each], self.first[each + 1]) for each in which]
         chosen = np.concatenate([np.arange(count), *columns])

@@ -1,7 +1,7 @@
-"""Where the fit of each effect starts, and how far its first steps go.
+"""Initial parameter values of each effect, and typical sizes of its parameters.
 
-A start is one or more directions: parameter sets whose amounts a screen may scale freely and add up, as far as the
-effect is linear in them. What is not linear (a speed, an order, a gap's place) is tried on a small grid of starts.
+A start is one or more directions: parameter sets that can be scaled and added, as far as the effect is linear in them.
+Nonlinear parameters (a speed, an order, the place of a wall) have a small grid of starts.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 
 Values = dict[str, float]
-OFF = (0.01, 0.1)  # [rad] of an encoder: a spring feels the first at once, gravity alone a tenth of a turn
-EDGES = 7  # times between which a torque from outside is looked for
+OFF = (0.01, 0.1)  # [rad] errors of an encoder: the first has an influence through springs, the second through gravity
+EDGES = 7  # grid of beginnings and ends of an external torque
 
 
 @dataclass(frozen=True)
 class Start:
-    """directions  parameter sets, all of the effect's parameters each
-    scaled      names whose distance from neutral grows with the amount; the others keep the first direction's value
-    wave        the directions are sine and cosine of `phase` with one `amplitude`
-    through     names that are the amount times the first direction's value, neutral or not
+    """directions  sets of all parameters of the effect
+    scaled      names whose distance from neutral is proportional to the amount; others keep the first direction's value
+    wave        whether the directions are sine and cosine of `phase` with one `amplitude`
+    through     names whose value is proportional to the amount, whatever the neutral value
     """
 
     directions: tuple[Values, ...]
@@ -37,7 +37,7 @@ class Start:
 
 
 def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, ...]:
-    """All starts of a candidate, of both motors alike those of the first; optional parameters stay neutral."""
+    """All starts of a candidate; for both motors those of the first. Optional parameters are neutral."""
     parameters = location.parameters
     made = _STARTS[location.name](_Here(scales, location.axis, location, device))
     clipped = []
@@ -51,13 +51,13 @@ def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, .
 
 
 def size_parameters(location: Location) -> tuple[str, ...]:
-    """Names of the parameters that say how large an effect is: at their neutral values it is absent."""
+    """Names of the size parameters of an effect: at their neutral values it is absent."""
     named = _SIZES.get(location.name)
     return named or tuple(p.name for p in location.parameters if p.linear)
 
 
 def combined(location: Location, start: Start, amounts: Sequence[float]) -> list[float]:
-    """Parameter values, in their order, of a start's directions in these amounts."""
+    """Parameter values, in their order, of a start with these amounts of its directions."""
     parameters = location.parameters
     first = start.directions[0]
     values = dict(first)
@@ -77,7 +77,7 @@ def combined(location: Location, start: Start, amounts: Sequence[float]) -> list
 
 
 def amount_range(location: Location, start: Start, reach: float) -> tuple[list[float], list[float]]:
-    """How much of each direction the effect's bounds allow, within +-reach."""
+    """Least and largest amounts of each direction within the effect's bounds and +-reach."""
     lows, highs = [], []
     for direction in start.directions:
         low, high = (-reach, reach) if start.wave else ((1.0, 1.0) if not start.scaled else (-reach, reach))
@@ -93,7 +93,7 @@ def amount_range(location: Location, start: Start, reach: float) -> tuple[list[f
 
 
 def size_of(parameter: EffectParameter, location: Location, scales: Scales) -> float:
-    """A typical size of a parameter, in its unit: the length of a long step of a fit."""
+    """Typical size of a parameter, in its unit."""
     axis = location.axis if location.site in ("motor", "transmission") else 0
     torque, speed = _typical(scales, location, axis)
     sizes = {
@@ -135,7 +135,7 @@ class _Here:
 
 
 def _typical(scales: Scales, location: Location, axis: int) -> tuple[float, float]:
-    """Torque [N m] and speed [rad/s] at a place; a transmission passes what the link takes, whatever drives it."""
+    """Torque [N m] and speed [rad/s] at a location; a transmission transmits at least the torque on the link."""
     torque, speed = float(scales.torque[axis]), float(scales.speed[axis])
     return (max(torque, float(scales.torque[0])), speed) if location.site == "transmission" else (torque, speed)
 
@@ -173,7 +173,7 @@ def _hysteresis(here: _Here) -> list[Start]:
 
 
 def _sliding(torque: float, way: float) -> Start:
-    """An element that slips after `way` [rad], however strong it is: what it does along a motion grows with both."""
+    """An element that slips after `way` [rad]; torque and stiffness are scaled together, so that `way` is constant."""
     return Start(({"torque": torque, "stiffness": torque / way},), ("torque",), through=("stiffness",))
 
 
@@ -275,7 +275,7 @@ _STARTS: Mapping[str, Callable[[_Here], list[Start]]] = {
     "external_torque": _external,
 }
 
-_SIZES: Mapping[str, tuple[str, ...]] = {  # where they are not those that the torques are linear in
+_SIZES: Mapping[str, tuple[str, ...]] = {  # size parameters, if they are not those marked as linear
     "presliding_friction": ("torque",),
     "hysteresis": ("torque",),
     "backlash": ("gap",),

@@ -1,6 +1,6 @@
-"""How much of a torque the angles alone predict: splines whose number of intervals held-out error decides.
+"""Share of a torque that the angles alone predict, by splines of cross-validated resolution.
 
-A torque that a controller computes from the angle shows this controller, whatever the joint does.
+A torque that a controller computes from the angle contains information on the controller, not on the joint.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ PASSES = 8  # blocks of time, each predicted from the others
 KNOTS = (6, 12, 24, 48)  # intervals of the splines over an angle; held-out error decides
 LAGS = 6  # samples by which a recorded torque may follow the angle it was computed from
 FEWEST = 100  # samples: two per interval of the finest splines
-POINTS = 4000  # samples that a regression sees: enough for 48 intervals
+POINTS = 4000  # samples of a regression at most: enough for 48 intervals
 RIDGE = 1e-9  # of the largest normal-equation term: intervals without samples
-VISITED = 0.5  # share of samples whose angle other blocks visited, from which the rest is as they are
+VISITED = 0.5  # least share of samples at angles that other blocks visit as well
 
 
 def left_by_angles(log: JointLog, tau: Array) -> tuple[float, float, float] | None:
-    """Held-out mean square of a torque that splines over the angles leave, its variance, and the share of samples.
+    """Held-out mean squared error of splines over the angles, variance of the torque, and share of samples compared.
 
-    Blocks of time are predicted from the others, where these visited the same angles. None where fewer than half of
-    the samples were visited twice.
+    Blocks of time are predicted from the others at angles that these visit as well. None if fewer than half of the
+    samples are at such angles.
     """
     angles = [log.measured["q"]]
     if "theta" in log.measured and log.device.n_motors:
@@ -41,7 +41,7 @@ def left_by_angles(log: JointLog, tau: Array) -> tuple[float, float, float] | No
 
 
 def _shifted(angles: list[Array], tau: Array, lag: int) -> tuple[Array, Array]:
-    """Angles (n, a) and the torque (n,) so many samples later, where both were measured; POINTS of them."""
+    """At most about POINTS pairs of angles (n, a) and the torque (n,) `lag` samples later."""
     x, y = np.column_stack(angles)[: len(tau) - lag], tau[lag:]
     good = np.flatnonzero(np.isfinite(x).all(axis=1) & np.isfinite(y))
     good = good[:: max(1, len(good) // POINTS)]
@@ -49,7 +49,7 @@ def _shifted(angles: list[Array], tau: Array, lag: int) -> tuple[Array, Array]:
 
 
 def _held_out(x: Array, y: Array, knots: int) -> tuple[float, float, float] | None:
-    """As `left_by_angles`, with splines of so many intervals over each angle."""
+    """As `left_by_angles`, with splines of `knots` intervals over each angle."""
     low, high = x.min(axis=0), x.max(axis=0)
     unit = np.clip((x - low) / (high - low), 0.0, 1.0)
     grid = np.concatenate((np.zeros(3), np.linspace(0.0, 1.0, knots + 1), np.ones(3)))

@@ -1,7 +1,6 @@
-"""Look at the data first: what a log can be used for, in plain words, before anything is fitted to it.
+"""Data checks before anything is fitted. A finding refuses the log, downgrades it, or is a note.
 
-Each finding refuses the log, downgrades what it can tell, or is a note. Nothing here needs the model but the names and
-steps of the device's sensors.
+Of the model, only names, rates and steps of the device's sensors are used.
 """
 
 from __future__ import annotations
@@ -17,14 +16,14 @@ from via_gap.logs.log import ERRATIC, JointLog, jumps
 
 SHORTEST = 0.5  # [s] two segments; short recordings are fitted together
 SLOWEST = 50.0  # [Hz]
-GRID = 0.9  # share of readings on a common grid from which its step is the quantum
-EVEN = 0.9  # share of readings that advance by one step, beyond which they are those of a steady speed
-COARSE = 1.5  # times the file's step: an encoder coarser than it says
-DISTINCT = 4096  # readings that are looked at for the step
+GRID = 0.9  # share of measurements on a common grid from which its step is the quantum
+EVEN = 0.9  # share of measurements that advance by one step, beyond which the speed is constant
+COARSE = 1.5  # times the filed step: a coarser encoder
+DISTINCT = 4096  # measurements from which the step is estimated
 
 
 def check_log(log: JointLog) -> list[Finding]:
-    """Everything noticed about a log, worst first."""
+    """All findings on a log, worst first."""
     found = [*_stamps(log), *_channels(log), *_steps(log), *_torques(log), *_alignment(log)]
     return sorted(found, key=lambda each: ("refuse", "downgrade", "note").index(each.severity))
 
@@ -32,15 +31,15 @@ def check_log(log: JointLog) -> list[Finding]:
 def _stamps(log: JointLog) -> Iterator[Finding]:
     steps = np.diff(log.measured.time)
     period = float(np.median(steps))
-    rate, told = 1.0 / period, log.device.sensors.rate
+    rate, filed = 1.0 / period, log.device.sensors.rate
     if log.duration < SHORTEST:
         text = f"only {log.duration:.2g} s long: record for longer"
         yield log.finding("duration", "time", "refuse", log.duration, text)
     if rate < SLOWEST:
-        text = f"{rate:.3g} Hz are too slow to see what a joint does: record at {SLOWEST:g} Hz or more"
+        text = f"{rate:.3g} Hz are too slow for the motion of a joint: record at {SLOWEST:g} Hz or more"
         yield log.finding("rate", "time", "refuse", rate, text)
-    elif abs(rate / told - 1.0) > 0.1:
-        yield log.finding("rate", "time", "note", rate, f"{rate:.4g} Hz, the device file says {told:.4g} Hz")
+    elif abs(rate / filed - 1.0) > 0.1:
+        yield log.finding("rate", "time", "note", rate, f"sampled at {rate:.4g} Hz, not {filed:.4g} Hz as filed")
     for count, what in zip(log.dropped, ("repeat", "run backward"), strict=True):
         if count:
             text = f"{count} samples whose stamps {what} were dropped"
@@ -67,7 +66,7 @@ def _channels(log: JointLog) -> Iterator[Finding]:
             continue
         share = jumps(there)
         if share > 0.0:
-            used = "this encoder is not believed" if share > ERRATIC and name != "q" else "used as it is"
+            used = "this encoder is not used" if share > ERRATIC and name != "q" else "used as it is"
             text = f"{round(share * there.size)} single samples of {name} jump away and back: {used}"
             yield log.finding("outliers", name, "downgrade", share * there.size, text)
 
@@ -81,9 +80,9 @@ def _angles(log: JointLog) -> Iterator[tuple[str, Array]]:
 
 
 def step_of(values: Array) -> float:
-    """The grid [unit of values] that readings stand on; 0 where they stand on none.
+    """Step [unit of values] of the grid on which measurements lie; 0 if there is no grid.
 
-    Readings of a steady speed are evenly spaced on any encoder: that all advance by one step shows no grid.
+    At constant speed, measurements of any encoder are evenly spaced, which does not indicate a grid.
     """
     there = values[np.isfinite(values)]
     distinct = np.unique(there[:: max(1, len(there) // DISTINCT)])
@@ -92,7 +91,7 @@ def step_of(values: Array) -> float:
     if apart.size < 8:
         return 0.0
     step = float(np.quantile(apart, 0.01))
-    for _ in range(3):  # the mean over many steps is known far better than one
+    for _ in range(3):  # the mean over many steps is more accurate than one step
         counts = np.rint(apart / step)
         near = (counts >= 1.0) & (counts < 50.0)
         if not near.any():
@@ -106,10 +105,10 @@ def step_of(values: Array) -> float:
 
 def _steps(log: JointLog) -> Iterator[Finding]:
     for name, values in _angles(log):
-        told = log.device.sensors.link_quantum if name == "q" else log.device.sensors.motor_quantum
+        filed = log.device.sensors.link_quantum if name == "q" else log.device.sensors.motor_quantum
         step = step_of(values)
-        if step > 0.0 and told is not None and step > COARSE * told:
-            text = f"{name} stands on steps of {step:.4g} rad, the device file says {told:.4g} rad"
+        if step > 0.0 and filed is not None and step > COARSE * filed:
+            text = f"{name} has encoder steps of {step:.4g} rad, not {filed:.4g} rad as filed"
             yield log.finding("quantisation", name, "note", step, text)
 
 
@@ -129,12 +128,12 @@ def _torques(log: JointLog) -> Iterator[Finding]:
         top = float(np.max(np.abs(tau[seen])))
         clipped = float(np.mean(np.abs(tau[seen]) > 0.999 * top))
         if clipped > 0.02 or (limit is not None and float(np.mean(np.abs(tau[seen]) >= 0.999 * limit)) > 0.02):
-            text = f"the torque of motor {i + 1} stands at its largest value in {100 * clipped:.0f} % of the samples"
+            text = f"the torque of motor {i + 1} is at its largest value in {100 * clipped:.0f} % of the samples"
             yield log.finding("saturation", f"tau_{i + 1}", "note", clipped, text)
 
 
 def _alignment(log: JointLog) -> Iterator[Finding]:
-    """Measured torques against commanded ones: late, scaled, or off."""
+    """Measured torques that lag commanded ones."""
     if log.commands is None or "motor" not in log.commands or not log.torque_seen or log.device.drive != "torque":
         return
     period = float(np.median(np.diff(log.measured.time)))
@@ -147,7 +146,7 @@ def _alignment(log: JointLog) -> Iterator[Finding]:
             at = np.searchsorted(log.commands.time, time - (late + 0.5) * period, side="right") - 1
             errors.append(float(np.var(tau[seen] - log.commands["motor"][np.clip(at, 0, len(log.commands) - 1), i])))
         best = int(np.argmin(errors)) - 2
-        spread = float(np.var(tau[seen]))
-        if best != 0 and errors[best + 2] < 0.5 * errors[2] and errors[best + 2] < 0.1 * spread:
+        variance = float(np.var(tau[seen]))
+        if best != 0 and errors[best + 2] < 0.5 * errors[2] and errors[best + 2] < 0.1 * variance:
             text = f"tau_{i + 1} follows its command {1e3 * best * period:.3g} ms later than it should"
             yield log.finding("skew", f"tau_{i + 1}", "note", best * period, text)

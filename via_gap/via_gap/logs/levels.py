@@ -1,9 +1,9 @@
 """Noise levels of a measured channel: mean squares of the residuals of local polynomials, rounding treated exactly.
 
 A local polynomial of degree p through p + 2 neighbouring samples leaves one residual, the divided difference with
-weights of unit length, w. Its mean square is the noise variance plus what motion leaves, which falls with every degree
-as long as motion is slower than sampling. The degree is the lowest one whose level agrees with all higher ones within
-their standard errors (Lepski's method). The same with every second or fourth sample shows correlated noise.
+weights of unit length, w. Its mean square is the noise variance plus a part of the motion, which decreases with the
+degree if motion is slower than sampling. The chosen degree is the lowest one whose level agrees with all higher ones
+within their standard errors (Lepski's method). The same with every second or fourth sample shows correlated noise.
 
 Rounding is not white while the angle stays on a step. With Gaussian noise of standard deviation sigma before an encoder
 of step s, two measurements that lie d steps apart have the rounding covariance
@@ -38,14 +38,14 @@ from scipy.signal import savgol_filter
 from via_core.signals import Array
 
 Indices = NDArray[np.intp]
-DEGREES = (1, 2, 3, 4, 5, 6, 8)  # of local polynomials: more need windows over which rounding errors stay in step
+DEGREES = (1, 2, 3, 4, 5, 6, 8)  # of local polynomials: higher ones need too long windows
 STRIDES = (1, 2, 4)  # samples from one to the next in a window: correlation within four samples is filtering
-COARSER = (8, 16, 32)  # taken where the motion is too slow to cross an encoder step otherwise
+COARSER = (8, 16, 32)  # used if the motion is too slow to cross an encoder step otherwise
 BLOCK = 64  # windows over which squares are averaged
-BLOCKS = 64  # looked at: the standard error of the standard deviation is then about 1.5 %
+BLOCKS = 64  # used: the standard error of the standard deviation is then about 1.5 %
 FEWEST = 32  # windows: with fewer, the standard deviation is uncertain by more than a quarter
-CROSSING = 512  # windows that cross a step: eight blocks, so that one or two do not decide
-STANDARD_ERRORS = 3.0  # one chance in 370 that two levels that agree are taken to differ
+CROSSING = 512  # least number of windows that cross a step: eight blocks
+STANDARD_ERRORS = 3.0  # difference of two levels that is significant: probability 1 in 370 if they agree
 SIGMAS = np.array([0.0, 0.02, 0.04, 0.07, 0.1, 0.14, 0.19, 0.25, 0.32, 0.4])  # steps: at .4, rho is below .002
 POSITIONS = 256  # within a step, at which rho is tabulated
 TERMS = 60  # of the Fourier series: at .02 steps of noise, the next one is damped to .003
@@ -63,13 +63,13 @@ class Level:
     jitter: float
     total: float  # variance, rounding and jitter as in the windows
     rounded: float  # the same of noise-free rounding
-    spread: float  # standard error of the total
-    error: float  # of the variance
+    total_error: float  # standard error of the total
+    error: float  # standard error of the variance
     samples: int
 
 
 def levels(time: Array, x: Array, step: float, crossed: float) -> list[Level]:
-    """Noise levels, shortest stride first, of windows over which values cross `crossed` steps; empty: too few.
+    """Noise levels, shortest stride first, from windows in which values cross `crossed` steps; empty: too few windows.
 
     time, x  (N,) [s], increasing, and measured values; step 0: not rounded
     """
@@ -84,7 +84,7 @@ def levels(time: Array, x: Array, step: float, crossed: float) -> list[Level]:
 
 
 def _lowest_agreeing(tried: list[Level]) -> Level:
-    """The level of the lowest degree with which all higher ones agree, and the least jitter that these see."""
+    """The level of the lowest degree that agrees with all higher ones, with the least jitter of these."""
     for i, level in enumerate(tried):
         above = tried[i + 1 :]
         if all(_apart(level, other) <= STANDARD_ERRORS for other in above):
@@ -93,13 +93,13 @@ def _lowest_agreeing(tried: list[Level]) -> Level:
 
 
 def _apart(low: Level, high: Level) -> float:
-    """By how many standard errors the lower degree leaves more than the higher one, rounding aside."""
+    """Level of the lower degree minus that of the higher one, without rounding, in standard errors."""
     difference = (low.total - low.rounded) - (high.total - high.rounded)
-    return float(difference / max(np.hypot(low.spread, high.spread), 1e-300))
+    return float(difference / max(np.hypot(low.total_error, high.total_error), 1e-300))
 
 
 def _level(time: Array, x: Array, step: float, crossed: float, stride: int, degree: int) -> Level | None:
-    """The level at one stride and degree; None where too few windows are left."""
+    """The level at one stride and degree; None if there are too few windows."""
     points = degree + 2
     reach = (points - 1) * stride
     count = len(x) - reach
@@ -140,7 +140,7 @@ def _level(time: Array, x: Array, step: float, crossed: float, stride: int, degr
 
 
 def _blocks(usable: NDArray[np.bool_]) -> tuple[Indices, int]:
-    """First samples of windows in blocks of neighbours (blocks * size,), spread evenly, and the size of a block."""
+    """First samples (blocks * size,) of windows in blocks at even distances, and the size of a block."""
     which = np.flatnonzero(usable)
     if len(which) < FEWEST:
         return which[:0], 0
@@ -197,18 +197,17 @@ def _at(rounding: Array, variance: float, step: float) -> Array:
 
 
 def _middle(values: Array) -> Any:
-    """Mean over blocks (blocks, ...) of which outliers count as OUTLIER deviations from the median.
+    """Mean over blocks (blocks, ...), in which outliers are limited to OUTLIER standard deviations from the median.
 
-    Rounding errors of blocks in which the angle moves half a step per sample are skewed: their median is not their
-    mean.
+    The median would be biased: rounding errors of blocks in which the angle moves half a step per sample are skewed.
     """
     median = np.median(values, axis=0)
-    deviation = 1.4826 * np.median(np.abs(values - median), axis=0)
-    return np.mean(np.clip(values, median - OUTLIER * deviation, median + OUTLIER * deviation), axis=0)
+    reach = OUTLIER * (1.4826 * np.median(np.abs(values - median), axis=0))
+    return np.mean(np.clip(values, median - reach, median + reach), axis=0)
 
 
 def _solve(squares: Array, rounding: Array, step: float) -> float:
-    """Variance before rounding that blocks show in the mean; 0 where rounding alone makes as much."""
+    """Variance before rounding, from the mean of blocks; 0 if rounding alone explains it."""
     if step == 0.0:
         return max(_middle(squares), 0.0)
     left = _middle(squares[:, None] - rounding) - (SIGMAS * step) ** 2
@@ -222,7 +221,7 @@ def _solve(squares: Array, rounding: Array, step: float) -> float:
 
 
 def _jitter(squares: Array, quick: Array, relative: float, scale: float) -> float:
-    """Variance [s^2] of time stamps, by which block means (blocks,) grow with squared speed (blocks,).
+    """Variance [s^2] of time stamps: slope of block means (blocks,) over squared speed (blocks,).
 
     0 unless it is beyond STANDARD_ERRORS of its standard error.
     """
@@ -241,12 +240,12 @@ def _jitter(squares: Array, quick: Array, relative: float, scale: float) -> floa
 
 
 def _differences(degree: int) -> Array:
-    """The unit weights of a difference of evenly spaced samples that leaves nothing of polynomials of a degree."""
+    """Unit weights of a difference of evenly spaced samples that vanishes for polynomials of a degree."""
     weights = np.array([(-1) ** j * comb(degree + 1, j) for j in range(degree + 2)], dtype=np.float64)
     return weights / np.linalg.norm(weights)
 
 
 def share_shown(ar1: float, degree: int) -> float:
-    """Of the variance of first-order noise, what residuals of one degree show: less, as their weights are high-pass."""
+    """Share of the variance of first-order noise in residuals of one degree, whose weights are a high-pass filter."""
     weights = _differences(degree)
     return float(weights @ toeplitz(ar1 ** np.arange(degree + 2)) @ weights)

@@ -72,7 +72,7 @@ class LogNoise:
 
     channels  name -> estimate
     declared  name -> standard deviation by the device file: step / sqrt(12), or the torque noise; None: not stated
-    clock     of the time stamps
+    clock     sampling clock
     """
 
     channels: Mapping[str, ChannelNoise]
@@ -107,7 +107,7 @@ def log_noise(log: JointLog) -> LogNoise:
 
 
 def clock_of(time: Array) -> Clock:
-    """Period and jitter of stamps (N,) [s]. Lost samples are counted as such, a clock that drifts is followed."""
+    """Period and jitter of stamps (N,) [s]; lost samples and a slow drift of the clock do not count as jitter."""
     period = float(np.median(np.diff(time)))
     count = np.concatenate(([0.0], np.cumsum(np.maximum(np.rint(np.diff(time) / period), 1.0))))
     return Clock(period, channel_noise(count * period, time, 0.0).white)
@@ -140,7 +140,7 @@ def channel_noise(time: Array, values: Array, quantum: float | None = None) -> C
     sd = sqrt(white**2 + rounded**2 + resolution**2)
     how: How = "standstill" if still and step > 0.0 else "residuals"
     if step > 0.0 and not significant:
-        smooth = first.total + STANDARD_ERRORS * first.spread < first.rounded and not still
+        smooth = first.total + STANDARD_ERRORS * first.total_error < first.rounded and not still
         how = "smoothed" if smooth else "rounding only"
     lag = -period * first.stride / np.log(ar1) if ar1 > 0.0 and white > 0.0 else 0.0
     relative = min(0.5 * first.error / sd**2, 1.0)
@@ -148,9 +148,9 @@ def channel_noise(time: Array, values: Array, quantum: float | None = None) -> C
 
 
 def error_correlation(noise: ChannelNoise, angle: Array, lags: int, run: int = 0) -> Array:
-    """(lags,) mean correlation of the errors of measurements so many samples apart; `angle` (T,) as smooth as known.
+    """(lags,) mean correlation of the errors of two measurements at each lag; `angle` (T,) smoothed.
 
-    As `via_gap.logs.rounding.correlation`, of rounding with noise: noise before it whitens rounding errors.
+    As `via_gap.logs.rounding.correlation`, with noise before rounding, which whitens rounding errors.
     """
     rounded, white = noise.quantum**2 / 12.0, noise.white**2
     before = np.power(noise.ar1, np.arange(lags, dtype=np.float64))
@@ -182,9 +182,9 @@ def _angles(log: JointLog) -> list[tuple[str, Array, float | None]]:
 
 
 def _torque_noise(log: JointLog, i: int, column: Array) -> ChannelNoise:
-    """That of a torque: where its command is known, of what the command does not account for, if that is less.
+    """Noise of a measured torque, with a known command that of the difference from it, if it is less.
 
-    A controller's own noise is in the torque, too: without the command the estimate is an upper bound.
+    Without the command the estimate is an upper bound, because the torque contains the noise of the controller.
     """
     time = log.measured.time
     alone = channel_noise(time, column)
@@ -204,10 +204,10 @@ def _difference(x: Array) -> float:
 
 
 def _correlated(found: list[Level], rate: float) -> tuple[float, float]:
-    """Variance before rounding, and its correlation from sample to sample, of the levels at growing strides.
+    """Variance before rounding, and its correlation from sample to sample, from levels at increasing strides.
 
-    Noise of a first-order filter grows from stride to stride by one number; motion that is too quick for a stride grows
-    otherwise. Without three strides that agree on that number, noise counts as white.
+    If three strides are consistent with the noise of a first-order filter, its correlation is estimated; otherwise the
+    noise counts as white.
     """
     first, three = found[0], [each for each in found[:3] if rate / each.stride >= QUICKEST]
     white = (first.variance, 0.0)

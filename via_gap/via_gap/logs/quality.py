@@ -1,6 +1,6 @@
-"""What a recording can answer: its findings, the time that may be used, and the reason where it can answer nothing.
+"""Quality of a recording: findings, usable time, and the reason if it cannot be diagnosed.
 
-Every limit follows from the noise of the log itself or from the error that a fault makes; constants state their reason.
+Limits follow from the noise of the log or from the error that a fault causes; constants state their reason.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from via_gap.logs.noise import STANDARD_ERRORS, LogNoise
 Indices = NDArray[np.intp]
 
 Interval = tuple[float, float]
-SEGMENT = 0.25  # [s] over which a model is compared with a log before it starts anew
-TOLERANCE = 0.05  # by which device numbers are wrong: motion has to show a change of this size (via_core.devices)
-MISSED = 1.5  # periods: a sample or a command that comes later was due before
-REGULAR = 0.5  # share of command intervals near the median from which a clock sends them; a loaded one delays many
+SEGMENT = 0.25  # [s] length of a segment
+TOLERANCE = 0.05  # relative error of device parameters that the motion has to show
+MISSED = 1.5  # periods from which an interval contains a missed sample or command
+REGULAR = 0.5  # share of command intervals near the median from which commands are periodic
 MUCH = 0.1  # share of the time: standard errors grow by 5 % without it
 HALF = 0.5
 WORTH = 1.0  # jitter error over noise: from here jitter is the larger part of the variance
@@ -34,11 +34,11 @@ WORTH = 1.0  # jitter error over noise: from here jitter is the larger part of t
 
 @dataclass(frozen=True)
 class Quality:
-    """What a log can be used for.
+    """Quality of one log.
 
-    findings     worst first, as in the report
-    usable       (begin, end) [s] on the log's clock, without the stretches that must not be compared
-    cannot_tell  why the whole log answers nothing and what to record instead; empty: it can be diagnosed
+    findings     worst first
+    usable       (begin, end) [s] on the log's clock of the intervals that may be compared
+    cannot_tell  why the log cannot be diagnosed and what to record instead; empty: it can
     noise        of its channels
     """
 
@@ -77,12 +77,12 @@ def assess(log: JointLog, noise: LogNoise) -> Quality:
     usable = _without(whole, [cut for each in found for cut in each.cut])
     refused = [f.text for f in findings if f.severity == "refuse"]
     if not refused and sum(end - begin for begin, end in usable) < SEGMENT:
-        refused = ["no stretch of the log is long enough to compare: record it again on a machine with less load"]
+        refused = ["no usable interval of the log is long enough: record it again on a machine with less load"]
     return Quality(tuple(findings), tuple(usable), noise, " ".join(f"{text}." for text in refused))
 
 
 def _without(whole: Interval, cuts: Sequence[Interval]) -> list[Interval]:
-    """What is left of an interval without others."""
+    """An interval without others."""
     left, begin = [], whole[0]
     for start, stop in sorted(cuts):
         if start > begin:
@@ -112,7 +112,7 @@ def _curvature(log: JointLog, noise: LogNoise) -> float:
 
 
 def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
-    """Late samples. A straight line over a gap g errs by g^2 / 8 times the acceleration: beyond the noise it is cut."""
+    """Late samples. Linear interpolation over a gap g has an error of g^2 / 8 times the acceleration."""
     time, period = log.measured.time, noise.clock.period
     steps = np.diff(time)
     late = steps > MISSED * period
@@ -122,7 +122,7 @@ def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     longest = max(MISSED * period, sqrt(8.0 * noise.channels["q"].sd / bend) if bend > 0.0 else np.inf)
     gone = np.flatnonzero(steps > longest)
     regular = float(np.mean(np.abs(steps - period) < MUCH * period)) > 1.0 - TOLERANCE
-    cut = () if regular else tuple((float(time[i]), float(time[i + 1])) for i in gone)  # else only these samples
+    cut = () if regular else tuple((float(time[i]), float(time[i + 1])) for i in gone)
     lost = float(steps[gone].sum() / log.duration) if gone.size else 0.0
     share = float(np.mean(late))
     text = (
@@ -135,14 +135,14 @@ def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
 
 
 def _commands(log: JointLog) -> Iterator[_Found]:
-    """Commands that a clock sends, held longer than its period, after which they have moved on."""
+    """Missing commands of a periodic sender."""
     if log.commands is None or len(log.commands) < 10:
         return
     time = log.commands.time
     steps = np.diff(time)
     period = float(np.median(steps))
     if float(np.mean(np.abs(steps - period) < HALF * period)) < REGULAR:
-        return  # sent when they change
+        return  # not periodic
     changed = np.zeros(len(steps), dtype=bool)
     for values in log.commands.channels.values():
         columns = values.reshape(len(values), -1)
@@ -155,7 +155,7 @@ def _commands(log: JointLog) -> Iterator[_Found]:
     longest, share = float(steps[gone].max()), float(steps[gone].sum() / max(log.duration, period))
     text = (
         f"{gone.size} times a command is missing for longer than {1e3 * MISSED * period:.3g} ms while commands change, "
-        f"the longest for {1e3 * longest:.3g} ms; what the joint was sent then is not known, "
+        f"the longest for {1e3 * longest:.3g} ms; the commands in this time are unknown, "
         f"{100 * share:.2g} % of the time is left out: record commands where they are sent, with less load"
     )
     severity: Severity = "downgrade" if share > MUCH else "note"
@@ -169,7 +169,7 @@ def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         return
     there = np.isfinite(log.measured["q"])
     speed = np.gradient(log.measured["q"][there], log.measured.time[there])
-    typical = float(np.sqrt(np.quantile(speed**2, 0.75)))  # jitter speaks in the quick half
+    typical = float(np.sqrt(np.quantile(speed**2, 0.75)))  # median of the faster half, where jitter matters
     ratio = jitter * typical / own.sd
     if ratio < 1.0 / STANDARD_ERRORS:  # less than a tenth of the variance
         return
@@ -182,15 +182,14 @@ def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
 
 
 def _drive(log: JointLog) -> Iterator[_Found]:
-    """Whether a rigid joint's torque is known at all: a simulation without it would run with none."""
+    """Missing torque and command of a rigid joint."""
     if log.device.drive != "torque" or log.device.n_motors or log.torque_seen:
         return
     if log.commands is not None and "external_torque" in log.commands:
         return
     text = (
-        "no drive torque was recorded and no command stands for it, so that nothing says what moved the joint: record "
-        "the effort of the drive (tau_1) or its command (external_torque); if nothing drives the joint, say so by an "
-        "external_torque of zero"
+        "neither the drive torque nor its command was recorded: record the effort of the drive (tau_1) or its command "
+        "(external_torque); if nothing drives the joint, record an external_torque of zero"
     )
     yield _Found(log.finding("no torque", "tau_1", "refuse", 0.0, text))
 
@@ -203,8 +202,8 @@ def _segments(time: Array) -> Indices:
 def _moving(log: JointLog, noise: LogNoise) -> tuple[Indices, Indices, NDArray[np.bool_]]:
     """Samples with a link angle (n,), the segment of each (n,), and whether each segment moves (segments,).
 
-    A segment moves where its range is twice what noise makes: of n normal values, the range is about
-    2 sqrt(2 ln n) standard deviations.
+    A segment moves if its range is twice that of noise, which for n normal values is about 2 sqrt(2 ln n) standard
+    deviations.
     """
     there = np.flatnonzero(np.isfinite(log.measured["q"]))
     segment = _segments(log.measured.time[there])
@@ -220,9 +219,9 @@ def _moving(log: JointLog, noise: LogNoise) -> tuple[Indices, Indices, NDArray[n
 
 
 def _motion(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
-    """Whether a change of the device's numbers by their tolerance shows in the motion.
+    """Too little motion to show a change of the device parameters by their tolerance.
 
-    It changes a segment by TOLERANCE times its range r. With noise sd and m segments that move, it shows by
+    The change of a segment is TOLERANCE times its range r; with noise sd and m segments that move, that is
     TOLERANCE r sqrt(m) / sd standard errors.
     """
     there, segment, moves = _moving(log, noise)
@@ -231,17 +230,15 @@ def _motion(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     shown = TOLERANCE * float(np.sqrt(np.sum(ranges**2))) / own.sd
     share = float(np.mean(moves))
     if shown < STANDARD_ERRORS:
-        held = "its torque varies, so that a stop, a brake or a clamp may hold it: free the joint, and "
+        clamped = "its torque varies, so that a stop, a brake or a clamp may hold it: free the joint, and "
         text = (
             f"the link moves by {np.ptp(q):.2g} rad, {np.ptp(q) / own.sd:.2g} times its noise, and "
             f"{100 * share:.0f} % of the time: a change of {100 * TOLERANCE:.0f} % in the device shows by "
-            f"{shown:.2g} standard errors; {held if _varies(log, noise) else ''}move it further and for longer"
+            f"{shown:.2g} standard errors; {clamped if _varies(log, noise) else ''}move it further and for longer"
         )
         yield _Found(log.finding("too little motion", "q", "refuse", shown, text))
     elif share < HALF:
-        text = (
-            f"the link moves {100 * share:.0f} % of the time: the rest says nothing about inertia and viscous friction"
-        )
+        text = f"the link moves {100 * share:.0f} % of the time: the rest shows neither inertia nor viscous friction"
         yield _Found(log.finding("still", "q", "note", share, text))
 
 
@@ -254,7 +251,7 @@ def _varies(log: JointLog, noise: LogNoise) -> bool:
 
 
 def _pinned(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
-    """A link that rests at one end of its range while the torque varies by more than moving it takes."""
+    """A link that rests at one end of its range while the torque varies by more than in motion."""
     if log.device.n_motors or not log.torque_seen:
         return
     there, segment, moves = _moving(log, noise)
@@ -283,7 +280,7 @@ def _pinned(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
 
 
 def _range(values: Array) -> float:
-    """From the 10 % to the 90 % quantile: the moments at which a link reaches a stop or leaves it do not count."""
+    """Difference of the 90 % and 10 % quantiles, on which reaching and leaving a stop have no influence."""
     return float(np.nanquantile(values, 0.9) - np.nanquantile(values, 0.1))
 
 
@@ -303,10 +300,10 @@ def _torques(log: JointLog, noise: LogNoise) -> Iterator[tuple[str, Array]]:
 
 
 def _fast_torque(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
-    """Torque that is no longer correlated from sample to sample.
+    """Torque with too little correlation c from sample to sample.
 
-    Held over a sample, a torque of correlation c errs with 2 (1 - c) times its variance; its mean errs with once. Below
-    c = 1/2 the mean of the log predicts it better than the sample before it.
+    The squared error of a zero-order hold is 2 (1 - c) times the variance of the torque, that of its mean is the
+    variance. Below c = 1/2, the mean predicts the torque better than the last sample.
     """
     for name, column in _torques(log, noise):
         there = column[np.isfinite(column)]
@@ -321,10 +318,10 @@ def _fast_torque(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
 
 
 def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
-    """Torque that the angles alone determine.
+    """Torque that is a function of the angles alone, up to less than a change of the device by its tolerance.
 
-    What it leaves is less than a change of the device by its tolerance makes. Where a rigid joint's inertia takes more
-    than that, the torque does not show it; where it takes less, the motion is slow and the torque is gravity's.
+    If the torque on a rigid joint's inertia is larger than the rest, the recorded torque does not contain it; otherwise
+    the motion is slow and the torque balances gravity.
     """
     for name, column in _torques(log, noise):
         if log.device.n_motors and not all(log.motors_seen):
@@ -337,17 +334,17 @@ def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         if residual >= TOLERANCE**2 * variance:
             continue
         text = (
-            f"{name} is a function of the angle alone, which predicts {100 * share:.3g} % of its variance in passes "
-            "held out; "
+            f"{name} is a function of the angle alone, which predicts {100 * share:.3g} % of its variance in held-out "
+            "passes; "
         )
         if log.device.n_motors:
             text += "it shows the controller more than the joint: use a reference that varies"
             yield _Found(log.finding("torque of angle", name, "downgrade", share, text))
         elif _inertia_torque(log, noise) > 2.0 * sqrt(residual):
             text += (
-                "it cannot tell inertia and friction from gravity: something else moved the joint (a hand, another "
-                "joint), or the motion repeats one sine. Record motion made by the drive, with several speeds at each "
-                "angle"
+                "it does not distinguish inertia and friction from gravity: something else moved the joint (a hand, "
+                "another joint), or the motion repeats one sine. Record motion made by the drive, with several speeds "
+                "at each angle"
             )
             yield _Found(log.finding("torque of angle", name, "refuse", share, text))
         else:

@@ -1,4 +1,4 @@
-"""Run a log's commands on the nominal model and measure how far it is from the robot: the gap before any diagnosis.
+"""Simulation of a log's commands on the nominal model, and its error: the gap before any diagnosis.
 
 The gap of a signal is its NRMSE: RMS error of the simulated signal over the standard deviation of the measured one.
 """
@@ -20,7 +20,7 @@ from via_sim.plants import JointPlant
 from via_sim.simulate import InitialConditions, simulate
 
 TICK_RATE = 1000.0  # [Hz] of the simulation; commands of logs change on whole milliseconds
-FIRST_SAMPLES = 9  # whose median is where a log starts: long enough to outvote spikes of a servo's encoder
+FIRST_SAMPLES = 9  # whose median is the initial angle of a log, without influence of spikes of an encoder
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Gap:
 def simulated_log(device: Device, measured: Signals, commands: Signals, effects: Sequence[Effect] = ()) -> Signals:
     """Signals of the device's model under the commands of a log, on a grid that covers `measured`.
 
-    Angles are what encoders without noise or steps read, the effects' errors included: a log holds readings.
+    Angles are those of encoders without noise or steps, but with the encoder errors of the effects, as in the log.
 
-    measured  has `q` (N,) and, where the device has motors, `theta` (N, m); the log starts at rest where its first
-              samples say, a motor that is not measured where its first command says
-    commands  held; their first value stands before their first sample
+    measured  `q` (N,) and, if the device has motors, `theta` (N, m); the log starts at rest at its first samples, a
+              motor that is not measured at its first command
+    commands  with zero-order hold; before the first one, its value applies
 
     Raises SignalError for a log without samples or without a finite link angle at its start.
     """
@@ -71,19 +71,19 @@ def gap_to(simulated: Signals, measured: Signals) -> Gap:
 
 
 def pooled(gaps: Sequence[Gap]) -> float:
-    """One NRMSE [-] over several logs: all squared errors over all squared deviations from each log's own mean.
+    """One NRMSE [-] over several logs: all squared errors over all squared differences from each log's own mean.
 
-    Long swings weigh more than short ones, unlike in the mean of the logs' NRMSE. Raises SignalError for no log.
+    Large motions have more weight than in the mean of the logs' NRMSE. Raises SignalError if there is no log.
     """
     if not gaps:
         raise SignalError("no log to pool")
     error = sum(float(np.sum((gap.simulated - gap.measured) ** 2)) for gap in gaps)
-    spread = sum(float(np.sum((gap.measured - np.mean(gap.measured)) ** 2)) for gap in gaps)
-    return sqrt(error / spread)
+    total = sum(float(np.sum((gap.measured - np.mean(gap.measured)) ** 2)) for gap in gaps)
+    return sqrt(error / total)
 
 
 def _initial(device: Device, measured: Signals, commands: Signals, row: Array) -> Array:
-    """(6,) q, theta_1, theta_2 [rad] and zero velocities; errors that `row` (N_PARAMETERS,) gives encoders undone."""
+    """(6,) q, theta_1, theta_2 [rad] and zero velocities, without the encoder errors of `row` (N_PARAMETERS,)."""
     state = np.zeros(6)
     state[0] = true_angle(row, 0, _first(measured["q"]))
     if np.isnan(state[0]):

@@ -1,4 +1,4 @@
-"""The last seconds of one joint, sample by sample, as a log: what a bag of the same messages gives, bit by bit.
+"""The last seconds of one joint as a log, with the same bits as a bag of the same messages.
 
 rolling = RollingLog(device, span=20.0)
 rolling.sample(stamp, row)              # row (c,) of `columns_of(device)`
@@ -18,8 +18,8 @@ from via_core.wire import JOINT_STATE, LINK, SECOND, VSA_COMMAND
 
 from via_gap.logs.log import JointLog
 
-JUMP = SECOND // 2  # [ns] that a stamp may run backward and still be a late sample; beyond, the clock was set back
-MOST = 2**20  # rows of samples or commands kept, whatever their rate
+JUMP = SECOND // 2  # [ns] by which a late sample may be older than the newest; beyond, the clock was set back
+MOST = 2**20  # largest number of rows of samples or commands
 
 
 def columns_of(device: Device) -> tuple[str, ...]:
@@ -70,19 +70,19 @@ class RollingLog:
         """Take a command with its stamp [ns]; `motor` (k,) is padded with NaN or cut to the device's drives."""
         row = np.full(4 + self.device.n_drives, np.nan)
         row[:4] = mode, equilibrium, preset, damping
-        told = motor[: self.device.n_drives]
-        row[4 : 4 + len(told)] = told
+        own = motor[: self.device.n_drives]
+        row[4 : 4 + len(own)] = own
         self._commands.append(stamp, row)
 
     def restart(self) -> None:
-        """Forget everything."""
+        """Drop all samples and commands."""
         self._samples.clear()
         self._commands.clear()
 
     def log(self, name: str, span: float | None = None) -> JointLog | None:
-        """The window, or its last `span` [s]; None where it has fewer than two samples.
+        """The window, or its last `span` [s]; None if it has fewer than two samples.
 
-        Raises ViaError where the window holds no link angle, or commands that contradict one another.
+        Raises ViaError if the window contains no link angle, or commands that contradict one another.
         """
         if len(self) < 2:
             return None
@@ -99,7 +99,7 @@ class RollingLog:
         return JointLog(name, self.device, recording.measured, recording.commands, (repeated, backward))
 
     def _columns(self, begin: int) -> Columns | None:
-        """Commands from the one that holds at `begin` [ns] on, as a bag gives them."""
+        """Commands from the one that is active at `begin` [ns] on, as from a bag."""
         first = max(self._commands.first_after(int(begin) + 1) - 1, 0)
         stamps, rows = self._commands.stamp[first:].copy(), self._commands.rows[first:]
         if not len(stamps):
@@ -114,7 +114,7 @@ class RollingLog:
 
 
 class _Tape:
-    """Rows (n, c) with stamps (n,) [ns] in the order they came; what is forgotten is overwritten now and then."""
+    """Rows (n, c) with stamps (n,) [ns] in the order of arrival, in a buffer that is compacted when full."""
 
     def __init__(self, width: int) -> None:
         self._stamps = np.empty(1024, dtype=np.int64)
@@ -138,9 +138,9 @@ class _Tape:
         self.newest = stamp if self.newest is None else max(self.newest, stamp)
 
     def first_after(self, time: int) -> int:
-        """Index of the first row stamped at `time` [ns] or later; their number where there is none.
+        """Index of the first row stamped at `time` [ns] or later; the number of rows if there is none.
 
-        Stamps that ran backward a little make it inexact by as many rows.
+        If stamps ran backward, it is inexact by as many rows.
         """
         return int(np.searchsorted(self.stamp, time))
 

@@ -1,13 +1,13 @@
-"""Errors of rounding: how those of readings near one another hang together, and what sums of readings make of them.
+"""Rounding errors of encoders: correlation of neighbouring measurements, and variance of their weighted sums.
 
-An encoder's error is a sawtooth of its angle, e(x) = s (x / s - rint(x / s)) with the step s. Where every phase is as
-likely as another, two readings d steps apart have
+An encoder's error is a sawtooth of its angle, e(x) = s (x / s - rint(x / s)) with the step s. If every phase is equally
+likely, the errors of two measurements d steps apart have
 
     <e(x) e(x + d s)> = s^2 / 12 r(d),   r(d) = 1 - 6 f (1 - f),   f = d - floor(d)
 
-(the integral over one tooth; a Bernoulli polynomial, as every correlation of sawtooths). An axis that crosses many
-steps from reading to reading has errors without order, r averages to zero. One that stays on a step for several
-readings repeats its error: their mean is no better than one of them, and slopes fitted to them are worse.
+(the integral over one tooth, a Bernoulli polynomial). If an axis crosses many steps between measurements, r averages to
+zero, and errors are uncorrelated. If it stays on a step for several measurements, they have the same error: their mean
+is no better than one of them, and slopes fitted to them are worse.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from scipy.linalg import toeplitz
 from scipy.signal import savgol_coeffs, savgol_filter
 from via_core.signals import Array
 
-PLACES = 2000  # of a log that are looked at
-ALIKE = 0.5  # difference of two bends over their sum: one at most three times the other
+PLACES = 2000  # windows of a log that are used at most
+ALIKE = 0.5  # difference of two curvatures over their sum: one at most three times the other
 
 
 def correlation(angle: Array, step: float, lags: int, run: int = 0) -> Array:
-    """(lags,) mean correlation r of readings so many samples apart; `angle` (T,) [rad] as smooth as it is known.
+    """(lags,) mean correlation r of the errors of two measurements at each lag; `angle` (T,) [rad] smoothed.
 
-    run  samples within which the angle must cross a step to count: an error that stays is the start's
+    run  samples within which the angle must cross a step: a constant error is attributed to the start. 0: no condition
     """
     windows = sliding_window_view(angle, min(max(lags, run), len(angle)))
     apart = windows[:: max(1, len(windows) // PLACES)] / step
@@ -37,28 +37,28 @@ def correlation(angle: Array, step: float, lags: int, run: int = 0) -> Array:
 
 
 def variances(weights: Array, correlated: Array) -> Array:
-    """Of sums of n neighbouring readings by `weights` (..., n), over that of one; `correlated` (n or more,)."""
+    """Variances of sums of neighbouring errors with `weights` (..., n), over that of one; `correlated` (n or more,)."""
     together = toeplitz(correlated[: weights.shape[-1]])
     return np.einsum("...i,ij,...j->...", weights, together, weights)
 
 
 def variance(weights: Array, correlated: Array) -> float:
-    """The same of one sum (n,)."""
+    """The variance of one sum with weights (n,)."""
     return float(variances(weights, correlated))
 
 
 def mean_variance(correlated: Array) -> float:
-    """Of the mean of n readings, over that of one reading: 1 / n where errors have no order, at least that."""
+    """Variance of the mean of n errors, over that of one, at least 1 / n; `correlated` (n,)."""
     count = len(correlated)
     return max(1.0 / count, variance(np.full(count, 1.0 / count), correlated))
 
 
-def between(time: Array, readings: Array, wanted: Array, widest: float) -> tuple[Array, Array]:
-    """Readings (N,) taken at `time`, between them at `wanted` (T,) -> (T,), and the weights (T, 4) of the four around.
+def interpolated(time: Array, values: Array, wanted: Array, widest: float) -> tuple[Array, Array]:
+    """Values (N,) at `time`, interpolated at `wanted` (T,) -> (T,), and weights (T, 4) of the four neighbours.
 
-    A cubic through the two to either side; beside spans wider than `widest`, at the ends, and where the bends (second
-    divided differences) at the two sides are not alike, a straight line, which is wrong by span^2 / 8 times the
-    acceleration. A cubic through a jump or a kink is wrong by a share of the jump.
+    A cubic through two neighbours to either side. Beside gaps wider than `widest`, at the ends, and where curvatures
+    (second divided differences) on both sides are not alike, linear interpolation, whose error is span^2 / 8 times the
+    acceleration. The error of a cubic through a jump or a kink is proportional to the jump.
     """
     count = len(time)
     after = np.clip(np.searchsorted(time, wanted), 1, count - 1)
@@ -67,8 +67,8 @@ def between(time: Array, readings: Array, wanted: Array, widest: float) -> tuple
     around = np.clip(around, 0, count - 1)
     nodes = time[around]
     inner &= np.all(np.diff(nodes, axis=1) <= widest, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):  # of nodes that stand for those beyond the ends
-        slopes = np.diff(readings[around], axis=1) / np.diff(nodes, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):  # nodes beyond the ends are repeated
+        slopes = np.diff(values[around], axis=1) / np.diff(nodes, axis=1)
         bends = np.diff(slopes, axis=1) / (nodes[:, 2:] - nodes[:, :-2])
     inner &= np.abs(bends[:, 1] - bends[:, 0]) <= ALIKE * np.abs(bends[:, 1] + bends[:, 0])
     weights = np.zeros((len(wanted), 4))
@@ -78,21 +78,20 @@ def between(time: Array, readings: Array, wanted: Array, widest: float) -> tuple
     for k in range(4):
         others = [j for j in range(4) if j != k]
         weights[inner, k] = np.prod([(x - at[:, j]) / (at[:, k] - at[:, j]) for j in others], axis=0)
-    return np.sum(weights * readings[around], axis=1), weights
+    return np.sum(weights * values[around], axis=1), weights
 
 
-def slope_order(readings: Array, angle: Array, step: float, window: int) -> int:
-    """2 or 3: the polynomial over `window` readings whose slope in their middle is less wrong in the mean square.
+def slope_order(values: Array, angle: Array, step: float, window: int) -> int:
+    """2 or 3: degree of the polynomial over `window` samples with the smaller mean squared error of the slope.
 
-    readings  (T,) [rad] evenly sampled; angle (T,) the same, smoothed
+    values  (T,) [rad] evenly sampled; angle (T,) the same, smoothed
 
-    The quadratic's slope is wrong by a bias b that the cubic has not, and by noise n2; the cubic's by n3, which is
-    more. Their difference d shows the bias, <d^2> = <b^2> + <(n3 - n2)^2>, and so which of the two is better:
-    the cubic where <b^2> > <n3^2> - <n2^2>.
+    The slope of the quadratic has a bias b and noise n2, that of the cubic no bias and more noise n3. The bias follows
+    from their difference d, <d^2> = <b^2> + <(n3 - n2)^2>. The cubic is better if <b^2> > <n3^2> - <n2^2>.
     """
     both = [savgol_coeffs(window, order, deriv=1, use="dot") for order in (2, 3)]
-    inside = slice(window // 2, len(readings) - window // 2)
-    less, more = (savgol_filter(readings, window, order, deriv=1)[inside] for order in (2, 3))
+    inside = slice(window // 2, len(values) - window // 2)
+    less, more = (savgol_filter(values, window, order, deriv=1)[inside] for order in (2, 3))
     correlated = correlation(angle, step, window)
     noise = step**2 / 12.0 * np.array([variance(each, correlated) for each in (*both, both[1] - both[0])])
     bias = float(np.mean((more - less) ** 2)) - noise[2]

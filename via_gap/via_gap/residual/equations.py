@@ -1,4 +1,4 @@
-"""The torque that each equation of a device lacks along a whole log: what localisation and pictures show."""
+"""Missing torque of each equation of a device along a whole log, for the location of the gap."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Residual:
     axis    0 link, 1, 2 motors
     centre  (W,) tick in the middle of each window
     torque  (W,) [N m] missing in the model
-    floor   (W,) [N m] standard deviation that the sensors explain
+    floor   (W,) [N m] standard deviation by sensor noise
     """
 
     axis: int
@@ -36,7 +36,7 @@ class Residual:
 
 
 def weak_residuals(segments: Segments, device: Device) -> tuple[Residual, ...]:
-    """Residuals of every equation of `device` (its numbers may be fitted ones) that the log allows; none where none."""
+    """Residuals of every equation of `device` that the signals allow to evaluate, maybe none."""
     row = JointPlant.from_device(device).at_rate(segments.rate)
     try:
         windows = windows_of(segments, row)

@@ -1,7 +1,7 @@
-"""The gap in numbers: how far the simulated signals are from the measured ones, per signal and over all.
+"""Size of the gap: errors of the simulated signals, per signal and over all.
 
-A torque-driven joint is compared in short segments from measured states, because it drifts when run freely; a joint
-whose motors follow their commands is run freely over the whole log, which is what its user will do.
+A torque-driven joint is simulated in short segments from measured states, because a free run drifts. A joint with
+servos is simulated over the whole log, as its user does.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ RESAMPLES = 400
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Squared errors per signal and block, and what they are relative to.
+    """Squared errors per signal and block, and the variances to which they are relative.
 
     names     of the signals
     squares   (B, n) mean squared error of each block [rad^2]
     variance  (n,) of the measured signals [rad^2]
-    floor     (n,) mean square that the sensors alone leave [rad^2]
+    floor     (n,) mean square of sensor noise [rad^2]
     """
 
     names: tuple[str, ...]
@@ -60,7 +60,7 @@ class Errors:
 
 
 def torque_errors(problem: ResidualModel, residual: Array) -> Errors:
-    """Errors from what equations lack (R,) in units of their floors: squares and variance of torques [N m]."""
+    """Errors from missing torques (R,) in units of their floors; squares and variances in [N^2 m^2]."""
     squares, drives, floors, begin = [], [], [], 0
     for view in problem.views:
         assert isinstance(view, InverseDynamics)
@@ -97,7 +97,7 @@ def segment_errors(problem: ResidualModel, residual: Array) -> Errors:
 def free_errors(
     device: Device, effects: Sequence[Effect], segments: Sequence[Segments], chosen: Sequence[Indices]
 ) -> Errors:
-    """Errors of the link angle when every log is simulated from beginning to end; only chosen segments count."""
+    """Errors of the link angle in free runs over every log; only samples in the chosen segments count."""
     squares, total, count = [], 0.0, 0
     for each, which in zip(segments, chosen, strict=True):
         if not len(which):
@@ -112,7 +112,7 @@ def free_errors(
         segment = np.searchsorted(each.time, time, side="right") - 1
         inside = np.isin(segment, which)
         inside |= (segment >= len(each) - 1) & (len(each) - 1 in which)
-        blocks = max(1, round(log.duration / BLOCK))  # as long as one another: each counts alike
+        blocks = max(1, round(log.duration / BLOCK))  # of equal length, because all count alike
         block = np.minimum((time - time[0]) / log.duration * blocks, blocks - 1).astype(int)
         for b in np.unique(block[inside]):
             squares.append([float(np.mean(error[inside & (block == b)] ** 2))])

@@ -1,21 +1,22 @@
-"""The second view: the torque that each equation lacks along the measured motion, nothing simulated.
+"""The second view: the missing torque of each equation along the measured motion, without simulation.
 
     missing = [ <torque(q, qd, commands; effects), psi> - I <q, psi''> ] / gain
 
-for every axis whose equation the signals allow: the link, and each motor. `equation_torques` of via_sim holds every
-effect as the simulator has it; psi modulates windows (via_core.weak_form), so that no angle is differentiated.
+for every axis whose equation the signals allow: the link, and each motor. `equation_torques` of via_sim contains every
+effect as in the simulator. psi modulates windows (via_core.weak_form), so that no angle is differentiated.
 
-Where measured torque does not predict the motion (a controller moves a light motor evenly; an arm is held upright),
-simulated segments favour whatever keeps the model from moving, and this view judges alone. It has a trivial minimum of
-its own, a model in which neither drive nor inertia acts, and is guarded against it: torques are compared where they
-enter, so that a small gain of the drive enlarges what is missing (`gain` above), and a view in which no model predicts
-the drive's torque better than its mean does not judge (`baseline`).
+If measured torque does not predict the motion (a controller moves a light motor evenly; an arm is held upright),
+simulated segments favour any effect that keeps the model at rest, and models are compared in this view alone. Its own
+trivial minimum is a model in which neither drive nor inertia acts. There are two guards: missing torque is divided by
+the gain of the drive (`gain` above), and this view is not used alone if no model predicts the drive's torque better
+than its mean does (`baseline`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -33,27 +34,27 @@ from via_gap.residual.segments import Indices, Segments
 WINDOW = 0.06  # [s]
 STRIDE = 0.5  # of a window
 ORDER = 3  # of the modulating function
-STANDING = 0.02  # [rad/s] below which an axis nearly stands
+STANDING = 0.02  # [rad/s] below which an axis is nearly at rest
 LONGEST = 4  # times WINDOW at most
-QUIET = 0.1  # of the drive's torque: sensor noise in a window long enough
-TAKING = np.concatenate(  # slots of a row whose effects can keep the torque of a drive from acting
+QUIET = 0.1  # of the drive's torque: sensor noise in a window that is long enough
+TAKING = np.concatenate(  # slots of effects that can reduce the torque of a drive
     [np.arange(start, start + 3) for start in (P.torque_gain, P.saturation)]
     + [np.arange(P.load_friction, P.load_velocity), np.array([P.lag])]
 )
 SMALLEST = 1e-9  # [N m] of a floor
-LEAST_GAIN = 0.05  # of a drive: with less of it nothing is compared where it enters
+LEAST_GAIN = 0.05  # of a drive: smaller ones count as this
 
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """One log's samples as the equations take them, shared by all selections of its segments.
+    """Samples of one log for the equations, shared by all selections of its segments.
 
-    undriven the same record without the commands of the drive of each axis
+    undriven for each axis the record without the commands of its drive
     axes     equations that the signals allow: 0 link, 1, 2 motors
     weights  (3, n) of a window: <f, psi>, <f, psi'>, <f, psi''>
     stride   ticks from one window to the next
-    floor    (a,) [N m] standard deviation that the sensors explain
-    drive    (T, a) [N m] what drives each axis: its motor, of a link behind springs the springs
+    floor    (a,) [N m] standard deviation by sensor noise
+    drive    (T, a) [N m] torque that drives each axis: of its motor, or of the springs for a link behind springs
     """
 
     record: Record
@@ -67,39 +68,39 @@ class Windows:
 
 @dataclass(frozen=True, eq=False)
 class InverseDynamics:
-    """Chosen segments of a log, each a row of windows for every axis.
-
-    first   (C, w) tick at which each window of each chosen segment begins
-    inside  (n,) ticks in any window, ascending: only their torques are computed
-    place   (C, w) where `first` stands in `inside`
-    """
+    """Chosen segments of a log, each a row of windows for every axis."""
 
     segments: Segments
     chosen: Indices
     nominal: Array  # (N_PARAMETERS,)
     windows: Windows
-    first: Indices = field(init=False)
-    inside: Indices = field(init=False)
-    place: Indices = field(init=False)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def first(self) -> Indices:
+        """(C, w) tick at which each window of each chosen segment begins."""
         span = self.windows.weights.shape[1]
         steps = np.arange(0, max(self.segments.ticks - span, 0) + 1, self.windows.stride)
-        first = np.minimum(self.segments.begin[self.chosen][:, None] + steps, len(self.segments.angles) - span)
-        inside = np.unique(first[..., None] + np.arange(span))
-        object.__setattr__(self, "first", first)
-        object.__setattr__(self, "inside", inside)
-        object.__setattr__(self, "place", np.searchsorted(inside, first))
+        return np.minimum(self.segments.begin[self.chosen][:, None] + steps, len(self.segments.angles) - span)
+
+    @cached_property
+    def inside(self) -> Indices:
+        """(n,) ticks in any window, ascending: only their torques are computed."""
+        return np.unique(self.first[..., None] + np.arange(self.windows.weights.shape[1]))
+
+    @cached_property
+    def place(self) -> Indices:
+        """(C, w) index of `first` in `inside`."""
+        return np.searchsorted(self.inside, self.first)
 
     @staticmethod
     def of(segments: Segments, chosen: Indices) -> InverseDynamics:
-        """Raises SignalError where the signals allow no equation."""
+        """Raises SignalError if the signals allow no equation."""
         nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
         return InverseDynamics(segments, chosen, nominal, windows_of(segments, nominal))
 
     @staticmethod
     def witness(segments: Segments, chosen: Indices) -> InverseDynamics:
-        """The same in windows as long as a segment: the time scale on which simulated segments judge."""
+        """The same with windows as long as a segment, the time scale of the simulated segments."""
         nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
         return InverseDynamics(segments, chosen, nominal, windows_of(segments, nominal, segments.ticks + 1))
 
@@ -117,7 +118,7 @@ class InverseDynamics:
         return np.stack([self._missing(row) for row in rows])
 
     def baseline(self) -> Array:
-        """(C, w a) the drive's torque less its mean, in units of the floor: a model that predicts nothing."""
+        """(C, w a) the drive's torque minus its mean, in units of the floor: the residual without a model."""
         drive = self.windows.drive[self.inside]
         parts = [self.over(drive[:, i], 0) for i in range(drive.shape[1])]
         scaled = [(part - part.mean()) / floor for part, floor in zip(parts, self.windows.floor, strict=True)]
@@ -137,10 +138,10 @@ class InverseDynamics:
         return np.concatenate(parts, axis=1)
 
     def _passed(self, row: Array, axis: int) -> float:
-        """Share of the drive's torque that a row lets act on an axis: 1 unless an effect takes some of it.
+        """Share of the drive's torque that acts on an axis under a row: 1 unless an effect reduces it.
 
-        A model whose drive is weak, saturated, slow or held by friction that grows with its torque would lack little
-        whatever the motion: what is missing is compared with the torque that is left.
+        With a drive that is weak, saturated, slow or balanced by load-dependent friction, little torque would be
+        missing in any motion. Missing torque is therefore relative to the torque that acts.
         """
         behind_springs = axis == 0 and self.segments.log.device.n_transmissions > 0
         if behind_springs or np.array_equal(row[TAKING], self.nominal[TAKING]):
@@ -152,9 +153,9 @@ class InverseDynamics:
         return max(share, LEAST_GAIN)
 
     def _missing_at(self, terms: EquationTorques, axis: int) -> Array:
-        """(C, w) [N m]; while an axis nearly stands, dry friction takes what it can."""
+        """(C, w) [N m]; while an axis is nearly at rest, dry friction balances as much torque as it can."""
         standing, friction = terms.standing[:, axis], terms.friction[:, axis]
-        acting = terms.torque[:, axis] + np.where(standing, friction, 0.0)  # friction where the axis slips alone
+        acting = terms.torque[:, axis] + np.where(standing, friction, 0.0)  # only friction of slip
         missing = terms.inertia[axis] * self.over(terms.angle[:, axis], 2) - self.over(acting, 0)
         capacity = self.over(np.where(standing, terms.capacity[:, axis], 0.0), 0)
         return np.sign(missing) * np.maximum(np.abs(missing) - capacity, 0.0)
@@ -187,7 +188,7 @@ def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
 
 
 def equations(segments: Segments, device: Device) -> tuple[int, ...]:
-    """The axes whose equation the signals allow: the link needs all motor angles, a motor its own and the link's."""
+    """Axes whose equation the signals allow: the link requires all motor angles, a motor its own and the link angle."""
     seen = segments.log.motors_seen
     link = (0,) if all(seen) else ()
     if device.drive == "servo":
@@ -198,7 +199,7 @@ def equations(segments: Segments, device: Device) -> tuple[int, ...]:
 def _drives(
     nominal: Array, record: Record, undriven: Sequence[Record], device: Device, axes: tuple[int, ...]
 ) -> Array:  # fmt: skip
-    """(T, a) [N m] what drives each axis: the torque that its drive adds, of a link behind springs theirs."""
+    """(T, a) [N m] torque that drives each axis: of its drive, or of the springs for a link behind springs."""
     terms, columns = equation_torques(nominal, record), []
     for axis, without in zip(axes, undriven, strict=True):
         if axis == 0 and device.n_transmissions:
@@ -237,7 +238,7 @@ def _slopes(segments: Segments, axes: tuple[int, ...]) -> Array:
 def _floor(nominal: Array, segments: Segments, slopes: Array, axes: tuple[int, ...], sizes: Array) -> Array:
     """(a,) [N m] standard deviation of a window by sensor noise alone; sizes (3,) root sums of squared weights."""
     noise = np.zeros(3)
-    noise[list(segments.axes)] = segments.reading
+    noise[list(segments.axes)] = segments.sample_noise
     each = list(axes)
     inertial = nominal[P.inertia :][each] * sizes[2]
     viscous = nominal[P.viscous_friction :][each] * sizes[1]  # dominates for a light motor with much damping

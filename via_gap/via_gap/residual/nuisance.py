@@ -1,8 +1,8 @@
-"""Nuisance parameters: the device's own numbers, which nobody knows exactly.
+"""Nuisance parameters: the device parameters, which are known only within tolerances.
 
-Every candidate cause is fitted together with them, each inside its tolerance, so that five percent of inertia are not
-taken for an effect, and an effect is not bent to make up for them. They are bounded: equation and simulation error both
-have a trivial way out (shrink every term), and a number far from what the file says is a finding, not a nuisance.
+Every candidate cause is fitted together with them, so that an error of 5 % in an inertia is neither mistaken for an
+effect nor compensated by one. They are bounded, because both views have a trivial minimum in which all terms vanish,
+and because a parameter far from its filed value is a finding.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from via_core.signals import Array
 from via_sim.device_numbers import numbers_of
 from via_sim.plants import JointPlant
 
-BOUND = 1.3  # standard deviations to which a number may go
+BOUND = 1.3  # [standard deviations of the tolerance] largest offset
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """One number of the device; `apply(row, factor)` multiplies it in place."""
+    """One device parameter; `apply(row, factor)` multiplies it in place."""
 
     name: str
     unit: str
-    value: float  # the device file's
+    value: float  # in the device file
     tolerance: float  # relative standard deviation
     slots: tuple[int, ...]
 
@@ -33,7 +33,7 @@ class Nuisance:
 
 
 def nuisances(plant: JointPlant) -> tuple[Nuisance, ...]:
-    """The numbers of a nominal plant that are not zero: inertias, frictions, springs, gravity, servos, damper."""
+    """The parameters of a nominal plant that are not zero: inertias, frictions, springs, gravity, servos, damper."""
     known = plant.device.tolerances
     return tuple(
         Nuisance(each.name, each.unit, each.value, _tolerance(known, each.name), each.slots)
@@ -43,7 +43,7 @@ def nuisances(plant: JointPlant) -> tuple[Nuisance, ...]:
 
 
 def _tolerance(known: Tolerances, name: str) -> float:
-    """What the device file says of the number that `numbers_of` calls `name`."""
+    """Tolerance in the device file of the parameter that `numbers_of` calls `name`."""
     part, _, what = name.partition(" ")
     if part == "servo":  # of a position drive: kp, kd, torque limit
         return float(getattr(known, what.replace(" ", "_")))
@@ -54,25 +54,25 @@ def _tolerance(known: Tolerances, name: str) -> float:
 
 
 def apply_all(row: Array, each: tuple[Nuisance, ...], offsets: Array) -> None:
-    """Every nuisance into a row in place; offsets (J,) in standard deviations."""
-    for nuisance, deviation in zip(each, offsets, strict=True):
-        nuisance.apply(row, 1.0 + nuisance.tolerance * float(deviation))
+    """Apply every nuisance to a row in place; offsets (J,) in standard deviations of the tolerance."""
+    for nuisance, offset in zip(each, offsets, strict=True):
+        nuisance.apply(row, 1.0 + nuisance.tolerance * float(offset))
 
 
 def descend(normal: Array, gradient: Array, start: Array, low: Array, high: Array) -> Array:
     """argmin x' N x - 2 g' x for low <= x <= high (n,), N (n, n) positive, by an active set.
 
-    Newton on the free coordinates; the first that would leave its interval stays at that end, and of those at an end
-    the one pulled inwards most is let go once the free ones have settled.
+    Newton steps on the free coordinates; the first that would leave its interval is fixed at that end. Once the free
+    ones have converged, the fixed one with the largest inward gradient is freed.
     """
     x = np.clip(start, low, high)
     diagonal = np.diag(normal)
     ridge = 1e-10 * diagonal + 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-300)
-    regular, gradient = normal + np.diag(ridge), gradient + ridge * x  # what nothing depends on stays where it is
+    regular, gradient = normal + np.diag(ridge), gradient + ridge * x  # those without influence stay
     slope = gradient - regular @ x
-    held = ((x <= low) & (slope <= 0.0)) | ((x >= high) & (slope >= 0.0)) | (low >= high)
+    fixed = ((x <= low) & (slope <= 0.0)) | ((x >= high) & (slope >= 0.0)) | (low >= high)
     for _ in range(6 * len(x) + 10):
-        free = np.flatnonzero(~held)
+        free = np.flatnonzero(~fixed)
         step = np.zeros_like(x)
         if free.size:
             slope = gradient - regular @ x
@@ -85,13 +85,15 @@ def descend(normal: Array, gradient: Array, start: Array, low: Array, high: Arra
         if room[first] < 1.0:
             x = np.clip(x + max(float(room[first]), 0.0) * step, low, high)
             x[first] = high[first] if up[first] else low[first]
-            held[first] = True
+            fixed[first] = True
             continue
         x = np.clip(x + step, low, high)
         slope = gradient - regular @ x
-        inwards = np.where(held & (low < high), np.where(x <= low, slope, -slope), -np.inf) / np.sqrt(diagonal + 1e-300)
+        inwards = np.where(fixed & (low < high), np.where(x <= low, slope, -slope), -np.inf) / np.sqrt(
+            diagonal + 1e-300
+        )
         best = int(np.argmax(inwards))
         if inwards[best] <= 1e-9 * float(np.max(np.abs(gradient) / np.sqrt(diagonal + 1e-300), initial=1e-300)):
             break
-        held[best] = False
+        fixed[best] = False
     return x

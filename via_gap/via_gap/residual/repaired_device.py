@@ -1,4 +1,4 @@
-"""A device whose numbers are those a diagnosis fitted: with its effects, what the simulator needs to be repaired."""
+"""A device with the parameters that a diagnosis fitted; with the named effects it is the repaired model."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _FIELDS = {"inertia": "inertia", "viscous friction": "viscous_friction", "dry fr
 
 
 def repaired_device(device: Device, nuisances: tuple[Nuisance, ...], offsets: Array) -> Device:
-    """The device with every nuisance moved by its deviation [sd]; rows made from it equal those of the fit."""
+    """The device with every nuisance moved by its offset [sd]; its parameter row equals that of the fit."""
     content: dict[str, Any] = device.model_dump(mode="python")
-    for nuisance, deviation in zip(nuisances, offsets, strict=True):
-        factor = 1.0 + nuisance.tolerance * float(deviation)
+    for nuisance, offset in zip(nuisances, offsets, strict=True):
+        factor = 1.0 + nuisance.tolerance * float(offset)
         part, _, what = nuisance.name.partition(" ")
         if nuisance.name == "gravity torque":
             content["link"]["gravity_torque"] *= factor

@@ -1,4 +1,4 @@
-"""One inverse problem: segments of some logs, and parameter rows made of device numbers and effects.
+"""Residuals of segments of several logs as a function of device parameters and effects.
 
 values = problem.residual([problem.row(effects, offsets)])     # (K, R) whitened
 """
@@ -22,14 +22,14 @@ from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Indices, Segments
 
 View = Rollout | InverseDynamics
-STEP = 0.01  # of a nuisance parameter: step of its finite differences
+STEP = 0.01  # relative finite-difference step of a nuisance parameter
 
 
 @dataclass(frozen=True, eq=False)
 class ResidualModel:
     """Residual of several logs of one device under any parameter row; one view (rollout or equation) per log.
 
-    robust  whether a segment counts by log(1 + z^2) of its mean square z^2, as segments held out do, or by z^2
+    robust  whether the loss of a segment with mean square z^2 is logarithmic above the noise, or z^2
     """
 
     views: tuple[View, ...]
@@ -44,7 +44,7 @@ class ResidualModel:
         view: Callable[[Segments, Indices], View] = Rollout.of,
         robust: bool = False,
     ) -> ResidualModel:
-        """The segments `chosen` (indices, one array per log), simulated or judged by their equation."""
+        """The model of the segments `chosen` (indices, one array per log) in a view."""
         plant = JointPlant.from_device(segments[0].log.device)
         views = tuple(view(each, which) for each, which in zip(segments, chosen, strict=True) if len(which))
         return ResidualModel(views, plant, nuisances(plant), robust)
@@ -54,17 +54,12 @@ class ResidualModel:
         return self.plant.device
 
     @property
-    def simulates(self) -> bool:
-        """Whether segments are simulated; otherwise their equations are balanced."""
-        return isinstance(self.views[0], Rollout)
-
-    @property
     def size(self) -> int:
         """Values of a residual, R."""
         return sum(len(view.chosen) * view.size for view in self.views)
 
     def row(self, effects: Sequence[Effect], offsets: Array | None = None) -> Array:
-        """Parameter row (N_PARAMETERS,) of the device with its numbers moved by `offsets` [sd] and effects added."""
+        """Parameter row (N_PARAMETERS,) of the device with offsets [sd] of its parameters and with effects."""
         row = self.plant.parameters.copy()
         if offsets is not None:
             apply_all(row, self.nuisances, offsets)
@@ -73,7 +68,7 @@ class ResidualModel:
         return row
 
     def row_or_none(self, effects: Sequence[Effect | None], offsets: Array | None = None) -> Array | None:
-        """The row, or None where an effect has no meaning with these numbers (less friction than none)."""
+        """The row; None if an effect is invalid with these device parameters (a negative friction)."""
         if any(effect is None for effect in effects):
             return None
         try:
@@ -82,7 +77,7 @@ class ResidualModel:
             return None
 
     def residual(self, rows: Sequence[Array]) -> Array:
-        """Whitened measured minus simulated, (K, R)."""
+        """Whitened residuals (K, R)."""
         stacked = np.stack(list(rows))
         parts = []
         for view in self.views:
@@ -92,10 +87,10 @@ class ResidualModel:
         return np.concatenate(parts, axis=1)
 
     def loss(self, residual: Array) -> Array:
-        """(...,) what a fit minimises beside its squared offsets, of residuals (..., R).
+        """(...,) loss of residuals (..., R), to which a fit adds its squared offsets.
 
-        Robust, a segment whose mean square z^2 exceeds that of noise counts by 1 + 2 log((1 + z^2) / 2) per value:
-        squares alone would let the segments that no model explains decide.
+        If robust, a segment whose mean square z^2 exceeds that of noise has 1 + 2 log((1 + z^2) / 2) per value. With
+        squares, segments that no model explains would dominate.
         """
         squares = self.per_segment(residual)
         if self.robust:
@@ -103,10 +98,10 @@ class ResidualModel:
         return np.asarray(squares @ np.repeat([view.size for view in self.views], self._counts))
 
     def weights(self, residual: Array) -> Array:
-        """(R,) factor of every value of a residual (R,) with which its squares descend as `loss` does.
+        """(R,) weights of iteratively reweighted least squares at a residual (R,).
 
-        The slope of the loss over z^2 is 2 / (1 + z^2), at most 1; squares so weighted lie above the loss and touch
-        it at `residual`, so that what lowers them lowers it (iteratively reweighted least squares).
+        The derivative of the loss by z^2 is 2 / (1 + z^2), at most 1. The weighted squares are an upper bound of the
+        loss that is tight at `residual`, so that a step that lowers them lowers the loss.
         """
         if not self.robust:
             return np.ones(len(residual))
@@ -114,19 +109,17 @@ class ResidualModel:
         return np.asarray(np.sqrt(slopes)[self.segment_of_value()])
 
     def under(self, change: Callable[[Segments], Segments]) -> ResidualModel:
-        """The same segments of logs that are changed, by their commands for instance."""
-        views: list[View] = []
-        for view in self.views:
-            views.append(type(view).of(change(view.segments), view.chosen))
-        return replace(self, views=tuple(views))
+        """The model of the same segments after a change, for instance of their commands."""
+        views: tuple[View, ...] = tuple(type(view).of(change(view.segments), view.chosen) for view in self.views)
+        return replace(self, views=views)
 
     @property
     def by_squares(self) -> ResidualModel:
-        """The same with squares for its loss: far from the best fit they lead there more surely."""
+        """The same with a squared loss, which converges from further away."""
         return replace(self, robust=False) if self.robust else self
 
     def part(self, kept: Sequence[Indices]) -> tuple[ResidualModel, Indices]:
-        """Some segments of each view, by their indices into `chosen` -> their model, indices of its values in (R,)."""
+        """Model of some segments of each view, by their indices into `chosen`, and indices of its values in (R,)."""
         indices, begin = [], 0
         for view, which in zip(self.views, kept, strict=True):
             indices.append((begin + which[:, None] * view.size + np.arange(view.size)).ravel())
@@ -135,7 +128,7 @@ class ResidualModel:
         return replace(self, views=views), np.concatenate(indices)
 
     def per_segment(self, residual: Array) -> Array:
-        """Mean square (..., S) of a residual (..., R) in each segment; 1 is what the sensors explain."""
+        """Mean square (..., S) of a residual (..., R) in each segment; 1: sensor noise alone."""
         parts, begin = [], 0
         for view in self.views:
             size = len(view.chosen) * view.size
@@ -145,7 +138,7 @@ class ResidualModel:
         return np.concatenate(parts, axis=-1)
 
     def segment_of_value(self) -> Indices:
-        """(R,) index of the segment that each value of a residual belongs to, counted over all views."""
+        """(R,) index of the segment of each value of a residual, counted over all views."""
         sizes = np.repeat([view.size for view in self.views], self._counts)
         return np.repeat(np.arange(len(sizes)), sizes)
 
@@ -155,14 +148,13 @@ class ResidualModel:
         return [len(view.chosen) for view in self.views]
 
     def baseline(self) -> Array:
-        """(R,) whitened error of a prediction without any model, see the views."""
+        """(R,) residual of a prediction without a model, see the views."""
         return np.concatenate([view.baseline().ravel() for view in self.views])
 
     def nuisance_jacobian(self, effects: Sequence[Effect], offsets: Array, residual: Array) -> Array:
-        """(R, J): change of the residual per standard deviation of each nuisance.
+        """(R, J) derivatives of the residual by the offset of each nuisance.
 
-        A step goes towards the middle of the tolerance, or the other way where effects mean nothing beside it (an
-        effect that takes nearly all friction there is); 0 where they do on neither side.
+        Steps lead towards offset 0, or away from it if an effect is invalid there; 0 if it is invalid on both sides.
         """
         slopes = np.zeros((len(self.nuisances), len(residual)))
         rows, taken = [], []
@@ -182,7 +174,7 @@ class ResidualModel:
         return slopes.T
 
     def fit_nuisances(self, effects: Sequence[Effect], offsets: Array, rounds: int = 3) -> tuple[Array, Array, Array]:
-        """Device numbers fitted inside their tolerance from `offsets` on -> (J,), residual (R,), Jacobian (R, J)."""
+        """Offsets (J,) fitted inside their bounds from `offsets`, their residual (R,), and the last Jacobian (R, J)."""
         residual = self.residual([self.row(effects, offsets)])[0]
         jacobian = self.nuisance_jacobian(effects, offsets, residual)
         for round_ in range(rounds):
@@ -210,7 +202,7 @@ class ResidualModel:
 
 
 def solve_nuisances(jacobian: Array, residual: Array, offsets: Array) -> Array:
-    """One bounded Gauss-Newton step: where the offsets (J,) should stand, in standard deviations."""
+    """Offsets (J,) after one bounded Gauss-Newton step."""
     normal = jacobian.T @ jacobian + np.eye(len(offsets))
     gradient = jacobian.T @ (jacobian @ offsets - residual)
     bound = np.full(len(offsets), BOUND)

@@ -1,4 +1,4 @@
-"""Compiled kernels on all threads: they release the interpreter's lock."""
+"""Calls of compiled kernels on several threads; kernels release the interpreter's lock."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ THREADS = 2
 
 @cache
 def _pool() -> ThreadPoolExecutor:
-    """One for the whole process: to start two threads takes hardly less time than they are busy."""
+    """One pool for the whole process, because starting threads takes about as long as their work."""
     return ThreadPoolExecutor(THREADS)
 
 

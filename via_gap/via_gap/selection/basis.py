@@ -1,9 +1,9 @@
-"""What a torque that nobody has a name for may depend on: smooth and not so smooth functions of a measured motion.
+"""Basis functions of a flexible torque model: functions of the measured motion, of commands and of time.
 
-Polynomials of angle, speed, deflection, motor speed and command up to the third degree with all products; hats over
-each; signs of speeds softened at several widths, alone and times load; the way since the last reversal within several
-widths (play operators, of which hysteresis is made); commands as a drive would lag behind them; time. Together they
-come close to any effect that is a torque, whether or not a catalogue has it, with every weight linear.
+Quadratic polynomials of angle, speed, deflection, motor speed and command, and their cubes; hat functions of each;
+softened signs of speeds at several widths, alone and times load; play operators of several widths, for hysteresis;
+the lag of a drive behind commands; time. Linear combinations of them approximate most torques, whether or not the
+catalogue contains the effect.
 """
 
 from __future__ import annotations
@@ -17,33 +17,33 @@ from via_core.signals import Array
 
 from via_gap.residual.segments import Segments
 
-STEP = 0.004  # [s] over which the functions are held
+STEP = 0.004  # [s] over which the functions are constant
 SOFT = (0.02, 0.1, 0.5)  # [rad/s] widths of softened signs
 WAYS = (0.02, 0.1, 0.4)  # standard deviations: widths of plays
 LAGS = (0.01, 0.05)  # [s]
 KNOTS = 7  # of the hats over a quantity
 TIME_KNOTS = 10
-FAR = 3.0  # standard deviations beyond which a quantity counts as there
+FAR = 3.0  # standard deviations to which quantities are limited
 
 
 @dataclass(frozen=True)
 class Wave:
-    """Sine and cosine of `order` times the angle of an axis that was seen, times the sign of its speed if `signed`."""
+    """Sine and cosine of `order` times the angle of a measured axis, times the sign of its speed if `signed`."""
 
-    place: int  # of the axis in `Segments.axes`
+    place: int  # index of the axis in `Segments.axes`
     order: int  # per turn
     signed: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Functions of a motion, scaled by what the quantities were like in the logs they were made from.
+    """Functions of a motion, scaled by the mean and standard deviation of each quantity in some logs.
 
     mean, scale  (n,) of each quantity
-    knots        (n, KNOTS) where the hats stand
+    knots        (n, KNOTS) of the hats
     duration     [s] of the longest log
-    moving       columns of the commands that change within a log or from one to another
-    waves        what is added to the rest
+    moving       columns of the commands that are not constant
+    waves        further functions
     """
 
     mean: Array
@@ -55,17 +55,17 @@ class Basis:
 
     @staticmethod
     def of(segments: Sequence[Segments], commanded: bool = True) -> Basis:
-        """Functions of the motion, and of what was commanded unless that is left out."""
+        """Functions of the motion, and of the commands if `commanded`."""
         commands = np.concatenate([each.commands for each in segments])
         moving = tuple(int(column) for column in np.flatnonzero(np.ptp(commands, axis=0) > 0.0)) if commanded else ()
         values = np.concatenate([_quantities(each, moving)[0] for each in segments])
         scale = np.maximum(values.std(axis=0), 1e-9)
         knots = np.quantile(values, np.linspace(0.02, 0.98, KNOTS), axis=0).T
-        knots += 1e-9 * scale[:, None] * np.arange(KNOTS)  # a quantity that never moves has them all in one place
+        knots += 1e-9 * scale[:, None] * np.arange(KNOTS)  # distinct even for a constant quantity
         return Basis(values.mean(axis=0), scale, knots, max(len(each.start) / each.rate for each in segments), moving)
 
     def values(self, segments: Segments) -> Array:
-        """(steps, K) along a log, each held over `ticks_of` ticks."""
+        """(steps, K) along a log, each constant over `ticks_of` ticks."""
         raw, speeds, angles, drives = _quantities(segments, self.moving)
         z = np.clip((raw - self.mean) / self.scale, -FAR, FAR)
         count = z.shape[1]
@@ -90,7 +90,7 @@ class Basis:
 
 
 def wave_values(segments: Segments, wave: Wave) -> Array:
-    """(steps, 2) along a log, each held over `ticks_of` ticks."""
+    """(steps, 2) along a log, each constant over `ticks_of` ticks."""
     state, axis = segments.start[:: ticks_of(segments)], segments.axes[wave.place]
     phase = wave.order * state[:, axis]
     sign = np.tanh(state[:, 3 + axis] / SOFT[1]) if wave.signed else np.ones(len(state))
@@ -98,12 +98,12 @@ def wave_values(segments: Segments, wave: Wave) -> Array:
 
 
 def ticks_of(segments: Segments) -> int:
-    """Ticks over which the functions are held."""
+    """Ticks over which the functions are constant."""
     return max(1, round(STEP * segments.rate))
 
 
 def _quantities(segments: Segments, moving: Sequence[int]) -> tuple[Array, list[int], list[int], list[int]]:
-    """(steps, n) angle, speed, deflections, motor speeds, commands; which are speeds, angles, commands."""
+    """(steps, n) angle, speed, deflections, motor speeds, commands; columns of speeds, of angles, of commands."""
     every = ticks_of(segments)
     state, command = segments.start[::every], segments.commands[::every]
     columns, speeds, angles, drives = [state[:, 0], state[:, 3]], [1], [0], []
@@ -123,7 +123,7 @@ def _hats(values: Array, knots: Array) -> Array:
 
 
 def _plays(values: Array) -> Array:
-    """(N, a w) way of each of (N, a) from where a play of each of WAYS was last pushed to, over its width."""
+    """(N, a w) distance of each of (N, a) from a play operator of each of WAYS, over its width."""
     widths = np.tile(WAYS, values.shape[1])
     ways = np.repeat(values, len(WAYS), axis=1)
     low, high, at = ways - widths, ways + widths, ways[0]

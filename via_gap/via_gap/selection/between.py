@@ -1,10 +1,9 @@
-"""Whether lines between the recorded commands explain the motion better than steps, and how late they act.
+"""Decision between commands with zero-order hold and commands that are interpolated linearly, with their delay.
 
-Beside the best model so far, with everything it fits, how late the lines act is one more unknown: a Gauss-Newton step
-over device numbers, effects and lateness gives it. Lines take the place of steps where the same effects, fitted again,
-are then clearly and materially better on held-out data. Beside no effect at all, where lines might imitate a part of
-one, they have to explain half of the error. What acts late by less than half a sample cannot be told from a controller
-that is slower than was thought; it is said, and not called a cause.
+The delay is one more unknown beside those of the best model so far; one Gauss-Newton step over device parameters,
+effects and delay estimates it. Interpolation is used if the same effects, fitted again, are then clearly and materially
+better on held-out data. Without any effect, interpolation might imitate a part of one, and has to explain half of the
+error. A delay below half a sample cannot be distinguished from a slower controller; it is a note, not a cause.
 """
 
 from __future__ import annotations
@@ -25,11 +24,11 @@ from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
 from via_gap.selection.verdict import matters
 
-STEP = 0.05  # of a sample: how far lines are moved to see what that does
+STEP = 0.05  # of a sample: finite-difference step of the delay
 
 
 def between_samples(experiment: Experiment, best: Evaluation, scales: Scales) -> Experiment | None:
-    """The experiment with lines between commands, where that matters beside `best`; None where it does not."""
+    """The experiment with interpolated commands; None if they do not matter beside `best`."""
     if experiment.folds is not None:
         return None
     late = _late(subset(experiment.fitted, best.fit.residual)[0], best, scales)
@@ -45,7 +44,7 @@ def between_samples(experiment: Experiment, best: Evaluation, scales: Scales) ->
 
 
 def _refined(experiment: Experiment, start: Evaluation, best: Evaluation, scales: Scales) -> Evaluation:
-    """The effects of `best` fitted in an experiment, from the numbers of `start`: the same effort on each side."""
+    """Evaluation of the effects of `best` fitted in an experiment, from the device parameters of `start`."""
     if not best.fit.effects:
         return start
     fit = refine(experiment.fitted, start.fit, members_of(best.fit), scales, FINISHING)
@@ -53,7 +52,7 @@ def _refined(experiment: Experiment, start: Evaluation, best: Evaluation, scales
 
 
 def _late(few: ResidualModel, best: Evaluation, scales: Scales) -> float | None:
-    """[s] by which lines act late; None where to first order they explain no more."""
+    """[s] delay of interpolated commands; None if to first order they explain no more."""
     period = period_of(few.views[0].segments.log)
     lines, later = (few.under(partial(lined, late=late)) for late in (0.0, STEP * period))
     now, start, moved = (fit_on(each, best.fit) for each in (few, lines, later))

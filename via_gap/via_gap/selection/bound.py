@@ -1,10 +1,10 @@
-"""The ceiling: what a flexible model of everything a repair leaves would still close.
+"""Bound on the achievable error: what a flexible torque model beside a repair can still explain of the residual.
 
-Beside the repaired plant acts a torque on every axis that has a torque, a weighted sum of the functions of `Basis` of
-the measured motion. The weights come from the segments that are fitted, by ridge regression on what a pulse of torque
-does to a segment (one simulation per piece of a segment and axis serves every function and all segments at once), with
-the ridge chosen on blocks left out; the torque is then simulated, and the rest fitted again. What it leaves of segments
-that were not fitted is the ceiling, or what the named effects leave where that is less.
+On every axis with a torque, a weighted sum of the functions of `Basis` of the measured motion acts on the repaired
+plant. The weights are fitted to the fitted segments by ridge regression on the response to a pulse of torque. One
+simulation per piece of a segment and axis serves all functions and all segments. The ridge is chosen on blocks left
+out. The torque is then simulated, and the remaining residual is fitted again. Its error on held-out segments is the
+bound, or that of the named effects if it is lower.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from via_gap.selection.basis import Basis, Wave, ticks_of, wave_values
 
 PIECES = 10  # of a segment, over which a pulse of torque lasts
 PULSE = 0.01  # of the typical torque: small enough to be linear
-RIDGES = np.geomspace(1e-7, 1e-1, 5)  # of the mean squared size of a function's effect
+RIDGES = np.geomspace(1e-7, 1e-1, 5)  # relative to the diagonal of the normal matrix
 FOLDS = 4
 BLOCK = 4  # segments that are left out together
 ROUNDS = 3
-ORDERS = range(3, 33)  # waves per turn that are looked for in what the rest leaves
-WAVES = 6  # of them that are taken
+ORDERS = range(3, 33)  # waves per turn that are searched in the residual of the other functions
+WAVES = 6  # of them that are used
 SHARES = (1.0, 0.5, 0.2)
 ENOUGH = 0.01  # share of the loss: a round that gains less is the last
 
@@ -41,8 +41,8 @@ class Flexible:
     """A torque on every axis as a function of the motion, beside a repaired plant.
 
     row      (N_PARAMETERS,) of the plant
-    columns  commands by which the torques enter
-    limits   (2,) [N m] of the drives, which act on what is commanded and not on the torques here
+    columns  command columns to which the torques are added
+    limits   (2,) [N m] of the drives, which apply to commands and not to the added torques
     weights  (columns, K) [N m]
     """
 
@@ -66,14 +66,14 @@ class Flexible:
         return np.concatenate(parts)
 
     def driven(self, segments: Segments) -> Segments:
-        """The log as if the torques had been commanded, for runs from beginning to end."""
+        """The log with the torques added to its commands, for free runs."""
         log = segments.log
         assert log.commands is not None
-        held = log.commands.resample(segments.origin + np.arange(len(segments.commands)) / segments.rate)
+        sent = log.commands.resample(segments.origin + np.arange(len(segments.commands)) / segments.rate)
         torque = self._torque(segments, self.basis.values(segments))[:, 0]
-        channels = {**held.channels, "external_torque": segments.commands[:, EXTERNAL] + torque}
-        units = {**held.units, "external_torque": "N m"}
-        commands = Signals(held.time, channels, units, held.held | {"external_torque"})
+        channels = {**sent.channels, "external_torque": segments.commands[:, EXTERNAL] + torque}
+        units = {**sent.units, "external_torque": "N m"}
+        commands = Signals(sent.time, channels, units, sent.held | {"external_torque"})
         return replace(segments, log=replace(log, commands=commands))
 
     def _torque(self, segments: Segments, values: Array) -> Array:
@@ -82,7 +82,7 @@ class Flexible:
 
 
 def flexible(fitted: ResidualModel, start: Fit) -> Flexible:
-    """The flexible model beside the effects and numbers of `start`, fitted to the segments of `fitted`."""
+    """The flexible model beside the effects and device parameters of `start`, fitted to the segments of `fitted`."""
     row = fitted.row(start.effects, start.offsets)
     limits = row[P.torque_limit : P.torque_limit + 2].copy()
     row[P.torque_limit : P.torque_limit + 2] = np.inf
@@ -111,7 +111,7 @@ def _descended(
     fitted: ResidualModel, model: Flexible, functions: Sequence[Array], pulses: Sequence[Array], residual: Array,
     folded: _Folded,
 ) -> tuple[Flexible, Array]:  # fmt: skip
-    """Weights fitted to what is left and simulated, a few times -> model, residual (R,). `folded` at that residual."""
+    """Gauss-Newton steps on the weights -> model, residual (R,). `folded` belongs to the given `residual`."""
     ridge, _ = folded.ridge()
     loss = float(residual @ residual)
     for round_ in range(ROUNDS):
@@ -135,14 +135,14 @@ def _descended(
 
 
 def _simulated(problem: ResidualModel) -> list[Rollout]:
-    """The views of a problem; all run, for a torque can be added only to what is run."""
+    """The views of a model, all of which must be simulations."""
     views = [rollout for rollout in problem.views if isinstance(rollout, Rollout)]
     assert len(views) == len(problem.views)
     return views
 
 
 def _limited(commands: Array, limits: Array) -> Array:
-    """Commands (T, N_COMMANDS) as the drives pass them on; angles of servos have no limit."""
+    """Commands (T, N_COMMANDS) with the limits of the drives; angles of servos have none."""
     moved = commands.copy()
     moved[:, M1 : M1 + 2] = np.clip(moved[:, M1 : M1 + 2], -limits, limits)
     return moved
@@ -157,7 +157,7 @@ def _run(rollout: Rollout, row: Array, commands: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Folded:
-    """Normal equations of every fold: normals (F, K, K), and what the residual at hand says, pulls (F, K)."""
+    """Normal equations of every fold: matrices normals (F, K, K), right-hand sides pulls (F, K) at one residual."""
 
     normals: Array
     pulls: Array
@@ -166,7 +166,7 @@ class _Folded:
     def of(
         problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weights: Array
     ) -> _Folded:
-        """At a residual that already has a torque of `weights` in it: the pull is that of the total."""
+        """At the residual of a model with `weights`; the unknowns are the total weights."""
         normals, pulls = np.zeros((FOLDS, weights.size, weights.size)), np.zeros((FOLDS, weights.size))
         for fold, matrix, rest in _blocks(problem, pulses, functions, residual):
             normals[fold] += matrix.T @ matrix
@@ -188,7 +188,7 @@ class _Folded:
         return replace(self, pulls=pulls)
 
     def ridge(self) -> tuple[float, float]:
-        """The one of RIDGES with which folds left out are predicted best, and the loss of them, up to a constant."""
+        """The ridge with the best predictions of folds left out, and their loss up to a constant."""
         losses, whole, all_pulls = np.zeros(len(RIDGES)), self.normals.sum(axis=0), self.pulls.sum(axis=0)
         for normal, pull in zip(self.normals, self.pulls, strict=True):
             for k, ridge in enumerate(RIDGES):
@@ -205,7 +205,7 @@ class _Folded:
 def _blocks(
     problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], residual: Array
 ) -> Iterator[tuple[int, Array, Array]]:
-    """Fold, what the functions do (r, columns K) and the residual (r,) of each block of neighbouring segments."""
+    """Fold, design matrix (r, columns K) and residual (r,) of each block of neighbouring segments."""
     begin = 0
     for rollout, values, each in zip(_simulated(problem), functions, pulses, strict=True):
         size = len(rollout.chosen) * rollout.size
@@ -228,7 +228,7 @@ def _pieces(rollout: Rollout, values: Array, block: slice) -> Array:
 
 
 def _waves(problem: ResidualModel, pulses: Sequence[Array], residual: Array) -> tuple[Wave, ...]:
-    """Of all waves those of which a torque would close most, each alone."""
+    """The waves whose torque, each alone, explains most of the residual."""
     axes = problem.views[0].segments.axes
     every = [Wave(place, order, signed) for place in range(len(axes)) for order in ORDERS for signed in (False, True)]
     functions = [np.hstack([wave_values(rollout.segments, wave) for wave in every]) for rollout in problem.views]
@@ -261,7 +261,7 @@ def solved(normal: Array, pull: Array, ridge: float) -> Array:
 
 
 def _all_pulses(problem: ResidualModel, model: Flexible, residual: Array) -> list[Array]:
-    """Of every view, see `_pulses`."""
+    """`_pulses` of every view."""
     found, begin = [], 0
     for rollout in _simulated(problem):
         size = len(rollout.chosen) * rollout.size
@@ -273,7 +273,7 @@ def _all_pulses(problem: ResidualModel, model: Flexible, residual: Array) -> lis
 def _pulses(rollout: Rollout, model: Flexible, residual: Array) -> Array:
     """(columns, PIECES, C, values) change of each segment's residual by a torque of 1 N m on each axis over each piece.
 
-    A change does not depend on a fraction of a tick of dead time, with which runs cannot go in lockstep.
+    A dead time is rounded to ticks, which hardly affects the change and allows a simulation in lockstep.
     """
     segments, row = rollout.segments, model.row
     whole = round(row[P.delay] * segments.rate) / segments.rate

@@ -1,12 +1,12 @@
-"""Model confidence set: the models that held-out losses cannot tell from the best.
+"""Model confidence set: the models that held-out losses cannot distinguish from the best.
 
-Models are eliminated one by one while the hypothesis that those left are equally good is rejected. With d_ij the mean
-difference of the block losses of models i and j and s_ij its bootstrap standard deviation,
+Models are eliminated one by one while the hypothesis that the remaining ones are equally good is rejected. With d_ij the
+mean difference of the block losses of models i and j and s_ij its bootstrap standard deviation,
 
     T = max_ij (d_ij - margin) / s_ij,     eliminated first: argmax_i max_j (d_ij - margin) / s_ij
 
 and T is rejected where it exceeds the 1 - alpha quantile of its bootstrap distribution, in which differences are
-centred. Models closer than the margin count as equal whatever the amount of data, as in tests of equivalence.
+centred. Models closer than the margin count as equal for any amount of data, as in tests of equivalence.
 
 Source: P. R. Hansen, A. Lunde, J. M. Nason, The Model Confidence Set, Econometrica 79 (2011), sections 2.1 and 3.1
 (range statistic). Departure: the margin.
@@ -31,9 +31,9 @@ def confidence_set(losses: Array, picks: Indices, margin: float, alpha: float) -
     means = losses.mean(axis=1)
     resampled = losses[:, picks].mean(axis=2) - means[:, None]  # (K, R), centred
     gap = means[:, None] - means[None, :]  # (K, K) how much worse i is than j
-    spread = resampled[:, None] - resampled[None, :]  # (K, K, R)
-    size = np.sqrt(np.mean(spread**2, axis=2)) + 1e-12
-    statistic, noise = (gap - margin) / size, spread / size[:, :, None]
+    varied = resampled[:, None] - resampled[None, :]  # (K, K, R)
+    size = np.sqrt(np.mean(varied**2, axis=2)) + 1e-12
+    statistic, noise = (gap - margin) / size, varied / size[:, :, None]
     kept, membership, highest = list(range(count)), np.ones(count), 0.0
     while len(kept) > 1:
         among = np.ix_(kept, kept)

@@ -1,13 +1,12 @@
-"""Held-out evidence: what a fitted model is worth on segments it was not fitted to, and when one model beats another.
+"""Held-out evidence: loss of a fitted model on segments to which it was not fitted, and comparison of two models.
 
 The loss of a segment is log(1 + z^2), with z^2 its mean squared whitened error: halving an error counts the same at any
-size, and nothing is gained below the noise. A run over a whole recording (servo drives) counts as log(1 + mean z^2),
-because its gap is the mean squared error. Neighbouring segments share what the joint was doing; differences between
-two models are therefore resampled in blocks, never row by row.
+size, and little is gained below the noise. The loss of runs over whole recordings (servos) is log(1 + mean z^2),
+because their gap is the mean squared error. Errors of neighbouring segments are correlated; differences between two
+models are therefore resampled in blocks.
 
 One criterion serves every comparison (adding, dropping, replacing an effect; a veto of the other view): model a is
-clearly worse than model b where the lower end of the one-sided confidence interval of loss(a) - loss(b) exceeds the
-margin below which a difference does not matter.
+clearly worse than model b if the lower end of the confidence interval of loss(a) - loss(b) exceeds the margin.
 """
 
 from __future__ import annotations
@@ -25,20 +24,20 @@ from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices
 from via_gap.selection.numbers import NUMBERS
 
-BLOCK = 1.0  # [s] of segments that are resampled together, at least one segment
+BLOCK = 1.0  # [s] of segments that are resampled together; at least one segment
 RESAMPLES = 300
-NOISE = float(np.log(2.0))  # loss of an error that is the sensors' own
+NOISE = float(np.log(2.0))  # loss of sensor noise
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """A fit and its held-out evidence.
 
-    residual  (R,) whitened, held out, in the view that judges
+    residual  (R,) whitened held-out residual
     segments  (S,) mean squared whitened error of each segment
-    block     segments that are resampled together
+    block     number of segments that are resampled together
     whole     whether segments are runs over whole recordings
-    witness   (W,) mean squared whitened error of each segment in the other view; empty where it cannot judge
+    witness   (W,) mean squared whitened error of each segment in the other view; empty if it is not available
     """
 
     fit: Fit
@@ -50,7 +49,7 @@ class Evaluation:
 
     @property
     def score(self) -> float:
-        """Mean loss; log 2 = .69 where only noise is left."""
+        """Mean loss; log 2 = .69 for noise alone."""
         return float(np.log1p(self.mean_square) if self.whole else np.mean(np.log1p(self.segments)))
 
     @property
@@ -59,12 +58,12 @@ class Evaluation:
 
     @property
     def rms(self) -> float:
-        """Root mean squared whitened error; 1 where only noise is left."""
+        """Root mean squared whitened error; 1 for noise alone."""
         return float(np.sqrt(self.mean_square))
 
 
 def evaluate(held: ResidualModel, fits: Sequence[Fit], other: ResidualModel | None = None) -> list[Evaluation]:
-    """Every fit on the held-out segments of the view that judges and of the `other` view, in the order given."""
+    """Evaluation of every fit on the held-out segments `held`, and in the `other` view."""
     if not fits:
         return []
     rows = [held.row(fit.effects, fit.offsets) for fit in fits]
@@ -79,14 +78,14 @@ def evaluate(held: ResidualModel, fits: Sequence[Fit], other: ResidualModel | No
 
 
 def losses(each: Evaluation, reference: Evaluation) -> Array:
-    """(S,) losses whose mean differences are differences of scores; of whole runs linear about the two."""
+    """(S,) losses whose mean differences are those of the scores; for whole runs to first order."""
     if not each.whole:
         return np.log1p(each.segments)
     return each.segments / (1.0 + 0.5 * (each.mean_square + reference.mean_square))
 
 
 def difference(a: Evaluation, b: Evaluation) -> tuple[float, float]:
-    """How much worse a scores than b, and the standard deviation of that difference by resampled blocks."""
+    """Score of a minus score of b, and its standard deviation from resampled blocks."""
     values = losses(a, b) - losses(b, a)
     means = block_means(values[None], a.block)[0]
     picked = means[resamples(len(means))].mean(axis=1)
@@ -94,13 +93,13 @@ def difference(a: Evaluation, b: Evaluation) -> tuple[float, float]:
 
 
 def clearly_worse(a: Evaluation, b: Evaluation) -> bool:
-    """Whether a's loss exceeds b's by more than the margin, with the confidence that `NUMBERS` states."""
-    gap, deviation = difference(a, b)
-    return gap - quantile() * deviation > NUMBERS.margin
+    """Whether the loss of a exceeds that of b by more than the margin, at the significance in `NUMBERS`."""
+    gap, sd = difference(a, b)
+    return gap - quantile() * sd > NUMBERS.margin
 
 
 def vetoed(candidate: Evaluation, reference: Evaluation) -> bool:
-    """Whether the other view clearly contradicts `candidate`: its held-out error grows beside that of `reference`."""
+    """Whether `candidate` is clearly worse than `reference` in the other view."""
     if not candidate.witness.size:
         return False
     views = (Evaluation(e.fit, e.witness, e.witness, e.block) for e in (candidate, reference))
@@ -128,5 +127,5 @@ def quantile() -> float:
 
 
 def freedom(fit: Fit) -> int:
-    """Number of parameters of the effects that are not at their neutral values by default."""
+    """Number of parameters of the effects."""
     return sum(len(effect.parameters) for effect in fit.effects)

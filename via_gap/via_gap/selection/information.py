@@ -1,9 +1,8 @@
-"""Hold-out by information: both sides see comparable motion, and the report says how much.
+"""Choice of held-out groups such that fitted and held-out segments contain comparable motion.
 
-A segment's descriptors are sums over it of what makes parameters visible, such as squared speed, reversals, squared
-acceleration, and the time spent in each part of the angle range. A held-out part is representative if it carries its
-share of each of them. Groups (a log, the runs of one motion) are held out as a whole, so that neighbouring segments do
-not judge each other.
+The descriptors of a segment are sums of quantities that make parameters visible: squared speed, reversals, squared
+acceleration, and squared speed in each part of the angle range. A held-out part is representative if it has its share
+of each of them. Groups (a log, the runs of one motion) are held out as a whole.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ from via_core.signals import Array
 Indices = NDArray[np.intp]
 SHARE = 0.4  # of the information that is held out: two of five, as in alternating blocks
 LEAST = 0.5  # of that share which every descriptor has to reach: standard errors grow by 1.4 at most
-EXHAUSTIVE = 12  # groups of which all 2^12 choices are tried; of more, one group after another is exchanged
+EXHAUSTIVE = 12  # groups up to which all choices are tried; beyond, single groups are exchanged
 
 
 @dataclass(frozen=True, eq=False)
 class HoldOut:
-    """Segments to fit and to judge.
+    """Fitted and held-out segments.
 
     train, held  indices of segments, ascending
     shares       (k,) part of the total of each descriptor that is held out
@@ -37,12 +36,13 @@ class HoldOut:
 
 
 def hold_out(information: Array, groups: Sequence[Hashable], share: float = SHARE) -> HoldOut:
-    """The groups whose segments carry `share` of every descriptor most evenly.
+    """The choice of groups whose share of every descriptor is closest to `share`.
 
-    information  (S, k) not negative, per segment; a column without any is not looked at
-    groups       (S,) which group each segment belongs to
-    The choice minimises the largest squared difference from `share`, then their sum; ties keep the first. With one
-    group, nothing is held out.
+    information  (S, k) not negative, per segment; a column of zeros is ignored
+    groups       (S,) group of each segment
+
+    It minimises the largest squared difference from `share`, then their mean; of equal choices it is the first. With
+    one group, nothing is held out.
     """
     names = list(dict.fromkeys(groups))
     which = np.array([names.index(group) for group in groups], dtype=np.intp)
@@ -92,7 +92,7 @@ def _every(parts: Array, share: float) -> NDArray[np.bool_]:
 
 
 def _exchanged(parts: Array, share: float) -> NDArray[np.bool_]:
-    """A choice that no single group added, taken away or exchanged makes better, from alternating groups on."""
+    """A choice that adding, removing or exchanging single groups does not improve, from alternating groups on."""
     order = np.argsort(-parts.sum(axis=1), kind="stable")
     chosen = np.zeros(len(parts), dtype=bool)
     chosen[order[1::2]] = True

@@ -1,9 +1,4 @@
-"""Whether a fitted effect may be named at all: determined by the data, and inside the bounds of its device.
-
-Three things rule a fit out, each of which would otherwise end in a repair: parameters that the data do not separate
-from the absence of the effect, a parameter at the end of its range, and a model that loses to a prediction without any
-model. What rules it out is kept as a sentence.
-"""
+"""Plausibility of a fitted effect: significant size, and parameters inside their ranges."""
 
 from __future__ import annotations
 
@@ -17,24 +12,24 @@ from via_gap.candidates.scales import Scales
 from via_gap.candidates.starts import size_of, size_parameters
 from via_gap.selection.numbers import NUMBERS
 
-EDGE = 1e-3  # of a parameter's typical size: closer to an end of its range it counts as there
+EDGE = 1e-3  # of a parameter's typical size: closer to an end of its range it counts as at the end
 
 
 def doubt(fit: Fit, scales: Scales) -> str:
-    """Why the effects of a fit may not be named, in one phrase; empty where they may."""
+    """Why the effects of a fit may not be named, in one phrase; empty if they may."""
     return _ruled_out(fit, scales, significant=True)
 
 
 def absurd(fit: Fit, scales: Scales) -> str:
-    """Why no more data would help the effects of a fit: at the end of a range, or absent. Empty where they might.
+    """As `doubt`, but without the test of significance: at the end of a range, or absent; otherwise empty.
 
-    On a subset, or before other effects are there, errors that are not explained yet widen every interval.
+    On a subset, or before other effects are added, unexplained errors widen every interval.
     """
     return _ruled_out(fit, scales, significant=False)
 
 
 def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
-    """The first thing that rules a fit out, in one phrase; whether sizes have to be significant."""
+    """The first reason against a fit, in one phrase; with `significant`, sizes are tested against zero."""
     first = 0
     for location, effect in zip(fit.locations, fit.effects, strict=True):
         parameters = location.parameters
@@ -44,9 +39,9 @@ def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
         values = np.array([effect.parameters[p.name] for p in parameters])
         neutral = np.array([p.neutral for p in parameters])
         low, high = bounds_of(location, scales)
-        edge = EDGE * np.array([size_of(p, location, scales) for p in parameters])  # a range may be without end
+        edge = EDGE * np.array([size_of(p, location, scales) for p in parameters])
         at_end = (values >= high - edge) | ((values <= low + edge) & (low != neutral))
-        limited = range(len(parameters)) if location.name in PLAINER else which  # at an end it is the plainer effect
+        limited = range(len(parameters)) if location.name in PLAINER else which  # at an end it is the simpler effect
         for i in limited:
             if at_end[i]:
                 return f"{location}: {parameters[i].name} is at the end of its range"
@@ -61,12 +56,12 @@ def _ruled_out(fit: Fit, scales: Scales, significant: bool) -> str:
 
 
 def _size(name: str, values: Array, neutral: Array, which: list[int]) -> tuple[Array, Array]:
-    """How far an effect is from its absence (k,), and the derivatives of that by its parameters (k, p)."""
-    if name == "payload":  # mass and distance alone are hardly known where their product is
+    """Distance of an effect from its absence (k,), and derivatives by its parameters (k, p)."""
+    if name == "payload":  # the product of mass and distance is better determined than each alone
         mass, distance = values
         return np.array([mass * distance]), np.array([[distance, mass]])
     away = values[which] - neutral[which]
     slopes = np.eye(len(values))[which]
-    if name in ("torque_saturation", "speed_limit"):  # absent where the limit is beyond all torques or speeds
+    if name in ("torque_saturation", "speed_limit"):  # absent if the limit is beyond all torques or speeds
         away = values[which]
     return away, slopes

@@ -1,16 +1,16 @@
-"""How often an answer of each kind is right, and how large a set of causes has to be: both from judged answers.
+"""Reliability of each verdict, and sizes of conformal sets, both from answers whose true cause is known.
 
     probability of a cause = reliability of the verdict * share of the cause among the models compared
 
 With r of n answers of a verdict right, the reliability is (r + 1/2) / (n + 1), the mean of Jeffreys' posterior, so that
-a kind of answer that was never wrong is not certain.
+a verdict that was never wrong does not count as certain.
 
 Conformal sets: the score of a cause is 1 - share. With the scores of the true causes of n calibration cases of one
-signal set, the set { cause : score <= q }, q their ceil((n + 1) (1 - alpha))-th smallest, holds the true cause of a
-further such case with probability >= 1 - alpha, whatever the quality of the shares.
+signal set, the set { cause : score <= q }, q their ceil((n + 1) (1 - alpha))-th smallest, contains the true cause of a
+further such case with probability >= 1 - alpha, for any quality of the shares.
 Source: V. Vovk, A. Gammerman, G. Shafer, Algorithmic Learning in a Random World (2005), section 4.1 (split conformal).
 
-The numbers are those of `via gap blind calibrate` on development cases; a set says nothing about cases unlike them.
+The numbers are those of `via gap blind calibrate` on development cases. They hold for similar cases only.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ WITH_CAUSES = ("effect", "several_effects", "main_effect", "unknown", "cannot_te
 
 @dataclass(frozen=True)
 class Calibrated:
-    """One judged answer.
+    """One answer, compared with the truth.
 
-    truth  share that the report gives the true cause (of several the smallest); None where there is none to be found
+    truth  share of the true cause in the report (of several the smallest); None: no cause can be found
     """
 
     verdict: str
@@ -65,7 +65,7 @@ class Reliability(BaseModel):
 
 
 def calibrated(judged: Sequence[Calibrated], origin: str, seeds: str) -> Reliability:
-    """The numbers that judged answers give."""
+    """The numbers from answers whose true cause is known."""
     verdicts = {}
     for verdict in WITH_CAUSES:
         answers = [each for each in judged if each.verdict == verdict and each.has_causes]
@@ -80,7 +80,7 @@ def calibrated(judged: Sequence[Calibrated], origin: str, seeds: str) -> Reliabi
 
 
 def _least(shares: Sequence[float]) -> float:
-    """The share 1 - q; 0 where there are too few cases for the level."""
+    """The share 1 - q; 0 if there are too few cases for the confidence level."""
     rank = ceil((len(shares) + 1) * (1.0 - NUMBERS.significance))
     return 0.0 if rank > len(shares) else float(sorted(shares, reverse=True)[rank - 1])
 
@@ -99,9 +99,9 @@ def reliability(verdict: str, numbers: Reliability | None = None) -> float:
 
 
 def in_conformal_set(shares: Mapping[str, float] | Sequence[float], level: str) -> tuple[bool, ...]:
-    """Of each share (k,) whether its cause belongs to the 95 % set on logs of this signal set.
+    """Whether the cause of each share (k,) belongs to the 95 % set on logs of this signal set.
 
-    None does where the calibration had too few cases of the signal set: then nothing is known of any set.
+    Always false if the calibration had too few cases of this signal set.
     """
     least = shipped().least_share.get(level, 0.0)
     values = list(shares.values()) if isinstance(shares, Mapping) else list(shares)

@@ -1,10 +1,9 @@
-"""The search for causes: effects are added, exchanged and dropped as long as that matters on held-out data.
+"""Search for causes: effects are added, exchanged and dropped as long as that matters on held-out data.
 
-    none -> one -> two ...        each step: add the best, exchange older ones, keep what matters, drop what does not
+    none -> one -> two ...        each step: add the best, exchange earlier ones, drop those that do not matter
 
-Candidates are ranked by a linear prediction: each is simulated once, and least squares over its directions and the
-device's own numbers says how much it would leave. The most promising are fitted on a subset of the segments, and those
-near the best on all. What is clearly and materially better (`matters`) is kept; one criterion decides every step.
+Candidates are ranked by a linear prediction (screen.py). The best are fitted on a subset of the segments, and those
+near the best fit on all segments. One criterion (`matters`) decides every step.
 
 Source: sequential floating forward selection, P. Pudil, J. Novovicova, J. Kittler, Floating search methods in feature
 selection, Pattern Recognition Letters 15 (1994); all pairs at once as subsets of a linear regression, G. M. Furnival,
@@ -31,28 +30,30 @@ from via_gap.selection.plausibility import absurd
 from via_gap.selection.verdict import improves, matters, noise_only, simplest
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole [0..1]
-Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on data they were not fitted to
-Supported = Callable[[Evaluation], bool]  # whether a model may be named: plausible, and not contradicted
+Evaluate = Callable[[Sequence[Fit]], list[Evaluation]]  # fits on held-out data
+Supported = Callable[[Evaluation], bool]  # whether a model may be named
 
 FITTED = 9  # of the ranked candidates
-FITTED_NEXT = 4  # beside effects already there
-FITTED_WHOLE = 7  # of runs over whole recordings, where every fit is evaluated by several more
-PAIRS = 4  # of all pairs, ranked at once
-BESIDE = 2  # times FITTED_NEXT candidates are simulated beside the effects they are to join
+FITTED_NEXT = 4  # beside other effects
+FITTED_WHOLE = 7  # for runs over whole recordings, where the evaluation of a fit needs several more fits
+PAIRS = 4  # best pairs that are fitted
+BESIDE = 2  # times FITTED_NEXT candidates are simulated beside the other effects
 NEAR = 30.0  # times the best predicted loss: candidates beyond it are not fitted
-CLOSE, CLOSEST = 2.0, 4  # times the best loss on the subset, and how many at least, are fitted to all segments
-EXCHANGED = 0.9  # times the loss, below which another effect takes the place of one
+CLOSE, CLOSEST = (
+    2.0,
+    4,
+)  # times the best loss on the subset, and least number, of fits to all segments
+EXCHANGED = 0.9  # times the loss, below which another effect replaces an earlier one
 MOST = 4  # effects
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """What is fitted, on all segments and on a subset, and how a fit is evaluated.
+    """Residual models of all segments (`whole`) and of a subset (`few`), and the simulated candidates.
 
-    tuned      the device's own numbers alone, evaluated
-    start      the same fit on the subset, with the Jacobian (R, J) of the device numbers there
-    tried      what every start of every candidate does to the residual of `start`
-    supported  whether a model may be named
+    tuned     evaluation of the device parameters alone
+    start     their fit on the subset, with the Jacobian (R, J) of the nuisances there
+    tried     changes of the residual of `start` by every start of every candidate
     """
 
     whole: ResidualModel
@@ -81,7 +82,7 @@ class Search:
         return self.candidates.scales
 
     def run(self, progress: Progress, enough: Callable[[Evaluation], bool]) -> list[Evaluation]:
-        """Every model evaluated, of any size; no further once the best of a size is `enough`."""
+        """Every model evaluated, of any size; the search ends if the best model of a size is `enough`."""
         models: dict[frozenset[Location], Evaluation] = {}
         current = self.tuned
         while len(current.fit.effects) < MOST and not noise_only(current):
@@ -104,7 +105,7 @@ class Search:
         return list(models.values())
 
     def _evaluated(self, fits: Sequence[Fit], models: dict[frozenset[Location], Evaluation]) -> list[Evaluation]:
-        """Those of `fits` that may be named, on held-out data; the best of each set of locations goes into `models`."""
+        """Held-out evaluations of those `fits` that may be named; `models` keeps the best of each set of locations."""
         found = [each for each in self.evaluate(fits) if self.supported(each)]
         for each in found:
             kind = frozenset(each.fit.locations)
@@ -113,7 +114,7 @@ class Search:
         return found
 
     def _beside(self, fit: Fit) -> Search:
-        """The same, with a subset in which what `fit` leaves is seen, and candidates simulated there."""
+        """The same with a subset that contains the largest errors of `fit`, and candidates simulated there."""
         left = fit_on(self.whole, fit).residual if fit is not self.tuned.fit else fit.residual
         few = subset(self.whole.by_squares, left)[0]
         start = fit_on(few, self.tuned.fit)
@@ -122,7 +123,7 @@ class Search:
         return replace(self, few=few, start=start, jacobian=jacobian, tried=tried)
 
     def _extended(self, fit: Fit) -> list[Fit]:
-        """Fits on the subset with one effect more; from none all pairs too, later with older ones exchanged."""
+        """Fits on the subset with one more effect; beside one effect also pairs; earlier effects are exchanged."""
         fits = self._joined(fit)
         if len(fit.effects) == 1:
             fits += self._pairs(fits)
@@ -131,7 +132,7 @@ class Search:
         return fits + self._plainer(fits)
 
     def _joined(self, fit: Fit, rival: float = 0.0) -> list[Fit]:
-        """Fits on the subset of the effects of `fit` and the most promising one more."""
+        """Fits on the subset of the effects of `fit` and one of the best-ranked candidates."""
         here = fit_on(self.few, fit)
         if not fit.effects:
             most = FITTED_WHOLE if self.tuned.whole else FITTED
@@ -156,10 +157,10 @@ class Search:
         return fits
 
     def _pairs(self, there: Sequence[Fit]) -> list[Fit]:
-        """Fits on the subset of the pairs that would leave least if effects added up, but for those `there`.
+        """Fits on the subset of the best-ranked pairs, except those in `there`.
 
-        Two effects together often look like a third that is neither, which then is the best single cause: whatever
-        joins it, this is no way to the two.
+        Two effects together often resemble a third one, which then is the best single cause. Adding effects to it does
+        not lead to the true pair.
         """
         seen = {frozenset(fit.locations) for fit in there}
         rival = min((fit.loss for fit in there), default=0.0)
@@ -174,7 +175,7 @@ class Search:
         return found
 
     def _exchanged(self, fit: Fit) -> list[Fit]:
-        """Fits on the subset with another effect in the place of each older one, followed while that leaves less."""
+        """Fits on the subset with each earlier effect replaced by another one; continues from clearly better ones."""
         found: list[Fit] = []
         older = list(fit.locations[:-1])
         while older:
@@ -188,7 +189,7 @@ class Search:
         return found
 
     def _plainer(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The best fit with a member replaced by the plainer effect that it contains."""
+        """The best fit with a member replaced by the simpler effect that it contains."""
         there = {frozenset(fit.locations) for fit in fits}
         found = []
         for best in sorted(fits, key=lambda fit: fit.loss)[:1]:
@@ -204,7 +205,7 @@ class Search:
         return found
 
     def _reduced(self, fit: Fit) -> list[Fit]:
-        """Every effect left out in turn, the rest fitted again to all segments."""
+        """Fits to all segments with each effect left out."""
         found = []
         for out in fit.locations:
             members = [each for each in members_of(fit) if each[0] != out]
@@ -213,7 +214,7 @@ class Search:
         return found
 
     def _finished(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Those near the best plausible one, fitted to all segments: an absurd fit must not shut others out."""
+        """Plausible fits near the best of them, fitted to all segments."""
         order = sorted((fit for fit in fits if not absurd(fit, self.scales)), key=lambda fit: fit.loss)
         near = [fit for number, fit in enumerate(order) if number < CLOSEST or fit.loss < CLOSE * order[0].loss]
         found = near
@@ -224,7 +225,7 @@ class Search:
 
 
 def _distinct(pairs: Sequence[tuple[float, Members]]) -> list[tuple[float, Members]]:
-    """The best pair of every two kinds of effects, those that contain a plainer one counting as that."""
+    """The best pair of every two kinds of effects; an effect that contains a simpler one counts as the simpler one."""
     kinds: dict[frozenset[Location], tuple[float, Members]] = {}
     for loss, members in pairs:
         kind = frozenset(replace(p, name=PLAINER.get(p.name, (p.name,))[0]) for p, _ in members)

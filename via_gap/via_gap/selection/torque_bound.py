@@ -1,8 +1,8 @@
-"""What a flexible torque model explains of the missing torque: the achievable error of inverse dynamics.
+"""Bound on the achievable error of inverse dynamics: what a flexible torque model explains of the missing torque.
 
-On every axis a weighted sum of the functions of `Basis` of the measured motion, and of waves of the angle, is
-subtracted from the missing torque. The weights come from the segments that are fitted, by ridge regression whose
-strength is chosen on blocks left out. Functions of what was commanded take no part: they would reproduce the drive.
+On every axis, a weighted sum of the functions of `Basis` of the measured motion, and of waves of the angle, is
+subtracted from the missing torque. The weights are fitted to the fitted segments by ridge regression, and the ridge is
+chosen on blocks left out. Functions of commands are not used, because they would reproduce the drive.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from via_gap.selection.basis import Basis, Wave, ticks_of
 RIDGES = np.geomspace(1e-6, 1e1, 8)  # of the mean squared size of a function
 FOLDS = 4
 BLOCK = 4  # segments that are left out together
-ORDERS = range(1, 61)  # waves per turn that are looked for
-WAVES = 12  # of them that are taken
+ORDERS = range(1, 61)  # waves per turn that are searched
+WAVES = 12  # of them that are used
 
 
 def torque_bound(
@@ -87,7 +87,7 @@ def _middle(view: InverseDynamics) -> Array:
 
 
 def _ridge(design: Array, target: Array, groups: Array) -> Array:
-    """(K,) weights with the ridge that predicts groups left out best."""
+    """(K,) weights with the ridge that gives the best predictions of groups left out."""
     scale = np.sqrt(np.mean(design**2, axis=0)) + 1e-12
     scaled = design / scale
     parts = [(scaled[groups == g], target[groups == g]) for g in range(FOLDS)]

@@ -1,14 +1,13 @@
-"""One decision from the evidence: verdict, named effects, ranking, probabilities and ties all follow from it.
+"""One decision, from which verdict, named effects, ranking, shares and ties follow.
 
-Steps lead from the device's own numbers to larger sets of effects, each clearly and materially better than the one
-before. With E the root mean squared whitened held-out error and `bound` the lowest error that a flexible model reaches,
+Steps lead from the fitted device parameters (`tuned`) to larger sets of effects, each clearly and materially better
+than the one before. With E the root mean squared whitened held-out error, and the bound that of a flexible model,
 
-    explained = (E(device numbers) - E(step)) / (E(device numbers) - E(bound))
+    explained = (E(tuned) - E(step)) / (E(tuned) - E(bound))
 
 The last step that matters is the answer. If it explains everything above the noise, it is the cause (`effect`,
-`several_effects`); if most of what can be explained, the main cause (`main_effect`); if less, nothing is named
-(`unknown`), provided that the flexible model shows that there is something to explain. What no model of the motion
-explains is `cannot_tell`.
+`several_effects`); if most of the explainable error, the main cause (`main_effect`); if less, nothing is named
+(`unknown`). If no model of the motion explains the error, the verdict is `cannot_tell`.
 """
 
 from __future__ import annotations
@@ -35,13 +34,13 @@ Locations = tuple[Location, ...]
 class Decision:
     """The answer.
 
-    chosen      what the repaired simulator gets: device numbers and the effects named
-    explained   fraction of the explainable error that `chosen` explains; 1 where nothing is to explain
-    bound       lowest root mean squared whitened error that is achievable, the unit of `Evaluation.rms`
-    shares      (location, share) of every cause compared, largest first: how often it is in the best model under
-                resampling, ties shared; at most 1
-    models      the model that speaks for each of `shares`, for those named `chosen`
-    equivalent  locations that held-out data do not tell from those named
+    chosen      model of the repair: device parameters and named effects
+    explained   fraction of the explainable error that `chosen` explains; 1 if there is none
+    bound       achievable root mean squared whitened error, the unit of `Evaluation.rms`
+    shares      (location, share) of every cause compared, largest first: frequency in the best model under resampling,
+                ties divided; at most 1
+    models      the model that represents each of `shares`; for named ones `chosen`
+    equivalent  named locations, and those that held-out data do not distinguish from them
     reason      why nothing is named, for `cannot_tell`
     """
 
@@ -59,12 +58,12 @@ class Decision:
         return self.chosen.fit.locations
 
     def refuted(self, tuned: Evaluation) -> Decision:
-        """Nothing is named: the repair leaves no less of the held-out gap than the device's own numbers alone."""
-        reason = "what explains the fitted recordings does not carry over to those held out"
+        """The decision that names nothing, because the repair does not reduce the held-out gap."""
+        reason = "the effects that explain the fitted recordings do not reduce the error of the held-out ones"
         return replace(self, verdict="cannot_tell", chosen=tuned, explained=0.0, equivalent=(), reason=reason)
 
     def converged(self, experiment: Experiment, scales: Scales) -> Decision:
-        """The same answer with the chosen fit led to its end, as the repair states it."""
+        """The same decision with the chosen model fitted to convergence."""
         if not self.named:
             return self
         fit = converged(experiment.fitted, self.chosen.fit, scales)
@@ -95,11 +94,11 @@ def decide(
     if last is tuned:
         if matters(flexible, tuned, tuned):
             return _unnamed("unknown", tuned, models, bound, "")
-        return _unnamed("cannot_tell", tuned, models, bound, "what the model leaves does not repeat with the motion")
+        return _unnamed("cannot_tell", tuned, models, bound, "the remaining error does not repeat with the motion")
     if explained < NUMBERS.most:
         return _unnamed("unknown", tuned, models, bound, "")
     if fraction(tuned, last, 1.0) < NUMBERS.substantial:
-        reason = f"what is left repeats with no motion and outweighs what {last.fit.locations[0]} would explain"
+        reason = f"error that does not repeat with the motion exceeds the part that {last.fit.locations[0]} explains"
         return _unnamed("cannot_tell", tuned, models, bound, reason)
     rivals = without_needless([each for each in models if len(each.fit.effects) == len(last.fit.effects)])
     tied = _tied(last, rivals)
@@ -122,7 +121,7 @@ def decide(
 
 
 def noise_only(each: Evaluation) -> bool:
-    """Whether a model leaves no more than the noise, as well as that is known."""
+    """Whether the error of a model is that of noise, within the uncertainty of the noise."""
     return each.mean_square <= NUMBERS.no_gap
 
 
@@ -133,14 +132,14 @@ def fraction(tuned: Evaluation, model: Evaluation, bound: float) -> float:
 
 
 def matters(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
-    """Whether a model with more effects is clearly better than one with fewer, and by a share that is material."""
+    """Whether a model with more effects is clearly and materially better than one with fewer."""
     return improves(more, fewer, tuned) and clearly_worse(fewer, more)
 
 
 def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
-    """Whether a model explains a material share of the error more, or half of what is left, clearly or not.
+    """Whether a model with more effects is materially better, clearly or not.
 
-    Then larger ones are worth a fit. What is left counts only where there is more than noise.
+    It has to explain a material share of the error, or half of the remaining error above the noise.
     """
     gain = fewer.rms - max(more.rms, 1.0)
     remaining = not noise_only(fewer) and gain > NUMBERS.remaining * (fewer.rms - 1.0)
@@ -148,7 +147,7 @@ def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
 
 
 def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
-    """The device's own numbers, then ever larger sets of effects, each of which matters beside the one before it."""
+    """The tuned device, then larger and larger sets of effects, each of which matters beside the one before."""
     steps = [tuned]
     for size in sorted({len(each.fit.effects) for each in models} - {0}):
         step = simplest([each for each in models if len(each.fit.effects) == size])
@@ -163,7 +162,7 @@ def simplest(models: Sequence[Evaluation]) -> Evaluation:
 
 
 def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
-    """The models but for those that one with fewer parameters at the same sites does as well as."""
+    """The models without those that are not clearly better than one with fewer parameters at the same sites."""
 
     def needless(each: Evaluation, other: Evaluation) -> bool:
         same = _sites(each) == _sites(other) and freedom(other.fit) < freedom(each.fit)
@@ -173,7 +172,7 @@ def without_needless(models: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def _sites(each: Evaluation) -> list[tuple[str, int]]:
-    """Every single place, so that one cause at both motors is held against one at each."""
+    """Every single site, so that one effect at both motors compares with one at each."""
     return sorted(spot for location in each.fit.locations for spot in location.spots)
 
 
@@ -186,7 +185,7 @@ def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
-    """How often each location is in the best of `rivals` on resampled blocks; models within the margin share."""
+    """Frequency of each location in the best of `rivals` on resampled blocks, divided between similar models."""
     stacked = block_means(np.stack([losses(each, rivals[0]) for each in rivals]), rivals[0].block)
     means = stacked[:, resamples(stacked.shape[1])].mean(axis=2)
     weight = np.exp(-(means - means.min(axis=0)) / NUMBERS.margin)
@@ -203,7 +202,7 @@ def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float],
 
 
 def _unnamed(verdict: Verdict, tuned: Evaluation, models: Sequence[Evaluation], bound: float, reason: str) -> Decision:
-    """Nothing is named: the device's own numbers stay, single causes are ranked beside them."""
+    """A decision that names nothing: the tuned device, with single causes ranked beside it."""
     singles = without_needless([each for each in models if len(each.fit.effects) == 1])
     shares, spoken = _shares([tuned, *singles])
     return Decision(verdict, tuned, 0.0, bound, shares, spoken, (), reason)
