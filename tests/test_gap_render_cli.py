@@ -39,10 +39,10 @@ def test_a_stored_report_is_shown_and_written_as_a_page(via, tmp_path):
     (tmp_path / "report.json").write_text(REFUSED.to_json(), encoding="utf-8")
     code, out, err = via("gap", "render", "report.json", "--html", "report.html")
     assert (code, err) == (0, "")
-    assert out.startswith("elbow: Cannot tell what causes the gap: run.csv: no commands.")
+    assert out.startswith("elbow: The cause of the gap cannot be determined: run.csv: no commands.")
     assert "wrote report.html" in out
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "Cannot tell what causes the gap: run.csv: no commands." in page
+    assert "The cause of the gap cannot be determined: run.csv: no commands." in page
 
 
 def test_what_cannot_be_read_or_written_is_one_line(via, tmp_path):

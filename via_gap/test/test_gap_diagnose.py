@@ -61,7 +61,7 @@ def test_the_claimed_gap_comes_again_from_the_effects_file(friction, tmp_path):
     _, without = before_and_after([log], log.device, friction.repair(), friction.held_out)
     assert without.overall > 1.5 * after.overall  # the numbers were off: the effects alone do not give the claimed gap
     elsewhere = [each.model_copy(update={"log": "another"}) for each in friction.held_out]
-    with pytest.raises(SignalError, match="none of the stretches that the report held out"):
+    with pytest.raises(SignalError, match="none of the intervals that the report held out"):
         before_and_after([log], log.device, repair, elsewhere)
 
 

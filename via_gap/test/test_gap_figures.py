@@ -35,7 +35,7 @@ def two_residuals():
     return problem, *problem.residual([problem.row(()), problem.row((COULOMB,))])
 
 
-def stretch(error, restarts=None, begin=0.0) -> SimulatedInterval:
+def interval(error, restarts=None, begin=0.0) -> SimulatedInterval:
     """A link that stands at zero, simulated `error` beside it, every 10 ms."""
     n = len(error)
     time = begin + 0.01 * np.arange(n)
@@ -111,13 +111,13 @@ def test_orders_that_the_motion_does_not_hold_once_are_left_out():
 
 def test_errors_of_segments_are_those_of_the_gap():
     problem, before, after = two_residuals()
-    stretches = segment_intervals(problem, before, after)
+    intervals = segment_intervals(problem, before, after)
     for which, residual in (("before", before), ("after", after)):
         gap = segment_errors(problem, residual)
-        error = np.concatenate([getattr(s, which) - s.measured for s in stretches])
+        error = np.concatenate([getattr(s, which) - s.measured for s in intervals])
         assert np.sqrt(np.mean(error**2, axis=0) / gap.variance) == pytest.approx(gap.signals, rel=1e-9)
-    assert sum(s.restarts.sum() for s in stretches) == len(problem.views[0].chosen)
-    assert len(stretches) > 3 and all(s.restarts[0] for s in stretches)
+    assert sum(s.restarts.sum() for s in intervals) == len(problem.views[0].chosen)
+    assert len(intervals) > 3 and all(s.restarts[0] for s in intervals)
 
 
 def test_error_figures_fall_where_the_effect_is_added():
@@ -132,17 +132,17 @@ def test_errors_of_a_free_run_are_those_of_the_gap():
     segments = cut_log(log_of(servo(), (Effect("coulomb_friction", "link", {"torque": 0.02}),), seed=5, duration=5.9))
     every = [np.arange(len(segments))]
     device = segments.log.device
-    stretches = free_intervals(device, device, (), [segments], every)
+    intervals = free_intervals(device, device, (), [segments], every)
     gap = free_errors(device, (), [segments], every)
-    error = np.concatenate([s.before - s.measured for s in stretches])
+    error = np.concatenate([s.before - s.measured for s in intervals])
     assert np.sqrt(np.mean(error**2)) == pytest.approx(float(gap.signals[0] * np.sqrt(gap.variance[0])), rel=0.03)
-    assert all(np.array_equal(s.before, s.after) for s in stretches)
-    assert {f.by for f in error_figures(stretches, 1)} >= {"speed", "angle", "time"}
+    assert all(np.array_equal(s.before, s.after) for s in intervals)
+    assert {f.by for f in error_figures(intervals, 1)} >= {"speed", "angle", "time"}
 
 
 def test_the_worst_stretch_is_drawn_first_and_in_few_points():
     quiet, loud = 0.001 * np.ones(3000), 0.5 * np.ones(3000)
-    figures = trace_figures([stretch(quiet), stretch(loud, begin=100.0)], 5.0)
+    figures = trace_figures([interval(quiet), interval(loud, begin=100.0)], 5.0)
     assert [f.worst for f in figures] == ["after", "before", "after"]
     assert figures[1].time[0] >= 100.0  # the largest error before
     assert all(len(f.time) <= POINTS and f.time[-1] - f.time[0] <= 5.0 for f in figures)
@@ -150,7 +150,7 @@ def test_the_worst_stretch_is_drawn_first_and_in_few_points():
 
 def test_a_stretch_is_cut_where_a_segment_begins():
     restarts = np.arange(1000) % 25 == 0
-    (first, *_) = trace_figures([stretch(np.ones(1000), restarts)], LONGEST["segments"])
+    (first, *_) = trace_figures([interval(np.ones(1000), restarts)], LONGEST["segments"])
     assert first.time[-1] - first.time[0] <= LONGEST["segments"]
     begins = np.array(first.time)[list(first.restarts)]
     assert np.allclose(np.diff(begins), 0.25) and len(begins) >= 6

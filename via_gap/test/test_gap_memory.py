@@ -76,7 +76,7 @@ LAG = Effect("actuator_lag", "command", {"time_constant": 0.2})
 
 @pytest.mark.parametrize("effects", [(SLOW,), (LAG,), (SLOW, LAG)], ids=str)
 def test_a_goal_is_as_far_behind_as_in_the_simulator(effects):
-    """Through a stretch in which the drive is off, at ticks in any order."""
+    """Through a interval in which the drive is off, at ticks in any order."""
     device = parse_device(POSITIONED, "positioned")
     time = np.arange(2000) / 500.0
     goal = 0.8 * np.sin(2.0 * time) + 0.2 * np.sign(np.sin(5.0 * time))

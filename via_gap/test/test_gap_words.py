@@ -13,7 +13,7 @@ from via_gap.report.report import Combination, Where
 
 HEADLINES = {
     "effect": "Backlash in transmission 1 explains the gap: 97 % of the explainable error.",
-    "tied": "One effect explains the gap (97 % of the explainable error), but this log cannot tell which: "
+    "tied": "One effect explains the gap (97 % of the explainable error), but this log cannot show which: "
     "Coulomb friction at motor 1 or viscous friction at motor 1.",
     "several_effects": "Backlash in transmission 1 and Coulomb friction at motor 1 together explain the gap: "
     "97 % of the explainable error.",
@@ -21,7 +21,7 @@ HEADLINES = {
     "no_gap": "No gap: with its parameters inside their tolerances, the model reproduces this log within sensor noise.",
     "unknown": "No effect of the catalogue accounts for the gap; the nearest, backlash in transmission 1, "
     "leaves 60 % of the squared error.",
-    "cannot_tell": "Cannot tell what causes the gap: 4 causes explain these data equally well.",
+    "cannot_tell": "The cause of the gap cannot be determined: 4 causes explain these data equally well.",
     "measurements": "Encoder quantisation in the link's encoder differs from the device file, as the measurements "
     "themselves show; the motion itself shows no gap.",
 }
@@ -35,13 +35,13 @@ def test_the_verdict_in_one_sentence(kind):
 def test_a_refused_log_says_why_and_what_to_do():
     report = report_of("refused")
     assert headline(report).endswith("neither commands nor torques.")
-    assert next_steps(report) == ("Remove what the data check refuses (section 6), then record again.",)
+    assert next_steps(report) == ("Correct what the data check reports (section 6), then record again.",)
 
 
 def test_a_long_reason_is_continued_below_the_headline():
     reason = "tau_1 is a function of the angle alone; it shows no friction. Record motion made by the drive."
     report = report_of("refused").model_copy(update={"reason": reason})
-    assert headline(report) == "Cannot tell what causes the gap: tau_1 is a function of the angle alone."
+    assert headline(report) == "The cause of the gap cannot be determined: tau_1 is a function of the angle alone."
     assert cautions(report) == ("It shows no friction. Record motion made by the drive.",)
 
 
@@ -54,7 +54,7 @@ def test_a_tied_cause_beside_a_sensor_error_keeps_its_doubt():
         }
     )
     assert headline(report) == (
-        "One effect explains the gap (97 % of the explainable error), but this log cannot tell which: Coulomb friction "
+        "One effect explains the gap (97 % of the explainable error), but this log cannot show which: Coulomb friction "
         "at motor 1 or viscous friction at motor 1; in addition, encoder quantisation in the link's encoder differs "
         "from the device file, as the measurements themselves show."
     )
@@ -113,7 +113,7 @@ def test_a_cause_that_ties_with_one_of_a_pair_is_stated_beside_that_one():
     )
     assert [each.what for each in rejected(tied)] == ["viscous friction at motor 1"]
     (held,) = (each for each in cautions(tied) if "wrong one" in each)
-    assert held == "The repair contains Coulomb friction at motor 1 out of the tied causes: it may be the wrong one."
+    assert held == "Of the tied causes, the repair contains Coulomb friction at motor 1: it may be the wrong one."
     assert next_steps(tied)[0] == (
         "Record a motion that separates the tied causes (a ladder of speeds), then diagnose again with both logs."
     )

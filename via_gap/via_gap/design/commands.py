@@ -74,8 +74,8 @@ def following(plant: JointPlant, wanted: Array, equilibrium: Array, start: Array
     torque = np.empty_like(wanted)
     for k in range(len(wanted)):
         angle, speed = state[first : first + driven], state[3 + first : 3 + first + driven]
-        asked = forward[k] + proportional * (wanted[k] - angle) + derivative * (rates[k] - speed)
-        torque[k] = np.clip(asked, -limit, limit)
+        wish = forward[k] + proportional * (wanted[k] - angle) + derivative * (rates[k] - speed)
+        torque[k] = np.clip(wish, -limit, limit)
         if motors:
             command[:driven] = torque[k]
         else:
@@ -112,6 +112,6 @@ def within_limits(log: JointLog, size: float) -> bool:
         if fastest is not None and speed[i] > fastest:
             return False
     return all(
-        bool(np.max(np.abs(measured["q"] - theta[:, i])) <= DEFLECTED * law.max_deflection)
-        for i, law in enumerate(device.spring_laws)
+        bool(np.max(np.abs(measured["q"] - theta[:, i])) <= DEFLECTED * spring.max_deflection)
+        for i, spring in enumerate(device.spring_laws)
     )

@@ -1,7 +1,7 @@
 """Measurement noise of every channel, estimated from the log itself (`via_gap.logs.levels` derives how).
 
 The device file cannot state the noise before an encoder's rounding, nor that of a filter or of time stamps. The
-estimate stands beside what it declares, and is the floor of every comparison.
+estimate, not the declared value, is the floor of every comparison.
 """
 
 from __future__ import annotations

@@ -202,8 +202,7 @@ def _segments(time: Array) -> Indices:
 def _moving(log: JointLog, noise: LogNoise) -> tuple[Indices, Indices, NDArray[np.bool_]]:
     """Samples with a link angle (n,), the segment of each (n,), and whether each segment moves (segments,).
 
-    A segment moves if its range is twice that of noise, which for n normal values is about 2 sqrt(2 ln n) standard
-    deviations.
+    A segment moves if its range is twice that of noise, which is about 2 sqrt(2 ln n) sd for n normal values.
     """
     there = np.flatnonzero(np.isfinite(log.measured["q"]))
     segment = _segments(log.measured.time[there])

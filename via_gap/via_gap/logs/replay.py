@@ -88,13 +88,13 @@ def _initial(device: Device, measured: Signals, commands: Signals, row: Array) -
     state[0] = true_angle(row, 0, _first(measured["q"]))
     if np.isnan(state[0]):
         raise SignalError(f"no finite link angle among the first {FIRST_SAMPLES} samples of the log")
-    asked = np.full(device.n_motors, np.nan)
+    commanded = np.full(device.n_motors, np.nan)
     if "equilibrium" in commands and device.n_motors:
         preset = commands["preset"][0] if "preset" in commands else 0.0
-        asked = device.motor_angles(commands["equilibrium"][0], preset)
+        commanded = device.motor_angles(commands["equilibrium"][0], preset)
     for motor in range(device.n_motors):
         angle = _first(measured["theta"][:, motor]) if "theta" in measured else np.nan
-        state[1 + motor] = true_angle(row, 1 + motor, angle) if np.isfinite(angle) else asked[motor]
+        state[1 + motor] = true_angle(row, 1 + motor, angle) if np.isfinite(angle) else commanded[motor]
         if np.isnan(state[1 + motor]):
             raise SignalError(f"motor {motor + 1} is neither measured nor commanded at the start of the log")
     return state

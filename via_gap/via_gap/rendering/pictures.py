@@ -103,7 +103,7 @@ def error_rows(report: GapReport) -> tuple[Row, ...]:
 
 
 def trace_rows(report: GapReport) -> tuple[Row, ...]:
-    """One row per stretch, or one of them all where a stretch is a single signal: measured, as filed, repaired."""
+    """One row per interval, or one of them all where a interval is a single signal: measured, as filed, repaired."""
     each: dict[tuple[str, str, float], list[TraceFigure]] = {}
     for figure in report.figures.traces if report.figures is not None else ():
         each.setdefault((figure.log, figure.worst, figure.time[0] if figure.time else 0.0), []).append(figure)

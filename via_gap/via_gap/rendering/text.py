@@ -25,7 +25,7 @@ def text(report: GapReport) -> str:
         lines.append(f"gap by {report.gap.by}: {gap_words(report)}")
     lines.extend(f"next: {step}" for step in next_steps(report))
     lines.extend(f"{severity}: {log}: {said}" for severity, log, said in findings(report))
-    lines.extend(f"not judged: {plain(said)}" for said in report.not_evaluated)
+    lines.extend(f"not evaluated: {plain(said)}" for said in report.not_evaluated)
     return "\n".join(lines)
 
 

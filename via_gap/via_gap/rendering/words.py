@@ -30,8 +30,8 @@ METHOD = {
     "compare them with the sensor noise, not with 100 %.",
     "free run": "The gap is the error of the simulated signals on held-out data, relative to the standard deviation of "
     "the measured ones. The simulation runs freely from the first sample to the last.",
-    "inverse dynamics": "The gap is the torque that the joint's equations lack along the measured motion of held-out "
-    "data, relative to the standard deviation of the drive's torque.",
+    "inverse dynamics": "The gap is the missing torque: the torque that the measured motion of held-out data requires and the "
+    "model does not provide, relative to the standard deviation of the drive's torque.",
 }
 
 
@@ -41,7 +41,7 @@ def headline(report: GapReport) -> str:
     if report.verdict == "no_gap":
         return f"No gap: with its parameters inside their tolerances, the model reproduces {logs} within sensor noise."
     if report.verdict == "cannot_tell":
-        return f"Cannot tell what causes the gap: {_reason(report)[0]}."
+        return f"The cause of the gap cannot be determined: {_reason(report)[0]}."
     if report.verdict == "unknown":
         return f"No effect of the catalogue accounts for the gap{_nearest(report)}."
     measured = [place_words(p) for p in report.effects if of_measurements(p)]
@@ -58,7 +58,7 @@ def headline(report: GapReport) -> str:
     tied = [place_words(p) for p in report.equivalence_set if p not in report.effects]
     if tied:
         which = listed([*moved, *tied], "or")
-        return f"One effect explains {part} ({share}), but {logs} cannot tell which: {which}{besides}."
+        return f"One effect explains {part} ({share}), but {logs} cannot show which: {which}{besides}."
     return f"{capital(moved[0])} explains {part}: {share}{besides}."
 
 
@@ -84,10 +84,10 @@ def cautions(report: GapReport) -> tuple[str, ...]:
     if names_causes(report) and replaced:
         held = listed([place_words(place) for place in replaced])
         may = "each may" if len(replaced) > 1 else "it may"
-        said.append(f"The repair contains {held} out of the tied causes: {may} be the wrong one.")
+        said.append(f"Of the tied causes, the repair contains {held}: {may} be the wrong one.")
     if report.verdict == "cannot_tell" and report.effects:
         held = listed([place_words(place) for place in report.effects])
-        said.append(f"The effects file below contains {held} out of the tied causes, for comparison only.")
+        said.append(f"Of the tied causes, the effects file below contains {held}, for comparison only.")
     at_bound = [each.name for each in report.nuisance if each.at_bound]
     if at_bound and report.verdict != "cannot_tell":
         said.append(f"Fitted to the limit of the tolerance in the device file: {listed(at_bound)}. Check this first.")
@@ -119,7 +119,7 @@ def remainder(report: GapReport) -> str:
 
 
 def largest_remainder(report: GapReport) -> tuple[ErrorFigure, ErrorBin] | None:
-    """The range of a quantity in which the error after the repair stands out most from its mean."""
+    """The range of a quantity with the largest ratio of the error after the repair to its mean."""
     best, found = 0.0, None
     for figure in report.figures.errors if report.figures is not None else ():
         mean = sum(each.after**2 for each in figure.bins) / max(len(figure.bins), 1)
@@ -178,22 +178,20 @@ def next_steps(report: GapReport) -> tuple[str, ...]:
         wish = f" ({listed(hows)})" if hows else ""
         said.append(f"Record a motion that separates the tied causes{wish}, then diagnose again with both logs.")
     elif report.verdict == "cannot_tell" and refused:
-        said.append("Remove what the data check refuses (section 6), then record again.")
+        said.append("Correct what the data check reports (section 6), then record again.")
     elif report.verdict == "cannot_tell":
         said.append("Record again with larger and more varied motion, and repeat the motion; then diagnose all logs.")
     if names_causes(report):
         said.append("Load the repair below into the simulator, and compare it with a new log.")
     if report.verdict == "main_effect" and report.explained >= NUMBERS.complete:
-        said.append("Record the same motion twice: what differs between the two is the error that remains (section 4).")
+        said.append("Record the same motion twice: the difference between the two is the remaining error (section 4).")
     elif report.verdict == "main_effect":
         said.append("Then look for the effect that causes the remaining error (section 4).")
     if report.verdict == "unknown":
         at = f", first at {where_words(report.where[0])}" if report.where else ""
         said.append(f"Look for an effect outside the catalogue{at}: sections 2 and 4 show where the error is largest.")
     if report.verdict == "no_gap" and report.nuisance:
-        said.append(
-            "Simulate with the fitted parameters below; put those that are better known now into the device file."
-        )
+        said.append("Simulate with the fitted parameters below, or enter the well-determined ones in the device file.")
     return tuple(said)
 
 

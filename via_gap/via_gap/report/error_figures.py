@@ -1,4 +1,4 @@
-"""Figures of held-out stretches: errors by region, and traces of the stretches with the largest errors."""
+"""Figures of held-out intervals: errors by region, and traces of the intervals with the largest errors."""
 
 from __future__ import annotations
 
@@ -13,49 +13,49 @@ from via_gap.report.figures import ErrorBin, ErrorFigure, TraceFigure
 from via_gap.report.simulated_intervals import SimulatedInterval
 
 POINTS = 240  # of a trace
-STRETCHES: tuple[Literal["after", "before"], ...] = ("after", "before", "after")  # each the worst one left
+INTERVALS: tuple[Literal["after", "before"], ...] = ("after", "before", "after")  # each the worst one left
 
 
-def error_figures(stretches: Sequence[SimulatedInterval], n_transmissions: int) -> tuple[ErrorFigure, ...]:
+def error_figures(intervals: Sequence[SimulatedInterval], n_transmissions: int) -> tuple[ErrorFigure, ...]:
     """Error of every signal before and after the repair, against speed, deflection, angle and time."""
-    if not stretches:
+    if not intervals:
         return ()
-    states = np.concatenate([each.states for each in stretches])
-    time = np.concatenate([each.time for each in stretches])
+    states = np.concatenate([each.states for each in intervals])
+    time = np.concatenate([each.time for each in intervals])
     found = []
-    for column, axis in enumerate(stretches[0].axes):
-        before = np.concatenate([each.before[:, column] - each.measured[:, column] for each in stretches])
-        after = np.concatenate([each.after[:, column] - each.measured[:, column] for each in stretches])
-        floor = np.concatenate([np.full(len(each.time), each.floor[column]) for each in stretches])
+    for column, axis in enumerate(intervals[0].axes):
+        before = np.concatenate([each.before[:, column] - each.measured[:, column] for each in intervals])
+        after = np.concatenate([each.after[:, column] - each.measured[:, column] for each in intervals])
+        floor = np.concatenate([np.full(len(each.time), each.floor[column]) for each in intervals])
         for by, (unit, values) in quantities(states, time, axis, n_transmissions).items():
             bins = tuple(
                 ErrorBin(low=six(low), high=six(high), centre=six(np.median(values[inside])),
                          before=rms(before[inside]), after=rms(after[inside]), floor=rms(floor[inside]))
                 for low, high, inside in bins_of(by, values)
             )  # fmt: skip
-            found.append(ErrorFigure(signal=stretches[0].signal(axis), by=by, unit=unit, bins=bins))
+            found.append(ErrorFigure(signal=intervals[0].signal(axis), by=by, unit=unit, bins=bins))
     return tuple(found)
 
 
-def trace_figures(stretches: Sequence[SimulatedInterval], longest: float) -> tuple[TraceFigure, ...]:
-    """Every signal of the stretches [at most `longest` s] that are worst after and before the repair."""
-    pieces = [piece for each in stretches for piece in _pieces(each, longest)]
+def trace_figures(intervals: Sequence[SimulatedInterval], longest: float) -> tuple[TraceFigure, ...]:
+    """Every signal of the intervals [at most `longest` s] that are worst after and before the repair."""
+    pieces = [piece for each in intervals for piece in _pieces(each, longest)]
     found = []
-    for by in STRETCHES[: len(pieces)]:
+    for by in INTERVALS[: len(pieces)]:
         worst = max(range(len(pieces)), key=lambda i: _size(pieces[i], by))
         found.extend(_traces(pieces.pop(worst), by))
     return tuple(found)
 
 
-def _pieces(stretch: SimulatedInterval, longest: float) -> list[SimulatedInterval]:
-    """The stretch in pieces of at most `longest` [s], cut where the simulation restarts if it ever does."""
-    cuts = np.flatnonzero(stretch.restarts)
-    cuts = cuts if len(cuts) else np.arange(len(stretch.time))
+def _pieces(interval: SimulatedInterval, longest: float) -> list[SimulatedInterval]:
+    """The interval in pieces of at most `longest` [s], cut where the simulation restarts if it ever does."""
+    cuts = np.flatnonzero(interval.restarts)
+    cuts = cuts if len(cuts) else np.arange(len(interval.time))
     begins = [int(cuts[0])]
-    for this, following in pairwise([*cuts, len(stretch.time)]):
-        if stretch.time[following - 1] - stretch.time[begins[-1]] > longest and this > begins[-1]:
+    for this, following in pairwise([*cuts, len(interval.time)]):
+        if interval.time[following - 1] - interval.time[begins[-1]] > longest and this > begins[-1]:
             begins.append(int(this))
-    return [stretch.part(a, b) for a, b in pairwise([*begins, len(stretch.time)])]
+    return [interval.part(a, b) for a, b in pairwise([*begins, len(interval.time)])]
 
 
 def _size(piece: SimulatedInterval, by: Literal["after", "before"]) -> float:

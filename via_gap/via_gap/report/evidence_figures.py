@@ -27,15 +27,15 @@ def evidence_figures(comparison: ModelComparison, decision: Decision, by: By) ->
     """All figures of one diagnosis; `by` is how the gap was measured."""
     experiment, candidates, models = comparison.experiment, comparison.candidates, comparison.models
     missing = missing_torques(experiment.segments, experiment.nominal.fit, decision.chosen.fit)
-    stretches = _intervals(experiment, decision.chosen, by)
+    intervals = _intervals(experiment, decision.chosen, by)
     transmissions = experiment.evaluated.device.n_transmissions
     compared = [location for location, _ in decision.shares]
     return Figures(
         joint=_joint_sketch(experiment.segments[0].log),
         residuals=residual_figures(missing, transmissions),
         spectra=order_spectra(missing) if periodic([*decision.named, *compared]) else (),
-        errors=error_figures(stretches, transmissions),
-        traces=trace_figures(stretches, LONGEST[by]),
+        errors=error_figures(intervals, transmissions),
+        traces=trace_figures(intervals, LONGEST[by]),
         trials=trial_figures(models, experiment.tuned),
         screened=screened_members(candidates.locations, models) if models else (),
         untried=untried_effects(candidates.locations),

@@ -1,4 +1,4 @@
-"""Numbers behind a report's charts: missing torque, its order spectrum, errors by region, traces of held-out stretches.
+"""Numbers behind a report's charts: missing torque, its order spectrum, errors by region, traces of held-out intervals.
 
 All of it is optional in a report. Numbers keep six digits.
 """
@@ -101,11 +101,11 @@ class ErrorFigure(Record):
 
 
 class TraceFigure(Record):
-    """One signal over a held-out stretch [rad]: measured, and simulated by the device as filed and as repaired.
+    """One signal over a held-out interval [rad]: measured, and simulated by the device as filed and as repaired.
 
     Signal tau [N m]: the drive's torque as commanded or measured, and as the motion requires it by the two models.
 
-    worst     in which error this stretch is the largest: before or after the repair
+    worst     in which error this interval is the largest: before or after the repair
     time      (N,) [s] since the log began
     restarts  indices at which the simulation restarts from the measured state; none in a free run
     """

@@ -87,7 +87,7 @@ def segment_intervals(problem: ResidualModel, before: Array, after: Array) -> li
 
 
 def torque_intervals(problem: ResidualModel, before: Array, after: Array) -> list[SimulatedInterval]:
-    """Neighbouring segments judged by inverse dynamics, with the missing torque (R,) of two models."""
+    """Neighbouring segments in inverse dynamics, with the missing torque (R,) of two models."""
     found, begin = [], 0
     for view in problem.views:
         assert isinstance(view, InverseDynamics)
@@ -116,7 +116,7 @@ def free_intervals(
     segments: Sequence[Segments],
     chosen: Sequence[Indices],
 ) -> list[SimulatedInterval]:
-    """Held-out stretches of logs that are simulated from beginning to end; the link angle only."""
+    """Held-out intervals of logs that are simulated from beginning to end; the link angle only."""
     found = []
     floor = np.array([(nominal.sensors.link_quantum or 0.0) / np.sqrt(12.0)])
     for each, which in zip(segments, chosen, strict=True):

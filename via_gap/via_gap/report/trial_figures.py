@@ -14,10 +14,10 @@ from via_gap.selection.evidence import Evaluation, difference
 TRIALS = 16  # that are listed
 
 
-def trial_figures(judged: Sequence[Evaluation], tuned: Evaluation) -> tuple[Trial, ...]:
+def trial_figures(models: Sequence[Evaluation], tuned: Evaluation) -> tuple[Trial, ...]:
     """Causes and sets of causes with their held-out evidence, best score first, each set of locations once."""
     best: dict[frozenset[Location], Evaluation] = {}
-    for each in sorted(judged, key=lambda each: each.score):
+    for each in sorted(models, key=lambda each: each.score):
         best.setdefault(frozenset(each.fit.locations), each)
     ranked = list(best.values())[:TRIALS]
     found = []
@@ -29,9 +29,9 @@ def trial_figures(judged: Sequence[Evaluation], tuned: Evaluation) -> tuple[Tria
     return tuple(found)
 
 
-def screened_members(candidates: Sequence[Location], judged: Sequence[Evaluation]) -> tuple[Member, ...]:
+def screened_members(candidates: Sequence[Location], models: Sequence[Evaluation]) -> tuple[Member, ...]:
     """Candidates that are in no trial."""
-    fitted = {location for each in judged for location in each.fit.locations}
+    fitted = {location for each in models for location in each.fit.locations}
     return tuple(_member(location) for location in candidates if location not in fitted)
 
 

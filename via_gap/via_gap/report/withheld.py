@@ -29,7 +29,7 @@ def before_and_after(
     """Errors of the nominal device, and of the one with `effects` and the device numbers among them.
 
     Measured as in the report: in short segments where motors are driven by torque, else in one free run; over the whole
-    logs, or over the stretches that a report held out.
+    logs, or over the intervals that a report held out.
 
     only_equations  measure by inverse dynamics, as in a report whose gap is `by` inverse dynamics
 
@@ -49,13 +49,13 @@ def _chosen(logs: Sequence[JointLog], held_out: Sequence[HeldOutInterval]) -> tu
     segments = [without_transient(cut_log(log)) for log in believed(logs)]
     chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in segments]
     if not any(map(len, chosen)):
-        reason = "none of the stretches that the report held out" if held_out else "too short to compare"
+        reason = "none of the intervals that the report held out" if held_out else "too short to compare"
         raise SignalError(f"{logs[0].name}: {reason}")
     return segments, chosen
 
 
 def _held(segments: Segments, held_out: Sequence[HeldOutInterval]) -> Indices:
-    """Segments of one log whose middle lies in a held-out stretch."""
+    """Segments of one log whose middle lies in a held-out interval."""
     middle = segments.time - segments.log.measured.time[0] + 0.5 * segments.ticks / segments.rate
     inside = [(s.begin < middle) & (middle < s.end) for s in held_out if s.log == segments.log.name]
     return np.flatnonzero(segments.valid & np.any(inside, axis=0)) if inside else np.empty(0, dtype=np.intp)

@@ -4,7 +4,7 @@
     states = motors.states(rows)                                            # (K, n, S)
 
 The friction of a motor behind a spring damps its initial error, provided that the link moves as measured. If the link
-were simulated and reset to its measurement at every segment, each reset would stretch the spring, and the error could
+were simulated and reset to its measurement at every segment, each reset would interval the spring, and the error could
 grow without bound. Therefore the measured axes are set to their measurements at every tick, and the equations of the
 simulator integrate the other axes only.
 

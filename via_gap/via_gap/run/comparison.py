@@ -1,4 +1,4 @@
-"""Comparison of a short stretch of a log with the nominal model: size of the gap, and the site where it lies.
+"""Comparison of a short interval of a log with the nominal model: size of the gap, and the site where it lies.
 
 It uses the equations of the diagnosis without its fits, so that two seconds of data take some milliseconds. The device
 may have parameters that a diagnosis fitted; then only what exceeds their tolerance remains.
@@ -28,9 +28,9 @@ STILL = 1e-3  # [rad] travel of the link below which nothing can be compared
 
 @dataclass(frozen=True)
 class Comparison:
-    """A stretch of a log against a model.
+    """A interval of a log against a model.
 
-    window            [s] length of the stretch
+    window            [s] length of the interval
     error             [rad] root mean square of simulated minus measured link angle, in short segments
     normalised_error  [-] error over the standard deviation of the measured link angle
     residual_ratio    [-] rms residual of the equations over what the sensors explain; 1: no gap; NaN: no equation can

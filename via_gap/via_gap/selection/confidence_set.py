@@ -1,7 +1,7 @@
 """Model confidence set: the models that held-out losses cannot distinguish from the best.
 
-Models are eliminated one by one while the hypothesis that the remaining ones are equally good is rejected. With d_ij the
-mean difference of the block losses of models i and j and s_ij its bootstrap standard deviation,
+Models are eliminated one by one while the hypothesis that the remaining ones are equally good is rejected. With the
+mean difference d_ij of the block losses of models i and j and its bootstrap standard deviation s_ij,
 
     T = max_ij (d_ij - margin) / s_ij,     eliminated first: argmax_i max_j (d_ij - margin) / s_ij
 

@@ -64,14 +64,14 @@ class Reliability(BaseModel):
     cases: dict[str, int]
 
 
-def calibrated(judged: Sequence[Calibrated], origin: str, seeds: str) -> Reliability:
+def calibrated(answered: Sequence[Calibrated], origin: str, seeds: str) -> Reliability:
     """The numbers from answers whose true cause is known."""
     verdicts = {}
     for verdict in WITH_CAUSES:
-        answers = [each for each in judged if each.verdict == verdict and each.has_causes]
+        answers = [each for each in answered if each.verdict == verdict and each.has_causes]
         verdicts[verdict] = Counts(answers=len(answers), right=sum(each.first_right for each in answers))
     shares: dict[str, list[float]] = {}
-    for each in judged:
+    for each in answered:
         if each.truth is not None:
             shares.setdefault(each.level, []).append(each.truth)
     least = {level: _least(values) for level, values in shares.items()}

@@ -71,19 +71,19 @@ def _scaled(logs: Sequence[JointLog]) -> list[SensorError]:
         pairs = [each for log in logs if (each := _command_and_torque(log, motor)) is not None]
         if not pairs:
             continue
-        asked, measured = (np.concatenate(each) for each in zip(*pairs, strict=True))
-        design = np.column_stack([asked, np.ones_like(asked)])
+        commanded, measured = (np.concatenate(each) for each in zip(*pairs, strict=True))
+        design = np.column_stack([commanded, np.ones_like(commanded)])
         covariance = np.linalg.pinv(design.T @ design)
         gain, bias = covariance @ design.T @ measured
-        left = float(np.mean((measured - gain * asked - bias) ** 2))
+        left = float(np.mean((measured - gain * commanded - bias) ** 2))
         if left > FOLLOWS * float(np.var(measured)):
             continue
         sd_gain, sd_bias = np.sqrt(np.diag(covariance) * left)
-        before = max(float(np.mean((measured - asked) ** 2)), 1e-300)
+        before = max(float(np.mean((measured - commanded) ** 2)), 1e-300)
         named = []
         if abs(gain - 1.0) > max(LEAST_GAIN, SURE * sd_gain):
             named.append(("torque_gain", "gain", float(gain), float(sd_gain)))
-        if abs(bias) > max(LEAST_BIAS * float(np.std(asked)), SURE * sd_bias):
+        if abs(bias) > max(LEAST_BIAS * float(np.std(commanded)), SURE * sd_bias):
             named.append(("torque_bias", "torque", float(bias), float(sd_bias)))
         for name, parameter, value, sd in named:
             effect = Effect(name, "sensor", {parameter: value}, motor + 1)
@@ -98,7 +98,7 @@ def _command_and_torque(log: JointLog, motor: int) -> tuple[Array, Array] | None
         return None
     drive = log.device.motors[motor]
     limit = drive.torque_limit if isinstance(drive, TorqueMotor) and drive.torque_limit is not None else np.inf
-    tau, asked = log.measured["tau"][:, motor], commands["motor"][:, motor]
+    tau, commanded = log.measured["tau"][:, motor], commands["motor"][:, motor]
     seen = np.isfinite(tau)
     if seen.sum() < 100 or len(commands) < 2:
         return None
@@ -107,7 +107,7 @@ def _command_and_torque(log: JointLog, motor: int) -> tuple[Array, Array] | None
     each = []
     for late in LATE:  # a sample's torque is that of the tick which ended there
         at = np.clip(np.searchsorted(commands.time, time - (late + 0.5) * period, side="right") - 1, 0, None)
-        each.append(asked[at])
+        each.append(commanded[at])
     best = max(each, key=lambda values: abs(float(np.cov(values, tau)[0, 1])) / max(float(np.std(values)), 1e-300))
     inside = np.isfinite(best) & (np.abs(best) < FULL * limit)
     return (best[inside], tau[inside]) if inside.sum() >= 100 and np.ptp(best[inside]) > 0.0 else None
