@@ -30,8 +30,8 @@ METHOD = {
     "compare them with the sensor noise, not with 100 %.",
     "free run": "The gap is the error of the simulated signals on held-out data, relative to the standard deviation of "
     "the measured ones. The simulation runs freely from the first sample to the last.",
-    "inverse dynamics": "The gap is the missing torque: the torque that the measured motion of held-out data requires and the "
-    "model does not provide, relative to the standard deviation of the drive's torque.",
+    "inverse dynamics": "The gap is the missing torque: the torque that the measured motion of held-out data requires "
+    "and the model does not provide, relative to the standard deviation of the drive's torque.",
 }
 
 
