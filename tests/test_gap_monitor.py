@@ -40,13 +40,13 @@ class MonitorBench:
     def __init__(self, graph, **parameters):
         self.graph, self.peer = graph, graph.node("peer")
         self.node = graph.add(MonitorNode, device=DEVICE.name, **parameters)
-        self.told, self.reports, self.feedback = [], [], []
-        self.peer.create_subscription(GapStatus, f"/{DEVICE.name}/gap", self.told.append, qos.SAMPLES)
+        self.gaps, self.reports, self.feedback = [], [], []
+        self.peer.create_subscription(GapStatus, f"/{DEVICE.name}/gap", self.gaps.append, qos.SAMPLES)
         self.peer.create_subscription(DiagnosticArray, "/diagnostics", self._hear, qos.SAMPLES)
         self.client = ActionClient(self.peer, DiagnoseGap, "/gap_monitor/diagnose")
         self.samples = self.peer.create_publisher(JointState, "/joint_states", qos.SAMPLES)
         self.commands = self.peer.create_publisher(VsaCommand, DEVICE.command_topic, qos.SAMPLES)
-        graph.until(lambda: self.client.server_is_ready() and self.told and self.samples.get_subscription_count() == 1)
+        graph.until(lambda: self.client.server_is_ready() and self.gaps and self.samples.get_subscription_count() == 1)
 
     def _hear(self, message):
         if message.status[0].name.startswith("gap_monitor"):
@@ -100,13 +100,13 @@ def simulate(graph, bench, folder, duration, effects=()):
     def all_heard():
         """By the monitor and by the bag: every sample, those said again included, and every command."""
         samples = sum(topic == "/joint_states" for topic, _ in heard)
-        told = len(bench.node.monitor.rolling._commands.stamp)
+        received = len(bench.node.monitor.rolling._commands.stamp)
         last = next((data for topic, data in reversed(heard) if topic != "/joint_states"), None)
         # The controller's last word, when samples end, is none but zeros.
         return (
             simulator.finished.done()
             and bench.node.monitor.samples == samples >= count
-            and told == len(heard) - samples
+            and received == len(heard) - samples
             and not any(deserialize_message(last, VsaCommand).motor)
         )
 
@@ -123,7 +123,7 @@ def simulate(graph, bench, folder, duration, effects=()):
 def test_friction_of_a_simulated_joint_is_named_and_the_report_is_that_of_a_bag(graph, tmp_path):
     bench = MonitorBench(graph, window=30.0, every=0.0)
     bag = simulate(graph, bench, tmp_path, 6.0, (FRICTION,))
-    live = [each for each in bench.told if each.status == Status.OK]
+    live = [each for each in bench.gaps if each.status == Status.OK]
     assert live[-1].sites[0].site == "link" and live[-1].residual_ratio > 2.0 and live[-1].hypotheses == []
     # First here, where what is not yet compiled is compiled at full speed.
     expected = with_proposal(diagnose([read_log(bag, DEVICE)], DEVICE), DEVICE).to_json()
@@ -139,24 +139,24 @@ def test_friction_of_a_simulated_joint_is_named_and_the_report_is_that_of_a_bag(
     # The same from the file, and from then on in every message.
     status, again = bench.result(bench.send(path=str(bag)))
     assert again.report == result.report
-    before = len(bench.told)
-    graph.until(lambda: len(bench.told) > before + 1)
-    last = bench.told[-1]
+    before = len(bench.gaps)
+    graph.until(lambda: len(bench.gaps) > before + 1)
+    last = bench.gaps[-1]
     assert (last.verdict, last.hypotheses[0].effect.name) == ("effect", "coulomb_friction")
     assert nanoseconds(last.diagnosed) == nanoseconds(last.header.stamp)
     assert last.status == Status.BAD_SAMPLE and "no samples for" in last.message  # the simulation is over
-    numbers = [each.sequence for each in bench.told]
+    numbers = [each.sequence for each in bench.gaps]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
 
 
 def test_a_nominal_joint_has_no_gap_and_ticks_go_on_while_that_is_found_out(graph, tmp_path):
     bench = MonitorBench(graph, window=8.0, least=3.0, recent=1.0)
     simulate(graph, bench, tmp_path, 5.0)
-    graph.until(lambda: bench.told[-1].verdict != "", 90.0)
-    assert bench.told[-1].verdict == "no_gap" and bench.told[-1].hypotheses == []
-    assert bench.told[-1].method == "tuned model"
+    graph.until(lambda: bench.gaps[-1].verdict != "", 90.0)
+    assert bench.gaps[-1].verdict == "no_gap" and bench.gaps[-1].hypotheses == []
+    assert bench.gaps[-1].method == "tuned model"
     assert sum(bool(each["diagnosing"]) for each in bench.reports) > 3
-    assert [each.residual_ratio for each in bench.told if each.status == Status.OK][-1] < 1.5
+    assert [each.residual_ratio for each in bench.gaps if each.status == Status.OK][-1] < 1.5
 
 
 def test_one_goal_at_a_time_which_can_be_cancelled(graph, tmp_path):
@@ -195,20 +195,20 @@ def test_one_goal_at_a_time_which_can_be_cancelled(graph, tmp_path):
 
 def test_it_says_when_it_does_not_know_and_a_clock_set_back_begins_anew(graph):
     bench = MonitorBench(graph, every=0.0)
-    assert bench.told[-1].status == Status.WARMING_UP and "no samples yet" in bench.told[-1].message
-    assert np.isnan(bench.told[-1].error) and nanoseconds(bench.told[-1].header.stamp) == 0
+    assert bench.gaps[-1].status == Status.WARMING_UP and "no samples yet" in bench.gaps[-1].message
+    assert np.isnan(bench.gaps[-1].error) and nanoseconds(bench.gaps[-1].header.stamp) == 0
     bench.samples.publish(JointState(name=["other"], position=[0.0]))
-    graph.until(lambda: "others only" in bench.told[-1].message)
+    graph.until(lambda: "others only" in bench.gaps[-1].message)
     bench.play(1000)
-    graph.until(lambda: any("warming up" in each.message for each in bench.told))
+    graph.until(lambda: any("warming up" in each.message for each in bench.gaps))
     bench.play(1500, START + 1000 * PERIOD)
-    graph.until(lambda: any(each.status == Status.OK for each in bench.told))
-    seen = next(each for each in bench.told if each.status == Status.OK)
+    graph.until(lambda: any(each.status == Status.OK for each in bench.gaps))
+    seen = next(each for each in bench.gaps if each.status == Status.OK)
     assert seen.error > 0.0 and seen.sites and seen.window == pytest.approx(2.0)
-    graph.until(lambda: bench.told[-1].status == Status.BAD_SAMPLE and "no samples for" in bench.told[-1].message)
+    graph.until(lambda: bench.gaps[-1].status == Status.BAD_SAMPLE and "no samples for" in bench.gaps[-1].message)
     bench.play(500, START - 100_000 * PERIOD)
-    graph.until(lambda: "the clock ran back" in bench.told[-1].message)
-    assert bench.told[-1].status == Status.WARMING_UP and np.isnan(bench.told[-1].residual_ratio)
+    graph.until(lambda: "the clock ran back" in bench.gaps[-1].message)
+    assert bench.gaps[-1].status == Status.WARMING_UP and np.isnan(bench.gaps[-1].residual_ratio)
     graph.until(lambda: bench.reports[-1]["clock ran back"] == "1")
 
 

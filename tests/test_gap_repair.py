@@ -68,12 +68,12 @@ def columns(path: Path) -> dict[str, np.ndarray]:
     return {name: table[name] for name in table.dtype.names}
 
 
-def told(here: Path) -> GapReport:
+def report_in(here: Path) -> GapReport:
     return read_report((here / "report.json").read_text(encoding="utf-8"), "report.json")
 
 
 def nrmse(log: dict[str, np.ndarray], other: dict[str, np.ndarray], report: GapReport) -> float:
-    """Error of the link angle over its standard deviation where the report was judged, eight blocks counting alike."""
+    """Error of the link angle over its standard deviation on the held-out intervals, the mean of eight blocks."""
     time = log["time"]
     ends = [np.inf if s.end >= time[-1] else s.end for s in report.held_out]
     held = np.any([(s.begin <= time) & (time < end) for s, end in zip(report.held_out, ends, strict=True)], axis=0)
@@ -83,7 +83,7 @@ def nrmse(log: dict[str, np.ndarray], other: dict[str, np.ndarray], report: GapR
 
 
 def test_the_planted_effect_is_named_and_written(folder):
-    report, repair = told(folder), yaml.safe_load((folder / "repair.yaml").read_text(encoding="utf-8"))
+    report, repair = report_in(folder), yaml.safe_load((folder / "repair.yaml").read_text(encoding="utf-8"))
     assert report.verdict == "effect"
     assert [(each["effect"], each["site"]) for each in repair] == [
         ("coulomb_friction", "link"), ("device_numbers", "device")
@@ -94,7 +94,7 @@ def test_the_planted_effect_is_named_and_written(folder):
 
 
 def test_via_sim_with_the_effects_file_has_the_claimed_gap(folder):
-    report, log = told(folder), columns(folder / "log.csv")
+    report, log = report_in(folder), columns(folder / "log.csv")
     nominal = simulated(folder, "ideal.yaml", "nominal.csv")
     assert nrmse(log, nominal, report) == pytest.approx(report.gap.before, rel=1e-5)
     repaired = simulated(folder, "ideal.yaml", "repaired.csv", "--effects", str(folder / "repair.yaml"))
@@ -103,7 +103,7 @@ def test_via_sim_with_the_effects_file_has_the_claimed_gap(folder):
 
 
 def test_the_claimed_gap_is_measured_again_from_the_files(folder):
-    report = told(folder)
+    report = report_in(folder)
     words = ("--device", str(folder / "device.yaml"), "--effects", str(folder / "repair.yaml"))
     again = (*words, "--report", str(folder / "report.json"), "--json", str(folder / "again.json"))
     run("gap", "simulate", str(folder / "log.csv"), *again)

@@ -1,4 +1,4 @@
-"""Keys and reports made by hand, for tests of judging and scoring."""
+"""Keys and reports made by hand, for tests of scoring."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import pytest
 from gap_logs import flexible, log_of, rigid
 from via_core.signals import Signals
 from via_gap.diagnose import diagnose
-from via_gap.logs.between import acting, in_lines, told
+from via_gap.logs.between import acting, in_lines, lines_finding
 from via_gap.logs.log import JointLog
 from via_gap.report.withheld import before_and_after
 from via_sim.effects import Effect
@@ -59,4 +59,4 @@ def test_lines_act_late_and_pass_the_samples():
     grid = np.arange(80) / 1000.0
     moved = acting(in_lines(log, 0.002), grid)["external_torque"]
     assert moved == pytest.approx(3.0 * np.maximum(grid + 0.0005 - 0.002, 0.0))
-    assert "4 ms" in told(in_lines(log, 0.002)).text
+    assert "4 ms" in lines_finding(in_lines(log, 0.002)).text

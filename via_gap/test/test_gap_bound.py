@@ -23,22 +23,22 @@ DRAG = Effect("quadratic_drag", "link", {"coefficient": 0.01})
 def prepared(device, effects, duration=12.0) -> tuple[ResidualModel, ResidualModel, Fit, Segments]:
     segments = cut_log(log_of(device, effects, seed=31, duration=duration))
     train, held, everything = split([segments], [])
-    fitted, judged = ResidualModel.of(everything, train), ResidualModel.of(everything, held)
-    return fitted, judged, fit_device_numbers(fitted), segments
+    fitted, evaluated = ResidualModel.of(everything, train), ResidualModel.of(everything, held)
+    return fitted, evaluated, fit_device_numbers(fitted), segments
 
 
 def test_a_flexible_torque_explains_a_gap_without_knowing_its_name():
-    fitted, judged, base, _ = prepared(joint(), (DRAG,), 20.0)
-    (left,) = evaluate(judged, [base])
+    fitted, evaluated, base, _ = prepared(joint(), (DRAG,), 20.0)
+    (left,) = evaluate(evaluated, [base])
     model = flexible(fitted, base)
-    reached = float(np.mean(model.residual(judged, model.functions(judged)) ** 2))
+    reached = float(np.mean(model.residual(evaluated, model.functions(evaluated)) ** 2))
     assert reached < 1e-3 * left.mean_square
 
 
 def test_it_finds_nothing_where_there_is_nothing():
-    fitted, judged, base, _ = prepared(joint(), ())
+    fitted, evaluated, base, _ = prepared(joint(), ())
     model = flexible(fitted, base)
-    reached = float(np.mean(model.residual(judged, model.functions(judged)) ** 2))
+    reached = float(np.mean(model.residual(evaluated, model.functions(evaluated)) ** 2))
     assert 0.8 < reached < 1.3
 
 
@@ -56,9 +56,9 @@ def test_the_torque_found_is_the_one_that_is_missing():
 def test_a_joint_of_servos_is_run_freely_with_it():
     device = servo()
     damped = Effect("viscous_friction", "link", {"coefficient": 0.05})
-    fitted, judged, base, segments = prepared(device, (damped, DRAG), 24.0)
+    fitted, evaluated, base, segments = prepared(device, (damped, DRAG), 24.0)
     model = flexible(fitted, replace(base, offsets=np.zeros_like(base.offsets)))
-    held = [view.chosen for view in judged.views]
+    held = [view.chosen for view in evaluated.views]
     plain = free_errors(device, (), [segments], held)
     reached = free_errors(device, (), [model.driven(segments)], held)
     assert reached.overall < 0.5 * plain.overall
@@ -87,11 +87,11 @@ def test_what_a_torque_may_depend_on_is_finite_where_nothing_moves():
 
 def test_a_torque_that_repeats_along_the_way_is_found_by_its_waves():
     ripple = Effect("torque_ripple", "motor", {"amplitude": 0.02, "order": 9.0, "phase": 0.3}, 1)
-    fitted, judged, base, segments = prepared(joint(), (ripple,), 20.0)
+    fitted, evaluated, base, segments = prepared(joint(), (ripple,), 20.0)
     model = flexible(fitted, base)
     assert 9 in {wave.order for wave in model.basis.waves}
-    (left,) = evaluate(judged, [base])
-    reached = float(np.mean(model.residual(judged, model.functions(judged)) ** 2))
+    (left,) = evaluate(evaluated, [base])
+    reached = float(np.mean(model.residual(evaluated, model.functions(evaluated)) ** 2))
     assert reached < 0.05 * left.mean_square
     assert Basis.of([segments]).waves == ()
 

@@ -36,8 +36,8 @@ def test_a_link_angle_that_never_changes_is_refused(clean):
 
 
 def test_a_log_without_any_drive_is_refused(clean):
-    blind = Signals(clean.measured.time, {"q": clean.measured["q"]}, {"q": "rad"})
-    assert findings(JointLog("blind", clean.device, blind, None))["drive"] == "refuse"
+    bare = Signals(clean.measured.time, {"q": clean.measured["q"]}, {"q": "rad"})
+    assert findings(JointLog("bare", clean.device, bare, None))["drive"] == "refuse"
 
 
 def test_single_samples_that_jump_are_outliers(clean):
@@ -81,7 +81,7 @@ def test_short_and_slow_logs_are_refused(clean):
 @pytest.mark.parametrize("rate", [100.0, 500.0])
 @pytest.mark.parametrize("wobble", [0.0, 1e-4, 1e-3])
 def test_a_steady_speed_is_no_grid(rate, wobble):
-    """Each reading advances by 2 rad/s over a period, up to 200 times the encoder's step."""
+    """Each measurement advances by 2 rad/s over a period, up to 200 times the encoder's step."""
     quantum, time = 9.587e-5, np.arange(4000) / rate
     angle = 2.0 * time + wobble * np.sin(3.0 * time)
     assert step_of(quantum * np.rint(angle / quantum)) in (0.0, pytest.approx(quantum, rel=0.01))

@@ -76,8 +76,8 @@ def test_a_device_within_its_tolerance_has_no_gap():
 
 def test_a_log_that_cannot_be_used_is_answered_not_raised():
     log = log_of(flexible(), (), seed=22)
-    blind = JointLog("blind", log.device, Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"}), None)
-    report = diagnose([blind], log.device)
+    bare = JointLog("bare", log.device, Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"}), None)
+    report = diagnose([bare], log.device)
     assert (report.verdict, report.gap) == ("cannot_tell", None)
     assert any(finding.severity == "refuse" for finding in report.data_check)
     assert report.not_evaluated

@@ -17,12 +17,12 @@ OFFERED = ("coulomb_friction", "viscous_friction", "gravity_error", "external_to
 
 def test_shots_that_hold_an_event_are_fitted_and_no_shot_is_lost():
     segments = cut_log(log_of(flexible(), (), seed=22))
-    (plain,), (judged,) = split_finely([segments])
-    event = float(segments.time[judged[3]]) + 0.1  # inside a segment that would be held out
-    edge = float(segments.time[judged[5]]) - 0.001  # at the end of the segment before
+    (plain,), (held_out,) = split_finely([segments])
+    event = float(segments.time[held_out[3]]) + 0.1  # inside a segment that would be held out
+    edge = float(segments.time[held_out[5]]) - 0.001  # at the end of the segment before
     (train,), (held,) = split_finely([segments], [event, edge])
     assert np.array_equal(np.sort(np.concatenate([train, held])), np.flatnonzero(segments.valid))
-    assert set(train) - set(plain) == {judged[3], judged[5]}
+    assert set(train) - set(plain) == {held_out[3], held_out[5]}
     assert np.array_equal(np.sort(train), train)
 
 

@@ -123,13 +123,13 @@ def test_whole_runs_are_compared_by_squared_error():
 def test_no_set_is_stated_for_signals_that_were_not_calibrated(monkeypatch):
     """With 19 cases the smallest share of a true cause is the least of the set; with 18 none is known."""
 
-    def told(count: int) -> reliability.Reliability:
+    def counted(count: int) -> reliability.Reliability:
         shares = np.linspace(0.3, 1.0, count)
         cases = [reliability.Calibrated("effect", "full", True, True, float(share)) for share in shares]
         return reliability.calibrated(cases, "a test", "1-19")
 
-    monkeypatch.setattr(reliability, "shipped", lambda: told(19))
+    monkeypatch.setattr(reliability, "shipped", lambda: counted(19))
     assert reliability.in_conformal_set([0.9, 0.31, 0.29], "full") == (True, True, False)
     assert reliability.in_conformal_set([0.9, 0.31], "link_only") == (False, False)
-    monkeypatch.setattr(reliability, "shipped", lambda: told(18))
+    monkeypatch.setattr(reliability, "shipped", lambda: counted(18))
     assert reliability.in_conformal_set([0.9, 0.31], "full") == (False, False)

@@ -44,7 +44,7 @@ def test_a_killed_worker_loses_nothing_and_bad_logs_are_rows(logs, tmp_path):
     empty.mkdir()
     every = [logs[0], broken, logs[1], tmp_path / "none.csv", empty, logs[2], logs[0]]
 
-    def told(done, of, path):
+    def progress(done, of, path):
         heard.append((done, of, None if path is None else path.name))
         if path is not None and not killed:
             listening = [each for each in psutil.Process().net_connections() if each.status == psutil.CONN_LISTEN]
@@ -55,7 +55,7 @@ def test_a_killed_worker_loses_nothing_and_bad_logs_are_rows(logs, tmp_path):
             for pid in workers:
                 os.kill(pid, signal.SIGKILL)
 
-    rows = run_fleet(every, DEVICE, results, told, workers=Workers(count=1))
+    rows = run_fleet(every, DEVICE, results, progress, workers=Workers(count=1))
     assert killed and killed[0] and addresses == {"127.0.0.1"}
     assert [row.log for row in rows] == [str(path) for path in every]
     assert [bool(row.verdict) for row in rows] == [True, False, True, False, False, True, True]
@@ -70,13 +70,13 @@ def test_a_killed_worker_loses_nothing_and_bad_logs_are_rows(logs, tmp_path):
     )
     # A second run takes what is there; a changed log, a lost report and a row cut short are done again.
     heard.clear()
-    again = run_fleet(every, DEVICE, results, told, workers=Workers(count=1))
+    again = run_fleet(every, DEVICE, results, progress, workers=Workers(count=1))
     assert again == rows and heard == [(6, 6, None)]
     write(logs[0], 44)
     (results / rows[2].report).unlink()
     row_file = results / "rows" / f"{rows[5].key}.json"
     row_file.write_text(row_file.read_text()[:40])
-    third = run_fleet(every, DEVICE, results, told, workers=Workers(count=1))
+    third = run_fleet(every, DEVICE, results, progress, workers=Workers(count=1))
     assert heard[1] == (3, 6, None) and {name for _, _, name in heard[2:]} == {path.name for path in logs}
     assert third[0].key != rows[0].key
     assert [row.after for row in third[1:6]] == [row.after for row in rows[1:6]]
@@ -85,12 +85,12 @@ def test_a_killed_worker_loses_nothing_and_bad_logs_are_rows(logs, tmp_path):
 def test_an_interrupted_run_keeps_what_was_done_and_leaves_no_process(logs, tmp_path):
     results = tmp_path / "results"
 
-    def told(_done, _of, path):
+    def progress(_done, _of, path):
         if path is not None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_fleet(logs, DEVICE, results, told, workers=Workers(count=1))
+        run_fleet(logs, DEVICE, results, progress, workers=Workers(count=1))
     assert not children()
     kept = list((results / "rows").iterdir())
     assert len(kept) == 1 and json.loads(kept[0].read_text())["verdict"]
@@ -126,6 +126,6 @@ def test_a_key_is_of_content_name_device_and_topic(logs, tmp_path):
 
 def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
     monkeypatch.setattr("via_gap.run.fleet.PATIENCE", "1s")
-    with pytest.raises(ViaError, match=r"scheduler tcp://127[.]0[.]0[.]1:9") as told:
+    with pytest.raises(ViaError, match=r"scheduler tcp://127[.]0[.]0[.]1:9") as raised:
         run_fleet(logs, DEVICE, tmp_path / "results", workers=Workers("tcp://127.0.0.1:9"))
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)

@@ -66,16 +66,18 @@ def test_logs_of_a_group_are_left_out_together_and_each_once():
     assert Folds.of(whole, ("a",) * 4) is None
 
 
-def test_a_fold_is_judged_by_a_fit_to_the_others():
+def test_a_fold_is_evaluated_by_a_fit_to_the_others():
     whole = problem(1, 2, 3)
     base = fit_device_numbers(whole)
-    (judged,) = Folds.of(whole, (1, 2, 3)).evaluate([base], None)
+    (evaluation,) = Folds.of(whole, (1, 2, 3)).evaluate([base], None)
     for i, seed in enumerate((1, 2, 3)):
         others = problem(*(s for s in (1, 2, 3) if s != seed))
         offsets = others.fit_nuisances((), base.offsets)[0]
         alone = problem(seed)
-        assert judged.segments[i] == pytest.approx(np.mean(alone.residual([alone.row((), offsets)])[0] ** 2), rel=1e-9)
-    assert judged.mean_square > np.mean(base.residual**2)  # a fit is best where it was fitted
+        assert evaluation.segments[i] == pytest.approx(
+            np.mean(alone.residual([alone.row((), offsets)])[0] ** 2), rel=1e-9
+        )
+    assert evaluation.mean_square > np.mean(base.residual**2)  # a fit is best where it was fitted
 
 
 def test_what_is_named_does_not_depend_on_what_was_held_out():
@@ -94,8 +96,8 @@ def test_what_is_named_does_not_depend_on_what_was_held_out():
 
 def test_numbers_are_as_loose_as_the_device_file_says():
     device = servo()
-    told = device.tolerances.model_copy(update={"bandwidth": 0.6, "link_friction": 0.3})
-    loose = device.model_copy(update={"tolerances": told})
+    wide = device.tolerances.model_copy(update={"bandwidth": 0.6, "link_friction": 0.3})
+    loose = device.model_copy(update={"tolerances": wide})
     found = {each.name: each.tolerance for each in nuisances(JointPlant.from_device(loose))}
     assert found["motor 2 bandwidth"] == 0.6
     assert found["link viscous friction"] == 0.3

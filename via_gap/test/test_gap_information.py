@@ -1,4 +1,4 @@
-"""Hold-out by information: what is nearly still does not judge alone, and both sides carry comparable motion."""
+"""Hold-out by information: no log at rest is held out alone, and both sides contain comparable motion."""
 
 import numpy as np
 import pytest
@@ -25,8 +25,8 @@ def test_a_log_that_hardly_moves_does_not_judge_alone(still):
     amplitudes[still] = 1e-3
     information, groups = swings(amplitudes)
     chosen = hold_out(information, groups)
-    judges = {groups[i] for i in chosen.held}
-    assert judges != {f"log {still}"}
+    held_logs = {groups[i] for i in chosen.held}
+    assert held_logs != {f"log {still}"}
     assert chosen.enough
     assert np.all(np.abs(chosen.shares - SHARE) < 0.25)
 

@@ -29,10 +29,10 @@ def test_what_is_no_candidate_is_told(device):
     log = log_of(flexible() if device.drive == "torque" else servo(), (), seed=5, duration=2.0)
     log = JointLog(log.name, device, log.measured, log.commands)
     offered = {location.name for location in locations(device, log)}
-    told = " ".join(missing_effects(device, log))
+    reasons = " ".join(missing_effects(device, log))
     for name in EFFECTS:
         meaningless = EFFECTS[name].of_goal and device.drive != "position"
-        assert (name in offered) != (name in told) or name in MEASUREMENT_ONLY or meaningless, name
+        assert (name in offered) != (name in reasons) or name in MEASUREMENT_ONLY or meaningless, name
 
 
 def test_a_torque_driven_joint_beside_a_neighbour_can_have_all_but_those_of_a_goal():
@@ -44,8 +44,8 @@ def test_a_torque_driven_joint_beside_a_neighbour_can_have_all_but_those_of_a_go
 
 def test_an_encoder_that_was_not_recorded_is_no_candidate():
     log = log_of(flexible(), (), seed=5, duration=2.0)
-    blind = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
-    unseen = JointLog("unseen", log.device, blind, log.commands)
+    bare = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
+    unseen = JointLog("unseen", log.device, bare, log.commands)
     assert Location("encoder_offset", "sensor", 1) in locations(log.device, log)
     assert Location("encoder_offset", "sensor", 1) not in locations(log.device, unseen)
     assert Location("encoder_offset", "sensor", 0) in locations(log.device, unseen)

@@ -1,4 +1,4 @@
-"""Elements with memory along a measured motion: the law step by step, and segments that need no past."""
+"""Elements with memory along a measured motion: integration step by step, and segments without it."""
 
 from math import exp
 
@@ -84,15 +84,15 @@ def test_a_goal_is_as_far_behind_as_in_the_simulator(effects):
     commands = command_rows(device, Signals(time, {"equilibrium": goal}, {"equilibrium": "rad"}), time)
     plant = JointPlant.from_device(device).with_effects(effects)
     simulator = Simulator(plant, 500.0)
-    state, readings, expected = simulator.init((goal[0], 0, 0, 0, 0, 0)), [], []
+    state, measured, expected = simulator.init((goal[0], 0, 0, 0, 0, 0)), [], []
     for k in range(len(time)):
         expected.append([state[X.behind], state[X.lag]])
         state, read, _ = simulator.step(state, commands[k])
-        readings.append(read[0])
+        measured.append(read[0])
     on = np.isfinite(goal)
     ticks = np.flatnonzero(on & np.roll(on, 4) & np.roll(on, 5))[::-7]  # the command that acted last was a goal
     nominal = JointPlant.from_device(device).at_rate(500.0)
-    found = goals_along(np.stack([nominal, plant.at_rate(500.0)]), commands, np.array([goal[0], *readings[:-1]]), ticks)
+    found = goals_along(np.stack([nominal, plant.at_rate(500.0)]), commands, np.array([goal[0], *measured[:-1]]), ticks)
     assert not found[0].any()
     np.testing.assert_allclose(found[1], np.array(expected)[ticks], atol=1e-9)
     assert np.abs(found[1]).max() > 0.1

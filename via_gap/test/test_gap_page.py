@@ -44,12 +44,13 @@ if (chart) {
   chart.dispatchEvent(new PointerEvent("pointermove", at));
   read = document.getElementById("readout").textContent;
 }
-const told = { svgs, read, faults, inner: innerWidth, wide: document.documentElement.scrollWidth, title: document.title,
+const result = { svgs, read, faults, inner: innerWidth, wide: document.documentElement.scrollWidth,
+  title: document.title,
   loaded: performance.getEntriesByType("resource").length, verdict: document.getElementById("verdict").textContent };
-parent.postMessage(JSON.stringify(told), "*");
+parent.postMessage(JSON.stringify(result), "*");
 </script>"""
-FRAME = """<!doctype html><pre id="told"></pre><script>
-addEventListener("message", (event) => { document.getElementById("told").textContent = event.data; });
+FRAME = """<!doctype html><pre id="result"></pre><script>
+addEventListener("message", (event) => { document.getElementById("result").textContent = event.data; });
 </script><iframe src="page.html" style="width:{width}px;height:900px;border:0"></iframe>"""
 
 
@@ -64,28 +65,28 @@ def seen(folder, html, width):
     options = ("--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--dump-dom")
     late = ("--window-size=1300,1000", "--virtual-time-budget=1000", f"--user-data-dir={folder / 'profile'}")
     done = subprocess.run([CHROMIUM, *options, *late, frame.as_uri()], capture_output=True, text=True, timeout=600)
-    told = re.search(r'<pre id="told">(.+?)</pre>', done.stdout, re.DOTALL)
-    assert told, done.stderr[-2000:]
-    return json.loads(unescape(told[1])), [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    result = re.search(r'<pre id="result">(.+?)</pre>', done.stdout, re.DOTALL)
+    assert result, done.stderr[-2000:]
+    return json.loads(unescape(result[1])), [line for line in done.stderr.splitlines() if "CONSOLE" in line]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_page_on_a_phone(kind, tmp_path):
     report = report_of(kind)
     html = page(report)
-    told, console = seen(tmp_path, html, PHONE)
-    assert (told["faults"], console, told["loaded"]) == ([], [], 0)
-    assert told["inner"] == PHONE and told["wide"] <= PHONE
-    assert told["verdict"] == headline(report)
-    assert told["title"] != "taken"
-    charts = [svg for svg in told["svgs"] if svg["kind"].startswith("chart")]
-    assert told["svgs"][0]["kind"] == "joint"
+    result, console = seen(tmp_path, html, PHONE)
+    assert (result["faults"], console, result["loaded"]) == ([], [], 0)
+    assert result["inner"] == PHONE and result["wide"] <= PHONE
+    assert result["verdict"] == headline(report)
+    assert result["title"] != "taken"
+    charts = [svg for svg in result["svgs"] if svg["kind"].startswith("chart")]
+    assert result["svgs"][0]["kind"] == "joint"
     if report.figures is not None and report.figures.residuals:
         figures = report.figures
         drawn = (figures.residuals, figures.spectra, figures.errors, figures.traces)
         assert len(charts) == sum(map(len, drawn)) + 1
-        assert told["read"].count(":") >= 2 and re.search(r"rad|N m", told["read"])
-    for svg in told["svgs"]:
+        assert result["read"].count(":") >= 2 and re.search(r"rad|N m", result["read"])
+    for svg in result["svgs"]:
         assert svg["width"] > 200 and svg["height"] > 50 and svg["right"] <= PHONE
         assert (svg["empty"], svg["nan"], svg["outside"]) == (0, False, [])
     for svg in charts:
@@ -96,9 +97,9 @@ def test_the_page_on_a_phone(kind, tmp_path):
 
 
 def test_the_page_on_a_desk_is_no_wider_than_its_window(tmp_path):
-    told, console = seen(tmp_path, page(report_of("several_effects")), 1200)
-    assert (told["faults"], console) == ([], [])
-    assert told["wide"] <= 1200
+    result, console = seen(tmp_path, page(report_of("several_effects")), 1200)
+    assert (result["faults"], console) == ([], [])
+    assert result["wide"] <= 1200
 
 
 @pytest.mark.parametrize("kind", KINDS)

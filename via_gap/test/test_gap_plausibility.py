@@ -1,4 +1,4 @@
-"""What may not be named: an effect at the end of its range, an absent one, one not told apart from none."""
+"""Effects that may not be named: at the end of a range, absent, or without a significant size."""
 
 from __future__ import annotations
 

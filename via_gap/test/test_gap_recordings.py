@@ -1,4 +1,4 @@
-"""The recordings of one diagnosis: what is refused says why and what to do; the rest is fitted or judged."""
+"""The recordings of one diagnosis: a refusal states the reason and the remedy; other logs are fitted or held out."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def test_one_refused_log_does_not_spoil_the_others():
 def test_logs_to_judge_on_that_cannot_be_used_are_no_answer():
     good, bad = log(), without_drive(log())
     recordings = Recordings.of([good], [bad], good.device)
-    assert recordings.refused and recordings.fitted and not recordings.judged
+    assert recordings.refused and recordings.fitted and not recordings.held_out
     both = Recordings.of([good], [replace(good, name="held out")], good.device)
-    assert not both.refused and [each.log.name for each in both.judged] == ["held out"]
+    assert not both.refused and [each.log.name for each in both.held_out] == ["held out"]
 
 
 def test_short_logs_are_pooled():

@@ -117,12 +117,12 @@ def test_pooling_weighs_by_motion():
 def test_logs_that_cannot_be_used():
     device, real = load_device("maccepavd"), log_of()
     none = Signals([], {"q": [], "theta": np.empty((0, 2))}, UNITS)
-    blind = Signals(real.time, {"q": np.full(len(real), np.nan), "theta": real["theta"]}, UNITS)
+    bare = Signals(real.time, {"q": np.full(len(real), np.nan), "theta": real["theta"]}, UNITS)
     with pytest.raises(SignalError, match="no samples"):
         measure_gap(device, none, commands())
     with pytest.raises(SignalError, match="no commands"):
         measure_gap(device, real, commands().between(99.0, 100.0))
     with pytest.raises(SignalError, match="link angle"):
-        measure_gap(device, blind, commands())
+        measure_gap(device, bare, commands())
     with pytest.raises(SignalError, match="no log"):
         pooled([])

@@ -1,4 +1,4 @@
-"""Errors of rounding: against readings rounded at many phases; a coarse encoder alone is never a gap of the model."""
+"""Errors of rounding: against values rounded at many phases; a coarse encoder alone causes no gap."""
 
 import numpy as np
 import pytest
@@ -22,10 +22,10 @@ def test_errors_hang_together_as_those_of_readings_rounded_at_every_phase_do(adv
     shifted = angle[:lags] + phases[:, None]
     error = step * np.rint(shifted / step) - shifted
     seen = error.T @ error / len(phases) / (step**2 / 12.0)
-    told = correlation(angle, step, lags)
-    assert told == pytest.approx(seen[0], abs=0.01)
+    expected = correlation(angle, step, lags)
+    assert expected == pytest.approx(seen[0], abs=0.01)
     weights = np.random.default_rng(1).normal(size=lags)
-    assert variance(weights, told) == pytest.approx(weights @ seen @ weights, rel=0.02, abs=0.02)
+    assert variance(weights, expected) == pytest.approx(weights @ seen @ weights, rel=0.02, abs=0.02)
 
 
 def test_readings_of_one_step_are_one_reading_and_those_without_order_are_as_many():
@@ -48,17 +48,17 @@ def test_the_slope_taken_is_the_one_that_is_less_wrong(step, order):
     time = np.arange(8000) / 1000.0
     angle = amplitude * np.sin(rate * time) + 0.6 * np.sin(0.7 * time)
     speed = amplitude * rate * np.cos(rate * time) + 0.42 * np.cos(0.7 * time)
-    readings = step * np.rint(angle / step)
-    chosen = slope_order(readings, savgol_filter(readings, window, 2), step, window)
-    slopes = sliding_window_view(readings, window) @ np.linalg.pinv(np.vander(np.arange(-12, 13) / 1e3, 4))[2]
-    wrong = {2: savgol_filter(readings, window, 2, deriv=1, delta=1e-3)[12:-12] - speed[12:-12]}
+    values = step * np.rint(angle / step)
+    chosen = slope_order(values, savgol_filter(values, window, 2), step, window)
+    slopes = sliding_window_view(values, window) @ np.linalg.pinv(np.vander(np.arange(-12, 13) / 1e3, 4))[2]
+    wrong = {2: savgol_filter(values, window, 2, deriv=1, delta=1e-3)[12:-12] - speed[12:-12]}
     wrong[3] = slopes - speed[12:-12]
     assert chosen == order == min(wrong, key=lambda each: float(np.mean(wrong[each] ** 2)))
 
 
 @pytest.mark.parametrize(("motors", "axis"), [(1, 0), (1, 1), (0, 0)], ids=["link", "motor", "rigid"])
 def test_a_coarse_encoder_leaves_no_gap_that_the_device_does_not_explain(motors, axis):
-    """Held to readings whose errors have no order, and started at a cubic's slope: 3.9, 2.0 and 2.4."""
+    """With uncorrelated errors and the slope of a cubic, the values would be 3.9, 2.0 and 2.4."""
     fine = flexible().sensors
     device = flexible() if motors else rigid().model_copy(update={"sensors": fine})
     coarse = Effect("encoder_quantisation", "sensor", {"quantum": 0.02}, axis)
@@ -94,13 +94,13 @@ def test_beside_lost_samples_and_at_the_ends_readings_are_joined_by_straight_lin
 
 
 def test_a_jump_of_readings_is_joined_by_straight_lines():
-    time, readings = np.arange(12.0), np.append(np.zeros(6), 1.5 - 0.1 * np.arange(6.0))
-    found, _ = interpolated(time, readings, time[:-1] + 0.5, 1.5)
-    assert np.allclose(found, np.interp(time[:-1] + 0.5, time, readings))
+    time, values = np.arange(12.0), np.append(np.zeros(6), 1.5 - 0.1 * np.arange(6.0))
+    found, _ = interpolated(time, values, time[:-1] + 0.5, 1.5)
+    assert np.allclose(found, np.interp(time[:-1] + 0.5, time, values))
 
 
 def test_readings_at_wobbling_times_leave_what_their_encoder_does():
-    """Commands change between them; held there to the error of a reading, on straight lines: 0.51."""
+    """Commands change between the samples; with linear interpolation, the value would be 0.51."""
     log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
     rng, kept = np.random.default_rng(2), np.arange(1, len(log.measured) - 1, 2)
     path = {name: savgol_filter(log.measured[name].reshape(len(log.measured)), 9, 3) for name in ("q", "theta")}

@@ -40,8 +40,8 @@ def test_only_its_own_plant_explains_a_log(effect):
 
 def test_motors_that_nobody_measured_follow_their_commands():
     log = log_of(servo(), (), seed=5, duration=12.0, tolerance=0.0)
-    blind = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
-    unseen = JointLog("unseen", log.device, blind, log.commands)
+    bare = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
+    unseen = JointLog("unseen", log.device, bare, log.commands)
     assert unseen.level == "commands only"
     assert cut_log(unseen).axes == (0,)
     assert explained(unseen, ()) < 2.0
@@ -64,12 +64,12 @@ def test_jitter_does_not_move_commands_off_their_ticks():
 
 def test_a_log_without_a_drive_cannot_be_cut():
     log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
-    blind = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
+    bare = Signals(log.measured.time, {"q": log.measured["q"]}, {"q": "rad"})
     with pytest.raises(SignalError, match="nothing can be simulated"):
-        cut_log(JointLog("blind", log.device, blind, None))
+        cut_log(JointLog("bare", log.device, bare, None))
 
 
-def test_fitted_and_judged_shots_are_disjoint_and_all():
+def test_fitted_and_held_out_segments_are_disjoint_and_complete():
     segments = cut_log(log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0))
     (train,), (held,), _ = split([segments], [])
     assert sorted([*train, *held]) == list(range(len(segments)))

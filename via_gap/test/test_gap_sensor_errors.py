@@ -1,4 +1,4 @@
-"""What sensors do wrong is read off their readings: planted values come back, and nothing is found where nothing is."""
+"""Sensor errors are found in the measurements: planted values are recovered, and none is found without an error."""
 
 from dataclasses import replace
 

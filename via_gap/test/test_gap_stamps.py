@@ -1,4 +1,4 @@
-"""Commands of a drive that answers to its own readings tell an angle stamped late from a command that acts late."""
+"""Commands that depend on the measured angle distinguish a late stamp of the angle from a late command."""
 
 from functools import cache
 
@@ -85,7 +85,7 @@ def test_lost_samples_are_left_out():
     assert stamped_late([JointLog(log.name, log.device, thinner, log.commands)], 2.9e-3) is True
 
 
-def judged(*locations: Location, loss: float) -> Evaluation:
+def evaluation(*locations: Location, loss: float) -> Evaluation:
     effects = tuple(p.effect({"torque": 0.1} if p == DRY else {"delay": 2.9e-3}) for p in locations)
     some: Array = np.ones(4)
     return Evaluation(Fit(effects, np.zeros(1), loss, some, np.zeros((1, 1))), some, loss * some, 1)
@@ -97,8 +97,8 @@ def judged(*locations: Location, loss: float) -> Evaluation:
     ids=["command", "angle"],
 )
 def test_what_the_drive_rules_out_is_no_cause_alone_nor_beside_another(log, right, wrong):
-    models = [judged(*each, loss=loss) for each, loss in (((wrong,), 1.0), ((right,), 1.1), ((DRY,), 9.0))]
-    models.append(judged(wrong, DRY, loss=0.9))
+    models = [evaluation(*each, loss=loss) for each, loss in (((wrong,), 1.0), ((right,), 1.1), ((DRY,), 9.0))]
+    models.append(evaluation(wrong, DRY, loss=0.9))
     kept, (finding,) = separate_delays([log()], models)
     assert {each.fit.locations: each.fit.loss for each in kept} == {
         (right, DRY): 0.9,  # there is no other: the same numbers hold
@@ -111,5 +111,5 @@ def test_what_the_drive_rules_out_is_no_cause_alone_nor_beside_another(log, righ
 
 
 def test_without_a_delay_nothing_is_asked():
-    models = [judged(DRY, loss=1.0)]
+    models = [evaluation(DRY, loss=1.0)]
     assert separate_delays([late_angle()], models) == (models, [])

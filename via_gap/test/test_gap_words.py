@@ -71,8 +71,8 @@ def test_tied_causes_come_with_the_reason_and_a_motion_that_separates_them():
     unwritten = report.proposal.model_copy(update={"file": "", "text": "run 'slow ladder' for 8 s"})
     step = next_steps(report.model_copy(update={"proposal": unwritten}))[0]
     assert step.startswith("Run 'slow ladder' for 8 s; via gap propose REPORT.json")
-    no = report.proposal.model_copy(update={"text": "no motion tells stribeck friction apart", "separable": False})
-    assert next_steps(report.model_copy(update={"proposal": no}))[0] == "No motion tells Stribeck friction apart."
+    no = report.proposal.model_copy(update={"text": "no motion separates stribeck friction", "separable": False})
+    assert next_steps(report.model_copy(update={"proposal": no}))[0] == "No motion separates Stribeck friction."
     assert tie_words(report_of("effect")) == tie_words(report_of("unknown")) == ()
 
 
