@@ -1,4 +1,4 @@
-"""The `via` command: what every subcommand does on tiny data, and that its errors are one line and exit code 2."""
+"""The `via` command: every subcommand on small data; errors are one line with exit code 2."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 from rclpy.serialization import serialize_message
-from rich.text import Text
 from via_bringup import cli
 from via_core.bags.reader import read_bag
 from via_core.bags.writer import BagWriter
@@ -28,7 +26,7 @@ RUNS = Path(__file__).resolve().parents[1] / "via_core" / "via_core" / "samples"
 
 @pytest.fixture
 def via(monkeypatch, capfd, tmp_path):
-    """Run `via` with these words in a folder of its own: exit code, stdout, stderr. Other programs are not started."""
+    """Function that runs `via` with these arguments in an empty folder and returns exit code, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("via_bringup.cli.console.answers.width", 200)
 
@@ -44,15 +42,12 @@ def via(monkeypatch, capfd, tmp_path):
 
 @pytest.fixture
 def started(monkeypatch):
-    """What `via` would have become: the words of the last program."""
+    """Argument lists of the programs that `via` would have executed."""
     programs = []
-
-    class Became(SystemExit):
-        pass
 
     def execute(_path, words):
         programs.append(words)
-        raise Became(0)
+        raise SystemExit(0)
 
     monkeypatch.setattr(os, "execv", execute)
     return programs
@@ -73,7 +68,7 @@ def bag(tmp_path):
 
 
 def fails(answer, *complaints):
-    """One line on stderr, exit code 2."""
+    """Check for one line on stderr and exit code 2."""
     code, _, errors = answer
     assert code == 2, answer
     assert len(errors.strip().splitlines()) == 1, errors
@@ -82,14 +77,14 @@ def fails(answer, *complaints):
         assert complaint in errors
 
 
-def test_devices_lists_every_one(via):
+def test_devices_lists_all_devices(via):
     code, out, _ = via("devices")
     assert code == 0
     for name in device_names():
         assert name in out
 
 
-def test_estimate_writes_every_estimate_exactly(via, bag, tmp_path):
+def test_estimate_writes_all_estimates_without_rounding(via, bag, tmp_path):
     code, out, _ = via("estimate", bag, "--device", DEVICE.name, "--csv", "e.csv")
     assert code == 0
     assert any(line.split()[:3] == [DEVICE.name, "modulated_torque", "600"] for line in out.splitlines())
@@ -139,11 +134,11 @@ def test_estimate_takes_several_devices_and_methods(via, tmp_path):
         (("bag", "--device", DEVICE.name, "--csv", "nowhere/e.csv"), "No such file or directory"),
     ],
 )
-def test_estimate_says_what_is_wrong(via, bag, words, complaint):
+def test_errors_of_estimate(via, bag, words, complaint):
     fails(via("estimate", *words), complaint)
 
 
-def test_info_tells_topics_and_metadata_as_they_are(via, tmp_path):
+def test_info_prints_topics_and_metadata_literally(via, tmp_path):
     name = "[red]ünï 😀"
     with BagWriter(tmp_path / name, {"title": "[/b] :smile:"}) as out:
         out.add_topic("/x", "std_msgs/msg/String")
@@ -155,7 +150,7 @@ def test_info_tells_topics_and_metadata_as_they_are(via, tmp_path):
     assert "std_msgs/msg/String" in out
 
 
-def test_info_of_an_unfinished_bag_names_the_remedy(via, bag):
+def test_info_of_an_incomplete_bag_recommends_recover(via, bag):
     (bag / "bag_0.mcap").write_bytes((bag / "bag_0.mcap").read_bytes()[:-400])
     code, out, errors = via("bag", "info", "bag")
     assert code == 0 and "joint_states" in out
@@ -163,7 +158,7 @@ def test_info_of_an_unfinished_bag_names_the_remedy(via, bag):
 
 
 @pytest.mark.parametrize("command", [("info",), ("check",), ("recover", "out")])
-def test_foreign_files_are_no_bags(via, tmp_path, command):
+def test_files_that_are_not_bags_are_errors(via, tmp_path, command):
     (tmp_path / "text.mcap").write_text("not a bag", encoding="utf-8")
     (tmp_path / "empty.mcap").touch()
     name, *more = command
@@ -173,19 +168,19 @@ def test_foreign_files_are_no_bags(via, tmp_path, command):
     assert not (tmp_path / "out").exists()
 
 
-def test_check_finds_nothing_wrong_in_a_sound_bag(via, bag):
+def test_check_finds_no_error_in_a_valid_bag(via, bag):
     code, out, _ = via("bag", "check", "bag", "--device", DEVICE.name)
     assert code == 0
     assert "note /joint_states: 1000.0 Hz" in out
 
 
-def test_check_ends_with_1_where_the_bag_is_not_the_devices(via, bag):
+def test_check_returns_1_if_the_bag_does_not_contain_the_device(via, bag):
     code, out, errors = via("bag", "check", "bag", "--device", "maccepavd")
     assert (code, errors) == (1, "")
     assert "error maccepavd: no joint" in out
 
 
-def test_recover_makes_a_whole_bag_once(via, bag, tmp_path):
+def test_recover_writes_a_complete_bag_and_overwrites_none(via, bag, tmp_path):
     (bag / "bag_0.mcap").write_bytes((bag / "bag_0.mcap").read_bytes()[:-2000])
     code, out, errors = via("bag", "recover", "bag", "saved")
     assert code == 0
@@ -195,7 +190,7 @@ def test_recover_makes_a_whole_bag_once(via, bag, tmp_path):
     fails(via("bag", "recover", "bag", "/dev/null/x"), "cannot create the bag")
 
 
-def test_import_lists_refusals_and_reports(via, tmp_path):
+def test_import_lists_refused_recordings_and_writes_a_report(via, tmp_path):
     for name in ("record/record_traj1_3.csv", "record/record_traj2_3.csv", "command/traj1.csv"):
         (tmp_path / "in" / "constant" / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(RUNS / "constant" / name, tmp_path / "in" / "constant" / name)
@@ -203,7 +198,7 @@ def test_import_lists_refusals_and_reports(via, tmp_path):
     code, out, _ = via(*words, "--json", "report.json")
     assert code == 0
     assert "1 of 2 recordings are now bags in bags" in out
-    assert "commands" in out and "traj2" in out  # whose commands are missing
+    assert "commands" in out and "traj2" in out  # its commands are missing
     report = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert (report["accepted"], report["refused"]) == (1, 1)
     assert read_bag(tmp_path / "bags" / report["files"][0]["bag"]).complete
@@ -221,11 +216,11 @@ def test_import_lists_refusals_and_reports(via, tmp_path):
         (".", "./nowhere.yaml", "cannot be read"),
     ],
 )
-def test_import_says_what_is_wrong(via, folder, mapping, complaint):
+def test_errors_of_import(via, folder, mapping, complaint):
     fails(via("bag", "import", folder, "--mapping", mapping, "--out", "bags"), complaint)
 
 
-def test_record_play_sim_and_run_become_their_nodes(via, started):
+def test_record_play_sim_and_run_execute_their_nodes(via, started):
     assert via("bag", "record", "ünï 😀", "/x")[0] == 0
     assert started[-1][1:] == ["--ros-args", "-p", 'bag:="ünï 😀"', "-p", 'topics:=["/x"]']
     assert via("bag", "play", "bag", "--rate", "0", "--topic", "/x", "--listeners", "2")[0] == 0
@@ -248,21 +243,21 @@ def test_record_play_sim_and_run_become_their_nodes(via, started):
         (("run", "nobodys", "nothing"), "package 'nobodys' is not in the sourced workspace"),
     ],
 )
-def test_what_cannot_be_started_is_said_before(via, started, tmp_path, words, complaint):
+def test_wrong_arguments_are_reported_before_a_node_starts(via, started, tmp_path, words, complaint):
     (tmp_path / "bad.yaml").write_text("- {effect: rust, site: motor}\n", encoding="utf-8")
     fails(via(*words), complaint)
     assert not started
 
 
-def test_the_words_of_a_name_reach_ros_as_they_are(domain, tmp_path):
-    """ROS reads parameters with a YAML reader that knows no pairs of escapes."""
+def test_names_outside_ascii_reach_ros_unchanged(domain, tmp_path):
+    """The YAML parser of ROS does not join surrogate pairs of escapes."""
     done = subprocess.run(
         ["via", "bag", "play", "ünï 😀"], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
     )
     assert (done.returncode, done.stderr.strip()) == (2, "error: no bag at ünï 😀")
 
 
-def test_demo_refuses_a_live_run_of_no_length(via):
+def test_demo_refuses_a_live_run_of_zero_duration(via):
     code, _, errors = via("demo", "--duration", "0")
     assert code == 2
     assert "Traceback" not in errors and "--duration" in errors
@@ -272,7 +267,7 @@ def process(words, **options):
     return subprocess.run(["via", *words], stderr=subprocess.PIPE, timeout=600, check=False, **options)
 
 
-def test_a_closed_pipe_and_a_full_disk_are_no_tracebacks():
+def test_a_closed_pipe_and_a_full_disk_give_no_traceback():
     read, write = os.pipe()
     os.close(read)
     closed = process(["devices"], stdout=write)
@@ -284,7 +279,7 @@ def test_a_closed_pipe_and_a_full_disk_are_no_tracebacks():
     assert b"Traceback" not in done.stderr and b"No space left on device" in done.stderr
 
 
-def test_names_that_are_no_text_are_shown_escaped(tmp_path):
+def test_file_names_that_are_not_unicode_are_printed_escaped(tmp_path):
     name = b"b\xff"
     with BagWriter(tmp_path / "b") as out:
         out.add_topic("/x", "std_msgs/msg/String")
@@ -294,8 +289,8 @@ def test_names_that_are_no_text_are_shown_escaped(tmp_path):
     assert rb"b\udcff: 0 messages" in done.stdout
 
 
-def test_an_interrupt_while_modules_load_is_no_traceback(tmp_path):
-    """With a module in the place of ours that interrupts its own loading."""
+def test_an_interrupt_while_modules_load_gives_no_traceback(tmp_path):
+    """A stub of `via_bringup.cli` sends the interrupt while it is imported."""
     (tmp_path / "via_bringup").mkdir()
     (tmp_path / "via_bringup" / "__init__.py").touch()
     (tmp_path / "via_bringup" / "cli.py").write_text("import os\nos.kill(os.getpid(), 2)\n", encoding="utf-8")
@@ -308,17 +303,3 @@ def test_an_interrupt_while_modules_load_is_no_traceback(tmp_path):
         check=False,
     )
     assert (done.returncode, done.stderr) == (-2, b"")
-
-
-def test_units_stand_in_the_help_of_every_option():
-    """Square brackets are markup unless they are escaped: [s] would vanish."""
-
-    def texts(command):
-        yield command.help or ""
-        yield from (getattr(each, "help", None) or "" for each in command.params)
-        for each in getattr(command, "commands", {}).values():
-            yield from texts(each)
-
-    every = [each for each in texts(typer.main.get_command(cli.app)) if each]
-    assert sum("[s]" in each for each in every) >= 4
-    assert [each for each in every if Text.from_markup(each).plain != each.replace("\\[", "[")] == []

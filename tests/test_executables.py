@@ -1,7 +1,6 @@
-"""Every executable: where `ros2 run` looks, starts, publishes, ends cleanly on SIGINT and on SIGTERM.
+"""Every executable: `ros2 run` finds it, and it starts, publishes and ends cleanly on SIGINT and on SIGTERM.
 
-The list comes from the setup.py files; a new executable is tested as soon as it is declared there. One that needs
-parameters or input to publish anything gets a row in NEEDS.
+The list of executables comes from the setup.py files. NEEDS lists the parameters and inputs that they need to publish.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DEVICE = load_device("cubic_aa_vsa")
 DEVICES = [load_device(name) for name in device_names()]
 SAMPLES = "/joint_states"
-EVERYBODYS = {"/rosout", "/parameter_events"}
+COMMON = {"/rosout", "/parameter_events"}
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Needs:
     """What an executable needs before it publishes."""
 
     parameters: tuple[str, ...] = ()
-    samples: bool = False  # it answers /joint_states
+    samples: bool = False  # needs messages on /joint_states
 
 
 NEEDS = {
@@ -46,7 +45,7 @@ NEEDS = {
     "player": Needs(("bag:={folder}/bag", "rate:=0.1")),
     "estimator": Needs((f"device:={DEVICE.name}",), samples=True),
     "excitation": Needs((f"device:={DEVICE.name}",), samples=True),
-    # Any device that suits the method, under the name of DEVICE and so with its joints.
+    # Any device that the method supports, with the name and so the joint names of DEVICE.
     **{
         method: Needs(
             (f"device:={DEVICE.name}={next(each for each in DEVICES if method in methods_for(each)).name}",), True
@@ -67,12 +66,12 @@ NEEDS = {
 def declared() -> Iterator[tuple[str, str]]:
     """(package, executable) of every console script in the setup.py files."""
     for file in sorted(ROOT.glob("via_*/setup.py")):
-        told: dict[str, Any] = {}
+        setup: dict[str, Any] = {}
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("setuptools.setup", lambda **given: told.update(given))  # noqa: B023
+            patch.setattr("setuptools.setup", lambda **given: setup.update(given))  # noqa: B023
             patch.chdir(file.parent)
             runpy.run_path(str(file))
-        for script in told.get("entry_points", {}).get("console_scripts", ()):
+        for script in setup.get("entry_points", {}).get("console_scripts", ()):
             yield file.parent.name, script.partition("=")[0].strip()
 
 
@@ -96,12 +95,12 @@ def test_the_list_is_not_empty():
 
 
 @pytest.mark.parametrize(("package", "executable"), EXECUTABLES)
-def test_is_where_ros2_run_looks(package, executable):
-    places = where_ros2_run_looks(package, executable)
-    assert any(path.is_file() and os.access(path, os.X_OK) for path in places), places
+def test_ros2_run_finds_it(package, executable):
+    paths = where_ros2_run_looks(package, executable)
+    assert any(path.is_file() and os.access(path, os.X_OK) for path in paths), paths
 
 
-# Compiled code is kept by the path of its source, and executables have theirs from the workspace: so has this.
+# The numba cache is keyed by source path, so the scripts below import the packages of the workspace, like executables.
 METHODS_LOADED = """
 import numpy as np
 from via_core.devices import device_names, load_device
@@ -128,7 +127,7 @@ LOADED = {"gap_monitor": MONITOR_LOADED, **dict.fromkeys(ARMS, ARM_LOADED)}
 
 
 def compiled(script):
-    """Compile into the cache that executables share what `script` calls: no node then does so within its deadline."""
+    """Run `script` so that the kernels it calls are in the cache before a node with a timeout needs them."""
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
@@ -163,9 +162,9 @@ def started(package, executable, folder, environment=None):
 
 
 def until_it_publishes(graph, process, samples):
-    """Run the graph until the process has published on a topic of its own; the process must live that long."""
+    """Spin until the process has published on one of its own topics. Fails if the process ends before."""
     node = graph.node("tester")
-    heard, subscribed = [], set()
+    received, subscribed = [], set()
     writer, stimulus, time = JointStateWriter(DEVICE), None, 0
     writer.position[:] = 0.1
     writer.effort[1:] = 0.0
@@ -178,19 +177,19 @@ def until_it_publishes(graph, process, samples):
             pytest.fail(f"ended with {process.returncode}: {process.stderr.read()}")
         for name, types in node.get_topic_names_and_types():
             own = [info for info in node.get_publishers_info_by_topic(name) if info.node_name != "tester"]
-            hidden = "/_" in name  # what actions tell their clients
-            if own and not hidden and name not in EVERYBODYS | subscribed and not (samples and name == SAMPLES):
+            hidden = "/_" in name  # topics of actions
+            if own and not hidden and name not in COMMON | subscribed and not (samples and name == SAMPLES):
                 subscribed.add(name)
-                node.create_subscription(message_class(types[0]), name, heard.append, qos.matching([]), raw=True)
+                node.create_subscription(message_class(types[0]), name, received.append, qos.matching([]), raw=True)
         if stimulus is not None:
             time += 1_000_000
             stimulus.publish(writer.stamped(time))
-        return bool(heard)
+        return bool(received)
 
     graph.until(published)
 
 
-# Executables of one method are one node under many names: each is started once, by turns with either signal.
+# The executables of the methods are the same node: each is started once, alternately with either signal.
 BOTH = (signal.SIGINT, signal.SIGTERM)
 CASES = [
     pytest.param(package, executable, number, id=f"{package}-{executable}-{number.name}")
@@ -220,8 +219,8 @@ def test_starts_publishes_and_ends_cleanly(graph, folder, package, executable, n
 
 
 @pytest.mark.skipif("_ROS_WHEELS_BOOTSTRAP_COMPLETE" not in os.environ, reason="ROS does not come from wheels here")
-def test_starts_where_the_wheels_have_to_find_their_libraries_themselves(graph, folder):
-    """Without the two variables of env.sh the wheels start Python once more, under the same process id."""
+def test_starts_without_the_library_path_of_env_sh(graph, folder):
+    """Without the two variables of env.sh the wheels restart Python, with the same process id."""
     environment = {key: value for key, value in os.environ.items() if key != "_ROS_WHEELS_BOOTSTRAP_COMPLETE"}
     venv = str(ROOT / ".venv")
     parts = environment["LD_LIBRARY_PATH"].split(os.pathsep)
@@ -256,20 +255,20 @@ def test_bad_parameters_are_one_line_and_an_exit_code(domain, tmp_path, executab
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
 
 
-def test_via_is_on_the_path_and_says_what_it_can():
+def test_via_is_on_the_path_and_prints_its_help():
     done = subprocess.run(["via", "--help"], capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
     assert "demo" in done.stdout
 
 
 def ran(executable: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a node of via_ros that ends by itself."""
+    """Run a node of via_ros that ends on its own."""
     return subprocess.run(
         [installed("via_ros", executable), *arguments], capture_output=True, text=True, timeout=600, check=False
     )
 
 
-def test_arguments_that_are_no_parameters_are_refused(domain):
+def test_arguments_that_are_not_parameters_are_refused(domain):
     done = ran("player", "--bag", "somewhere")
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
@@ -277,7 +276,7 @@ def test_arguments_that_are_no_parameters_are_refused(domain):
     ]
 
 
-def test_a_parameter_that_is_not_there_is_said(domain, tmp_path):
+def test_an_unknown_parameter_is_reported(domain, tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/joint_states", "sensor_msgs/msg/JointState")
         writer.write("/joint_states", serialize_message(JointState()), 1)

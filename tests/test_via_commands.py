@@ -1,10 +1,11 @@
-"""The table of `via` commands: every entry loads, help lines are the commands' own, help pages load no libraries."""
+"""The tables of `via` commands: help lines and units, imports of the help pages, shell completion."""
 
 import os
 import subprocess
 import sys
 
 import pytest
+from rich.text import Text
 from typer.testing import CliRunner
 from via_bringup.cli import COMMANDS, app
 from via_validation.commands import COMMANDS as VALIDATION
@@ -14,20 +15,34 @@ HEAVY = ("numba", "scipy", "matplotlib", "rclpy", "mujoco", "dask")
 
 
 @pytest.mark.parametrize("path", EVERY)
-def test_the_help_line_of_a_command_is_the_first_of_its_own_help(path):
+def test_the_help_line_of_a_command_is_the_first_paragraph_of_its_docstring(path):
     command = EVERY[path].load(path.split()[-1])
     assert command.help is not None
     assert " ".join(command.help.split("\n\n")[0].split()) == EVERY[path].help
 
 
+def test_help_pages_show_the_units_in_square_brackets():
+    """Square brackets are markup unless they are escaped: [s] would vanish."""
+
+    def texts(command):
+        yield command.help or ""
+        yield from (getattr(each, "help", None) or "" for each in command.params)
+        for each in getattr(command, "commands", {}).values():
+            yield from texts(each)
+
+    every = [text for path, entry in EVERY.items() for text in texts(entry.load(path.split()[-1])) if text]
+    assert sum("[s]" in each for each in every) >= 4
+    assert [each for each in every if Text.from_markup(each).plain != each.replace("\\[", "[")] == []
+
+
 @pytest.mark.parametrize("words", [["--help"], ["gap", "--help"], ["bag", "--help"], ["--version"]])
-def test_help_pages_of_groups_load_no_large_library(words):
+def test_help_pages_of_groups_import_no_large_library(words):
     code = f"import sys; from via_bringup.cli import app; app({words}, standalone_mode=False); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
     assert not set(HEAVY) & set(done.stdout.split())
 
 
-def test_a_command_that_is_not_there_is_refused_with_the_nearest_name():
+def test_for_an_unknown_command_the_nearest_name_is_suggested():
     done = CliRunner().invoke(app, ["gap", "diagnos"])
     assert done.exit_code == 2 and "Did you mean 'diagnose'?" in done.output
 
