@@ -55,7 +55,7 @@ COMMANDS = {
     "bag play": Entry("via_bringup.cli.bag:play", "Play a bag in time stamp order and publish /clock."),
     "gap diagnose": Entry(
         "via_bringup.cli.gap:diagnose",
-        "Locate the gap between logs and model, identify the effects that cause it, and report what they explain.",
+        "Locate the gap between logs and model, identify its causes, and report the fraction that they explain.",
     ),
     "gap render": Entry(
         "via_bringup.cli.gap:render", "Print a saved report as text; optionally write it as an HTML page."
@@ -66,7 +66,7 @@ COMMANDS = {
     ),
     "gap propose": Entry(
         "via_bringup.cli.gap_propose:propose_motion",
-        "Propose the motion that best distinguishes tied causes, within the device's limits.",
+        "Propose the motion that best separates the causes that a report leaves tied, within the device's limits.",
     ),
     "gap fleet": Entry(
         "via_bringup.cli.gap_fleet:fleet",

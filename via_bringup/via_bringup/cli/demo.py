@@ -23,7 +23,9 @@ def demo(
         Path | None,
         typer.Option(help="Folder with MACCEPA-VD recordings; default: ../shared/data/maccepavd, else the sample."),
     ] = None,
-    duration: Annotated[float, typer.Option(min=2.0, max=600.0, help="Live run \\[s]; scene: at most 10.")] = 10.0,
+    duration: Annotated[
+        float, typer.Option(min=2.0, max=600.0, help="Duration \\[s]; a scene runs at most 10.")
+    ] = 10.0,
 ) -> None:
     """Run the demo: a real robot's recordings and a simulated joint, shown on one page; or one controller scene."""
     if scene:

@@ -42,7 +42,7 @@ def diagnose(
         Path | None, typer.Option(help="Write the effects and refitted device parameters to this effects file.")
     ] = None,
 ) -> None:
-    """Locate the gap between logs and model, identify the effects that cause it, and report what they explain.
+    """Locate the gap between logs and model, identify its causes, and report the fraction that they explain.
 
     For an arm, one report per joint is written: report.json becomes report_JOINT.json.
     """

@@ -24,7 +24,7 @@ def propose_motion(
     out: Annotated[Path | None, typer.Option(help="Write the commands to this .csv file or new bag folder.")] = None,
     reach: Annotated[float, typer.Option(min=0.01, max=6.0, help="Largest motor angle from rest \\[rad].")] = RANGE,
 ) -> None:
-    """Propose the motion that best distinguishes tied causes, within the device's limits."""
+    """Propose the motion that best separates the causes that a report leaves tied, within the device's limits."""
     saved = read_report(read_text(report), str(report))
     described = load_device(device or saved.joint)
     found = propose(saved, described, reach)

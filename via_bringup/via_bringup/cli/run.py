@@ -10,6 +10,8 @@ from typing import Annotated, Any, NoReturn
 import typer
 from via_core.errors import ViaError
 
+from via_bringup.cli.console import answers
+
 
 def run(
     context: typer.Context,
@@ -18,7 +20,8 @@ def run(
 ) -> None:
     """Run an installed node; all further arguments are passed to it, e.g. --ros-args -p device:=maccepavd."""
     if package in ("--help", "-h"):
-        raise ViaError("usage: via run PACKAGE EXECUTABLE --ros-args -p name:=value; e.g. via run via_sim simulator")
+        answers.print("usage: via run PACKAGE EXECUTABLE --ros-args -p name:=value; e.g. via run via_sim simulator")
+        raise typer.Exit
     execute_node(package, executable, context.args)
 
 
