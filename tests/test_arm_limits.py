@@ -11,8 +11,8 @@ from via_controllers.hold_still import HoldStill
 from via_controllers.supervision import Activity, Supervisor
 from via_core.errors import ParameterError
 from via_sim.arm import ArmState, arm_step
-from via_validation.bench.limits import Wild, course, limit_rows, supervisor_of
-from via_validation.control.limit_cycle import law_of
+from via_validation.bench.limits import FaultyController, disturbed_run, limit_rows, supervisor_of
+from via_validation.control.limit_cycle import limit_cycle_controller
 
 STILL = np.zeros(4)
 UNKNOWN = np.full(4, np.nan)
@@ -41,8 +41,8 @@ def test_without_limits_a_wild_law_bends_springs_to_their_stops():
             return np.clip(torque, -ARM.torque_limit, ARM.torque_limit), Limit.NONE
 
     seeds = (2, 5, 8)
-    assert not all(course(seed, replace(supervisor_of(seed), limits=Loose(ARM))).within for seed in seeds)
-    assert all(course(seed, supervisor_of(seed)).within for seed in seeds)
+    assert not all(disturbed_run(seed, replace(supervisor_of(seed), limits=Loose(ARM))).within for seed in seeds)
+    assert all(disturbed_run(seed, supervisor_of(seed)).within for seed in seeds)
 
 
 def test_nothing_is_changed_where_no_limit_is_near():
@@ -147,7 +147,7 @@ def test_laws_start_anew_where_what_they_knew_is_wrong():
 
 def test_the_supervised_law_is_the_law():
     """In the middle of its motion no limit changes anything."""
-    law = law_of(0)
+    law = limit_cycle_controller(0)
     supervisor = Supervisor(law, HoldStill(ARM), ArmLimits(ARM))
     body = replace(at_rest(), velocity=np.array([0.1, 0.2, 0.1, 0.3]))
     state, answer = supervisor.step(supervisor.init(), sample_of(body), True)
@@ -159,5 +159,5 @@ def test_the_supervised_law_is_the_law():
 
 
 def test_a_wild_law_is_the_same_twice():
-    wild, sample = Wild(ARM, 3), sample_of(at_rest(), 0.5)
+    wild, sample = FaultyController(ARM, 3), sample_of(at_rest(), 0.5)
     assert np.array_equal(wild.step(STILL, sample)[0], wild.step(STILL, sample)[0])

@@ -9,8 +9,8 @@ from via_bringup.demo.reference import MOTORS, TURNING, damped_arm, linear_modes
 from via_controllers.bang_bang import BangBangState, ModalBangBang
 from via_core.errors import ParameterError
 from via_validation.control.arm_run import Phase, run_arm
-from via_validation.control.bang_bang import degrees_between, free_motion, pushed, reference_law
-from via_validation.control.cycles import Cycles, spread
+from via_validation.control.bang_bang import degrees_between, free_motion, pushed, reference_controller
+from via_validation.control.cycles import Cycles, relative_sd
 from via_validation.control.hitting import hitting
 from via_validation.control.nonlinear_mode import nonlinear_mode
 
@@ -22,7 +22,7 @@ def test_the_law_finds_a_mode_and_swings_regularly(mode):
     """Number 5, from a w_1(0) that names joints and knows no mode."""
     found = free_motion(mode, 9.0)
     assert found.angle < 3.0
-    assert found.period_spread < 1e-3
+    assert found.period_sd < 1e-3
     assert 1.03 < found.ratio < 1.15
     assert found.cycles >= 8 and found.run.saturated == 0.0
 
@@ -105,9 +105,9 @@ def test_with_the_printed_force_the_motion_dies(monkeypatch):
         return BangBangState(here.time, here.direction, here.y, torque, switch)
 
     def swing(duration):
-        law = reference_law(ARM, np.array([0.0, 1.0, 0.0, 1.0]))
+        law = reference_controller(ARM, np.array([0.0, 1.0, 0.0, 1.0]))
         late = run_arm(ARM, law, pushed(law), (Phase(duration),)).since(duration - 0.6)
-        return np.ptp(late.told[:, 0])
+        return np.ptp(late.values[:, 0])
 
     assert swing(2.0) > 0.2
     monkeypatch.setattr(ModalBangBang, "_after", printed)
@@ -116,7 +116,7 @@ def test_with_the_printed_force_the_motion_dies(monkeypatch):
 
 def test_an_offset_turns_the_direction():
     """C of q about another point than the static equilibrium: its first component is none of the motion."""
-    law = reference_law(ARM, np.array([0.0, 1.0, 0.0, 1.0]))
+    law = reference_controller(ARM, np.array([0.0, 1.0, 0.0, 1.0]))
     run = run_arm(ARM, law, pushed(law), (Phase(4.0),))
     motion = run.since(2.0).q - law.motors.equilibrium
 
@@ -137,15 +137,15 @@ def test_hitting_is_steady_from_the_second_cycle(wall, hold, duration):
     """Number 6 on the two cases that differ most; the tables have all of them."""
     case = hitting(wall, hold, duration)
     assert case.second < 0.05
-    assert case.steady_spread < 5e-3
+    assert case.steady_sd < 5e-3
     assert case.least_force > 20.0
-    assert np.abs(case.run.told[:1000, 0]).max() == pytest.approx(hold * TURNING, rel=0.2)
+    assert np.abs(case.run.values[:1000, 0]).max() == pytest.approx(hold * TURNING, rel=0.2)
 
 
 def test_cycles_are_counted_at_their_rises():
     time = 1e-3 * np.arange(3000)
     cycles = Cycles(time, 0.5 + np.sin(2.0 * np.pi * 3.3 * (time - 0.05)), 0.5)
     assert cycles.periods == pytest.approx(np.full(len(cycles.periods), 1.0 / 3.3), abs=1e-6)
-    assert cycles.rises[0] == pytest.approx(0.05, abs=1e-6)
+    assert cycles.crossings[0] == pytest.approx(0.05, abs=1e-6)
     assert cycles.swings == pytest.approx(np.full(len(cycles.periods), 2.0), abs=1e-3)
-    assert spread(np.array([1.0, 3.0])) == pytest.approx(0.5)
+    assert relative_sd(np.array([1.0, 3.0])) == pytest.approx(0.5)

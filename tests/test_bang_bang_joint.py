@@ -11,7 +11,7 @@ from via_core.errors import ParameterError
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import Simulator
-from via_validation.control.cycles import Cycles, spread
+from via_validation.control.cycles import Cycles, relative_sd
 
 RATE = 1000.0
 ELASTIC, ANTAGONISTIC = load_device("visco_elastic_demo"), load_device("cubic_demo")
@@ -48,7 +48,7 @@ def test_a_pushed_joint_swings_regularly_at_its_own_frequency(name):
     late = time > 3.0
     cycles = Cycles(time[late], q[late], hanging(law.device, theta, law.equilibrium))
     assert len(cycles.periods) >= 4
-    assert spread(cycles.periods) < 1e-2 and spread(cycles.swings) < 2e-2
+    assert relative_sd(cycles.periods) < 1e-2 and relative_sd(cycles.swings) < 2e-2
     assert cycles.swings.mean() > 2.0 * law.amplitude
     linear = np.sqrt(float(law.device.stiffness(law.equilibrium, theta)) / law.device.link.inertia) / (2.0 * np.pi)
     assert 0.95 < 1.0 / cycles.periods.mean() / linear < 1.25

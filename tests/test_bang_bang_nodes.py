@@ -8,12 +8,12 @@ from via_controllers.nodes.bang_bang import BangBangNode
 from via_core.errors import ViaError
 from via_interfaces.srv import Push
 from via_validation.bench.hitting import hitting_over_dds
-from via_validation.control.bang_bang import PUSH, reference_law
-from via_validation.control.cycles import Cycles, spread
+from via_validation.control.bang_bang import PUSH, reference_controller
+from via_validation.control.cycles import Cycles, relative_sd
 from via_validation.control.hitting import STEADY
 
 ARM, PERIOD = damped_arm(), 1e-3
-LAW = reference_law(ARM, np.array(DIRECTIONS[1]))
+LAW = reference_controller(ARM, np.array(DIRECTIONS[1]))
 LINEAR = linear_modes(ARM, np.array(MOTORS))
 
 
@@ -29,7 +29,7 @@ def test_the_law_finds_a_mode_and_swings_regularly(graph):
     y = bench.quantity("y")[4500:]
     cycles = Cycles(PERIOD * np.arange(len(y)), y)
     assert np.degrees(np.arccos(min(1.0, abs(w @ LINEAR.directions[:, 0]) / np.linalg.norm(w)))) < 3.0
-    assert len(cycles.periods) >= 8 and spread(cycles.periods) < 1e-3
+    assert len(cycles.periods) >= 8 and relative_sd(cycles.periods) < 1e-3
     assert 1.03 < 1.0 / (float(cycles.periods.mean()) * LINEAR.frequencies[0]) < 1.15
     assert not any(limited for _, limited, _ in bench.states)
 
@@ -38,7 +38,7 @@ def test_hitting_is_steady_from_the_second_cycle(domain):
     """Number 6, a wall at .3 of the way to the turning point, let go from beyond it; all nine: `via bench hitting`."""
     case = hitting_over_dds(0.3, 1.2, 6.0)
     assert len(case.swings) > STEADY
-    assert case.second < 0.05 and case.steady_spread < 5e-3 and case.least_force > 0.0
+    assert case.second < 0.05 and case.steady_sd < 5e-3 and case.least_force > 0.0
 
 
 @pytest.mark.parametrize("parameters", [{"motors": [0.1]}, {"direction": [0.0] * 4}, {"bandwidth": 0.0}])

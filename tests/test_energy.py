@@ -12,7 +12,7 @@ from via_validation.control.energy import (
     positive_work,
     rigid_torque,
 )
-from via_validation.control.limit_cycle import law_of
+from via_validation.control.limit_cycle import limit_cycle_controller
 
 
 def test_positive_work_of_a_harmonic():
@@ -59,4 +59,4 @@ def test_a_stiffness_matched_to_the_springs_saves_and_another_wastes():
 
 def test_matched_is_what_still_motors_make():
     """Mode 2 moves sideways, gravity hardly matters and the springs are those without load."""
-    assert matched(law_of(1)) == pytest.approx(1.0, abs=0.05)
+    assert matched(limit_cycle_controller(1)) == pytest.approx(1.0, abs=0.05)

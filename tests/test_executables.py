@@ -119,8 +119,8 @@ warm_up(load_device("{DEVICE.name}"))
 
 ARM_LOADED = """
 from via_validation.control.arm_run import Phase, run_arm
-from via_validation.control.limit_cycle import law_of, start
-run_arm(ARM, law_of(0), start(law_of(0)), (Phase(0.002),))
+from via_validation.control.limit_cycle import limit_cycle_controller, start
+run_arm(ARM, limit_cycle_controller(0), start(limit_cycle_controller(0)), (Phase(0.002),))
 """
 ARMS = ("arm_simulator", "hopper_simulator", "modal_limit_cycle", "bang_bang", "hopping")
 LOADED = {"gap_monitor": MONITOR_LOADED, **dict.fromkeys(ARMS, ARM_LOADED)}

@@ -8,8 +8,8 @@ from via_core.hopper import Hopper
 from via_interfaces.srv import Hold, Push
 from via_ros import qos
 from via_sim.nodes.hopper_simulator import HopperSimulatorNode
-from via_validation.control.cycles import Cycles, spread
-from via_validation.control.hopper import CROUCH, PAYLOAD, hop, reference_law
+from via_validation.control.cycles import Cycles, relative_sd
+from via_validation.control.hopper import CROUCH, PAYLOAD, hop, reference_controller
 
 PERIOD, TICKS = 1e-3, 6000
 
@@ -30,9 +30,9 @@ def test_the_hopper_finds_its_rhythm(graph, payload):
     z, late = np.array(height[TICKS // 2 :]), np.array(force[TICKS // 2 :])
     cycles = Cycles(PERIOD * np.arange(len(z)), z, 0.5 * float(z.min() + z.max()))
     apexes = np.array([piece.max() for piece in cycles.each(z)]) - Hopper().leg_height(Hopper().standing(CROUCH)[:2])
-    assert len(apexes) >= 5 and spread(apexes) < 1e-2
+    assert len(apexes) >= 5 and relative_sd(apexes) < 1e-2
     if payload:
-        assert 0.92 < cycles.swings.mean() / hop(reference_law(), 0.0, TICKS * PERIOD).amplitude < 1.0
+        assert 0.92 < cycles.swings.mean() / hop(reference_controller(), 0.0, TICKS * PERIOD).amplitude < 1.0
     else:
         assert np.mean(late == 0.0) > 0.4
 

@@ -16,8 +16,7 @@ from via_core.errors import ParameterError
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
 from via_sim.simulate import Simulator
-from via_validation.bench.joint_limits import course as bench_course
-from via_validation.bench.joint_limits import joint_limit_rows, wild_supervisor
+from via_validation.bench.joint_limits import disturbed_run, faulty_supervisor, joint_limit_rows
 
 TICK = 1e-3  # [s]
 QBMOVE, ELASTIC, CUBIC = (load_device(name) for name in ("qbmove_a", "visco_elastic_demo", "cubic_demo"))
@@ -52,7 +51,7 @@ def course(supervisor, device, duration, sensors=IDEAL, start=None, active=True)
 
 
 def held(device):
-    return wild_supervisor(device, 0)
+    return faulty_supervisor(device, 0)
 
 
 def shares(supervisor, device, **more):
@@ -77,15 +76,15 @@ def test_limits_hold_in_random_courses():
 @pytest.mark.parametrize("device", [QBMOVE, ELASTIC], ids=lambda device: device.name)
 def test_limits_hold_where_a_law_may_drive_motors_nearly_as_fast_as_they_can_be(device):
     for seed in range(2):
-        supervisor = wild_supervisor(device, seed, drive=0.9)
-        assert bench_course(device, seed, supervisor).within
-        assert not bench_course(device, seed, Loose(supervisor.supervisor)).within
+        supervisor = faulty_supervisor(device, seed, drive=0.9)
+        assert disturbed_run(device, seed, supervisor).within
+        assert not disturbed_run(device, seed, Loose(supervisor.supervisor)).within
 
 
 def test_springs_are_kept_from_their_stops_where_nothing_else_limits():
     """A motor as fast as it likes, turned as far as its law can reach."""
     axes = JointAxes(CUBIC)
-    supervisor = wild_supervisor(CUBIC, 1)
+    supervisor = faulty_supervisor(CUBIC, 1)
     supervisor = JointSupervisor.of(replace(supervisor.law.law, limit=5.0 * axes.torque_limit), axes)
     torque, _, deflection = shares(supervisor, CUBIC, sensors=Sensors.of_device(CUBIC))
     assert torque <= 1.0 and 0.7 < deflection <= 1.0

@@ -26,7 +26,7 @@ from via_interfaces.msg import ControlState, JointReference, StiffnessEstimate, 
 from via_ros import qos
 from via_ros.conversions import JointStateWriter, nanoseconds
 from via_sim.nodes.simulator import SimulatorNode
-from via_validation.control.cycles import Cycles, spread
+from via_validation.control.cycles import Cycles, relative_sd
 
 TICK = 1e-3  # [s]
 
@@ -145,7 +145,7 @@ def test_a_serial_joint_swings_by_switching(graph, tmp_path):
     late = bench.joint[2000:, 0, 0]
     cycles = Cycles(TICK * np.arange(len(late)), late, 0.2)
     assert len(cycles.periods) >= 4
-    assert spread(cycles.periods) < 1e-2 and spread(cycles.swings) < 2e-2
+    assert relative_sd(cycles.periods) < 1e-2 and relative_sd(cycles.swings) < 2e-2
     assert cycles.swings.mean() > 4.0 * parameters["amplitude"]
     device = bench.device
     stiffness = float(device.stiffness(0.2, device.motor_angles(0.2, 3.0)))

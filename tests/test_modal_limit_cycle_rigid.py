@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from via_controllers import modal_limit_cycle
-from via_validation.control.limit_cycle import law_of, rigid
+from via_validation.control.limit_cycle import limit_cycle_controller, rigid
 
 
 @pytest.mark.parametrize("mode", [0, 1])
 def test_the_cycle_is_reached_and_nothing_leaks(mode):
     """Number 1: after a start beside the mode, H within 1e-4 and the other modes within 1e-6."""
-    course = rigid(law_of(mode).cycle, 3.0)
+    course = rigid(limit_cycle_controller(mode).cycle, 3.0)
     late = len(course.H) * 2 // 3
     assert abs(course.H[0]) > 0.5 and course.leak[0] > 0.1
     assert np.abs(course.H[late:]).max() < 1e-4
@@ -24,7 +24,7 @@ def test_the_printed_input_leaves_h_swinging(mode, left, monkeypatch):
         return eigenvalue * (-pull * z_velocity + rate / (2.0 * eigenvalue**2) * z_velocity**2)
 
     monkeypatch.setattr(modal_limit_cycle, "orbit_input", printed)
-    H = rigid(law_of(mode).cycle, 3.0).H
+    H = rigid(limit_cycle_controller(mode).cycle, 3.0).H
     assert left < np.abs(H[len(H) * 2 // 3 :]).max() < 0.25
 
 
@@ -37,6 +37,6 @@ def test_without_the_algebraic_loop_the_modes_leak(mode, monkeypatch):
         return *modal(*args)[:-1], np.eye(4)
 
     monkeypatch.setattr(modal_limit_cycle, "_modal", open_loop)
-    course = rigid(law_of(mode).cycle, 3.0)
+    course = rigid(limit_cycle_controller(mode).cycle, 3.0)
     late = len(course.H) * 2 // 3
     assert max(np.abs(course.H[late:]).max(), course.leak[late:].max()) > 0.02

@@ -11,8 +11,8 @@ from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_core.errors import ParameterError
 from via_sim.arm import ArmState, arm_step
 from via_sim.contacts import Hand
-from via_validation.control.arm_run import PERIOD, Phase, run_arm
-from via_validation.control.limit_cycle import CycleCourse, cycling, in_modes, law_of, start
+from via_validation.control.arm_run import PERIOD, Phase, TorqueNoise, run_arm
+from via_validation.control.limit_cycle import CycleCourse, cycling, in_modes, limit_cycle_controller, start
 
 STILL, NO_SENSOR = np.zeros(4), np.full(4, np.nan)
 
@@ -21,9 +21,9 @@ def sample_of(body: ArmState) -> ArmSample:
     return ArmSample(0.0, body.q, body.velocity, body.theta, body.motor_velocity, NO_SENSOR)
 
 
-def run(law: VsaModalLimitCycle, duration: float, noise: float = 0.0) -> CycleCourse:
-    """The law on the arm; `noise` [N m] is the standard deviation of its torque sensors."""
-    course = cycling(law, duration, torque_noise=noise)
+def run(law: VsaModalLimitCycle, duration: float, noise: TorqueNoise | None = None) -> CycleCourse:
+    """Modal quantities of a run of the controller on the arm."""
+    course = cycling(law, duration, noise=noise)
     assert course.saturated == 0.0
     return in_modes(law, course)
 
@@ -31,7 +31,7 @@ def run(law: VsaModalLimitCycle, duration: float, noise: float = 0.0) -> CycleCo
 @pytest.mark.parametrize("mode", [0, 1])
 def test_the_cycle_on_flexible_joints(mode):
     """Number 2: H within 2e-3, leak below 1e-4, 2 % after 1.2 s, frequency within .5 %."""
-    course = run(law_of(mode), 3.0)
+    course = run(limit_cycle_controller(mode), 3.0)
     assert abs(course.H[0]) > 0.5
     assert np.abs(course.H[course.late]).max() < 2e-3
     assert course.leak[course.late].max() < 1e-4
@@ -42,13 +42,13 @@ def test_the_cycle_on_flexible_joints(mode):
 
 @pytest.mark.parametrize("mode", [0, 1])
 def test_noise_of_torque_sensors_stays_small(mode):
-    course = run(law_of(mode), 3.0, noise=0.05)
+    course = run(limit_cycle_controller(mode), 3.0, noise=TorqueNoise(0.05))
     assert 1e-4 < course.leak[course.late].max() < 2e-3
 
 
 def test_without_feed_forward_the_cycle_is_missed(monkeypatch):
     """(107) with tau_ed' = tau_ed'' = 0: the springs lag behind."""
-    law = law_of(0)
+    law = limit_cycle_controller(0)
     whole = VsaModalLimitCycle.reference
 
     def held(self, *args):
@@ -66,7 +66,7 @@ def test_derivatives_of_the_reference_are_those_along_the_motion(direction):
 
     What the spread of 2 ms leaves of the start's third derivative is a matter of its own, hence a narrower one.
     """
-    law, h = replace(law_of(0), spread=5e-4), 1e-4
+    law, h = replace(limit_cycle_controller(0), spread=5e-4), 1e-4
 
     def seen(body, direction):
         return sample_of(body), law.cycle.at(law.cycle.init(body.q), body.q, body.velocity, direction)
@@ -89,7 +89,9 @@ def test_derivatives_of_the_reference_are_those_along_the_motion(direction):
 def test_at_rest_it_starts_by_itself_and_within_limits():
     """Within 10 % after one period and 2 % after a period and a half; noise does not turn the push."""
     for mode, period in ((0, 0.586), (1, 0.472)):
-        course = cycling(law_of(mode), 1.6 * period, share=0.0, torque_noise=0.05 * mode)
+        course = cycling(
+            limit_cycle_controller(mode), 1.6 * period, share=0.0, noise=TorqueNoise(0.05) if mode else None
+        )
         H, s = course.quantity("H") / LEVEL, course.quantity("s")
         assert course.saturated == 0.0 and H[0] == pytest.approx(0.0, abs=1e-12)
         assert np.abs(H[round(period / PERIOD) :] - 1.0).max() < 0.1
@@ -101,9 +103,9 @@ def test_at_rest_it_starts_by_itself_and_within_limits():
 
 def test_held_at_rest_and_released_it_starts():
     """Number 3 where it is hardest, held at z = 0: the hand bears a steady force, and the cycle comes in time."""
-    law = law_of(0)
+    law = limit_cycle_controller(0)
     hand = Hand(ARM.tip_position(REST))
-    held = run_arm(ARM, law, start(law, 0.0), (Phase(0.5, (hand,)),), 4)
+    held = run_arm(ARM, law, start(law, 0.0), (Phase(0.5, (hand,), 4),))
     force = np.linalg.norm(held.force[-100:], axis=1)
     assert force.min() > 10.0 and force.max() < 1.05 * force.min() and held.quantity("H")[-1] < 0.01 * LEVEL
     H = run_arm(ARM, law, held.body, (Phase(1.1),), state=held.state).quantity("H") / LEVEL
@@ -111,15 +113,15 @@ def test_held_at_rest_and_released_it_starts():
 
 
 def test_without_its_start_it_stays_at_rest_and_on_the_cycle_nothing_differs():
-    printed = law_of(0, start=0.0)
+    printed = limit_cycle_controller(0, start=0.0)
     assert cycling(printed, 0.2, share=0.0).quantity("H").max() < 1e-20
-    theirs, ours = (cycling(law, 0.3, share=1.0) for law in (printed, law_of(0)))
-    assert np.array_equal(theirs.torque, ours.torque) and np.array_equal(theirs.told, ours.told)
+    theirs, ours = (cycling(law, 0.3, share=1.0) for law in (printed, limit_cycle_controller(0)))
+    assert np.array_equal(theirs.torque, ours.torque) and np.array_equal(theirs.values, ours.values)
 
 
 def test_a_direction_does_not_turn_further_than_samples_tell():
     """After a pause the push goes on from where it was."""
-    law = law_of(0)
+    law = limit_cycle_controller(0)
     sample = sample_of(start(law))
     state = law.init(sample)
     short, long = (law.step(state, replace(sample, time=time))[0].motion for time in (0.01, 0.5))
@@ -128,7 +130,7 @@ def test_a_direction_does_not_turn_further_than_samples_tell():
 
 
 def test_blind_samples_are_answered_with_nothing():
-    law = law_of(0)
+    law = limit_cycle_controller(0)
     sample = ArmSample(0.0, REST, STILL, REST, STILL, NO_SENSOR)
     state = law.init(sample)
     for broken in ({"theta": np.array([0.2, np.nan, 0.3, 1.2])}, {"time": np.nan}):
@@ -137,7 +139,7 @@ def test_blind_samples_are_answered_with_nothing():
 
 
 def test_what_the_law_tells_has_names():
-    law = law_of(1)
+    law = limit_cycle_controller(1)
     state = law.init(sample_of(start(law)))
     told = dict(zip([each.name for each in law.quantities], law.told(state), strict=True))
     assert told["z_2"] == pytest.approx(0.1, rel=0.02) and told["H"] == pytest.approx(0.5 * told["z_2"] ** 2)
@@ -148,4 +150,4 @@ def test_what_the_law_tells_has_names():
 @pytest.mark.parametrize("change", [{"spread": 0.0}, {"bandwidth": 0.0}])
 def test_silly_parameters_are_refused(change):
     with pytest.raises(ParameterError):
-        replace(law_of(0), **change)
+        replace(limit_cycle_controller(0), **change)

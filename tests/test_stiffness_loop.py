@@ -15,10 +15,10 @@ def course(feedback: bool) -> StiffnessCourse:
     real = NOMINAL.model_copy(update={"springs": stiffer})
     law = EquilibriumPreset.from_device(NOMINAL)
 
-    def wishes(time):
+    def targets(time):
         return 0.15 * np.sin(2.0 * np.pi * time) + 0.05 * np.sin(5.4 * np.pi * time), WANTED
 
-    return run_joint(NOMINAL, real, law, wishes, 5.0, feedback)
+    return run_joint(NOMINAL, real, law, targets, 5.0, feedback)
 
 
 def test_stiffness_feedback_takes_the_error_out():

@@ -1,4 +1,4 @@
-"""A few minutes of the day at 1 kHz, from stamp 0, after a day and after a month; and that a fault would be seen."""
+"""`via bench soak` for seconds from stamp 0, after a day and after a month; an injected fault is detected."""
 
 from __future__ import annotations
 
@@ -14,14 +14,24 @@ from via_estimators.contract import Estimates
 from via_estimators.methods import METHODS, estimator_for
 from via_validation.bench import soak as bench
 from via_validation.bench.estimators import device_for
-from via_validation.bench.soak import HOUR, Hour, journey_of, moving, seen, soak, soak_rows, write_markdown
+from via_validation.bench.soak import (
+    HOUR,
+    Hour,
+    Scenario,
+    measured,
+    motion_of,
+    moving,
+    soak,
+    soak_rows,
+    write_markdown,
+)
 
 DAY, MONTH = 24.0 * HOUR, 30.0 * 24.0 * HOUR
 SHORT = 40.0  # [s] a period with one stop
 
 
 def quiet(*_):
-    """No progress to show."""
+    """Show no progress."""
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +43,7 @@ def _short_stop(monkeypatch):
 @pytest.mark.parametrize("method", METHODS)
 def test_minutes_at_any_time_are_finite_bounded_and_as_accurate(method):
     device = device_for(method)
-    runs = [soak(device, method, SHORT / HOUR, quiet, start, period=SHORT) for start in (0.0, DAY, MONTH)]
+    runs = [soak(device, method, SHORT / HOUR, quiet, Scenario(start, period=SHORT)) for start in (0.0, DAY, MONTH)]
     first = runs[0].hours[0]
     for run in runs:
         rows = {row.id: row for row in soak_rows(run)}
@@ -46,8 +56,8 @@ def test_minutes_at_any_time_are_finite_bounded_and_as_accurate(method):
         assert np.isfinite(hour.condition)
         # Rounding of stamps: a step at 30 days is wrong by 5e-7 of itself.
         assert hour.error == pytest.approx(first.error, rel=0.01, abs=1e-6)
-        assert hour.deviation == pytest.approx(first.deviation, rel=0.01)
-        assert hour.widest == pytest.approx(first.widest, rel=0.01)
+        assert hour.sd == pytest.approx(first.sd, rel=0.01)
+        assert hour.largest_sd == pytest.approx(first.largest_sd, rel=0.01)
 
 
 def test_motion_stops_and_begins_smoothly():
@@ -58,12 +68,12 @@ def test_motion_stops_and_begins_smoothly():
     assert np.abs(np.diff(share)).max() < 2e-3
 
 
-def test_sensors_and_the_line_spoil_what_is_seen_anew_every_time():
+def test_noise_invalid_samples_and_gaps_differ_in_every_repetition():
     device = load_device("qbmove_b")
-    journey = journey_of(device, "modulated_torque", 30.0)
-    assert journey.output == "stiffness" and np.ptp(journey.truth) > 0.5
-    rows, truth = seen(journey, 0, 30_000, 1e6, np.random.default_rng(1))
-    again, _ = seen(journey, 0, 30_000, 1e6, np.random.default_rng(2))
+    motion = motion_of(device, "modulated_torque", 30.0)
+    assert motion.output == "stiffness" and np.ptp(motion.truth) > 0.5
+    rows, truth = measured(motion, 0, 30_000, 1e6, np.random.default_rng(1))
+    again, _ = measured(motion, 0, 30_000, 1e6, np.random.default_rng(2))
     assert len(rows) == len(truth) < 30_000 and rows[0, 0] == 1e6
     steps = np.diff(rows[:, 0])
     assert np.count_nonzero(steps > 0.05) == 1 and steps.max() < 2.1
@@ -72,12 +82,12 @@ def test_sensors_and_the_line_spoil_what_is_seen_anew_every_time():
     quanta = rows[good, 1] / device.sensors.link_quantum
     assert np.allclose(quanta, np.round(quanta), atol=1e-6)
     assert not np.array_equal(rows[:100, 3], again[:100, 3])
-    kept = np.searchsorted(journey.rows[:, 0], rows[good, 0] - 1e6 + 1e-6) - 1
-    assert np.std(rows[good, 3] - journey.rows[kept, 3]) == pytest.approx(0.01, rel=0.05)
+    kept = np.searchsorted(motion.rows[:, 0], rows[good, 0] - 1e6 + 1e-6) - 1
+    assert np.std(rows[good, 3] - motion.rows[kept, 3]) == pytest.approx(0.01, rel=0.05)
 
 
-def test_a_fault_is_seen(monkeypatch):
-    """An estimator that goes wrong after a while: every question has to be answered with no."""
+def test_a_faulty_estimator_misses_every_limit(monkeypatch):
+    """From the third chunk on, the estimate and its standard deviation are wrong."""
     device = load_device("qbmove_b")
     kind = type(estimator_for(device, "modulated_torque"))
     honest, taken = kind.run_rows, []
@@ -87,15 +97,15 @@ def test_a_fault_is_seen(monkeypatch):
         if state is None or len(taken) < 2:
             taken.append(None)
             return state, found
-        deviation = 9.0 * found.standard_deviation
-        deviation[0, -1] = np.nan
-        return state, Estimates(found.time, found.status, 2.0 * found.value, deviation, found.outputs)
+        sd = 9.0 * found.standard_deviation
+        sd[0, -1] = np.nan
+        return state, Estimates(found.time, found.status, 2.0 * found.value, sd, found.outputs)
 
     monkeypatch.setattr(kind, "run_rows", run_rows)
     monkeypatch.setattr(bench, "HOUR", SHORT)
-    run = soak(device, "modulated_torque", 3.0, quiet, period=SHORT)
+    run = soak(device, "modulated_torque", 3.0, quiet, Scenario(period=SHORT))
     verdicts = {row.id.rpartition("modulated_torque.")[2]: row.ok for row in soak_rows(run)}
-    assert (verdicts["not_finite"], verdicts["error.last"], verdicts["deviation"]) == (False, False, False)
+    assert (verdicts["not_finite"], verdicts["error.last"], verdicts["sd"]) == (False, False, False)
     grown = replace(run, hours=(run.hours[0], replace(run.hours[-1], resident=run.hours[0].resident + 10**7)))
     assert {row.id: row.ok for row in soak_rows(grown)}["soak.modulated_torque.memory"] is False
 
@@ -107,7 +117,7 @@ def test_the_page_has_every_run_and_names_what_is_missed(tmp_path):
     bad = replace(run, method="signal_based", hours=(good, replace(good, error=0.05, finite=False)))
     source = Provenance("abc", "via bench soak", "3.11", "2", "0.6")
     write_markdown([run], ["residual", "damping_rls"], source, tmp_path / "soak.md")
-    assert "**Unfinished**: no result yet of residual, damping_rls." in (tmp_path / "soak.md").read_text("utf-8")
+    assert "**Unfinished**: no result yet for residual, damping_rls." in (tmp_path / "soak.md").read_text("utf-8")
     write_markdown([run, bad], [], source, tmp_path / "soak.md")
     text = (tmp_path / "soak.md").read_text(encoding="utf-8")
     assert "Unfinished" not in text
@@ -118,8 +128,8 @@ def test_the_page_has_every_run_and_names_what_is_missed(tmp_path):
     assert len(set(table)) == 1 and len(table) == 4
 
 
-def test_a_joint_nothing_here_moves_is_refused():
-    with pytest.raises(ParameterError, match="nothing here moves 'edinburgh_vsa'"):
-        journey_of(load_device("edinburgh_vsa"), "modulated_torque")
+def test_a_joint_without_a_defined_motion_is_refused():
+    with pytest.raises(ParameterError, match="no motion defined for 'edinburgh_vsa'"):
+        motion_of(load_device("edinburgh_vsa"), "modulated_torque")
     with pytest.raises(ParameterError, match="no shipped device suits the method 'magic'"):
         device_for("magic")

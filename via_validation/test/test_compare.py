@@ -94,7 +94,7 @@ def test_the_device_file_knows_the_sensors_and_may_be_wrong_about_motors():
     assert seen_by_estimators(QBMOVE, IDEAL).sensors.link_quantum is None
     with pytest.raises(ParameterError, match="no torque-driven motors"):
         seen_by_estimators(load_device("maccepavd"), IDEAL)
-    with pytest.raises(ParameterError, match="'maccepavd' is no antagonistic joint"):
+    with pytest.raises(ParameterError, match="'maccepavd' is not an antagonistic joint"):
         motion_of(load_device("maccepavd"), friction=True)
     with pytest.raises(ParameterError, match="no stiffness estimator suits all of qbmove_b, compact_vpda"):
         compare([QBMOVE, load_device("compact_vpda")], 1, lambda *_: None)

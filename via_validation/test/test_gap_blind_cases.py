@@ -28,7 +28,7 @@ from via_validation.sealed.making import Made, make_cases
 from via_validation.sealed.plan import BLOCK, KINDS, Plan, block_of, plan
 from via_validation.sealed.planted import DIRT
 from via_validation.sealed.recording import LEVELS, limited, neighbour_angle, write_log
-from via_validation.sealed.residual import left_by_numbers
+from via_validation.sealed.residual import ratio_after_fit
 from via_validation.sealed.running import run_cases
 from via_validation.sealed.sealing import SealError, digest_of, logs_in, names_in, opened, seal, write_seals
 from via_validation.sealed.selections import OF_BOTH, OF_POSITION
@@ -217,9 +217,9 @@ def test_what_the_tolerance_explains_is_no_gap() -> None:
     noise[0, :50] = slopes[0, 1, :9] = np.nan
     low, high = np.full(3, -0.5), np.full(3, 0.5)
     inside = noise - np.tensordot([0.4, -0.3, 0.1], slopes, 1)
-    assert left_by_numbers(inside, noise, slopes, low, high) == pytest.approx(1.0, abs=0.01)
+    assert ratio_after_fit(inside, noise, slopes, low, high) == pytest.approx(1.0, abs=0.01)
     beyond = noise - np.tensordot([0.9, 0.0, 0.0], slopes, 1)
-    assert left_by_numbers(beyond, noise, slopes, low, high) == pytest.approx(np.sqrt(1.0 + 4.0**2), rel=0.03)
+    assert ratio_after_fit(beyond, noise, slopes, low, high) == pytest.approx(np.sqrt(1.0 + 4.0**2), rel=0.03)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -11,12 +11,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from via_core.devices import Device
 from via_core.signals import Array
-from via_validation.sealed.bench import Bench, draw_bench
 from via_validation.sealed.catalogue import CATALOGUE
 from via_validation.sealed.excitation import excite, start_of, turn
+from via_validation.sealed.experiment import Experiment, draw_experiment
 from via_validation.sealed.joints import CONTROLLED, POSITIONED, WIDE, believed, device_of, draw_joint, servo_of
 from via_validation.sealed.loop import read_angles
-from via_validation.sealed.physics import HARMONICS, Physics, alike, at, of_motor, terms_at
+from via_validation.sealed.physics import HARMONICS, Physics, at_axis, at_motor, on_both_motors, terms_at
 from via_validation.sealed.planted import DIRT, with_dirt
 from via_validation.sealed.recorder import Recorder
 from via_validation.sealed.scene import scene_of
@@ -163,7 +163,7 @@ def test_load_friction_of_a_position_drive_grows_with_its_torque() -> None:
     zero = np.zeros((800, 1))
     stiff = Servo(kp=200.0, kd=1.0)
     drive = Drive(goals, zero, zero, zero[:, 0], (0.0,), (0.0,), 200.0, (), stiff)
-    run = simulate(device, Physics(load_friction=at(0, 0.25)), drive, np.zeros(800), np.array([0.1]))
+    run = simulate(device, Physics(load_friction=at_axis(0, 0.25)), drive, np.zeros(800), np.array([0.1]))
     assert run is not None
     late = slice(500, 780)
     angle, speed = run.angle[late, 0], run.speed[late, 0]
@@ -174,8 +174,8 @@ def test_load_friction_of_a_position_drive_grows_with_its_torque() -> None:
 def test_only_position_drives_have_a_speed_limit_and_all_their_effects_have_a_place() -> None:
     device = device_of(draw_joint(np.random.default_rng(0), POSITIONED))
     assert set(OF_POSITION) - set(CATALOGUE) == {"speed_limit"}
-    assert all(entry.places(device) for entry in OF_POSITION.values())
-    assert not any(place[0] == "transmission" for entry in OF_POSITION.values() for place in entry.places(device))
+    assert all(entry.locations(device) for entry in OF_POSITION.values())
+    assert not any(place[0] == "transmission" for entry in OF_POSITION.values() for place in entry.locations(device))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -201,14 +201,14 @@ def test_a_controlled_motor_turns_evenly_and_its_torque_answers_the_disturbance(
 
 def test_an_effect_on_both_motors_is_the_effect_on_each() -> None:
     one = Physics(
-        friction=at(1, 0.1), gain=of_motor(1, 0.8, 1.0), stribeck_velocity=at(1, 0.2, 1.0),
+        friction=at_axis(1, 0.1), gain=at_motor(1, 0.8, 1.0), stribeck_velocity=at_axis(1, 0.2, 1.0),
         ripple=terms_at(0, 2, [0.3]), eccentricity=terms_at(1, 3, [0.1, 0.2]),
     )  # fmt: skip
-    both = alike(one)
+    both = on_both_motors(one)
     assert both.friction == (0.0, 0.1, 0.1) and both.gain == (0.8, 0.8) and both.stribeck_velocity == (1.0, 0.2, 0.2)
     assert both.ripple == (0.3, 0.0, 0.0, 0.0) * 2
     assert both.eccentricity == (0.0,) * 4 + (0.1, 0.2, 0.0, 0.0) * 2
-    assert alike(Physics(friction=at(0, 0.2))).friction == (0.2, 0.0, 0.0)  # the link's stays what it is
+    assert on_both_motors(Physics(friction=at_axis(0, 0.2))).friction == (0.2, 0.0, 0.0)  # the link's stays what it is
     device = device_of(draw_joint(np.random.default_rng(1), "polynomial_pair"))
     drive = excite(np.random.default_rng(1), device, 2.0, 1.0)
     run = simulate(device, Physics(), drive, np.zeros(len(drive.references)), start_of(device, drive))
@@ -216,8 +216,10 @@ def test_an_effect_on_both_motors_is_the_effect_on_each() -> None:
     scene, rng = scene_of(device, run), np.random.default_rng(2)
     assert set(OF_BOTH) <= set(CATALOGUE)
     for name in OF_BOTH:
-        assert ("motor", 1) in CATALOGUE[name].places(device) and ("motor", 2) in CATALOGUE[name].places(device)
-        physics = alike(CATALOGUE[name].of_size(scene, ("motor", 1), 0.2, CATALOGUE[name].shape(rng, scene))[0])
+        assert ("motor", 1) in CATALOGUE[name].locations(device) and ("motor", 2) in CATALOGUE[name].locations(device)
+        physics = on_both_motors(
+            CATALOGUE[name].of_size(scene, ("motor", 1), 0.2, CATALOGUE[name].shape(rng, scene))[0]
+        )
         for value in (getattr(physics, field) for field in vars(physics)):
             if isinstance(value, tuple):
                 each = len(value) // 2 if len(value) in (2, 2 * HARMONICS) else len(value) // 3
@@ -241,28 +243,28 @@ def test_a_wide_tolerance_is_stated_and_kept() -> None:
     assert np.std(errors) == pytest.approx(0.10 / np.sqrt(3.0), rel=0.15)  # evenly drawn
 
 
-def precise(family: str, seed: int) -> Bench:
+def precise(family: str, seed: int) -> Experiment:
     """A joint whose sensors resolve everything."""
     rng = np.random.default_rng(seed)
     true = draw_joint(rng, family)
     sensors = {"rate": 500.0, "link_quantum": 1e-8, "motor_quantum": 1e-8, "torque_noise": 1e-8}
-    return draw_bench(rng, true | {"sensors": sensors}, family, 8.0, Recorder())
+    return draw_experiment(rng, true | {"sensors": sensors}, family, 8.0, Recorder())
 
 
 def test_dirt_is_a_small_share_of_the_effects_gap() -> None:
     shares, kinds = [], set()
     for seed in range(6):
-        bench, rng = precise("series_elastic", seed), np.random.default_rng(seed)
-        main = Physics(friction=at(0, 0.1 * bench.scene.torque[0]))
-        run = bench.run(main, 0.25e-3)
+        experiment, rng = precise("series_elastic", seed), np.random.default_rng(seed)
+        main = Physics(friction=at_axis(0, 0.1 * experiment.scene.torque[0]))
+        run = experiment.run(main, 0.25e-3)
         assert run is not None
-        gap = bench.ratio(main, run)
-        both, dirt = with_dirt(rng, bench, main, gap)
+        gap = experiment.ratio(main, run)
+        both, dirt = with_dirt(rng, experiment, main, gap)
         alone = Physics(**{name: value for name, value in vars(both).items() if name != "friction"})
-        small = bench.run(alone, 0.25e-3)
+        small = experiment.run(alone, 0.25e-3)
         assert small is not None
         assert both.friction == main.friction and DIRT[0] <= dirt.share <= DIRT[1]
-        shares.append(np.sqrt((bench.ratio(alone, small) ** 2 - 1.0) / (gap**2 - 1.0)) / dirt.share)
+        shares.append(np.sqrt((experiment.ratio(alone, small) ** 2 - 1.0) / (gap**2 - 1.0)) / dirt.share)
         kinds.add(dirt.effect)
     assert 0.4 < np.median(shares) < 2.5 and max(shares) < 5.0
     assert len(kinds) > 2

@@ -10,9 +10,9 @@ from via_sim.effects import EFFECTS, Effect, places
 from via_sim.plants import JointPlant
 from via_sim.simulate import InitialConditions, Simulation
 from via_sim.simulate import simulate as first
-from via_validation.sealed.bench import push_of
 from via_validation.sealed.catalogue import CATALOGUE
 from via_validation.sealed.excitation import excite, start_of
+from via_validation.sealed.experiment import push_of
 from via_validation.sealed.joints import FAMILIES, believed, device_of, draw_joint
 from via_validation.sealed.model import STEP
 from via_validation.sealed.physics import Physics
@@ -117,13 +117,13 @@ RIGID = ("load_dependent_friction", "torque_gain", "torque_ripple", "torque_satu
 )
 def test_every_named_effect_is_the_same_physics_in_both(name: str, family: str) -> None:
     entry = CATALOGUE[name]
-    seed = next(s for s in range(20) if entry.places(drawn(family, s)[0]))
+    seed = next(s for s in range(20) if entry.locations(drawn(family, s)[0]))
     device, drive, initial = drawn(family, seed)
     rng = np.random.default_rng(3)
     plain = second(device, Physics(), drive, np.zeros(len(drive.references)), initial)
     assert plain is not None
     scene = scene_of(device, plain)
-    site, number = entry.places(device)[-1]
+    site, number = entry.locations(device)[-1]
     size = {"actuator_delay": 0.01}.get(name, min(2.0 * entry.low + 0.1 * entry.high, entry.high))
     shape = {key: value for key, value in entry.shape(rng, scene).items() if key[-2:] not in ("_2", "_3", "_4")}
     physics, numbers = entry.of_size(scene, (site, number), size, shape)
@@ -154,7 +154,7 @@ def test_physics_outside_the_catalogue_acts(name: str) -> None:
     plain = second(device, Physics(), drive, none, initial)
     assert plain is not None
     scene = scene_of(device, plain)
-    place = entry.places(device)[-1]
+    place = entry.locations(device)[-1]
     physics, _ = entry.of_size(scene, place, 0.5 * entry.high, entry.shape(rng, scene))
     run = second(device, physics, drive, push_of(rng, physics, drive), initial)
     assert run is not None
@@ -177,7 +177,7 @@ def test_places_are_those_of_the_catalogue() -> None:
         for seed in range(4):
             device = drawn(family, seed)[0]
             for name, entry in CATALOGUE.items():
-                assert set(entry.places(device)) <= set(places(name, device))
+                assert set(entry.locations(device)) <= set(places(name, device))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -65,7 +65,7 @@ def planted(name: str, device: Device, drive: Drive) -> tuple[Physics, Effect]:
     assert run is not None
     rng, scene, entry = np.random.default_rng(5), scene_of(device, run), OF_POSITION[name]
     shape = {key: value for key, value in entry.shape(rng, scene).items() if key[-2:] not in ("_2", "_3", "_4")}
-    site, motor = entry.places(device)[-1]
+    site, motor = entry.locations(device)[-1]
     size = {"actuator_delay": 0.03, "speed_limit": 1.5, "load_dependent_friction": 0.25}.get(name, 0.5 * entry.high)
     physics, numbers = entry.of_size(scene, (site, motor), size, shape)
     return physics, Effect(name, site, numbers, motor)

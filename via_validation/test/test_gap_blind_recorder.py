@@ -24,9 +24,9 @@ def ran(family: str, acts: Array | None = None) -> tuple[Device, Drive, Run]:
     rng = np.random.default_rng(7)
     true = draw_joint(rng, family)
     device = device_of(true)
-    drive = excite(rng, device, 4.0, 1.0, 1000.0, servo_of(true))
+    drive = replace(excite(rng, device, 4.0, 1.0, 1000.0, servo_of(true)), acts=acts)
     start = start_of(device, drive)
-    run = simulate(device, Physics(), drive, np.zeros(len(drive.references)), start, acts=acts)
+    run = simulate(device, Physics(), drive, np.zeros(len(drive.references)), start)
     assert run is not None
     return device, drive, run
 

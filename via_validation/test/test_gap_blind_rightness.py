@@ -5,69 +5,71 @@ from __future__ import annotations
 from typing import Any
 
 from gap_verdicts import COULOMB, LAG, key, report
+from via_validation.sealed.evaluation import evaluate
 from via_validation.sealed.intervals import intervals_hold
-from via_validation.sealed.judging import judge
-from via_validation.sealed.rightness import Place, covered, explanations, names, places, same_site
+from via_validation.sealed.rightness import Cause, covered, explanations, locates, names, same_site
 
 
-def at(effect: str, site: str, motor: int = 0) -> Place:
-    return Place(effect, site, motor)
+def cause(effect: str, site: str, motor: int = 0) -> Cause:
+    return Cause(effect, site, motor)
 
 
 def test_both_motors_alike_is_one_cause_or_one_at_each() -> None:
-    both = at("viscous_friction", "motor", 0)
-    one, two = at("viscous_friction", "motor", 1), at("viscous_friction", "motor", 2)
+    both = cause("viscous_friction", "motor", 0)
+    one, two = cause("viscous_friction", "motor", 1), cause("viscous_friction", "motor", 2)
     assert explanations(both, "polynomial_pair") == ((both,), (one, two))
-    assert places([both], both, "polynomial_pair") and places([one, two], both, "polynomial_pair")
-    assert not places([one], both, "polynomial_pair") and names(one, both, "polynomial_pair")  # half of it
-    assert not places([both], one, "polynomial_pair")  # it blames a motor that is well
-    assert places([at("torque_ripple", "motor", 0)], at("torque_ripple", "motor", 1), "position_drive")  # the only one
+    assert locates([both], both, "polynomial_pair") and locates([one, two], both, "polynomial_pair")
+    assert not locates([one], both, "polynomial_pair") and names(one, both, "polynomial_pair")  # half of it
+    assert not locates([both], one, "polynomial_pair")  # it blames a motor that is well
+    assert locates(
+        [cause("torque_ripple", "motor", 0)], cause("torque_ripple", "motor", 1), "position_drive"
+    )  # the only one
     assert same_site(("motor", 2), both, "polynomial_pair") and not same_site(("link", 0), both, "polynomial_pair")
 
 
 def test_the_same_physics_under_another_name_is_right() -> None:
-    offset, preset = at("encoder_offset", "sensor", 1), at("preset_error", "transmission", 1)
+    offset, preset = cause("encoder_offset", "sensor", 1), cause("preset_error", "transmission", 1)
     for truth, named in ((offset, preset), (preset, offset)):
-        assert names(named, truth, "exponential_pair") and places([named], truth, "exponential_pair")
+        assert names(named, truth, "exponential_pair") and locates([named], truth, "exponential_pair")
         assert not names(named, truth, "series_elastic")
-    assert not names(at("preset_error", "transmission", 2), offset, "exponential_pair")
-    assert not names(preset, at("encoder_offset", "sensor", 0), "exponential_pair")
-    payload, inertia, gravity = at("payload", "link"), at("link_inertia", "link"), at("gravity_error", "link")
+    assert not names(cause("preset_error", "transmission", 2), offset, "exponential_pair")
+    assert not names(preset, cause("encoder_offset", "sensor", 0), "exponential_pair")
+    payload, inertia, gravity = cause("payload", "link"), cause("link_inertia", "link"), cause("gravity_error", "link")
     assert names(inertia, payload, "stiff", [gravity]) and covered([payload], [gravity, inertia], "stiff")
     assert not names(inertia, payload, "stiff") and not covered([payload], [inertia], "stiff")
     assert not covered([payload], [payload, gravity], "stiff") or names(gravity, payload, "stiff", [payload])
-    assert names(gravity, at("encoder_offset", "sensor", 0), "rigid")
-    assert not names(gravity, at("encoder_offset", "sensor", 0), "stiff")  # there the spring sees the offset too
-    assert same_site(("link", 0), at("torque_ripple", "motor", 1), "rigid")
-    assert not same_site(("link", 0), at("torque_ripple", "motor", 1), "stiff")
+    assert names(gravity, cause("encoder_offset", "sensor", 0), "rigid")
+    assert not names(gravity, cause("encoder_offset", "sensor", 0), "stiff")  # there the spring sees the offset too
+    assert same_site(("link", 0), cause("torque_ripple", "motor", 1), "rigid")
+    assert not same_site(("link", 0), cause("torque_ripple", "motor", 1), "stiff")
 
 
 def test_friction_laws_that_a_log_cannot_separate_are_not_right_for_one_another() -> None:
     stribeck = {"effect": "stribeck_friction", "site": "motor", "motor": 1}
     told = report("effect", (COULOMB, 0.6), equivalence_set=[COULOMB, stribeck])
-    judged = judge("a", key("single", stribeck), told, None, None)
+    judged = evaluate("a", key("single", stribeck), told, None, None)
     assert not judged.top1 and judged.in_set and judged.tied_right
     many = [COULOMB, stribeck, LAG, {**COULOMB, "motor": 2}]
-    judged = judge("a", key("single", stribeck), {**told, "equivalence_set": many}, None, None)
+    judged = evaluate("a", key("single", stribeck), {**told, "equivalence_set": many}, None, None)
     assert judged.in_set and not judged.tied_right  # a set of four separates nothing
 
 
 def test_a_confident_lie_is_a_wrong_first_cause_of_probability_one_half() -> None:
     for kind, effects in (("single", [COULOMB]), ("no_gap", []), ("unknown", [{**LAG, "effect": "sagging_supply"}])):
         for probability, lie in ((0.5, True), (0.49, False)):
-            judged = judge("a", key(kind, *effects), report("effect", (LAG, probability)), None, None)
+            judged = evaluate("a", key(kind, *effects), report("effect", (LAG, probability)), None, None)
             assert judged.confidently_wrong is lie
-    assert not judge("a", key("single", LAG), report("effect", (LAG, 0.9)), None, None).confidently_wrong
-    unnamed = judge("a", key("single", COULOMB), report("unknown", (LAG, 0.9)), None, None)
+    assert not evaluate("a", key("single", LAG), report("effect", (LAG, 0.9)), None, None).confidently_wrong
+    unnamed = evaluate("a", key("single", COULOMB), report("unknown", (LAG, 0.9)), None, None)
     assert not unnamed.confidently_wrong
 
 
 def test_the_conformal_set_is_judged_apart_from_the_verdict() -> None:
     told = report("cannot_tell", (LAG, 0.3), conformal_set=[LAG, COULOMB])
-    assert judge("a", key("single", COULOMB), told, None, None).in_conformal is True
-    assert judge("a", key("pair", COULOMB, {**LAG, "effect": "payload"}), told, None, None).in_conformal is False
-    assert judge("a", key("single", COULOMB), report("effect", (LAG, 0.3)), None, None).in_conformal is None
-    assert judge("a", key("no_gap"), told, None, None).in_conformal is None
+    assert evaluate("a", key("single", COULOMB), told, None, None).in_conformal is True
+    assert evaluate("a", key("pair", COULOMB, {**LAG, "effect": "payload"}), told, None, None).in_conformal is False
+    assert evaluate("a", key("single", COULOMB), report("effect", (LAG, 0.3)), None, None).in_conformal is None
+    assert evaluate("a", key("no_gap"), told, None, None).in_conformal is None
 
 
 def told_of(effect: dict[str, Any], **values: tuple[float, float]) -> dict[str, Any]:
@@ -76,7 +78,7 @@ def told_of(effect: dict[str, Any], **values: tuple[float, float]) -> dict[str, 
 
 def test_intervals_hold_within_two_deviations() -> None:
     truth = {**COULOMB, "parameters": {"torque": 0.03}}
-    place = Place(**COULOMB)
+    place = Cause(**COULOMB)
 
     def holds(*causes: dict[str, Any]) -> list[bool]:
         return [each.holds for each in intervals_hold([truth], causes, [place], "stiff")]
@@ -95,7 +97,7 @@ def test_terms_of_a_ripple_are_compared_by_their_order() -> None:
 
     def holds(**values: tuple[float, float]) -> list[bool]:
         cause = told_of(ripple, **values)
-        return [e.holds for e in intervals_hold([{**ripple, "parameters": true}], [cause], [Place(**ripple)], "stiff")]
+        return [e.holds for e in intervals_hold([{**ripple, "parameters": true}], [cause], [Cause(**ripple)], "stiff")]
 
     turned = {  # in another order, a turn away, one with its sign and half a period
         "amplitude": (0.0505, 0.001), "order": (28.0, 0.01), "phase": (3.01 - 2.0 * 3.14159265, 0.02),

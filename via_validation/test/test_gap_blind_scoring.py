@@ -15,11 +15,11 @@ from gap_verdicts import COULOMB, LAG, key, report, where
 from typer.testing import CliRunner
 from via_core.errors import ViaError
 from via_validation.commands.gap_blind import app
-from via_validation.sealed.judging import Judged, Shrinkage, judge
+from via_validation.sealed.evaluation import Evaluation, Shrinkage, evaluate
 from via_validation.sealed.measuring import shrinkage_of
 from via_validation.sealed.page import as_json, markdown, picture, reason, write_page
-from via_validation.sealed.rightness import Place
-from via_validation.sealed.running import RUNS, run_cases, words_of
+from via_validation.sealed.rightness import Cause
+from via_validation.sealed.running import RUNS, command_words, run_cases
 from via_validation.sealed.scoring import (
     OVERALL,
     Bin,
@@ -35,7 +35,7 @@ from via_validation.sealed.scoring import (
 def test_a_right_answer_is_right_everywhere() -> None:
     gap = {"before": 0.4, "after": 0.1, "explained": 0.95}
     told = report("effect", (COULOMB, 0.9), (LAG, 0.1), where=where(("motor", 1)), equivalence_set=[COULOMB], gap=gap)
-    judged = judge("case_000", key("single", COULOMB), told, Shrinkage(0.5, 0.1, 0.05), 3.0)
+    judged = evaluate("case_000", key("single", COULOMB), told, Shrinkage(0.5, 0.1, 0.05), 3.0)
     assert judged.where_right and judged.top1 and judged.place_right and judged.in_set and judged.right
     assert judged.both is None and judged.probability == 0.9 and judged.explained == 0.95
     assert judged.predicted == pytest.approx(0.75) and judged.measured == pytest.approx(0.8)
@@ -45,25 +45,25 @@ def test_a_right_answer_is_right_everywhere() -> None:
 def test_the_right_effect_at_the_wrong_motor_is_not_its_place() -> None:
     other = {**COULOMB, "motor": 2}
     told = report("effect", (other, 0.6), where=where(("motor", 2)), equivalence_set=[other, LAG])
-    judged = judge("case_000", key("single", COULOMB), told, None, None)
+    judged = evaluate("case_000", key("single", COULOMB), told, None, None)
     assert judged.top1 and judged.in_set and not judged.place_right and not judged.where_right
 
 
 def test_a_number_left_out_is_no_wrong_one_but_at_a_sensor_0_is_the_link() -> None:
     told = report("effect", (COULOMB, 0.6), where=where(("motor", 0)))
-    assert judge("a", key("single", COULOMB), told, None, None).where_right
+    assert evaluate("a", key("single", COULOMB), told, None, None).where_right
     for site in ("sensor", "timing"):
         skew = {"effect": "channel_skew", "site": site, "motor": 1}
         link = {**skew, "motor": 0}
         told = report("effect", (link, 0.6), where=where((site, 0)))
-        judged = judge("a", key("single", skew), told, None, None)
+        judged = evaluate("a", key("single", skew), told, None, None)
         assert judged.top1 and not judged.where_right and not judged.place_right
-        assert judge("a", key("single", link), told, None, None).where_right
+        assert evaluate("a", key("single", link), told, None, None).where_right
 
 
 def test_in_the_set_is_not_first() -> None:
     told = report("effect", (LAG, 0.5), (COULOMB, 0.4), where=where(("command", 0)), equivalence_set=[LAG, COULOMB])
-    judged = judge("case_000", key("single", COULOMB), told, None, None)
+    judged = evaluate("case_000", key("single", COULOMB), told, None, None)
     assert judged.in_set and not judged.top1 and not judged.right and len(judged.tied) == 2
 
 
@@ -71,35 +71,35 @@ def test_in_the_set_is_not_first() -> None:
 def test_no_answer_names_no_cause(verdict: str) -> None:
     """Whatever else such a report lists, it has not named the effect."""
     told = report(verdict, (COULOMB, 0.2), equivalence_set=[COULOMB])
-    judged = judge("case_000", key("single", COULOMB), told, None, None)
+    judged = evaluate("case_000", key("single", COULOMB), told, None, None)
     assert not judged.top1 and not judged.in_set and not judged.answered
 
 
 @pytest.mark.parametrize(("written", "read"), [("two_effects", "several_effects"), ("main_effect", "main_effect")])
 def test_verdicts_of_today_and_of_older_reports(written: str, read: str) -> None:
     told = report(written, (COULOMB, 0.9), where=where(("motor", 1)))
-    judged = judge("a", key("single", COULOMB), told, None, None)
+    judged = evaluate("a", key("single", COULOMB), told, None, None)
     assert judged.verdict == read and judged.answered and judged.top1 and judged.main_right
 
 
 def test_the_main_cause_counts_where_dirt_acts_beside_it() -> None:
     asked = key("single", COULOMB, dirt={"effect": "extra_mode"}, quality="degraded")
     for verdict, right in (("main_effect", True), ("effect", True), ("several_effects", True), ("unknown", False)):
-        judged = judge("a", asked, report(verdict, (COULOMB, 0.9), (LAG, 0.5)), None, None)
+        judged = evaluate("a", asked, report(verdict, (COULOMB, 0.9), (LAG, 0.5)), None, None)
         assert judged.dirty and judged.quality == "degraded" and judged.main_right is right
-    assert not judge("a", asked, report("main_effect", (LAG, 0.9)), None, None).main_right
+    assert not evaluate("a", asked, report("main_effect", (LAG, 0.9)), None, None).main_right
 
 
 def test_pairs_want_both_in_any_order_and_nothing_else() -> None:
     asked = key("pair", COULOMB, LAG)
     sites = where(("command", 0), ("motor", 1))
-    both = judge("a", asked, report("several_effects", (LAG, 0.9), (COULOMB, 0.9), where=sites), None, None)
+    both = evaluate("a", asked, report("several_effects", (LAG, 0.9), (COULOMB, 0.9), where=sites), None, None)
     assert both.both and both.right and both.where_right
-    assert not judge("a", asked, report("effect", (LAG, 0.9), (COULOMB, 0.9)), None, None).both
+    assert not evaluate("a", asked, report("effect", (LAG, 0.9), (COULOMB, 0.9)), None, None).both
     bias = {"effect": "torque_bias", "site": "motor", "motor": 1}
-    one = judge("a", asked, report("two_effects", (LAG, 0.9), (bias, 0.9), (COULOMB, 0.5)), None, None)
+    one = evaluate("a", asked, report("two_effects", (LAG, 0.9), (bias, 0.9), (COULOMB, 0.5)), None, None)
     assert not one.both and not one.where_right and not one.in_set
-    tied = judge(
+    tied = evaluate(
         "a", asked, report("two_effects", (LAG, 0.9), (bias, 0.9), equivalence_set=[bias, COULOMB]), None, None
     )
     assert tied.in_set and not tied.both
@@ -107,10 +107,10 @@ def test_pairs_want_both_in_any_order_and_nothing_else() -> None:
 
 def test_a_missing_report_is_wrong() -> None:
     for kind, effects in (("single", [COULOMB]), ("no_gap", []), ("unknown", [LAG]), ("pair", [LAG, COULOMB])):
-        assert not judge("a", key(kind, *effects), None, None, None, "no report").right
+        assert not evaluate("a", key(kind, *effects), None, None, None, "no report").right
 
 
-def cases() -> list[Judged]:
+def cases() -> list[Evaluation]:
     """Twelve cases: see the numbers in `test_numbers_are_those_worked_out_by_hand`."""
     right = report("effect", (COULOMB, 0.9), where=where(("motor", 1)), equivalence_set=[COULOMB])
     right["gap"] = {"before": 1.0, "after": 0.2, "explained": 1.0}
@@ -123,18 +123,20 @@ def cases() -> list[Judged]:
     dirt, last = {"dirt": {"effect": "extra_mode"}}, "encoder_and_command"
     pair = report("two_effects", (LAG, 0.9), (COULOMB, 0.8))
     return [
-        judge("case_000", key("single", dry), right, Shrinkage(1.0, 0.23, 0.0), 2.0),
-        judge("case_001", key("single", {**dry, "parameters": {"torque": 0.1}}), right, Shrinkage(1.0, 0.2, 0.0), 4.0),
-        judge("case_002", key("single", COULOMB), tied, Shrinkage(1.0, 0.6, 0.0), 6.0),
-        judge("case_003", key("single", COULOMB), report("cannot_tell"), None, None),
-        judge("case_004", key("no_gap"), report("no_gap"), None, None),
-        judge("case_005", key("no_gap", quality="degraded"), report("effect", (COULOMB, 0.7)), None, None),
-        judge("case_006", key("unknown", LAG), report("unknown"), None, None),
-        judge("case_007", key("pair", COULOMB, LAG), pair, None, None),
-        judge("case_008", key("single", COULOMB, level=last), report("effect", (COULOMB, 0.9)), None, None),
-        judge("case_009", key("single", LAG, level=last), None, None, None, "took too long"),
-        judge("case_010", key("single", COULOMB, **dirt), report("main_effect", (COULOMB, 0.9)), None, None),
-        judge("case_011", key("single", COULOMB, **dirt), report("unknown", (COULOMB, 0.9)), None, None),
+        evaluate("case_000", key("single", dry), right, Shrinkage(1.0, 0.23, 0.0), 2.0),
+        evaluate(
+            "case_001", key("single", {**dry, "parameters": {"torque": 0.1}}), right, Shrinkage(1.0, 0.2, 0.0), 4.0
+        ),
+        evaluate("case_002", key("single", COULOMB), tied, Shrinkage(1.0, 0.6, 0.0), 6.0),
+        evaluate("case_003", key("single", COULOMB), report("cannot_tell"), None, None),
+        evaluate("case_004", key("no_gap"), report("no_gap"), None, None),
+        evaluate("case_005", key("no_gap", quality="degraded"), report("effect", (COULOMB, 0.7)), None, None),
+        evaluate("case_006", key("unknown", LAG), report("unknown"), None, None),
+        evaluate("case_007", key("pair", COULOMB, LAG), pair, None, None),
+        evaluate("case_008", key("single", COULOMB, level=last), report("effect", (COULOMB, 0.9)), None, None),
+        evaluate("case_009", key("single", LAG, level=last), None, None, None, "took too long"),
+        evaluate("case_010", key("single", COULOMB, **dirt), report("main_effect", (COULOMB, 0.9)), None, None),
+        evaluate("case_011", key("single", COULOMB, **dirt), report("unknown", (COULOMB, 0.9)), None, None),
     ]
 
 
@@ -163,7 +165,7 @@ def test_numbers_are_those_worked_out_by_hand() -> None:
     assert value("explained, of what is achievable") == pytest.approx((1.0 + 1.0 + 0.8) / 3)
     # predicted .8, .8, .6; measured .77, .8, .4
     assert value("predicted less measured shrinkage, absolute") == pytest.approx((0.03 + 0.0 + 0.2) / 3)
-    assert value("abstained (cannot tell)") == pytest.approx(1 / 12)
+    assert value("abstained (cannot_tell)") == pytest.approx(1 / 12)
     assert value("without a report") == pytest.approx(1 / 12)
     assert value("seconds per case") == pytest.approx(4.0)
     # answers: .9 right (000, 001, 007, 008, 010), .6 wrong (002), .7 wrong (no gap)
@@ -274,8 +276,8 @@ def test_a_failing_diagnosis_says_why_and_a_slow_one_is_stopped(tmp_path: Path) 
 
 
 def test_an_unknown_placeholder_is_said() -> None:
-    with pytest.raises(ViaError, match=r"there are \{bag\}, \{json\}, not 'keys'"):
-        words_of("diagnose {keys}", bag=Path("b"), json=Path("j"))
+    with pytest.raises(ViaError, match=r"\('keys'\); placeholders are \{bag\}, \{json\}"):
+        command_words("diagnose {keys}", bag=Path("b"), json=Path("j"))
 
 
 def test_shrinkage_is_what_the_command_writes(tmp_path: Path) -> None:
@@ -308,7 +310,7 @@ def test_make_run_and_score_from_the_command(tmp_path: Path) -> None:
     done = runner.invoke(app, [*words, "--json", str(tmp_path / "s.json"), "--write", str(tmp_path / "docs")])
     assert done.exit_code == 1  # limits without a case are not kept
     (case,) = json.loads((tmp_path / "s.json").read_text())["cases"]
-    assert case["kind"] == "no_gap" and case["right"] is True and Place(**COULOMB) not in case["named"]
+    assert case["kind"] == "no_gap" and case["right"] is True and Cause(**COULOMB) not in case["named"]
     assert "via gap blind score" in (tmp_path / "docs" / "gap.md").read_text()
     (keys / "case_000.json").write_text("{}")
     done = runner.invoke(app, words)

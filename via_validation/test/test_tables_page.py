@@ -51,7 +51,7 @@ def test_a_section_sends_rows_and_pictures_and_one_that_is_not_there_says_so(rep
     assert fake.rows[0].seeds == 7 and fake.trouble == "" and fake.seconds > 0.0
     assert [picture.name for picture in fake.pictures] == ["noise.png"] and fake.pictures[0].exists()
     assert lost.rows == () and "No module named 'tables_fake_nowhere'" in lost.trouble
-    assert [row.id for row in report[0].missed] == ["9.missed", "9.diverged"] and report[0].judged == 3
+    assert [row.id for row in report[0].missed] == ["9.missed", "9.diverged"] and report[0].limited == 3
 
 
 def test_what_a_section_had_sent_before_it_ended_stays(module, tmp_path):
@@ -60,7 +60,7 @@ def test_what_a_section_had_sent_before_it_ended_stays(module, tmp_path):
         "import os\nfrom tables_fake_section import rows\ndef pictures(folder, progress):\n    os._exit(3)\n",
     )
     (dead,), interrupted = run_sections((DEAD,), 1, tmp_path, lambda *_: None)
-    assert len(dead.rows) == 5 and dead.trouble == "its process ended before the pictures were there"
+    assert len(dead.rows) == 5 and dead.trouble == "its process ended before the pictures were drawn"
     assert not interrupted
 
 
@@ -133,7 +133,7 @@ def test_the_markdown_page_has_all_rows_marks_misses_and_brings_small_pictures(r
     page, second = write_markdown(told, tmp_path / "docs")  # and again over itself
     assert page == tmp_path / "docs" / "estimation.md"
     control = second.read_text(encoding="utf-8")
-    assert control.startswith("# Control: ") and "1 rows, 1 of them with a limit to keep, 0 missed." in control
+    assert control.startswith("# Control: ") and "1 rows, 1 of them with a limit, 0 missed." in control
     text = page.read_text(encoding="utf-8")
     for row in report[0].rows:
         assert f"| `{row.id}` |" in text

@@ -5,7 +5,8 @@ import pytest
 from PIL import Image
 from via_core.metrics import mse
 from via_validation.tables import section3
-from via_validation.tables.section3 import TAU, TORQUE_RATIO, cubic_log, differentiated, outcome
+from via_validation.tables.cubic_joint import TAU, TORQUE_RATIO, cubic_log
+from via_validation.tables.section3_methods import as_printed, differentiated, outcome
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,7 @@ def test_table_2_was_made_with_the_printed_logarithm_of_a_ratio_of_variances():
     assert pytest.approx(10.0 ** (9.0 / 20.0), rel=1e-2) == TORQUE_RATIO
     log = cubic_log("E1")
     right, other = (
-        outcome(differentiated(2, log), log, 12, log.deviation(TAU, 10.0 ** (9.0 / each))).mse for each in (20.0, 10.0)
+        outcome(differentiated(2, log), log, 12, log.noise_sd(TAU, 10.0 ** (9.0 / each))).mse for each in (20.0, 10.0)
     )
     assert 0.5 * 19.3 < right < 1.5 * 19.3
     assert other < 0.5 * 19.3
@@ -77,7 +78,7 @@ def test_table_2_was_made_with_the_printed_logarithm_of_a_ratio_of_variances():
 
 def test_plain_trapezoids_and_the_estimator_agree_on_clean_data():
     log = cubic_log("E2")
-    plain = section3.as_printed(log, backwards=False, filled=False)
+    plain = as_printed(log, backwards=False, filled=False)
     ours, _ = differentiated(2, log).run_rows(log.rows)[1].column("stiffness")
     assert mse(plain[log.later], ours[log.later]) < 1e-3
 

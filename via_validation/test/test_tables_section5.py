@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from via_validation.tables import section5
-from via_validation.tables.printed_damping import algorithm_1
+from via_validation.tables.printed_damping import Forgetting, algorithm_1
 from via_validation.tables.vpda import CONSTANT, EXPERIMENTS, RESTING, STANDSTILL
 
 
@@ -85,7 +85,8 @@ def test_at_rest_the_link_stands_still():
 
 def test_the_printed_algorithm_finds_a_damping_while_it_lasts():
     run = EXPERIMENTS[0].run(0)
-    found = algorithm_1(run.truth["q_velocity"], run.measured["tau_link"], 1, 0.99, 0.98, 10.0, 1e-3)
+    forgetting = Forgetting(0.99, 0.98, 10.0, 1e-3)
+    found = algorithm_1(run.truth["q_velocity"], run.measured["tau_link"], 1, forgetting)
     assert np.abs(found.damping[1000:] / CONSTANT - 1.0).max() < 0.05
     assert np.all(found.smallest > 0.0) and np.all(found.largest >= found.smallest)
 

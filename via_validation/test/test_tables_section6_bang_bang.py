@@ -1,4 +1,4 @@
-"""Section 6.2's table: what is judged. The long runs behind it have their own tests; here short ones stand in."""
+"""Section 6.2's table: limits of the rows, with short runs. The long runs have their own tests."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from via_validation.control import bang_bang, hitting
 from via_validation.tables import section6_bang_bang
 
 
-def test_every_number_to_reach_is_judged(monkeypatch):
+def test_every_number_has_its_limit(monkeypatch):
     monkeypatch.setattr(section6_bang_bang, "FREE", 1.6)
     found = {row.id.split(".")[-1]: row for row in section6_bang_bang._free(1)}
     assert found["angle"].limit == 3.0 and found["period"].limit == 1e-3
@@ -24,15 +24,15 @@ def test_every_number_to_reach_is_judged(monkeypatch):
     assert {row.id.split(".")[-1]: row.limit for row in section6_bang_bang._hitting()} == limits
 
 
-def test_a_wrong_direction_is_missed_and_says_why(monkeypatch):
+def test_a_wrong_direction_misses_its_limit_and_has_a_remark(monkeypatch):
     whole = bang_bang.free_motion(1, 1.6)
     monkeypatch.setattr(section6_bang_bang, "free_motion", lambda mode, duration: replace(whole, angle=13.0))
     row = section6_bang_bang._free(1)[0]
     assert row.ok is False and "modes 3 and 4" in row.remark
 
 
-def test_a_plane_is_told_where_resonances_overlap(monkeypatch):
-    """w_1 between modes 3 and 4 is far off both and in their plane; mode 1 put in tips it out."""
+def test_modes_with_overlapping_resonances_have_a_row_for_their_plane(monkeypatch):
+    """w_1 between modes 3 and 4 is in their plane; a share of mode 1 turns it out of the plane."""
     whole = bang_bang.free_motion(3, 1.6)
     modes = reference.linear_modes(reference.damped_arm(), np.array(reference.MOTORS)).directions
 
@@ -45,13 +45,13 @@ def test_a_plane_is_told_where_resonances_overlap(monkeypatch):
     assert 5.0 < plane(modes[:, 2] + 0.2 * modes[:, 0]) < 12.0
 
 
-def test_the_hopper_is_judged_by_its_worth(monkeypatch):
+def test_the_hopper_rows_have_their_limits(monkeypatch):
     def case(amplitude, **changes):
-        values = {"apex": 0.03, "apex_spread": 1e-3, "flight": 0.5, "frequency": 3.5, "direction": np.ones(4)} | changes
+        values = {"apex": 0.03, "apex_sd": 1e-3, "flight": 0.5, "frequency": 3.5, "direction": np.ones(4)} | changes
         return type("Case", (), {**values, "amplitude": amplitude})()
 
     hops = {
-        "law": case(1.0), "law, loaded": case(0.9), "sinusoid": case(1.0), "sinusoid, loaded": case(0.95),
+        "controller": case(1.0), "controller, loaded": case(0.9), "sinusoid": case(1.0), "sinusoid, loaded": case(0.95),
         "high sinusoid": case(1.0), "high sinusoid, loaded": case(0.8),
     }  # fmt: skip
     monkeypatch.setattr(section6_bang_bang, "_hops", lambda: hops)

@@ -1,4 +1,4 @@
-"""Section 6.1's table: what is judged, and that a miss says why. Long runs behind other rows have their own tests."""
+"""Section 6.1's table: limits and remarks of the rows. The long runs have their own tests."""
 
 import numpy as np
 import pytest
@@ -7,15 +7,15 @@ from via_validation.control.limit_cycle import CycleCourse
 from via_validation.tables import section6_modal
 
 
-def test_closed_forms_are_judged_and_kept():
+def test_closed_forms_keep_their_limits():
     found = {row.id: row for row in section6_modal._derivatives()}
     limits = {"6.1.residual": 1e-10, "6.1.rates.W": 1e-6, "6.1.rates.lambda": 1e-6, "6.1.crossing": 0.02}
     assert {name: row.limit for name, row in found.items()} == limits
     assert all(row.ok and row.ours > 0.0 for row in found.values())
 
 
-def test_holds_are_judged_at_every_phase_and_the_printed_law_is_shown_beside(monkeypatch):
-    """At the turning point, at half of the amplitude and at z = 0, where the printed law stays."""
+def test_every_hold_has_limits_and_the_published_controller_has_none(monkeypatch):
+    """At the turning point, at half of the amplitude and at z = 0, where the published controller stays."""
     monkeypatch.setattr(section6_modal, "MODES", (0,))
 
     def released(grip, least):
@@ -42,8 +42,8 @@ def test_holds_are_judged_at_every_phase_and_the_printed_law_is_shown_beside(mon
     assert found["force"].ours == 40.0
 
 
-def test_where_a_hand_takes_the_arm_is_told_in_amplitudes(monkeypatch):
-    """It is this that decides what is judged, and not what came of it."""
+def test_the_grip_of_a_hold_is_measured_in_amplitudes(monkeypatch):
+    """The grip is |z_k| at the start of the hold, not at its end."""
     monkeypatch.setattr(hold, "SETTLING", 2.0)
     monkeypatch.setattr(hold, "AFTER", 0.05)
     hold_of = next(hold.held_and_released(1, 7, duration=0.05))

@@ -1,7 +1,7 @@
-"""Long work in processes of its own, two at a time: what one sends comes in order, one that dies costs itself.
+"""Run long jobs in separate processes, two at a time. Messages of a job arrive in order; a job that dies ends alone.
 
-def work(part: str, send: Send) -> None: ...            # top level of a module, for it is found by name
-ended = side_by_side([(work, ("a",)), (work, ("b",))], receive)
+def work(part: str, send: Send) -> None: ...            # at the top level of a module, since it is pickled by name
+complete = side_by_side([(work, ("a",)), (work, ("b",))], receive, started, ended)
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ def side_by_side(
     started: Callable[[int], None],
     ended: Callable[[int], None],
 ) -> bool:
-    """Run all jobs; False where an interrupt ended them before all were done.
+    """Run all jobs; False if an interrupt ended them before all were done.
 
-    receive  called with the number of a job and something that it sent
-    started, ended  called with the number of a job when its process begins, and when it is gone, whatever the reason
+    receive         called with the number of a job and a message from it
+    started, ended  called with the number of a job when its process starts, and when it has ended for any reason
     """
     waiting = list(range(len(jobs)))
     running: dict[Connection, tuple[int, SpawnProcess]] = {}

@@ -1,8 +1,9 @@
-"""An arm and its law over DDS in real time at 1 kHz, in one process: how many commands come late, and what it costs.
+"""An arm and its controller over DDS in real time at 1 kHz in one process: share of late commands and its effect.
 
-The limit cycle after a push, and the bang-bang law from a deflection, as in the tests in lockstep. A command is late
-when the next sample has been said before it came; the simulator then goes on under the last one. The process asks for
-real-time scheduling; whether it was granted is told, for without it others on the machine decide how many.
+The controllers are the limit cycle after a push and the bang-bang controller from a deflection, as in the lockstep
+tests. A command is late if it arrives after the next sample was published; the simulator then keeps the previous one.
+The process requests real-time scheduling and reports whether it was granted: without it the number of late commands
+depends on the load of the machine.
 """
 
 from __future__ import annotations
@@ -26,21 +27,21 @@ from via_ros.scheduling import real_time
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
 
 from via_validation.control import bang_bang
-from via_validation.control.cycles import Cycles, spread
+from via_validation.control.cycles import Cycles, relative_sd
 from via_validation.tables.rows import Row
 
 RATE = 1000.0  # [Hz]
-TOLD_EVERY = 10  # samples: a listener costs as much as the law
-PATIENCE = 30.0  # [s] beyond the time that is simulated
+REPORT_EVERY = 10  # samples: receiving a message takes as long as evaluating the controller
+PATIENCE = 30.0  # [s] in addition to the simulated time
 SETTINGS = "reference_4dof, realtime, 1 kHz, one process, one executor"
 
 
 @dataclass(frozen=True)
 class Live:
-    """N samples of a law at work in real time, one of `TOLD_EVERY`."""
+    """N samples of a controller in real time, every `REPORT_EVERY`-th one."""
 
     names: tuple[str, ...]
-    told: Array  # (N, k)
+    values: Array  # (N, k) controller state
     late_commands: float  # share of all
     late_ticks: float  # share of all
     limited: float  # share of samples
@@ -48,44 +49,47 @@ class Live:
 
     @property
     def settings(self) -> str:
-        """How it was measured."""
+        """Description of the measurement."""
         return f"{SETTINGS}, {self.scheduling} scheduling"
 
     def late(self, name: str) -> Array:
-        """What the law told under this name in the second half."""
-        return np.asarray(self.told[len(self.told) // 2 :, self.names.index(name)])
+        """The quantity of this name in the second half."""
+        return np.asarray(self.values[len(self.values) // 2 :, self.names.index(name)])
 
 
 def live(
     kind: Callable[..., Any], parameters: dict[str, Any], simulator: dict[str, Any], push: Array, seconds: float
 ) -> Live:
-    """The law over `seconds` [s] of real time, the links put aside by `push` (n,) [rad]."""
+    """Run the controller node `kind` for `seconds` [s] of real time from links deflected by `push` (n,) [rad].
+
+    parameters, simulator  node parameters of the controller and of the simulator
+    """
     with real_time() as granted, Composition() as graph:
-        graph.add(kind, told_every=TOLD_EVERY, **parameters)
+        graph.add(kind, told_every=REPORT_EVERY, **parameters)
         arm = graph.add(ArmSimulatorNode, mode="realtime", rate=RATE, duration=seconds, listeners=1, **simulator)
-        told: list[tuple[int, Array]] = []
+        received: list[tuple[int, Array]] = []
         names: list[str] = []
 
-        def hear(message: ControlState) -> None:
+        def receive(message: ControlState) -> None:
             names[:] = names or message.name
-            told.append((message.limited, np.array(message.value)))
+            received.append((message.limited, np.array(message.value)))
 
-        arm.create_subscription(ControlState, "/reference_4dof/control", hear, qos.SAMPLES)
+        arm.create_subscription(ControlState, "/reference_4dof/control", receive, qos.SAMPLES)
         pusher = arm.create_client(Push, "/arm_simulator/push")
-        graph.run_until(lambda: pusher.service_is_ready() and len(told) > 1, PATIENCE, "the first samples")
+        graph.run_until(lambda: pusher.service_is_ready() and len(received) > 1, PATIENCE, "the first samples")
         answer = pusher.call_async(Push.Request(deflection=push.tolist()))
         graph.run_until(answer.done, PATIENCE, "a push")
         if not answer.result().success:
             raise ViaError(answer.result().message)
         graph.run_until(arm.finished.done, seconds + PATIENCE, "the end")
         shares = arm.late_commands, arm.late_ticks / arm.ticks
-    limited = float(np.mean([bool(each) for each, _ in told]))
+    limited = float(np.mean([bool(each) for each, _ in received]))
     scheduling = "real-time" if granted else "usual"
-    return Live(tuple(names), np.array([values for _, values in told]), *shares, limited, scheduling)
+    return Live(tuple(names), np.array([values for _, values in received]), *shares, limited, scheduling)
 
 
 def arm_rows(seconds: float) -> list[Row]:
-    """Both laws, each for so many seconds."""
+    """Rows of both controllers, each run for `seconds` [s]."""
     return [*_modal(seconds), *_bang_bang(seconds)]
 
 
@@ -107,26 +111,27 @@ def _modal(seconds: float) -> Iterator[Row]:
 def _bang_bang(seconds: float) -> Iterator[Row]:
     arm = reference.damped_arm()
     direction = np.array(reference.DIRECTIONS[1])
-    linear, law = reference.linear_modes(arm, np.array(reference.MOTORS)), bang_bang.reference_law(arm, direction)
+    linear = reference.linear_modes(arm, np.array(reference.MOTORS))
+    controller = bang_bang.reference_controller(arm, direction)
     found = live(
         BangBangNode,
         {"direction": direction.tolist()},
         {"posture": linear.rest.tolist(), "link_friction": arm.link_friction.tolist()},
-        bang_bang.PUSH * law.direction,
+        bang_bang.PUSH * controller.direction,
         seconds,
     )
-    what = "bang-bang law, mode 1"
+    what = "bang-bang controller, mode 1"
     yield from _shares("arm.bang_bang", what, found)
     w = np.array([found.late(f"w_{i + 1}")[-1] for i in range(arm.n)])
     cosine = float(abs(w @ linear.directions[:, 0])) / float(np.linalg.norm(w))
     angle = float(np.degrees(np.arccos(min(1.0, cosine))))
     yield Row("arm.bang_bang.angle", what, "w_1 from the linear mode [deg]", None, angle, 3.0, found.settings)
     y = found.late("y")
-    time: Array = np.arange(float(len(y))) * (TOLD_EVERY / RATE)
+    time: Array = np.arange(float(len(y))) * (REPORT_EVERY / RATE)
     cycles = Cycles(time, y)
-    regular = spread(cycles.periods)
+    variation = relative_sd(cycles.periods)
     yield Row(
-        "arm.bang_bang.period", what, "std / mean of the period, second half [-]", None, regular, 1e-3, found.settings
+        "arm.bang_bang.period", what, "std / mean of the period, second half [-]", None, variation, 1e-3, found.settings
     )
     ratio = 1.0 / (float(cycles.periods.mean()) * float(linear.frequencies[0]))
     yield Row("arm.bang_bang.ratio", what, "f / f_lin, 1.03 to 1.15 [-]", None, ratio, 1.15, found.settings)

@@ -1,11 +1,10 @@
-"""Speed of reading a bag by column against mcap-ros2-support and rosbags, values compared, in one run.
+"""Speed of reading a bag by column compared with mcap-ros2-support and rosbags in one run; the values are compared too.
 
-The bag is what one minute of a joint at 333 Hz leaves: 20 000 samples with velocities and torques, as many commands and
-as many stiffness estimates, 60 000 messages in all. Reading means decompressing, walking and having every member of
-every message: as columns here, as one object per message there. mcap-ros2-support reads in file order, its fastest
-setting.
+The bag holds one minute of a joint at 333 Hz: 20 000 samples with velocities and torques, and as many commands and
+stiffness estimates, 60 000 messages in all. Reading includes decompression and access to every member of every
+message: as columns here, as one object per message there. mcap-ros2-support reads in file order, its fastest setting.
 
-Prints a table and writes out/bench/bags.json: times [s] are the best of several runs, one thread each.
+Prints a table and writes out/bench/bags.json. Times [s] are the minimum of several runs, one thread each.
 """
 
 from __future__ import annotations
@@ -102,7 +101,7 @@ def by_rosbags(path: Path) -> list[Any]:
 
 
 def differing(columns: dict[str, dict[str, np.ndarray]], decoded: list[tuple[str, Any]]) -> int:
-    """How many members of how many messages differ from what mcap-ros2-support decoded."""
+    """Number of members that differ from those decoded by mcap-ros2-support, plus messages that one side lacks."""
     seen = dict.fromkeys(columns, 0)
     wrong = 0
     for topic, message in decoded:

@@ -1,10 +1,10 @@
-"""A thousand parameter sets of one joint at once, beside a loop of simulate() and beside MuJoCo's rollout, in one run.
+"""Batch simulation of a thousand parameter sets of one joint, compared with a loop of simulate() and MuJoCo's rollout.
 
-The joint is that of `bench.simulator` (antagonistic, tau_e = 5 phi + 10 phi^3, held torques at 1 kHz); sets differ in
-inertia, viscous friction, torque gain and, where it says so, dry friction of a motor. MuJoCo gets the same sets without
-dry friction as models of its own, all in one call of its rollout, with the integrator and step that is fastest for it
-at the accuracy reached here, and once more with Euler's method at 1 ms, the cheapest it has. One thread each; what
-counts is the processor's time, least of the turns, which the contenders take one after the other.
+The joint is that of `bench.simulator` (antagonistic, tau_e = 5 phi + 10 phi^3, torques with zero-order hold at 1 kHz).
+The sets differ in inertia, viscous friction, torque gain and, in some rows, dry friction of a motor. MuJoCo simulates
+the same sets without dry friction, one model each, in one call of its rollout: once with its fastest integrator and
+step at the accuracy reached here, and once with Euler's method at 1 ms, its cheapest. All use one thread. Times are
+processor times, minimum over the turns, in which the contenders alternate.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def rolled(each: list[tuple[Effect, ...]], motor: Array, integrator: str, finer:
 
 
 def least(work: dict[str, tuple[int, Callable[[], object]]]) -> dict[str, float]:
-    """Least processor time [s] per set of each contender, in turns after a first one that compiles."""
+    """Minimum processor time [s] per set of each contender over the turns, after a first turn that compiles."""
     best = dict.fromkeys(work, np.inf)
     for turn in range(TURNS + 1):
         for name, (count, run) in work.items():
@@ -92,20 +92,22 @@ def least(work: dict[str, tuple[int, Callable[[], object]]]) -> dict[str, float]
 
 
 def compared(ticks: int, dry: float) -> dict[str, object]:
-    """Times [s] per set of all contenders over so many ticks, and the ratios that matter."""
+    """Times [s] per set of all contenders for `ticks` ticks, and their ratios."""
     plant, each, motor = JointPlant.from_device(DEVICE), sets(dry), torques(ticks)
     time = np.arange(ticks) / RATE
-    held = Signals(time, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
-    sent = command_rows(DEVICE, held, time)
+    signals = Signals(time, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
+    commands = command_rows(DEVICE, signals, time)
     rows = np.stack([plant.with_effects(effects).at_rate(RATE) for effects in each])
     states = np.repeat(initial_state(plant, RATE, None, 0)[None], SETS, axis=0)
     out = np.empty((SETS, ticks + 1, 6))
 
     def batch() -> None:
-        run_many(rows, states.copy(), sent, np.zeros(len(rows), dtype=np.int64), out)
+        run_many(rows, states.copy(), commands, np.zeros(len(rows), dtype=np.int64), out)
 
     def loop() -> list[Array]:
-        return [simulate(plant.with_effects(effects), held, ticks / RATE, RATE).truth["q"] for effects in each[:LOOPED]]
+        return [
+            simulate(plant.with_effects(effects), signals, ticks / RATE, RATE).truth["q"] for effects in each[:LOOPED]
+        ]
 
     work: dict[str, tuple[int, Callable[[], object]]] = {"batch": (SETS, batch), "loop": (LOOPED, loop)}
     batch()

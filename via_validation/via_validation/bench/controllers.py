@@ -1,6 +1,6 @@
-"""What one evaluation of a control law costs, beside plain numpy where the law is more than a few lines.
+"""Time of one controller evaluation, compared with plain numpy for the modal limit cycle.
 
-Samples are those of the law's own motion in simulation, fed again one by one from Python, as a node does it.
+The samples come from a simulation with the same controller; they are passed one by one from Python, as in a node.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from via_core.errors import ViaError
 from via_validation.bench import controllers_reference
 from via_validation.bench.timing import Contender, take_turns
 from via_validation.control.arm_run import ArmRun, Phase, run_arm
-from via_validation.control.bang_bang import pushed, reference_law
-from via_validation.control.limit_cycle import cycling, law_of
+from via_validation.control.bang_bang import pushed, reference_controller
+from via_validation.control.limit_cycle import cycling, limit_cycle_controller
 from via_validation.tables.rows import Row
 
-LIMIT = 250.0  # [us] of the full law of 4 joints on one core, control.md
+LIMIT = 250.0  # [us] for the full controller of 4 joints on one core, control.md
 SAMPLES = 200
-ALIKE = 1e-6  # of the largest torque: the same law
+SAME = 1e-6  # [-] largest difference of equal implementations, relative to the largest torque
 
 
 def controller_rows(turns: int) -> list[Row]:
-    """Everything `via bench controllers` measures; `turns` alternating repeats each."""
-    cycle, bang = law_of(0), reference_law(damped_arm(), np.array(DIRECTIONS[1]))
+    """All rows of `via bench controllers`, from `turns` alternating repeats."""
+    cycle, bang = limit_cycle_controller(0), reference_controller(damped_arm(), np.array(DIRECTIONS[1]))
     run = cycling(cycle, 0.5)
     other = run_arm(damped_arm(), bang, pushed(bang), (Phase(0.5),))
     joint, fast = EquilibriumPreset.from_device(load_device("qbmove_a")), load_device("visco_elastic_demo")
@@ -47,55 +47,55 @@ def controller_rows(turns: int) -> list[Row]:
     }
     times = take_turns(contenders, turns)
     words = {
-        "limit_cycle": "modal limit cycle on 4 flexible joints, the whole law (82)-(107)",
-        "limit_cycle.numpy": "the same in plain numpy",
-        "limit_cycle.rigid": "its rigid law alone, once (the whole evaluates it three times)",
+        "limit_cycle": "modal limit cycle on 4 flexible joints, whole controller (82)-(107)",
+        "limit_cycle.numpy": "modal limit cycle in plain numpy",
+        "limit_cycle.rigid": "its rigid part alone, once (the whole evaluates it three times)",
         "bang_bang": "modal adaptive bang-bang on 4 flexible joints, adaptation included",
-        "equilibrium_preset": "base control of a joint of two motors",
-        "equilibrium_preset.aim": "its motor angles for a new angle and stiffness, VSA-II under gravity",
-        "max_velocity": "fastest motion of a joint",
+        "equilibrium_preset": "base controller of a joint with two motors",
+        "equilibrium_preset.aim": "its motor angles for a new equilibrium and stiffness, VSA-II with gravity",
+        "max_velocity": "maximum velocity of a joint",
     }
     settings = (
         f"called from Python, {SAMPLES} samples of its own motion, median of {turns} alternating turns, one thread"
     )
     rows = [
-        Row(f"law.{name}", what, "time of a step [us]", None, 1e-3 * times[name].nanoseconds,
+        Row(f"controller.{name}", what, "time of a step [us]", None, 1e-3 * times[name].nanoseconds,
             LIMIT if name == "limit_cycle" else None, settings)
         for name, what in words.items()
     ]  # fmt: skip
     ratio = times["limit_cycle"].over(times["limit_cycle.numpy"])
     what = "modal limit cycle over plain numpy"
-    return [*rows, Row("law.limit_cycle.over_numpy", what, "ratio [-]", None, ratio, None, settings)]
+    return [*rows, Row("controller.limit_cycle.over_numpy", what, "ratio [-]", None, ratio, None, settings)]
 
 
 def limit_cycle_time(turns: int) -> float:
-    """Time of the processor for one evaluation of the modal limit cycle on 4 flexible joints [us], median."""
-    law = law_of(0)
-    times = take_turns({"law": _of_arm(law, _samples(cycling(law, 0.5)))}, turns)
-    return 1e-3 * times["law"].nanoseconds
+    """Median processor time [us] of one evaluation of the modal limit cycle on 4 flexible joints."""
+    controller = limit_cycle_controller(0)
+    times = take_turns({"one": _of_arm(controller, _samples(cycling(controller, 0.5)))}, turns)
+    return 1e-3 * times["one"].nanoseconds
 
 
 def _samples(run: ArmRun[State]) -> list[ArmSample]:
-    """The last of a run."""
+    """The last SAMPLES samples of a run."""
     nothing = np.full(run.q.shape[1], np.nan)
     parts = zip(run.time, run.q, run.velocity, run.theta, run.motor_velocity, strict=True)
     found = [ArmSample(float(time), q, v, theta, w, nothing) for time, q, v, theta, w in parts]
     return found[-SAMPLES:]
 
 
-def _of_arm(law: ArmController[State], samples: list[ArmSample]) -> Contender:
-    first = law.init(samples[0])
+def _of_arm(controller: ArmController[State], samples: list[ArmSample]) -> Contender:
+    first = controller.init(samples[0])
 
     def run() -> None:
         state = first
         for sample in samples:
-            state, _ = law.step(state, sample)
+            state, _ = controller.step(state, sample)
 
     return Contender(len(samples), run)
 
 
 def _rigid(samples: list[ArmSample]) -> Contender:
-    cycle = law_of(0).cycle
+    cycle = limit_cycle_controller(0).cycle
     first = cycle.init(samples[0].q)
 
     def run() -> None:
@@ -107,53 +107,53 @@ def _rigid(samples: list[ArmSample]) -> Contender:
 
 
 def _numpy(samples: list[ArmSample]) -> None:
-    law = law_of(0)
-    W = law.cycle.init(samples[0].q).W
+    controller = limit_cycle_controller(0)
+    W = controller.cycle.init(samples[0].q).W
     for sample in samples:
-        _, W = controllers_reference.step(law, W, sample)
+        _, W = controllers_reference.step(controller, W, sample)
 
 
 def _same_answers(samples: list[ArmSample]) -> None:
-    """Raises ViaError where the contenders do not compute the same."""
-    law = law_of(0)
-    W, state = law.cycle.init(samples[0].q).W, law.init(samples[0])
+    """Raise ViaError if the compiled controller and the numpy one differ."""
+    controller = limit_cycle_controller(0)
+    W, state = controller.cycle.init(samples[0].q).W, controller.init(samples[0])
     for sample in samples[:20]:
-        plain, W = controllers_reference.step(law, W, sample)
-        state, out = law.step(state, sample)
-        if not np.abs(plain - out.torque).max() < ALIKE * np.abs(plain).max():
-            raise ViaError(f"numpy's limit cycle disagrees: {plain} N m, compiled {out.torque} N m")
+        plain, W = controllers_reference.step(controller, W, sample)
+        state, out = controller.step(state, sample)
+        if not np.abs(plain - out.torque).max() < SAME * np.abs(plain).max():
+            raise ViaError(f"the limit cycle in numpy differs: {plain} N m, compiled {out.torque} N m")
 
 
-def _joint(law: EquilibriumPreset) -> Callable[[], None]:
-    wish = law.towards(law.init(), 0.1, 5.0)
+def _joint(controller: EquilibriumPreset) -> Callable[[], None]:
+    first = controller.towards(controller.init(), 0.1, 5.0)
 
     def run() -> None:
-        state = wish
+        state = first
         for tick in range(SAMPLES):
             time = 1e-3 * tick
-            state, _ = law.step(state, JointSample(time, 0.1 * np.sin(6.0 * time), np.array([0.5, -0.4])))
+            state, _ = controller.step(state, JointSample(time, 0.1 * np.sin(6.0 * time), np.array([0.5, -0.4])))
 
     return run
 
 
-def _aim(law: EquilibriumPreset) -> Callable[[], None]:
+def _aim(controller: EquilibriumPreset) -> Callable[[], None]:
     angles = 0.2 * np.sin(np.linspace(0.0, 9.0, SAMPLES))
-    low, high = law.references.stiffness_range(0.0)
-    wishes = [(float(q), low + (0.5 + 0.4 * float(q) / 0.2) * (high - low)) for q in angles]
+    low, high = controller.references.stiffness_range(0.0)
+    targets = [(float(q), low + (0.5 + 0.4 * float(q) / 0.2) * (high - low)) for q in angles]
 
     def run() -> None:
-        state = law.init()
-        for q, stiffness in wishes:
-            state = law.towards(state, q, stiffness)
+        state = controller.init()
+        for q, stiffness in targets:
+            state = controller.towards(state, q, stiffness)
 
     return run
 
 
-def _throw(law: MaxVelocity) -> Callable[[], None]:
+def _throw(controller: MaxVelocity) -> Callable[[], None]:
     def run() -> None:
-        state = law.init()
+        state = controller.init()
         for tick in range(SAMPLES):
             time = 1e-3 * tick
-            state, _ = law.step(state, JointSample(time, 0.1 * time, np.array([time])))
+            state, _ = controller.step(state, JointSample(time, 0.1 * time, np.array([time])))
 
     return run

@@ -1,8 +1,8 @@
-"""The modal limit cycle on flexible joints as one writes it with numpy alone: what the compiled law is compared with.
+"""Modal limit cycle on flexible joints in plain numpy, as a reference for the compiled controller.
 
-Rigid bodies and springs are those of the arm; everything modal is numpy and scipy on small arrays. Same equations, same
-names of modes, same answer (`controllers` checks it); no crossing of eigenvalues is looked after, and it does not start
-by itself: it is asked on the cycle only.
+Rigid bodies and springs are those of the arm; modal quantities are computed by numpy and scipy on small arrays. The
+equations, the order of the modes and the result are the same (`controllers` checks it). Crossings of eigenvalues and
+the start from rest are not implemented: it is evaluated on the cycle only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from via_core.signals import Array
 
 
 def link_torque(cycle: ModalLimitCycle, near: Array, q: Array, velocity: Array) -> tuple[Array, Array]:
-    """Torque on the links (n,) [N m] and W (n, n) at `q`, `velocity`; `near` is W of the instant before."""
+    """Torque on the links (n,) [N m] and W (n, n) at `q`, `velocity`; `near` is W of the previous sample."""
     arm, k = cycle.arm, cycle.mode
     M, slopes = arm.inertia(q), arm.inertia_slopes(q)
     values, vectors = eigh(cycle.stiffness, M)
@@ -51,20 +51,20 @@ def link_torque(cycle: ModalLimitCycle, near: Array, q: Array, velocity: Array) 
     return arm.link_torque(q, velocity, np.linalg.solve(loop, drift + W @ zdd)), W
 
 
-def step(law: VsaModalLimitCycle, near: Array, sample: ArmSample) -> tuple[Array, Array]:
-    """Motor torques (n,) [N m] before limits, and W: the whole law."""
-    cycle, s = law.cycle, law.spread
+def step(controller: VsaModalLimitCycle, near: Array, sample: ArmSample) -> tuple[Array, Array]:
+    """Motor torques (n,) [N m] before limits, and W."""
+    cycle, s = controller.cycle, controller.spread
     q, v = sample.q, sample.q_velocity
     torque, W = link_torque(cycle, near, q, v)
-    seen = law.tracking.observed(sample)
-    a, jerk = seen.acceleration, law.link_jerk(sample, seen)
+    seen = controller.tracking.observed(sample)
+    a, jerk = seen.acceleration, controller.link_jerk(sample, seen)
     behind, ahead = (
         link_torque(cycle, W, q + t * (v + t * (a / 2.0 + t * jerk / 6.0)), v + t * (a + t * jerk / 2.0))[0]
         for t in (-s, s)
     )
     wanted, rate, second = -torque, -(ahead - behind) / (2.0 * s), -(ahead - 2.0 * torque + behind) / s**2
-    omega, arm = law.bandwidth, cycle.arm
-    asked = second + 2.0 * omega * (rate - seen.rate) + omega**2 * (wanted - seen.torque)
+    omega, arm = controller.bandwidth, cycle.arm
+    demanded = second + 2.0 * omega * (rate - seen.rate) + omega**2 * (wanted - seen.torque)
     phi_rate = v - sample.theta_velocity
-    motor = a - (asked - seen.stiffness_slope * phi_rate**2) / seen.stiffness
+    motor = a - (demanded - seen.stiffness_slope * phi_rate**2) / seen.stiffness
     return arm.motor_inertia * motor + arm.motor_friction * sample.theta_velocity - wanted, W

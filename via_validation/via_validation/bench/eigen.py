@@ -1,4 +1,4 @@
-"""The C++ reference with Eigen, built where a compiler and Eigen's headers are found."""
+"""The C++ reference with Eigen, compiled if a compiler and Eigen's headers are found."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Reference:
 
 
 def build(folder: Path) -> Reference | str:
-    """The reference, compiled in `folder`; or in words why there is none."""
+    """The reference compiled in `folder`, or the reason why it cannot be compiled."""
     words = os.environ.get("CXX", "").split() or ["c++"]
     if shutil.which(words[0]) is None:
         return f"no compiler: {words[0]} not found"
@@ -64,7 +64,7 @@ def build(folder: Path) -> Reference | str:
             check=False,
         )
     if made.returncode:
-        return f"{words[0]} failed: {(made.stderr.strip().splitlines() or ['without a word'])[0]}"
+        return f"{words[0]} failed: {(made.stderr.strip().splitlines() or ['without a message'])[0]}"
     library = ctypes.CDLL(str(target))
     for name, numbers in (("rls", 1), ("qr_rls", 2)):
         function = getattr(library, name)

@@ -1,8 +1,8 @@
-"""What estimators cost: kernels beside others', a full step of every method, memory, and how both grow.
+"""Cost of the estimators: kernels compared with other libraries, a full step of every method, memory, and growth.
 
-A full step is the whole of it: sample in, window, least squares, standard deviations, status. It is timed one sample
-at a time from Python, by the pure `step` that returns a new state and by `Live` as a node does it, and folded over a
-log by `run_rows`.
+A full step includes the window, least squares, standard deviations and status. It is timed three ways: one sample at a
+time from Python by the pure `step`, which returns a new state; by `Live`, as in a node; and over a whole log by
+`run_rows`.
 """
 
 from __future__ import annotations
@@ -28,14 +28,20 @@ from via_validation.tables.rows import Row
 
 STEP_LIMIT = 10.0  # [us] of one full step, estimation.md
 ONE_TRANSMISSION = "visco_elastic_demo"
-PREFERRED = ("qbmove_a", "vsa2", "cubic_aa_vsa", "maccepavd", "compact_vpda")  # the first that a method suits
+PREFERRED = (
+    "qbmove_a",
+    "vsa2",
+    "cubic_aa_vsa",
+    "maccepavd",
+    "compact_vpda",
+)  # the first one that suits a method is used
 SAMPLES, FOLDED = 500, 5000
-LONG = 1_000_000  # samples of the run whose memory is watched
+LONG = 1_000_000  # samples of the memory test
 Progress = Callable[[str], None]
 
 
 def estimator_rows(turns: int, progress: Progress) -> list[Row]:
-    """Everything `via bench estimators` measures; `turns` alternating repeats each."""
+    """All rows of `via bench estimators`, from `turns` alternating repeats."""
     found: list[Row] = []
     for what, work in (
         ("kernels", lambda: kernel_rows(turns)),
@@ -49,7 +55,7 @@ def estimator_rows(turns: int, progress: Progress) -> list[Row]:
 
 
 def device_for(method: str) -> Device:
-    """A device that the method suits: one of the preferred ones, else the first by name."""
+    """A device suited to the method: a preferred one if possible, else the first by name."""
     for name in (*PREFERRED, *device_names()):
         device = load_device(name)
         if method in methods_for(device):
@@ -58,16 +64,16 @@ def device_for(method: str) -> Device:
 
 
 def moving_rows(estimator: Estimator, count: int, start: int = 0) -> Array:
-    """Rows (count, 1 + k) at 1 kHz from sample `start` on, every column in smooth motion of its own."""
+    """Rows (count, 1 + k) at 1 kHz from sample `start` on, with a different sine in every column."""
     t = np.arange(start, start + count) * 1e-3
     columns = [0.4 * np.sin((5.0 + at) * t + at) for at, _ in enumerate(estimator.inputs)]
     return np.column_stack([t, *columns])
 
 
 def step_rows(turns: int) -> list[Row]:
-    """One full step of every method on a device it suits, called from Python and folded.
+    """Rows of one full step of every method on a suitable device, called from Python and run over a log.
 
-    A step of an antagonistic joint has two regressions; those methods are also timed on a joint with one.
+    A step of an antagonistic joint has two regressions; these methods are also timed on a joint with one.
     """
     cases = {method: device_for(method) for method in METHODS}
     single = load_device(ONE_TRANSMISSION)
@@ -90,13 +96,13 @@ def step_rows(turns: int) -> list[Row]:
         for how, what in (
             ("call", "pure, called from Python"),
             ("live", "in place, called from Python"),
-            ("fold", "folded over a log"),
+            ("fold", "over a whole log"),
         )
     ]  # fmt: skip
 
 
 def _contenders(name: str, estimator: Estimator) -> dict[str, Contender]:
-    """Steps called one by one, and folded, both from the state that a moving joint leaves after 2 s."""
+    """The three ways to run steps, each from the state after 2 s of motion."""
     state, _ = estimator.run_rows(moving_rows(estimator, 2000))
     rows = moving_rows(estimator, FOLDED, 2000)
 
@@ -113,7 +119,7 @@ def _contenders(name: str, estimator: Estimator) -> dict[str, Contender]:
     def live() -> None:
         for row in block:
             fed.take(row)
-        block[:, 0, 0] += SAMPLES * 1e-3  # time goes on
+        block[:, 0, 0] += SAMPLES * 1e-3  # stamps must increase
 
     return {
         f"{name} call": Contender(SAMPLES, call),
@@ -123,7 +129,7 @@ def _contenders(name: str, estimator: Estimator) -> dict[str, Contender]:
 
 
 def growth_rows(turns: int) -> list[Row]:
-    """How a folded step of the default method, and its state, grow with parameters, window and joints."""
+    """Rows of time and state size of the default method for more parameters, longer windows and more joints."""
     base = ModulatedTorque.from_device(load_device("qbmove_a"))
     cases: dict[str, tuple[str, Estimator]] = {}
     for order in (1, 2, 3, 4, 5, 6):
@@ -144,7 +150,9 @@ def growth_rows(turns: int) -> list[Row]:
     rows = []
     for name, (what, estimator) in cases.items():
         microseconds, size = 1e-3 * times[name].nanoseconds, estimator.init().nbytes / 1024.0
-        rows.append(Row(f"growth.{name}.time", what, "time of a folded step [us]", None, microseconds, None, settings))
+        rows.append(
+            Row(f"growth.{name}.time", what, "time of a step over a log [us]", None, microseconds, None, settings)
+        )
         rows.append(Row(f"growth.{name}.state", what, "state [KiB]", None, size, None, settings))
     for name, count in joints.items():
         what = f"{count} joints, one step each, called from Python"
@@ -154,7 +162,7 @@ def growth_rows(turns: int) -> list[Row]:
 
 
 def _joints(estimator: Estimator, count: int) -> Contender:
-    """Ticks of `count` joints, each with a state of its own."""
+    """Ticks of `count` joints with separate states."""
     start, _ = estimator.run_rows(moving_rows(estimator, 2000))
     rows = moving_rows(estimator, SAMPLES, 2000)
 
@@ -167,7 +175,7 @@ def _joints(estimator: Estimator, count: int) -> Contender:
 
 
 def memory_rows() -> list[Row]:
-    """State of every method, and what a million samples add to the memory of the process."""
+    """Rows of the state size of every method, and of the memory that a million samples add to the process."""
     rows = []
     for method in METHODS:
         device = device_for(method)
@@ -188,10 +196,10 @@ def memory_rows() -> list[Row]:
 
 
 def resident() -> int:
-    """Memory of this process now [bytes]."""
+    """Resident memory of this process [bytes]."""
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def peak_resident() -> int:
-    """The most memory this process ever had [bytes]."""
+    """Peak resident memory of this process [bytes]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -1,20 +1,21 @@
-"""One same parameter fit by three programs, and what a diagnosis costs on a log ten times as long, in one run.
+"""The same parameter fit by three programs, and the cost of a diagnosis for a log ten times as long, in one run.
 
-The fit: dry friction, viscous friction and inertia of the motor of a flexible joint, from one log of 40 s at 1 kHz, all
-within the same bounds and from the device file's values. Contenders:
+The fit finds dry friction, viscous friction and inertia of the motor of a flexible joint from one log of 40 s at 1 kHz,
+with the same bounds and start values. Contenders:
 
     via_gap       its Gauss-Newton on whitened segments, `candidates.fit.refine`
     scipy         least_squares (trust region, 2-point differences) on the same segments, simulator and whitening
-    mujoco.sysid  as its documentation goes: a parameter per modifier of the spec, one sequence, its default residual,
-                  optimiser and threads; a joint of MuJoCo's, implicitfast at 1 ms
+    mujoco.sysid  as in its documentation: one parameter per modifier of the spec, one sequence, default residual,
+                  optimiser and threads; the joint in MuJoCo with implicitfast at 1 ms
 
-mujoco.sysid runs the whole log in one go from rest, which suits this joint (gravity and friction keep a free run near
-the log) and the program: every sequence is rolled out by a call of its own, so segments would cost it several times
-more. Cutting a log counts for those who cut it. The log comes from via_sim, whose dry friction sticks: MuJoCo's, as set
-by default, is a soft constraint, and most of its parameter error is that (a stiff one brings the inertia right). Two
-logs of 400 and 40 s (the beginning of the longer one) then go through the whole diagnosis.
+mujoco.sysid simulates the whole log from rest in one sequence. That suits this joint, since gravity and friction keep a
+free simulation near the log, and the program, since it simulates every sequence in a separate call: segments would take
+several times longer. The time to cut a log into segments counts for the contenders that cut it. The log comes from
+via_sim, whose dry friction sticks. MuJoCo's default dry friction is a soft constraint, which causes most of its
+parameter error (with a stiff constraint the inertia is correct). Two logs of 400 and 40 s (the beginning of the longer
+one) are then diagnosed completely.
 
-Processor time is that of all threads of the process, so that others waiting for the machine count little.
+Processor times include all threads of the process and depend little on other processes.
 """
 
 from __future__ import annotations
@@ -54,13 +55,13 @@ from via_sim.simulate import InitialConditions, simulate
 
 RATE = 1000.0  # [Hz]
 SHORT, LONG = 40.0, 400.0  # [s]
-FIRST = 6.0  # [s] of the log that each runs once before its time counts: what is compiled or loaded on first use
+FIRST = 6.0  # [s] of the log for a first run that is not timed, in which code is compiled and loaded
 TURNS = 3
 NAMES = ("dry friction [N m]", "viscous friction [N m s/rad]", "inertia [kg m^2]")
 TRUE = np.array([0.03, 0.02, 0.03])
 LOW, HIGH = np.array([1e-5, -0.09, -0.06]), np.array([0.5, 0.5, 0.06])
 START = np.array([0.005, 0.0, 0.0])
-INERTIA, VISCOUS = 0.015, 0.1  # of the motor, as filed; fits move the latter by a sum, the former by a share
+INERTIA, VISCOUS = 0.015, 0.1  # of the motor in the device file
 GRAVITY, LEVER = 0.4, 0.02  # [N m], [m]
 DEVICE = parse_device(
     f"""
@@ -79,18 +80,18 @@ sensors: {{rate: {RATE}, link_quantum: 9.587e-5, motor_quantum: 9.587e-5, torque
 
 
 def totals(x: Array) -> Array:
-    """What a fit moves (dry friction, viscous friction added, share of inertia added) as the NAMES say."""
+    """Parameters in the order of NAMES, from dry friction, added viscous friction and relative added inertia."""
     return np.array([x[0], VISCOUS + x[1], INERTIA * (1.0 + x[2])])
 
 
 @dataclass(frozen=True)
 class Result:
-    """What one contender found and took.
+    """Result and time of one contender.
 
     found      (3,) in the order of NAMES
-    wall       [s] least of its turns
-    processor  [s] the same
-    ratio      median over the turns of its processor time over the first contender's
+    wall       [s] wall time, minimum over the turns
+    processor  [s] processor time, minimum over the turns
+    ratio      processor time over that of via_gap, median over the turns
     """
 
     found: Array
@@ -100,7 +101,7 @@ class Result:
 
 
 def log_of(duration: float, found: Array = TRUE, device: Device = DEVICE) -> JointLog:
-    """A log of the joint with these parameters, its motor led through a multisine by a position loop."""
+    """A log of the joint with these parameters; a position controller moves the motor along a multisine."""
     plant = JointPlant.from_device(device).with_effects(_effects(found))
     row = plant.parameters.copy()
     row[P.inertia + 1] *= 1.0 + found[2]
@@ -133,13 +134,13 @@ def _effects(found: Array) -> list[Effect]:
 
 
 def _problem(segments: Segments) -> ResidualModel:
-    """All segments that are valid; of the device's numbers only the motor's inertia is free."""
+    """Model of all valid segments; of the device's parameters only the motor's inertia is free."""
     whole = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
     return ResidualModel(whole.views, whole.plant, tuple(n for n in whole.nuisances if n.name == "motor 1 inertia"))
 
 
 def by_via(log: JointLog) -> Array:
-    """(3,) in the order of NAMES, by this project."""
+    """Fit by via_gap: (3,) in the order of NAMES."""
     segments = cut_log(log)
     problem = _problem(segments)
     base = fit_device_numbers(problem)
@@ -162,7 +163,7 @@ def by_via(log: JointLog) -> Array:
 
 
 def by_scipy(log: JointLog) -> Array:
-    """(3,) in the order of NAMES, by scipy over the same segments and simulator."""
+    """Fit by scipy with the same segments and simulator: (3,) in the order of NAMES."""
     problem = _problem(cut_log(log))
     tolerance = problem.nuisances[0].tolerance
 
@@ -174,7 +175,7 @@ def by_scipy(log: JointLog) -> Array:
 
 
 def by_sysid(log: JointLog) -> Array:
-    """(3,) in the order of NAMES, by mujoco.sysid from the whole log."""
+    """Fit by mujoco.sysid from the whole log: (3,) in the order of NAMES."""
     assert log.commands is not None
     spec = mujoco.MjSpec.from_string(_joint())
     model = spec.compile()
@@ -189,7 +190,7 @@ def by_sysid(log: JointLog) -> Array:
     angles = np.stack([log.measured["q"], log.measured["theta"][:, 0]], axis=1)
     start = sysid.create_initial_state(model, angles[0], np.zeros(2))  # the log begins at rest
     control = sysid.TimeSeries.from_control_names(log.commands.time, log.commands["motor"], model)
-    # Positions of the state and not the sensors of the model: those of a step are read before it, one tick late.
+    # Positions of the state: sensors of the model are evaluated before the step, one tick late.
     seen = sysid.TimeSeries.from_names(log.measured.time, angles, model, ("q_qpos", "a_qpos"))
     sequences = sysid.ModelSequences("joint", spec, log.name, start, control, seen)
     residual = sysid.build_residual_fn(models_sequences=[sequences])
@@ -198,7 +199,7 @@ def by_sysid(log: JointLog) -> Array:
 
 
 def _joint() -> str:
-    """The joint in MuJoCo's format with the numbers that a fit starts from."""
+    """The joint in MuJoCo's format with the start values of the fit."""
     mass = GRAVITY / 9.80665 / LEVER
     own = 0.02 - mass * LEVER**2
     dry, viscous, inertia = (float(value) for value in totals(START))
@@ -216,12 +217,12 @@ def _joint() -> str:
 
 
 CONTENDERS: dict[str, Callable[[JointLog], Array]] = {"via_gap": by_via, "scipy least_squares": by_scipy}
-if hasattr(sysid, "optimize"):  # it comes up empty where one of its own dependencies is not installed
+if hasattr(sysid, "optimize"):  # the module is empty if one of its dependencies is not installed
     CONTENDERS["mujoco.sysid"] = by_sysid
 
 
 def fitted(log: JointLog, turns: int = TURNS) -> dict[str, Result]:
-    """Every contender on a log, taking turns after a first round on its beginning that compiles."""
+    """Results of all contenders on a log, which alternate after a first round on its beginning that compiles."""
     found: dict[str, Array] = {}
     walls: dict[str, list[float]] = {name: [] for name in CONTENDERS}
     processors: dict[str, list[float]] = {name: [] for name in CONTENDERS}
@@ -244,7 +245,7 @@ def fitted(log: JointLog, turns: int = TURNS) -> dict[str, Result]:
 
 @dataclass(frozen=True)
 class Cost:
-    """Of a whole diagnosis."""
+    """Cost of a whole diagnosis."""
 
     wall: float  # [s]
     processor: float  # [s]
@@ -252,7 +253,7 @@ class Cost:
 
 
 def diagnosed(log: JointLog) -> Cost:
-    """What a diagnosis with the whole catalogue costs."""
+    """Cost of a diagnosis with the whole catalogue."""
     wall, processor = perf_counter(), process_time()
     report = diagnose([log], log.device)
     return Cost(perf_counter() - wall, process_time() - processor, report.verdict)
@@ -275,7 +276,7 @@ def main(turns: int = TURNS) -> None:
         )  # fmt: skip
     console.print(table)
     if "mujoco.sysid" not in results:
-        console.print("mujoco.sysid does not load: one of its own dependencies is not installed")
+        console.print("mujoco.sysid cannot be loaded: one of its dependencies is not installed")
     console.print(f"{os.cpu_count()} cores; diagnosis with the whole catalogue:")
     diagnosed(beginning(short, FIRST))
     costs = {log.name: diagnosed(log) for log in (short, long)}
@@ -284,7 +285,7 @@ def main(turns: int = TURNS) -> None:
     first, second = costs[short.name], costs[long.name]
     walls, processors = second.wall / first.wall, second.processor / first.processor
     console.print(
-        f"  {LONG / SHORT:g} times the log costs {walls:.1f} times the wall, {processors:.1f} times the processor time"
+        f"  {LONG / SHORT:g} times the log takes {walls:.1f} times the wall and {processors:.1f} times the CPU time"
     )
     target = Path("out/bench/gap.json")
     target.parent.mkdir(parents=True, exist_ok=True)

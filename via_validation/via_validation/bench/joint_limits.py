@@ -1,8 +1,8 @@
-"""Limits of joints under random starts and disturbances, as `limits` has them for an arm.
+"""Limits of joints under random starts and disturbances with a faulty controller; `limits` does the same for an arm.
 
-Every course begins with the link anywhere within `POSTURE`, moving, the motors where it would rest with some preset.
-The law is out of its mind: twice the torque limit, to and fro at random. On the way somebody pushes the link, samples
-get lost, and the node is deactivated and activated again. Sensors are those of the device file.
+Every run starts with the link moving at a random angle within `POSTURE`, and with the motors at an equilibrium of a
+random preset. The faulty controller commands twice the torque limit in random directions. During the run the link is
+pushed, samples are lost, and the node is deactivated and activated. Sensors are those of the device file.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from via_validation.tables.rows import Row
 
 DEVICES = ("qbmove_a", "vsa2", "cubic_demo", "visco_elastic_demo")
 POSTURE = 0.3  # [rad] to either side of zero
-PRESET = 0.5  # of the springs' stops, at most
-VELOCITY = 0.5  # [rad/s] of the link at the start, at most
-PUSH, PUSHED = 1.0, 20  # [rad/s] that a push gives the link at most, [ticks] that it takes
-STRONG = 10.0  # [N m] of a law for motors without a limit
+PRESET = 0.5  # [-] largest preset over the springs' deflection limit
+VELOCITY = 0.5  # [rad/s] largest initial velocity of the link
+PUSH, PUSHED = 1.0, 20  # [rad/s] largest velocity change by a push, [ticks] duration of the push
+STRONG = 10.0  # [N m] commanded to motors without a torque limit
 
 
 @dataclass(frozen=True, eq=False)
-class WildJoint(Controller[int]):
-    """A law that should not be: at every tenth sample or so another direction, twice as much as motors give."""
+class FaultyJointController(Controller[int]):
+    """A faulty controller: twice the torque limit, in random directions that change every 20 samples."""
 
     limit: Array  # (m,) [N m]
     seed: int
@@ -54,51 +54,51 @@ class WildJoint(Controller[int]):
         return state + 1, Torques(random.choice([-2.0, 2.0], len(self.limit)) * self.limit, False)
 
 
-def wild_supervisor(device: Device, seed: int, drive: float = 0.5) -> JointSupervisor:
-    """The law of this file under the joint's limits."""
+def faulty_supervisor(device: Device, seed: int, drive: float = 0.5) -> JointSupervisor:
+    """The faulty controller under the joint's limits."""
     axes = JointAxes(device)
     limit = np.where(np.isfinite(axes.torque_limit), axes.torque_limit, STRONG)
-    return JointSupervisor.of(WildJoint(limit, seed), axes, drive=drive)
+    return JointSupervisor.of(FaultyJointController(limit, seed), axes, drive=drive)
 
 
 def joint_limit_rows(seeds: Iterable[int]) -> list[Row]:
-    """The worst of the courses of these seeds, device by device."""
+    """Rows of the largest values over the runs of these seeds, device by device."""
     found: list[list[Worst]] = [[] for _ in DEVICES]
     devices = [load_device(name) for name in DEVICES]
     for seed in seeds:
         number = seed % len(DEVICES)
-        found[number].append(course(devices[number], seed, wild_supervisor(devices[number], seed)))
+        found[number].append(disturbed_run(devices[number], seed, faulty_supervisor(devices[number], seed)))
     rows = []
-    for device, courses in zip(devices, found, strict=True):
-        if courses:
-            rows += [row for row in _rows(device, courses) if row.id not in _unlimited(device)]
+    for device, runs in zip(devices, found, strict=True):
+        if runs:
+            rows += [row for row in _rows(device, runs) if row.id not in _unlimited(device)]
     return rows
 
 
-def _rows(device: Device, courses: list[Worst]) -> list[Row]:
+def _rows(device: Device, runs: list[Worst]) -> list[Row]:
     settings = (
         f"{device.name}, {DURATION:g} s, link within {POSTURE:g} rad and {VELOCITY:g} rad/s, pushed by {PUSH:g} rad/s, "
-        f"{LOST:.0%} of samples lost, activity changed at {OFF:.0%}"
+        f"{LOST:.0%} of samples lost, activated or deactivated at {OFF:.0%} of samples"
     )
-    what = f"{len(courses)} courses of {device.name}, a law out of its mind"
-    return worst_rows(f"limits.{device.name}", what, courses, settings)
+    what = f"{len(runs)} runs of {device.name} with a faulty controller"
+    return worst_rows(f"limits.{device.name}", what, runs, settings)
 
 
 def _unlimited(device: Device) -> list[str]:
-    """Rows about limits that no device file tells: nothing is judged by them."""
+    """Ids of rows about limits that the device file does not state; these are left out."""
     axes = JointAxes(device)
     limits = {"torque": axes.torque_limit, "speed": axes.speed_limit, "deflection": axes.deflection_limit}
     return [f"limits.{device.name}.{name}" for name, limit in limits.items() if not np.isfinite(limit).any()]
 
 
-def course(device: Device, seed: int, supervisor: JointSupervisor) -> Worst:
-    """One course from random numbers of its own."""
+def disturbed_run(device: Device, seed: int, supervisor: JointSupervisor) -> Worst:
+    """One run of DURATION with the random numbers of `seed`."""
     random, m = np.random.default_rng(seed), device.n_motors
     axes, simulator = (
         JointAxes(device),
         Simulator(JointPlant.from_device(device), 1.0 / PERIOD, Sensors.of_device(device)),
     )
-    stop = min(law.max_deflection for law in device.spring_laws)
+    stop = min(spring.max_deflection for spring in device.spring_laws)
     q, preset = random.uniform(-POSTURE, POSTURE), random.uniform(0.0, PRESET) * stop
     body = simulator.init(seed=seed).copy()
     body[0], body[1 : 1 + m] = q, device.motor_angles(resting(device, q, preset), preset)

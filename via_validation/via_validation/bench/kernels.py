@@ -1,7 +1,7 @@
-"""The two recursions with nine unknowns: ours beside C++ with Eigen, padasip and plain numpy, in one run.
+"""The two recursions with nine unknowns compared with C++ with Eigen, padasip and plain numpy, in one run.
 
-All fold the same rows, noisy equations of a law with nine powers, from the same prior. What they find must agree before
-anything is timed. padasip has no QR recursion: its RLS stands beside both of ours.
+All process the same rows, noisy equations of a polynomial with nine terms, from the same prior. The results must agree
+before anything is timed. padasip has no QR recursion; its RLS is compared with both of ours.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from via_validation.tables.rows import Row
 
 N = eigen.N
 PRIOR, ROOT_PRIOR, KEEP = 1e5, 1e-2, 0.995  # P(0), R(0) and the forgetting factor of the QR recursion
-LOG, SLOW = 20_000, 500  # samples of the log, and of its part for those that take microseconds per sample
+LOG, SLOW = 20_000, 500  # samples of the log, and of its part for contenders that take microseconds per sample
 EIGEN_LIMIT, PADASIP_LIMIT = 3.0, 1.0 / 8.0  # estimation.md, Cost per sample
 
 
 @njit(cache=True, error_model="numpy")
 def fold_rls(rows: Array, y: Array, prior: float) -> Array:
-    """w (n,) of `rls.update` folded over rows (N, n), y (N,)."""
+    """w (n,) after `rls.update` for each of rows (N, n), y (N,)."""
     n = rows.shape[1]
     P, w, gain = np.empty((n, n)), np.empty(n), np.empty(n)
     rls.start(P, w, prior)
@@ -42,7 +42,7 @@ def fold_rls(rows: Array, y: Array, prior: float) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def qr_update(R: Array, p: Array, x: Array, row: Array, y: float, root: float) -> None:
-    """One sample of the QR recursion: forget, rotate in, solve; R, p, x and `row` are overwritten."""
+    """One sample of the QR recursion: forget, rotate in, solve. Overwrites R, p, x and `row`."""
     R *= root
     p *= root
     qr.rotate_in(R, p, row, y, 0)
@@ -51,7 +51,7 @@ def qr_update(R: Array, p: Array, x: Array, row: Array, y: float, root: float) -
 
 @njit(cache=True, error_model="numpy")
 def fold_qr(rows: Array, y: Array, prior: float, keep: float) -> Array:
-    """x (n,) of `qr_update` folded over rows (N, n), y (N,)."""
+    """x (n,) after `qr_update` for each of rows (N, n), y (N,)."""
     n = rows.shape[1]
     R, p, x, row = np.zeros((n, n)), np.zeros(n), np.zeros(n), np.empty(n)
     for j in range(n):
@@ -63,7 +63,7 @@ def fold_qr(rows: Array, y: Array, prior: float, keep: float) -> Array:
 
 
 def numpy_rls(rows: Array, y: Array, prior: float) -> Array:
-    """The same in plain numpy."""
+    """`fold_rls` in plain numpy."""
     P, w = prior * np.eye(rows.shape[1]), np.zeros(rows.shape[1])
     for v, value in zip(rows, y, strict=True):
         g = P @ v
@@ -74,7 +74,7 @@ def numpy_rls(rows: Array, y: Array, prior: float) -> Array:
 
 
 def numpy_qr(rows: Array, y: Array, prior: float, keep: float) -> Array:
-    """The same in plain numpy: a factorisation of the old factor with the new row under it."""
+    """`fold_qr` in plain numpy: each step factorises the old factor with the new row appended."""
     n, root = rows.shape[1], sqrt(keep)
     stacked = np.zeros((n + 1, n + 1))
     stacked[:n, :n] = prior * np.eye(n)
@@ -88,7 +88,7 @@ def numpy_qr(rows: Array, y: Array, prior: float, keep: float) -> Array:
 
 
 def python_rls(rows: Array, y: Array, prior: float) -> Array:
-    """Our kernel, called from Python for every sample as a node would."""
+    """Our kernel, called from Python for every sample as in a node."""
     P, w, gain = np.empty((N, N)), np.empty(N), np.empty(N)
     rls.start(P, w, prior)
     for v, value in zip(rows, y, strict=True):
@@ -97,7 +97,7 @@ def python_rls(rows: Array, y: Array, prior: float) -> Array:
 
 
 def python_qr(rows: Array, y: Array, prior: float, keep: float) -> Array:
-    """Our kernel, called from Python for every sample as a node would."""
+    """Our kernel, called from Python for every sample as in a node."""
     R, p, x, root = prior * np.eye(N), np.zeros(N), np.zeros(N), sqrt(keep)
     for v, value in zip(rows.copy(), y, strict=True):
         qr_update(R, p, x, v, value, root)
@@ -105,7 +105,7 @@ def python_qr(rows: Array, y: Array, prior: float, keep: float) -> Array:
 
 
 def padasip_rls(rows: Array, y: Array, prior: float) -> Array:
-    """padasip's filter, started from the same prior."""
+    """padasip's filter, from the same prior."""
     found = FilterRLS(n=N, mu=1.0, eps=1.0 / prior, w="zeros")
     for v, value in zip(rows, y, strict=True):
         found.adapt(value, v)
@@ -121,7 +121,7 @@ def log(count: int, seed: int = 0) -> tuple[Array, Array]:
 
 
 def kernel_rows(turns: int) -> list[Row]:
-    """Times per sample and the ratios with a limit."""
+    """Rows of the times per sample and of the ratios that have a limit."""
     rows, y = log(LOG)
     few, y_few = rows[:SLOW].copy(), y[:SLOW].copy()
     with tempfile.TemporaryDirectory() as folder:
@@ -148,18 +148,18 @@ def kernel_rows(turns: int) -> list[Row]:
             for other in agreeing:
                 if not np.allclose(other, expected, rtol=1e-6, atol=1e-6):
                     raise ViaError(f"contenders of {name} disagree: {other} and {expected}")
-            found += _told(name, contenders, reference, turns)
+            found += _rows(name, contenders, reference, turns)
     return found
 
 
-def _told(name: str, contenders: dict[str, Contender], reference: eigen.Reference | str, turns: int) -> list[Row]:
+def _rows(name: str, contenders: dict[str, Contender], reference: eigen.Reference | str, turns: int) -> list[Row]:
     label, times = ("QR-RLS" if name == "qr" else "RLS"), take_turns(contenders, turns)
     settings = f"n = {N}, median of {turns} alternating turns, one thread"
     unit = "time per sample [ns]"
     rows = [
         Row(f"kernel.{name}.{who}", f"{label}: {what}", unit, None, times[who].nanoseconds, None, settings)
         for who, what in (
-            ("fold", "our kernel folded over a log"), ("call", "our kernel, one call from Python"),
+            ("fold", "our kernel over a log"), ("call", "our kernel, one call from Python"),
             ("numpy", "plain numpy"), ("padasip", "padasip FilterRLS, one call"),
             ("eigen", "C++ with Eigen over a log"),
         )
@@ -167,8 +167,9 @@ def _told(name: str, contenders: dict[str, Contender], reference: eigen.Referenc
     ]  # fmt: skip
     ratio = times["fold"].over(times["eigen"]) if "eigen" in times else None
     remark = "" if isinstance(reference, eigen.Reference) else reference
-    rows.append(Row(f"kernel.{name}.fold_over_eigen", f"{label}: our fold over C++ with Eigen", "ratio of times [-]",
-                    None, ratio, EIGEN_LIMIT if ratio is not None else None, settings, 0, remark))  # fmt: skip
+    rows.append(Row(f"kernel.{name}.fold_over_eigen", f"{label}: our kernel over a log, over C++ with Eigen",
+                    "ratio of times [-]", None, ratio, EIGEN_LIMIT if ratio is not None else None, settings, 0,
+                    remark))  # fmt: skip
     rows.append(Row(f"kernel.{name}.call_over_padasip", f"{label}: our one call over padasip's", "ratio of times [-]",
                     None, times["call"].over(times["padasip"]), PADASIP_LIMIT, settings))  # fmt: skip
     return rows

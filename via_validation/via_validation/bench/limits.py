@@ -1,10 +1,10 @@
-"""Limits of an arm under random starts and disturbances: how close do torques, speeds and springs come to them?
+"""Limits of an arm under random starts and disturbances: largest torques, speeds and deflections over their limits.
 
-Every course begins with the links anywhere within `POSTURE` of the equilibrium, moving, the motors loaded for it. On
-the way a blow changes the links' velocities at once, somebody holds the end effector for a while, samples get lost, and
-the node is deactivated and activated again. A third of the courses runs a limit cycle on each of two modes; in the last
-third the law is out of its mind: twice the torque limit, to and fro at random.
-A blow that makes a link faster than its motor can be bends its spring whatever the motor does: none is that hard.
+Every run starts with moving links within `POSTURE` of the equilibrium and with springs loaded against gravity. During
+the run an impact changes the links' velocities at once, the end effector is held for a while, samples are lost, and the
+node is deactivated and activated. One third of the runs uses a limit cycle on mode 1, one third on mode 2, and the rest
+a faulty controller that commands up to twice the torque limit in random directions.
+An impact that accelerates a link beyond motor speed can exceed the spring's deflection limit; none here is that hard.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from via_core.vsa_arms import VsaArm
 from via_sim.arm import ArmState, arm_step
 from via_sim.contacts import Hand
 
-from via_validation.control.limit_cycle import law_of
+from via_validation.control.limit_cycle import limit_cycle_controller
 from via_validation.tables.rows import Row
 
 PERIOD = 1e-3  # [s]
-DURATION = 0.8  # [s] of a course
+DURATION = 0.8  # [s] of a run
 POSTURE = 0.4  # [rad] to either side of the equilibrium
-VELOCITY = 2.0  # [rad/s] of the links at the start, at most
-BLOW = 3.0  # [rad/s] by which a link's velocity changes at once, at most
-LOST = 0.01  # of the samples
-OFF = 0.02  # share of the samples at which activity changes
+VELOCITY = 2.0  # [rad/s] largest initial velocity of a link
+IMPACT = 3.0  # [rad/s] largest change of a link's velocity by the impact
+LOST = 0.01  # share of lost samples
+OFF = 0.02  # share of samples at which the controller is activated or deactivated
 
 
 @dataclass(frozen=True)
 class Worst:
-    """The largest of a course over its limit; 1 is the limit. Beyond the stop of a spring a course ends."""
+    """Largest values of a run over their limits; inf if a spring passes its stop, which ends the run."""
 
     torque: float
     speed: float
     deflection: float
-    guarded: float  # share of samples at which limits changed what the law wanted
+    guarded: float  # share of samples at which a limit changed the controller's torque
 
     @property
     def within(self) -> bool:
@@ -51,8 +51,8 @@ class Worst:
 
 
 @dataclass(frozen=True, eq=False)
-class Wild(ArmController[Array]):
-    """A law that should not be: torques far beyond the limits, each held for some ten samples."""
+class FaultyController(ArmController[Array]):
+    """A faulty controller: random torques up to twice the limit, constant for about 30 samples each."""
 
     arm: VsaArm
     seed: int
@@ -75,49 +75,49 @@ class Wild(ArmController[Array]):
 
 
 def supervisor_of(seed: int) -> Supervisor:
-    """The law of a course by turns, under its limits."""
-    law: ArmController = Wild(ARM, seed) if seed % 3 == 2 else law_of(seed % 3)
-    return Supervisor(law, HoldStill(ARM), ArmLimits(ARM))
+    """The controller of a run under its limits; the seed selects one of the three KINDS in turn."""
+    controller: ArmController = FaultyController(ARM, seed) if seed % 3 == 2 else limit_cycle_controller(seed % 3)
+    return Supervisor(controller, HoldStill(ARM), ArmLimits(ARM))
 
 
-KINDS = ("limit cycle, mode 1", "limit cycle, mode 2", "a law out of its mind")
+KINDS = ("limit cycle, mode 1", "limit cycle, mode 2", "faulty controller")
 SETTINGS = (
-    f"{ARM.name}, {DURATION:g} s, links within {POSTURE:g} rad and {VELOCITY:g} rad/s, a blow of {BLOW:g} rad/s, "
-    f"a hold, {LOST:.0%} of samples lost, activity changed at {OFF:.0%}"
+    f"{ARM.name}, {DURATION:g} s, links within {POSTURE:g} rad and {VELOCITY:g} rad/s, an impact of {IMPACT:g} "
+    f"rad/s, a hold, {LOST:.0%} of samples lost, activated or deactivated at {OFF:.0%} of samples"
 )
 
 
 def limit_rows(seeds: Iterable[int]) -> list[Row]:
-    """The worst of the courses of these seeds, law by law."""
+    """Rows of the largest values over the runs of these seeds, controller by controller."""
     found: list[list[Worst]] = [[] for _ in KINDS]
     for seed in seeds:
-        found[seed % len(KINDS)].append(course(seed, supervisor_of(seed)))
-    return [row for number, courses in enumerate(found) if courses for row in _rows(number, courses)]
+        found[seed % len(KINDS)].append(disturbed_run(seed, supervisor_of(seed)))
+    return [row for number, runs in enumerate(found) if runs for row in _rows(number, runs)]
 
 
-def _rows(number: int, courses: list[Worst]) -> list[Row]:
-    return worst_rows(f"limits.{number + 1}", f"{len(courses)} courses, {KINDS[number]}", courses, SETTINGS)
+def _rows(number: int, runs: list[Worst]) -> list[Row]:
+    return worst_rows(f"limits.{number + 1}", f"{len(runs)} runs, {KINDS[number]}", runs, SETTINGS)
 
 
-def worst_rows(at: str, what: str, courses: list[Worst], settings: str) -> list[Row]:
-    """The worst of these courses, limit by limit, and how often limits changed a torque."""
+def worst_rows(at: str, what: str, runs: list[Worst], settings: str) -> list[Row]:
+    """Rows of the largest values of these runs, limit by limit, and of how often a limit changed a torque."""
     rows = []
     for name in ("torque", "speed", "deflection"):
-        most = max(getattr(each, name) for each in courses)
+        most = max(getattr(each, name) for each in runs)
         known, remark = (most, "") if np.isfinite(most) else (None, "springs at their stops")
         rows.append(Row(f"{at}.{name}", what, f"largest {name} / limit [-]", None, known, 1.0, settings, 0, remark))
-    share = float(np.mean([each.guarded for each in courses]))
+    share = float(np.mean([each.guarded for each in runs]))
     quantity = "samples at which limits changed a torque [-]"
     return [*rows, Row(f"{at}.guarded", what, quantity, None, share, None, settings)]
 
 
-def course(seed: int, supervisor: Supervisor) -> Worst:
-    """One course from random numbers of its own."""
+def disturbed_run(seed: int, supervisor: Supervisor) -> Worst:
+    """One run of DURATION with the random numbers of `seed`."""
     random, arm, unknown = np.random.default_rng(seed), ARM, np.full(ARM.n, np.nan)
     q = EQUILIBRIUM + random.uniform(-POSTURE, POSTURE, arm.n)
     body = ArmState(q, random.uniform(-VELOCITY, VELOCITY, arm.n), arm.rest(q), np.zeros(arm.n))
     ticks = round(DURATION / PERIOD)
-    blow, held = random.integers(ticks // 8, ticks, 2)
+    impact, held = random.integers(ticks // 8, ticks, 2)
     released = held + random.integers(20, ticks // 4)
     state, active = supervisor.init(), True
     hands: tuple[Hand, ...] = ()
@@ -129,7 +129,7 @@ def course(seed: int, supervisor: Supervisor) -> Worst:
         active ^= bool(random.random() < OFF)
         state, answer = supervisor.step(state, sample, active)
         guarded += bool(answer.limited)
-        velocity = body.velocity + (random.uniform(-BLOW, BLOW, arm.n) if tick == blow else 0.0)
+        velocity = body.velocity + (random.uniform(-IMPACT, IMPACT, arm.n) if tick == impact else 0.0)
         if tick == held:
             hands = (Hand(arm.tip_position(body.q)),)
         elif tick == released:

@@ -1,8 +1,8 @@
-"""The estimator node at work: 16 joints of two transmissions each, 1 kHz, over DDS; nothing may be lost.
+"""Benchmark of the estimator node: 16 joints of two transmissions each at 1 kHz over DDS; no estimate may be lost.
 
-Three processes: this one publishes joint states, stamped with the monotonic clock; the node; and a listener that takes
-every estimate of every topic, checks the numbers one by one and measures how long after its stamp one came.
-CPU shares are of one core and count all threads of the process.
+Three processes: this one publishes joint states, stamped with the monotonic clock; the estimator node; and a listener
+that takes every estimate of every topic, checks the sequence numbers and measures the time from stamp to arrival.
+CPU shares are relative to one core and include all threads of a process.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from via_core.wire import SECOND
 from via_validation.tables.rows import Row
 
 RATE = 1000.0  # [Hz]
-SETTLE = 60.0  # [s] within which every topic has its listener
-CPU_LIMIT = 80.0  # [%] of a core: what keeps a margin
+CONNECT = 60.0  # [s] time limit for all topics to be connected
+CPU_LIMIT = 80.0  # [%] of a core, with some margin
 TICKS = os.sysconf("SC_CLK_TCK")  # per second of CPU time
 
 
 def listen(devices: list[Device]) -> None:
-    """Take every estimate until SIGTERM; then say in JSON what came."""
+    """Take every estimate until SIGTERM; then print counts, errors and latencies as JSON."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from via_interfaces.msg import MotorEstimate, StiffnessEstimate
@@ -44,7 +44,9 @@ def listen(devices: list[Device]) -> None:
     ended: list[bool] = []
     signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
     node = rclpy.create_node("listener")
-    late: list[int] = []  # [ns] from stamp to here, of the last device's stiffness: the last but one to be published
+    late: list[
+        int
+    ] = []  # [ns] from stamp to arrival of the last device's stiffness, the last estimate but one of a tick
     counts: dict[str, int] = {}
     wrong: list[str] = []
 
@@ -77,7 +79,7 @@ def listen(devices: list[Device]) -> None:
         if len(late) % 50 == 0:
             drain()
 
-    # Only this one wakes the process; the others wait in the middleware until they are drained.
+    # Only this subscription wakes the process; messages of the others stay in the middleware until drained.
     awake = rclpy.create_node("awake")
     awake.create_subscription(StiffnessEstimate, last, take, qos.SAMPLES, raw=True)
     executor = make_executor()
@@ -92,15 +94,19 @@ def listen(devices: list[Device]) -> None:
 
 
 def cpu(pid: int) -> float:
-    """[s] of CPU time that a process has used."""
+    """CPU time of a process [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICKS
 
 
 def publish(
-    devices: list[Device], seconds: float, separate: bool, node: subprocess.Popen[bytes], ear: subprocess.Popen[str]
+    devices: list[Device],
+    seconds: float,
+    separate: bool,
+    node: subprocess.Popen[bytes],
+    listener: subprocess.Popen[str],
 ) -> dict[str, float]:
-    """Publish smooth motion until `seconds` are over; what it took."""
+    """Publish smooth motion for `seconds`; returns steps, elapsed time, CPU shares and late ticks."""
     import rclpy
     from rclpy.serialization import serialize_message
     from sensor_msgs.msg import JointState
@@ -112,14 +118,14 @@ def publish(
     groups = [[device] for device in devices] if separate else [devices]
     publishers = [peer.create_publisher(JointState, "/joint_states", qos.SAMPLES) for _ in groups]
     topics = [f"/{device.name}/{name}" for device in devices for name in ("stiffness", "motor")]
-    deadline = time.monotonic() + SETTLE
+    deadline = time.monotonic() + CONNECT
     while any(each.get_subscription_count() < 1 for each in publishers) or any(
         peer.count_publishers(topic) < 1 or peer.count_subscribers(topic) < 1 for topic in topics
     ):
-        if time.monotonic() > deadline or node.poll() is not None or ear.poll() is not None:
-            raise ViaError("the node and its listener did not come up")
+        if time.monotonic() > deadline or node.poll() is not None or listener.poll() is not None:
+            raise ViaError(f"the node and its listener were not connected within {CONNECT:g} s")
         time.sleep(0.05)
-    time.sleep(2.0)  # discovery is known here; the two others need to have heard of each other as well
+    time.sleep(2.0)  # this process has discovered both others; they need to discover each other as well
     writers: list[tuple[Any, bytearray, np.ndarray, np.ndarray]] = []
     for group, publisher in zip(groups, publishers, strict=True):
         message = JointState(name=[name for each in group for name in (each.link_joint, *each.motor_joints)])
@@ -128,7 +134,7 @@ def publish(
             setattr(message, field, [1.0] * count)
         data = bytearray(serialize_message(message))
         first = bytes(data).index(np.float64(1.0).tobytes())
-        # Three arrays of n doubles; before each but the first the length, aligned to 8.
+        # Three arrays of n doubles, each preceded by its length (aligned to 8 bytes).
         positions = np.frombuffer(data, np.float64, count, first)
         efforts = np.frombuffer(data, np.float64, count, first + 2 * (8 * count + 8))
         assert np.all(positions == 1.0) and np.all(efforts == 1.0)
@@ -160,7 +166,7 @@ def publish(
 
 
 def node_rows(seconds: float, joints: int, device: str, separate: bool) -> list[Row]:
-    """Run it for `seconds`, with one JointState per joint if `separate`; raises ViaError where nothing comes up."""
+    """Rows of a run of `seconds`, with one JointState per joint if `separate`. Raises ViaError if a process fails."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from via_ros.domains import Domain
 
@@ -171,36 +177,36 @@ def node_rows(seconds: float, joints: int, device: str, separate: bool) -> list[
         os.environ["ROS_DOMAIN_ID"] = str(domain.number)
         estimator = [sys.executable, "-m", "via_estimators.nodes.estimator", "--ros-args", "-p", f"devices:={listing}"]
         node = subprocess.Popen(estimator)
-        ear = subprocess.Popen([sys.executable, "-m", __name__, listing], stdout=subprocess.PIPE, text=True)
+        listener = subprocess.Popen([sys.executable, "-m", __name__, listing], stdout=subprocess.PIPE, text=True)
         try:
-            sent = publish(devices, seconds, separate, node, ear)
-            ear.send_signal(signal.SIGTERM)
-            heard = json.loads(ear.communicate(timeout=30.0)[0])
+            sent = publish(devices, seconds, separate, node, listener)
+            listener.send_signal(signal.SIGTERM)
+            received = json.loads(listener.communicate(timeout=30.0)[0])
         finally:
-            for process in (node, ear):
+            for process in (node, listener):
                 process.terminate()
                 process.wait()
-    return _rows(sent, heard, f"{joints} x {device}, {RATE:g} Hz, {seconds:g} s, "
+    return _rows(sent, received, f"{joints} x {device}, {RATE:g} Hz, {seconds:g} s, "
                  f"{'one JointState per joint' if separate else 'one JointState for all'}", 2 * joints)  # fmt: skip
 
 
-def _rows(sent: Mapping[str, float], heard: Mapping[str, Any], settings: str, topics: int) -> list[Row]:
-    """What was sent and heard, as rows."""
+def _rows(sent: Mapping[str, float], received: Mapping[str, Any], settings: str, topics: int) -> list[Row]:
+    """Rows from what was sent and received."""
     expected = sent["steps"] * topics
-    came = sum(heard["counts"].values())
+    count = sum(received["counts"].values())
 
     def row(name: str, what: str, quantity: str, ours: float, limit: float | None = None) -> Row:
         return Row(f"node.{name}", what, quantity, None, float(ours), limit, settings)
 
     return [
-        row("expected", "estimates to come", "count", expected),
-        row("lost", "estimates that did not", "count", expected - came, 0.0),
-        row("out_of_order", "estimates out of order", "count", len(heard["wrong"]), 0.0),
+        row("expected", "expected estimates", "count", expected),
+        row("lost", "lost estimates", "count", expected - count, 0.0),
+        row("out_of_order", "estimates out of order", "count", len(received["wrong"]), 0.0),
         row("cpu.node", "CPU share of the node", "share of a core [%]", 100.0 * sent["node"], CPU_LIMIT),
         row("cpu.publisher", "CPU share of the publisher", "share of a core [%]", 100.0 * sent["robot"]),
         row("late", "ticks of the publisher late by more than a period", "count", sent["late ticks"]),
         *(row(f"latency.{name}", f"sample to its last estimate, {name}", "time [us]", value)
-          for name, value in zip(("p50", "p99", "p99.9", "worst"), heard["latency"], strict=True)),
+          for name, value in zip(("p50", "p99", "p99.9", "worst"), received["latency"], strict=True)),
     ]  # fmt: skip
 
 

@@ -1,13 +1,13 @@
-"""Speed of the simulator against MuJoCo's rollout and scipy's solve_ivp at equal accuracy, in one run.
+"""Speed of the simulator compared with MuJoCo's rollout and scipy's solve_ivp at equal accuracy, in one run.
 
-One non-stiff antagonistic joint, tau_e = 5 phi + 10 phi^3, three seconds at 1 kHz with held torques. Every contender is
-measured against one reference: this simulator with 64 times finer steps, from which the finest rows of MuJoCo and scipy
-differ by 1e-12 rad. MuJoCo has the very same joint: three hinges, two fixed tendons with polynomial stiffness, no
-contacts, no constraints; each of its integrators at steps from 1 ms down. A contender counts for a target accuracy with
-its fastest setting that reaches it. Beside it the stiff cubic joint of the document: error against a 20 times finer
-integration and against DOP853.
+The joint is antagonistic and not stiff, tau_e = 5 phi + 10 phi^3; it runs for three seconds at 1 kHz with zero-order
+hold. The reference of all errors is this simulator with 64 times finer steps; the finest settings of MuJoCo and scipy
+differ from it by 1e-12 rad. MuJoCo simulates the same joint: three hinges, two fixed tendons with polynomial stiffness,
+no contacts, no constraints; each of its integrators at steps of 1 ms and below. For each target accuracy the fastest
+setting of a contender that reaches it counts. In addition, the stiff cubic joint of the document is compared with a 20
+times finer integration and with DOP853.
 
-Prints a table and writes out/bench/simulator.json: times [s] are the best of several runs, one thread each.
+Prints a table and writes out/bench/simulator.json. Times [s] are the minimum of several runs, one thread each.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ class Row:
     """One setting of one contender."""
 
     name: str
-    error: float  # [rad] largest of link and motor angles
-    seconds: float  # [s] best of its runs
+    error: float  # [rad] largest over link and motor angles
+    seconds: float  # [s] minimum of its runs
 
 
 def torques(ticks: int, size: float = 2.0) -> Array:
-    """Held motor torques (ticks, 2) [N m] with a smooth start."""
+    """Motor torques (ticks, 2) [N m] with a smooth start."""
     t = np.arange(ticks) / RATE
     ramp = np.where(t < 0.3, 0.5 - 0.5 * np.cos(np.pi * t / 0.3), 1.0)
     shape = np.stack([3.0 + np.sin(2.0 * np.pi * 0.5 * t), -3.0 - np.sin(2.0 * np.pi * 0.8 * t)], axis=1)
@@ -75,7 +75,7 @@ def torques(ticks: int, size: float = 2.0) -> Array:
 
 
 def best(work: Callable[[], Array], repeats: int) -> tuple[Array, float]:
-    """Result (N, 3) and least time [s] of `repeats` runs after a first one that compiles."""
+    """Result (N, 3) and minimum time [s] of `repeats` runs, after a first run that compiles."""
     result, least = work(), np.inf
     for _ in range(repeats):
         begin = time.perf_counter()
@@ -85,7 +85,7 @@ def best(work: Callable[[], Array], repeats: int) -> tuple[Array, float]:
 
 
 def ours(plant: JointPlant, motor: Array, finer: float = 1.0) -> Array:
-    """Angles (N, 3) at `finer` times the chosen substeps."""
+    """Angles (N, 3) from this simulator with `finer` times its usual number of substeps."""
     row = plant.at_rate(RATE)
     row[P.substeps] *= finer
     commands = np.zeros((len(motor), 4))
@@ -96,7 +96,7 @@ def ours(plant: JointPlant, motor: Array, finer: float = 1.0) -> Array:
 
 
 def mujoco_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
-    """Every integrator at 1, 1/2, ... 1/16 ms."""
+    """Contenders: every integrator of MuJoCo at 1, 1/2, ... 1/16 ms."""
     inertial = '<inertial pos="0 0 0" mass="1" diaginertia="{1} {1} {1}"/>'
     body = '<body><joint name="{0}" axis="0 0 1" damping="{2}"/>' + inertial + "</body>"
     joints = '<joint joint="q" coef="1"/><joint joint="{0}" coef="-1"/>'
@@ -121,14 +121,14 @@ def mujoco_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
 
 
 def mujoco_rollout(model: Any, data: Any, start: Array, control: Array, finer: int) -> Array:
-    """Angles (N, 3), of every `finer`-th step."""
+    """Angles (N, 3) of every `finer`-th step."""
     state, _ = rollout.rollout(model, data, start, control)
     return np.asarray(state[0, finer - 1 :: finer, 1:4])
 
 
 @njit(cache=False)
 def slope(t: float, x: Array, motor: Array) -> Array:
-    """The same equations for scipy, compiled so that only its own cost remains."""
+    """The same equations for scipy, compiled so that scipy's own cost dominates."""
     k = min(int(t * 1000.0 + 1e-9), len(motor) - 1)
     p1, p2 = x[0] - x[1], x[0] - x[2]
     e1, e2 = 5.0 * p1 + 10.0 * p1**3, 5.0 * p2 + 10.0 * p2**3
@@ -141,7 +141,7 @@ def slope(t: float, x: Array, motor: Array) -> Array:
 
 
 def scipy_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
-    """One call over the whole run (it steps across the edges of held commands), and restarted at each edge."""
+    """Contenders: solve_ivp over the whole run (it steps across jumps of the command), and restarted at each jump."""
     time_at = np.arange(1, len(motor) + 1) / RATE
 
     def whole(method: str, tolerance: float) -> Array:
@@ -154,8 +154,8 @@ def scipy_runs(motor: Array) -> list[tuple[str, Callable[[], Array]]]:
     def pieces(method: str, tolerance: float) -> Array:
         x, out = np.zeros(6), np.empty((len(motor), 3))
         for k in range(len(motor)):
-            held = motor[k : k + 1]
-            x = solve_ivp(slope, (0.0, 1.0 / RATE), x, method, args=(held,), rtol=tolerance, atol=tolerance).y[:, -1]
+            now = motor[k : k + 1]
+            x = solve_ivp(slope, (0.0, 1.0 / RATE), x, method, args=(now,), rtol=tolerance, atol=tolerance).y[:, -1]
             out[k] = x[:3]
         return out
 
@@ -174,13 +174,13 @@ def measured(reference: Array, contenders: list[tuple[str, Callable[[], Array]]]
 
 
 def fastest(rows: list[Row], target: float) -> Row | None:
-    """The fastest row that is at least as accurate as `target`."""
+    """The fastest row with an error of at most `target`; None if there is none."""
     good = [row for row in rows if row.error <= target]
     return min(good, key=lambda row: row.seconds) if good else None
 
 
 def stiff() -> dict[str, float]:
-    """The document's cubic joint under E1, ten seconds: errors [rad] and time [s]."""
+    """Errors [rad] and time [s] of the document's cubic joint under excitation E1 for ten seconds."""
     device = load_device("cubic_aa_vsa")
     plant, motor = JointPlant.from_device(device), torques(10_000, 1.0)
     t = np.arange(10_000) / RATE
@@ -190,10 +190,10 @@ def stiff() -> dict[str, float]:
     angles, seconds = best(lambda: ours(plant, motor), 3)
     finer = float(np.max(np.abs(angles - ours(plant, motor, 20.0))))
     x, worst = np.zeros(6), 0.0
-    for k in range(2000):  # two seconds of an independent method with a restart at every edge
+    for k in range(2000):  # two seconds by an independent method, restarted at every jump of the command
 
-        def rate(_t: float, x: Array, held: tuple[float, ...] = (*motor[k], 0.0, 0.0)) -> Array:
-            return plant.derivative(x, held)
+        def rate(_t: float, x: Array, command: tuple[float, ...] = (*motor[k], 0.0, 0.0)) -> Array:
+            return plant.derivative(x, command)
 
         x = solve_ivp(rate, (0.0, 1.0 / RATE), x, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
         worst = max(worst, float(np.max(np.abs(angles[k] - x[:3]))))
@@ -203,10 +203,10 @@ def stiff() -> dict[str, float]:
 def main() -> None:
     console, plant, motor = Console(), JointPlant.from_device(DEVICE), torques(TICKS)
     reference = ours(plant, motor, 64.0)
-    held = Signals(np.arange(TICKS) / RATE, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
+    commands = Signals(np.arange(TICKS) / RATE, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
 
     def whole_call() -> Array:
-        truth = simulate(plant, held, TICKS / RATE, RATE).truth
+        truth = simulate(plant, commands, TICKS / RATE, RATE).truth
         return np.column_stack([truth["q"], truth["theta"]])[1:]
 
     rows = {

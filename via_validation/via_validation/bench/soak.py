@@ -1,9 +1,8 @@
-"""A day at 1 kHz: an estimator on one joint for simulated hours, chunk by chunk with its state carried on.
+"""Endurance test: an estimator on one joint for simulated hours at 1 kHz, with its state carried from chunk to chunk.
 
-The joint's motion, ten minutes with two stops and two minutes of rest at the end, is simulated once and lived through
-again and again; noise, encoder steps, dropouts and gaps are new every time. What is asked of the estimator: nothing but
-finite numbers, standard deviations that stay bounded, an error no larger at the end than in the beginning, a condition
-number that is a number, and a process that does not grow.
+The joint's motion, ten minutes with two stops and two minutes of rest at the end, is simulated once and repeated;
+noise, encoder steps, dropouts and gaps are new in every repetition. Requirements: finite numbers, a bounded standard
+deviation, an error in the last hour not much larger than in the first, and constant memory of the process.
 """
 
 from __future__ import annotations
@@ -11,13 +10,11 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from math import inf, isfinite, sqrt
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from via_bringup.provenance import Provenance
 from via_controllers.multisine import Multisine
 from via_core.device_parts import Observed
@@ -35,24 +32,25 @@ from via_validation.bench.estimators import resident
 from via_validation.side_by_side import Send
 from via_validation.tables.page import number
 from via_validation.tables.rows import Row
+from via_validation.template import rendered
 
 RATE = 1000.0  # [Hz]
-PERIOD = 600.0  # [s] after which the motion begins again
+PERIOD = 600.0  # [s] after which the motion repeats
 STOPS = ((100.0, 107.0), (250.0, 310.0), (480.0, 600.0))  # [s] without motion
-FADE = 1.0  # [s] into and out of a stop
-CHUNK = 60.0  # [s] taken at once
+FADE = 1.0  # [s] of smooth transition into and out of a stop
+CHUNK = 60.0  # [s] processed at once
 HOUR = 3600.0
-LOST = 0.02  # share of seconds in which a burst of samples is no number
+LOST = 0.02  # share of seconds with a burst of invalid samples
 BURST = 20  # samples
-GAP = (0.06, 2.0)  # [s] range of the gap in every chunk; one as long as the longest lies between two periods
-SHARE = 0.25  # of the torque at the stop that the springs are loaded with
-DRIFT_LIMIT, DEVIATION_LIMIT = 1.25, 1.5  # last hour over the first: error, largest standard deviation
+GAP = (0.06, 2.0)  # [s] range of the gap in every chunk; a gap of the longest length separates two periods
+LOAD = 0.25  # spring torque over that at the deflection limit
+DRIFT_LIMIT, SD_LIMIT = 1.25, 1.5  # over the first hour: error of the last, standard deviation of any
 GROWTH_LIMIT = 4096.0  # [KiB]
 Progress = Callable[[float, float, str], None]
 
 
 @dataclass(frozen=True)
-class Journey:
+class Motion:
     """One period: rows (N, 1 + k) without noise, noise and steps of each column (k,), truth of the output (N,)."""
 
     rows: Array
@@ -64,12 +62,12 @@ class Journey:
 
 @dataclass(frozen=True)
 class Hour:
-    """What an hour was like; errors are relative RMS over samples with status OK."""
+    """Results of one hour; the error is a relative RMS over samples with status OK."""
 
     samples: int
     error: float
-    deviation: float  # RMS standard deviation of the output, status OK
-    widest: float  # largest standard deviation of the output, whatever the status
+    sd: float  # RMS standard deviation of the output, status OK
+    largest_sd: float  # largest standard deviation of the output, any status
     shares: dict[str, float]  # of the samples, by status
     condition: float
     resident: int  # [bytes] at its end
@@ -78,17 +76,26 @@ class Hour:
 
 @dataclass(frozen=True)
 class Endurance:
-    """A whole run."""
+    """Results of a whole run."""
 
     method: str
     device: str
     start: float  # [s] stamp of the first sample
     hours: tuple[Hour, ...]
-    seconds: float  # of this machine
+    seconds: float  # wall time
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Stamp of the first sample [s], seed of noise, dropouts and gaps, and period of the motion [s]."""
+
+    start: float = 0.0
+    seed: int = 0
+    period: float = PERIOD
 
 
 def moving(time: Array) -> Array:
-    """Share of motion (N,) at `time` [s] since the period began: 1 moving, 0 in a stop, smooth between."""
+    """Amplitude (N,) of the motion at `time` [s] of a period: 1 in motion, 0 in a stop, smooth in between."""
     share = np.ones(len(time))
     for begin, end in ((-1.0, 0.0), *STOPS):
         outside = np.clip(np.maximum(begin - time, time - end) / FADE, 0.0, 1.0)
@@ -96,8 +103,8 @@ def moving(time: Array) -> Array:
     return share
 
 
-def journey_of(device: Device, method: str, period: float = PERIOD) -> Journey:
-    """The joint's motion under tones that suit its drive; raises ParameterError for a joint nothing here moves."""
+def motion_of(device: Device, method: str, period: float = PERIOD) -> Motion:
+    """The joint's motion under multisine commands. Raises ParameterError for an unsupported arrangement or drive."""
     time = np.arange(round(period * RATE)) / RATE
     share = moving(time)
 
@@ -111,12 +118,12 @@ def journey_of(device: Device, method: str, period: float = PERIOD) -> Journey:
     elif device.arrangement == "rigid":
         names |= {"external_torque": tones(0.0, (4.0, 0.5), (2.0, 1.3))}
     elif device.drive == "torque" and device.n_transmissions == 2:
-        load = SHARE * float(device.spring_laws[0].torque(device.spring_laws[0].max_deflection))
+        load = LOAD * float(device.spring_laws[0].torque(device.spring_laws[0].max_deflection))
         first = tones(1.0, (0.5, 0.7), (0.25, 1.9))
         second = tones(1.0, (0.5, 1.1), (0.25, 2.3))
         names |= {"motor": np.column_stack([load * first, -load * second])}
     else:
-        raise ParameterError(f"nothing here moves '{device.name}': {device.arrangement}, {device.drive} drive")
+        raise ParameterError(f"no motion defined for '{device.name}': {device.arrangement}, {device.drive} drive")
     commands = Signals(time, names, dict.fromkeys(names, "-"), frozenset(names))
     run = simulate(JointPlant.from_device(device), commands, period - 1.0 / RATE, RATE, sensors=IDEAL)
     estimator = estimator_for(device, method)
@@ -124,11 +131,11 @@ def journey_of(device: Device, method: str, period: float = PERIOD) -> Journey:
     channels = {**run.measured.channels, **{n: v for n, v in names.items() if n in ("equilibrium", "preset")}}
     rows = rows_of(Signals(run.measured.time, channels, dict.fromkeys(channels, "-")), estimator.inputs)
     noise, quantum = _sensors(device, estimator.inputs)
-    return Journey(rows, noise, quantum, run.truth[output], output)
+    return Motion(rows, noise, quantum, run.truth[output], output)
 
 
 def _sensors(device: Device, inputs: Sequence[str]) -> tuple[Array, Array]:
-    """Noise and steps of every column as the device file has them, else .01 N m; velocities have .01 rad/s."""
+    """Noise and steps of every column from the device file; defaults: .01 N m for torques, .01 rad/s for velocities."""
     noise, quantum = np.zeros(len(inputs)), np.zeros(len(inputs))
     for at, name in enumerate(inputs):
         if name == "q":
@@ -143,14 +150,14 @@ def _sensors(device: Device, inputs: Sequence[str]) -> tuple[Array, Array]:
     return noise, quantum
 
 
-def seen(journey: Journey, begin: int, end: int, shift: float, random: np.random.Generator) -> tuple[Array, Array]:
-    """Rows and truth of samples begin..end of the period, `shift` [s] later, through bad sensors and a bad line."""
-    rows = journey.rows[begin:end].copy()
-    truth = journey.truth[begin:end]
+def measured(motion: Motion, begin: int, end: int, shift: float, random: np.random.Generator) -> tuple[Array, Array]:
+    """Rows and truth of samples begin..end of the period, `shift` [s] later, with noise, invalid samples and a gap."""
+    rows = motion.rows[begin:end].copy()
+    truth = motion.truth[begin:end]
     values = rows[:, 1:]
-    values += journey.noise * random.standard_normal(values.shape)
-    stepped = journey.quantum > 0.0
-    values[:, stepped] = np.round(values[:, stepped] / journey.quantum[stepped]) * journey.quantum[stepped]
+    values += motion.noise * random.standard_normal(values.shape)
+    stepped = motion.quantum > 0.0
+    values[:, stepped] = np.round(values[:, stepped] / motion.quantum[stepped]) * motion.quantum[stepped]
     for first in np.flatnonzero(random.random(len(rows) // round(RATE)) < LOST) * round(RATE):
         values[first : first + BURST, random.integers(values.shape[1])] = random.choice([np.nan, np.inf, 1e12])
     rows[:, 0] += shift
@@ -160,40 +167,38 @@ def seen(journey: Journey, begin: int, end: int, shift: float, random: np.random
     return rows[kept], truth[kept]
 
 
-def soak(
-    device: Device, method: str, hours: float, progress: Progress, start: float = 0.0, seed: int = 0,
-    period: float = PERIOD,
-) -> Endurance:  # fmt: skip
-    """Live through `hours` from the stamp `start` [s] on."""
+def soak(device: Device, method: str, hours: float, progress: Progress, scenario: Scenario | None = None) -> Endurance:
+    """Run the method for `hours` of simulated time."""
+    scenario = scenario or Scenario()
     device = device.model_copy(
         update={"observed": Observed(), "sensors": device.sensors.model_copy(update={"rate": RATE})}
     )
-    estimator, journey = estimator_for(device, method), journey_of(device, method, period)
-    random, began = np.random.default_rng(seed), perf_counter()
+    estimator, motion = estimator_for(device, method), motion_of(device, method, scenario.period)
+    random, began = np.random.default_rng(scenario.seed), perf_counter()
     found: list[Hour] = []
     parts: list[_Part] = []
-    state, elapsed, at, shift, mark = estimator.init(), 0.0, 0, start, HOUR
+    state, elapsed, at, shift, mark = estimator.init(), 0.0, 0, scenario.start, HOUR
     while elapsed < hours * HOUR:
-        end = min(at + round(CHUNK * RATE), len(journey.rows))
-        rows, truth = seen(journey, at, end, shift, random)
-        state, part = _take(estimator, state, rows, truth, journey.output)
+        end = min(at + round(CHUNK * RATE), len(motion.rows))
+        rows, truth = measured(motion, at, end, shift, random)
+        state, part = _take(estimator, state, rows, truth, motion.output)
         parts.append(part)
         elapsed += (end - at) / RATE
         at = end
-        if at == len(journey.rows):
-            at, shift = 0, shift + period + GAP[1]
+        if at == len(motion.rows):
+            at, shift = 0, shift + scenario.period + GAP[1]
         if elapsed >= min(mark, hours * HOUR):
             gc.collect()
             found.append(_hour(parts, estimator.condition(state)))
             parts, mark = [], mark + HOUR
         progress(elapsed / HOUR, hours, method)
-    return Endurance(method, device.name, start, tuple(found), perf_counter() - began)
+    return Endurance(method, device.name, scenario.start, tuple(found), perf_counter() - began)
 
 
 def work(device: Device, method: str, hours: float, start: float, seed: int, send: Send) -> None:
-    """One run as a job of `side_by_side`: sends hours done as it goes, the Endurance at last, or what went wrong."""
+    """One run as a job of `side_by_side`: sends the hours done, and finally the Endurance or the error."""
     try:
-        send(soak(device, method, hours, lambda done, _of, _name: send(done), start, seed))
+        send(soak(device, method, hours, lambda done, _of, _name: send(done), Scenario(start, seed)))
     except ParameterError as error:
         send(error)
 
@@ -206,19 +211,19 @@ class _Part:
     error: float
     truth: float
     variance: float
-    widest: float
+    largest_sd: float
     finite: bool
 
 
 def _take(estimator: Estimator, state: Array, rows: Array, truth: Array, output: str) -> tuple[Array, _Part]:
     state, estimates = estimator.run_rows(rows, state)
-    value, deviation = estimates.column(output)
+    value, sd = estimates.column(output)
     ok = estimates.status == Status.OK
     finite = all(bool(np.isfinite(part).all()) for part in (estimates.value, estimates.standard_deviation, state))
     counts = np.bincount(estimates.status, minlength=len(Status))
     error, size = float(np.sum((value - truth)[ok] ** 2)), float(np.sum(truth[ok] ** 2))
-    variance = float(np.sum(deviation[ok] ** 2))
-    return state, _Part(counts, error, size, variance, float(deviation.max()), finite)
+    variance = float(np.sum(sd[ok] ** 2))
+    return state, _Part(counts, error, size, variance, float(sd.max()), finite)
 
 
 def _hour(parts: Sequence[_Part], condition: float) -> Hour:
@@ -227,8 +232,8 @@ def _hour(parts: Sequence[_Part], condition: float) -> Hour:
     return Hour(
         samples=int(counts.sum()),
         error=sqrt(sum(part.error for part in parts) / size) if size > 0.0 else inf,
-        deviation=sqrt(sum(part.variance for part in parts) / max(counts[Status.OK], 1.0)),
-        widest=max(part.widest for part in parts),
+        sd=sqrt(sum(part.variance for part in parts) / max(counts[Status.OK], 1.0)),
+        largest_sd=max(part.largest_sd for part in parts),
         shares={status.name: float(counts[status] / counts.sum()) for status in Status},
         condition=condition,
         resident=resident(),
@@ -237,23 +242,23 @@ def _hour(parts: Sequence[_Part], condition: float) -> Hour:
 
 
 def soak_rows(run: Endurance) -> list[Row]:
-    """What was asked, and how the run answers."""
+    """Rows of the requirements, with their limits."""
     first, last = run.hours[0], run.hours[-1]
     hours = f"{len(run.hours)} h on {run.device} from stamp {run.start:g} s"
-    settled = run.hours[1:] or run.hours  # the first one begins with the prior
+    later = run.hours[1:] or run.hours  # the first hour starts from the prior
 
     def row(name: str, what: str, quantity: str, ours: float, limit: float | None) -> Row:
         return Row(f"soak.{run.method}.{name}", what, quantity, None, ours if isfinite(ours) else None, limit, hours)
 
     return [
-        row("not_finite", "hours with a number that is none", "count", sum(not h.finite for h in run.hours), 0.0),
+        row("not_finite", "hours with a number that is not finite", "count", sum(not h.finite for h in run.hours), 0.0),
         row("error.first", "relative RMS error, first hour", "error [%]", 100.0 * first.error, None),
         row("error.last", "relative RMS error, last hour", "error [%]", 100.0 * last.error,
             100.0 * DRIFT_LIMIT * first.error),
-        row("deviation", "RMS standard deviation, any later hour over the first", "ratio [-]",
-            max(hour.deviation for hour in settled) / max(first.deviation, 1e-300), DEVIATION_LIMIT),
-        row("widest", "largest standard deviation of any sample, any later hour over the first", "ratio [-]",
-            max(hour.widest for hour in settled) / max(first.widest, 1e-300), DEVIATION_LIMIT),
+        row("sd", "RMS standard deviation, largest of the later hours over the first", "ratio [-]",
+            max(hour.sd for hour in later) / max(first.sd, 1e-300), SD_LIMIT),
+        row("widest", "largest standard deviation of any sample, largest of the later hours over the first",
+            "ratio [-]", max(hour.largest_sd for hour in later) / max(first.largest_sd, 1e-300), SD_LIMIT),
         row("memory", "memory of the process, last hour less the first", "size [KiB]",
             (last.resident - first.resident) / 1024.0, GROWTH_LIMIT),
         row("condition", "largest condition number at the end of an hour", "[-]",
@@ -266,30 +271,27 @@ def soak_rows(run: Endurance) -> list[Row]:
 
 
 def write_markdown(runs: Sequence[Endurance], missing: Sequence[str], source: Provenance, path: Path) -> None:
-    """All runs as a page for a repository, with the names of methods that have none yet."""
+    """Write all runs as a Markdown page, with the names of the methods whose result is missing."""
     missed = [row.id for run in runs for row in soak_rows(run) if row.ok is False]
-    environment = Environment(
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    text = environment.from_string(files("via_validation.bench").joinpath("soak.md").read_text("utf-8")).render(
-        runs=[_cells(run) for run in runs],
-        statuses=[status.name for status in Status],
-        lost=LOST,
-        drift=DRIFT_LIMIT,
-        deviation=DEVIATION_LIMIT,
-        growth=GROWTH_LIMIT,
-        missed=f"Missed: {', '.join(missed)}." if missed else "No limit is missed.",
-        missing=missing,
-        source=source,
-    )
+    values = {
+        "runs": [_cells(run) for run in runs],
+        "statuses": [status.name for status in Status],
+        "lost": LOST,
+        "drift": DRIFT_LIMIT,
+        "sd": SD_LIMIT,
+        "growth": GROWTH_LIMIT,
+        "missed": f"Missed: {', '.join(missed)}." if missed else "No limit is missed.",
+        "missing": missing,
+        "source": source,
+    }
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    path.write_text(rendered("bench/soak.md", values), encoding="utf-8")
 
 
 def _cells(run: Endurance) -> list[str]:
     last, rows = run.hours[-1], {row.id.removeprefix(f"soak.{run.method}."): row for row in soak_rows(run)}
     finite = "yes" if all(hour.finite for hour in run.hours) else "**no**"
-    names = ("error.first", "error.last", "deviation", "widest", "memory", "condition")
+    names = ("error.first", "error.last", "sd", "widest", "memory", "condition")
     return [
         run.method,
         run.device,

@@ -1,7 +1,7 @@
-"""Fair times on a busy machine: contenders take turns, and medians are of what was measured side by side.
+"""Fair timing on a busy machine: contenders alternate, and ratios are medians over turns.
 
-What counts is the time of the processor that this thread used, so that others waiting for it do not count; what they do
-to caches does. Everything timed here is one thread.
+Times are processor times of this thread. Other processes therefore matter only through the caches. Everything timed
+here uses one thread.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from time import thread_time
 
 @dataclass(frozen=True)
 class Contender:
-    """Something to time: `run` does `count` samples' work."""
+    """A function to time; `run` processes `count` samples."""
 
     count: int
     run: Callable[[], object]
@@ -22,7 +22,7 @@ class Contender:
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds per sample, one per turn, in the order of the turns."""
+    """Seconds per sample of each turn, in order."""
 
     seconds: tuple[float, ...]
 
@@ -32,12 +32,12 @@ class Times:
         return 1e9 * median(self.seconds)
 
     def over(self, other: Times) -> float:
-        """Median over the turns of this one's time divided by the other's in the same turn."""
+        """Median over the turns of this time divided by the other one's in the same turn."""
         return median(mine / theirs for mine, theirs in zip(self.seconds, other.seconds, strict=True))
 
 
 def take_turns(contenders: Mapping[str, Contender], turns: int) -> dict[str, Times]:
-    """Times of each, after a first round that compiles and warms caches and does not count."""
+    """Times of each contender, after a first round that compiles, warms caches and is not counted."""
     taken: dict[str, list[float]] = {name: [] for name in contenders}
     for turn in range(turns + 1):
         for name, contender in contenders.items():

@@ -1,4 +1,4 @@
-"""Commands that this package adds to `via`, through the entry point group `via.commands`."""
+"""Commands of this package for `via`, registered in the entry point group `via.commands`."""
 
 from via_bringup.cli.deferred import Entry
 
@@ -11,7 +11,7 @@ COMMANDS = {
         "via_validation.commands.compare:compare",
         "Compare accuracy, convergence, coverage, robustness and cost of all stiffness estimators.",
     ),
-    "bench": Entry("via_validation.commands.bench:app", "Measure speed, memory and endurance beside other libraries'."),
+    "bench": Entry("via_validation.commands.bench:app", "Measure speed, memory and endurance."),
     "gap blind": Entry(
         "via_validation.commands.gap_blind:app", "Evaluate the diagnosis on sealed cases of a second simulator."
     ),

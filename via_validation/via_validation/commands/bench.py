@@ -1,4 +1,4 @@
-"""`via bench ...`: speed beside others' in the same run. What it loads is heavy, so each command loads its own."""
+"""`via bench ...`: speed compared with other libraries in the same run. Each command imports only what it needs."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from via_validation.bench.soak import Endurance
 
 app = typer.Typer(
-    help="Measure speed, memory and endurance beside other libraries'.", no_args_is_help=True, add_completion=False
+    help="Measure speed, memory and endurance.",
+    no_args_is_help=True,
+    add_completion=False,
 )
 
-Json = Annotated[
-    Path | None, typer.Option("--json", help="Write the rows to this file; -: to stdout, and nothing else.")
-]
-Turns = Annotated[int, typer.Option(min=1, max=1000, help="Alternating repeats, of which the median counts.")]
+Json = Annotated[Path | None, typer.Option("--json", help="Write the rows to this file; -: only to stdout.")]
+Turns = Annotated[int, typer.Option(min=1, max=1000, help="Alternating repeats; results are medians.")]
 STYLES = {"ok": "green", "MISSED": "bold red"}
 
 
 @app.command()
 def core() -> None:
-    """Reading bags by column beside mcap-ros2-support and rosbags."""
+    """Reading of bags by column, compared with mcap-ros2-support and rosbags."""
     from via_validation.bench import bags
 
     bags.main()
@@ -39,7 +39,7 @@ def core() -> None:
 
 @app.command()
 def sim() -> None:
-    """The simulator beside MuJoCo and scipy at equal accuracy."""
+    """The simulator compared with MuJoCo and scipy at equal accuracy."""
     from via_validation.bench import simulator
 
     simulator.main()
@@ -47,15 +47,15 @@ def sim() -> None:
 
 @app.command()
 def batch() -> None:
-    """A thousand parameter sets of one joint at once, beside a loop and MuJoCo's rollout."""
+    """A thousand parameter sets of one joint at once, compared with a loop and MuJoCo's rollout."""
     from via_validation.bench import batch as parameter_sets
 
     parameter_sets.main()
 
 
 @app.command()
-def gap(turns: Annotated[int, typer.Option(min=1, max=100, help="Repeats, of which the least counts.")] = 3) -> None:
-    """One parameter fit beside scipy and mujoco.sysid; a diagnosis of a log ten times as long."""
+def gap(turns: Annotated[int, typer.Option(min=1, max=100, help="Repeats; times are minima.")] = 3) -> None:
+    """One parameter fit compared with scipy and mujoco.sysid; the diagnosis of a log ten times as long."""
     from via_validation.bench import gap as fits
 
     fits.main(turns)
@@ -63,7 +63,7 @@ def gap(turns: Annotated[int, typer.Option(min=1, max=100, help="Repeats, of whi
 
 @app.command()
 def estimators(turns: Turns = 15, as_rows: Json = None) -> None:
-    """Estimators beside C++ with Eigen, padasip and numpy; full steps, memory, growth."""
+    """Estimators compared with C++ with Eigen, padasip and numpy; full steps, memory, growth."""
     from via_validation.bench.estimators import estimator_rows
 
     shown("Estimators", estimator_rows(turns, errors.print), as_rows)
@@ -71,20 +71,20 @@ def estimators(turns: Turns = 15, as_rows: Json = None) -> None:
 
 @app.command()
 def limits(
-    starts: Annotated[int, typer.Option(min=1, max=100_000, help="Random courses; a thousand take ten minutes.")] = 30,
+    starts: Annotated[int, typer.Option(min=1, max=100_000, help="Random runs; a thousand take ten minutes.")] = 30,
     as_rows: Json = None,
 ) -> None:
-    """Limits of an arm and of joints under random starts, blows, holds, lost samples and a law out of its mind."""
+    """Limits of an arm and of joints with random starts, impacts, holds, lost samples and a faulty controller."""
     from via_validation.bench.joint_limits import joint_limit_rows
     from via_validation.bench.limits import limit_rows
 
-    joints = joint_limit_rows(track(range(starts), "courses of joints", console=errors))
-    shown("Limits", [*limit_rows(track(range(starts), "courses", console=errors)), *joints], as_rows)
+    joints = joint_limit_rows(track(range(starts), "runs of joints", console=errors))
+    shown("Limits", [*limit_rows(track(range(starts), "runs of the arm", console=errors)), *joints], as_rows)
 
 
 @app.command()
 def controllers(turns: Turns = 15, as_rows: Json = None) -> None:
-    """One evaluation of each control law; the limit cycle on 4 flexible joints beside plain numpy."""
+    """Time of one evaluation of each controller; the limit cycle on 4 flexible joints compared with numpy."""
     from via_validation.bench.controllers import controller_rows
 
     shown("Controllers", controller_rows(turns), as_rows)
@@ -92,10 +92,10 @@ def controllers(turns: Turns = 15, as_rows: Json = None) -> None:
 
 @app.command()
 def arm(
-    seconds: Annotated[float, typer.Option(min=5.0, max=3600.0, help="How long each law is at work \\[s].")] = 20.0,
+    seconds: Annotated[float, typer.Option(min=5.0, max=3600.0, help="Duration for each controller \\[s].")] = 20.0,
     as_rows: Json = None,
 ) -> None:
-    """Laws of an arm over DDS in real time at 1 kHz in one process: late commands, and what they cost."""
+    """Controllers of an arm over DDS in real time at 1 kHz in one process: late commands and their effect."""
     from via_validation.bench.arm import arm_rows
 
     shown("Arm in real time", arm_rows(seconds), as_rows)
@@ -103,7 +103,7 @@ def arm(
 
 @app.command()
 def hitting(as_rows: Json = None) -> None:
-    """The 4-dof arm against walls over DDS in lockstep: three walls, three holds each. Takes some minutes."""
+    """The 4-dof arm hitting walls over DDS in lockstep: three walls with three holds each. Takes some minutes."""
     from via_validation.bench.hitting import hitting_rows_over_dds
 
     with Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=errors) as bars:
@@ -116,13 +116,13 @@ def hitting(as_rows: Json = None) -> None:
 
 @app.command()
 def node(
-    seconds: Annotated[float, typer.Option(min=1.0, max=86400.0, help="How long samples are sent \\[s].")] = 60.0,
+    seconds: Annotated[float, typer.Option(min=1.0, max=86400.0, help="Duration of the test \\[s].")] = 60.0,
     joints: Annotated[int, typer.Option(min=1, max=64, help="Joints of two transmissions.")] = 16,
-    device: Annotated[str, typer.Option(help="What every joint is.")] = "qbmove_a",
+    device: Annotated[str, typer.Option(help="Device of every joint.")] = "qbmove_a",
     separate: Annotated[bool, typer.Option(help="One JointState per joint instead of one for all.")] = False,
     as_rows: Json = None,
 ) -> None:
-    """The estimator node with many joints at 1 kHz over DDS: what is lost, CPU share, latency."""
+    """The estimator node with many joints at 1 kHz over DDS: lost estimates, CPU share, latency."""
     from via_validation.bench.node import node_rows
 
     shown("Estimator node", node_rows(seconds, joints, device, separate), as_rows)
@@ -130,15 +130,15 @@ def node(
 
 @app.command()
 def soak(
-    method: Annotated[list[str] | None, typer.Option(help="Only this one (repeat for more).")] = None,
-    device: Annotated[str, typer.Option(help="Joint; else one that suits the method.")] = "",
+    method: Annotated[list[str] | None, typer.Option(help="Only this method (repeat for more).")] = None,
+    device: Annotated[str, typer.Option(help="Joint; default: one that suits the method.")] = "",
     hours: Annotated[float, typer.Option(min=0.01, max=10_000.0, help="Simulated time \\[h].")] = 24.0,
     start: Annotated[float, typer.Option(min=0.0, max=1e9, help="Stamp of the first sample \\[s].")] = 0.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of noise, dropouts and gaps.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise, dropouts and gaps.")] = 0,
     as_rows: Json = None,
     write: Annotated[Path | None, typer.Option(help="Also write soak.md into this folder.")] = None,
 ) -> None:
-    """Simulated hours at 1 kHz: finite, bounded, without drift of numbers or memory. A day takes a method minutes."""
+    """Simulated hours at 1 kHz: finite numbers, bounded errors and memory. A day takes minutes per method."""
     from via_bringup.provenance import provenance
     from via_core.devices import load_device
     from via_estimators.methods import METHODS, method_for
@@ -160,7 +160,7 @@ def soak(
         TimeElapsedColumn(),
     )
     done: dict[int, Endurance] = {}
-    tenths = [0] * len(chosen)  # told of each run where no bar can be drawn
+    tenths = [0] * len(chosen)  # last progress printed of each run, without a terminal
     with Progress(*columns, console=errors, disable=not errors.is_terminal) as bars:
         tasks = [bars.add_task(name, total=hours, start=False) for name in chosen]
 
@@ -193,7 +193,7 @@ def _in_order(done: dict[int, Endurance]) -> list[Endurance]:
 
 @app.command("all")
 def everything(turns: Turns = 15) -> None:
-    """All of them, one after the other."""
+    """The most important benchmarks, one after the other."""
     core()
     sim()
     batch()
@@ -204,7 +204,7 @@ def everything(turns: Turns = 15) -> None:
 
 
 def shown(title: str, rows: list[Row], as_rows: Path | None) -> None:
-    """Rows as a table, and as JSON where asked for."""
+    """Print the rows as a table; `as_rows`: write them as JSON too, or only to stdout for '-'."""
     objects = json.dumps(as_json(rows), indent=1, allow_nan=False) + "\n"
     if as_rows == Path("-"):
         print(objects, end="")

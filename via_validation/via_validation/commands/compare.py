@@ -18,12 +18,12 @@ PAGE = "comparison.md"
 def compare(
     device: Annotated[
         list[str] | None,
-        typer.Option(help="Antagonistic joint with torque drive (repeat for more); else three qbmoves."),
+        typer.Option(help="Antagonistic joint with torque drive (repeat for more); default: three qbmoves."),
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, max=1000, help="Noise realisations per case.")] = 20,
     out: Annotated[Path, typer.Option(help="Folder for the picture.")] = Path("out/compare"),
     as_numbers: Annotated[
-        Path | None, typer.Option("--json", help="Write all figures to this file; -: to stdout, and nothing else.")
+        Path | None, typer.Option("--json", help="Write all results to this file; -: only to stdout.")
     ] = None,
     write: Annotated[Path | None, typer.Option(help=f"Also write {PAGE} and its picture into this folder.")] = None,
 ) -> None:
@@ -64,6 +64,6 @@ def compare(
     answers.print(shown)
     for level in done.levels:
         answers.print(f"{level.name}: {level}")
-    answers.print(f"{picture} shows it; what the columns mean is on the page that --write makes")
+    answers.print(f"picture: {picture}; --write adds a page that explains the columns")
     if as_numbers is not None:
         as_numbers.write_text(objects, encoding="utf-8")

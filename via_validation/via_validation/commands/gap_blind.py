@@ -1,4 +1,4 @@
-"""`via gap blind ...`: sealed cases of a second simulator, the diagnosis run on them, and its score."""
+"""`via gap blind ...`: make sealed cases with a second simulator, diagnose them, and score the answers."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ app = typer.Typer(
 )
 
 DIAGNOSE = "via gap diagnose {bag} --device {device} --json {json} --effects-out {effects}"
-SEED = 100_016  # where a block of seeds begins: every named effect as often as any other
+SEED = 100_016  # first seed of a block; a block contains every named effect equally often
 MEASURE = "via gap blind measure {log} --device {device} --report {report} --json {json}"
 Cases = Annotated[Path, typer.Argument(help="Folder of the cases.")]
-Processes = Annotated[int, typer.Option(min=1, max=256, help="How many at a time.")]
+Processes = Annotated[int, typer.Option(min=1, max=256, help="Number of parallel processes.")]
 
 
 @app.command()
 def make(
     out: Annotated[Path, typer.Option(help="New folder for the cases: recordings and nominal device files.")],
     keys: Annotated[Path, typer.Option(help="New folder for the keys, outside the cases.")],
-    seed_from: Annotated[int, typer.Option(min=0, help="First seed; below 100000 they are for development.")] = SEED,
-    count: Annotated[int, typer.Option(min=1, max=1000, help="How many cases.")] = 376,
-    duration: Annotated[float, typer.Option(min=5.0, max=600.0, help="Seconds of a recording.")] = 40.0,
+    seed_from: Annotated[int, typer.Option(min=0, help="First seed; seeds below 100000 are for development.")] = SEED,
+    count: Annotated[int, typer.Option(min=1, max=1000, help="Number of cases.")] = 376,
+    duration: Annotated[float, typer.Option(min=5.0, max=600.0, help="Duration of a recording \\[s].")] = 40.0,
     processes: Processes = 2,
 ) -> None:
     """Draw cases from seeds and seal their keys; prints the SHA-256 of every key."""
@@ -49,8 +49,8 @@ def make(
         )
     for each in made:
         answers.print(f"{each.digest}  {each.name}.json")
-    again = sum(each.attempts - 1 for each in made)
-    errors.print(f"{len(made)} cases in {out}, their keys in {keys}; {again} draws were rejected and drawn again")
+    rejected = sum(each.attempts - 1 for each in made)
+    errors.print(f"{len(made)} cases in {out}, their keys in {keys}; {rejected} draws were rejected")
 
 
 @app.command()
@@ -58,12 +58,12 @@ def run(
     cases: Cases,
     results: Annotated[Path, typer.Option(help="Folder for the reports.")],
     command: Annotated[
-        str, typer.Option(help="The diagnosis: {bag}, {device}, {json}, {effects} are paths.")
+        str, typer.Option(help="Command of the diagnosis; {bag}, {device}, {json}, {effects} are replaced by paths.")
     ] = DIAGNOSE,
-    patience: Annotated[float, typer.Option(min=1.0, help="Most seconds for one case.")] = 600.0,
+    patience: Annotated[float, typer.Option(min=1.0, help="Time limit of a case \\[s].")] = 600.0,
     processes: Processes = 1,
 ) -> None:
-    """Diagnose every case in a process of its own, on the recording alone; goes on where it was interrupted."""
+    """Diagnose every case in a separate process from its recording alone; continues an interrupted run."""
     from via_validation.sealed.running import run_cases
     from via_validation.sealed.sealing import names_in
 
@@ -85,7 +85,7 @@ def score(
     simulate: Annotated[
         str,
         typer.Option(
-            help="What measures the gap on a withheld log: {log}, {device}, {effects}, {report}, {json}; '': nothing."
+            help="Command to measure the gap on a withheld log: {log}, {device}, {effects}, {report}, {json}; '': none."
         ),
     ] = MEASURE,
     as_file: Annotated[Path | None, typer.Option("--json", help="Write every number to this file.")] = None,
@@ -93,15 +93,15 @@ def score(
     processes: Processes = 2,
 ) -> None:
     """Open the keys, verify their seals, and score the reports; exit code 1 when a limit is missed."""
-    from via_validation.sealed.opening import judged_cases
+    from via_validation.sealed.opening import evaluated_cases
     from via_validation.sealed.page import as_json, write_page
     from via_validation.sealed.scoring import score as score_of
     from via_validation.sealed.sealing import names_in
 
     with _progress(len(names_in(cases))) as bar:
-        judged = judged_cases(cases, keys, results, simulate, processes, lambda _: bar.advance(bar.task_ids[0]))
-    scored = score_of(judged)
-    listing = table(f"{len(judged)} cases", "group", "number", "ours", "limit", "cases", "verdict")
+        evaluations = evaluated_cases(cases, keys, results, simulate, processes, lambda _: bar.advance(bar.task_ids[0]))
+    scored = score_of(evaluations)
+    listing = table(f"{len(evaluations)} cases", "group", "number", "ours", "limit", "cases", "verdict")
     for number in scored.numbers:
         word = {None: "", True: "ok", False: "MISSED"}[number.kept]
         limit = "" if number.limit is None else f"{'>=' if number.at_least else '<='} {number.limit:g}"
@@ -125,46 +125,46 @@ def calibrate(
     cases: Cases,
     keys: Annotated[Path, typer.Option(help="Folder of the keys.")],
     results: Annotated[Path, typer.Option(help="Folder of the reports.")],
-    write: Annotated[Path, typer.Option(help="File for the counts: selection/reliability.yaml of via_gap.")],
+    write: Annotated[Path, typer.Option(help="File for the counts, in via_gap: selection/reliability.yaml.")],
 ) -> None:
-    """Count on judged development cases how often answers of each verdict are right, and what conformal sets need."""
-    from via_validation.sealed.judging import judge
+    """Count right answers by verdict on development cases, and compute thresholds of the conformal sets."""
+    from via_validation.sealed.evaluation import evaluate
     from via_validation.sealed.sealing import names_in, opened
 
-    judged, seeds = [], []
+    answered, seeds = [], []
     for name in names_in(cases):
         file = results / f"{name}.json"
         if not file.exists():
             continue
         report, key = read_report(_text(file), str(file)), opened(name, cases, keys).key
         if key["seed"] >= SEED:
-            raise ViaError(f"{name}: seed {key['seed']} is of the set that judges, not one to learn from")
+            raise ViaError(f"{name}: seed {key['seed']} is reserved for evaluation; calibrate with seeds below {SEED}")
         causes = [(each["effect"], each["site"], each["motor"]) for each in key["effects"]]
         shares = {(c.effect, c.site, c.motor): c.share for c in report.causes}
-        first_right = judge(name, key, json.loads(report.to_json()), None, None).first_right
+        first_right = evaluate(name, key, json.loads(report.to_json()), None, None).first_right
         truth = min((shares.get(cause, 0.0) for cause in causes), default=None) if key["kind"] != "unknown" else None
-        judged.append(Calibrated(report.verdict, report.level, bool(report.causes), first_right, truth))
+        answered.append(Calibrated(report.verdict, report.level, bool(report.causes), first_right, truth))
         seeds.append(int(key["seed"]))
-    if not judged:
+    if not answered:
         raise ViaError(f"no report in {results}")
-    numbers = calibrated(judged, str(provenance("via gap blind calibrate")), f"{min(seeds)} to {max(seeds)}")
+    numbers = calibrated(answered, str(provenance("via gap blind calibrate")), f"{min(seeds)} to {max(seeds)}")
     write.write_text(yaml.safe_dump(numbers.model_dump(), sort_keys=False), encoding="utf-8")
-    answers.print(f"{len(judged)} answers counted; numbers in {write}")
+    answers.print(f"{len(answered)} answers counted; numbers in {write}")
 
 
 @app.command()
 def measure(
     log: Annotated[Path, typer.Argument(help="Bag folder, .mcap or .csv file.")],
     device: Annotated[str, typer.Option(help="Nominal device: name or path to its YAML.")],
-    report: Annotated[Path, typer.Option(help="Report of a diagnosis: its effects and device numbers are the repair.")],
+    report: Annotated[Path, typer.Option(help="Report of a diagnosis: the repair to apply.")],
     as_file: Annotated[Path, typer.Option("--json", help="Write `before`, `after` and `floor` to this file.")],
 ) -> None:
-    """Measure the gap of a log that a report never saw, before and after its repair."""
-    told_of, described = read_report(_text(report), str(report)), load_device(device)
-    read = told_of.as_read([read_log(log, described)])
-    before, after = before_and_after(read, described, told_of.repaired(), (), told_of.by_equations)
-    told = {"before": before.overall, "after": after.overall, "floor": float(np.sqrt(np.mean(after.floors**2)))}
-    as_file.write_text(json.dumps(told, allow_nan=False) + "\n", encoding="utf-8")
+    """Measure the gap of a withheld log before and after the repair of a report."""
+    diagnosed, nominal = read_report(_text(report), str(report)), load_device(device)
+    logs = diagnosed.as_read([read_log(log, nominal)])
+    before, after = before_and_after(logs, nominal, diagnosed.repaired(), (), diagnosed.by_equations)
+    gap = {"before": before.overall, "after": after.overall, "floor": float(np.sqrt(np.mean(after.floors**2)))}
+    as_file.write_text(json.dumps(gap, allow_nan=False) + "\n", encoding="utf-8")
     answers.print(f"gap {before.overall:.4g} before, {after.overall:.4g} after")
 
 

@@ -1,4 +1,4 @@
-"""`via gap real`: what the diagnosis says of real robots whose causes are documented."""
+"""`via gap real`: diagnosis of real robots with documented causes."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ if TYPE_CHECKING:
     from via_validation.gap_real.cases import Case
     from via_validation.gap_real.run import Result
 
-DATA = Path("shared") / "data"  # beside the repo
+DATA = Path("shared") / "data"  # beside the repository
 
 
 def real(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Cases, patterns such as 'pendulum_*' among them; else all.")
+        list[str] | None, typer.Argument(help="Cases or patterns such as 'pendulum_*'; default: all.")
     ] = None,
     data: Annotated[
-        Path | None, typer.Option(help="Folder of the recordings; else shared/data beside the repo.")
+        Path | None, typer.Option(help="Folder of the recordings; default: shared/data beside the repository.")
     ] = None,
     results: Annotated[
-        Path, typer.Option(help="Folder that keeps the result of each case; an interrupted run goes on from there.")
+        Path, typer.Option(help="Folder for the result of each case; an interrupted run continues from there.")
     ] = Path("out/gap-real"),
     write: Annotated[Path | None, typer.Option(help="Write gap-real.md and its picture into this folder.")] = None,
-    again: Annotated[bool, typer.Option("--again", help="Diagnose anew what has a result already.")] = False,
+    again: Annotated[bool, typer.Option("--again", help="Repeat the diagnosis of cases that have a result.")] = False,
 ) -> None:
     """Diagnose real robots from public recordings and compare the answers with the documented causes.
 
-    Results are kept per case. A result is used again until the case or the diagnosis changes.
+    The result of a case is stored, and reused until the case or the diagnosis changes.
     """
     folder = data or Path.cwd().parent / DATA
     if not folder.is_dir():
         if data is not None:
             raise ViaError(f"no folder {data}")
-        answers.print("skipped: the recordings are not beside the repo; name their folder with --data")
+        answers.print("skipped: the recordings are not beside the repository; give their folder with --data")
         return
-    from via_validation.gap_real.cases import CASES  # what follows loads numba and pydantic models
+    from via_validation.gap_real.cases import CASES  # loads numba and pydantic
     from via_validation.gap_real.run import kept, missing
 
     patterns = names or ["*"]
@@ -70,8 +70,9 @@ def real(
 
 
 def _run(case: Case, folder: Path, results: Path) -> None:
-    """Diagnose one case, show its progress, keep its result."""
+    """Diagnose one case, show its progress, and store its result."""
     from via_validation.gap_real.run import keep, run_case
+    from via_validation.gap_real.summary import outcome_of
 
     columns = (SpinnerColumn(), TextColumn("{task.percentage:3.0f} % {task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=errors, transient=True) as bar:
@@ -80,15 +81,15 @@ def _run(case: Case, folder: Path, results: Path) -> None:
             case, folder, lambda what, share: bar.update(task, description=f"{case.name}: {what}", completed=share)
         )
     keep(result, results)
-    errors.print(f"{case.name}: {_judgement(case, result)}, {result.seconds:.0f} s of processor time")
+    errors.print(f"{case.name}: {outcome_of(case, result)}, {result.seconds:.0f} s of processor time")
 
 
 def _show(pairs: list[tuple[Case, Result]]) -> None:
-    """The table and the summary."""
-    from via_validation.gap_real.summary import first_cause, gap_words, summary, worse
+    """Print the table and the summary."""
+    from via_validation.gap_real.summary import first_cause, gap_words, outcome_of, summary, worse
 
     shown = table(
-        "Real robots", "case", "verdict", "first cause", "p", "explained", "gap held out", "judged", "worse", "s"
+        "Real robots", "case", "verdict", "first cause", "p", "explained", "held-out gap", "outcome", "worse", "s"
     )
     for case, result in pairs:
         report = result.report
@@ -100,15 +101,9 @@ def _show(pairs: list[tuple[Case, Result]]) -> None:
             f"{first.probability:.2f}" if first else "",
             f"{100 * report.explained:.0f} %" if report is not None else "",
             gap_words(result),
-            _judgement(case, result),
+            outcome_of(case, result),
             worse(result),
             f"{result.seconds:.0f}",
         )
     answers.print(shown)
     answers.print(str(summary(pairs)), soft_wrap=True)
-
-
-def _judgement(case: Case, result: Result) -> str:
-    from via_validation.gap_real.summary import judged
-
-    return judged(case, result)

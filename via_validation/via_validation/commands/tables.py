@@ -1,4 +1,4 @@
-"""`via tables`: every table and quoted figure of the document beside ours."""
+"""`via tables`: every table and quoted number of the document, compared with ours."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ PAGES = " and ".join(dict.fromkeys(f"{each.page}.md" for each in SECTIONS))
 def tables(
     section: Annotated[
         list[str] | None,
-        typer.Option(help=f"Only this one of {', '.join(s.name for s in SECTIONS)} (repeat for more)."),
+        typer.Option(help=f"Only this section of {', '.join(s.name for s in SECTIONS)} (repeat for more)."),
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, max=10_000, help="Noise realisations per noisy row.")] = 50,
     data: Annotated[
         Path | None,
-        typer.Option(help="Folder of real MACCEPA-VD runs; else the data set beside the repo, or the sample."),
+        typer.Option(help="Folder of real MACCEPA-VD runs; default: the data set or the sample."),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for index.html and the pictures.")] = Path("out/tables"),
     as_rows: Annotated[
-        Path | None, typer.Option("--json", help="Write the rows to this file; -: to stdout, and nothing else.")
+        Path | None, typer.Option("--json", help="Write the rows to this file; -: only to stdout.")
     ] = None,
     write: Annotated[
         Path | None, typer.Option(help=f"Also write {PAGES} with small pictures into this folder.")
@@ -105,7 +105,7 @@ def _show(finished: Finished) -> None:
 def _conclude(report: Report, out: Path) -> None:
     missed = ", ".join(row.id for row in report.missed)
     answers.print(
-        f"{len(report.rows)} rows, {report.judged} with a limit, {len(report.missed)} missed"
+        f"{len(report.rows)} rows, {report.limited} with a limit, {len(report.missed)} missed"
         + (f": {missed}" if missed else "")
-        + f"; {out / 'index.html'} shows them with the pictures"
+        + f"; page with pictures: {out / 'index.html'}"
     )

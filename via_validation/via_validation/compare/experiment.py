@@ -1,13 +1,12 @@
-"""The experiment, the same for every method: joints, motion, noise. Fixed before any result was looked at.
+"""Joints, motion and noise of the comparison, the same for every method. They were fixed before the first results.
 
-Joints: the three published parameter sets of the qbmove. Motion: their motors are position controlled (eq. (120)) on
-two multisines, equilibrium and preset, which deflect both transmissions by .03 to .52 rad of the .8 rad at the stop;
-30 s at 1 kHz. The torques of one noise-free run are played again for every seed, so that all seeds and all levels with
-the same friction see one motion and differ in their sensors only.
+Joints: the three published parameter sets of the qbmove. Motion: motors under position control (eq. (120)) along two
+multisines for equilibrium and preset, which deflect both transmissions by .03 to .52 rad of the .8 rad at the stop, for
+30 s at 1 kHz. The torques of one noise-free run are replayed for every seed. All seeds and all levels with the same
+friction therefore have the same motion and differ only in the sensors.
 
-A method is set up from the device file with the encoders and the torque noise of the level: it knows its sensors, as
-anybody does, and the nominal inertia and damping of the motors, but neither their dry friction nor the springs beyond
-the order of magnitude.
+A method is set up from the device file with the encoders and torque noise of the level. It has the sensor data and the
+nominal inertia and damping of the motors, but not their dry friction, and of the springs only the order of magnitude.
 """
 
 from __future__ import annotations
@@ -38,17 +37,17 @@ PRESET = Multisine(0.33, (0.12, 0.05), (0.27, 0.9))
 
 @dataclass(frozen=True)
 class Level:
-    """How good the sensors are, and whether the motors have the dry friction of their device file."""
+    """Sensor quality, and whether the motors have the dry friction of their device file."""
 
     name: str
     encoder_bits: int  # per turn, link and motors; 0: exact
     torque_noise: float  # [N m] standard deviation
-    velocity_noise: float  # [rad/s] of the motor velocity, which only methods that ask for it get to see
+    velocity_noise: float  # [rad/s] of the motor velocity, which only some methods use
     friction: bool
 
     @property
     def quantum(self) -> float:
-        """Encoder step [rad], 0 where exact."""
+        """Encoder step [rad]; 0 for exact angles."""
         return 2.0 * pi / 2**self.encoder_bits if self.encoder_bits else 0.0
 
     def __str__(self) -> str:
@@ -67,7 +66,7 @@ LEVELS = (
 
 
 def seen_by_estimators(device: Device, level: Level, inertia: float = 1.0, damping: float = 1.0) -> Device:
-    """The device file with the level's sensors, and motors whose inertia and damping are wrong by these factors."""
+    """The device file with the level's sensors, and with the motors' inertia and damping scaled by these factors."""
     quantum = level.quantum or None
     sensors = device.sensors.model_copy(
         update={"link_quantum": quantum, "motor_quantum": quantum, "torque_noise": level.torque_noise}
@@ -82,20 +81,20 @@ def seen_by_estimators(device: Device, level: Level, inertia: float = 1.0, dampi
 
 
 def without_friction(device: Device) -> Device:
-    """The device with motors that have no dry friction."""
+    """The device without dry friction of the motors."""
     motors = tuple(motor.model_copy(update={"coulomb_friction": 0.0}) for motor in _motors(device))
     return device.model_copy(update={"motors": motors})
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A joint's motion, ready to be measured again and again."""
+    """A joint's motion, to be measured with different noise."""
 
     plant: JointPlant
     torques: Signals  # commands of the noise-free closed loop
 
     def measured(self, level: Level, seed: int) -> Simulation:
-        """The same motion through the level's sensors."""
+        """The motion measured by the level's sensors."""
         sensors = Sensors(
             link_quantum=level.quantum,
             motor_quantum=level.quantum,
@@ -106,13 +105,13 @@ class Motion:
 
 
 def motion_of(device: Device, friction: bool, duration: float = DURATION) -> Motion:
-    """Run the closed loop once without noise; `duration` [s]. Raises ParameterError for a device it cannot drive."""
+    """Simulate the closed loop without noise; `duration` [s]. Raises ParameterError for an unsuitable device."""
     if device.arrangement != "antagonistic" or device.drive != "torque":
-        raise ParameterError(f"'{device.name}' is no antagonistic joint with torque-driven motors")
+        raise ParameterError(f"'{device.name}' is not an antagonistic joint with torque-driven motors")
     plant = JointPlant.from_device(device if friction else without_friction(device))
     first, second = device.spring_laws
     limits = [motor.torque_limit or np.inf for motor in _motors(device)]
-    law = MotorPositionControl(
+    controller = MotorPositionControl(
         springs=(first, second),
         equilibrium=EQUILIBRIUM,
         preset=PRESET,
@@ -123,11 +122,11 @@ def motion_of(device: Device, friction: bool, duration: float = DURATION) -> Mot
         fade_in=FADE_IN,
     )
     simulator = Simulator(plant, RATE, IDEAL)
-    state, memory = simulator.init(), law.init()
+    state, memory = simulator.init(), controller.init()
     measured, _ = simulator.sample(state)
     torques = np.empty((round(duration * RATE), 2))
     for k in range(len(torques)):
-        memory, answer = law.step(memory, JointSample(k / RATE, float(measured[0]), measured[1:3]))
+        memory, answer = controller.step(memory, JointSample(k / RATE, float(measured[0]), measured[1:3]))
         torques[k] = answer.torque
         state, measured, _ = simulator.step(state, [*answer.torque, 0.0, 0.0])
     time = np.arange(len(torques)) / RATE

@@ -1,13 +1,14 @@
-"""What a method is worth in one case: a case is a method, a joint and a level of noise, over all seeds.
+"""Measures of a method in one case: a method, a joint and a level of noise, over all seeds.
 
-accuracy      relative RMS error of the total stiffness after `SETTLED`: RMS of the error over RMS of the truth. All
-              samples count, whatever their status, at the deflections the joint is at
-convergence   from when on the relative RMS error of every second stays within 10 %; infinite if it does not
-coverage      share of samples with status OK whose 95 % interval holds the truth
-sd / scatter  RMS of the standard deviations reported over RMS of the scatter between seeds, status OK, after `SETTLED`
-sd / error    the same over RMS of the error, which holds what friction and a law cut off do as well
+accuracy      relative RMS error of the total stiffness after `CONVERGED`: RMS of the error over RMS of the truth; all
+              samples count, whatever their status, at the present deflection
+convergence   time after which the relative RMS error of every second stays within 10 %; infinite if it does not
+coverage      share of samples with status OK whose 95 % interval contains the truth
+sd / scatter  RMS of the reported standard deviations over RMS of the scatter between seeds, status OK, after
+              `CONVERGED`
+sd / error    RMS of the reported standard deviations over RMS of the error, which includes friction and truncation
 trusted       share of samples after the first two seconds with status OK
-wrong motors  the worst accuracy with nominal inertia and damping wrong by +-20 %, all four combinations
+wrong motors  worst accuracy with nominal inertia and damping wrong by +-20 %, all four combinations
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from via_core.signals import Array
 
 from via_validation.compare.experiment import RATE
 
-SETTLED = 10.0  # [s] after which accuracy counts
-START = 2.0  # [s] after which a status should be OK: the longest window and the fade-in have passed
-WITHIN = 0.1  # relative error that counts as converged
-NOISELESS = 1e-9  # a scatter this far below the truth is no scatter
+CONVERGED = 10.0  # [s] after which accuracy counts
+START = 2.0  # [s] after which the status should be OK: longest window and fade-in
+WITHIN = 0.1  # [-] relative error that counts as converged
+NOISELESS = 1e-9  # [-] scatter over truth below which the scatter counts as zero
 
 
 @dataclass(frozen=True)
@@ -35,13 +36,13 @@ class Run:
     time: Array
     truth: Array
     value: Array
-    deviation: Array
+    sd: Array
     ok: Array
 
 
 @dataclass(frozen=True)
 class Figures:
-    """The figures of this file; NaN where there is nothing to tell one from."""
+    """The measures of this file; NaN if a measure is undefined."""
 
     accuracy: float
     convergence: float  # [s] median over the seeds
@@ -52,12 +53,12 @@ class Figures:
 
 
 def figures(runs: Sequence[Run]) -> Figures:
-    """Of the same case with different seeds."""
+    """Measures of one case, from runs with different seeds."""
     values = np.stack([run.value for run in runs])
     ok = np.stack([run.ok for run in runs])
-    reported = np.stack([run.deviation for run in runs])
+    reported = np.stack([run.sd for run in runs])
     time, truth = runs[0].time, runs[0].truth
-    late = time >= SETTLED
+    late = time >= CONVERGED
     covered = np.abs(values - truth) <= WIDTH_95 * reported
     return Figures(
         accuracy=accuracy(runs),
@@ -71,13 +72,13 @@ def figures(runs: Sequence[Run]) -> Figures:
 
 def accuracy(runs: Sequence[Run]) -> float:
     """Relative RMS error of all runs together."""
-    late = runs[0].time >= SETTLED
+    late = runs[0].time >= CONVERGED
     errors = np.stack([(run.value - run.truth)[late] for run in runs])
     return float(np.sqrt(np.mean(errors**2) / np.mean(runs[0].truth[late] ** 2)))
 
 
 def convergence(run: Run) -> float:
-    """[s] from when on every second's relative RMS error is within 10 %; inf if the last one is not."""
+    """Time [s] after which every second's relative RMS error is within 10 %; inf if the last one is not."""
     seconds = len(run.time) // round(RATE)
     shape = (seconds, round(RATE))
     error = np.mean((run.value - run.truth)[: seconds * shape[1]].reshape(shape) ** 2, axis=1)
@@ -89,7 +90,7 @@ def convergence(run: Run) -> float:
 
 
 def _over_scatter(values: Array, reported: Array, ok: Array, truth: Array) -> float:
-    """Over the instants at which every seed is OK; NaN with fewer than two seeds or where seeds change nothing."""
+    """sd / scatter over the samples at which every seed is OK; NaN for fewer than two seeds or without scatter."""
     together = ok.all(axis=0)
     if len(values) < 2 or not together.any():
         return nan
@@ -100,6 +101,6 @@ def _over_scatter(values: Array, reported: Array, ok: Array, truth: Array) -> fl
 
 
 def _over_error(errors: Array, reported: Array, ok: Array) -> float:
-    """NaN where nothing is OK or nothing is wrong."""
+    """sd / error; NaN without samples of status OK or without error."""
     size = np.mean(errors[ok] ** 2) if ok.any() else 0.0
     return float(np.sqrt(np.mean(reported[ok] ** 2) / size)) if size > 0.0 else nan

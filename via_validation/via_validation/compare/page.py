@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from importlib.resources import files
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from via_bringup.demo.pictures import STYLE
 from via_bringup.provenance import Provenance
 from via_controllers.multisine import Multisine
 
 from via_validation.compare.experiment import EQUILIBRIUM, PRESET
-from via_validation.compare.figures import SETTLED, START, WITHIN
+from via_validation.compare.figures import CONVERGED, START, WITHIN
 from via_validation.compare.run import WRONG_LEVEL, Case, Comparison
 from via_validation.tables.page import small_copy
+from via_validation.template import rendered
 
 COLOURS = ("#d1495b", "#1b4965", "#2a7f62", "#e8871e", "#7d5ba6", "#5a5a5a", "#00a6a6", "#9c6644")
 SHOWN = (20.0, 24.0)  # [s] of the stiffness drawn
@@ -27,12 +26,12 @@ TITLES = ("method", "noise", "error [%] {}", "converged [s]", "in 95 % interval"
 
 
 def titles(comparison: Comparison) -> list[str]:
-    """Column titles of `table_rows`: one of accuracy per joint."""
+    """Column titles of `table_rows`, with one column of accuracy per joint."""
     return [each.format(device) for each in TITLES for device in (comparison.devices if "{}" in each else ("",))]
 
 
 def table_rows(comparison: Comparison) -> Iterator[list[str]]:
-    """One line of cells per method and level; what is no accuracy is over all joints: the worst, or the range."""
+    """One row of cells per method and level; except for accuracy, cells are the worst or the range over all joints."""
     for method in comparison.methods:
         for level in comparison.levels:
             cases = [comparison.case(method, device, level.name) for device in comparison.devices]
@@ -68,7 +67,7 @@ def _range(cases: list[Case], figure: Callable[[Case], float]) -> str:
 
 
 def as_json(comparison: Comparison, source: Provenance) -> dict[str, Any]:
-    """Everything but the examples; what is infinite or not there is null."""
+    """Everything except the examples; infinite and missing numbers are null."""
 
     def number(value: float | None) -> float | None:
         return value if value is not None and isfinite(value) else None
@@ -92,7 +91,7 @@ def as_json(comparison: Comparison, source: Provenance) -> dict[str, Any]:
 
 
 def draw(comparison: Comparison, path: Path) -> None:
-    """A column per joint: accuracy over noise, and a few seconds of stiffness at the realistic level."""
+    """Draw a column per joint: accuracy over noise, and a few seconds of stiffness at the realistic level."""
     devices, names = comparison.devices, [level.name for level in comparison.levels]
     shown = WRONG_LEVEL if WRONG_LEVEL in names else names[-1]
     with plt.rc_context(STYLE):
@@ -127,28 +126,24 @@ def draw(comparison: Comparison, path: Path) -> None:
 
 
 def write_markdown(comparison: Comparison, picture: Path, source: Provenance, path: Path) -> None:
-    """The page for a repository, with a small copy of the picture beside it."""
+    """Write the page, with a small copy of the picture beside it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     target = path.with_suffix(".png")
     small_copy(picture, target)
-    environment = Environment(
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    template = environment.from_string(files("via_validation.compare").joinpath("page.md").read_text("utf-8"))
-    text = template.render(
-        c=comparison,
-        titles=titles(comparison),
-        rows=list(table_rows(comparison)),
-        source=source,
-        picture=target.name,
-        equilibrium=_tones(EQUILIBRIUM),
-        preset=_tones(PRESET),
-        settled=SETTLED,
-        start=START,
-        within=100.0 * WITHIN,
-        wrong_level=WRONG_LEVEL,
-    )
-    path.write_text(text, encoding="utf-8")
+    values = {
+        "c": comparison,
+        "titles": titles(comparison),
+        "rows": list(table_rows(comparison)),
+        "source": source,
+        "picture": target.name,
+        "equilibrium": _tones(EQUILIBRIUM),
+        "preset": _tones(PRESET),
+        "converged": CONVERGED,
+        "start": START,
+        "within": 100.0 * WITHIN,
+        "wrong_level": WRONG_LEVEL,
+    }
+    path.write_text(rendered("compare/page.md", values), encoding="utf-8")
 
 
 def _tones(reference: Multisine) -> str:

@@ -1,4 +1,4 @@
-"""Every method in every case, one table of results."""
+"""Run every method in every case."""
 
 from __future__ import annotations
 
@@ -27,29 +27,29 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True)
 class Case:
-    """A method on a joint at a level of noise."""
+    """Results of a method on a joint at a level of noise."""
 
     method: str
     device: str
     level: str
     figures: Figures
-    wrong_motors: float | None  # worst accuracy with wrong inertia and damping; only at the level WRONG_LEVEL
+    wrong_motors: float | None  # worst accuracy with wrong inertia and damping; None except at WRONG_LEVEL
     example: Run  # the first seed
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """All there is to tell."""
+    """Results of all cases."""
 
     methods: tuple[str, ...]
     devices: tuple[str, ...]
     levels: tuple[Level, ...]
     cases: tuple[Case, ...]  # by method, then device, then level
-    cost: dict[str, float]  # [us] per sample folded over a log, on the first joint
+    cost: dict[str, float]  # [us] per sample over a log, on the first joint
     seeds: int
 
     def case(self, method: str, device: str, level: str) -> Case:
-        """That one."""
+        """The case of a method, a device and a level."""
         return next(c for c in self.cases if (c.method, c.device, c.level) == (method, device, level))
 
 
@@ -60,7 +60,7 @@ def compare(
     levels: Sequence[Level] = LEVELS,
     duration: float = DURATION,
 ) -> Comparison:
-    """Every stiffness method that suits all of the devices, `duration` [s]; raises ParameterError where none does."""
+    """Compare all stiffness methods that suit every device; `duration` [s]. Raises ParameterError if there is none."""
     methods = tuple(
         method
         for method in methods_for(devices[0])
@@ -71,7 +71,7 @@ def compare(
     cases: dict[tuple[str, str, str], Case] = {}
     done, steps = 0, len(devices) * len(levels) * (len(methods) + 1)
 
-    def tell(what: str) -> None:
+    def report(what: str) -> None:
         nonlocal done
         progress(done, steps, what)
         done += 1
@@ -79,12 +79,12 @@ def compare(
     for device in devices:
         motions: dict[bool, Motion] = {}
         for level in levels:
-            tell(f"{device.name}: measuring, {level.name}")
+            report(f"{device.name}: measuring, {level.name}")
             if level.friction not in motions:
                 motions[level.friction] = motion_of(device, level.friction, duration)
             measured = [motions[level.friction].measured(level, seed) for seed in range(seeds)]
             for method in methods:
-                tell(f"{device.name}, {level.name}: {method}")
+                report(f"{device.name}, {level.name}: {method}")
                 cases[method, device.name, level.name] = _case(device, level, method, measured)
     progress(steps, steps, "costs")
     return Comparison(
@@ -98,16 +98,16 @@ def compare(
 
 
 def outputs_of(device: Device, method: str) -> tuple[str, ...]:
-    """What the method estimates on the device, nothing where it does not suit."""
+    """Outputs of the method on the device; empty if it does not suit the device."""
     return estimator_for(device, method).outputs if method in methods_for(device) else ()
 
 
 def estimated(estimator: Estimator, simulation: Simulation) -> Run:
-    """Total stiffness of a run beside the truth."""
+    """Estimated and true total stiffness of a simulation."""
     estimates = estimator.run(simulation.measured)
-    value, deviation = estimates.column("stiffness")
+    value, sd = estimates.column("stiffness")
     truth = simulation.truth["stiffness"]
-    return Run(simulation.truth.time, truth, value, deviation, estimates.status == Status.OK)
+    return Run(simulation.truth.time, truth, value, sd, estimates.status == Status.OK)
 
 
 def _case(device: Device, level: Level, method: str, measured: Sequence[Simulation]) -> Case:
@@ -117,13 +117,13 @@ def _case(device: Device, level: Level, method: str, measured: Sequence[Simulati
     if level.name == WRONG_LEVEL:
         worst = 0.0
         for inertia, damping in WRONG:
-            misled = estimator_for(seen_by_estimators(device, level, inertia, damping), method)
-            worst = max(worst, accuracy([estimated(misled, simulation) for simulation in measured[:WRONG_SEEDS]]))
+            wrong = estimator_for(seen_by_estimators(device, level, inertia, damping), method)
+            worst = max(worst, accuracy([estimated(wrong, simulation) for simulation in measured[:WRONG_SEEDS]]))
     return Case(method, device.name, level.name, figures(runs), worst, runs[0])
 
 
 def cost(device: Device, method: str, count: int = 5000) -> float:
-    """[us] per sample of a folded run; the median of several."""
+    """Median time per sample of a run over a log [us]."""
     estimator = estimator_for(device, method)
     t = np.arange(count) * 1e-3
     columns = [0.3 * np.sin((5.0 + at) * t + at) for at, _ in enumerate(estimator.inputs)]

@@ -1,4 +1,4 @@
-"""A law on a simulated arm, sample by sample: what sensors would have said, what the law commanded and told."""
+"""Closed-loop simulation of an arm with a controller, sample by sample."""
 
 from __future__ import annotations
 
@@ -14,20 +14,29 @@ from via_core.vsa_arms import VsaArm
 from via_sim.arm import ArmState, arm_step, contact_force
 from via_sim.contacts import Contact
 
-PERIOD = 1e-3  # [s] of the law
+PERIOD = 1e-3  # [s] sampling period of the controller
 
 
 @dataclass(frozen=True)
 class Phase:
-    """A stretch of time in which the same things touch the tip."""
+    """An interval with the same contacts at the tip."""
 
     duration: float  # [s]
     contacts: tuple[Contact, ...] = ()
+    substeps: int = 2  # of the simulation in a sampling period; 4 or more for walls and hands
+
+
+@dataclass(frozen=True)
+class TorqueNoise:
+    """White noise of torque sensors: standard deviation [N m] and seed."""
+
+    sd: float
+    seed: int = 1
 
 
 @dataclass(frozen=True)
 class ArmRun(Generic[State]):
-    """N samples of an arm of n joints; torques are held from one sample to the next."""
+    """N samples of an arm with n joints; torques have zero-order hold."""
 
     time: Array  # (N,) [s]
     q: Array  # (N, n) [rad]
@@ -36,15 +45,15 @@ class ArmRun(Generic[State]):
     motor_velocity: Array  # (N, n) [rad/s]
     torque: Array  # (N, n) [N m] of the motors
     force: Array  # (N, 3) [N] on the tip
-    told: Array  # (N, k) the law's quantities
+    values: Array  # (N, k) quantities of the controller
     names: tuple[str, ...]  # of the quantities
-    saturated: float  # share of samples at which a torque was cut
+    saturated: float  # share of samples at which a torque was clipped
     body: ArmState = field(repr=False)  # after the last sample
-    state: State = field(repr=False)  # the law's, after the last sample
+    state: State = field(repr=False)  # of the controller, after the last sample
 
     def quantity(self, name: str) -> Array:
-        """(N,) what the law told under this name."""
-        return np.asarray(self.told[:, self.names.index(name)])
+        """(N,) the controller's quantity of this name."""
+        return np.asarray(self.values[:, self.names.index(name)])
 
     def since(self, time: float) -> ArmRun[State]:
         """The samples from `time` [s] on."""
@@ -57,41 +66,39 @@ class ArmRun(Generic[State]):
 
 def run_arm(
     arm: VsaArm,
-    law: ArmController[State],
+    controller: ArmController[State],
     start: ArmState,
     phases: Sequence[Phase],
-    substeps: int = 2,
     state: State | None = None,
-    torque_noise: float = 0.0,
-    seed: int = 1,
+    noise: TorqueNoise | None = None,
 ) -> ArmRun[State]:
-    """The phases one after another, from `start`, without delay.
+    """Simulate the phases one after another from `start`, without delay.
 
-    substeps      of the simulation in a millisecond, 4 or more for walls and hands
-    state         the law's, to go on from; None: what it makes of the first sample
-    torque_noise  [N m] standard deviation of torque sensors; 0: there are none
+    state  initial state of the controller; None: initialised by the first sample
+    noise  of the torque sensors; None: the arm has no torque sensors
     """
     count = [round(phase.duration / PERIOD) for phase in phases]
-    contacts = [phase.contacts for phase, samples in zip(phases, count, strict=True) for _ in range(samples)]
-    total, n, free = len(contacts), arm.n, np.zeros(arm.n)
+    at = [phase for phase, samples in zip(phases, count, strict=True) for _ in range(samples)]
+    total, n, free = len(at), arm.n, np.zeros(arm.n)
     states, torque = np.empty((total, 4, n)), np.empty((total, n))
-    force, told = np.zeros((total, 3)), np.empty((total, len(law.quantities)))
-    body, saturated, random = start, 0, np.random.default_rng(seed)
+    force, values = np.zeros((total, 3)), np.empty((total, len(controller.quantities)))
+    body, saturated, random = start, 0, np.random.default_rng(noise.seed if noise else 0)
     measured = np.full(n, np.nan)
     for tick in range(total):
-        if torque_noise:
-            measured = arm.spring_state(body.q - body.theta)[0] + random.normal(0.0, torque_noise, n)
+        if noise:
+            measured = arm.spring_state(body.q - body.theta)[0] + random.normal(0.0, noise.sd, n)
         sample = ArmSample(tick * PERIOD, body.q, body.velocity, body.theta, body.motor_velocity, measured)
-        state, out = law.step(law.init(sample) if state is None else state, sample)
+        state, out = controller.step(controller.init(sample) if state is None else state, sample)
         states[tick] = body.q, body.velocity, body.theta, body.motor_velocity
-        torque[tick], told[tick] = out.torque, law.told(state)
+        torque[tick], values[tick] = out.torque, controller.told(state)
         saturated += out.saturated
-        if contacts[tick]:
-            force[tick] = contact_force(arm, body.q, body.velocity, contacts[tick])
-        body = arm_step(arm, body, out.torque, free, PERIOD, substeps, contacts[tick])
+        contacts = at[tick].contacts
+        if contacts:
+            force[tick] = contact_force(arm, body.q, body.velocity, contacts)
+        body = arm_step(arm, body, out.torque, free, PERIOD, at[tick].substeps, contacts)
     if state is None:
-        raise ParameterError("phases hold no sample")
+        raise ParameterError("the phases contain no sample")
     q, velocity, theta, motor_velocity = states.transpose(1, 0, 2)
     share, time = saturated / total, np.arange(total, dtype=float) * PERIOD
-    names = tuple(quantity.name for quantity in law.quantities)
-    return ArmRun(time, q, velocity, theta, motor_velocity, torque, force, told, names, share, body, state)
+    names = tuple(quantity.name for quantity in controller.quantities)
+    return ArmRun(time, q, velocity, theta, motor_velocity, torque, force, values, names, share, body, state)

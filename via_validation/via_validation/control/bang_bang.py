@@ -1,13 +1,13 @@
-"""Section 6.2 in free motion on the 4-dof arm: does the law find a mode of the arm, and how regular is its cycle?
+"""Section 6.2 in free motion on the 4-dof arm: convergence to a mode, and regularity of the cycle.
 
-The arm hangs at theta_0 and is linearised there: (K + dg/dq, M), K the springs' stiffness under gravity. Its links have
+The arm is linearised where it hangs at theta_0: (K + dg/dq, M), K the springs' stiffness under gravity. Its links have
 the viscous friction d_i = 2 zeta sqrt(K_i M_ii) at rest.
 
-Modes 1 and 2 are found from a w_1(0) that only names joints, and kept. Modes 3 and 4 are 3 % apart where friction makes
-resonances 10 % wide: motors that switch along either move both, and w_1 stays in their plane but not on either. What a
-law can find there are motions of the arm as it swings (`nonlinear_mode`). That which grows out of mode 4 has left it by
-13 degrees at this swing, and there w_1 ends, in a minute or more also from mode 3. Started on a mode itself and with a
-third of the amplitude (`size`) it stays.
+From a w_1(0) that only selects joints, w_1 converges to modes 1 and 2 and stays there. The frequencies of modes 3 and 4
+differ by 3 %, while friction makes the resonances 10 % wide: switching along either mode excites both, and w_1 stays in
+their plane but on neither. The controller can only find motions of the arm at the actual amplitude (`nonlinear_mode`).
+At this swing the nonlinear mode that grows out of mode 4 differs from it by 13 degrees; w_1 ends there, from mode 3 too
+after a minute or more. Started on mode 3 or 4 with a third of the amplitude (`size`), w_1 stays on it.
 """
 
 from __future__ import annotations
@@ -23,62 +23,62 @@ from via_core.vsa_arms import VsaArm
 from via_sim.arm import ArmState
 
 from via_validation.control.arm_run import ArmRun, Phase, run_arm
-from via_validation.control.cycles import Cycles, spread
+from via_validation.control.cycles import Cycles, relative_sd
 
 BANDWIDTH = 60.0  # omega_m [rad/s]
 AMPLITUDE = 0.03  # theta_hat [rad]
 THRESHOLD = 0.5  # epsilon [N m]
 ADAPTATION = 50.0  # gamma [1/(rad^2 s)]: .05 per sample of a millisecond
-PUSH = 0.1  # [rad] along w_1(0), from which the arm is let go
+PUSH = 0.1  # [rad] initial deflection along w_1(0)
 
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Figures of number 5, over the second half of a run."""
+    """Results of number 5 of the specification, over the second half of a run."""
 
-    mode: int  # 1 the softest
+    mode: int  # 1 is the softest
     direction: Array  # w_1 (n,) at the end, of unit length
     angle: float  # [deg] between w_1 and the mode
     frequency: float  # [Hz]
     ratio: float  # f / f_lin
-    period_spread: float  # std / mean
+    period_sd: float  # std / mean
     swing: float  # [rad] peak to peak of w_1' (q - q_0)
     cycles: int
     run: ArmRun
 
 
 def degrees_between(a: Array, b: Array) -> float:
-    """Angle [deg] between the lines along `a` and `b` (n,), neither zero; 0 to 90."""
+    """Angle [deg], 0 to 90, between the lines along `a` and `b` (n,), both nonzero."""
     return float(np.degrees(np.arccos(min(1.0, float(abs(a @ b) / np.sqrt((a @ a) * (b @ b)))))))
 
 
-def reference_law(arm: VsaArm, direction: Array) -> ModalBangBang:
-    """The law with the reference set-up; `direction` is w_1(0) (n,)."""
+def reference_controller(arm: VsaArm, direction: Array) -> ModalBangBang:
+    """The controller of the reference set-up; `direction` is w_1(0) (n,)."""
     motors = np.array(MOTORS)
     hold = MotorPd(arm, motors, arm.hanging(motors), BANDWIDTH)
     return ModalBangBang(hold, direction, AMPLITUDE, THRESHOLD, ADAPTATION)
 
 
-def pushed(law: ModalBangBang) -> ArmState:
-    """Links at rest, `PUSH` along w_1(0) off where they hang."""
-    still = np.zeros(law.motors.drives.n)
-    return ArmState(law.motors.equilibrium + PUSH * law.direction, still, law.motors.motors, still)
+def pushed(controller: ModalBangBang) -> ArmState:
+    """Links at rest, deflected by `PUSH` along w_1(0) from the hanging posture."""
+    still = np.zeros(controller.motors.drives.n)
+    return ArmState(controller.motors.equilibrium + PUSH * controller.direction, still, controller.motors.motors, still)
 
 
 def free_motion(mode: int, duration: float = 20.0, on_mode: bool = False, size: float = 1.0) -> FreeMotion:
-    """Number 5, for `duration` [s].
+    """Number 5 for `duration` [s].
 
-    on_mode  whether w_1(0) is the linear mode instead of that of `DIRECTIONS`
-    size     of theta_hat and epsilon, and with them of the swing
+    on_mode  w_1(0) is the linear mode instead of the direction in `DIRECTIONS`
+    size     [-] factor on theta_hat and epsilon, and thereby on the swing
     """
     arm = damped_arm()
     linear = linear_modes(arm, np.array(MOTORS))
-    law = reference_law(arm, linear.directions[:, mode - 1] if on_mode else np.array(DIRECTIONS[mode]))
-    law = replace(law, amplitude=size * law.amplitude, threshold=size * law.threshold)
-    whole = run_arm(arm, law, pushed(law), (Phase(duration),))
+    controller = reference_controller(arm, linear.directions[:, mode - 1] if on_mode else np.array(DIRECTIONS[mode]))
+    controller = replace(controller, amplitude=size * controller.amplitude, threshold=size * controller.threshold)
+    whole = run_arm(arm, controller, pushed(controller), (Phase(duration),))
     late = whole.since(0.5 * duration)
-    w = late.told[-1, 3:] / np.linalg.norm(late.told[-1, 3:])
-    cycles = Cycles(late.time, late.told[:, 0])
+    w = late.values[-1, 3:] / np.linalg.norm(late.values[-1, 3:])
+    cycles = Cycles(late.time, late.values[:, 0])
     frequency, nearest = 1.0 / float(cycles.periods.mean()), linear.directions[:, mode - 1]
     return FreeMotion(
         mode=mode,
@@ -86,7 +86,7 @@ def free_motion(mode: int, duration: float = 20.0, on_mode: bool = False, size: 
         angle=degrees_between(w, nearest),
         frequency=frequency,
         ratio=frequency / float(linear.frequencies[mode - 1]),
-        period_spread=spread(cycles.periods),
+        period_sd=relative_sd(cycles.periods),
         swing=float(cycles.swings.mean()),
         cycles=len(cycles.periods),
         run=whole,

@@ -1,22 +1,21 @@
-"""What a cycle costs: motors of flexible joints against the same motors on rigid joints, on the same trajectory.
+"""Energy of a cycle: motors of flexible joints compared with the same motors on rigid joints, on the same trajectory.
 
-Work that motors put in, joint by joint, none of it recovered by a motor that brakes and none lent to another motor:
+Positive work of the motors, joint by joint, without recuperation and without transfer between motors:
 
-    flexible   E   = sum_i integral of max(0, tau_i thd_i)        torques and motor angles as they were
-    rigid      E_r = sum_i integral of max(0, tau_r,i qd_i)       what computed torque needs for the same q(t):
+    flexible   E   = sum_i integral of max(0, tau_i thd_i)        torques and motor angles of the run
+    rigid      E_r = sum_i integral of max(0, tau_r,i qd_i)       computed torque for the same q(t):
                tau_r = (M + B) qdd + C qd + Dq qd + g
 
-What E / E_r lacks of 1 is what springs save. A rigid joint turns its rotor with its link, hence B, which `links_only`
-leaves out.
-Torques are held for a sample, so that tau_i (theta_i(k+1) - theta_i(k)) is the work of one; tau_r is the mean of both
-ends of it. qdd is that of the springs' torques in the simulation, not a difference.
+The springs save the fraction 1 - E / E_r. The rotor of a rigid joint turns with its link, hence B; `links_only` leaves
+it out. Torques have zero-order hold, so that tau_i (theta_i(k+1) - theta_i(k)) is the work of one sample; tau_r is the
+mean of both ends of a sample. qdd follows from the springs' torques in the simulation, not from differences.
 
-Of the limit cycle, K_d = c diag(K_0), K_0 the springs' stiffness without load. Matched to the springs is the c with
-which mode k has the stiffness of the arm whose motors stand still,
+For the limit cycle, K_d = c diag(K_0), K_0 the springs' stiffness without load. K_d matches the springs for the c at
+which mode k has the stiffness of the arm with its motors held,
 
     c = w' (sigma + dg/dq) w / w' diag(K_0) w   at rest,   w mode k
 
-Then motors have least to add; `stiffness` scales it: with three times as much they fight their own springs.
+Then the motors do the least work. With three times this stiffness they work against their own springs.
 """
 
 from __future__ import annotations
@@ -33,18 +32,18 @@ from via_core.vsa_arms import VsaArm
 from via_validation.control.arm_run import ArmRun
 from via_validation.control.bang_bang import FreeMotion
 from via_validation.control.cycles import Cycles
-from via_validation.control.limit_cycle import cycling, law_of
+from via_validation.control.limit_cycle import cycling, limit_cycle_controller
 
 
 @dataclass(frozen=True)
 class Energy:
-    """Work put in per cycle [J], means over whole cycles."""
+    """Positive work per cycle [J], mean over whole cycles."""
 
     flexible: float  # E
     rigid: float  # E_r
-    links_only: float  # E_r of rigid joints whose motors weigh nothing
+    links_only: float  # E_r for massless rotors
     cycles: int
-    saturated: float  # share of samples at which a torque was cut
+    saturated: float  # share of samples at which a torque was clipped
 
     @property
     def ratio(self) -> float:
@@ -53,27 +52,27 @@ class Energy:
 
     @property
     def ratio_links_only(self) -> float:
-        """E over what rigid joints with weightless motors need [-]."""
+        """E over E_r for massless rotors [-]."""
         return self.flexible / self.links_only
 
 
 def positive_work(torque: Array, angles: Array) -> Array:
-    """(N - 1,) [J] put in from sample to sample: `torque` (N - 1, n) [N m] held while `angles` (N, n) [rad] change."""
+    """(N - 1,) [J] positive work of each sample, from `torque` (N - 1, n) [N m] and `angles` (N, n) [rad]."""
     return np.asarray(np.maximum(0.0, torque * np.diff(angles, axis=0)).sum(axis=1))
 
 
 def rigid_torque(arm: VsaArm, run: ArmRun, rotors: bool = True) -> Array:
-    """tau_r (N, n) [N m] of rigid joints on the trajectory of `run`, a run without contacts; without B on request."""
+    """tau_r (N, n) [N m] of rigid joints on the trajectory of `run`, which has no contacts; `rotors`: include B."""
     B, out = arm.motor_inertia * rotors, np.empty_like(run.q)
     for k, (q, v, theta) in enumerate(zip(run.q, run.velocity, run.theta, strict=True)):
         tau_e, _, _ = arm.spring_state(q - theta)
-        # M qdd + C qd + Dq qd + g is what the springs gave
+        # M qdd + C qd + Dq qd + g equals the springs' torque.
         out[k] = -tau_e + B * arm.link_acceleration(q, v, -tau_e)
     return out
 
 
 def energy(arm: VsaArm, run: ArmRun, phase: Array) -> Energy:
-    """Per cycle of `phase` (N,), which rises through zero once in each."""
+    """Energy per cycle of `phase` (N,), which crosses zero upwards once per cycle."""
     cycles = Cycles(run.time, phase)
     first, last = cycles.first[0], cycles.first[-1]
     count = len(cycles.first) - 1
@@ -91,9 +90,9 @@ def energy(arm: VsaArm, run: ArmRun, phase: Array) -> Energy:
     )
 
 
-def matched(law: VsaModalLimitCycle) -> float:
-    """c of this file for the law's mode, its K_d being diag(K_0)."""
-    cycle, arm = law.cycle, law.cycle.arm
+def matched(controller: VsaModalLimitCycle) -> float:
+    """The matching factor c for the controller's mode; its K_d must be diag(K_0)."""
+    cycle, arm = controller.cycle, controller.cycle.arm
     q = cycle.equilibrium
     _, stiffness, _ = arm.spring_state(q - arm.rest(q))
     w = first_basis(arm.inertia(q), cycle.stiffness).W[:, cycle.mode]
@@ -103,24 +102,26 @@ def matched(law: VsaModalLimitCycle) -> float:
 def limit_cycle_energy(
     mode: int, stiffness: float = 1.0, level: float | None = None, duration: float = 4.0
 ) -> tuple[float, Energy]:
-    """c and what the limit cycle on mode k = `mode`, 0 the softest, costs in the second half of `duration` [s].
+    """c, and the energy of the limit cycle on mode k = `mode`, 0 the softest, in the second half of `duration` [s].
 
-    stiffness  of the matched K_d
-    level      H_d [kg m^2]; None: that of the reference set-up
+    stiffness  [-] factor on the matched K_d
+    level      H_d [kg m^2]; None: level of the reference set-up
     """
-    law = law_of(mode)
-    c = stiffness * matched(law)
-    return c, scaled_energy(law, c, level, duration)
+    controller = limit_cycle_controller(mode)
+    c = stiffness * matched(controller)
+    return c, scaled_energy(controller, c, level, duration)
 
 
-def scaled_energy(law: VsaModalLimitCycle, c: float, level: float | None = None, duration: float = 4.0) -> Energy:
-    """What the cycle costs with c times the law's K_d; the arm starts on it, at a turning point."""
-    cycle = replace(law.cycle, stiffness=c * law.cycle.stiffness, level=level or law.cycle.level)
-    late = cycling(replace(law, cycle=cycle), duration, share=1.0).since(0.5 * duration)
+def scaled_energy(
+    controller: VsaModalLimitCycle, c: float, level: float | None = None, duration: float = 4.0
+) -> Energy:
+    """Energy of the cycle with c times the controller's K_d; the arm starts on the cycle, at a turning point."""
+    cycle = replace(controller.cycle, stiffness=c * controller.cycle.stiffness, level=level or controller.cycle.level)
+    late = cycling(replace(controller, cycle=cycle), duration, share=1.0).since(0.5 * duration)
     return energy(cycle.arm, late, late.quantity(f"z_{cycle.mode + 1}"))
 
 
 def bang_bang_energy(motion: FreeMotion) -> Energy:
-    """What the free motion of Section 6.2 costs in the second half of its run."""
+    """Energy of the free motion of Section 6.2 in the second half of its run."""
     late = motion.run.since(0.5 * float(motion.run.time[-1]))
     return energy(damped_arm(), late, late.quantity("y"))

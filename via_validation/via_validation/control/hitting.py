@@ -1,11 +1,11 @@
-"""Section 6.2 with something to hit: the 4-dof arm against walls, let go by a hand that held its tip.
+"""Section 6.2 with impacts: the 4-dof arm hits a wall after a hand has released its tip.
 
-The wall stands across the tip's path on mode 1, at a share of the free turning point; the hand holds the tip on the far
-side, at a share of the free turning point too, for a second, and lets go. Nothing in the law knows of either. Figure 17
-of the document shows such a motion on the DLR Hand Arm System.
+The wall crosses the tip's path on mode 1 at a fraction of the free turning point. The hand holds the tip on the other
+side, also at a fraction of the free turning point, for one second, and releases it. The controller has no model of wall
+or hand. Figure 17 of the document shows such a motion on the DLR Hand Arm System.
 
-Walls from .2 to .9 of the turning point were tried with the same outcome; one at .1 takes more than motors give, and
-the motion dies. Let go from one much smaller than the steady one, it grows as slowly as friction lets it (`WEAK`).
+Walls from .2 to .9 of the turning point gave the same result; a wall at .1 dissipates more than the motors supply, and
+the motion stops. From a release far below the steady amplitude, the motion grows slowly against friction (`WEAK`).
 """
 
 from __future__ import annotations
@@ -20,78 +20,79 @@ from via_sim.arm import ArmState
 from via_sim.contacts import Hand, Wall
 
 from via_validation.control.arm_run import ArmRun, Phase, run_arm
-from via_validation.control.bang_bang import reference_law
-from via_validation.control.cycles import Cycles, spread
+from via_validation.control.bang_bang import reference_controller
+from via_validation.control.cycles import Cycles, relative_sd
 
-WALLS = (0.3, 0.5, 0.7)  # of the turning point
-HOLDS = (0.9, 1.05, 1.2)
-WEAK = (0.5, 0.4)  # wall and hold of a case that needs more than one cycle
+WALLS = (0.3, 0.5, 0.7)  # [-] of the turning point
+HOLDS = (0.9, 1.05, 1.2)  # [-] of the turning point
+WEAK = (0.5, 0.4)  # wall and hold of a case that needs more than one cycle to become steady
 HELD = 1.0  # [s]
-STEADY = 8  # cycles at the end that count as steady
-SUBSTEPS = 4  # a millisecond
+STEADY = 8  # last cycles, which count as steady
+SUBSTEPS = 4  # per millisecond
 
 
 @dataclass(frozen=True)
 class Impacts:
-    """Figures of number 6; swings are peak to peak along the tip's path, cycles count from the release."""
+    """Results of number 6; swings are peak to peak along the tip's path, cycles count from the release."""
 
-    wall: float  # share of the turning point
-    hold: float
+    wall: float  # [-] of the turning point
+    hold: float  # [-] of the turning point
     swings: Array  # (c,) [m] of each whole cycle after the release
     peaks: Array  # (c,) [N] largest contact force of each cycle
     frequency: float  # [Hz] of the steady cycles
 
     @property
     def steady(self) -> float:
-        """[m] the steady swing."""
+        """Steady swing [m]."""
         return float(self.swings[-STEADY:].mean())
 
     @property
     def second(self) -> float:
-        """How far any cycle from the second on is off the steady swing [-]."""
+        """Largest relative difference of a cycle from the second on from the steady swing [-]."""
         return float(np.abs(self.swings[1:] / self.steady - 1.0).max())
 
     @property
-    def steady_spread(self) -> float:
+    def steady_sd(self) -> float:
         """std / mean of the steady swings [-]."""
-        return spread(self.swings[-STEADY:])
+        return relative_sd(self.swings[-STEADY:])
 
     @property
     def least_force(self) -> float:
-        """[N] the weakest of the steady cycles' impacts."""
+        """Force of the weakest impact of the steady cycles [N]."""
         return float(self.peaks[-STEADY:].min())
 
     @property
-    def settled(self) -> int:
-        """Cycles after which the swing stays within 5 % of the steady one."""
+    def cycles_to_steady(self) -> int:
+        """Number of cycles after which the swing stays within 5 % of the steady swing."""
         off = np.flatnonzero(np.abs(self.swings / self.steady - 1.0) > 0.05)
         return int(off[-1]) + 1 if off.size else 0
 
 
 @dataclass(frozen=True)
 class Hitting(Impacts):
-    """A case and its motion."""
+    """Results of a case, with its motion."""
 
     run: ArmRun
-    tip: Array  # (N, 3) [m] in the base, whole run
+    tip: Array  # (N, 3) [m] in the base frame, whole run
 
 
 def hitting(wall: float, hold: float, duration: float = 10.0) -> Hitting:
-    """One case, for `duration` [s] after the release."""
-    arm, stand = damped_arm(), wall_scene(wall, hold)
-    law = reference_law(arm, np.array(DIRECTIONS[HITTING_MODE]))
-    barrier, hand = Wall(stand.face, -stand.along), Hand(arm.tip_position(stand.start))
+    """One case, for `duration` [s] after the release; wall and hold as fractions of the free turning point."""
+    arm, scene = damped_arm(), wall_scene(wall, hold)
+    controller = reference_controller(arm, np.array(DIRECTIONS[HITTING_MODE]))
+    barrier, hand = Wall(scene.face, -scene.along), Hand(arm.tip_position(scene.start))
     still = np.zeros(arm.n)
-    start = ArmState(stand.rest, still, law.motors.motors, still)
-    run = run_arm(arm, law, start, (Phase(HELD, (hand, barrier)), Phase(duration, (barrier,))), SUBSTEPS)
+    start = ArmState(scene.rest, still, controller.motors.motors, still)
+    phases = (Phase(HELD, (hand, barrier), SUBSTEPS), Phase(duration, (barrier,), SUBSTEPS))
+    run = run_arm(arm, controller, start, phases)
     tip = np.array([arm.tip_position(q) for q in run.q])
     free = run.since(HELD)
-    return Hitting(wall, hold, *impacts(stand, free.time, tip[-len(free.time) :], free.force), run, tip)
+    return Hitting(wall, hold, *impacts(scene, free.time, tip[-len(free.time) :], free.force), run, tip)
 
 
-def impacts(stand: WallScene, time: Array, tip: Array, force: Array) -> tuple[Array, Array, float]:
-    """Swings, peaks, frequency of `Impacts` from times (N,) [s] after the release, tip (N, 3) [m], force (N, 3) [N]."""
-    path = (tip - damped_arm().tip_position(stand.rest)) @ stand.along
+def impacts(scene: WallScene, time: Array, tip: Array, force: Array) -> tuple[Array, Array, float]:
+    """Swings, peaks and frequency of `Impacts`; time (N,) [s] from the release, tip (N, 3) [m], force (N, 3) [N]."""
+    path = (tip - damped_arm().tip_position(scene.rest)) @ scene.along
     late = path[len(path) // 2 :]
     cycles = Cycles(time, path, 0.5 * float(late.min() + late.max()))
     peaks = [float(np.linalg.norm(piece, axis=1).max()) for piece in cycles.each(force)]
@@ -99,7 +100,7 @@ def impacts(stand: WallScene, time: Array, tip: Array, force: Array) -> tuple[Ar
 
 
 def cases() -> Iterator[Hitting]:
-    """Every wall with every hold."""
+    """All cases: every wall with every hold."""
     for wall in WALLS:
         for hold in HOLDS:
             yield hitting(wall, hold)

@@ -1,8 +1,8 @@
-"""The end effector of an arm on its limit cycle held and released, at phases all around the cycle: Section 6.3.
+"""End effector of an arm on its limit cycle, held and released at phases all around the cycle: Section 6.3.
 
-A hand holds the tip where it is; z_k is then what it is there, next to nothing moves, and H at release is z_k^2 / 2.
-Held near z_k = 0 the arm is let go without a push. The document's law then takes its time (`approach`), as any would
-that is continuous in z_k and zd_k alone; ours remembers a way to go (`self_start`), and pushes.
+A hand holds the tip in place; the arm hardly moves, and H at the release is z_k^2 / 2. Held near z_k = 0 the arm starts
+with almost no energy. The document's controller then converges slowly (`approach`), like any controller that is
+continuous in z_k and zd_k alone; ours stores a direction (`self_start`) and pushes.
 """
 
 from __future__ import annotations
@@ -15,46 +15,49 @@ from via_controllers.self_start import START
 from via_sim.contacts import Hand
 
 from via_validation.control.arm_run import PERIOD, Phase, run_arm
-from via_validation.control.limit_cycle import GAIN, CycleCourse, cycling, in_modes, law_of
+from via_validation.control.limit_cycle import GAIN, CycleCourse, cycling, in_modes, limit_cycle_controller
 
 SETTLING, AFTER = 2.5, 2.5  # [s] before the first hold, after a release
 
 
 @dataclass(frozen=True)
 class Released:
-    """What came of one hold."""
+    """Results of one hold and release."""
 
-    phase: float  # [rad] on the cycle when it was held: z_k ~ cos(phase)
-    grip: float  # |z_k| where it was held, over the cycle's amplitude [-]
+    phase: float  # [rad] of the cycle at the start of the hold: z_k ~ cos(phase)
+    grip: float  # |z_k| at the start of the hold over the cycle's amplitude [-]
     share: float  # H / H_d at release [-]
     period: float  # [s] of the cycle
     eigenvalue: float  # lambda_k [1/s^2], mean over a cycle
     course: CycleCourse  # from the release on
-    saturated: bool  # while held
-    force: float  # [N] largest on the hand in the second half of the hold
+    saturated: bool  # during the hold
+    force: float  # [N] largest force on the hand in the second half of the hold
 
     def error(self, periods: float) -> float:
-        """The largest |H / H_d - 1| from so many periods after the release on."""
+        """Largest |H / H_d - 1| later than `periods` periods after the release."""
         return float(np.abs(self.course.H[round(periods * self.period / PERIOD) :]).max())
 
 
 def held_and_released(
     mode: int, phases: int, duration: float = 1.0, gain: float = GAIN, start: float = START
 ) -> Iterator[Released]:
-    """Mode `mode` held for `duration` [s], at that many phases evenly around the cycle; the rest as for `law_of`."""
-    law = law_of(mode, gain, start=start)
-    arm = law.cycle.arm
-    run = cycling(law, SETTLING, share=1.0)
-    steady = in_modes(law, run)
+    """Hold mode `mode` for `duration` [s] at `phases` evenly distributed phases of the cycle, and release it.
+
+    gain, start  as for `limit_cycle_controller`
+    """
+    controller = limit_cycle_controller(mode, gain, start=start)
+    arm = controller.cycle.arm
+    run = cycling(controller, SETTLING, share=1.0)
+    steady = in_modes(controller, run)
     period = 1.0 / steady.frequencies()[0]
     eigenvalue = float(steady.eigenvalue[-round(period / PERIOD) :].mean())
     for _ in range(phases):
-        run = run_arm(arm, law, run.body, (Phase(period / phases),), state=run.state)
+        run = run_arm(arm, controller, run.body, (Phase(period / phases),), state=run.state)
         seen = run.state.motion
         z, speed = seen.z[mode], seen.z_velocity[mode] / np.sqrt(seen.basis.eigenvalues[mode])
         hand = Hand(arm.tip_position(run.body.q))
-        held = run_arm(arm, law, run.body, (Phase(duration, (hand,)),), 4, run.state)
-        after = in_modes(law, run_arm(arm, law, held.body, (Phase(AFTER),), state=held.state))
+        held = run_arm(arm, controller, run.body, (Phase(duration, (hand,), 4),), run.state)
+        after = in_modes(controller, run_arm(arm, controller, held.body, (Phase(AFTER),), state=held.state))
         force = float(np.linalg.norm(held.force[len(held.force) // 2 :], axis=1).max())
-        phase, grip = float(np.arctan2(-speed, z)), abs(float(z)) / law.cycle.amplitude
+        phase, grip = float(np.arctan2(-speed, z)), abs(float(z)) / controller.cycle.amplitude
         yield Released(phase, grip, float(after.H[0]) + 1.0, period, eigenvalue, after, held.saturated > 0.0, force)

@@ -1,13 +1,13 @@
-"""Section 6.2 on the hopper: does it find its own rhythm, does it keep it under a load that nobody told it of?
+"""Section 6.2 on the hopper: convergence to its natural hopping, without and with an unknown payload (Figure 18).
 
-Beside the law an open-loop sinusoid of the motors along the same direction, at the frequency that the law found without
-the load, once with the first harmonic of the law's own switching and once so large that it hops as high as the law. The
-robot falls 3 cm at the start; motors know theta_0, the law knows where the robot stands without the load. Figure 18 of
-the document.
+For comparison, the motors follow an open-loop sinusoid along the same direction, at the frequency that the controller
+found without payload: once with the amplitude of the first harmonic of the controller's switching, and once with an
+amplitude at which it hops as high. The robot is dropped from 3 cm. The motors' theta_0 and the controller's standing
+posture are those without payload.
 
-All of this is a motion that mirrors itself. The law has one coordinate and holds neither the trunk level nor the robot
-in its place: a pitch of the start grows (`toppling`), some 2.5 times a second without and 6.5 times with the load, till
-the robot falls. One that is to hop for long needs a law for that beside this one.
+The motion is left-right symmetric. The controller has one coordinate and stabilises neither the trunk's pitch nor the
+robot's position: an initial pitch grows (`toppling`), by about 2.5 per second without and 6.5 with the payload, until
+the robot falls. Sustained hopping needs an additional controller for balance.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from via_core.hopper import Hopper
 from via_core.signals import Array
 from via_sim.hopper import HopperPlant
 
-from via_validation.control.cycles import Cycles, spread
+from via_validation.control.cycles import Cycles, relative_sd
 
 CROUCH = 0.6  # a_0 [rad]
 DROP = 0.03  # [m]
@@ -33,15 +33,15 @@ BANDWIDTH = 120.0  # omega_m [rad/s]
 AMPLITUDE = 0.1  # theta_hat [rad]
 THRESHOLD = 1.0  # epsilon [N m]
 ADAPTATION = 50.0  # gamma [1/(rad^2 s)]
-AS_HIGH = 0.15  # [rad] of the sinusoid that hops as high as the law does
-PAYLOAD = 0.6  # of the trunk's mass
-PERIOD = 1e-3  # [s] of the law
+AS_HIGH = 0.15  # [rad] amplitude of the sinusoid that hops as high as the controller
+PAYLOAD = 0.6  # [-] of the trunk's mass
+PERIOD = 1e-3  # [s] sampling period of the controller
 State = TypeVar("State")
 
 
 @dataclass(frozen=True, eq=False)
 class Sinusoid(ArmController[float]):
-    """theta_d = theta_0 + w A sin(2 pi f t): what the law is compared with. The state is the time [s]."""
+    """Open-loop control theta_d = theta_0 + w A sin(2 pi f t). The state is the time [s]."""
 
     motors: MotorPd
     direction: Array  # w (n,)
@@ -67,68 +67,68 @@ class Sinusoid(ArmController[float]):
 
 @dataclass(frozen=True)
 class HopperRun:
-    """N samples."""
+    """N samples of a run."""
 
     time: Array  # (N,) [s]
     q: Array  # (N, 4) [rad]
     theta: Array  # (N, 4) [rad]
     trunk: Array  # (N, 3) x [m], z [m], pitch [rad]
     force: Array  # (N, 2) [N] on the feet
-    told: Array  # (N, k)
+    values: Array  # (N, k) quantities of the controller
 
 
 @dataclass(frozen=True)
 class Hopping:
-    """Figures of number 7, over the second half of a run."""
+    """Results of number 7 of the specification, over the second half of a run."""
 
-    apex: float  # [m] mean of the trunk's highest points above where the robot stands
-    apex_spread: float  # std / mean of them
-    apex_height_spread: float  # std / mean of their heights above ground
+    apex: float  # [m] mean of the trunk's highest points above its standing height
+    apex_sd: float  # std / mean of these
+    apex_height_sd: float  # std / mean of their heights above ground
     amplitude: float  # [m] peak to peak of the trunk's height, mean over cycles
     frequency: float  # [Hz]
     flight: float  # share of time without contact
-    direction: Array  # (4,) w_1 at the end; empty where the law has none
+    direction: Array  # (4,) w_1 at the end; empty for a controller without w_1
     run: HopperRun
 
 
 @cache
-def reference_law() -> ModalBangBang:
-    """The law with the reference set-up; it knows the robot without its load."""
+def reference_controller() -> ModalBangBang:
+    """The controller of the reference set-up, for the robot without payload."""
     hopper = Hopper()
     motors = hopper.crouched(CROUCH)
     hold = MotorPd(hopper, motors, hopper.standing(CROUCH), BANDWIDTH)
     return ModalBangBang(hold, np.sign(motors), AMPLITUDE, THRESHOLD, ADAPTATION)
 
 
-def hop(law: ArmController[State], payload: float = 0.0, duration: float = 12.0, pitch: float = 0.0) -> Hopping:
-    """The law on the robot with a `payload` [of the trunk's mass] for `duration` [s], dropped at `pitch` [rad]."""
+def hop(controller: ArmController[State], payload: float = 0.0, duration: float = 12.0, pitch: float = 0.0) -> Hopping:
+    """Run the controller on the robot for `duration` [s], dropped at `pitch` [rad]; `payload` over the trunk's mass."""
     hopper = Hopper()
     plant, motors = HopperPlant(replace(hopper, payload=payload * hopper.trunk_mass)), hopper.crouched(CROUCH)
     total, no_sensor = round(duration / PERIOD), np.full(hopper.n, np.nan)
     body, state = plant.start(motors, motors, DROP, pitch), None
     q, theta, trunk, force = np.empty((total, 4)), np.empty((total, 4)), np.empty((total, 3)), np.empty((total, 2))
-    told = np.empty((total, len(law.quantities)))
+    values = np.empty((total, len(controller.quantities)))
     for tick in range(total):
         sample = ArmSample(tick * PERIOD, body.q, body.velocity, body.theta, body.motor_velocity, no_sensor)
         if state is None:
-            state = law.init(sample)
-        state, out = law.step(state, sample)
-        q[tick], theta[tick], trunk[tick], force[tick], told[tick] = (
-            body.q, body.theta, body.trunk, body.force, law.told(state)
+            state = controller.init(sample)
+        state, out = controller.step(state, sample)
+        q[tick], theta[tick], trunk[tick], force[tick], values[tick] = (
+            body.q, body.theta, body.trunk, body.force, controller.told(state)
         )  # fmt: skip
         body = plant.step(body, out.torque, PERIOD)
-    run = HopperRun(np.arange(total, dtype=float) * PERIOD, q, theta, trunk, force, told)
+    run = HopperRun(np.arange(total, dtype=float) * PERIOD, q, theta, trunk, force, values)
     return _figures(run, hopper.leg_height(hopper.standing(CROUCH)[:2]))
 
 
 def sinusoid(found: Hopping, amplitude: float = 4.0 / pi * AMPLITUDE) -> Sinusoid:
-    """The open loop at the frequency of `found`, along its w_1; by default with a switching motor's first harmonic."""
-    return Sinusoid(reference_law().motors, found.direction, amplitude, found.frequency)
+    """Open-loop control at the frequency and along w_1 of `found`; default: amplitude of the switching's harmonic."""
+    return Sinusoid(reference_controller().motors, found.direction, amplitude, found.frequency)
 
 
 def toppling(payload: float = 0.0) -> float:
-    """By what factor pitch grows in a second, from a thousandth of a radian at the start: third second over second."""
-    run = hop(reference_law(), payload, 3.0, 1e-3).run
+    """Growth of the pitch per second [-] from 1e-3 rad: largest of the third second over that of the second one."""
+    run = hop(reference_controller(), payload, 3.0, 1e-3).run
     seconds = [np.abs(run.trunk[(run.time >= a) & (run.time < a + 1.0), 2]).max() for a in (1.0, 2.0)]
     return float(seconds[1] / seconds[0])
 
@@ -140,11 +140,11 @@ def _figures(run: HopperRun, stance: float) -> Hopping:
     apexes = np.array([piece.max() for piece in cycles.each(z)])
     return Hopping(
         apex=float(apexes.mean()) - stance,
-        apex_spread=spread(apexes - stance),
-        apex_height_spread=spread(apexes),
+        apex_sd=relative_sd(apexes - stance),
+        apex_height_sd=relative_sd(apexes),
         amplitude=float(cycles.swings.mean()),
         frequency=1.0 / float(cycles.periods.mean()),
         flight=float(np.mean(run.force[late].sum(axis=1) == 0.0)),
-        direction=run.told[-1, 3:],
+        direction=run.values[-1, 3:],
         run=run,
     )

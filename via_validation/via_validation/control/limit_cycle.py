@@ -1,4 +1,4 @@
-"""The modal limit cycle of Section 6.1 on the simulated arm: the reference set-up, and what a run of it was like."""
+"""The modal limit cycle of Section 6.1 on the simulated arm: reference set-up, and evaluation of a run."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from via_controllers.self_start import START, turned
 from via_core.signals import Array
 from via_sim.arm import ArmState, loaded_state
 
-from via_validation.control.arm_run import PERIOD, ArmRun, Phase, run_arm
+from via_validation.control.arm_run import PERIOD, ArmRun, Phase, TorqueNoise, run_arm
 
 DAMPING_RATIO, GAIN, BANDWIDTH = 0.7, 3.0, 100.0  # xi, k_V [s/(kg m^2)], omega_tau [rad/s]
-PUSH = 0.5  # of the cycle's amplitude: where a run starts, at rest
-ALONG = 1e-5  # [s] to either side, over which the start's torque is differenced
+PUSH = 0.5  # [-] initial deflection over the cycle's amplitude
+ALONG = 1e-5  # [s] step of the central difference of the initial torque
 
 
-def law_of(
+def limit_cycle_controller(
     mode: int, gain: float = GAIN, damping_ratio: float = DAMPING_RATIO, start: float = START
 ) -> VsaModalLimitCycle:
-    """The law on mode k = `mode`, 0 the softest; `start` = 0: the document's, which waits for a push."""
+    """The controller on mode k = `mode`, 0 the softest; `start` = 0: as published, it waits for a push."""
     cycle = ModalLimitCycle(ARM, EQUILIBRIUM, STIFFNESS, mode, damping_ratio, gain, LEVEL, start)
     return VsaModalLimitCycle(cycle, BANDWIDTH)
 
 
-def start(law: VsaModalLimitCycle, share: float = PUSH) -> ArmState:
-    """At rest, by `share` of the cycle's amplitude beside the equilibrium, the springs as the law wants them."""
-    cycle, arm = law.cycle, law.cycle.arm
+def start(controller: VsaModalLimitCycle, share: float = PUSH) -> ArmState:
+    """Initial state at rest, deflected by `share` of the cycle's amplitude, with the spring torques demanded there."""
+    cycle, arm = controller.cycle, controller.cycle.arm
     z, still = np.zeros(arm.n), np.zeros(arm.n)
     z[cycle.mode] = share * np.sqrt(2.0 * cycle.level)
     q = cycle.equilibrium + first_basis(arm.inertia(cycle.equilibrium), cycle.stiffness).W @ z
@@ -41,12 +41,12 @@ def start(law: VsaModalLimitCycle, share: float = PUSH) -> ArmState:
 
 @dataclass(frozen=True)
 class CycleCourse:
-    """A run of the law in its own terms, N samples."""
+    """Modal quantities of a run, N samples."""
 
     H: Array  # (N,) H / H_d - 1 [-]
-    leak: Array  # (N,) the largest of the other modes, over mode k's amplitude [-]
+    leak: Array  # (N,) largest of the other modes over mode k's amplitude [-]
     z: Array  # (N,) mode k
-    eigenvalue: Array  # (N,) mode k's [1/s^2]
+    eigenvalue: Array  # (N,) of mode k [1/s^2]
 
     @property
     def late(self) -> slice:
@@ -54,7 +54,7 @@ class CycleCourse:
         return slice(len(self.H) // 2, None)
 
     def frequencies(self) -> tuple[float, float]:
-        """Of z_k's upward zeros, and sqrt(mean lambda_k) / 2 pi over the same cycles [Hz]; late half."""
+        """Frequency of z_k by its upward zeros, and sqrt(mean lambda_k) / 2 pi of the same cycles [Hz]; second half."""
         z, values = self.z[self.late], self.eigenvalue[self.late]
         up = np.flatnonzero((z[:-1] < 0.0) & (z[1:] >= 0.0))
         zeros = (up + z[up] / (z[up] - z[up + 1])) * PERIOD
@@ -62,17 +62,16 @@ class CycleCourse:
 
 
 def cycling(
-    law: VsaModalLimitCycle, duration: float, share: float = PUSH, torque_noise: float = 0.0, seed: int = 1
+    controller: VsaModalLimitCycle, duration: float, share: float = PUSH, noise: TorqueNoise | None = None
 ) -> ArmRun[Swing]:
-    """The law on its arm from `start`, for `duration` [s]; the rest as for `run_arm`."""
-    phases = (Phase(duration),)
-    return run_arm(law.cycle.arm, law, start(law, share), phases, torque_noise=torque_noise, seed=seed)
+    """Run the controller on its arm from `start` for `duration` [s]; `noise` as for `run_arm`."""
+    return run_arm(controller.cycle.arm, controller, start(controller, share), (Phase(duration),), noise=noise)
 
 
-def in_modes(law: VsaModalLimitCycle, run: ArmRun[Swing]) -> CycleCourse:
-    """What the law told of a run."""
-    k, level = law.cycle.mode, law.cycle.level
-    z = np.stack([run.quantity(f"z_{i + 1}") for i in range(law.cycle.arm.n)], axis=1)
+def in_modes(controller: VsaModalLimitCycle, run: ArmRun[Swing]) -> CycleCourse:
+    """Modal quantities of a run, from the controller's quantities."""
+    k, level = controller.cycle.mode, controller.cycle.level
+    z = np.stack([run.quantity(f"z_{i + 1}") for i in range(controller.cycle.arm.n)], axis=1)
     frequency = run.quantity(f"frequency_{k + 1}")
     return CycleCourse(
         H=run.quantity("H") / level - 1.0,
@@ -83,9 +82,9 @@ def in_modes(law: VsaModalLimitCycle, run: ArmRun[Swing]) -> CycleCourse:
 
 
 def rigid(cycle: ModalLimitCycle, duration: float, step: float = 2e-3, others: float = 0.03) -> CycleCourse:
-    """The law of a rigid arm as one in continuous time: asked at every stage of classical Runge-Kutta steps [s].
+    """Control of a rigid arm in continuous time, evaluated at every stage of Runge-Kutta steps of `step` [s].
 
-    From half of the amplitude at rest, the other modes `others` off [sqrt(kg m^2) rad].
+    The run starts at rest at half of the amplitude, with the other modes at `others` [sqrt(kg m^2) rad].
     """
     arm, k, n = cycle.arm, cycle.mode, cycle.arm.n
     z0 = np.full(n, others)

@@ -1,13 +1,13 @@
-"""Nonlinear normal modes of an arm with its motors held: free motions in which all joints swing in step.
+"""Nonlinear normal modes of an arm with its motors held: free motions in which all joints move in unison.
 
 Without friction such a motion starts from rest, comes to rest at the other end of its path half a period later, and
-returns by the same way. Where it starts, q (n,), and its period T solve the n + 1 equations
+returns on the same path. Its start q (n,) and its period T solve the n + 1 equations
 
     qd(T / 2) = 0,   |q(T / 2) - q(0)| = swing
 
-In small swings it is a mode of (K + dg, M); from there the swing is raised in steps, each solved from the one before.
-The path is curved: its direction is the first principal component of q - q_0, as what `principal_components` finds.
-Source: the document's Section 6.2 and its [42], where the law is said to find these.
+For small swings it is a mode of (K + dg, M). From there the swing is increased in steps, each solved from the previous
+one. The path is curved; its direction is the first principal component of q - q_0.
+Source: Section 6.2 of the document and its [42], according to which the controller finds these motions.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 
-RAISES = 4  # of the swing, evenly
+RAISES = 4  # equal increases of the swing
 STEPS = 120  # of the integration in half a period
-REST = 1e-6  # [-] of the speed on the way: no more may be left where the motion turns around
+REST = 1e-6  # [-] largest speed at the turning point over the speed on the way
 
 
 @dataclass(frozen=True)
 class NonlinearMode:
-    """A free motion of one swing."""
+    """A nonlinear normal mode of one amplitude."""
 
-    start: Array  # q (n,) [rad], at rest there
+    start: Array  # q (n,) [rad] at rest
     frequency: float  # [Hz]
     direction: Array  # (n,) [-] of unit length
     path: Array  # (STEPS + 1, n) q [rad] over half a period
 
 
 def nonlinear_mode(arm: VsaArm, motors: Array, mode: int, swing: float) -> NonlinearMode:
-    """The motion that grows out of linear mode `mode`, 1 the softest.
+    """The nonlinear mode that grows out of linear mode `mode`, 1 the softest, without friction.
 
-    motors  (n,) [rad] where they are held
-    swing   > 0 [rad] between the ends of the path
+    motors  (n,) [rad] angles at which they are held
+    swing   > 0 [rad] distance between the ends of the path
 
-    Friction is left out. Raises ParameterError where no such motion is found.
+    Raises ParameterError if the equations have no solution near the one for a smaller swing.
     """
     linear = linear_modes(arm, motors)
     pace = 2.0 * np.pi * float(linear.frequencies[mode - 1])
@@ -57,7 +57,9 @@ def nonlinear_mode(arm: VsaArm, motors: Array, mode: int, swing: float) -> Nonli
         found = root(off, found, tol=1e-10).x
         left = float(np.abs(off(found)).max())
     if not left < REST:
-        raise ParameterError(f"mode {mode}: no motion in step of {swing:g} rad found, {left:.1g} off; try less")
+        raise ParameterError(
+            f"mode {mode}: no nonlinear mode of {swing:g} rad found, residual {left:.1g}; try a smaller swing"
+        )
     start = linear.rest + swing * found[:-1]
     path, _ = _half(arm, motors, start, float(found[-1]))
     motion = path - linear.rest
@@ -68,7 +70,7 @@ def _half(arm: VsaArm, motors: Array, start: Array, period: float) -> tuple[Arra
     """q (STEPS + 1, n) over half a period from rest at `start`, and qd (n,) at its end; classical Runge-Kutta."""
 
     def pulled(q: Array, v: Array) -> Array:
-        # link_acceleration takes friction off the torque: give it back
+        # link_acceleration subtracts friction; add it back.
         return arm.link_acceleration(q, v, arm.link_friction * v - arm.spring_state(q - motors)[0])
 
     h, v = 0.5 * period / STEPS, np.zeros(arm.n)

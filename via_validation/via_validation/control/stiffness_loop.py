@@ -1,4 +1,4 @@
-"""Base control with the stiffness estimator in the loop: simulated joint -> estimator -> law -> simulated joint."""
+"""Closed loop of base controller, stiffness estimator and simulated joint."""
 
 from __future__ import annotations
 
@@ -19,55 +19,55 @@ from via_sim.sensors import Sensors
 from via_sim.simulate import Simulator
 
 RATE = 1000.0  # [Hz]
-WISHES = 10  # ticks from one wish to the next: a hundred a second
+TARGET_EVERY = 10  # ticks from one target to the next
+METHOD = "modulated_torque"
 
 
 @dataclass(frozen=True)
 class StiffnessCourse:
-    """N samples of a joint of two torque motors."""
+    """N samples of a joint with two torque motors."""
 
     time: Array  # (N,) [s]
     q: Array  # (N,) [rad]
     truth: Array  # (N,) [N m/rad] of the real joint
-    wanted: Array  # (N,) [N m/rad]
+    wanted: Array  # (N,) [N m/rad] target
     estimate: Array  # (N,) [N m/rad], NaN where its status is not OK
-    factor: Array  # (N,) r [-] of the law
+    factor: Array  # (N,) r [-] of the controller
     saturated: bool
 
 
 def run_joint(
     nominal: Device,
     real: Device,
-    law: EquilibriumPreset,
-    wishes: Callable[[float], tuple[float, float]],
+    controller: EquilibriumPreset,
+    targets: Callable[[float], tuple[float, float]],
     duration: float,
     feedback: bool = True,
-    method: str = "modulated_torque",
 ) -> StiffnessCourse:
-    """The law of `nominal` on the joint `real`.
+    """Run a controller made for the device `nominal` on the joint `real` for `duration` [s].
 
-    wishes    equilibrium [rad] and stiffness [N m/rad] wanted at a time [s]
-    feedback  whether the law is told what the estimator, which knows `nominal`, finds
+    targets   equilibrium [rad] and stiffness [N m/rad] as a function of time [s]
+    feedback  whether the controller gets the estimates; the estimator is set up for `nominal`
     """
     simulator = Simulator(JointPlant.from_device(real), RATE, Sensors.of_device(real))
-    estimator = Live(estimator_for(nominal, method))
+    estimator = Live(estimator_for(nominal, METHOD))
     at = estimator.estimator.outputs.index("stiffness")
-    body, state = simulator.init(seed=1), law.init()
+    body, state = simulator.init(seed=1), controller.init()
     measured, truth = simulator.sample(body)
     rows, saturated = [], False
     for tick in range(round(duration * RATE)):
         time, seen = tick / RATE, dict(zip(MEASURED._fields, measured, strict=True))
-        angle, wanted = wishes(time)
-        if tick % WISHES == 0:
-            state = law.towards(state, angle, wanted)
-        state, out = law.step(state, JointSample(time, seen["q"], np.array([seen["theta_1"], seen["theta_2"]])))
+        angle, wanted = targets(time)
+        if tick % TARGET_EVERY == 0:
+            state = controller.towards(state, angle, wanted)
+        state, out = controller.step(state, JointSample(time, seen["q"], np.array([seen["theta_1"], seen["theta_2"]])))
         status = estimator.take(np.array([[time, *(seen[name] for name in estimator.estimator.inputs)]]))
-        value, deviation = float(estimator.value[at]), float(estimator.standard_deviation[at])
+        value, sd = float(estimator.value[at]), float(estimator.standard_deviation[at])
         if feedback:
-            state = law.estimated(state, time, Status(status), value, deviation)
+            state = controller.estimated(state, time, Status(status), value, sd)
         good = status == Status.OK
         rows.append((time, seen["q"], truth[TRUTH.stiffness], wanted, value if good else np.nan, state.factor))
         saturated |= out.saturated
         body, measured, truth = simulator.step(body, [*out.torque, 0.0, 0.0])
-    stamps, q, true, asked, found, factor = np.array(rows).T
-    return StiffnessCourse(stamps, q, true, asked, found, factor, saturated)
+    stamps, q, true, target, found, factor = np.array(rows).T
+    return StiffnessCourse(stamps, q, true, target, found, factor, saturated)

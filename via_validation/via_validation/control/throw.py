@@ -1,4 +1,4 @@
-"""Section 7's policy in closed loop with a simulated visco-elastic joint."""
+"""The maximum-velocity controller of Section 7 in closed loop with a simulated visco-elastic joint."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ RATE = 1000.0  # [Hz]
 
 @dataclass(frozen=True)
 class Throw:
-    """The true motion of link and motor under the law, (N,) each, from rest."""
+    """True motion of link and motor from rest, (N,) each."""
 
     time: Array  # [s]
     q: Array  # [rad]
     theta: Array  # [rad]
     velocity: Array  # [rad/s] of the link
     motor_velocity: Array  # [rad/s]
-    torque: Array  # [N m] commanded from there on; of the last sample NaN
+    torque: Array  # [N m] commanded until the next sample; NaN at the last one
 
 
 def throw(
-    device: Device, law: MaxVelocity, damping_command: float, sensors: Sensors = IDEAL, more: float = 0.0
+    device: Device, controller: MaxVelocity, damping_command: float, sensors: Sensors = IDEAL, more: float = 0.0
 ) -> Throw:
-    """The motion up to t_f and `more` [s]; the law sees what `sensors` read."""
+    """Simulate up to t_f and `more` [s] longer; the controller gets measurements from `sensors`."""
     simulator = Simulator(JointPlant.from_device(device), RATE, sensors)
-    body, state = simulator.init(seed=1), law.init()
+    body, state = simulator.init(seed=1), controller.init()
     measured, _ = simulator.sample(body)
     seen, torques = [body[:6]], []
-    for tick in range(round((law.horizon + more) * RATE)):
-        state, out = law.step(state, JointSample(tick / RATE, measured[0], measured[1:2]))
+    for tick in range(round((controller.horizon + more) * RATE)):
+        state, out = controller.step(state, JointSample(tick / RATE, measured[0], measured[1:2]))
         body, measured, _ = simulator.step(body, [out.torque[0], 0.0, damping_command, 0.0])
         seen.append(body[:6])
         torques.append(out.torque[0])

@@ -1,9 +1,9 @@
-"""The cases: which recordings are fitted, which are judged, against which nominal device, and what is documented.
+"""Cases of real robots: fitted and held-out recordings, nominal device, and documented causes.
 
-Devices, fitted and judged recordings and documented causes were fixed before the first results. After them, the other
-recordings of maccepavd changed from repeat 1, which the import refuses, to repeat 5; documented sizes of dry friction
-were added for the servo; and the rule that a complete answer must hold every documented cause made two answers wrong
-that were silent. Patterns of file names are those of `fnmatch`, relative to the case's folder.
+Devices, fitted and held-out recordings and documented causes were fixed before the first results. Three changes came
+later: the other recordings of maccepavd changed from repeat 1, which the import refuses, to repeat 5; documented sizes
+of dry friction were added for the servo; and two silent answers became wrong by the new rule that a complete answer
+must contain every documented cause. File names are patterns for `fnmatch`, relative to the case's folder.
 """
 
 from __future__ import annotations
@@ -27,14 +27,15 @@ class Case:
 
     name      of the case, a file name
     folder    of the recordings, below the data folder
-    device    shipped device that is the nominal one, with `changes` to its file: part -> number -> value
-    fitted    recordings to diagnose; `judged`: to judge on, none: alternating blocks of those fitted
+    device    nominal device, shipped with VIA, with `changes` to its file: part -> parameter -> value
+    fitted    recordings to diagnose
+    held_out  recordings to evaluate the repair; empty: alternating blocks of the fitted ones
     others    further recordings of the same robot, on which the repair must not be worse
-    truth     what is documented
-    arm       arm that the device is a joint of: recordings hold all of its joints
-    imported  whether the recordings are imported as bags by the mapping of the device's name
-    group     regular expression; recordings where its group is the same text never judge one another
-    aim       gap after the repair on the held-out recordings that is aimed at [-]; 0: none
+    truth     documented causes
+    arm       arm that the device is a joint of; the recordings contain all of its joints
+    imported  whether the recordings are imported as bags with the mapping of the device's name
+    group     regular expression; recordings with equal text in its group are never held out for one another
+    aim       target of the gap after the repair on held-out recordings [-]; 0: none
     """
 
     name: str
@@ -42,7 +43,7 @@ class Case:
     device: str
     fitted: tuple[str, ...]
     truth: Truth
-    judged: tuple[str, ...] = ()
+    held_out: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
     changes: Changes = field(default_factory=dict)
     arm: str = ""
@@ -51,7 +52,7 @@ class Case:
     aim: float = 0.0
 
     def nominal(self) -> Device:
-        """The device that the recordings are held against."""
+        """The nominal device of the diagnosis."""
         device = load_device(self.device)
         content = device.model_dump(mode="python")
         for part, numbers in self.changes.items():
@@ -98,7 +99,7 @@ def _simple_pendulum() -> tuple[Case, ...]:
         case(
             "moved_by_hand", "gravity_compensation",
             Truth(
-                "moved by hand, the torque is a function of the angle alone: such a recording cannot tell",
+                "moved by hand, the torque is a function of the angle alone: the recording is not informative",
                 verdicts=frozenset({"cannot_tell"}),
             ),
             {},
@@ -114,10 +115,10 @@ def _cogging() -> tuple[Case, ...]:
     )  # fmt: skip
     compensated = Truth("cogging compensated: inertia, drag or payload must not be named", refuted=heavy)
 
-    def case(name: str, truth: Truth, fitted: str, judged: str = "", *others: str) -> Case:
-        held = (f"{judged}.csv",) if judged else ()
+    def case(name: str, truth: Truth, fitted: str, held_out: str = "", *others: str) -> Case:
+        files = (f"{held_out}.csv",) if held_out else ()
         more = tuple(f"{each}.csv" for each in others)
-        return Case(f"cogging_{name}", "odrive_cogging", "odrive_rotor", (f"{fitted}.csv",), truth, held, more)
+        return Case(f"cogging_{name}", "odrive_cogging", "odrive_rotor", (f"{fitted}.csv",), truth, files, more)
 
     return (
         case("slow", ripple, "slow2_nocomp_0", "slow2_nocomp_1", "slow2_slower_nocomp_0"),
@@ -136,11 +137,11 @@ def _double_pendulum() -> tuple[Case, ...]:
     for joint, (torque, text) in documented.items():
         friction = {"coulomb_friction": torque, "stribeck_friction": torque}
         truth = Truth(f"dry friction of {text}, left out of the nominal device", (DRY,), LOAD, sizes=friction)
-        for name, judged, others in (("within", (), short), ("across", short, ())):
+        for name, held_out, others in (("within", (), short), ("across", short, ())):
             cases.append(
                 Case(
                     f"double_pendulum_{joint}_{name}", "dfki_double_pendulum", f"dfki_{joint}", (fitted,), truth,
-                    judged, others, arm="dfki_double_pendulum",
+                    held_out, others, arm="dfki_double_pendulum",
                 )
             )  # fmt: skip
     return tuple(cases)

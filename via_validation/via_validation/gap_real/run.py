@@ -1,7 +1,7 @@
-"""One case: its recordings read, diagnosed, and the repair tried on other recordings of the same robot.
+"""Run one case: read and diagnose its recordings, and try the repair on other recordings of the same robot.
 
-Results are kept as one JSON file per case. A kept result is used again as long as neither the case nor the sources of
-the packages that decide (via_core, via_sim, via_gap) have changed, so that an interrupted run goes on where it was.
+Each result is stored as a JSON file. It is reused while neither the case nor the sources of via_core, via_sim and
+via_gap have changed, so that an interrupted run continues where it stopped.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from via_gap.residual.errors import Errors
 from via_validation.gap_real.cases import Case
 
 DECIDING = ("via_core", "via_sim", "via_gap")
-SURE = 0.025  # share of resampled blocks on which a worse repair may be the better one: 95 % to both sides
+TAIL = 0.025  # quantile of the bootstrap for a two-sided 95 % interval
 Progress = Callable[[str, float], None]
 
 
 class Elsewhere(BaseModel):
-    """The gap of another recording, and 95 % of the ratio of after to before from resampled blocks."""
+    """The gap on another recording; `ratio`: 95 % interval of after over before by the block bootstrap."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -48,12 +48,12 @@ class Elsewhere(BaseModel):
 
     @property
     def worse(self) -> bool:
-        """Whether the repair makes it worse by more than chance."""
+        """Whether the repair increases the gap significantly."""
         return self.ratio[0] > 1.0
 
 
 class Result(BaseModel):
-    """What one case came to; `report` is None where the diagnosis failed, and `failure` says how."""
+    """Result of one case; `report` is None if the diagnosis failed, and `failure` states the error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -66,21 +66,21 @@ class Result(BaseModel):
 
 
 def run_case(case: Case, data: Path, progress: Progress) -> Result:
-    """Diagnose a case from the data folder. What the diagnosis raises is its result."""
+    """Diagnose a case from the data folder. An exception of the diagnosis becomes the result's `failure`."""
     began = time.process_time()
     report, elsewhere, failure = None, [], ""
     with tempfile.TemporaryDirectory() as bags:
         try:
             read = _Recordings(case, data, Path(bags))
-            fitted, judged, others = (read(each) for each in (case.fitted, case.judged, case.others))
+            fitted, held_out, others = (read(each) for each in (case.fitted, case.held_out, case.others))
             report = diagnose(
-                fitted, read.device, judged or None, lambda what, share: progress(what, 0.9 * share), read.groups(),
+                fitted, read.device, held_out or None, lambda what, share: progress(what, 0.9 * share), read.groups(),
                 only_equations=bool(case.arm),
             )  # fmt: skip
             took = time.process_time() - began
             progress("comparing other recordings", 0.9)
             elsewhere = _elsewhere(case, report, read.device, others)
-        except Exception as error:  # a case that crashes is a miss, not the end of the others
+        except Exception as error:  # a crash counts as a miss and must not end the other cases
             took = time.process_time() - began
             failure = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
     return Result(
@@ -89,18 +89,18 @@ def run_case(case: Case, data: Path, progress: Progress) -> Result:
 
 
 def missing(case: Case, data: Path) -> str:
-    """What of the case's recordings is not there; empty where all are."""
+    """The first missing recording or folder of the case; empty if all are present."""
     folder = data / case.folder
     if not folder.is_dir():
         return f"no folder {case.folder}"
     names = [str(path.relative_to(folder)) for path in folder.rglob("*.csv")]
-    wanted = (*case.fitted, *case.judged, *case.others)
+    wanted = (*case.fitted, *case.held_out, *case.others)
     absent = [each for each in wanted if not any(fnmatch(name, each) for name in names)]
     return f"no {case.folder}/{absent[0]}" if absent else ""
 
 
 def kept(case: Case, folder: Path) -> Result | None:
-    """The result kept in a folder, failures too; None where there is none, or where it is out of date."""
+    """The stored result of a case, failures included; None if it is missing or out of date."""
     try:
         result = Result.model_validate_json((folder / f"{case.name}.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -109,7 +109,7 @@ def kept(case: Case, folder: Path) -> Result | None:
 
 
 def keep(result: Result, folder: Path) -> None:
-    """Write a result; a file half written is never found."""
+    """Store a result atomically. Raises ViaError if the folder is not writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         unfinished = folder / f"{result.case}.json.unfinished"
@@ -120,7 +120,7 @@ def keep(result: Result, folder: Path) -> None:
 
 
 def key(case: Case) -> str:
-    """Changes with whatever changes the result of a case; what is documented of it only judges the result."""
+    """Hash of everything that the result depends on; the documented truth and the aim do not affect it."""
     computed = replace(case, truth=None, aim=0.0)  # type: ignore[arg-type]
     return sha256(f"{computed} {_sources()}".encode()).hexdigest()[:16]
 
@@ -136,10 +136,10 @@ def _sources() -> str:
 
 
 class _Recordings:
-    """Reads a case's recordings by patterns of their names.
+    """Reader of a case's recordings by patterns of file names.
 
-    device   the nominal one
-    sources  name of a log read so far -> its file
+    device   nominal device
+    sources  name of each log read so far -> its file
     """
 
     def __init__(self, case: Case, data: Path, bags: Path) -> None:
@@ -154,14 +154,14 @@ class _Recordings:
             self._files = {str(path.relative_to(folder)): path for path in sorted(folder.rglob("*.csv"))}
 
     def __call__(self, patterns: Sequence[str]) -> list[JointLog]:
-        """The logs whose files match."""
+        """The logs whose files match a pattern."""
         found = [name for pattern in patterns for name in self._files if fnmatch(name, pattern)]
         logs = [self._read(Path(self._files[name])) for name in found]
         self.sources.update({log.name: name for log, name in zip(logs, found, strict=True)})
         return logs
 
     def groups(self) -> dict[str, str] | None:
-        """Name of a log -> its group; None where the case has none."""
+        """Name of a log -> its group; None for a case without groups."""
         if not self._case.group:
             return None
         found = {name: re.search(self._case.group, source) for name, source in self.sources.items()}
@@ -177,7 +177,7 @@ class _Recordings:
 
 
 def _elsewhere(case: Case, report: GapReport, device: Device, logs: Sequence[JointLog]) -> list[Elsewhere]:
-    """The gap of other recordings without and with the repair, in the view that judged the report."""
+    """The gap of other recordings without and with the repair, measured as in the report."""
     if report.gap is None or not report.repaired() or not logs:
         return []
     if case.imported:
@@ -199,7 +199,7 @@ def _compared(case: Case, report: GapReport, device: Device, logs: list[JointLog
 
 
 def _ratio(before: Errors, after: Errors) -> tuple[float, float]:
-    """95 % of the ratio of the errors; both are resampled by the same blocks."""
+    """95 % interval of the ratio of the errors; both are resampled with the same blocks."""
     ratios = after.resampled() / np.maximum(before.resampled(), 1e-12)
-    low, high = np.quantile(ratios, [SURE, 1.0 - SURE])
+    low, high = np.quantile(ratios, [TAIL, 1.0 - TAIL])
     return float(low), float(high)

@@ -1,4 +1,4 @@
-"""The cases in short: one row each, and how many are right, wrong, and confidently wrong."""
+"""Summary of the cases: cells of the table, and counts of right, wrong and confidently wrong answers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from via_validation.gap_real.cases import Case
 from via_validation.gap_real.run import Result
-from via_validation.gap_real.truth import CONFIDENT, FACTOR, lies, named_causes, outcome, sizes
+from via_validation.gap_real.truth import CONFIDENT, FACTOR, confidently_wrong, named_causes, outcome, sizes
 
 Pair = tuple[Case, Result]
 
@@ -18,12 +18,12 @@ class Summary:
 
     known     cases with a documented cause; of those `named` and `tied`
     wrong     cases, controls among them
-    controls  cases without; of those `honest`
-    lies      wrong answers with a probability of CONFIDENT or more
-    compared  other recordings that a repair was tried on; of those `worse`
-    sized     named causes of documented size; of those `off` by more than FACTOR
+    controls  cases without a documented cause; of those `honest`
+    confidently_wrong  wrong answers with a probability of CONFIDENT or more
+    compared  other recordings on which a repair was tried; of those `worse`
+    sized     named causes with a documented size; of those `off` by more than FACTOR
     failed    cases whose diagnosis raised an error
-    seconds   of processor time
+    seconds   processor time
     """
 
     known: int
@@ -32,7 +32,7 @@ class Summary:
     wrong: int
     controls: int
     honest: int
-    lies: int
+    confidently_wrong: int
     compared: int
     worse: int
     sized: int
@@ -43,7 +43,7 @@ class Summary:
     def __str__(self) -> str:
         parts = (
             f"{self.named} named and {self.tied} rightly tied of {self.known} cases with a known cause",
-            f"{self.wrong} wrong, {self.lies} of these with a probability of {CONFIDENT:g} or more",
+            f"{self.wrong} wrong, {self.confidently_wrong} of these with a probability of {CONFIDENT:g} or more",
             f"{self.failed} failed",
             f"{self.honest} of {self.controls} controls honest",
             f"{self.off} of {self.sized} sizes off by more than a factor of {FACTOR:g}",
@@ -55,7 +55,7 @@ class Summary:
 
 def summary(pairs: Sequence[Pair]) -> Summary:
     """The counts over all cases."""
-    outcomes = [(case, judged(case, result)) for case, result in pairs]
+    outcomes = [(case, outcome_of(case, result)) for case, result in pairs]
     known = [word for case, word in outcomes if not case.truth.control]
     controls = [word for case, word in outcomes if case.truth.control]
     found = [size for case, result in pairs if result.report for size in sizes(named_causes(result.report), case.truth)]
@@ -63,14 +63,14 @@ def summary(pairs: Sequence[Pair]) -> Summary:
     return Summary(
         len(known), known.count("named"), known.count("rightly tied"), [*known, *controls].count("wrong"),
         len(controls), controls.count("honest"),
-        sum(result.report is not None and lies(result.report, case.truth) for case, result in pairs),
+        sum(result.report is not None and confidently_wrong(result.report, case.truth) for case, result in pairs),
         len(elsewhere), sum(each.worse for each in elsewhere), len(found), sum(each.off for each in found),
         [*known, *controls].count("failed"), sum(result.seconds for _, result in pairs),
     )  # fmt: skip
 
 
-def judged(case: Case, result: Result) -> str:
-    """The outcome of a case; 'failed' where the diagnosis raised an error."""
+def outcome_of(case: Case, result: Result) -> str:
+    """The outcome of a case; 'failed' if the diagnosis raised an error."""
     return "failed" if result.report is None else outcome(result.report, case.truth)
 
 
@@ -90,6 +90,6 @@ def gap_words(result: Result) -> str:
 
 
 def worse(result: Result) -> str:
-    """How many of the other recordings the repair makes worse."""
+    """Number of other recordings on which the repair increases the gap."""
     compared = [each for each in result.elsewhere if not each.failure]
     return f"{sum(each.worse for each in compared)} of {len(compared)}" if compared else ""

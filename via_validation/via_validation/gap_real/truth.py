@@ -1,11 +1,11 @@
-"""What is documented of a real robot, and how a report is judged by it.
+"""Documented causes of a real robot, and the outcome of a report compared with them.
 
     named         every documented cause is named
-    rightly tied  those that are not named are in the set of causes that the recordings do not tell apart
-    silent        a documented cause is missing, and nothing is named that the documentation contradicts or lacks
-    wrong         something else is named in place of it, a cause that the documentation contradicts, or an answer that
-                  claims to be complete (`effect`, `several_effects`) lacks a documented cause
-    honest        of a control: no cause is named that the documentation contradicts
+    rightly tied  documented causes that are not named are in the set of causes that the recordings do not distinguish
+    silent        a documented cause is missing, and no undocumented or contradicted cause is named
+    wrong         an undocumented cause is named instead, a contradicted cause is named, or an answer that claims to be
+                  complete (`effect`, `several_effects`) lacks a documented cause
+    honest        in a control, no contradicted cause is named
 
 Only named causes count, not the ranking: a report that names nothing is not wrong.
 """
@@ -19,10 +19,10 @@ from typing import Literal
 from via_gap.report.report import Cause, EffectLocation, GapReport, Value
 
 Outcome = Literal["named", "rightly tied", "silent", "wrong", "honest"]
-COMPLETE = ("effect", "several_effects")  # verdicts that everything is explained
+COMPLETE = ("effect", "several_effects")  # verdicts that claim a complete explanation
 NAMING = (*COMPLETE, "main_effect")
-CONFIDENT = 0.5  # probability from which a wrong first cause is a lie: more likely than not
-# Size of an effect: the product of these parameters. A payload's mass and arm are known apart far worse than m l.
+CONFIDENT = 0.5  # a wrong first cause is confidently wrong from this probability on
+# Size of an effect: product of these parameters. For a payload m l is far better determined than m and l.
 SIZE = {
     "coulomb_friction": ("torque",),
     "stribeck_friction": ("kinetic",),
@@ -32,18 +32,18 @@ SIZE = {
     "torque_saturation": ("limit",),
     "payload": ("mass", "distance"),
 }
-FACTOR = 2.0  # that a size may be off: the double pendulum's own two documents differ by 2.4 in its dry friction
+FACTOR = 2.0  # largest ratio of sizes; two documents of the double pendulum differ by 2.4 in its dry friction
 
 
 @dataclass(frozen=True)
 class Truth:
     """The documented causes of one case.
 
-    text       what is documented, for the page
-    causes     each must be named; one of the effects of each suffices
-    also       effects that are documented as well and need not be named
+    text       documentation in words, for the page
+    causes     each must be named by one of its effects
+    also       further documented effects, which need not be named
     refuted    effects that the documentation contradicts
-    verdicts   the only verdicts that are right; empty: any
+    verdicts   the only right verdicts; empty: any
     sizes      documented size of an effect (see SIZE) [its SI unit]
     orders     documented orders of a torque ripple [1/rev]; empty: any
     """
@@ -64,7 +64,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Size:
-    """Size of a named effect beside the documented one [same unit]."""
+    """Size of a named effect and the documented size [same unit]."""
 
     effect: str
     found: float
@@ -78,7 +78,7 @@ class Size:
 
 
 def outcome(report: GapReport, truth: Truth) -> Outcome:
-    """The report judged by what is documented."""
+    """The outcome of a report."""
     named = named_causes(report)
     effects = {each.effect for each in named if _documented_order(each, truth)}
     contradicted = {each.effect for each in named} & truth.refuted
@@ -97,22 +97,22 @@ def outcome(report: GapReport, truth: Truth) -> Outcome:
     return "wrong" if answers - documented or (named and report.verdict in COMPLETE) else "silent"
 
 
-def lies(report: GapReport, truth: Truth) -> bool:
-    """Whether a wrong answer is given with a probability of CONFIDENT or more."""
+def confidently_wrong(report: GapReport, truth: Truth) -> bool:
+    """Whether the answer is wrong with a probability of CONFIDENT or more."""
     first = max((each.probability for each in named_causes(report)), default=0.0)
     return outcome(report, truth) == "wrong" and first >= CONFIDENT
 
 
 def named_causes(report: GapReport) -> list[Cause]:
-    """The causes that the report names, as it ranks them; none where its verdict names nothing."""
+    """The named causes in the order of the report; empty if its verdict names none."""
     if report.verdict not in NAMING:
         return []
-    places = {_spot(each) for each in report.effects}
-    return [each for each in report.causes if _spot(each) in places]
+    locations = {_location(each) for each in report.effects}
+    return [each for each in report.causes if _location(each) in locations]
 
 
 def sizes(causes: Sequence[Cause], truth: Truth) -> list[Size]:
-    """Sizes of those causes whose size is documented."""
+    """Sizes of the causes with a documented size."""
     return [
         Size(cause.effect, found, truth.sizes[cause.effect])
         for cause in causes
@@ -121,7 +121,7 @@ def sizes(causes: Sequence[Cause], truth: Truth) -> list[Size]:
 
 
 def size(effect: str, parameters: Mapping[str, Value]) -> float | None:
-    """Size of an effect [SI]; None where none is defined."""
+    """Size of an effect [SI]; None if undefined."""
     names = SIZE.get(effect, ())
     if not names or any(name not in parameters for name in names):
         return None
@@ -132,10 +132,10 @@ def size(effect: str, parameters: Mapping[str, Value]) -> float | None:
 
 
 def _documented_order(cause: Cause, truth: Truth) -> bool:
-    """Whether one of a ripple's orders is documented; true of other effects."""
+    """Whether one of a ripple's orders is documented; True for other effects."""
     orders = [round(value.value) for name, value in cause.parameters.items() if name.startswith("order")]
     return not orders or not truth.orders or bool(set(orders) & set(truth.orders))
 
 
-def _spot(each: Cause | EffectLocation) -> tuple[str, str, int]:
+def _location(each: Cause | EffectLocation) -> tuple[str, str, int]:
     return each.effect, each.site, each.motor

@@ -1,1 +1,1 @@
-"""The sealed benchmark: a second simulator (MuJoCo) that shares no code with via_sim, sealed cases, their scores."""
+"""Sealed benchmark: a second simulator (MuJoCo, no code shared with via_sim), sealed cases and their scores."""

@@ -1,9 +1,9 @@
-"""The catalogue of the second simulator: the thirty named effects, their places, their physics.
+"""Catalogue of the second simulator: the thirty named effects, their locations and their physics.
 
-It was written from the specification alone and shares nothing with via_sim's catalogue. An entry lists the places of
-the effect in a joint, draws its shape (order, direction, position), and makes Physics of a relative size within
-[low, high]. The search for the wanted gap over noise changes only the size. Where a wrong number in the device file has
-the same effect (inertia, friction, stiffness, gain), the least size lies well outside the file's tolerance.
+It was written from the specification alone and shares nothing with via_sim's catalogue. An entry lists the locations of
+the effect in a joint, draws its shape (order, direction, position), and returns Physics for a relative size within
+[low, high]. The search for the wanted gap over noise changes only the size. If a wrong parameter in the device file has
+the same effect (inertia, friction, stiffness, gain), the smallest size is well outside the file's tolerance.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from numpy.random import Generator
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 
-from via_validation.sealed.physics import HARMONICS, Physics, at, of_motor, terms_at
+from via_validation.sealed.physics import HARMONICS, Physics, at_axis, at_motor, terms_at
 from via_validation.sealed.scene import Scene
 
 TICK = 0.5e-3  # [s] delays are whole multiples
 Shape = Mapping[str, float]
 Numbers = dict[str, float]
-Place = tuple[str, int]  # site, number of the motor or transmission (0: none)
-Amount = Callable[[Scene, int, float], float]  # parameter of an effect at a number, of a relative size
-Make = Callable[[Scene, int, float, Shape], tuple[Physics, Numbers]]  # of (scene, number, size, shape)
+Location = tuple[str, int]  # site, number of the motor or transmission (0: none)
+Amount = Callable[[Scene, int, float], float]  # (scene, number, relative size) -> parameter of an effect
+Make = Callable[[Scene, int, float, Shape], tuple[Physics, Numbers]]  # (scene, number, size, shape) -> effect
 
 
 @dataclass(frozen=True)
 class Entry:
     """One named effect.
 
-    places  of a device where it may sit
-    low, high  [-] relative sizes
-    shape   what is drawn once
-    make    physics and parameters of a size
-    most    largest magnitude of a parameter: beyond it the joint would be another one
-    sensed  as `make`, for the effect in a torque sensor
+    locations  possible locations in a device
+    low, high  [-] range of the relative size
+    shape      draws the parameters that do not depend on the size
+    make       physics and parameters for a size
+    most       largest magnitude of a parameter; beyond it the joint would be a different one
+    sensed     like `make`, for the effect in a torque sensor
     """
 
     name: str
-    places: Callable[[Device], tuple[Place, ...]]
+    locations: Callable[[Device], tuple[Location, ...]]
     low: float
     high: float
     shape: Callable[[Generator, Scene], Shape]
@@ -51,50 +51,50 @@ class Entry:
     most: float = inf
     sensed: Make | None = None
 
-    def of_size(self, scene: Scene, place: Place, size: float, shape: Shape) -> tuple[Physics, Numbers]:
-        make = self.sensed if self.sensed is not None and place[0] == "sensor" else self.make
-        return make(scene, place[1], size, shape)
+    def of_size(self, scene: Scene, location: Location, size: float, shape: Shape) -> tuple[Physics, Numbers]:
+        make = self.sensed if self.sensed is not None and location[0] == "sensor" else self.make
+        return make(scene, location[1], size, shape)
 
 
-def axes(device: Device) -> tuple[Place, ...]:
+def axes(device: Device) -> tuple[Location, ...]:
     return (("link", 0), *motors(device))
 
 
-def motors(device: Device) -> tuple[Place, ...]:
+def motors(device: Device) -> tuple[Location, ...]:
     return tuple(("motor", i) for i in range(1, 1 + device.n_motors)) if device.drive == "torque" else ()
 
 
-def _drives(device: Device) -> tuple[Place, ...]:
-    """Motors that turn a command into a torque; the drive of a rigid joint is its motor 1."""
+def _drives(device: Device) -> tuple[Location, ...]:
+    """Motors with commanded torque; the drive of a rigid joint is its motor 1."""
     return motors(device) if device.motors else (("motor", 1),)
 
 
-def _torques(device: Device) -> tuple[Place, ...]:
-    """The same, and the sensors of their torque."""
+def _torques(device: Device) -> tuple[Location, ...]:
+    """Motors with commanded torque, and their torque sensors."""
     return (*_drives(device), *(("sensor", number) for _, number in motors(device)))
 
 
-def transmissions(device: Device) -> tuple[Place, ...]:
+def transmissions(device: Device) -> tuple[Location, ...]:
     return tuple(("transmission", i) for i in range(1, 1 + device.n_transmissions))
 
 
-def _presets(device: Device) -> tuple[Place, ...]:
+def _presets(device: Device) -> tuple[Location, ...]:
     return transmissions(device) if device.arrangement in ("antagonistic", "serial") else ()
 
 
-def _encoders(device: Device) -> tuple[Place, ...]:
+def _encoders(device: Device) -> tuple[Location, ...]:
     return tuple(("sensor", i) for i in range(1 + device.n_motors))
 
 
-def _clocks(device: Device) -> tuple[Place, ...]:
+def _clocks(device: Device) -> tuple[Location, ...]:
     return tuple(("timing", i) for i in range(1 + device.n_motors))
 
 
-def _weighty(device: Device) -> tuple[Place, ...]:
+def _with_gravity(device: Device) -> tuple[Location, ...]:
     return (("link", 0),) if device.link.gravity_torque else ()
 
 
-def at_site(site: str, drive: str = "") -> Callable[[Device], tuple[Place, ...]]:
+def at_site(site: str, drive: str = "") -> Callable[[Device], tuple[Location, ...]]:
     return lambda device: ((site, 0),) if drive in ("", device.drive) else ()
 
 
@@ -106,18 +106,18 @@ def _signed(rng: Generator, _scene: Scene) -> Shape:
     return {"sign": float(rng.choice([-1.0, 1.0]))}
 
 
-def single(field: str, parameter: str, place: Callable[[int, float], Any], amount: Amount) -> Make:
-    """What an effect makes that is one field of Physics and one parameter; its size takes the sign of its shape."""
+def single(field: str, parameter: str, to_field: Callable[[int, float], Any], amount: Amount) -> Make:
+    """`make` of an effect that is one field of Physics and one parameter; the shape gives the sign."""
 
     def make(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
         value = amount(scene, number, shape.get("sign", 1.0) * size)
-        return Physics(**{field: place(number, value)}), {parameter: value}
+        return Physics(**{field: to_field(number, value)}), {parameter: value}
 
     return make
 
 
 def whole(_number: int, value: float) -> float:
-    """The value of a field that is one for the whole joint."""
+    """The value itself, for a field that is one number for the whole joint."""
     return value
 
 
@@ -139,17 +139,19 @@ def _asymmetric_coulomb(scene: Scene, axis: int, size: float, shape: Shape) -> t
     torque = size * scene.torque[axis]
     half = shape["sign"] * shape["share"] * torque
     numbers = {"forward": torque + half, "backward": torque - half}
-    return Physics(friction=at(axis, torque), uneven=at(axis, half)), numbers
+    return Physics(friction=at_axis(axis, torque), uneven=at_axis(axis, half)), numbers
 
 
-def _falling(rng: Generator, scene: Scene) -> Shape:
+def _stribeck_shape(rng: Generator, scene: Scene) -> Shape:
     return {"excess": float(rng.uniform(0.6, 1.6)), "velocity": float(rng.uniform(0.05, 0.25))}
 
 
 def _stribeck(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     kinetic = size * scene.torque[axis]
     excess, velocity = shape["excess"] * kinetic, shape["velocity"] * scene.speed[axis]
-    physics = Physics(friction=at(axis, kinetic), breakaway=at(axis, excess), stribeck_velocity=at(axis, velocity, 1.0))
+    physics = Physics(
+        friction=at_axis(axis, kinetic), breakaway=at_axis(axis, excess), stribeck_velocity=at_axis(axis, velocity, 1.0)
+    )
     return physics, {"breakaway": kinetic + excess, "kinetic": kinetic, "velocity": velocity}
 
 
@@ -157,36 +159,36 @@ def _asymmetric_viscous(scene: Scene, axis: int, size: float, shape: Shape) -> t
     more = size * _viscous_of(scene, axis)
     half = 0.5 * more
     forward, backward = (more, 0.0) if shape["sign"] > 0.0 else (0.0, more)
-    physics = Physics(viscous=at(axis, half), uneven_viscous=at(axis, shape["sign"] * half))
+    physics = Physics(viscous=at_axis(axis, half), uneven_viscous=at_axis(axis, shape["sign"] * half))
     return physics, {"forward": forward, "backward": backward}
 
 
-def _sliding(rng: Generator, _scene: Scene) -> Shape:
+def _bristle_length(rng: Generator, _scene: Scene) -> Shape:
     return {"length": float(np.exp(rng.uniform(np.log(0.01), np.log(0.05))))}
 
 
 def _presliding(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     torque, length = size * scene.torque[axis], shape["length"]
-    physics = Physics(bristle=at(axis, torque), bristle_length=at(axis, length, 1.0))
+    physics = Physics(bristle=at_axis(axis, torque), bristle_length=at_axis(axis, length, 1.0))
     return physics, {"torque": torque, "stiffness": torque / length}
 
 
-def _stretch(rng: Generator, _scene: Scene) -> Shape:
+def _slip_travel(rng: Generator, _scene: Scene) -> Shape:
     return {"travel": float(rng.uniform(0.1, 0.4))}
 
 
 def _hysteresis(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     torque = size * scene.load[number - 1]
     stiffness = torque / (shape["travel"] * scene.deflection[number - 1])
-    physics = Physics(slip_torque=of_motor(number, torque), slip_stiffness=of_motor(number, stiffness))
+    physics = Physics(slip_torque=at_motor(number, torque), slip_stiffness=at_motor(number, stiffness))
     return physics, {"torque": torque, "stiffness": stiffness}
 
 
 def _spring_law(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     hardening = shape["sign"] * size / (2.0 * scene.deflection[number - 1] ** 2)
     if shape["sign"] < 0.0:
-        hardening *= 0.4  # twice the RMS deflection must not lose its torque
-    return Physics(hardening=of_motor(number, hardening)), {"scale": 1.0, "hardening": hardening}
+        hardening *= 0.4  # the torque must not vanish at twice the RMS deflection
+    return Physics(hardening=at_motor(number, hardening)), {"scale": 1.0, "hardening": hardening}
 
 
 def _preset(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
@@ -194,7 +196,7 @@ def _preset(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physi
         offset = shape["sign"] * size
         return Physics(preset_shift=offset), {"offset": offset}
     offset = shape["sign"] * size * scene.deflection[number - 1]
-    return Physics(rest=of_motor(number, offset)), {"offset": offset}
+    return Physics(rest=at_motor(number, offset)), {"offset": offset}
 
 
 def _neighbour(rng: Generator, _scene: Scene) -> Shape:
@@ -207,7 +209,7 @@ def _coupling(scene: Scene, _number: int, size: float, shape: Shape) -> tuple[Ph
 
 
 def _terms(rng: Generator, first: Shape, orders: Sequence[int]) -> Shape:
-    """`first` and, in half of the cases, one to three weaker terms of other orders."""
+    """`first`, and in half of the cases one to three weaker terms of other orders."""
     shape, more = dict(first), int(rng.integers(1, HARMONICS)) if rng.uniform() < 0.5 else 0
     others = [order for order in orders if order != first["order"]]
     for k, order in enumerate(rng.choice(others, more, replace=False), 2):
@@ -217,7 +219,7 @@ def _terms(rng: Generator, first: Shape, orders: Sequence[int]) -> Shape:
 
 
 def _series(shape: Shape, size: float) -> tuple[list[float], list[float], list[float], Numbers]:
-    """Amplitudes, orders and phases of a periodic effect, and all of them as the key holds them."""
+    """Amplitudes, orders and phases of a periodic effect, and all of them as named in the key."""
     names = ["", *(f"_{k}" for k in range(2, HARMONICS + 1) if f"order_{k}" in shape)]
     amplitudes = [size * shape.get(f"share{name}", 1.0) for name in names]
     orders, phases = [shape[f"order{name}"] for name in names], [shape[f"phase{name}"] for name in names]
@@ -257,7 +259,7 @@ def _eccentricity(_scene: Scene, axis: int, size: float, shape: Shape) -> tuple[
     return physics, numbers
 
 
-def _reach(rng: Generator, _scene: Scene) -> Shape:
+def _payload_arm(rng: Generator, _scene: Scene) -> Shape:
     return {"arm": float(rng.uniform(0.1, 0.4))}
 
 
@@ -275,7 +277,7 @@ def _gravity(scene: Scene, _axis: int, size: float, shape: Shape) -> tuple[Physi
     return Physics(gravity=factor), {"torque": shape["sign"] * size * scene.device.link.gravity_torque, "angle": 0.0}
 
 
-def _place(rng: Generator, _scene: Scene) -> Shape:
+def _wall(rng: Generator, _scene: Scene) -> Shape:
     return {"side": float(rng.choice([-1.0, 1.0])), "depth": float(rng.uniform(0.03, 0.12))}
 
 
@@ -289,7 +291,7 @@ def _contact(scene: Scene, _number: int, size: float, shape: Shape) -> tuple[Phy
     return physics, {"angle": angle, "side": side, "stiffness": stiffness, "damping": damping}
 
 
-def _when(rng: Generator, scene: Scene) -> Shape:
+def _interval(rng: Generator, scene: Scene) -> Shape:
     start = float(rng.uniform(0.1, 0.5)) * scene.duration
     stop = start + float(rng.uniform(0.15, 0.4)) * scene.duration
     return {"sign": float(rng.choice([-1.0, 1.0])), "start": start, "stop": stop}
@@ -301,32 +303,32 @@ def _external(scene: Scene, _number: int, size: float, shape: Shape) -> tuple[Ph
     return physics, {"torque": torque, "start": shape["start"], "stop": shape["stop"]}
 
 
-# Effects of one parameter: the field of Physics, the parameter, and its value at a number (axis or motor) of a size.
-_COULOMB = single("friction", "torque", at, lambda scene, axis, size: size * scene.torque[axis])
-_VISCOUS = single("viscous", "coefficient", at, lambda scene, axis, size: size * _viscous_of(scene, axis))
-_DRAG = single("drag", "coefficient", at, lambda s, axis, size: size * s.torque[axis] / s.speed[axis] ** 2)
-_LOADED = single("load_friction", "coefficient", at, lambda _scene, _axis, size: size)
-_BACKLASH = single("gap", "gap", of_motor, lambda scene, number, size: size * scene.deflection[number - 1])
+# Effects with one parameter: field of Physics, parameter, and its value as a function of axis or motor and size.
+_COULOMB = single("friction", "torque", at_axis, lambda scene, axis, size: size * scene.torque[axis])
+_VISCOUS = single("viscous", "coefficient", at_axis, lambda scene, axis, size: size * _viscous_of(scene, axis))
+_DRAG = single("drag", "coefficient", at_axis, lambda s, axis, size: size * s.torque[axis] / s.speed[axis] ** 2)
+_LOADED = single("load_friction", "coefficient", at_axis, lambda _scene, _axis, size: size)
+_BACKLASH = single("gap", "gap", at_motor, lambda scene, number, size: size * scene.deflection[number - 1])
 _SPRING_DAMPING = single(
-    "spring_damping", "coefficient", of_motor, lambda s, k, size: size * s.load[k - 1] / (s.speed[0] + s.speed[k])
+    "spring_damping", "coefficient", at_motor, lambda s, k, size: size * s.load[k - 1] / (s.speed[0] + s.speed[k])
 )
-_DRIFT = single("drift", "rate", of_motor, lambda scene, _number, size: size / scene.duration)
+_DRIFT = single("drift", "rate", at_motor, lambda scene, _number, size: size / scene.duration)
 _GAIN, _SENSED_GAIN = (
-    single(field, "gain", lambda motor, value: of_motor(motor, value, 1.0), lambda _scene, _number, size: 1.0 + size)
+    single(field, "gain", lambda motor, value: at_motor(motor, value, 1.0), lambda _scene, _number, size: 1.0 + size)
     for field in ("gain", "sensed_gain")
 )
 _BIAS, _SENSED_BIAS = (
-    single(field, "torque", of_motor, lambda scene, number, size: size * scene.torque[number])
+    single(field, "torque", at_motor, lambda scene, number, size: size * scene.torque[number])
     for field in ("bias", "sensed_bias")
 )
 _SATURATION = single(
-    "limit", "limit", lambda k, value: of_motor(k, value, inf), lambda scene, k, size: (1.0 - size) * scene.highest[k]
+    "limit", "limit", lambda k, value: at_motor(k, value, inf), lambda scene, k, size: (1.0 - size) * scene.highest[k]
 )
 _LAG = single("lag", "time_constant", whole, lambda _scene, _number, size: size)
 _DELAY = single("delay", "delay", whole, lambda _scene, _number, size: max(round(size / TICK), 1) * TICK)
-_OFFSET = single("offset", "offset", at, lambda _scene, _axis, size: size)
-_QUANTISATION = single("quantum", "quantum", at, lambda scene, axis, size: size * _quantum_of(scene, axis))
-_SKEW = single("skew", "delay", at, lambda _scene, _axis, size: size)
+_OFFSET = single("offset", "offset", at_axis, lambda _scene, _axis, size: size)
+_QUANTISATION = single("quantum", "quantum", at_axis, lambda scene, axis, size: size * _quantum_of(scene, axis))
+_SKEW = single("skew", "delay", at_axis, lambda _scene, _axis, size: size)
 
 CATALOGUE: Mapping[str, Entry] = MappingProxyType(
     {
@@ -334,14 +336,14 @@ CATALOGUE: Mapping[str, Entry] = MappingProxyType(
         for entry in (
             Entry("coulomb_friction", axes, 0.01, 1.0, no_shape, _COULOMB),
             Entry("asymmetric_coulomb", axes, 0.01, 1.0, _uneven, _asymmetric_coulomb),
-            Entry("stribeck_friction", axes, 0.01, 0.6, _falling, _stribeck),
+            Entry("stribeck_friction", axes, 0.01, 0.6, _stribeck_shape, _stribeck),
             Entry("viscous_friction", axes, 0.25, 5.0, no_shape, _VISCOUS),
             Entry("asymmetric_viscous", axes, 0.25, 6.0, _signed, _asymmetric_viscous),
             Entry("quadratic_drag", axes, 0.02, 2.0, no_shape, _DRAG),
-            Entry("presliding_friction", axes, 0.01, 1.0, _sliding, _presliding),
+            Entry("presliding_friction", axes, 0.01, 1.0, _bristle_length, _presliding),
             Entry("load_dependent_friction", axes, 0.02, 0.6, no_shape, _LOADED),
             Entry("backlash", transmissions, 0.02, 1.2, no_shape, _BACKLASH, 0.5),
-            Entry("hysteresis", transmissions, 0.02, 0.8, _stretch, _hysteresis),
+            Entry("hysteresis", transmissions, 0.02, 0.8, _slip_travel, _hysteresis),
             Entry("spring_damping", transmissions, 0.02, 2.0, no_shape, _SPRING_DAMPING),
             Entry("spring_law", transmissions, 0.15, 3.0, _signed, _spring_law, 900.0),
             Entry("stiffness_drift", transmissions, 0.2, 0.9, _signed, _DRIFT),
@@ -357,11 +359,11 @@ CATALOGUE: Mapping[str, Entry] = MappingProxyType(
             Entry("encoder_eccentricity", _encoders, 1e-4, 0.15, _phase, _eccentricity),
             Entry("encoder_quantisation", _encoders, 3.0, 64.0, no_shape, _QUANTISATION),
             Entry("channel_skew", _clocks, 0.2e-3, 0.03, no_shape, _SKEW),
-            Entry("payload", _weighty, 0.15, 3.0, _reach, _payload),
+            Entry("payload", _with_gravity, 0.15, 3.0, _payload_arm, _payload),
             Entry("link_inertia", at_site("link"), 0.15, 2.0, no_shape, _inertia),
-            Entry("gravity_error", _weighty, 0.15, 0.9, _signed, _gravity),
-            Entry("contact", at_site("environment"), 0.5, 50.0, _place, _contact),
-            Entry("external_torque", at_site("environment"), 0.02, 1.5, _when, _external),
+            Entry("gravity_error", _with_gravity, 0.15, 0.9, _signed, _gravity),
+            Entry("contact", at_site("environment"), 0.5, 50.0, _wall, _contact),
+            Entry("external_torque", at_site("environment"), 0.02, 1.5, _interval, _external),
         )
     }
 )

@@ -1,6 +1,6 @@
-"""Excitation as in a lab: multisines, moves with holds, slow ramps, fast swings, small reversals.
+"""Excitation as in a laboratory: multisines, moves with holds, slow ramps, fast swings, small reversals.
 
-Every piece starts and ends at rest at zero; order, lengths and numbers are random.
+Every piece starts and ends at rest at zero; order, lengths and parameters are random.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ PIECE = 8.0  # [s] of a piece, on average
 
 
 def excite(
-    rng: Generator, device: Device, duration: float, size: float, rate: float = 0.0, servo_law: Servo | None = None
+    rng: Generator, device: Device, duration: float, size: float, rate: float = 0.0, position_drive: Servo | None = None
 ) -> Drive:
-    """The drive's references over `duration` [s]; `size` is 1 for full motion.
+    """A drive with random references over `duration` [s]; `size` is 1 for full motion.
 
-    rate       [Hz] of ticks; 0: that of the device file
-    servo_law  of a position drive, whose goal the references are
+    rate            [Hz] of ticks; 0: rate of the device file
+    position_drive  drive whose goals the references are; None: motors with torque or servo drive
     """
     rate = rate or device.sensors.rate
     time = np.arange(round(duration * rate)) / rate
@@ -41,9 +41,9 @@ def excite(
         gains = (0.0, 0.0)
         zero = np.zeros_like(references)
         return Drive(references, zero, zero, damping, gains, gains, rate)
-    if servo_law is not None:
+    if position_drive is not None:
         zero, none = np.zeros((len(time), 1)), (0.0,)
-        return Drive(equilibrium[:, None], zero, zero, zero[:, 0], none, none, rate, (), servo_law)
+        return Drive(equilibrium[:, None], zero, zero, zero[:, 0], none, none, rate, (), position_drive)
     references = device.motor_angles(equilibrium, preset) if device.motors else equilibrium[:, None]
     rates = np.gradient(references, axis=0) * rate
     forward = np.zeros_like(references)
@@ -63,14 +63,14 @@ def excite(
 
 
 def turn(rng: Generator, device: Device, duration: float, rate: float) -> Drive:
-    """A light motor under velocity or position control that turns evenly, at slow and faster speeds.
+    """A light motor under velocity or position control that turns at piecewise constant speeds.
 
-    A PI controller of the speed is a PD controller of the angle whose reference turns at the wanted speed; position
-    control has an integral term beside it.
+    A PI speed controller equals a PD angle controller whose reference turns at the wanted speed; position control adds
+    an integral term.
     """
     time = np.arange(round(duration * rate)) / rate
     edges = np.concatenate([[0.0], _changes(rng, time)])
-    turns = np.cumprod(rng.choice([-1.0, -1.0, -1.0, 1.0], len(edges)))  # mostly there and back
+    turns = np.cumprod(rng.choice([-1.0, -1.0, -1.0, 1.0], len(edges)))  # direction changes most of the time
     speeds = turns * np.exp(rng.uniform(np.log(0.2), np.log(6.0), len(edges)))
     level = speeds[np.clip(np.searchsorted(edges, time, side="right") - 1, 0, None)]
     half = max(int(0.15 * rate), 1)
@@ -87,7 +87,7 @@ def turn(rng: Generator, device: Device, duration: float, rate: float) -> Drive:
 
 
 def start_of(device: Device, drive: Drive) -> Array:
-    """Angles (1+m,) [rad] at rest under the first references; the link is in equilibrium of springs and gravity."""
+    """Angles (1+m,) [rad] at rest under the first references; springs and gravity balance at the link."""
     motors = drive.references[0]
     if not device.motors:
         return motors.copy()
@@ -101,7 +101,7 @@ def start_of(device: Device, drive: Drive) -> Array:
 
 
 def _pieces(rng: Generator, time: Array) -> Array:
-    """Pieces of about PIECE seconds one after the other: every kind in random order before any comes again."""
+    """Pieces of about PIECE seconds in sequence; every kind occurs once, in random order, before any repeats."""
     whole = float(time[-1])
     count = max(round(whole / PIECE), 1)
     rounds = [rng.permutation(len(_PIECES)) for _ in range(ceil(count / len(_PIECES)))]
@@ -117,7 +117,7 @@ def _pieces(rng: Generator, time: Array) -> Array:
 
 
 def _fade(time: Array, span: float = 0.8) -> Array:
-    """1 but for smooth ends at 0."""
+    """Window (N,) that is 1 and falls smoothly to 0 at both ends."""
     ends = np.minimum(time - time[0], time[-1] - time) / span
     return 0.5 - 0.5 * np.cos(pi * np.clip(ends, 0.0, 1.0))
 
@@ -134,7 +134,7 @@ def _shaken(rng: Generator, time: Array) -> Array:
 
 
 def _moves(rng: Generator, time: Array) -> Array:
-    """Smooth moves (fifth-order) between random targets, each held for a while."""
+    """Smooth moves (fifth-order polynomials) between random targets, with a hold at each."""
     out, at, begin = np.zeros_like(time), 0.0, 0.0
     while begin < time[-1] - 1.2:
         span, hold = rng.uniform(0.25, 0.9), rng.uniform(0.3, 0.9)
@@ -148,7 +148,7 @@ def _moves(rng: Generator, time: Array) -> Array:
 
 
 def _slow(rng: Generator, time: Array) -> Array:
-    """There and back at constant slow speed; corners rounded."""
+    """Slow ramps at constant speed with rounded corners."""
     span = time[-1] / 4.0
     level = float(rng.uniform(0.5, 0.9)) * min(1.0, 0.6 * span)
     corners = np.array([0.0, 1.0, 2.0, 3.0, 4.0]) * span
@@ -159,7 +159,7 @@ def _slow(rng: Generator, time: Array) -> Array:
 
 
 def _fast(rng: Generator, time: Array) -> Array:
-    """Swings whose frequency climbs while their amplitude falls."""
+    """Chirp with rising frequency and falling amplitude."""
     low, high = rng.uniform(0.6, 1.0), rng.uniform(2.5, 4.5)
     climb = np.log(high / low) / time[-1]
     phase = 2.0 * pi * low * (np.exp(climb * time) - 1.0) / climb
@@ -167,7 +167,7 @@ def _fast(rng: Generator, time: Array) -> Array:
 
 
 def _small(rng: Generator, time: Array) -> Array:
-    """Small slow reversals about several places."""
+    """Small slow reversals about several angles."""
     count = max(ceil(time[-1] / 1.6), 2)
     place = rng.uniform(-0.8, 0.8, count)
     place[-1] = 0.0
@@ -182,18 +182,18 @@ _PIECES: tuple[tuple[Piece, float], ...] = ((_shaken, 9.0), (_moves, 11.0), (_sl
 
 
 def _smooth(u: Array) -> Array:
-    """0 to 1 with zero speed and acceleration at both ends."""
+    """Rise from 0 to 1 with zero speed and acceleration at both ends."""
     x = np.clip(u, 0.0, 1.0)
     return x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
 def _changes(rng: Generator, time: Array) -> Array:
-    """Times [s] at which something changes: every 1.5 to 4 s."""
+    """Times [s] of changes, 1.5 to 4 s apart."""
     return np.cumsum(rng.uniform(1.5, 4.0, size=ceil(time[-1] / 1.5) + 1))
 
 
 def _preset(rng: Generator, device: Device, time: Array) -> Array:
-    """Levels of the stiffness preset, joined by smooth moves of half a second; 0 where there is none."""
+    """Stiffness preset (N,): levels joined by smooth moves of 0.5 s; 0 for joints without a preset."""
     if device.arrangement not in ("antagonistic", "serial"):
         return np.zeros_like(time)
     low, high = (0.25, 0.55) if device.arrangement == "antagonistic" else (0.3, 2.0)

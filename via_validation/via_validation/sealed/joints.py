@@ -1,8 +1,8 @@
-"""The joints of the benchmark: families with numbers drawn around the shipped devices and real robots, as device files.
+"""Joints of the benchmark as device files: families with parameters drawn around shipped devices and real robots.
 
-A joint is two device files that differ in numbers alone: the true one, from which MuJoCo's model is built, and the
-nominal one, which the diagnosis gets: every inertia, friction, stiffness and drive gain is off by up to a tolerance,
-5 or 10 %, which the nominal file states where it is not the usual 5 %.
+A joint is two device files that differ only in numbers. MuJoCo's model is built from the true one; the diagnosis gets
+the nominal one, in which every inertia, friction, stiffness and drive gain is wrong by up to a tolerance of 5 or 10 %.
+The nominal file states a tolerance other than the default of 5 %.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from via_validation.sealed.stepping import Servo
 
 NAME = "joint"
 FAMILIES = ("rigid", "stiff", "series_elastic", "polynomial_pair", "exponential_pair", "variable_damping")
-CONTROLLED = "controlled_motor"  # a light motor under velocity or position control: its torque answers the disturbance
+CONTROLLED = "controlled_motor"  # a light motor under velocity or position control; its torque rejects disturbances
 POSITIONED = "position_drive"  # a drive that follows a goal angle and reports no torque
 PAIRS = ("polynomial_pair", "exponential_pair")  # two torque motors
 TOLERANCE = 0.05  # relative, of every inertia, friction and stiffness of the nominal file
-WIDE = 0.10  # the same in some cases
+WIDE = 0.10  # tolerance in some cases
 _STATED = (
     "link_inertia", "link_friction", "gravity", "motor_inertia", "motor_friction", "bandwidth", "spring", "damper",
 )  # fmt: skip
 _OF_SERVO = ("kp", "kd", "torque_limit")
-_SPRING = ("stiffness", "coefficient", "odd_coefficients", "k")  # what scales a spring's torque
+_SPRING = ("stiffness", "coefficient", "odd_coefficients", "k")  # parameters proportional to a spring's torque
 Content = dict[str, Any]
 
 
 def device_of(content: Content) -> Device:
-    """The joint without its position drive, which is simulated as part of the drive: see `servo_of`."""
+    """The joint without its position drive; `servo_of` returns that."""
     plain = {key: value for key, value in content.items() if key not in ("drive", "servo", "tolerances")}
     if "servo" not in content and "drive" in content:
         plain["drive"] = content["drive"]
@@ -41,7 +41,7 @@ def device_of(content: Content) -> Device:
 
 
 def servo_of(content: Content) -> Servo | None:
-    """The position drive of a joint that has one."""
+    """The position drive; None for a joint without one."""
     return Servo(**content["servo"]) if "servo" in content else None
 
 
@@ -62,14 +62,14 @@ def draw_joint(rng: Generator, family: str) -> Content:
 
 
 def believed(rng: Generator, true: Content, tolerance: float = TOLERANCE) -> tuple[Content, dict[str, float]]:
-    """The nominal device file of a true joint, and the relative error of each of its numbers."""
+    """The nominal device file of a true joint, and the relative error of each of its parameters."""
     content, errors = deepcopy(true), {}
     if tolerance != TOLERANCE:
         stated = (*_STATED, *_OF_SERVO) if "servo" in true else _STATED
         content["tolerances"] = dict.fromkeys(stated, tolerance)
 
-    def off(part: Content, where: str, *keys: str) -> None:
-        """One factor for all `keys`."""
+    def perturb(part: Content, where: str, *keys: str) -> None:
+        """Scale all `keys` by one random factor."""
         there = [key for key in keys if part.get(key)]
         if there:
             factor = 1.0 + float(rng.uniform(-tolerance, tolerance))
@@ -79,18 +79,18 @@ def believed(rng: Generator, true: Content, tolerance: float = TOLERANCE) -> tup
                 part[key] = [_round(v * factor) for v in value] if isinstance(value, list) else _round(value * factor)
 
     for key in ("inertia", "viscous_friction", "coulomb_friction"):
-        off(content["link"], "link", key)
+        perturb(content["link"], "link", key)
         for i, motor in enumerate(content.get("motors", ())):
-            off(motor, f"motors.{i}", key)
+            perturb(motor, f"motors.{i}", key)
     for i, spring in enumerate(content.get("springs", ())):
-        off(spring, f"springs.{i}", *_SPRING)
+        perturb(spring, f"springs.{i}", *_SPRING)
     for key in _OF_SERVO if "servo" in content else ():
-        off(content["servo"], "servo", key)
+        perturb(content["servo"], "servo", key)
     return content, errors
 
 
 def scaled(content: Content, where: str, factor: float) -> Content:
-    """The device file with one parameter scaled, named as in the errors of `believed`; of a spring its whole torque."""
+    """The device file with one parameter scaled, named as in the errors of `believed`; for a spring, its torque."""
     moved = deepcopy(content)
     part_name, _, key = where.rpartition(".")
     name, _, number = part_name.partition(".")
@@ -113,12 +113,12 @@ def _round(value: float) -> float:
 
 
 def _between(rng: Generator, low: float, high: float) -> float:
-    """Log-uniform."""
+    """A log-uniform random number."""
     return _round(float(low * (high / low) ** rng.uniform()))
 
 
 def _gravity(rng: Generator, link: Content, size: float) -> Content:
-    """Three joints of five swing in a vertical plane."""
+    """The link, with gravity in three of five joints."""
     if rng.uniform() < 0.6:
         link |= {
             "gravity_torque": _between(rng, 0.3 * size, size),
@@ -128,7 +128,7 @@ def _gravity(rng: Generator, link: Content, size: float) -> Content:
 
 
 def _sensors(rng: Generator, torque: float) -> Content:
-    """16-bit encoders or thereabouts, a torque noise in proportion to the torques of the joint."""
+    """Encoders of 14 to 17 bits, and torque noise in proportion to the joint's torques."""
     step, own = (_round(2.0 * pi / 2 ** int(rng.integers(14, 18))) for _ in range(2))
     return {
         "rate": float(rng.choice([1000.0, 1000.0, 500.0])),
@@ -147,7 +147,7 @@ def _motor(rng: Generator, inertia: float, viscous: float, dry: float, limit: fl
 
 
 def _rigid(rng: Generator) -> Content:
-    """A link on its drive: the torque of a rigid joint is commanded at the link."""
+    """A rigid joint; its torque is commanded at the link."""
     link: Content = {"inertia": _between(rng, 0.02, 0.08), "viscous_friction": _between(rng, 0.05, 0.2)}
     if rng.uniform() < 0.3:
         link["coulomb_friction"] = _between(rng, 0.01, 0.04)
@@ -156,7 +156,7 @@ def _rigid(rng: Generator) -> Content:
 
 
 def _stiff(rng: Generator) -> Content:
-    """A geared joint: a stiff spring between motor and link, little more than rigid."""
+    """A geared joint: a stiff spring between motor and link."""
     link = {"inertia": _between(rng, 0.02, 0.08), "viscous_friction": _between(rng, 0.01, 0.06)}
     return {
         "arrangement": "flexible",
@@ -196,7 +196,7 @@ def _pair(rng: Generator, spring: Content, inertia: float, torque: float, weight
 
 
 def _polynomial_pair(rng: Generator) -> Content:
-    """Around cubic_demo."""
+    """Parameters around those of cubic_demo."""
     spring: Content = {"law": "cubic", "coefficient": _between(rng, 7.0, 14.0), "max_deflection": 1.5}
     if rng.uniform() < 0.5:
         coefficients = [_between(rng, 0.5, 3.0), _between(rng, 5.0, 14.0)]
@@ -205,7 +205,7 @@ def _polynomial_pair(rng: Generator) -> Content:
 
 
 def _exponential_pair(rng: Generator) -> Content:
-    """Around the qbmoves."""
+    """Parameters around those of the qbmoves."""
     spring = {
         "law": "sinh",
         "k": _between(rng, 0.004, 0.02),
@@ -216,16 +216,16 @@ def _exponential_pair(rng: Generator) -> Content:
 
 
 def _controlled_motor(rng: Generator) -> Content:
-    """A bare rotor or a light geared one, with dry friction that its drive fights all the time."""
+    """A bare or lightly geared rotor whose drive mainly works against dry friction."""
     inertia = _between(rng, 1.5e-4, 2e-3)
     link: Content = {"inertia": inertia, "viscous_friction": _between(rng, 0.3, 2.0) * inertia}
-    link["coulomb_friction"] = _round(float(rng.uniform(20.0, 70.0)) * inertia)  # [rad/s^2], as of a bare rotor
+    link["coulomb_friction"] = _round(float(rng.uniform(20.0, 70.0)) * inertia)  # [rad/s^2] for a bare rotor
     step = _round(2.0 * pi / 2 ** int(rng.integers(14, 18)))
     return {"arrangement": "rigid", "link": link, "sensors": {"rate": 1000.0, "link_quantum": step}}
 
 
 def _position_drive(rng: Generator) -> Content:
-    """A hobby or industrial servo that turns a pendulum."""
+    """A hobby or industrial servo with a pendulum."""
     link: Content = {"inertia": _between(rng, 4e-3, 4e-2)}
     inertia = link["inertia"]
     w, ratio = float(rng.uniform(18.0, 40.0)), float(rng.uniform(0.3, 0.8))
@@ -244,7 +244,7 @@ def _position_drive(rng: Generator) -> Content:
 
 
 def _variable_damping(rng: Generator) -> Content:
-    """Around maccepavd, with finer encoders."""
+    """Parameters around those of maccepavd, with finer encoders."""
     lever, base = _between(rng, 0.03, 0.045), _between(rng, 0.11, 0.15)
     step, own = (_round(2.0 * pi / 2 ** int(rng.integers(14, 18))) for _ in range(2))
     return {

@@ -1,4 +1,4 @@
-"""Draw and seal many cases, in processes of their own."""
+"""Draw and seal many cases in parallel processes."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Made:
 def make_cases(
     seeds: Sequence[int], cases: Path, keys: Path, duration: float, processes: int, progress: Callable[[Made], None]
 ) -> list[Made]:
-    """Cases of `seeds` into two folders, numbered in order; `progress` is called after each.
+    """Write the cases of `seeds`, numbered in order, into two folders; `progress` is called after each.
 
-    Raises SealError where one folder would contain the other, or a folder is in use already.
+    Raises SealError if one folder contains the other, or if a case exists already.
     """
-    where, apart = cases.resolve(), keys.resolve()
-    if where == apart or where in apart.parents or apart in where.parents:
+    first, second = cases.resolve(), keys.resolve()
+    if first == second or first in second.parents or second in first.parents:
         raise SealError(f"keys in {keys} and cases in {cases}: neither folder may hold the other")
     if not 1 <= len(seeds) <= MAX_CASES:
         raise SealError(f"the number of cases must be 1 to {MAX_CASES}, got {len(seeds)}")
@@ -45,7 +45,7 @@ def make_cases(
                 done.append(job.result())
                 progress(done[-1])
         except BaseException:
-            # Waiting, or leaving `with` would take the cancelling back before it has happened.
+            # Leaving `with` calls shutdown again without cancel_futures: wait here until the cancellation is done.
             pool.shutdown(wait=True, cancel_futures=True)
             raise
     done.sort(key=lambda each: each.name)

@@ -1,4 +1,4 @@
-"""Decrease of the gap on the withheld log. A command runs the repaired simulator, so that no code is shared."""
+"""Decrease of the gap on the withheld log, measured by a command so that no code is shared with the simulator."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from pathlib import Path
 
 from via_core.errors import ViaError
 
-from via_validation.sealed.judging import Shrinkage
-from via_validation.sealed.running import words_of
+from via_validation.sealed.evaluation import Shrinkage
+from via_validation.sealed.running import command_words
 
 
 def shrinkage_of(
     log: Path, device: Path, effects: Path, report: Path, template: str, patience: float = 300.0
 ) -> Shrinkage:
-    """Gap before and after on a log. The command writes {json}: an object with `before`, `after` and perhaps `floor`.
+    """Gap before and after the repair on a log. The command writes {json}: `before`, `after` and optionally `floor`.
 
-    Raises ViaError where the command fails or writes something else.
+    Raises ViaError if the command fails or writes something else. `patience`: time limit [s].
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "gap.json"
-        words = words_of(
+        words = command_words(
             template,
             log=log.resolve(),
             device=device.resolve(),

@@ -1,8 +1,8 @@
-"""A device file and its Physics as a MuJoCo model: bodies about one axis, tendons as springs, actuators as motors.
+"""MuJoCo model of a device file with its Physics: bodies about one axis, tendons as springs, actuators as motors.
 
-Joints 0 link, 1 and 2 motors, 3 a follower. Polynomial springs are fixed tendons with polynomial stiffness, a MACCEPA
-is a spatial tendon between a site on the motor's lever and one on the link, tensioned by an actuator; the exponential
-laws have no part in MuJoCo and are torques of `stepping`.
+Joint 0 is the link, 1 and 2 are the motors, 3 is a follower. Polynomial springs are fixed tendons with polynomial
+stiffness. A MACCEPA is a spatial tendon between a site on the motor's lever and a site on the link, tensioned by an
+actuator. MuJoCo has no exponential springs; `loop` computes their torques.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from via_core.devices import Device
 from via_validation.sealed.physics import Physics
 
 STEP = 0.25e-3  # [s] of RK4
-SERVO_INERTIA = 1e4  # [kg m^2] of a servo's body: nothing drives it back
-TIP = 0.3  # [m] from the axis to what touches the wall
+SERVO_INERTIA = 1e4  # [kg m^2] of a servo's body: so large that the spring cannot back-drive it
+TIP = 0.3  # [m] from the axis to the point that touches the wall
 G = 9.81  # [m/s^2]
 
 
 def polynomial(device: Device, i: int) -> tuple[float, float] | None:
-    """c_0, c_1 of tau = c_0 phi + c_1 phi^3 where MuJoCo has that spring, else None."""
+    """c_0, c_1 of tau = c_0 phi + c_1 phi^3; None for springs of another form."""
     spring = device.springs[i]
     if isinstance(spring, Linear):
         return spring.stiffness, 0.0
@@ -35,12 +35,12 @@ def polynomial(device: Device, i: int) -> tuple[float, float] | None:
 
 
 def is_geometric(device: Device, physics: Physics, i: int) -> bool:
-    """Whether transmission i is a MACCEPA made of sites and a spatial tendon: not where there is a gap in it."""
+    """Whether transmission i is modelled as a spatial tendon: a MACCEPA without backlash."""
     return isinstance(device.springs[i], Maccepa) and physics.gap[i] == 0.0
 
 
 def build(device: Device, physics: Physics, step: float = STEP) -> mujoco.MjModel:
-    """The compiled model."""
+    """The compiled MuJoCo model; `step` [s]."""
     link, servo = device.link, device.drive == "servo"
     downwards = link.gravity_angle + physics.gravity_turn
     bodies = [_link(device, physics)]
@@ -67,7 +67,7 @@ def build(device: Device, physics: Physics, step: float = STEP) -> mujoco.MjMode
 <geom contype="0" conaffinity="0" condim="1"/></default>
 <worldbody>{"".join(bodies)}{_wall(physics)}</worldbody>
 <tendon>{_tendons(device, physics)}</tendon>
-<actuator>{motors}{_winder(device, physics)}</actuator></mujoco>"""
+<actuator>{motors}{_tension_actuator(device, physics)}</actuator></mujoco>"""
     )
     _soften_wall(model, device, physics)
     return model
@@ -84,10 +84,10 @@ def _joint(name: str, viscous: float, dry: float, physics: Physics, axis: int) -
 
 
 def _link(device: Device, physics: Physics) -> str:
-    """The link: the arm of its mass is short enough that the inertia about the axis is that of the device file."""
+    """Body of the link; the mass has so short an arm that the inertia about the axis equals the device file's."""
     link = device.link
     inertia, weight = link.inertia * physics.inertia, abs(link.gravity_torque) * physics.gravity
-    arm = 0.1 * link.inertia * G / weight if weight else 0.0  # then a tenth of the inertia is that of the arm
+    arm = 0.1 * link.inertia * G / weight if weight else 0.0  # the mass contributes a tenth of the inertia
     mass = weight / (G * arm) if weight else 1.0
     parts = [_joint("q", link.viscous_friction, link.coulomb_friction, physics, 0)]
     parts.append(_inertial(inertia - mass * arm * arm, mass, arm))
@@ -104,7 +104,7 @@ def _link(device: Device, physics: Physics) -> str:
 
 
 def _wall(physics: Physics) -> str:
-    """A plane that the tip touches at the angle `wall`; its contact is a spring and a damper, not a hard stop."""
+    """A plane that the tip touches at the angle `wall`; `_soften_wall` makes the contact a spring and a damper."""
     if not isfinite(physics.wall):
         return ""
     a, side = physics.wall, physics.wall_side
@@ -119,9 +119,9 @@ def _wall(physics: Physics) -> str:
 def _soften_wall(model: mujoco.MjModel, device: Device, physics: Physics) -> None:
     """Make the contact a spring and a damper.
 
-    A contact's force is (a_ref - a_0) / (A + R) with R = (1 - d) / d A, a_ref = -(s r / d + b v) / d for a solref of
-    (-s, -b): at a small impedance d it is (s r + b v) / A. A is the link body's invweight0, which MuJoCo takes at the
-    centre of mass; here it must be that of the tip.
+    The contact force is (a_ref - a_0) / (A + R) with R = (1 - d) / d A and a_ref = -(s r / d + b v) / d for a solref of
+    (-s, -b). For a small impedance d it is (s r + b v) / A. A is the link body's invweight0, which MuJoCo computes at
+    the centre of mass; here it is set to the value at the tip.
     """
     if isfinite(physics.wall):
         inertia = device.link.inertia * physics.inertia + physics.payload_mass * physics.payload_arm**2
@@ -134,9 +134,9 @@ def _tendons(device: Device, physics: Physics) -> str:
     made = []
     for i in range(device.n_transmissions):
         joints = f'<joint joint="q" coef="1"/><joint joint="m{i}" coef="-1"/>'
-        law, half, rest = polynomial(device, i), 0.5 * physics.gap[i], physics.rest[i]
-        if law is not None or physics.spring_damping[i]:
-            first, second = law or (0.0, 0.0)
+        powers, half, rest = polynomial(device, i), 0.5 * physics.gap[i], physics.rest[i]
+        if powers is not None or physics.spring_damping[i]:
+            first, second = powers or (0.0, 0.0)
             made.append(
                 f'<fixed springlength="{rest - half!r} {rest + half!r}" stiffness="{first!r} 0 {second!r}" '
                 f'damping="{physics.spring_damping[i]!r}">{joints}</fixed>'
@@ -160,11 +160,10 @@ def _tendons(device: Device, physics: Physics) -> str:
 
 def _actuator(device: Device, physics: Physics, i: int, servo: bool, step: float) -> str:
     motor, more = device.motors[i] if device.motors else None, ""
-    joint = f"m{i}" if device.motors else "q"  # the drive of a rigid joint
+    joint = f"m{i}" if device.motors else "q"  # the drive of a rigid joint acts on the link
     if physics.delay > 0.0:
-        samples = max(
-            round(physics.delay / step), 1
-        )  # the control of so many steps ago; a quarter of a step clear of its edge
+        samples = max(round(physics.delay / step), 1)
+        # A quarter of a step less, so that rounding cannot select the neighbouring sample.
         more += f' nsample="{samples + 2}" delay="{(samples - 0.25) * step!r}"'
     if isinstance(motor, ServoMotor):
         w = motor.bandwidth
@@ -180,8 +179,8 @@ def _actuator(device: Device, physics: Physics, i: int, servo: bool, step: float
     )
 
 
-def _winder(device: Device, physics: Physics) -> str:
-    """The cord's tension K (A - A0 + r preset); its control is the angle of the preset motor's drum."""
+def _tension_actuator(device: Device, physics: Physics) -> str:
+    """Actuator for the cord's tension K (A - A0 + r preset); its control is the preset motor's drum angle."""
     spring = device.springs[0] if device.springs else None
     if not isinstance(spring, Maccepa) or not is_geometric(device, physics, 0):
         return ""

@@ -1,4 +1,4 @@
-"""Open the keys, all of them or none, and judge every report."""
+"""Open the keys, all or none, and evaluate every report."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from typing import Any
 
 from via_core.errors import ViaError
 
-from via_validation.sealed.judging import Judged, Shrinkage, judge
+from via_validation.sealed.evaluation import Evaluation, Shrinkage, evaluate
 from via_validation.sealed.measuring import shrinkage_of
 from via_validation.sealed.running import RUNS
 from via_validation.sealed.sealing import DEVICE, Sealed, names_in, opened
 
 
-def judged_cases(
+def evaluated_cases(
     cases: Path, keys: Path, results: Path, simulate: str, processes: int, progress: Callable[[str], None]
-) -> list[Judged]:
-    """Every case judged, in order. `simulate` is the command that measures shrinkage; '' leaves it unmeasured.
+) -> list[Evaluation]:
+    """Evaluations of all cases, in order. `simulate`: command that measures the decrease of the gap; '' for none.
 
-    Raises SealError where any key differs from what was sealed; then nothing is scored.
+    Raises SealError if any key differs from the sealed one; then no case is scored.
     """
     sealed = [opened(name, cases, keys) for name in names_in(cases)]
     runs_file = results / RUNS
     runs = json.loads(runs_file.read_text(encoding="utf-8")) if runs_file.exists() else []
     seconds = {each["name"]: each for each in runs}
 
-    def one(each: Sealed) -> Judged:
+    def one(each: Sealed) -> Evaluation:
         report, trouble = _report(results / f"{each.name}.json")
         run = seconds.get(each.name, {})
         if report is None and run.get("said"):
@@ -43,9 +43,9 @@ def judged_cases(
                 trouble = str(error)
         progress(each.name)
         try:
-            return judge(each.name, each.key, report, shrunk, run.get("seconds"), trouble)
+            return evaluate(each.name, each.key, report, shrunk, run.get("seconds"), trouble)
         except (KeyError, TypeError, ValueError) as error:
-            return judge(each.name, each.key, None, None, run.get("seconds"), f"not a report: {error!r}")
+            return evaluate(each.name, each.key, None, None, run.get("seconds"), f"not a report: {error!r}")
 
     with ThreadPoolExecutor(processes) as pool:
         return list(pool.map(one, sealed))

@@ -1,4 +1,4 @@
-"""The score as a page in Markdown and a small picture: every number with its limit, every case, every miss."""
+"""The score as a Markdown page with a picture: every number with its limit, every miss, every case."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from via_validation.sealed.judging import Judged
+from via_validation.sealed.evaluation import Evaluation
 from via_validation.sealed.scoring import BINS, OVERALL, Bin, Number, Score, parameter_coverage
 
 PAGE, PICTURE = "gap.md", "gap-reliability.svg"
 
 
 def as_json(score: Score) -> dict[str, Any]:
-    """The score as JSON; numbers are not rounded."""
+    """The score as a JSON object; numbers are not rounded."""
     return {
         "numbers": [{**asdict(number), "kept": number.kept} for number in score.numbers],
         "reliability": [asdict(each) for each in score.reliability],
-        "cases": [{**asdict(each), "right": each.right} for each in score.judged],
+        "cases": [{**asdict(each), "right": each.right} for each in score.evaluations],
     }
 
 
 def write_page(score: Score, folder: Path, origin: str) -> None:
-    """gap.md and its picture into `folder`; `origin` says which commit and command made them."""
+    """Write gap.md and its picture into `folder`; `origin` states the commit and the command."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / PAGE).write_text(markdown(score, origin), encoding="utf-8")
     (folder / PICTURE).write_text(picture(score.reliability), encoding="utf-8")
 
 
 def markdown(score: Score, origin: str) -> str:
-    judged = score.judged
+    evaluations = score.evaluations
     kept = [number.kept for number in score.numbers if number.kept is not None]
     lines = [
         "# Sealed benchmark of the diagnosis",
@@ -44,13 +44,13 @@ def markdown(score: Score, origin: str) -> str:
         "",
         "Each case belongs to a signal set: full; no torque; link only (the link's angle and the motor torques);",
         "encoder and command. It is dirty if a small unmodelled effect acts beside the truth, with 5 to 20 % of its",
-        "gap, and clean otherwise. A recording is degraded if its stamps, ticks or commands are not those of the",
+        "gap, and clean otherwise. A recording is degraded if its stamps, ticks or commands differ from those of the",
         "drive. Limits on naming hold for recordings of good quality, those on false alarms and confidently wrong",
-        "answers for all. `rightness.py` defines what is right: the same physics under another name is right.",
+        "answers for all. `rightness.py` defines which answers are right: the same physics under another name is.",
         "",
-        f"{len(judged)} cases, {sum(kept)} of {len(kept)} limits kept, {len(score.missed)} cases missed.",
+        f"{len(evaluations)} cases, {sum(kept)} of {len(kept)} limits kept, {len(score.missed)} cases missed.",
         "",
-        f"Made by: {origin}" + _seeds(judged),
+        f"Made by: {origin}" + _seeds(evaluations),
         "",
         "## The numbers",
         "",
@@ -63,17 +63,17 @@ def markdown(score: Score, origin: str) -> str:
         "",
         *_table(
             ("parameter", "intervals", "hold the truth"),
-            [(name, str(count), f"{share:.2f}") for name, count, share in parameter_coverage(judged)],
+            [(name, str(count), f"{share:.2f}") for name, count, share in parameter_coverage(evaluations)],
         ),
         "",
         "## Calibration of the probabilities",
         "",
         f"![reliability diagram]({PICTURE})",
         "",
-        "A probability is that of the first cause named.",
+        "The probability is that of the first cause named.",
         "",
         *_table(
-            ("stated probability", "answers", "their mean", "right"),
+            ("stated probability", "answers", "mean", "right"),
             [
                 (
                     f"{each.low:.1f} to {each.low + 1 / BINS:.1f}",
@@ -87,7 +87,7 @@ def markdown(score: Score, origin: str) -> str:
         "",
         "## By effect, by family, by signals, by gap over noise",
         "",
-        *_groups(judged),
+        *_groups(evaluations),
         "",
         "## Every miss",
         "",
@@ -95,7 +95,7 @@ def markdown(score: Score, origin: str) -> str:
         "",
         "## Every case",
         "",
-        *_table(_CASE, [_case(each) for each in judged]),
+        *_table(_CASE, [_case(each) for each in evaluations]),
     ]
     return "\n".join(lines) + "\n"
 
@@ -145,20 +145,21 @@ def _by_group(numbers: Sequence[Number]) -> list[str]:
     return lines
 
 
-_CASE = ("case", "asked", "gap over noise", "answered", "first causes", "where", "shrinks: predicted, measured")
+_CASE = ("case", "truth", "gap over noise", "verdict", "first causes", "where", "gap decrease: predicted, measured")
 
 
-def _case(each: Judged) -> tuple[str, ...]:
-    asked = " and ".join(map(str, each.truths)) or "no gap"
+def _case(each: Evaluation) -> tuple[str, ...]:
+    truth = " and ".join(map(str, each.truths)) or "no gap"
+    if each.kind == "unknown":
+        truth = f"outside the catalogue: {truth}"
     signals = "" if each.level == "full" else f", {each.level.replace('_', ' ')}"
     signals += (", dirty" if each.dirty else "") + (f", {each.quality}" if each.quality != "good" else "")
     first = ", ".join(map(str, each.named[:2])) or "-"
     stated = f" ({each.probability:.2f})" if each.probability is not None else ""
     where = ", ".join(f"{site}{f' {number}' if number else ''}" for site, number in each.where[:2]) or "-"
-    shrinks = f"{_percent(each.predicted)}, {_percent(each.measured)}"
-    answered = each.verdict.replace("_", " ") or f"no report: {reason(each.trouble)}"
-    asked = asked if each.kind != "unknown" else f"outside the catalogue: {asked}"
-    return each.name, f"{asked} ({each.family}{signals})", f"{each.ratio:.1f}", answered, first + stated, where, shrinks
+    decrease = f"{_percent(each.predicted)}, {_percent(each.measured)}"
+    verdict = each.verdict.replace("_", " ") or f"no report: {reason(each.trouble)}"
+    return each.name, f"{truth} ({each.family}{signals})", f"{each.ratio:.1f}", verdict, first + stated, where, decrease
 
 
 def _row(number: Number) -> tuple[str, ...]:
@@ -167,24 +168,24 @@ def _row(number: Number) -> tuple[str, ...]:
     return number.name, "-" if number.value is None else f"{number.value:.3f}", limit, str(number.cases), verdict
 
 
-def _groups(judged: Sequence[Judged]) -> list[str]:
-    """Shares of right answers by what was asked."""
-    known = [each for each in judged if each.kind in ("single",)]
+def _groups(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Shares of right answers by effect, family, signal set and gap over noise."""
+    known = [each for each in evaluations if each.kind == "single"]
     rows = []
     for name in sorted({each.truths[0].effect for each in known}):
         rows.append(_group(name, [each for each in known if each.truths[0].effect == name]))
-    for name in sorted({each.family for each in judged}):
-        rows.append(_group(name, [each for each in judged if each.family == name]))
-    for name in sorted({each.level for each in judged}):
-        rows.append(_group(f"signals: {name.replace('_', ' ')}", [each for each in judged if each.level == name]))
+    for name in sorted({each.family for each in evaluations}):
+        rows.append(_group(name, [each for each in evaluations if each.family == name]))
+    for name in sorted({each.level for each in evaluations}):
+        rows.append(_group(f"signals: {name.replace('_', ' ')}", [each for each in evaluations if each.level == name]))
     for low, high in ((3.0, 6.0), (6.0, 12.0), (12.0, 30.0)):
         there = [each for each in known if low <= each.ratio < high]
         if there:
             rows.append(_group(f"{low:g} to {high:g}", there))
-    return _table(("of", "cases", "right", "in set", "where right"), rows)
+    return _table(("group", "cases", "right", "in set", "where right"), rows)
 
 
-def _group(name: str, cases: Sequence[Judged]) -> tuple[str, ...]:
+def _group(name: str, cases: Sequence[Evaluation]) -> tuple[str, ...]:
     def share(values: list[bool]) -> str:
         return f"{sum(values) / len(values):.2f}" if values else "-"
 
@@ -193,8 +194,8 @@ def _group(name: str, cases: Sequence[Judged]) -> tuple[str, ...]:
     return name, str(len(cases)), share([each.right for each in cases]), share(sets), share(where)
 
 
-def _seeds(judged: Sequence[Judged]) -> str:
-    seeds = [each.seed for each in judged if each.seed is not None]
+def _seeds(evaluations: Sequence[Evaluation]) -> str:
+    seeds = [each.seed for each in evaluations if each.seed is not None]
     return f"; seeds {min(seeds)} to {max(seeds)}" if seeds else ""
 
 

@@ -1,7 +1,7 @@
-"""All physics beside the device file of a joint, as one frozen record whose defaults change nothing.
+"""All physics that a case adds to a joint's device file, as one frozen record; the defaults add nothing.
 
-Axes are numbered 0 link, 1 and 2 motors; transmissions 0 and 1. The comment of a field names the part of MuJoCo that
-implements it; the few fields without such a part are torques of `loop`.
+Axis 0 is the link, 1 and 2 are the motors; transmissions are 0 and 1. The comment of a field names the MuJoCo feature
+that implements it; `loop` computes the torques that MuJoCo lacks.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ HARMONICS = 4  # most terms of a periodic effect
 
 @dataclass(frozen=True)
 class Physics:
-    """What is added to the joint of a device file. Entries per axis (link, motor 1, motor 2) or per motor."""
+    """Additions to the joint of a device file. Tuples hold one entry per axis (link, motor 1, motor 2) or per motor."""
 
-    # MuJoCo's own parts
+    # features of MuJoCo
     friction: Three = NO_AXIS  # [N m] dof_frictionloss
     viscous: Three = NO_AXIS  # [N m s/rad] dof_damping
     drag: Three = NO_AXIS  # [N m s^2/rad^2] dof_dampingpoly
     gap: Two = NO_MOTOR  # [rad] dead band of the tendon's rest length
-    rest: Two = NO_MOTOR  # [rad] shift of the tendon's rest length, as if the motor were further by this
+    rest: Two = NO_MOTOR  # [rad] shift of the tendon's rest length, as if the motor angle were larger by this
     slip_stiffness: Two = NO_MOTOR  # [N m/rad] of a tendon with plastic yield beside the spring
     slip_torque: Two = NO_MOTOR  # [N m] at which it yields
     spring_damping: Two = NO_MOTOR  # [N m s/rad] tendon_damping
@@ -35,8 +35,8 @@ class Physics:
     bias: Two = NO_MOTOR  # [N m] bias of the actuator
     limit: Two = (float("inf"), float("inf"))  # [N m] force range of the actuator
     lag: float = 0.0  # [s] activation filter of the actuators
-    delay: float = 0.0  # [s] delay of the actuators; of a position drive's goal, beside its own
-    goal_speed: float = float("inf")  # [rad/s] at most so fast a position drive's goal follows its command
+    delay: float = 0.0  # [s] delay of the actuators; for a position drive, additional delay of its goal
+    goal_speed: float = float("inf")  # [rad/s] rate limit of a position drive's goal
     inertia: float = 1.0  # [-] factor on the link's inertia about its axis
     gravity: float = 1.0  # [-] factor on the link's gravity torque
     gravity_turn: float = 0.0  # [rad] turn of the direction of gravity
@@ -46,22 +46,22 @@ class Physics:
     wall_side: float = 1.0  # +1 the plane stops positive motion, -1 negative
     wall_stiffness: float = 0.0  # [N m/rad] solref of the contact
     wall_damping: float = 0.0  # [N m s/rad]
-    follower_inertia: float = 0.0  # [kg m^2] a further body on a tendon from the link: a mode of its own
+    follower_inertia: float = 0.0  # [kg m^2] another body on a tendon from the link: an additional mode
     follower_stiffness: float = 0.0  # [N m/rad]
     follower_damping: float = 0.0  # [N m s/rad]
     # dof_frictionloss and dof_damping rewritten at every substep
     uneven: Three = NO_AXIS  # [N m] dry friction forwards minus backwards, over two
     uneven_viscous: Three = NO_AXIS  # [N m s/rad] added while the axis moves forwards, taken off while backwards
-    breakaway: Three = NO_AXIS  # [N m] excess of dry friction at rest
+    breakaway: Three = NO_AXIS  # [N m] additional dry friction at rest
     stribeck_velocity: Three = (1.0, 1.0, 1.0)  # [rad/s]
     load_friction: Three = NO_AXIS  # [-] dry friction per torque in the transmission
     texture: Three = NO_AXIS  # [N m] dry friction that changes with the angle
     texture_order: Three = NO_AXIS  # [1/rev]
     warm_friction: Three = NO_AXIS  # [N m] dry friction of a cold joint
-    warming_energy: Three = (1.0, 1.0, 1.0)  # [J] dissipated, after which 1/e of it is left
+    warming_energy: Three = (1.0, 1.0, 1.0)  # [J] dissipated energy after which 1/e of it is left
     # torques of `loop`
-    bristle: Three = NO_AXIS  # [N m] presliding friction at which the bristle slides
-    bristle_length: Three = (1.0, 1.0, 1.0)  # [rad] deflection at which it does
+    bristle: Three = NO_AXIS  # [N m] friction at which the bristle slides
+    bristle_length: Three = (1.0, 1.0, 1.0)  # [rad] its deflection then
     ripple: Terms = (0.0,) * 2 * HARMONICS  # [N m] per motor
     ripple_order: Terms = (0.0,) * 2 * HARMONICS  # [1/rev]
     ripple_phase: Terms = (0.0,) * 2 * HARMONICS  # [rad]
@@ -71,28 +71,28 @@ class Physics:
     relaxing: Two = NO_MOTOR  # [N m/rad] stiffness of a spring in series with a damper beside the spring
     relaxation: Two = (1.0, 1.0)  # [s] its time constant
     preset_shift: float = 0.0  # [rad] of the preset motor's drum (serial)
-    sag: Two = NO_MOTOR  # [1/W] share of the torque lost per mechanical power
+    sag: Two = NO_MOTOR  # [1/W] fraction of the torque lost per mechanical power
     # sensors
     offset: Three = NO_AXIS  # [rad]
     eccentricity: Terms = (0.0,) * 3 * HARMONICS  # [rad] per axis
     eccentric_order: Terms = (1.0,) * 3 * HARMONICS  # [1/rev]
     eccentric_phase: Terms = (0.0,) * 3 * HARMONICS  # [rad]
-    quantum: Three = NO_AXIS  # [rad] where it is above the device file's
-    skew: Three = NO_AXIS  # [s] channel late by this
-    sensed_gain: Two = (1.0, 1.0)  # [-] torque shown per torque commanded
-    sensed_bias: Two = NO_MOTOR  # [N m] torque shown beside it
-    skipping: float = 0.0  # [rad] step by which the link's encoder slips now and then
+    quantum: Three = NO_AXIS  # [rad] used if larger than the device file's
+    skew: Three = NO_AXIS  # [s] delay of the channel
+    sensed_gain: Two = (1.0, 1.0)  # [-] measured torque per commanded torque
+    sensed_bias: Two = NO_MOTOR  # [N m] added to the measured torque
+    skipping: float = 0.0  # [rad] random slips of the link's encoder
     # environment
     push: float = 0.0  # [N m] torque on the link, constant from `push_from` to `push_until`
     push_from: float = 0.0  # [s]
     push_until: float = float("inf")  # [s]
     coupling: float = 0.0  # [N m/rad] torque on the link per angle of the neighbouring joint
-    neighbour_period: float = 0.0  # [s] of that joint's swing, 0.5 rad to either side; 0: there is none
+    neighbour_period: float = 0.0  # [s] period of that joint's swing of +-0.5 rad; 0: no such joint
     unrest: float = 0.0  # [N m] standard deviation of a random torque on the link
     unrest_time: float = 1.0  # [s] its correlation time
 
     def __post_init__(self) -> None:
-        for each in fields(self):  # numbers of numpy would be written into the model with their type
+        for each in fields(self):  # numpy scalars would be written into the model's XML with their type
             value = getattr(self, each.name)
             plain = tuple(map(float, value)) if isinstance(value, tuple) else float(value)
             object.__setattr__(self, each.name, plain)
@@ -101,37 +101,36 @@ class Physics:
         return replace(self, **changes)
 
     def joined(self, other: Physics) -> Physics:
-        """Both at once. Raises ValueError where both change one field."""
-        mine = mine_of(self)
-        theirs = {name: getattr(other, name) for name in mine_of(other)}
-        if mine & theirs.keys():
-            raise ValueError(f"both change {', '.join(sorted(mine & theirs.keys()))}")
-        return replace(self, **theirs)
+        """Both together. Raises ValueError if both change the same field."""
+        added = {name: getattr(other, name) for name in changed_fields(other)}
+        if twice := changed_fields(self) & added.keys():
+            raise ValueError(f"both change {', '.join(sorted(twice))}")
+        return replace(self, **added)
 
 
-def mine_of(physics: Physics) -> set[str]:
-    """Names of the fields that a Physics changes."""
+def changed_fields(physics: Physics) -> set[str]:
+    """Names of the fields that differ from the defaults."""
     neutral = Physics()
     return {f.name for f in fields(physics) if getattr(physics, f.name) != getattr(neutral, f.name)}
 
 
-def at(axis: int, value: float, others: float = 0.0) -> Three:
-    """`value` at one axis, `others` at the rest."""
+def at_axis(axis: int, value: float, others: float = 0.0) -> Three:
+    """`value` at one axis, `others` at the other axes."""
     first, second, third = (value if i == axis else others for i in range(3))
     return first, second, third
 
 
-def terms_at(place: int, places: int, values: Sequence[float], others: float = 0.0) -> Terms:
-    """Up to HARMONICS `values` at place 0, 1 ... of `places`, `others` elsewhere."""
-    row = [others] * places * HARMONICS
-    row[place * HARMONICS : place * HARMONICS + len(values)] = values
+def terms_at(index: int, count: int, values: Sequence[float], others: float = 0.0) -> Terms:
+    """Up to HARMONICS `values` at axis or motor `index` of `count`, `others` elsewhere."""
+    row = [others] * count * HARMONICS
+    row[index * HARMONICS : index * HARMONICS + len(values)] = values
     return tuple(row)
 
 
-def alike(physics: Physics) -> Physics:
-    """What `physics` does to motor 1, on both motors."""
+def on_both_motors(physics: Physics) -> Physics:
+    """The same physics with motor 1's values on both motors."""
     changes: dict[str, Any] = {}
-    for name in mine_of(physics):
+    for name in changed_fields(physics):
         value = getattr(physics, name)
         if isinstance(value, tuple):
             each = len(value) // 2 if len(value) in (2, 2 * HARMONICS) else len(value) // 3
@@ -140,6 +139,6 @@ def alike(physics: Physics) -> Physics:
     return replace(physics, **changes)
 
 
-def of_motor(motor: int, value: float, others: float = 0.0) -> Two:
-    """`value` at motor (or transmission) 1 or 2."""
+def at_motor(motor: int, value: float, others: float = 0.0) -> Two:
+    """`value` at motor or transmission 1 or 2, `others` at the other one."""
     return (value, others) if motor == 1 else (others, value)

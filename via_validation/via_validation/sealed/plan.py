@@ -1,7 +1,7 @@
-"""Kind, signal set and effect of the case of a seed. Seeds form blocks with the same mixture, each in its own order.
+"""Kind, signal set and effect of the case of a seed. Seeds form blocks of the same mixture, each in a random order.
 
-A block holds each named effect once with all signals and every second one with fewer, controlled motors, position
-drives, effects that two motors have alike, joints without a gap, physics outside the catalogue, and pairs.
+A block contains each named effect once with all signals and every second one with fewer, controlled motors, position
+drives, effects on both motors, joints without a gap, unmodelled effects outside the catalogue, and pairs.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ BLOCK = (
 
 @dataclass(frozen=True)
 class Plan:
-    """One case before it is drawn; an empty effect or family is drawn."""
+    """Specification of a case; an empty effect or family is drawn at random."""
 
     kind: str
     level: str
     effect: str = ""
     family: str = ""
-    both: bool = False  # the effect acts on both motors alike
+    both: bool = False  # the effect acts on both motors
 
     def families(self) -> list[str]:
-        """Families whose logs can lack what the signal set lacks."""
+        """Families whose logs contain the signals that the signal set leaves out."""
         if self.both:
             return list(PAIRS)
         without = {"full": (), "encoder_and_command": ("rigid",)}.get(self.level, ("rigid", "variable_damping"))
         return [each for each in FAMILIES if each not in without]
 
     def entries(self, rng: Generator, family: str) -> list[Entry]:
-        """The effects of the case; those of a pair are drawn."""
+        """The effects of the case; effects of a pair are drawn."""
         if self.kind == "no_gap":
             return []
         if self.kind == "unknown":
@@ -69,7 +69,7 @@ def plan(seed: int) -> Plan:
 
 def block_of(block: int) -> list[Plan]:
     """The BLOCK plans of a block, in order of their kinds."""
-    names, strangers = list(CATALOGUE), list(UNMODELLED)
+    names, unmodelled = list(CATALOGUE), list(UNMODELLED)
     plans = [Plan("single", FULL, name) for name in names]
     plans += [
         Plan("single", LIMITED[(block // 2 + k) % len(LIMITED)], name) for k, name in enumerate(names[block % 2 :: 2])
@@ -87,6 +87,6 @@ def block_of(block: int) -> list[Plan]:
         made = [Plan(kind, level) for level in levels]
         if kind == "unknown":
             first = block * len(made)
-            made = [replace(each, effect=strangers[(first + k) % len(strangers)]) for k, each in enumerate(made)]
+            made = [replace(each, effect=unmodelled[(first + k) % len(unmodelled)]) for k, each in enumerate(made)]
         plans += made
     return plans

@@ -15,16 +15,16 @@ HIGHEST = 1000.0  # [Hz] of a control loop
 
 @dataclass(frozen=True)
 class Recorder:
-    """How one case is recorded. The defaults record every tick exactly.
+    """Settings of one recording. The defaults record every tick exactly.
 
     encoder_noise  [-] standard deviation in encoder steps, before rounding
-    jitter         [-] standard deviation of the sampling times in samples; stamps are right
+    jitter         [-] standard deviation of the sampling times in samples; stamps are correct
     stamp_jitter   [-] standard deviation of the stamps about the sampling times, in samples
-    lost           [-] share of the samples, one to three at a time
-    late           [-] share of the ticks in which the controller acts late, by up to `latest` ticks
-    stamped_due    late commands carry the time at which they were due, not the time at which they were given
+    lost           [-] fraction of lost samples, one to three at a time
+    late           [-] fraction of the ticks in which the controller acts late, by up to `latest` ticks
+    stamped_due    late commands are stamped with their due time, not with the time at which they acted
     gaps           [1/s] rate of gaps in the commands, each up to `gap` [s] long
-    gaps_in_log    commands in a gap acted and were not recorded; otherwise none was given
+    gaps_in_log    commands in a gap acted but were not recorded; otherwise there were none
     every          ticks per sample
     snapshot       commands and torques are recorded once per sample; otherwise every command, and mean torques
     """
@@ -44,19 +44,19 @@ class Recorder:
 
     @property
     def quality(self) -> str:
-        """'degraded' where the stamps or the commands of the log are not those of the drive, else 'good'."""
+        """'degraded' if the stamps or commands in the log differ from those of the drive, else 'good'."""
         bad = self.stamp_jitter or self.late or self.gaps or (self.snapshot and self.every > 1)
         return "degraded" if bad else "good"
 
 
 def draw_recorder(rng: Generator, every: int, table: bool) -> Recorder:
-    """A recorder whose samples are `every` ticks apart; of a table, whose rows hold sample and command, or of a bag."""
+    """A random recorder with a sample every `every` ticks; `table`: rows with sample and command, else a bag."""
     noise = float(rng.uniform(0.0, 1.0)) if rng.uniform() < 0.5 else 0.0
     which = rng.uniform()
     mild = {"jitter": float(rng.uniform(0.02, 0.1))} if which < 0.2 else {}
     if 0.2 <= which < 0.4:
         mild = {"lost": float(rng.uniform(0.001, 0.01))}
-    if table:  # its rows are written where the controller acts
+    if table:  # rows are written when the controller acts
         mild = {}
     faults = rng.uniform()
     more: dict[str, float | bool] = {}
@@ -73,10 +73,10 @@ def draw_recorder(rng: Generator, every: int, table: bool) -> Recorder:
 
 
 def acting(rng: Generator, recorder: Recorder, count: int, rate: float) -> Array | None:
-    """(count,) [s] how late in each tick the controller acts, NaN where it misses the tick; None: always in time."""
+    """(count,) [s] delay of the controller in each tick, NaN where it misses the tick; None: always on time."""
     if not recorder.late and (not recorder.gaps or recorder.gaps_in_log):
         return None
-    out, k = np.zeros(count), 1  # the first command comes in time
+    out, k = np.zeros(count), 1  # the first command is on time
     while recorder.late and k < count:
         if rng.uniform() < recorder.late:
             by = float(rng.uniform(0.2, max(recorder.latest, 0.2)))
@@ -90,7 +90,7 @@ def acting(rng: Generator, recorder: Recorder, count: int, rate: float) -> Array
 
 
 def in_gaps(rng: Generator, recorder: Recorder, time: Array) -> NDArray[np.bool_]:
-    """(N,) whether a command given at `time` [s] falls into a gap."""
+    """(N,) whether a command at `time` [s] falls into a gap."""
     count = rng.poisson(recorder.gaps * (time[-1] - time[0]))
     begin = rng.uniform(time[0] + 0.1, time[-1], count)
     end = begin + rng.uniform(0.25 * recorder.gap, recorder.gap, count)

@@ -1,4 +1,4 @@
-"""From a run to what a lab records of it: sensors, stamps, samples that are lost, and the bag or table of it all."""
+"""Recording of a run as in a laboratory: sensors, stamps, lost samples, and the bag or table."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ EPOCH = 1_700_000_000 * 1_000_000_000  # [ns] of the first tick of every log
 
 @dataclass(frozen=True)
 class Log:
-    """What was recorded. NaN: not measured."""
+    """Recorded signals. NaN: not measured."""
 
     time: Array  # (N,) [s] of the samples
     q: Array  # (N,) [rad]
     theta: Array  # (N, m) [rad]
-    tau: Array  # (N, m) [N m] commanded over the tick that ended at the sample, as the drive shows it
+    tau: Array  # (N, m) [N m] measured by the drive: mean over the tick that ends at the sample
     command_time: Array  # (K,) [s]
     commands: Array  # (K, m) [N m] or [rad]
     damping: Array  # (K,) [0..1]
-    neighbour: Array  # (N,) [rad] of the joint before this one; NaN: the bench has none
+    neighbour: Array  # (N,) [rad] of the preceding joint; NaN: there is none
 
 
 def sense(
     rng: Generator, device: Device, physics: Physics, drive: Drive, run: Run, recorder: Recorder = PERFECT
 ) -> Log:
-    """The log of a run through its sensors, at full signal level.
+    """The log of a run with all signals, through its sensors.
 
-    A rigid joint's log has one command per sample: a row of a table holds both.
+    The log of a rigid joint is a table, with sample and command in each row.
     """
     motors, every = device.n_motors, recorder.every
     period = every / drive.rate
@@ -73,27 +73,31 @@ def sense(
         theta[:, i] = read_angles(run.row, 1 + i, _when(run, 1 + i, sampled - physics.skew[1 + i]), unread[1 + i])
     tau = np.full((count, motors), np.nan)
     if device.drive == "torque" and motors:
-        shown = _shown(run, ticks, recorder)
-        tau = np.array(physics.sensed_gain[:motors]) * shown + np.array(physics.sensed_bias[:motors]) + noise
-    beside = neighbour_angle(physics.neighbour_period, sampled) if physics.neighbour_period else np.full(count, np.nan)
+        torque = _torque(run, ticks, recorder)
+        tau = np.array(physics.sensed_gain[:motors]) * torque + np.array(physics.sensed_bias[:motors]) + noise
+    neighbour = np.full(count, np.nan)
+    if physics.neighbour_period:
+        neighbour = neighbour_angle(physics.neighbour_period, sampled)
     time = sampled + np.clip(rng.standard_normal(count) * recorder.stamp_jitter, -0.2, 0.2) * period
-    asked_at, asked, damping = _asked(drive, run, recorder)
-    kept = np.ones(len(asked_at), dtype=np.bool_)
+    stamps, commands, damping = _commanded(drive, run, recorder)
+    kept = np.ones(len(stamps), dtype=np.bool_)
     if recorder.gaps and recorder.gaps_in_log:
-        kept = ~in_gaps(rng, recorder, asked_at)
+        kept = ~in_gaps(rng, recorder, stamps)
     if not motors:
         if recorder.stamped_due and every == 1:
             time = time - sampled + run.time[ticks]
-        asked_at, asked, damping = time, _of_rows(drive, run, recorder, ticks), np.zeros(count)
+        stamps, commands, damping = time, _table_commands(drive, run, recorder, ticks), np.zeros(count)
         if recorder.gaps and recorder.gaps_in_log:
             gone |= in_gaps(rng, recorder, time)
         kept = ~gone
     keep = ~gone
-    return Log(time[keep], q[keep], theta[keep], tau[keep], asked_at[kept], asked[kept], damping[kept], beside[keep])
+    return Log(
+        time[keep], q[keep], theta[keep], tau[keep], stamps[kept], commands[kept], damping[kept], neighbour[keep]
+    )
 
 
-def _shown(run: Run, ticks: NDArray[np.int64], recorder: Recorder) -> Array:
-    """(n, m) torque [N m] that the drive shows at each sample: over the period that ended there, or just before."""
+def _torque(run: Run, ticks: NDArray[np.int64], recorder: Recorder) -> Array:
+    """(n, m) [N m] measured torque at each sample: mean over the period that ends there, or the last value before."""
     shown = np.zeros((len(ticks), run.last.shape[1]))
     if recorder.snapshot:
         shown[1:] = run.last[ticks[1:] - 1]
@@ -102,8 +106,8 @@ def _shown(run: Run, ticks: NDArray[np.int64], recorder: Recorder) -> Array:
     return shown
 
 
-def _asked(drive: Drive, run: Run, recorder: Recorder) -> tuple[Array, Array, Array]:
-    """Stamps (K,) [s], commands (K, m) and damper commands (K,) on a topic of their own."""
+def _commanded(drive: Drive, run: Run, recorder: Recorder) -> tuple[Array, Array, Array]:
+    """Stamps (K,) [s], commands (K, m) and damper commands (K,) of the command topic."""
     given = np.flatnonzero(np.isfinite(run.commands[:, 0]))
     stamps = run.time[given] if recorder.stamped_due else run.acted[given]
     if recorder.snapshot and recorder.every > 1:
@@ -112,8 +116,8 @@ def _asked(drive: Drive, run: Run, recorder: Recorder) -> tuple[Array, Array, Ar
     return stamps, run.commands[given], drive.damping[given]
 
 
-def _of_rows(drive: Drive, run: Run, recorder: Recorder, ticks: NDArray[np.int64]) -> Array:
-    """(n, 1) command in each row of a rigid joint's table; the last row repeats that before it."""
+def _table_commands(drive: Drive, run: Run, recorder: Recorder, ticks: NDArray[np.int64]) -> Array:
+    """(n, 1) command in each row of a rigid joint's table; the last row repeats the one before."""
     if drive.servo is not None or recorder.every == 1:
         asked = run.commands[ticks[:-1]]
     elif recorder.snapshot:
@@ -140,12 +144,12 @@ def cut(log: Log, windows: Sequence[tuple[float, float]]) -> tuple[Log, ...]:
 
 
 def neighbour_angle(period: float, time: Array) -> Array:
-    """Angle [rad] of the joint before this one: a slow swing that starts at rest."""
+    """Angle [rad] of the preceding joint: a slow swing that starts from rest."""
     return 0.5 * np.sin(2.0 * pi * time / period) * np.minimum(time / period, 1.0)
 
 
 def limited(log: Log, level: str) -> Log:
-    """What is left of a log at a signal level."""
+    """The log with only the signals of a signal set; the others are NaN."""
     theta = log.theta if level in ("full", "no_torque") else np.full_like(log.theta, np.nan)
     tau = log.tau if level in ("full", "link_only") else np.full_like(log.tau, np.nan)
     return replace(log, theta=theta, tau=tau)
@@ -163,7 +167,7 @@ def _when(run: Run, axis: int, time: Array) -> Array:
 
 
 def write_log(path: Path, device: Device, log: Log, positioned: bool = False) -> None:
-    """The log as a recorder of ROS would have written it; of a rigid joint a table, since no message holds its command.
+    """Write the log as a ROS bag; for a rigid joint as a table, since no message contains its command.
 
     positioned  the commands are goals of a position drive
     """
@@ -183,7 +187,9 @@ def _write_bag(path: Path, device: Device, log: Log) -> None:
     with BagWriter(path) as bag:
         for stream in (commands, states):
             bag.add_topic(stream.topic, stream.type_name)
-        for topic, message, stamp in in_order((states, commands)):  # a command answers the sample of its stamp
+        for topic, message, stamp in in_order(
+            (states, commands)
+        ):  # a command responds to the sample with the same stamp
             bag.write(topic, message, stamp)
 
 

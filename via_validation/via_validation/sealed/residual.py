@@ -1,8 +1,8 @@
-"""How large an effect is in a log: residuals of the true joint's equations over short windows, with and without it.
+"""Size of an effect in a log: residuals of the true joint's equations over short windows, with and without the effect.
 
-The equations are integrated against a bump of WINDOW seconds and its derivatives, so that no measurement is
-differentiated. 'Gap over noise' is the ratio of the RMS residual with the effect to that of the same motion without it,
-evaluated with the true parameters; of several equations the largest. Errors of the nominal file are not part of it.
+The equations are integrated against a bump function of WINDOW seconds and its derivatives, so that no measurement is
+differentiated. 'Gap over noise' is the RMS residual with the effect over the RMS residual of the same motion without
+it, for the true parameters and the equation with the largest ratio. Errors of the nominal file do not contribute.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from via_validation.sealed.recording import Log
 from via_validation.sealed.stepping import Servo
 
 WINDOW = 0.06  # [s], at least 12 samples
-FINE = 1e-3  # [s] step on which a position drive's goal is followed
-SLOW = 0.03  # [rad/s] below which dry friction of the nominal joint is not known, and a window is left out
+FINE = 1e-3  # [s] time step for a position drive's goal
+SLOW = 0.03  # [rad/s] below this speed dry friction is unknown, and the window is left out
 
 
 def residuals(device: Device, log: Log, speed: Array, servo: Servo | None = None) -> Array:
-    """(1+m, N) residual of link [N m] and motors [N m, of a servo rad/s^2], NaN at the ends and where friction sticks.
+    """(1+m, N) residual of link [N m] and motors [N m; servos: rad/s^2], NaN at the ends and where friction sticks.
 
-    log    evenly sampled, full signal level
+    log    evenly sampled, all signals
     speed  (N, 1+m) [rad/s] true speeds, for the direction of dry friction
-    servo  of a position drive, whose commands are goals
+    servo  position drive; the commands are its goals
     """
     period = float(log.time[1] - log.time[0])
     length = max(round(WINDOW / period), 12)
@@ -60,7 +60,9 @@ def residuals(device: Device, log: Log, speed: Array, servo: Servo | None = None
             rows.append(over(second, angle) - 2.0 * w * over(first, angle) + w * w * over(bump, angle - asked))
             dry.append(0.0)
             continue
-        torque = 0.5 * (log.tau[:, i] + np.concatenate([log.tau[1:, i], log.tau[-1:, i]]))  # held over each tick
+        torque = 0.5 * (
+            log.tau[:, i] + np.concatenate([log.tau[1:, i], log.tau[-1:, i]])
+        )  # zero-order hold over each tick
         static = motor.coulomb_friction * np.sign(speed[:, 1 + i]) - stretched[:, i] - torque
         rows.append(
             motor.inertia * over(second, angle) - motor.viscous_friction * over(first, angle) + over(bump, static)
@@ -75,17 +77,17 @@ def residuals(device: Device, log: Log, speed: Array, servo: Servo | None = None
 
 
 def _middle(commands: Array) -> Array:
-    """(N+1,) at the samples: the mean of the commands (N,) held before and after."""
+    """(N+1,) mean of the commands (N,) before and after each sample."""
     return 0.5 * (np.concatenate([commands[:1], commands]) + np.concatenate([commands, commands[-1:]]))
 
 
 def _held(commands: Array, log: Log) -> Array:
-    """(N,) commands that hold at each sample, of commands (K,) with their own stamps."""
+    """(N,) command in force at each sample, from commands (K,) with stamps of their own (zero-order hold)."""
     return commands[np.clip(np.searchsorted(log.command_time, log.time, side="right") - 1, 0, None)]
 
 
 def _held_mean(commands: Array, log: Log, period: float) -> Array:
-    """(N,) mean of held commands (K,) over one period about each sample."""
+    """(N,) mean over one period about each sample of commands (K,) with zero-order hold."""
     ends = np.append(log.command_time, max(log.time[-1], log.command_time[-1]) + period)
     area = np.concatenate([[0.0], np.cumsum(commands * np.diff(ends))])
     return np.asarray(
@@ -96,7 +98,7 @@ def _held_mean(commands: Array, log: Log, period: float) -> Array:
 
 
 def servo_torque(servo: Servo, log: Log, speed: Array) -> Array:
-    """(N,) torque [N m] of a position drive at the measured angles, from its goals."""
+    """(N,) torque [N m] of a position drive, from its goals and the measured angles."""
     fine = np.arange(log.time[0], log.time[-1], FINE)
     asked = log.commands[np.clip(np.searchsorted(log.time, fine - servo.delay, side="right") - 1, 0, None), 0]
     goal, reach = asked.copy(), servo.speed_limit * FINE
@@ -108,17 +110,18 @@ def servo_torque(servo: Servo, log: Log, speed: Array) -> Array:
 
 def ratio(with_effect: Array, without: Array) -> float:
     """Gap over noise of two residuals (1+m, N)."""
-    seen = np.isfinite(with_effect).any(axis=1) & np.isfinite(without).any(axis=1)  # an axis may stick all the time
+    seen = np.isfinite(with_effect).any(axis=1) & np.isfinite(without).any(axis=1)  # friction may stick throughout
     if not seen.any():
         return 1.0
     sizes = [np.sqrt(np.nanmean(np.square(each[seen]), axis=1)) for each in (with_effect, without)]
     return float(np.max(sizes[0] / sizes[1]))
 
 
-def left_by_numbers(with_effect: Array, without: Array, slopes: Array, low: Array, high: Array) -> float:
-    """Gap over noise that remains after a fit of the joint's parameters.
+def ratio_after_fit(with_effect: Array, without: Array, slopes: Array, low: Array, high: Array) -> float:
+    """Gap over noise [-] that remains after a fit of the joint's parameters.
 
-    slopes     (J, 1+m, N) change of `with_effect` per number, each number between low and high (J,)
+    slopes     (J, 1+m, N) derivative of `with_effect` with respect to each parameter
+    low, high  (J,) bounds of the parameters
     """
     sizes = np.sqrt(np.nanmean(np.square(without), axis=1))[:, None]
     seen = np.isfinite(with_effect) & np.isfinite(slopes).all(axis=0)

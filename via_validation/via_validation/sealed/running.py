@@ -1,4 +1,4 @@
-"""Run a diagnosis on every case: a command in a process of its own, which gets only the case's folder."""
+"""Run a diagnosis command on every case, each in a separate process that gets only the case's folder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RUNS = "runs.json"
 
 @dataclass(frozen=True)
 class Ran:
-    """One diagnosis: exit code (None: timeout), seconds, and the end of its error output if it failed."""
+    """One diagnosis: exit code (None: time limit exceeded), seconds, and the end of its error output if it failed."""
 
     name: str
     code: int | None
@@ -28,10 +28,10 @@ class Ran:
     said: str = ""
 
 
-def words_of(template: str, **paths: Path | list[Path]) -> list[str]:
-    """The words of a command whose {names} are paths; a list of paths becomes as many words.
+def command_words(template: str, **paths: Path | list[Path]) -> list[str]:
+    """The words of a command after its {placeholders} are replaced by paths; a list of paths becomes several words.
 
-    Raises ViaError for a name there is not.
+    Raises ViaError for an unknown placeholder.
     """
     several = {f"{{{name}}}": path for name, path in paths.items() if isinstance(path, list)}
     single = {name: str(path) for name, path in paths.items() if not isinstance(path, list)}
@@ -39,7 +39,9 @@ def words_of(template: str, **paths: Path | list[Path]) -> list[str]:
         words = [several.get(word, [word]) for word in shlex.split(template)]
         return [str(w) if isinstance(w, Path) else w.format(**single) for each in words for w in each]
     except (KeyError, IndexError, ValueError) as error:
-        raise ViaError(f"command '{template}': there are {{{'}, {'.join(paths)}}}, not {error}") from None
+        raise ViaError(
+            f"command '{template}' cannot be expanded ({error}); placeholders are {{{'}, {'.join(paths)}}}"
+        ) from None
 
 
 def run_cases(
@@ -47,13 +49,14 @@ def run_cases(
 ) -> list[Ran]:
     """Diagnose every case; report and effects file of `case_000` are results/case_000.json and .yaml.
 
-    Cases that have a report are skipped, so that an interrupted run continues where it stopped.
+    Cases with a report are skipped, so that an interrupted run continues where it stopped. `patience`: time limit of a
+    case [s].
     """
     results.mkdir(parents=True, exist_ok=True)
     runs_file = results / RUNS
     before = json.loads(runs_file.read_text(encoding="utf-8")) if runs_file.exists() else []
     ran = {each["name"]: Ran(**each) for each in before}
-    # A report may outlive an interruption before its run was listed.
+    # An interruption can leave a report whose run is not in the list.
     todo = [name for name in names_in(cases) if name not in ran or not (results / f"{name}.json").exists()]
     with ThreadPoolExecutor(processes) as pool:
         jobs = [pool.submit(_diagnosed, cases / name, results, template, patience) for name in todo]
@@ -65,14 +68,14 @@ def run_cases(
                 listed = [asdict(ran[name]) for name in sorted(ran)]
                 runs_file.write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)  # those under way end, no other begins
+            pool.shutdown(wait=False, cancel_futures=True)  # running jobs finish, no other starts
             raise
     return [ran[name] for name in sorted(ran)]
 
 
 def _diagnosed(folder: Path, results: Path, template: str, patience: float) -> Ran:
     name = folder.name
-    words = words_of(
+    words = command_words(
         template,
         bag=[log.resolve() for log in logs_in(folder)],
         device=(folder / DEVICE).resolve(),

@@ -1,11 +1,11 @@
-"""Case folders, which the diagnosis may read, and sealed keys, which are opened after it.
+"""Case folders, which the diagnosis may read, and sealed keys, which are opened afterwards.
 
 Two folders, neither inside the other:
 
     CASES/seals.txt             SHA-256 of every key, in the form sha256sum -c reads
-    CASES/case_000/bag          the recording; log.csv of a rigid joint; several: bag_00, bag_01 ... or log_00.csv ...
+    CASES/case_000/bag          the recording; log.csv for a rigid joint; several: bag_00, bag_01 ... or log_00.csv ...
     CASES/case_000/joint.yaml   the nominal device file
-    CASES/case_000/README.md    rate, signals and tolerance, as a lab would state them
+    CASES/case_000/README.md    rate, signals and tolerance, as a laboratory would state them
     CASES/case_000/seal.txt     SHA-256 of the key
     KEYS/case_000.json          the key: effect, size, true device, SHA-256 of the withheld log
     KEYS/case_000_withheld      a second recording of the same joint under another motion
@@ -53,7 +53,7 @@ def name_of(number: int) -> str:
 
 
 def seal(case: Case, name: str, cases: Path, keys: Path) -> str:
-    """Write the folder of a case and its key; returns the key's SHA-256. Raises ViaError where they exist already."""
+    """Write the folder of a case and its key; returns the key's SHA-256. Raises SealError if one exists already."""
     folder, key_file = cases / name, keys / f"{name}.json"
     if folder.exists() or key_file.exists():
         raise SealError(f"{folder if folder.exists() else key_file} exists already; choose new folders")
@@ -81,15 +81,15 @@ def write_seals(cases: Path, digests: dict[str, str]) -> None:
 
 
 def names_in(cases: Path) -> list[str]:
-    """The cases of a folder, sorted. Raises SealError without any."""
+    """Names of the cases in a folder, sorted. Raises SealError if there are none."""
     found = sorted(each.parent.name for each in cases.glob(f"case_*/{SEAL}"))
     if not found:
-        raise SealError(f"{cases}: holds no case; `make` writes them")
+        raise SealError(f"{cases}: holds no case; `via gap blind make` writes them")
     return found
 
 
 def opened(name: str, cases: Path, keys: Path) -> Sealed:
-    """The key of a case. Raises SealError where key, seals or withheld log differ from what was sealed."""
+    """The key of a case. Raises SealError if key, seals or withheld log were changed after sealing."""
     try:
         text = (keys / f"{name}.json").read_bytes()
         marks = {(cases / name / SEAL).read_text(encoding="utf-8").strip()}
@@ -112,7 +112,7 @@ def logs_in(folder: Path) -> list[Path]:
 
 
 def digest_of(log: Path) -> str:
-    """SHA-256 over the files of a recording in order of their names."""
+    """SHA-256 over the files of a recording, sorted by name."""
     whole = hashlib.sha256()
     for file in sorted(log.glob("*.mcap")) if log.is_dir() else [log]:
         whole.update(file.read_bytes() if file.exists() else b"")

@@ -1,4 +1,4 @@
-"""Parts of the catalogue: for position drives, for controlled motors, and for both motors alike."""
+"""Selections from the catalogue: for position drives, for controlled motors, and for both motors at once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from via_validation.sealed.catalogue import CATALOGUE, Entry, at_site, no_shape,
 _SPEED_LIMIT = single("goal_speed", "limit", whole, lambda scene, _number, size: scene.speed[0] / size)
 
 
-# Of position drives: what such a drive can have, and its own speed limit, which no other drive has.
+# Effects of position drives; only they have a speed limit.
 OF_POSITION: Mapping[str, Entry] = MappingProxyType(
     {
         **{
@@ -24,7 +24,7 @@ OF_POSITION: Mapping[str, Entry] = MappingProxyType(
         "speed_limit": Entry("speed_limit", at_site("command"), 0.3, 3.0, no_shape, _SPEED_LIMIT),
     }
 )  # fmt: skip
-# Of light motors under control, whose nominal torque is small: sizes are relative to it.
+# Effects of controlled motors. Sizes are relative to their nominal torque, which is small.
 OF_CONTROL: Mapping[str, Entry] = MappingProxyType(
     {
         name: replace(CATALOGUE[name], high=high)
@@ -34,7 +34,7 @@ OF_CONTROL: Mapping[str, Entry] = MappingProxyType(
         )
     }
 )  # fmt: skip
-# Effects of a motor that two motors can have alike, as one cause.
+# Effects that can act on both motors as one cause.
 OF_BOTH = (
     "coulomb_friction", "stribeck_friction", "viscous_friction", "quadratic_drag", "presliding_friction",
     "load_dependent_friction", "torque_gain", "torque_ripple", "torque_saturation",

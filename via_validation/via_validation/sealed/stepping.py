@@ -1,4 +1,4 @@
-"""One run of a joint in MuJoCo: the drive, the joint and its Physics as the numbers of the compiled loop."""
+"""One simulation of a joint in MuJoCo: drive, joint and Physics are converted to parameters of the compiled loop."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ FILTER = 2.0 * pi * 60.0  # [rad/s] low pass of the measured speed
 
 @dataclass(frozen=True)
 class Servo:
-    """A drive that follows a goal angle: tau = clip(kp (goal - q), +-torque_limit) - kd qd."""
+    """A position drive: tau = clip(kp (goal - q), +-torque_limit) - kd qd."""
 
     kp: float  # [N m/rad]
     kd: float  # [N m s/rad]
     torque_limit: float = inf  # [N m]
-    speed_limit: float = inf  # [rad/s] at most so fast its own goal follows the command
+    speed_limit: float = inf  # [rad/s] rate limit of its goal
     delay: float = 0.0  # [s] dead time of the goal
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The drive: a PID controller per motor on its quantised encoder, with feedforward torque."""
+    """A PID controller per motor on its quantised encoder, with feedforward torque."""
 
     references: Array  # (N, m) [rad] of the motors
     rates: Array  # (N, m) [rad/s]
@@ -44,7 +44,8 @@ class Drive:
     derivative: tuple[float, ...]  # [N m s/rad]
     rate: float  # [Hz] of ticks
     integral: tuple[float, ...] = ()  # [N m/(rad s)]; empty: none
-    servo: Servo | None = None  # of a position drive, which gets `references` as its goal
+    servo: Servo | None = None  # position drive; `references` are its goals
+    acts: Array | None = None  # (N,) [s] delay of the controller in each tick, NaN: misses the tick; None: on time
 
 
 @dataclass(frozen=True)
@@ -54,36 +55,35 @@ class Run:
     time: Array  # (N+1,) [s]
     angle: Array  # (N+1, 1+m) [rad] link, motors
     speed: Array  # (N+1, 1+m) [rad/s]
-    commands: Array  # (N, m) [N m] or [rad]; NaN where the controller missed the tick
-    acted: Array  # (N,) [s] when it acted
-    mean: Array  # (N, m) what was commanded on average over the tick; of a position drive its torque [N m]
-    last: Array  # (N, m) the command that acted at the end of the tick
-    row: Array  # numbers of the loop, among them the sensors'
+    commands: Array  # (N, m) [N m] or [rad]; NaN if the controller missed the tick
+    acted: Array  # (N,) [s] when the controller acted
+    mean: Array  # (N, m) mean command over the tick; for a position drive its torque [N m]
+    last: Array  # (N, m) command in force at the end of the tick
+    row: Array  # parameters of the loop, including the sensors
 
 
 def simulate(
-    device: Device, physics: Physics, drive: Drive, push: Array, initial: Array, step: float = STEP,
-    acts: Array | None = None,
-) -> Run | None:  # fmt: skip
-    """N ticks from rest at the angles `initial` (1+m,); None where the run diverged.
+    device: Device, physics: Physics, drive: Drive, push: Array, initial: Array, step: float = STEP
+) -> Run | None:
+    """N ticks from rest at the angles `initial` (1+m,); None if the run diverged.
 
-    push  (N,) [N m] on the link, held over its tick
-    acts  (N,) [s] how late in each tick the controller acts, NaN where it misses the tick; without it always in time
+    push  (N,) [N m] on the link, constant over its tick
+    step  [s] of the integration
     """
     model = build(device, replace(physics, delay=0.0) if drive.servo else physics, step)
     data = mujoco.MjData(model)
     ticks, axes = len(drive.references), 1 + device.n_motors
     substeps = round(1.0 / (drive.rate * step))
     if abs(substeps * step * drive.rate - 1.0) > 1e-9:
-        raise ParameterError(f"a tick of {1.0 / drive.rate} s is no whole number of steps of {step} s")
+        raise ParameterError(f"a tick of {1.0 / drive.rate} s must be an integer number of steps of {step} s")
     row = _row(device, physics, drive, step)
     data.qpos[:axes] = initial
     data.qpos[axes:] = initial[0]  # a follower starts unstretched
     _fill_delays(model, data, device, physics)
     _relax(model, data)
     motion, (commands, mean, last) = np.zeros((ticks + 1, 6)), np.zeros((3, ticks, 2))
-    when = np.zeros(ticks) if acts is None else acts
-    act = np.where(np.isfinite(when), np.clip(np.nan_to_num(when) / step, 0, substeps - 1), -1).astype(np.int64)
+    late = np.zeros(ticks) if drive.acts is None else drive.acts
+    act = np.where(np.isfinite(late), np.clip(np.nan_to_num(late) / step, 0, substeps - 1), -1).astype(np.int64)
     done = run(
         row, _mj_step(), model._address, data._address, substeps, data.qpos, data.qvel, data.ctrl, data.qfrc_applied,
         model.dof_frictionloss, model.dof_damping, _two(drive.references), _two(drive.rates), _two(drive.forward),
@@ -98,21 +98,21 @@ def simulate(
 
 
 def _two(columns: Array) -> Array:
-    """(N, 2) of (N, m)."""
+    """(N, m) columns padded with zeros to (N, 2)."""
     out = np.zeros((len(columns), 2))
     out[:, : columns.shape[1]] = columns
     return out
 
 
 def _mj_step() -> int:
-    (library,) = Path(mujoco.__file__).parent.glob("libmujoco.so*")  # the one that is loaded already
+    (library,) = Path(mujoco.__file__).parent.glob("libmujoco.so*")  # already loaded by mujoco
     address = ctypes.cast(ctypes.CDLL(str(library)).mj_step, ctypes.c_void_p).value
     assert address is not None
     return address
 
 
 def _relax(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Tendons that yield start without torque: rest lengths where they are."""
+    """Set the rest lengths of yielding tendons to their present lengths, so that they start without torque."""
     mujoco.mj_fwdPosition(model, data)
     for tendon, address in enumerate(model.tendon_plasticadr):
         if address >= 0:
@@ -120,7 +120,7 @@ def _relax(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def _fill_delays(model: mujoco.MjModel, data: mujoco.MjData, device: Device, physics: Physics) -> None:
-    """Before its first command a servo holds its angle; a motor has no torque."""
+    """Fill the delay buffers of servos with their initial angle; motors start with zero torque."""
     if physics.delay > 0.0 and device.drive == "servo":
         for i in range(device.n_motors):
             samples = int(model.actuator_history[i, 0])
@@ -158,13 +158,13 @@ def _row(device: Device, physics: Physics, drive: Drive, step: float) -> Array:
     row[R.loss : R.loss + 3] += physics.friction
     row[R.viscous : R.viscous + 3] += physics.viscous
     for i in range(device.n_transmissions):
-        law, coefficients = _law(device, i)
-        row[R.law + i], row[R.native + i] = law, law == POLYNOMIAL or is_geometric(device, physics, i)
+        kind, coefficients = _spring(device, i)
+        row[R.kind + i], row[R.native + i] = kind, kind == POLYNOMIAL or is_geometric(device, physics, i)
         row[R.spring + 6 * i : R.spring + 6 * i + len(coefficients)] = coefficients
     return row
 
 
-def _law(device: Device, i: int) -> tuple[int, tuple[float, ...]]:
+def _spring(device: Device, i: int) -> tuple[int, tuple[float, ...]]:
     given, powers = device.springs[i], polynomial(device, i)
     if powers is not None:
         return POLYNOMIAL, powers
@@ -174,4 +174,4 @@ def _law(device: Device, i: int) -> tuple[int, tuple[float, ...]]:
         return EXPONENTIAL, (given.k * given.rise, given.k * given.fall, given.a)
     if isinstance(given, Maccepa):
         return MACCEPA, (given.k, given.lever, given.base, given.free_length, given.drum_radius)
-    raise ParameterError(f"springs.{i}: the joints of the benchmark have no law '{given.law}'")
+    raise ParameterError(f"springs.{i}: the benchmark has no spring '{type(given).__name__}'")

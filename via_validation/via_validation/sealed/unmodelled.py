@@ -1,4 +1,4 @@
-"""Unmodelled effects: physics outside the catalogue, for which the right answer is 'none of these'."""
+"""Unmodelled effects outside the catalogue; the right verdict for them is `unknown`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from via_validation.sealed.catalogue import (
     transmissions,
     whole,
 )
-from via_validation.sealed.physics import Physics, at, of_motor
+from via_validation.sealed.physics import Physics, at_axis, at_motor
 from via_validation.sealed.scene import Scene
 
 
@@ -30,7 +30,10 @@ def _order(rng: Generator, _scene: Scene) -> Shape:
 
 def _texture(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     torque = size * scene.torque[axis]
-    return Physics(texture=at(axis, torque), texture_order=at(axis, shape["order"])), {"torque": torque, **shape}
+    return Physics(texture=at_axis(axis, torque), texture_order=at_axis(axis, shape["order"])), {
+        "torque": torque,
+        **shape,
+    }
 
 
 def _cooling(rng: Generator, _scene: Scene) -> Shape:
@@ -40,7 +43,7 @@ def _cooling(rng: Generator, _scene: Scene) -> Shape:
 def _warming(scene: Scene, axis: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     torque = size * scene.torque[axis]
     energy = shape["share"] * torque * scene.speed[axis] * scene.duration
-    physics = Physics(warm_friction=at(axis, torque), warming_energy=at(axis, energy, 1.0))
+    physics = Physics(warm_friction=at_axis(axis, torque), warming_energy=at_axis(axis, energy, 1.0))
     return physics, {"torque": torque, "energy": energy}
 
 
@@ -69,12 +72,12 @@ def _unrest(scene: Scene, _axis: int, size: float, shape: Shape) -> tuple[Physic
 
 def _relaxing(scene: Scene, number: int, size: float, shape: Shape) -> tuple[Physics, Numbers]:
     stiffness = size * scene.load[number - 1] / scene.deflection[number - 1]
-    physics = Physics(relaxing=of_motor(number, stiffness), relaxation=of_motor(number, shape["time"], 1.0))
+    physics = Physics(relaxing=at_motor(number, stiffness), relaxation=at_motor(number, shape["time"], 1.0))
     return physics, {"stiffness": stiffness, **shape}
 
 
-_SOFT_MIDDLE = single("soften", "width", of_motor, lambda scene, number, size: size * scene.deflection[number - 1])
-_SAG = single("sag", "per_power", of_motor, lambda scene, k, size: size / (scene.torque[k] * scene.speed[k]))
+_SOFT_MIDDLE = single("soften", "width", at_motor, lambda scene, number, size: size * scene.deflection[number - 1])
+_SAG = single("sag", "per_power", at_motor, lambda scene, k, size: size / (scene.torque[k] * scene.speed[k]))
 _SLIPPING = single("skipping", "step", whole, lambda _scene, _number, size: size)
 
 UNMODELLED: Mapping[str, Entry] = MappingProxyType(

@@ -1,28 +1,27 @@
-"""Rows as a page, as JSON and as words: the same numbers, rounded for readers, whole for machines."""
+"""Rows as HTML and Markdown pages with rounded numbers, and as JSON with full precision."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from importlib.resources import files
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined
 from PIL import Image
 from via_bringup.provenance import Provenance
 
 from via_validation.tables.rows import Row
 from via_validation.tables.run import Finished
+from via_validation.template import rendered
 
-PICTURE_BYTES = 150_000  # more than this a picture may not add to a repository
+PICTURE_BYTES = 150_000  # largest picture on a page of the repository
 
 
 @dataclass(frozen=True)
 class Report:
-    """All there is to tell."""
+    """Content of a page."""
 
     sections: tuple[Finished, ...]
     seeds: int
@@ -33,7 +32,7 @@ class Report:
         return tuple(row for section in self.sections for row in section.rows)
 
     def of_page(self, name: str) -> tuple[Finished, ...]:
-        """The sections that stand on this page."""
+        """The sections of this page."""
         return tuple(each for each in self.sections if each.section.page == name)
 
     @property
@@ -41,24 +40,25 @@ class Report:
         return tuple(row for row in self.rows if row.ok is False)
 
     @property
-    def judged(self) -> int:
+    def limited(self) -> int:
+        """Number of rows with a limit."""
         return sum(row.ok is not None for row in self.rows)
 
 
 def number(value: float | None) -> str:
-    """Four digits are more than noise leaves; a dash where there is no number."""
+    """The value with four digits; a dash for a missing or infinite one."""
     return "-" if value is None or not isfinite(value) else f"{value:.4g}"
 
 
 def verdict(row: Row) -> str:
-    """One word; a row without a number of ours that is not judged has its reason in the remark."""
+    """Verdict of a row; for 'not reproduced' the remark states the reason."""
     if row.ok is None:
         return "shown" if row.ours is not None else "not reproduced"
     return "ok" if row.ok else "MISSED"
 
 
 def as_json(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Rows as JSON objects {id, what, quantity, document, ours, limit, settings, seeds, remark, ok}; no NaN: null."""
+    """Rows as JSON objects {id, what, quantity, document, ours, limit, settings, seeds, remark, ok}; NaN is null."""
     objects = []
     for row in rows:
         values = {item.name: getattr(row, item.name) for item in fields(Row)}
@@ -70,14 +70,14 @@ def as_json(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def write_html(report: Report, path: Path) -> None:
-    """The page that shows it all; its pictures lie beside it already, in folders named by section."""
+    """Write the HTML page; its pictures are in folders named by section beside it."""
     path.write_text(_rendered("page.html", report, path.parent, escape=True), encoding="utf-8")
 
 
 def write_markdown(report: Report, folder: Path) -> list[Path]:
-    """A repository's pages, <page>.md of every page that sections of the report stand on; returns their paths.
+    """Write one <page>.md per page of the report's sections; returns their paths.
 
-    Each has copies of its pictures, small enough for a repository, in a folder of the page's name.
+    Small copies of the pictures are written to a folder with the page's name.
     """
     names = dict.fromkeys(each.section.page for each in report.sections)
     return [_write_page(replace(report, sections=report.of_page(name)), folder / f"{name}.md") for name in names]
@@ -100,7 +100,7 @@ def _write_page(report: Report, path: Path) -> Path:
 
 
 def small_copy(picture: Path, target: Path) -> None:
-    """The picture as an indexed PNG; shrunk until it is small enough."""
+    """Save the picture as an indexed PNG of at most PICTURE_BYTES; shrinks it if necessary."""
     image = Image.open(picture).convert("RGB")
     while True:
         image.quantize(128).save(target, optimize=True)
@@ -110,17 +110,11 @@ def small_copy(picture: Path, target: Path) -> None:
 
 
 def _rendered(template: str, report: Report, folder: Path, escape: bool) -> str:
-    environment = Environment(
-        autoescape=escape, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    environment.filters.update(
-        number=number, verdict=verdict, beside=lambda path: path.relative_to(folder).as_posix(), cell=_cell
-    )
-    return environment.from_string(files("via_validation.tables").joinpath(template).read_text("utf-8")).render(
-        r=report
-    )
+    filters: dict[str, Callable[..., Any]] = {"number": number, "verdict": verdict, "cell": _cell}
+    filters["beside"] = lambda path: path.relative_to(folder).as_posix()
+    return rendered(f"tables/{template}", {"r": report}, filters, escape)
 
 
 def _cell(text: str) -> str:
-    """Text inside a cell of a Markdown table."""
+    """The text escaped for a cell of a Markdown table."""
     return text.replace("|", "\\|").replace("\n", " ")

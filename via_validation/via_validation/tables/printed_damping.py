@@ -1,4 +1,4 @@
-"""Algorithm 1 of the document to the letter, eqs. (66)-(69), (75)-(79): shown for what it does, not for use."""
+"""Algorithm 1 of the document exactly as printed, eqs. (66)-(69), (75)-(79); for comparison only."""
 
 from __future__ import annotations
 
@@ -10,19 +10,27 @@ from via_core.signals import Array
 
 @dataclass(frozen=True)
 class Printed:
-    """A run of Algorithm 1: damping (N,) [N m s/rad], and smallest and largest eigenvalue of P (N,)."""
+    """Result of Algorithm 1: damping (N,) [N m s/rad], and smallest and largest eigenvalue of P (N,)."""
 
     damping: Array
     smallest: Array
     largest: Array
 
 
-def algorithm_1(
-    velocity: Array, torque: Array, terms: int, error_forgetting: float, least: float, sensitivity: float, delta: float
-) -> Printed:
-    """Velocity and torque (N,) [rad/s, N m] through lambda_c, lambda_min, rho, delta from P(0) = I, w(0) = 0, eta = 0.
+@dataclass(frozen=True)
+class Forgetting:
+    """Parameters of Algorithm 1."""
 
-    It stops where a number overflows; what follows is NaN.
+    error: float  # lambda_c
+    least: float  # lambda_min
+    sensitivity: float  # rho
+    delta: float
+
+
+def algorithm_1(velocity: Array, torque: Array, terms: int, forgetting: Forgetting) -> Printed:
+    """Damping from velocity and torque (N,) [rad/s, N m], from P(0) = I, w(0) = 0, eta = 0.
+
+    The algorithm stops when a number overflows; later entries are NaN.
     """
     P, w, energy = np.eye(terms), np.zeros(terms), 0.0
     powers = 2 * np.arange(terms) + 1
@@ -31,13 +39,14 @@ def algorithm_1(
         for i, (speed, measured) in enumerate(zip(velocity, torque, strict=True)):
             v = speed**powers
             error = measured - v @ w
-            energy = error_forgetting * energy + error**2
-            factor = least + (1.0 - least) * 2.0 ** -np.round(sensitivity * error**2 / energy)
+            energy = forgetting.error * energy + error**2
+            scale = 2.0 ** -np.round(forgetting.sensitivity * error**2 / energy)
+            factor = forgetting.least + (1.0 - forgetting.least) * scale
             r = v @ P @ v
             beta = factor - (1.0 - factor) / r if r > 0.0 else 1.0
             w = w + P @ v / (1.0 + r) * error
             damping[i] = powers * speed ** (powers - 1) @ w
-            P = (np.eye(terms) - np.outer(P @ v, v) / (1.0 / beta + r)) @ P + delta * np.eye(terms)
+            P = (np.eye(terms) - np.outer(P @ v, v) / (1.0 / beta + r)) @ P + forgetting.delta * np.eye(terms)
             if not np.all(np.isfinite(P)):
                 break
             eigenvalues = np.linalg.eigvalsh(0.5 * (P + P.T))

@@ -1,7 +1,7 @@
-"""The sections of the document, each in a process of its own, two at a time: rows and pictures, or why there are none.
+"""Run the sections of the document, each in a separate process, two at a time.
 
-A section is a module of this package with `rows(seeds, progress)` and `pictures(folder, progress)`. One that fails or
-is interrupted costs itself: what others have finished stays.
+A section is a module of this package with `rows(seeds, progress)` and `pictures(folder, progress)`. If one fails or is
+interrupted, the results of the others are kept.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from via_core.errors import ParameterError
 from via_validation.side_by_side import Send, side_by_side
 from via_validation.tables.rows import Row
 
-Progress = Callable[[str, int, int, str], None]  # section, done, of how many, what
-# What is wrong with a section whose process ends in silence after having sent this.
-LEFT = {"start": "its process ended early", "rows": "its process ended before the pictures were there"}
+Progress = Callable[[str, int, int, str], None]  # section, done, of how many, description
+# Trouble of a section whose process ends without a message after it has sent this.
+LEFT = {"start": "its process ended early", "rows": "its process ended before the pictures were drawn"}
 
 
 @dataclass(frozen=True)
@@ -30,13 +30,13 @@ class Section:
     name: str
     title: str
     module: str
-    page: str = "estimation"  # of the repository, on which its rows stand
+    page: str = "estimation"  # name of the page in the repository
     recordings: bool = False  # whether its functions take the folder of recordings as a third argument
 
 
 @dataclass(frozen=True)
 class Finished:
-    """What came of a section; `trouble` says why there is less than there should be, empty when all went well."""
+    """Results of a section; `trouble` states why they are incomplete, empty if they are complete."""
 
     section: Section
     rows: tuple[Row, ...] = ()
@@ -56,7 +56,7 @@ SECTIONS = (
 
 
 def chosen(names: Sequence[str], there: Sequence[Section] = SECTIONS) -> tuple[Section, ...]:
-    """The sections of these names, all where there are none; raises ParameterError for a stranger."""
+    """The sections of these names, all for an empty list. Raises ParameterError for an unknown name."""
     known = {section.name: section for section in there}
     for name in names:
         if name not in known:
@@ -67,11 +67,11 @@ def chosen(names: Sequence[str], there: Sequence[Section] = SECTIONS) -> tuple[S
 def run_sections(
     sections: Sequence[Section], seeds: int, folder: Path, progress: Progress, data: Path | None = None
 ) -> tuple[tuple[Finished, ...], bool]:
-    """Every section's results, in the order given, and whether an interrupt ended it before all were there.
+    """Results of all sections, in the given order, and whether an interrupt ended the run early.
 
     seeds   noise realisations per row
-    folder  for the pictures, which go to `folder`/<section>/
-    data    folder of a real robot's recordings, for sections that take one; None: what they find
+    folder  for the pictures, which are written to `folder`/<section>/
+    data    folder of a real robot's recordings, for sections that need one; None: their default
     """
     done: dict[int, Finished] = {}
     since: dict[int, float] = {}
@@ -101,7 +101,7 @@ def run_sections(
 
 
 def _work(module: str, seeds: int, folder: Path, more: tuple[Path | None, ...], send: Send) -> None:
-    """In the process: rows first, which are what counts, then pictures."""
+    """Body of the process: rows first, then pictures."""
 
     def progress(done: int, of: int, what: str) -> None:
         send(("progress", (done, of, what)))
@@ -113,5 +113,5 @@ def _work(module: str, seeds: int, folder: Path, more: tuple[Path | None, ...], 
         part = "pictures"
         folder.mkdir(parents=True, exist_ok=True)
         send(("pictures", tuple(section.pictures(folder, progress, *more))))
-    except Exception as error:  # whatever it is, it is this section's own, and said
+    except Exception as error:  # any error ends this section only and is reported
         send(("trouble", f"{part}: {type(error).__name__}: {error}"))

@@ -1,7 +1,7 @@
 """Section 6.1: limit cycle on one mode of an arm, rigid and with flexible joints, held and released.
 
-The document shows phase plots of the DLR Hand Arm System, which nobody else has, and no numbers; ours are those of the
-reference set-up of the specification, its limits beside them.
+The document shows phase plots of the DLR Hand Arm System, which is not available, and prints no numbers. Our numbers
+and limits are those of the specification's reference set-up.
 """
 
 from __future__ import annotations
@@ -12,14 +12,10 @@ from functools import cache
 from itertools import pairwise, product
 from pathlib import Path
 
-import matplotlib
-from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
-
-matplotlib.use("Agg")
-
 import matplotlib.pyplot as plt
 import numpy as np
 from via_bringup.demo.pictures import FAINT, MODEL, STYLE
+from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
 from via_controllers.contract import ArmSample
 from via_controllers.flexibility_torque import FlexibilityTorque, TorqueReference
 from via_controllers.modal_limit_cycle import approach, least_share
@@ -31,14 +27,15 @@ from via_core.springs import SinhSpring
 from via_core.vsa_arms import VsaArm
 from via_sim.contacts import Hand
 
-from via_validation.control.arm_run import PERIOD, ArmRun, Phase, run_arm
+from via_validation.control.arm_run import PERIOD, ArmRun, Phase, TorqueNoise, run_arm
 from via_validation.control.hold import Released, held_and_released
-from via_validation.control.limit_cycle import BANDWIDTH, GAIN, cycling, in_modes, law_of, rigid
+from via_validation.control.limit_cycle import BANDWIDTH, GAIN, cycling, in_modes, limit_cycle_controller, rigid
+from via_validation.tables.figures import save_figure
 from via_validation.tables.rows import Row
 
 MODES = (0, 1)
-NOISE, NOISY_RUNS = 0.05, 3  # [N m] of torque sensors; runs are long, and their largest leak counts
-PHASES = 12  # of a hold around the cycle
+NOISE, NOISY_RUNS = 0.05, 3  # [N m] of torque sensors; runs take long, and their largest leak counts
+PHASES = 12  # phases of a hold, evenly around the cycle
 ERRORS = ((1.0, 0.1), (1.5, 0.02))  # number 3: periods after the release, |H / H_d - 1| from then on
 OFF = "|H / H_d - 1| [-]"
 LEAK = "largest other mode over amplitude [-]"
@@ -46,13 +43,15 @@ SETTINGS = (
     "reference_4dof: q_d (.2, .4, .3, 1.2) rad, K_d (100, 100, 60, 60) N m/rad, xi .7, k_V 3, H_d .02; from half of "
     "the amplitude, at rest"
 )
-FLEXIBLE = f"{SETTINGS}; springs K0/6 sinh(6 phi), law at 1 kHz, omega_tau {BANDWIDTH:g} rad/s; second half of 3 s"
+FLEXIBLE = (
+    f"{SETTINGS}; springs K0/6 sinh(6 phi), controller at 1 kHz, omega_tau {BANDWIDTH:g} rad/s; second half of 3 s"
+)
 JOINTS = ("shoulder yaw", "shoulder pitch", "shoulder roll", "elbow")
 COLOURS = ("#1b4965", "#d1495b", "#2a7f62", "#b08ea2")
 
 
-def rows(seeds: int, told: Callable[[str], None]) -> list[Row]:
-    """Numbers 1 to 4; noisy rows over at most `NOISY_RUNS` seeds."""
+def rows(seeds: int, report: Callable[[str], None]) -> list[Row]:
+    """Rows of numbers 1 to 4 of the specification; noisy rows over at most `NOISY_RUNS` seeds."""
     found: list[Row] = []
     for what, part in (
         ("6.1 rigid", _rigid),
@@ -62,16 +61,16 @@ def rows(seeds: int, told: Callable[[str], None]) -> list[Row]:
         ("6.1 derivatives", _derivatives),
         ("6.1 held and released", _held),
     ):
-        told(what)
+        report(what)
         found += part()
     return found
 
 
 def _rigid() -> list[Row]:
     found = []
-    settings = f"{SETTINGS}, the others .03 off; rigid arm, law in continuous time (Runge-Kutta, 2 ms), last of 3 s"
+    settings = f"{SETTINGS}, the others .03 off; rigid arm, control in continuous time (Runge-Kutta, 2 ms), last of 3 s"
     for mode in MODES:
-        cycle = law_of(mode).cycle
+        cycle = limit_cycle_controller(mode).cycle
         course = rigid(cycle, 3.0)
         late = len(course.H) * 2 // 3
         at, words = f"6.1.rigid.mode{mode + 1}", f"rigid arm, mode {mode + 1}"
@@ -85,9 +84,9 @@ def _rigid() -> list[Row]:
 def _flexible() -> list[Row]:
     found = []
     for mode in MODES:
-        law = law_of(mode)
-        course = cycling(law, 3.0)
-        seen = in_modes(law, course)
+        controller = limit_cycle_controller(mode)
+        run = cycling(controller, 3.0)
+        seen = in_modes(controller, run)
         outside = np.flatnonzero(np.abs(seen.H) > 0.02)
         frequency, linear = seen.frequencies()
         at, words = f"6.1.arm.mode{mode + 1}", f"flexible joints, mode {mode + 1}"
@@ -96,10 +95,10 @@ def _flexible() -> list[Row]:
             Row(f"{at}.leak", words, LEAK, None, float(seen.leak[seen.late].max()), 1e-4, FLEXIBLE),
             Row(f"{at}.settling", f"{words}: within 2 % of H_d from", "time [s]", None,
                 float((outside[-1] + 1) * PERIOD), 1.2, FLEXIBLE),
-            Row(f"{at}.frequency", f"{words}: {frequency:.3f} Hz beside sqrt(mean lambda) / 2 pi",
+            Row(f"{at}.frequency", f"{words}: {frequency:.3f} Hz compared with sqrt(mean lambda) / 2 pi",
                 "relative difference [-]", None, abs(frequency / linear - 1.0), 5e-3, FLEXIBLE),
             Row(f"{at}.saturated", f"{words}: samples with a motor at its limit", "share [-]", None,
-                course.saturated, 0.0, FLEXIBLE),
+                run.saturated, 0.0, FLEXIBLE),
         ]  # fmt: skip
     return found
 
@@ -107,10 +106,10 @@ def _flexible() -> list[Row]:
 def _noisy(seeds: int) -> list[Row]:
     found = []
     for mode in MODES:
-        law = law_of(mode)
+        controller = limit_cycle_controller(mode)
         leaks = []
         for seed in range(seeds):
-            seen = in_modes(law, cycling(law, 3.0, torque_noise=NOISE, seed=seed))
+            seen = in_modes(controller, cycling(controller, 3.0, noise=TorqueNoise(NOISE, seed)))
             leaks.append(float(seen.leak[seen.late].max()))
         found.append(Row(f"6.1.noise.mode{mode + 1}.leak", f"torque sensors with {NOISE:g} N m noise, mode {mode + 1}",
                          LEAK, None, max(leaks), 2e-3, FLEXIBLE, seeds, "the largest of all seeds"))  # fmt: skip
@@ -118,37 +117,37 @@ def _noisy(seeds: int) -> list[Row]:
 
 
 def _from_rest() -> list[Row]:
-    """What nobody pushes: the springs loaded by gravity alone, and all at rest."""
+    """Rows of starts from rest at q_d, with springs loaded by gravity alone."""
     found = []
     settings = f"{FLEXIBLE.split('; from')[0]}; at rest at q_d, start {START:g}"
     for mode in MODES:
-        law = law_of(mode)
-        course = cycling(law, 1.5, share=0.0)
-        seen = in_modes(law, course)
+        controller = limit_cycle_controller(mode)
+        run = cycling(controller, 1.5, share=0.0)
+        seen = in_modes(controller, run)
         period = 2.0 * np.pi / np.sqrt(seen.eigenvalue[seen.late].mean())
         at, words = f"6.1.rest.mode{mode + 1}", f"from rest at z = 0, mode {mode + 1}"
         for periods, limit in ERRORS:
             error = float(np.abs(seen.H[round(periods * period / PERIOD) :]).max())
             found.append(Row(f"{at}.after{periods:g}", f"{words}: from {periods:g} T on", OFF, None, error, limit,
-                             settings, 0, "judged like a release"))  # fmt: skip
+                             settings, 0, "same limits as after a release"))  # fmt: skip
         found += [
-            Row(f"{at}.falls", f"{words}: the most that H / H_d falls below {ENOUGH:g}", "H / H_d [-]", None,
+            Row(f"{at}.falls", f"{words}: largest decrease of H / H_d below {ENOUGH:g}", "H / H_d [-]", None,
                 float(max(0.0, -np.diff(seen.H[seen.H < ENOUGH - 1.0]).min())), None, settings, 0,
                 "V falls as H rises"),
             Row(f"{at}.saturated", f"{words}: samples with a motor at its limit", "share [-]", None,
-                course.saturated, 0.0, settings),
+                run.saturated, 0.0, settings),
         ]  # fmt: skip
     return found
 
 
 @cache
 def _releases_of(mode: int, start: float = START) -> tuple[Released, ...]:
-    """Rows and picture tell of the same runs."""
+    """The runs of one mode, computed once for rows and picture."""
     return tuple(held_and_released(mode, PHASES, start=start))
 
 
 def _held() -> list[Row]:
-    """Number 3 for the law as it is, every phase judged; the document's beside, which has no start."""
+    """Rows of number 3: our controller at every phase with limits, and the published one, which has no start."""
     found = []
     for mode in MODES:
         runs, printed = _releases_of(mode), _releases_of(mode, 0.0)
@@ -169,23 +168,23 @@ def _held() -> list[Row]:
             ]  # fmt: skip
         found += [
             Row(f"{at}.leak", f"{words}: from 1 T on", LEAK, None, _leak(runs), None, settings),
-            Row(f"{at}.force", f"{words}: on the hand, second half of the hold, printed law {_force(printed):.3g}",
+            Row(f"{at}.force", f"{words}: on the hand, second half of the hold, published {_force(printed):.3g}",
                 "largest force [N]", None, _force(runs), None, settings, 0,
-                "the start pushes as long as the hand holds; what swings on about a held tip adds to both"),
+                "the start pushes during the hold; motion of the links about the held tip adds to both"),
             *_held_printed(at, words, settings, printed),
         ]  # fmt: skip
     return found
 
 
 def _held_printed(at: str, words: str, settings: str, runs: tuple[Released, ...]) -> list[Row]:
-    """The law without its start on the same holds: shown, not judged."""
+    """Rows of the published controller on the same holds, without limits."""
     needed = max(
         least_share(1.0 - limit, GAIN, LEVEL, runs[0].eigenvalue, periods * runs[0].period) for periods, limit in ERRORS
     )
     remark = (
-        f"z = 0 is an equilibrium of it. (103) averaged: from h = H / H_d at release 1/h - 1 shrinks by "
-        f"exp(-k_V lambda H_d t), which takes h > {needed:.3f} for both limits, |z| > {np.sqrt(needed):.2f} of the "
-        f"amplitude; no force that is continuous in z and zd alone does for every phase"
+        f"z = 0 is an equilibrium of it. (103) averaged: from h = H / H_d at release, 1/h - 1 decreases by "
+        f"exp(-k_V lambda H_d t), which requires h > {needed:.3f} for both limits, |z| > {np.sqrt(needed):.2f} of the "
+        f"amplitude; no force that is continuous in z and zd alone can keep them for every phase"
     )
     found = []
     for periods, limit in ERRORS:
@@ -211,7 +210,7 @@ def _force(runs: tuple[Released, ...]) -> float:
 
 
 def _derivatives() -> list[Row]:
-    """Number 4: the closed forms against differences, at random states of the reference arm."""
+    """Rows of number 4: closed forms compared with differences, at random states of the reference arm."""
     random = np.random.default_rng(4)
     rates = [pair for pair in (_rates_off(random) for _ in range(200)) if pair is not None]
     steps = _crossing_steps()
@@ -219,13 +218,13 @@ def _derivatives() -> list[Row]:
         Row("6.1.residual", "(108): e'' + D_tau e' + (K_tau + sigma / B) e under (107), 100 random states",
             "over its largest term [-]", None, max(_residual(random) for _ in range(100)), 1e-10,
             "reference_4dof, angles within 1 rad, rates within 2 rad/s, references within 20 N m, N m/s, N m/s^2"),
-        Row("6.1.rates.W", f"Wdot in closed form beside differences, {len(rates)} random states",
+        Row("6.1.rates.W", f"Wdot in closed form compared with differences, {len(rates)} random states",
             "largest difference over largest entry [-]", None, max(pair[0] for pair in rates), 1e-6,
-            "differences over 2e-5 s; states whose eigenvalues are 30 /s^2 apart, else differences are no better"),
-        Row("6.1.rates.lambda", f"lambda's rate beside differences, {len(rates)} random states",
+            "differences over 2e-5 s; only states with eigenvalues 30 /s^2 apart, since differences need it"),
+        Row("6.1.rates.lambda", f"rate of lambda compared with differences, {len(rates)} random states",
             "largest difference over largest entry [-]", None, max(pair[1] for pair in rates), 1e-6,
             "as above"),
-        Row("6.1.crossing", "a true crossing of two eigenvalues: largest step of W", "step [1/sqrt(kg m^2)]", None,
+        Row("6.1.crossing", "crossing of two eigenvalues: largest step of W", "step [1/sqrt(kg m^2)]", None,
             max(steps), 0.02, "3 x 3, 2000 steps through the crossing, one of them on it"),
     ]  # fmt: skip
 
@@ -236,9 +235,9 @@ def _residual(random: np.random.Generator) -> float:
         ArmSample(0.0, q, v, q - phi, w, np.full(4, np.nan)),
         TorqueReference(*random.uniform(-20, 20, (3, 4))),
     )
-    law = FlexibilityTorque(ARM, BANDWIDTH)
-    seen = law.observed(sample)
-    qdd, thdd = ARM.accelerations(q, v, sample.theta, w, law.wanted(sample, seen, wanted), np.zeros(4))
+    tracking = FlexibilityTorque(ARM, BANDWIDTH)
+    seen = tracking.observed(sample)
+    qdd, thdd = ARM.accelerations(q, v, sample.theta, w, tracking.wanted(sample, seen, wanted), np.zeros(4))
     second = seen.stiffness * (qdd - thdd) + seen.stiffness_slope * (v - w) ** 2
     error, rate = wanted.torque - seen.torque, wanted.rate - seen.rate
     pull = (BANDWIDTH**2 + seen.stiffness / ARM.motor_inertia) * error
@@ -261,7 +260,7 @@ def _rates_off(random: np.random.Generator, h: float = 1e-5) -> tuple[float, flo
 
 
 def _crossing_steps() -> list[float]:
-    """Steps of W where M's eigenvalues 1 and 3 exchange places."""
+    """Steps of W through a crossing of M's eigenvalues 1 and 3."""
     c, s = np.cos(0.3), np.sin(0.3)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     inertias = [turn @ np.diag([1.0 + 0.5 * t, 3.0, 1.0 - 0.5 * t]) @ turn.T for t in np.linspace(-1.0, 1.0, 2001)]
@@ -271,28 +270,29 @@ def _crossing_steps() -> list[float]:
     return [float(np.abs(after.W - before.W).max()) for before, after in pairwise(bases)]
 
 
-def pictures(folder: Path, told: Callable[[str], None]) -> list[Path]:
-    """Figure 16: phase plots of modes and joints; and how long a hold's release takes, by phase."""
-    told("Figure 16")
+def pictures(folder: Path, report: Callable[[str], None]) -> list[Path]:
+    """Figure 16: phase plots of modes and joints; and H after a release, by phase."""
+    report("Figure 16")
     drawn = [_figure16(folder / "figure16.png")]
-    told("held and released")
+    report("held and released")
     drawn.append(_releases(folder / "released.png"))
     return drawn
 
 
 def _figure16(path: Path) -> Path:
-    doubled = [SinhSpring(law.max_deflection, 2.0 * law.k, law.a) for law in ARM.springs if isinstance(law, SinhSpring)]
+    springs = [each for each in ARM.springs if isinstance(each, SinhSpring)]
+    doubled = [SinhSpring(each.max_deflection, 2.0 * each.k, each.a) for each in springs]
     stiffer = replace(ARM, springs=tuple(doubled))
     cases: list[tuple[str, VsaModalLimitCycle, bool]] = [
-        ("mode 1", law_of(0), False),
+        ("mode 1", limit_cycle_controller(0), False),
         ("mode 1, springs and K_d doubled", _on(stiffer, 2.0 * STIFFNESS, 0), False),
-        ("mode 2", law_of(1), False),
-        ("mode 1, held 1 s and released", law_of(0), True),
+        ("mode 2", limit_cycle_controller(1), False),
+        ("mode 1, held 1 s and released", limit_cycle_controller(0), True),
     ]
     with plt.rc_context(STYLE):
         figure, panels = plt.subplots(2, 4, figsize=(16, 8), constrained_layout=True)
-        for (title, law, held), (modal, joints) in zip(cases, panels.T, strict=True):
-            course, z, zd = _phase_plot(law, held)
+        for (title, controller, held), (modal, joints) in zip(cases, panels.T, strict=True):
+            course, z, zd = _phase_plot(controller, held)
             for i, colour in enumerate(COLOURS):
                 modal.plot(z[:, i], zd[:, i], color=colour, linewidth=0.9, label=f"mode {i + 1}")
                 joints.plot(course.q[:, i] - EQUILIBRIUM[i], course.velocity[:, i], color=colour, linewidth=0.9,
@@ -304,30 +304,31 @@ def _figure16(path: Path) -> Path:
             joints.set_ylabel("qd [rad/s]")
         for axes, where in zip(panels[:, 0], ("upper", "lower"), strict=True):
             figure.legend(*axes.get_legend_handles_labels(), loc=f"outside {where} center", ncols=4)
-        return _saved(figure, path)
+        return save_figure(figure, path)
 
 
 def _on(arm: VsaArm, stiffness: Array, mode: int) -> VsaModalLimitCycle:
-    """The reference law on another arm."""
-    law = law_of(mode)
-    return replace(law, cycle=replace(law.cycle, arm=arm, stiffness=stiffness))
+    """The reference controller for another arm."""
+    controller = limit_cycle_controller(mode)
+    return replace(controller, cycle=replace(controller.cycle, arm=arm, stiffness=stiffness))
 
 
-def _phase_plot(law: VsaModalLimitCycle, held: bool) -> tuple[ArmRun[Swing], Array, Array]:
-    """A run from a tenth of the amplitude, or one that begins on the cycle and is held; z and zd (N, n)."""
-    arm = law.cycle.arm
+def _phase_plot(controller: VsaModalLimitCycle, held: bool) -> tuple[ArmRun[Swing], Array, Array]:
+    """A run from a tenth of the amplitude, or from the cycle with a hold; z and zd (N, n)."""
+    arm = controller.cycle.arm
     if held:
-        before = cycling(law, 1.1, share=1.0)
+        before = cycling(controller, 1.1, share=1.0)
         hand = Hand(arm.tip_position(before.body.q))
-        run = run_arm(arm, law, before.body, (Phase(1.0, (hand,)), Phase(3.0)), 4, before.state)
+        phases = (Phase(1.0, (hand,), 4), Phase(3.0, substeps=4))
+        run = run_arm(arm, controller, before.body, phases, before.state)
     else:
-        run = cycling(law, 4.0, share=0.1)
+        run = cycling(controller, 4.0, share=0.1)
     z = np.stack([run.quantity(f"z_{mode + 1}") for mode in range(arm.n)], axis=1)
     return run, z, np.gradient(z, PERIOD, axis=0)
 
 
 def _releases(path: Path) -> Path:
-    """H after a release, all phases, by the law and without its start, beside (103) averaged for the latter."""
+    """H after a release at all phases, with and without the start, and (103) averaged for the latter."""
     with plt.rc_context(STYLE):
         figure, panels = plt.subplots(2, 2, figsize=(11, 8.2), sharex=True, sharey=True, constrained_layout=True)
         shades = plt.get_cmap("viridis")
@@ -339,26 +340,19 @@ def _releases(path: Path) -> Path:
             if not start:
                 least = min(runs, key=lambda run: run.share)
                 time = np.linspace(0.0, 4.0, 200)
-                law = [approach(least.share, GAIN, LEVEL, least.eigenvalue, t * least.period) for t in time]
-                axes.plot(time, law, color=MODEL, linestyle="--", label="(103) averaged, from the lowest")
+                averaged = [approach(least.share, GAIN, LEVEL, least.eigenvalue, t * least.period) for t in time]
+                axes.plot(time, averaged, color=MODEL, linestyle="--", label="(103) averaged, from the lowest")
                 axes.legend(loc="lower right", fontsize=10)
             for periods, limit in ERRORS:
                 axes.fill_between([periods, 4.0], 1.0 - limit, 1.0 + limit, color=FAINT, alpha=0.35, linewidth=0)
             axes.set_xlim(0.0, 3.0)
             axes.set_ylim(0.0, 1.2)
-            words = "starts by itself" if start else "(102) alone"
+            words = "with start" if start else "(102) alone"
             axes.set_title(f"mode {mode + 1}, period {runs[0].period:.3f} s, {words}", fontsize=12)
         for axes in panels[1]:
             axes.set_xlabel("periods after the release [-]")
         for axes in panels[:, 0]:
             axes.set_ylabel("H / H_d [-]")
         bar = figure.colorbar(plt.cm.ScalarMappable(cmap=shades), ax=panels)
-        bar.set_label("|cos| of the phase at which it was held [-]")
-        return _saved(figure, path)
-
-
-def _saved(figure: plt.Figure, path: Path) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    plt.close(figure)
-    return path
+        bar.set_label("|cos| of the phase at the start of the hold [-]")
+        return save_figure(figure, path)

@@ -1,8 +1,8 @@
-"""The document's damping experiments (Section 5.2) in simulation: a hand moves the link, the motor holds.
+"""The document's damping experiments (Section 5.2) in simulation: a hand moves the link while the motor stands still.
 
-Not printed and therefore chosen (estimation.md): velocity 1.5 sin(2 pi .5 t) plus .4 sin(2 pi 1.3 t + 1) rad/s after a
-.3 s ramp, Stribeck friction .3 N m at breakaway and .1 N m at speed (falling over .05 rad/s), torque noise .05 N m,
-16 bit, 1 kHz. The hand gives what the link needs for that velocity, so it moves by hand and not on rails.
+Values that are not printed were chosen (estimation.md): velocity 1.5 sin(2 pi .5 t) plus .4 sin(2 pi 1.3 t + 1) rad/s
+after a .3 s ramp, Stribeck friction .3 N m at breakaway and .1 N m at speed (falling over .05 rad/s), torque noise
+.05 N m, 16 bit, 1 kHz. The hand applies the torque that this velocity needs; the motion is not prescribed.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from via_sim.simulate import InitialConditions, Simulation, simulate
 DEVICE = "compact_vpda"
 DURATION = 20.0  # [s]
 RATE = 1000.0  # [Hz]
-SETTLED = 1.0  # [s] after which errors count
-LEARNT = 4.0  # [s] after which deviations are judged: by then the prior is forgotten, on friction too
+CONVERGED = 1.0  # [s] after which errors count
+PRIOR_FORGOTTEN = 4.0  # [s] after which standard deviations count; the prior is forgotten by then, with friction too
 CONSTANT = 3.0  # [N m s/rad]
 KINETIC = 0.1  # [N m]
 STRIBECK = Effect("stribeck_friction", "link", {"breakaway": 0.3, "kinetic": KINETIC, "velocity": 0.05})
-STANDSTILL = (6.0, 12.0)  # [s] the hand rests in between, if it rests
+STANDSTILL = (6.0, 12.0)  # [s] rest of the hand, if any
 SETTINGS = (
     "compact_vpda, 20 s at 1 kHz, velocity 1.5 sin(2 pi .5 t) + .4 sin(2 pi 1.3 t + 1) rad/s, torque noise .05 N m, "
-    "16 bit, errors from 1 s on, deviations from 4 s on"
+    "16 bit, errors from 1 s on, standard deviations from 4 s on"
 )
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """One of the document's experiments, or a variation of it."""
+    """One of the document's experiments, or a variation."""
 
     name: str
     title: str
-    varying: bool  # eq. (80), else constant
-    friction: bool  # Stribeck in the clutch
+    varying: bool  # damping of eq. (80), else constant
+    friction: bool  # Stribeck friction in the clutch
     rests: bool = False  # the hand rests for 6 s
 
     def damping(self, time: Array) -> Array:
@@ -79,14 +79,14 @@ RESTING = Experiment("standstill", "D = 3 N m s/rad, 6 s of standstill", False, 
 
 
 @dataclass(frozen=True)
-class Judged:
-    """One estimator's run against the damping that was."""
+class DampingErrors:
+    """Errors of one estimator in one run."""
 
     mean: float  # [-] relative error
     largest: float  # [-]
-    empirical: float  # [N m s/rad] root mean square error, from LEARNT on
-    reported: float  # [N m s/rad] root mean square of the standard deviations, likewise
-    covered: float  # [-] share of estimates whose 95 % interval holds the truth, likewise
+    empirical: float  # [N m s/rad] root mean square error, after PRIOR_FORGOTTEN
+    reported: float  # [N m s/rad] root mean square of the standard deviations, after PRIOR_FORGOTTEN
+    covered: float  # [-] share of 95 % intervals that contain the truth, after PRIOR_FORGOTTEN
 
 
 def _command(device: Device, damping: Array) -> Array:
@@ -95,17 +95,17 @@ def _command(device: Device, damping: Array) -> Array:
     return np.asarray((damping - low) / (high - low))
 
 
-def judged(estimates: Estimates, simulation: Simulation, width: float) -> Judged:
-    """Errors of the estimates; width: standard deviations of a 95 % interval."""
-    value, deviation = estimates.column("damping")
+def damping_errors(estimates: Estimates, simulation: Simulation, width: float) -> DampingErrors:
+    """Errors of the estimates; `width`: half width of a 95 % interval in standard deviations."""
+    value, sd = estimates.column("damping")
     truth = simulation.truth["damping"]
     error = np.abs(value - truth)
-    settled, learnt = estimates.time >= SETTLED, estimates.time >= LEARNT
-    relative = error[settled] / truth[settled]
-    return Judged(
+    late, later = estimates.time >= CONVERGED, estimates.time >= PRIOR_FORGOTTEN
+    relative = error[late] / truth[late]
+    return DampingErrors(
         mean=float(np.mean(relative)),
         largest=float(np.max(relative)),
-        empirical=float(np.sqrt(np.mean(error[learnt] ** 2))),
-        reported=float(np.sqrt(np.mean(deviation[learnt] ** 2))),
-        covered=float(np.mean(error[learnt] <= width * deviation[learnt])),
+        empirical=float(np.sqrt(np.mean(error[later] ** 2))),
+        reported=float(np.sqrt(np.mean(sd[later] ** 2))),
+        covered=float(np.mean(error[later] <= width * sd[later])),
     )

@@ -1,8 +1,8 @@
-"""The VSA-II of Section 4 as the tables of that section drive it: motion, ideal and real sensors.
+"""The VSA-II in the tests of Section 4: motion, and its signals from ideal and real sensors.
 
-Equations (4), (5) with the springs (50), (51), spring 1 drifting. The simulator's springs do not change with time, so
-the motion is integrated here, by scipy's DOP853; the torques are continuous, and an effort is the mean torque over the
-interval that ends at its stamp, which is what the estimators take it for.
+Equations (4), (5) with the springs (50), (51), where spring 1 drifts. The simulator has no time-dependent springs, so
+scipy's DOP853 integrates the motion here. The torques are continuous. A measured torque is the mean over the interval
+that ends at its stamp, as the estimators assume.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from via_core.devices import Device, load_device
 from via_core.signals import Array
 from via_core.springs import OddPolynomialSpring, SpringLaw, spring_stiffness, spring_torque
 
-VARIANTS = {"v1": "vsa2", "v2": "vsa2_v2", "v3": "vsa2_v3"}  # links: (C, M, m g d) chosen, not printed
-INERTIA, DAMPING = 7.5e-3, 0.9e-3  # B_A [kg m^2], D_A [N m s/rad]: the truth; the device files have the nominal ones
+VARIANTS = {"v1": "vsa2", "v2": "vsa2_v2", "v3": "vsa2_v3"}  # links: (C, M, m g d) are not printed; chosen
+INERTIA, DAMPING = 7.5e-3, 0.9e-3  # true B_A [kg m^2], D_A [N m s/rad]; device files have the nominal ones
 AMPLITUDE, TONES = 0.05, (0.1 * pi, 2.0 * pi)  # [N m], [rad/s] of motor 1 and 2
 SLOW, FAST = 5e-7, 5e-4  # drift of spring 1 [N m/rad/s]: .0005 as printed and .5, in N mm/rad per second
 QUANTUM = 2.0 * pi / 2**14  # [rad]
@@ -37,7 +37,7 @@ class Motion:
     theta: Array  # (N, 2) [rad]
     theta_velocity: Array  # (N, 2) [rad/s]
     tau: Array  # (N, 2) [N m] mean over the interval that ends at the stamp
-    stiffness_each: Array  # (N, 2) [N m/rad] truth
+    stiffness_each: Array  # (N, 2) [N m/rad] true
 
     @property
     def stiffness(self) -> Array:
@@ -49,11 +49,11 @@ class Motion:
         return np.column_stack([self.time, self.q, self.theta[:, 0], self.theta_velocity[:, 0], self.tau[:, 0]])
 
     def rows(self) -> Array:
-        """Rows (N, 6) for a method without: t, q, theta_1, tau_1, theta_2, tau_2."""
+        """Rows (N, 6) for a method without one: t, q, theta_1, tau_1, theta_2, tau_2."""
         return np.column_stack([self.time, self.q, self.theta[:, 0], self.tau[:, 0], self.theta[:, 1], self.tau[:, 1]])
 
     def noisy(self, seed: int) -> Array:
-        """The same with encoders of 14 bit, whose zero is anywhere in a quantum, and white noise on the torques."""
+        """`rows` with 14 bit encoders of random zero within a quantum, and white noise on the torques."""
         rng, rows = np.random.default_rng(seed), self.rows()
         zero = rng.uniform(-0.5, 0.5, size=3)
         rows[:, (1, 2, 4)] = QUANTUM * (np.round(rows[:, (1, 2, 4)] / QUANTUM + zero) - zero)
@@ -62,16 +62,16 @@ class Motion:
 
 
 @cache
-def motion(variant: str, drift: float = SLOW, within: int = 0) -> Motion:
+def motion(variant: str, drift: float = SLOW, terms: int = 0) -> Motion:
     """20 s from rest at the lower equilibrium.
 
     variant  key of VARIANTS
     drift    of spring 1 [N m/rad/s]
-    within   0: the linkage (50); else springs of that many odd powers fitted to it over .9 rad, which a basis holds
+    terms    0: the linkage (50); else springs with that many odd powers, fitted to it over .9 rad
     """
     device = load_device(VARIANTS[variant])
-    law = device.spring_laws[0] if within == 0 else _fitted(device.spring_laws[0], within)
-    kind, row, link = law.kind, law.coefficients(), device.link
+    spring = device.spring_laws[0] if terms == 0 else _fitted(device.spring_laws[0], terms)
+    kind, row, link = spring.kind, spring.coefficients(), device.link
     rate = drift / row[0]  # of the spring's factor k
 
     def grown(t: float) -> float:
@@ -99,22 +99,22 @@ def motion(variant: str, drift: float = SLOW, within: int = 0) -> Motion:
     return Motion(t, x[0], x[[2, 4]].T, x[[3, 5]].T, tau, sigma)
 
 
-def _fitted(law: SpringLaw, terms: int) -> OddPolynomialSpring:
-    """The law's best polynomial of so many odd powers over .9 rad, by its torque."""
+def _fitted(spring: SpringLaw, terms: int) -> OddPolynomialSpring:
+    """Polynomial with `terms` odd powers, fitted to the spring's torque over .9 rad."""
     phi = np.linspace(0.0, 0.9, 200)
     powers = phi[:, None] ** (2 * np.arange(terms) + 1)
-    return OddPolynomialSpring(law.max_deflection, tuple(np.linalg.lstsq(powers, law.torque(phi), rcond=None)[0]))
+    return OddPolynomialSpring(spring.max_deflection, tuple(np.linalg.lstsq(powers, spring.torque(phi), rcond=None)[0]))
 
 
 def held(variant: str, start: float = 8.0, hold: float = 7.0, slowing: float = 0.2) -> Motion:
-    """The motion up to `start` [s], slowed down within `slowing` [s], then held for `hold` [s] by the torque it takes.
+    """The motion up to `start` [s], slowed down with the time constant `slowing` [s], until `hold` [s] later.
 
-    Angles follow the free motion on a clock that stops; the motor torque is that of the motor equation. Transmission 1
-    is what counts, the torque of motor 2 is not adapted.
+    Angles follow the free motion on a clock that stops; the torque of motor 1 follows from the motor equation. The
+    torque of motor 2 is not adapted: only transmission 1 is evaluated.
     """
     free = motion(variant)
     device: Device = load_device(VARIANTS[variant])
-    law = device.spring_laws[0]
+    spring = device.spring_laws[0]
     angle, link = CubicSpline(free.time, free.theta, axis=0), CubicSpline(free.time, free.q)
     t = PERIOD * np.arange(round((start + hold) / PERIOD) + 1, dtype=np.float64)
 
@@ -129,7 +129,7 @@ def held(variant: str, start: float = 8.0, hold: float = 7.0, slowing: float = 0
         torque = (
             INERTIA * bend
             + DAMPING * rate[:, 0]
-            - (1.0 + SLOW / law.coefficients()[0] * clock) * law.torque(q - theta[:, 0])
+            - (1.0 + SLOW / spring.coefficients()[0] * clock) * spring.torque(q - theta[:, 0])
         )
         return q, theta, rate, torque, clock
 
@@ -138,13 +138,13 @@ def held(variant: str, start: float = 8.0, hold: float = 7.0, slowing: float = 0
     tau = np.tile(
         sum(0.5 * w * state(t + 0.5 * PERIOD * (node - 1.0))[3] for node, w in zip(nodes, weights, strict=True)), (2, 1)
     ).T
-    sigma = law.stiffness(q[:, None] - theta)
-    sigma[:, 0] *= 1.0 + SLOW / law.coefficients()[0] * clock
+    sigma = spring.stiffness(q[:, None] - theta)
+    sigma[:, 0] *= 1.0 + SLOW / spring.coefficients()[0] * clock
     return Motion(t, q, theta, rate, tau, sigma)
 
 
 def nominal(variant: str) -> TorqueMotor:
-    """The motor that the methods with a model believe in."""
+    """The nominal motor, for methods that need a model of it."""
     motor = load_device(VARIANTS[variant]).motors[0]
     assert isinstance(motor, TorqueMotor)
     return motor

@@ -1,71 +1,71 @@
-"""One report compared with one key: the case, the answer, and which parts of it are right by `rightness`."""
+"""Evaluation of one report against one key: which parts of the answer are right, as defined in `rightness`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-from via_validation.sealed.intervals import Inside, intervals_hold
-from via_validation.sealed.rightness import ANSWERS, FORMER, MOST_TIED, Place, covered, names, places, same_site
+from via_validation.sealed.intervals import IntervalCheck, intervals_hold
+from via_validation.sealed.rightness import ANSWERS, FORMER, MOST_TIED, Cause, covered, locates, names, same_site
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A case and its answer. None: does not apply to this case, or is not in the report."""
+class Evaluation:
+    """A case and its answer. None: not applicable to this case, or not in the report."""
 
     name: str
     kind: str  # single, no_gap, unknown, pair
     level: str  # signal set
-    dirty: bool  # a small unmodelled effect acts beside the truths
+    dirty: bool  # a small unmodelled effect acts as well
     quality: str  # of the recording: good, degraded
     family: str
-    truths: tuple[Place, ...]
+    truths: tuple[Cause, ...]
     ratio: float  # gap over noise
-    verdict: str  # '': there is no report
-    named: tuple[Place, ...]  # causes, best first
-    probability: float | None  # of the first
-    tied: tuple[Place, ...]  # the equivalence set
-    conformal: tuple[Place, ...] | None  # the conformal set
-    where: tuple[tuple[str, int], ...]  # sites and numbers, largest share first
+    verdict: str  # '': no report
+    named: tuple[Cause, ...]  # causes, best first
+    probability: float | None  # of the first cause
+    tied: tuple[Cause, ...]  # the equivalence set
+    conformal: tuple[Cause, ...] | None  # the conformal set
+    where: tuple[tuple[str, int], ...]  # (site, number), largest share of the gap first
     where_right: bool | None
-    first_right: bool  # the first cause names a truth, for any verdict
+    first_right: bool  # the first cause names a truth, whatever the verdict
     top1: bool | None  # a cause is named, and the first one is the truth
-    place_right: bool | None  # top-1 with site and number
-    in_set: bool | None  # a cause is named, and the truth is the first one or in the equivalence set
+    place_right: bool | None  # top1, and site and number are right
+    in_set: bool | None  # a cause is named, and the truth is the first cause or in the equivalence set
     in_conformal: bool | None  # every truth is in the conformal set
-    both: bool | None  # of a pair: both and nothing else named
+    both: bool | None  # for a pair: both causes and nothing else are named
     explained: float | None  # fraction of the explainable error, as reported
     predicted: float | None  # reported relative decrease of the gap
-    measured: float | None  # the same, measured on the withheld log
+    measured: float | None  # decrease measured on the withheld log
     measured_explained: float | None
-    inside: tuple[Inside, ...]  # parameters of the effects that were named at the right location
+    inside: tuple[IntervalCheck, ...]  # parameters of effects named at the right location
     seconds: float | None
     trouble: str = ""
     seed: int | None = None
 
     @property
     def answered(self) -> bool:
-        """Whether it named a cause."""
+        """Whether the answer names a cause."""
         return self.verdict in ANSWERS and bool(self.named)
 
     @property
     def tied_right(self) -> bool | None:
-        """Whether the truth is named, or tied in a set of at most MOST_TIED causes."""
+        """Whether the truth is named, or in an equivalence set of at most MOST_TIED causes."""
         return None if self.in_set is None else bool(self.top1 or (self.in_set and len(self.tied) <= MOST_TIED))
 
     @property
     def main_right(self) -> bool:
-        """Whether the first cause is one of the truths, and the verdict names it."""
+        """Whether the verdict names a cause, and the first cause is one of the truths."""
         return self.answered and self.first_right
 
     @property
     def confidently_wrong(self) -> bool:
-        """A wrong first cause with probability .5 or more."""
+        """Whether a wrong first cause has a probability of .5 or more."""
         return self.answered and not self.first_right and (self.probability or 0.0) >= 0.5
 
     @property
     def alarmed(self) -> bool:
-        """Whether it claims that there is a gap."""
+        """Whether the answer claims a gap."""
         return self.verdict in (*ANSWERS, "unknown")
 
     @property
@@ -80,7 +80,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Shrinkage:
-    """The gap on the withheld log, before and after the repair; `floor`: what sensor noise leaves, if known."""
+    """The gap on the withheld log before and after the repair; `floor`: gap from sensor noise alone, if known."""
 
     before: float
     after: float
@@ -92,18 +92,22 @@ class Shrinkage:
 
     @property
     def explained(self) -> float | None:
-        """Fraction of the explainable error: what the sensors leave cannot be explained."""
+        """Fraction explained of the error above sensor noise."""
         if self.floor is None or not self.before > self.floor:
             return None
         return (self.before - self.after) / (self.before - self.floor)
 
 
-def judge(
+def evaluate(
     name: str, key: dict[str, Any], report: dict[str, Any] | None, withheld: Shrinkage | None, seconds: float | None,
     trouble: str = "",
-) -> Judged:  # fmt: skip
-    """The evaluation of a case. A missing report is wrong in every respect."""
-    truths = tuple(Place(each["effect"], each["site"], each["motor"]) for each in key["effects"])
+) -> Evaluation:  # fmt: skip
+    """The evaluation of a case. A missing report is wrong in all respects.
+
+    seconds  time of the diagnosis
+    trouble  why there is no report or no measurement
+    """
+    truths = tuple(Cause(each["effect"], each["site"], each["motor"]) for each in key["effects"])
     answer, kind, family = report or {}, key["kind"], key["family"]
     verdict = FORMER.get(answer.get("verdict", ""), answer.get("verdict", ""))
     named = tuple(map(_place, answer.get("causes", ())))
@@ -119,7 +123,7 @@ def judge(
         (truth,) = truths
         where_right = bool(where) and same_site(where[0], truth, family)
         top1 = answers and first_right
-        place_right = answers and places((named[0], *beside), truth, family)
+        place_right = answers and locates((named[0], *beside), truth, family)
         in_set = answers and (first_right or any(names(each, truth, family) for each in tied))
     if kind == "pair":
         where_right = all(any(same_site(each, truth, family) for each in where[:2]) for truth in truths)
@@ -128,7 +132,7 @@ def judge(
         in_set = several and all(any(names(e, truth, family, repair) for e in (*repair, *tied)) for truth in truths)
     if truths and conformal is not None and kind != "unknown":
         in_conformal = all(any(names(each, truth, family, conformal) for each in conformal) for truth in truths)
-    return Judged(
+    return Evaluation(
         name=name,
         kind=kind,
         level=key["level"],
@@ -161,5 +165,5 @@ def judge(
     )
 
 
-def _place(entry: dict[str, Any]) -> Place:
-    return Place(entry["effect"], entry["site"], int(entry.get("motor", 0)))
+def _place(entry: dict[str, Any]) -> Cause:
+    return Cause(entry["effect"], entry["site"], int(entry.get("motor", 0)))
