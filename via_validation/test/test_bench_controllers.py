@@ -1,4 +1,4 @@
-"""The benchmark of control laws: contenders give the same torques, the law of 4 joints keeps its limit."""
+"""The benchmark of controllers: contenders return equal torques; the controller of 4 joints keeps its limit."""
 
 import pytest
 from via_core.errors import ViaError
@@ -8,10 +8,14 @@ from via_validation.bench import controllers, controllers_reference
 def test_every_law_is_timed_and_the_whole_one_judged(monkeypatch):
     monkeypatch.setattr(controllers, "SAMPLES", 40)
     found = {row.id: row for row in controllers.controller_rows(3)}
-    assert found["law.limit_cycle"].limit == 250.0
+    assert found["controller.limit_cycle"].limit == 250.0
     assert all(row.ours > 0.0 for row in found.values())
-    assert found["law.limit_cycle.rigid"].ours < found["law.limit_cycle"].ours < found["law.limit_cycle.numpy"].ours
-    assert found["law.limit_cycle.over_numpy"].ours < 1.0
+    assert (
+        found["controller.limit_cycle.rigid"].ours
+        < found["controller.limit_cycle"].ours
+        < found["controller.limit_cycle.numpy"].ours
+    )
+    assert found["controller.limit_cycle.over_numpy"].ours < 1.0
 
 
 def test_contenders_that_disagree_are_not_timed(monkeypatch):

@@ -1,4 +1,4 @@
-"""`via compare`: figures of planted runs, an experiment that is the same for all, and a small comparison end to end."""
+"""`via compare`: measures of planted runs, equal experiments for all methods, and a small comparison."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def planted(seed, error=0.0, scatter=0.0, reported=1.0, late=0.0, seconds=30):
     return Run(time, truth, value, np.full(len(time), reported), time >= late)
 
 
-def test_accuracy_is_the_rms_error_over_the_rms_truth_after_settling():
+def test_accuracy_is_the_rms_error_over_the_rms_truth_after_convergence():
     assert accuracy([planted(0, error=0.03, late=9.9)]) == pytest.approx(0.03)
     truth = planted(0).truth[10_000:]
     expected = 0.5 / np.sqrt(np.mean(truth**2))
@@ -46,7 +46,7 @@ def test_convergence_is_when_it_begins_to_stay_within_ten_percent():
     assert convergence(relapsed) == 21.0
 
 
-def test_coverage_and_deviations_are_those_planted():
+def test_coverage_and_standard_deviations_are_those_planted():
     honest = figures([planted(k, scatter=0.5, reported=0.5, late=4.0) for k in range(20)])
     assert honest.coverage == pytest.approx(0.95, abs=0.005)
     assert honest.over_scatter == pytest.approx(1.0, rel=0.02) and honest.over_error == pytest.approx(1.0, rel=0.02)
@@ -57,14 +57,14 @@ def test_coverage_and_deviations_are_those_planted():
     assert biased.over_scatter == pytest.approx(1.0, rel=0.03) and biased.over_error < 0.2
 
 
-def test_what_cannot_be_told_is_no_number():
+def test_undefined_measures_are_nan():
     still = figures([planted(0), planted(0)])
     assert isnan(still.over_scatter) and isnan(figures([planted(0)]).over_scatter)
     never = figures([planted(k, late=31.0) for k in range(2)])
     assert isnan(never.coverage) and isnan(never.over_error) and never.trusted == 0.0
 
 
-def test_seeds_and_levels_change_what_is_seen_and_not_what_is():
+def test_seeds_and_levels_change_the_measurements_and_not_the_motion():
     motion = motion_of(QBMOVE, friction=True, duration=1.0)
     one, other, noisier = motion.measured(REALISTIC, 0), motion.measured(REALISTIC, 1), motion.measured(HARSH, 0)
     assert np.array_equal(one.truth["q"], other.truth["q"]) and np.array_equal(one.truth["q"], noisier.truth["q"])
@@ -84,7 +84,7 @@ def test_seeds_and_levels_change_what_is_seen_and_not_what_is():
     assert np.ptp(exact.truth["deflection"][300:], axis=0).min() > 0.1
 
 
-def test_the_device_file_knows_the_sensors_and_may_be_wrong_about_motors():
+def test_the_device_file_has_the_sensors_of_the_level_and_wrong_motors():
     seen = seen_by_estimators(QBMOVE, REALISTIC, 0.8, 1.2)
     assert seen.sensors.motor_quantum == pytest.approx(2.0 * np.pi / 2**14)
     assert seen.sensors.torque_noise == 0.03
@@ -102,10 +102,10 @@ def test_the_device_file_knows_the_sensors_and_may_be_wrong_about_motors():
 
 @pytest.fixture(name="comparison", scope="module")
 def _comparison():
-    told = []
+    reports = []
     levels = (IDEAL, REALISTIC)
-    made = compare([QBMOVE], 2, lambda *words: told.append(words), levels, duration=12.0)
-    assert told[0][0] == 0 and told[-1][0] == told[-1][1]
+    made = compare([QBMOVE], 2, lambda *words: reports.append(words), levels, duration=12.0)
+    assert reports[0][0] == 0 and reports[-1][0] == reports[-1][1]
     return made
 
 
@@ -142,7 +142,7 @@ def test_table_page_picture_and_json_tell_the_same(comparison, tmp_path, monkeyp
         assert len(row) == len(page.titles(comparison))
         assert "| " + " | ".join(row) + " |" in text
     assert "commit abc" in text and (tmp_path / "docs" / "comparison.png").stat().st_size < 150_000
-    told = json.loads(json.dumps(page.as_json(comparison, source), allow_nan=False))
-    assert len(told["cases"]) == len(rows)
-    assert told["cases"][0]["over_scatter"] is None
-    assert told["cases"][0]["accuracy"] == comparison.cases[0].figures.accuracy
+    written = json.loads(json.dumps(page.as_json(comparison, source), allow_nan=False))
+    assert len(written["cases"]) == len(rows)
+    assert written["cases"][0]["over_scatter"] is None
+    assert written["cases"][0]["accuracy"] == comparison.cases[0].figures.accuracy

@@ -1,4 +1,4 @@
-"""Cases: the same from the same seed, of the declared size, sealed apart, and silent about their effect."""
+"""Cases: reproducible from the seed, with the declared gap, keys kept apart, and no mention of the effect."""
 
 from __future__ import annotations
 
@@ -61,9 +61,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, list[Mad
     """One case of every kind, in two folders."""
     folder = tmp_path_factory.mktemp("blind")
     seeds = [seeds_where(wanted, 2)[-1 if name == "controlled" else 0] for name, wanted in KINDS_OF_CASE.items()]
-    told: list[Made] = []
-    done = make_cases(seeds, folder / "cases", folder / "keys", DURATION, 1, told.append)
-    assert sorted(each.name for each in told) == [each.name for each in done]
+    progress: list[Made] = []
+    done = make_cases(seeds, folder / "cases", folder / "keys", DURATION, 1, progress.append)
+    assert sorted(each.name for each in progress) == [each.name for each in done]
     return folder / "cases", folder / "keys", done
 
 
@@ -126,7 +126,7 @@ def test_keys_lie_apart_and_no_case_names_an_effect(made: tuple[Path, Path, list
     assert len(sealed["effects"]) == 2  # the key does name them
 
 
-def test_what_is_sealed_is_what_sha256sum_checks(made: tuple[Path, Path, list[Made]]) -> None:
+def test_seals_are_the_sha256_of_the_keys(made: tuple[Path, Path, list[Made]]) -> None:
     cases, keys, done = made
     listed = dict(line.split()[::-1] for line in (cases / "seals.txt").read_text().splitlines())
     for each in done:
@@ -134,7 +134,7 @@ def test_what_is_sealed_is_what_sha256sum_checks(made: tuple[Path, Path, list[Ma
         assert listed[f"{each.name}.json"] == each.digest == (cases / each.name / "seal.txt").read_text().strip()
 
 
-def test_tampering_is_found(made: tuple[Path, Path, list[Made]], tmp_path: Path) -> None:
+def test_tampering_is_detected(made: tuple[Path, Path, list[Made]], tmp_path: Path) -> None:
     source, source_keys, done = made
     name = done[0].name
 
@@ -178,7 +178,7 @@ def test_keys_within_cases_are_refused(tmp_path: Path) -> None:
         names_in(tmp_path)
 
 
-def test_after_a_case_that_exists_no_other_is_made(tmp_path: Path) -> None:
+def test_an_existing_case_ends_the_command_without_further_cases(tmp_path: Path) -> None:
     cases, keys = tmp_path / "cases", tmp_path / "keys"
     (cases / "case_000").mkdir(parents=True)
     seed = NEIGHBOUR_AND_NONE[1]
@@ -210,8 +210,8 @@ def test_the_effect_acts_with_the_declared_gap_over_noise(made: tuple[Path, Path
             assert key["ratio"] >= RANGE[0]
 
 
-def test_what_the_tolerance_explains_is_no_gap() -> None:
-    """Noise and a step along the numbers: gone inside their bounds, what is beyond a bound stays, size by size."""
+def test_a_gap_within_the_tolerance_of_the_parameters_is_no_gap() -> None:
+    """Noise plus a step of the parameters: the fit removes the part within the bounds and leaves the rest."""
     rng = np.random.default_rng(4)
     noise, slopes = rng.standard_normal((2, 4000)), 10.0 * rng.standard_normal((3, 2, 4000))
     noise[0, :50] = slopes[0, 1, :9] = np.nan
@@ -223,7 +223,7 @@ def test_what_the_tolerance_explains_is_no_gap() -> None:
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_numbers_are_scaled_as_they_were_put_wrong(family: str) -> None:
+def test_scaling_by_the_errors_gives_the_nominal_device(family: str) -> None:
     rng = np.random.default_rng(5)
     true = draw_joint(rng, family)
     nominal, errors = believed(rng, true)
@@ -279,8 +279,8 @@ def test_the_device_file_states_the_logging_rate_and_not_the_noise(made: tuple[P
             assert {"kp", "kd", "torque_limit", "delay"} <= set(content["servo"])
 
 
-def test_a_diagnosis_in_a_process_of_its_own_can_read_every_kind(made: tuple[Path, Path, list[Made]]) -> None:
-    """All recordings of a case as words of one command, and each of them a log that can be simulated."""
+def test_a_separate_process_can_read_every_kind_of_case(made: tuple[Path, Path, list[Made]]) -> None:
+    """All recordings of a case are arguments of one command, and each is a log that can be simulated."""
     cases, keys, _ = made
     results = cases.parent / "read"
     script = cases.parent / "reads.py"
@@ -307,7 +307,7 @@ def test_a_diagnosis_in_a_process_of_its_own_can_read_every_kind(made: tuple[Pat
             assert {each for each, _, _ in read} <= {level, "link only"}
 
 
-def test_limited_logs_lack_what_their_level_says() -> None:
+def test_limited_logs_lack_the_signals_that_their_level_leaves_out() -> None:
     (seed,) = seeds_where(KINDS_OF_CASE["link_only"])
     case = draw_case(seed, 5.0)
     assert case.level == "link_only"
@@ -320,7 +320,7 @@ def test_limited_logs_lack_what_their_level_says() -> None:
         np.testing.assert_array_equal(left.commands, whole.commands)
 
 
-def test_only_what_is_to_be_named_is_dirty(made: tuple[Path, Path, list[Made]]) -> None:
+def test_only_single_and_pair_cases_are_dirty(made: tuple[Path, Path, list[Made]]) -> None:
     cases, keys, _ = made
     sealed = [opened(name, cases, keys).key for name in names_in(cases)]
     assert {bool(key["dirt"]) for key in sealed if key["kind"] in ("single", "pair")} == {True, False}
@@ -330,7 +330,7 @@ def test_only_what_is_to_be_named_is_dirty(made: tuple[Path, Path, list[Made]]) 
             assert key["dirt"]["effect"] in UNMODELLED and DIRT[0] <= key["dirt"]["share"] <= DIRT[1]
 
 
-def test_rates_and_short_recordings_are_drawn_as_often_as_they_are_meant_to_be() -> None:
+def test_rates_and_short_recordings_are_drawn_with_their_probabilities() -> None:
     rng = np.random.default_rng(1)
     windows = [_windows(rng, 40.0, {"coulomb_friction"}) for _ in range(2000)]
     short = [each for each in windows if each]
@@ -350,19 +350,19 @@ def test_rates_and_short_recordings_are_drawn_as_often_as_they_are_meant_to_be()
         assert {loop for _, loop in drawn} == loops.get(family, {loop for _, loop in drawn})
 
 
-def test_a_neighbour_alone_gives_nothing_away() -> None:
-    """Joints without coupling have a neighbour too, now and then."""
+def test_a_neighbour_does_not_reveal_the_coupling() -> None:
+    """Some joints without coupling have a neighbour too."""
     found = {bool(np.isfinite(draw_case(seed, 5.0).logs[0].neighbour).any()) for seed in NEIGHBOUR_AND_NONE}
     assert found == {True, False}
     assert np.ptp(neighbour_angle(2.0, np.linspace(0.0, 6.0, 100))) > 0.5
 
 
-def test_nothing_of_the_simulator_under_test_is_loaded() -> None:
-    """Every module of the blind check, in a Python of its own."""
+def test_the_second_simulator_imports_nothing_of_the_first() -> None:
+    """Import every module of the sealed benchmark in a new Python process."""
     folder = Path(sys.modules["via_validation.sealed.case"].__file__ or "").parent
     names = ", ".join(f"via_validation.sealed.{file.stem}" for file in folder.glob("*.py") if file.stem != "__init__")
-    strangers = "('via_sim', 'via_estimators', 'via_controllers')"
-    script = f"import sys, {names}; print([name for name in sys.modules if name.split('.')[0] in {strangers}])"
+    forbidden = "('via_sim', 'via_estimators', 'via_controllers')"
+    script = f"import sys, {names}; print([name for name in sys.modules if name.split('.')[0] in {forbidden}])"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

@@ -84,8 +84,8 @@ def test_shipped_devices_agree_too(name: str) -> None:
     assert np.abs(difference).max() < FLOOR
 
 
-def test_the_error_is_that_of_the_step() -> None:
-    """Springs that are torques of the loop and dry friction err with the step; what MuJoCo has is exact to 1e-9."""
+def test_the_error_decreases_with_the_step() -> None:
+    """Exponential springs are torques of the loop, with an error of second order in the step."""
     device, drive, initial = drawn("exponential_pair", 0)
     exact, none = None, np.zeros(len(drive.references))
     errors = []
@@ -115,7 +115,7 @@ RIGID = ("load_dependent_friction", "torque_gain", "torque_ripple", "torque_satu
     ("name", "family"),
     [(name, FAMILY_OF.get(name, "series_elastic")) for name in CATALOGUE] + [(name, "rigid") for name in RIGID],
 )
-def test_every_named_effect_is_the_same_physics_in_both(name: str, family: str) -> None:
+def test_every_named_effect_is_the_same_physics_in_both_simulators(name: str, family: str) -> None:
     entry = CATALOGUE[name]
     seed = next(s for s in range(20) if entry.locations(drawn(family, s)[0]))
     device, drive, initial = drawn(family, seed)
@@ -136,8 +136,8 @@ def test_every_named_effect_is_the_same_physics_in_both(name: str, family: str) 
     for effects in ((), (effect,)):
         seen = repeated(device, drive, physics, initial, run, effects).measured
         shown = [seen[name] for name in ("q", "theta", "tau") if name in seen]
-        told = [log.q, log.theta, log.tau][: len(shown)]
-        error = np.nan_to_num(np.column_stack(shown) - np.column_stack(told))
+        recorded = [log.q, log.theta, log.tau][: len(shown)]
+        error = np.nan_to_num(np.column_stack(shown) - np.column_stack(recorded))
         left.append(np.sqrt(np.mean(error**2, axis=0)))
     worst = int(np.argmax(left[0]))
     quantum = max(device.sensors.link_quantum or 0.0, device.sensors.motor_quantum or 0.0)
@@ -147,7 +147,7 @@ def test_every_named_effect_is_the_same_physics_in_both(name: str, family: str) 
 
 @pytest.mark.parametrize("name", list(UNMODELLED))
 def test_physics_outside_the_catalogue_acts(name: str) -> None:
-    """Beyond what the sensors leave, in what they show."""
+    """The measured link angle changes by far more than the sensor noise."""
     entry = UNMODELLED[name]
     device, drive, initial = drawn("polynomial_pair", 1)
     rng, none = np.random.default_rng(3), np.zeros(len(drive.references))
@@ -162,7 +162,7 @@ def test_physics_outside_the_catalogue_acts(name: str) -> None:
     assert np.abs(logs[0].q - logs[1].q).max() > 20.0 * FLOOR
 
 
-def test_two_effects_join_unless_they_are_one() -> None:
+def test_two_effects_join_unless_they_change_the_same_field() -> None:
     lag, gap = Physics(lag=0.01), Physics(gap=(0.1, 0.0))
     both = lag.joined(gap)
     assert (both.lag, both.gap, both.friction) == (0.01, (0.1, 0.0), (0.0, 0.0, 0.0))
@@ -170,7 +170,7 @@ def test_two_effects_join_unless_they_are_one() -> None:
         both.joined(Physics(lag=0.02))
 
 
-def test_places_are_those_of_the_catalogue() -> None:
+def test_locations_are_those_of_the_first_catalogue() -> None:
     assert list(CATALOGUE) == [name for name, kind in EFFECTS.items() if not kind.of_goal]
     assert {name for name, kind in EFFECTS.items() if kind.of_goal} <= set(OF_POSITION)
     for family in FAMILIES:

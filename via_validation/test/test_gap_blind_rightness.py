@@ -1,4 +1,4 @@
-"""What counts as right: other names for the same physics, ties, lies, conformal sets, intervals."""
+"""Right answers: equivalent names, ties, confidently wrong answers, conformal sets, intervals."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ def cause(effect: str, site: str, motor: int = 0) -> Cause:
     return Cause(effect, site, motor)
 
 
-def test_both_motors_alike_is_one_cause_or_one_at_each() -> None:
+def test_an_effect_on_both_motors_is_one_cause_or_one_at_each_motor() -> None:
     both = cause("viscous_friction", "motor", 0)
     one, two = cause("viscous_friction", "motor", 1), cause("viscous_friction", "motor", 2)
     assert explanations(both, "polynomial_pair") == ((both,), (one, two))
     assert locates([both], both, "polynomial_pair") and locates([one, two], both, "polynomial_pair")
     assert not locates([one], both, "polynomial_pair") and names(one, both, "polynomial_pair")  # half of it
-    assert not locates([both], one, "polynomial_pair")  # it blames a motor that is well
+    assert not locates([both], one, "polynomial_pair")  # names a motor without the effect
     assert locates(
         [cause("torque_ripple", "motor", 0)], cause("torque_ripple", "motor", 1), "position_drive"
     )  # the only one
@@ -44,51 +44,51 @@ def test_the_same_physics_under_another_name_is_right() -> None:
     assert not same_site(("link", 0), cause("torque_ripple", "motor", 1), "stiff")
 
 
-def test_friction_laws_that_a_log_cannot_separate_are_not_right_for_one_another() -> None:
+def test_friction_models_that_a_log_cannot_separate_are_different_causes() -> None:
     stribeck = {"effect": "stribeck_friction", "site": "motor", "motor": 1}
-    told = report("effect", (COULOMB, 0.6), equivalence_set=[COULOMB, stribeck])
-    judged = evaluate("a", key("single", stribeck), told, None, None)
-    assert not judged.top1 and judged.in_set and judged.tied_right
+    answer = report("effect", (COULOMB, 0.6), equivalence_set=[COULOMB, stribeck])
+    found = evaluate("a", key("single", stribeck), answer, None, None)
+    assert not found.top1 and found.in_set and found.tied_right
     many = [COULOMB, stribeck, LAG, {**COULOMB, "motor": 2}]
-    judged = evaluate("a", key("single", stribeck), {**told, "equivalence_set": many}, None, None)
-    assert judged.in_set and not judged.tied_right  # a set of four separates nothing
+    found = evaluate("a", key("single", stribeck), {**answer, "equivalence_set": many}, None, None)
+    assert found.in_set and not found.tied_right  # a set of four separates nothing
 
 
-def test_a_confident_lie_is_a_wrong_first_cause_of_probability_one_half() -> None:
+def test_a_wrong_first_cause_of_probability_one_half_is_confidently_wrong() -> None:
     for kind, effects in (("single", [COULOMB]), ("no_gap", []), ("unknown", [{**LAG, "effect": "sagging_supply"}])):
-        for probability, lie in ((0.5, True), (0.49, False)):
-            judged = evaluate("a", key(kind, *effects), report("effect", (LAG, probability)), None, None)
-            assert judged.confidently_wrong is lie
+        for probability, wrong in ((0.5, True), (0.49, False)):
+            found = evaluate("a", key(kind, *effects), report("effect", (LAG, probability)), None, None)
+            assert found.confidently_wrong is wrong
     assert not evaluate("a", key("single", LAG), report("effect", (LAG, 0.9)), None, None).confidently_wrong
     unnamed = evaluate("a", key("single", COULOMB), report("unknown", (LAG, 0.9)), None, None)
     assert not unnamed.confidently_wrong
 
 
-def test_the_conformal_set_is_judged_apart_from_the_verdict() -> None:
-    told = report("cannot_tell", (LAG, 0.3), conformal_set=[LAG, COULOMB])
-    assert evaluate("a", key("single", COULOMB), told, None, None).in_conformal is True
-    assert evaluate("a", key("pair", COULOMB, {**LAG, "effect": "payload"}), told, None, None).in_conformal is False
+def test_the_conformal_set_is_evaluated_independently_of_the_verdict() -> None:
+    answer = report("cannot_tell", (LAG, 0.3), conformal_set=[LAG, COULOMB])
+    assert evaluate("a", key("single", COULOMB), answer, None, None).in_conformal is True
+    assert evaluate("a", key("pair", COULOMB, {**LAG, "effect": "payload"}), answer, None, None).in_conformal is False
     assert evaluate("a", key("single", COULOMB), report("effect", (LAG, 0.3)), None, None).in_conformal is None
-    assert evaluate("a", key("no_gap"), told, None, None).in_conformal is None
+    assert evaluate("a", key("no_gap"), answer, None, None).in_conformal is None
 
 
-def told_of(effect: dict[str, Any], **values: tuple[float, float]) -> dict[str, Any]:
+def stated(effect: dict[str, Any], **values: tuple[float, float]) -> dict[str, Any]:
     return {**effect, "parameters": {name: {"value": v, "sd": sd, "unit": ""} for name, (v, sd) in values.items()}}
 
 
-def test_intervals_hold_within_two_deviations() -> None:
+def test_intervals_hold_within_two_standard_deviations() -> None:
     truth = {**COULOMB, "parameters": {"torque": 0.03}}
-    place = Cause(**COULOMB)
+    named = Cause(**COULOMB)
 
     def holds(*causes: dict[str, Any]) -> list[bool]:
-        return [each.holds for each in intervals_hold([truth], causes, [place], "stiff")]
+        return [each.holds for each in intervals_hold([truth], causes, [named], "stiff")]
 
-    assert holds(told_of(COULOMB, torque=(0.031, 0.0006))) == [True]
-    assert holds(told_of(COULOMB, torque=(0.031, 0.0005))) == [False]
-    given = told_of(COULOMB, torque=(0.031, 0.0005))
+    assert holds(stated(COULOMB, torque=(0.031, 0.0006))) == [True]
+    assert holds(stated(COULOMB, torque=(0.031, 0.0005))) == [False]
+    given = stated(COULOMB, torque=(0.031, 0.0005))
     given["parameters"]["torque"]["interval"] = [0.0299, 0.032]
     assert holds(given) == [True]
-    assert holds(told_of({**COULOMB, "motor": 2}, torque=(0.03, 0.1))) == []  # not its place: nothing to compare
+    assert holds(stated({**COULOMB, "motor": 2}, torque=(0.03, 0.1))) == []  # not its place: nothing to compare
 
 
 def test_terms_of_a_ripple_are_compared_by_their_order() -> None:
@@ -96,7 +96,7 @@ def test_terms_of_a_ripple_are_compared_by_their_order() -> None:
     true = {"amplitude": 0.1, "order": 12.0, "phase": 0.5, "amplitude_2": 0.05, "order_2": 28.0, "phase_2": 3.0}
 
     def holds(**values: tuple[float, float]) -> list[bool]:
-        cause = told_of(ripple, **values)
+        cause = stated(ripple, **values)
         return [e.holds for e in intervals_hold([{**ripple, "parameters": true}], [cause], [Cause(**ripple)], "stiff")]
 
     turned = {  # in another order, a turn away, one with its sign and half a period

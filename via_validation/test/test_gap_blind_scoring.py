@@ -1,4 +1,4 @@
-"""Running, judging, scoring and the page, on reports made by hand whose numbers one can work out on paper."""
+"""Running, evaluation, scoring and the page, for hand-made reports with known scores."""
 
 from __future__ import annotations
 
@@ -34,73 +34,73 @@ from via_validation.sealed.scoring import (
 
 def test_a_right_answer_is_right_everywhere() -> None:
     gap = {"before": 0.4, "after": 0.1, "explained": 0.95}
-    told = report("effect", (COULOMB, 0.9), (LAG, 0.1), where=where(("motor", 1)), equivalence_set=[COULOMB], gap=gap)
-    judged = evaluate("case_000", key("single", COULOMB), told, Shrinkage(0.5, 0.1, 0.05), 3.0)
-    assert judged.where_right and judged.top1 and judged.place_right and judged.in_set and judged.right
-    assert judged.both is None and judged.probability == 0.9 and judged.explained == 0.95
-    assert judged.predicted == pytest.approx(0.75) and judged.measured == pytest.approx(0.8)
-    assert judged.measured_explained == pytest.approx(0.4 / 0.45)
+    answer = report("effect", (COULOMB, 0.9), (LAG, 0.1), where=where(("motor", 1)), equivalence_set=[COULOMB], gap=gap)
+    found = evaluate("case_000", key("single", COULOMB), answer, Shrinkage(0.5, 0.1, 0.05), 3.0)
+    assert found.where_right and found.top1 and found.place_right and found.in_set and found.right
+    assert found.both is None and found.probability == 0.9 and found.explained == 0.95
+    assert found.predicted == pytest.approx(0.75) and found.measured == pytest.approx(0.8)
+    assert found.measured_explained == pytest.approx(0.4 / 0.45)
 
 
-def test_the_right_effect_at_the_wrong_motor_is_not_its_place() -> None:
+def test_the_right_effect_at_the_wrong_motor_has_a_wrong_location() -> None:
     other = {**COULOMB, "motor": 2}
-    told = report("effect", (other, 0.6), where=where(("motor", 2)), equivalence_set=[other, LAG])
-    judged = evaluate("case_000", key("single", COULOMB), told, None, None)
-    assert judged.top1 and judged.in_set and not judged.place_right and not judged.where_right
+    answer = report("effect", (other, 0.6), where=where(("motor", 2)), equivalence_set=[other, LAG])
+    found = evaluate("case_000", key("single", COULOMB), answer, None, None)
+    assert found.top1 and found.in_set and not found.place_right and not found.where_right
 
 
-def test_a_number_left_out_is_no_wrong_one_but_at_a_sensor_0_is_the_link() -> None:
-    told = report("effect", (COULOMB, 0.6), where=where(("motor", 0)))
-    assert evaluate("a", key("single", COULOMB), told, None, None).where_right
+def test_a_missing_number_is_not_wrong_but_sensor_0_is_the_link() -> None:
+    answer = report("effect", (COULOMB, 0.6), where=where(("motor", 0)))
+    assert evaluate("a", key("single", COULOMB), answer, None, None).where_right
     for site in ("sensor", "timing"):
         skew = {"effect": "channel_skew", "site": site, "motor": 1}
         link = {**skew, "motor": 0}
-        told = report("effect", (link, 0.6), where=where((site, 0)))
-        judged = evaluate("a", key("single", skew), told, None, None)
-        assert judged.top1 and not judged.where_right and not judged.place_right
-        assert evaluate("a", key("single", link), told, None, None).where_right
+        answer = report("effect", (link, 0.6), where=where((site, 0)))
+        found = evaluate("a", key("single", skew), answer, None, None)
+        assert found.top1 and not found.where_right and not found.place_right
+        assert evaluate("a", key("single", link), answer, None, None).where_right
 
 
 def test_in_the_set_is_not_first() -> None:
-    told = report("effect", (LAG, 0.5), (COULOMB, 0.4), where=where(("command", 0)), equivalence_set=[LAG, COULOMB])
-    judged = evaluate("case_000", key("single", COULOMB), told, None, None)
-    assert judged.in_set and not judged.top1 and not judged.right and len(judged.tied) == 2
+    answer = report("effect", (LAG, 0.5), (COULOMB, 0.4), where=where(("command", 0)), equivalence_set=[LAG, COULOMB])
+    found = evaluate("case_000", key("single", COULOMB), answer, None, None)
+    assert found.in_set and not found.top1 and not found.right and len(found.tied) == 2
 
 
 @pytest.mark.parametrize("verdict", ["no_gap", "unknown", "cannot_tell"])
 def test_no_answer_names_no_cause(verdict: str) -> None:
     """Whatever else such a report lists, it has not named the effect."""
-    told = report(verdict, (COULOMB, 0.2), equivalence_set=[COULOMB])
-    judged = evaluate("case_000", key("single", COULOMB), told, None, None)
-    assert not judged.top1 and not judged.in_set and not judged.answered
+    answer = report(verdict, (COULOMB, 0.2), equivalence_set=[COULOMB])
+    found = evaluate("case_000", key("single", COULOMB), answer, None, None)
+    assert not found.top1 and not found.in_set and not found.answered
 
 
 @pytest.mark.parametrize(("written", "read"), [("two_effects", "several_effects"), ("main_effect", "main_effect")])
 def test_verdicts_of_today_and_of_older_reports(written: str, read: str) -> None:
-    told = report(written, (COULOMB, 0.9), where=where(("motor", 1)))
-    judged = evaluate("a", key("single", COULOMB), told, None, None)
-    assert judged.verdict == read and judged.answered and judged.top1 and judged.main_right
+    answer = report(written, (COULOMB, 0.9), where=where(("motor", 1)))
+    found = evaluate("a", key("single", COULOMB), answer, None, None)
+    assert found.verdict == read and found.answered and found.top1 and found.main_right
 
 
 def test_the_main_cause_counts_where_dirt_acts_beside_it() -> None:
     asked = key("single", COULOMB, dirt={"effect": "extra_mode"}, quality="degraded")
     for verdict, right in (("main_effect", True), ("effect", True), ("several_effects", True), ("unknown", False)):
-        judged = evaluate("a", asked, report(verdict, (COULOMB, 0.9), (LAG, 0.5)), None, None)
-        assert judged.dirty and judged.quality == "degraded" and judged.main_right is right
+        found = evaluate("a", asked, report(verdict, (COULOMB, 0.9), (LAG, 0.5)), None, None)
+        assert found.dirty and found.quality == "degraded" and found.main_right is right
     assert not evaluate("a", asked, report("main_effect", (LAG, 0.9)), None, None).main_right
 
 
-def test_pairs_want_both_in_any_order_and_nothing_else() -> None:
+def test_pairs_need_both_causes_in_any_order_and_nothing_else() -> None:
     asked = key("pair", COULOMB, LAG)
     sites = where(("command", 0), ("motor", 1))
     both = evaluate("a", asked, report("several_effects", (LAG, 0.9), (COULOMB, 0.9), where=sites), None, None)
     assert both.both and both.right and both.where_right
     assert not evaluate("a", asked, report("effect", (LAG, 0.9), (COULOMB, 0.9)), None, None).both
     bias = {"effect": "torque_bias", "site": "motor", "motor": 1}
-    one = evaluate("a", asked, report("two_effects", (LAG, 0.9), (bias, 0.9), (COULOMB, 0.5)), None, None)
+    one = evaluate("a", asked, report("several_effects", (LAG, 0.9), (bias, 0.9), (COULOMB, 0.5)), None, None)
     assert not one.both and not one.where_right and not one.in_set
     tied = evaluate(
-        "a", asked, report("two_effects", (LAG, 0.9), (bias, 0.9), equivalence_set=[bias, COULOMB]), None, None
+        "a", asked, report("several_effects", (LAG, 0.9), (bias, 0.9), equivalence_set=[bias, COULOMB]), None, None
     )
     assert tied.in_set and not tied.both
 
@@ -121,7 +121,7 @@ def cases() -> list[Evaluation]:
     tied["conformal_set"] = [LAG, COULOMB]
     dry = {**COULOMB, "parameters": {"torque": 0.031}}
     dirt, last = {"dirt": {"effect": "extra_mode"}}, "encoder_and_command"
-    pair = report("two_effects", (LAG, 0.9), (COULOMB, 0.8))
+    pair = report("several_effects", (LAG, 0.9), (COULOMB, 0.8))
     return [
         evaluate("case_000", key("single", dry), right, Shrinkage(1.0, 0.23, 0.0), 2.0),
         evaluate(
@@ -185,10 +185,10 @@ def test_numbers_are_those_worked_out_by_hand() -> None:
         (0.5, 0.90, True, False),
         (0.5, 0.98, False, True),
     ]
-    assert parameter_coverage(scored.judged) == (("coulomb_friction: torque", 2, 0.5),)
+    assert parameter_coverage(scored.evaluations) == (("coulomb_friction: torque", 2, 0.5),)
 
 
-def test_groups_are_signal_sets_clean_and_dirty_and_what_was_degraded() -> None:
+def test_groups_are_clean_and_dirty_signal_sets_and_degraded_recordings() -> None:
     got = {(number.group, number.name): number for number in score(cases()).numbers}
     assert got["encoder and command", "named or rightly tied"].value == pytest.approx(1 / 2)
     assert got["encoder and command", "named or rightly tied"].limit == 0.80
@@ -245,15 +245,15 @@ def folders(folder: Path, *names: str) -> Path:
     return folder
 
 
-def test_a_diagnosis_is_told_of_its_case_alone_and_is_not_run_twice(tmp_path: Path) -> None:
+def test_a_diagnosis_gets_only_its_case_and_is_not_repeated(tmp_path: Path) -> None:
     cases_folder = folders(tmp_path / "cases", "case_000", "case_001")
     script = "import json, os, sys; json.dump([sys.argv[1:], os.getcwd()], open(sys.argv[3], 'w'))\n"
     command = fake(tmp_path, script) + " {bag} {device} {json} {effects}"
     ran = run_cases(cases_folder, tmp_path / "results", command, 60.0, 2, lambda _: None)
     assert [(each.name, each.code) for each in ran] == [("case_000", 0), ("case_001", 0)]
-    told, where_it_ran = json.loads((tmp_path / "results" / "case_001.json").read_text())
-    assert told[:2] == [str(cases_folder / "case_001" / "bag"), str(cases_folder / "case_001" / "joint.yaml")]
-    assert told[3] == str(tmp_path / "results" / "case_001.yaml") and where_it_ran == str(tmp_path / "results")
+    arguments, where_it_ran = json.loads((tmp_path / "results" / "case_001.json").read_text())
+    assert arguments[:2] == [str(cases_folder / "case_001" / "bag"), str(cases_folder / "case_001" / "joint.yaml")]
+    assert arguments[3] == str(tmp_path / "results" / "case_001.yaml") and where_it_ran == str(tmp_path / "results")
     again: list[str] = []
     run_cases(cases_folder, tmp_path / "results", command, 60.0, 1, lambda each: again.append(each.name))
     assert again == []
@@ -265,7 +265,7 @@ def test_a_diagnosis_is_told_of_its_case_alone_and_is_not_run_twice(tmp_path: Pa
     assert [each.name for each in ran] == ["case_000", "case_001"]
 
 
-def test_a_failing_diagnosis_says_why_and_a_slow_one_is_stopped(tmp_path: Path) -> None:
+def test_a_failing_diagnosis_has_its_error_and_a_slow_one_is_stopped(tmp_path: Path) -> None:
     cases_folder = folders(tmp_path / "cases", "case_000")
     command = fake(tmp_path, "import sys; sys.exit('error: this log holds nothing')\n")
     (failed,) = run_cases(cases_folder, tmp_path / "a", command, 60.0, 1, lambda _: None)
@@ -275,7 +275,7 @@ def test_a_failing_diagnosis_says_why_and_a_slow_one_is_stopped(tmp_path: Path) 
     assert slow.code is None and "longer than 0.5 s" in slow.said
 
 
-def test_an_unknown_placeholder_is_said() -> None:
+def test_an_unknown_placeholder_is_an_error() -> None:
     with pytest.raises(ViaError, match=r"\('keys'\); placeholders are \{bag\}, \{json\}"):
         command_words("diagnose {keys}", bag=Path("b"), json=Path("j"))
 
@@ -317,7 +317,7 @@ def test_make_run_and_score_from_the_command(tmp_path: Path) -> None:
     assert isinstance(done.exception, ViaError) and "differs from the sealed one" in str(done.exception)
 
 
-def test_a_crash_is_told_by_its_last_words():
+def test_the_reason_of_a_crash_is_its_exception():
     trace = (
         'line 3, in solve\n    a\n  File \n"some/where.py"\n    raise LinAlgError(\nnumpy.LinAlgError: not \ndefinite'
     )

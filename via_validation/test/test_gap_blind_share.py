@@ -1,4 +1,4 @@
-"""A share of the blind check from end to end: drawn, sealed, diagnosed in processes of their own, opened, scored."""
+"""Two cases of the sealed benchmark from end to end: make, run and score."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ SEEDS = {"5051": "coulomb_friction", "7079": "quadratic_drag"}  # clean, good re
 
 @pytest.mark.timeout(600)  # [s] six processes, each of which compiles or loads the simulators anew
 def test_cases_drawn_here_are_answered_right(tmp_path: Path) -> None:
-    told = CliRunner()
+    runner = CliRunner()
     for seed, effect in SEEDS.items():
         cases, keys, results = (str(tmp_path / seed / name) for name in ("cases", "keys", "results"))
         drawn = ["make", "--out", cases, "--keys", keys, "--seed-from", seed, "--count", "1", "--duration", "24"]
-        assert told.invoke(app, [*drawn, "--processes", "1"]).exit_code == 0
-        assert told.invoke(app, ["run", cases, "--results", results]).exit_code == 0
+        assert runner.invoke(app, [*drawn, "--processes", "1"]).exit_code == 0
+        assert runner.invoke(app, ["run", cases, "--results", results]).exit_code == 0
         file = tmp_path / seed / "score.json"
-        scored = told.invoke(app, ["score", cases, "--keys", keys, "--results", results, "--json", str(file)])
+        scored = runner.invoke(app, ["score", cases, "--keys", keys, "--results", results, "--json", str(file)])
         assert scored.exit_code == 1  # a limit without a case is not kept
         (case,) = json.loads(file.read_text())["cases"]
         assert (case["right"], case["where_right"], case["truths"][0]["effect"]) == (True, True, effect)

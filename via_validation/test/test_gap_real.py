@@ -1,4 +1,4 @@
-"""`via gap real`: cases are whole, answers are judged by what is documented, kept results are used again."""
+"""`via gap real`: consistent cases, outcomes of answers, reuse of stored results."""
 
 from dataclasses import replace
 from fnmatch import fnmatch
@@ -13,7 +13,7 @@ from via_validation.gap_real.cases import CASES, DRY, Case
 from via_validation.gap_real.page import page
 from via_validation.gap_real.run import Elsewhere, Result, keep, kept, key, missing, run_case
 from via_validation.gap_real.summary import summary
-from via_validation.gap_real.truth import Truth, lies, outcome, sizes
+from via_validation.gap_real.truth import Truth, confidently_wrong, outcome, sizes
 
 PAYLOAD = frozenset({"payload"})
 HEAVIER = Truth("heavier", (PAYLOAD,), DRY, frozenset({"quadratic_drag"}), sizes={"payload": 0.225})
@@ -42,7 +42,7 @@ def report(verdict: str, *named: Cause, tied: tuple[str, ...] = ()) -> GapReport
 
 
 @pytest.mark.parametrize(
-    ("told", "expected"),
+    ("answer", "expected"),
     [
         (report("effect", cause("payload")), "named"),
         (report("several_effects", cause("coulomb_friction"), cause("payload")), "named"),
@@ -54,9 +54,9 @@ def report(verdict: str, *named: Cause, tied: tuple[str, ...] = ()) -> GapReport
         (report("unknown"), "silent"),
     ],
 )
-def test_an_answer_is_judged_by_the_documented_cause(told: GapReport, expected: str) -> None:
-    assert outcome(told, HEAVIER) == expected
-    assert lies(told, HEAVIER) == (expected == "wrong")
+def test_an_answer_is_compared_with_the_documented_cause(answer: GapReport, expected: str) -> None:
+    assert outcome(answer, HEAVIER) == expected
+    assert confidently_wrong(answer, HEAVIER) == (expected == "wrong")
 
 
 def test_causes_that_an_unknown_verdict_lists_are_not_named() -> None:
@@ -68,8 +68,8 @@ def test_a_control_is_honest_unless_a_contradicted_cause_is_named() -> None:
     control = Truth("nothing changed", refuted=PAYLOAD)
     assert outcome(report("effect", cause("torque_gain")), control) == "honest"
     assert outcome(report("effect", cause("payload", 0.3)), control) == "wrong"
-    assert not lies(report("effect", cause("payload", 0.3)), control)
-    silent = Truth("cannot tell", verdicts=frozenset({"cannot_tell"}))
+    assert not confidently_wrong(report("effect", cause("payload", 0.3)), control)
+    silent = Truth("not informative", verdicts=frozenset({"cannot_tell"}))
     assert outcome(report("cannot_tell"), silent) == "honest"
     assert outcome(report("no_gap"), silent) == "wrong"
 
@@ -92,12 +92,12 @@ def test_every_case_reads_what_its_set_has() -> None:
     assert len({case.name for case in CASES}) == len(CASES)
     for case in CASES:
         assert case.nominal().name == case.device
-        assert not set(case.fitted) & {*case.judged, *case.others}
+        assert not set(case.fitted) & {*case.held_out, *case.others}
         assert not case.truth.refuted & case.truth.also.union(*case.truth.causes)
     changed = next(case for case in CASES if case.name == "pendulum_no_friction").nominal()
     assert changed.link.coulomb_friction == 0.0
     (runs,) = [case for case in CASES if case.imported]
-    odd, even = runs.fitted[0], runs.judged[0]
+    odd, even = runs.fitted[0], runs.held_out[0]
     assert fnmatch("constant/record/record_traj11_3.csv", odd)
     assert not fnmatch("constant/record/record_traj10_3.csv", odd)
     assert fnmatch("constant/record/record_traj10_3.csv", even)
@@ -109,7 +109,7 @@ def test_a_kept_result_is_used_until_the_case_changes(tmp_path: Path) -> None:
     assert kept(case, tmp_path) is None
     keep(result, tmp_path)
     assert kept(case, tmp_path) == result
-    assert kept(replace(case, truth=HEAVIER), tmp_path) == result  # judged anew, not diagnosed anew
+    assert kept(replace(case, truth=HEAVIER), tmp_path) == result  # evaluated again, not diagnosed again
     assert kept(replace(case, changes={"link": {"viscous_friction": 0.0}}), tmp_path) is None
     failed = result.model_copy(update={"report": None, "failure": "ValueError: x"})
     keep(failed, tmp_path)
@@ -118,7 +118,7 @@ def test_a_kept_result_is_used_until_the_case_changes(tmp_path: Path) -> None:
     assert kept(case, tmp_path) is None
 
 
-def test_what_a_diagnosis_raises_is_a_result(tmp_path: Path) -> None:
+def test_an_exception_of_the_diagnosis_is_a_failed_result(tmp_path: Path) -> None:
     folder = tmp_path / "dfki_simple_pendulum"
     folder.mkdir()
     (folder / "energy_shaping_1kg.csv").write_text("nothing\n1\n", encoding="utf-8")
@@ -131,8 +131,8 @@ def test_what_a_diagnosis_raises_is_a_result(tmp_path: Path) -> None:
 
 
 def test_page_and_summary_show_every_case_and_its_misses() -> None:
-    def made(case: Case, told: GapReport | None, **more: object) -> tuple[Case, Result]:
-        return case, Result(case=case.name, key="", seconds=2.0, report=told, **more)  # type: ignore[arg-type]
+    def made(case: Case, answer: GapReport | None, **more: object) -> tuple[Case, Result]:
+        return case, Result(case=case.name, key="", seconds=2.0, report=answer, **more)  # type: ignore[arg-type]
 
     first, second, third = CASES[0], CASES[2], CASES[1]
     worse = Elsewhere(log="other.csv", before=0.1, after=0.2, ratio=(1.5, 2.5))
@@ -143,7 +143,14 @@ def test_page_and_summary_show_every_case_and_its_misses() -> None:
     ]
     counts = summary(pairs)
     assert (counts.known, counts.named, counts.failed, counts.controls, counts.honest) == (2, 1, 1, 1, 0)
-    assert (counts.wrong, counts.lies, counts.compared, counts.worse, counts.sized, counts.off) == (1, 1, 1, 1, 1, 1)
+    assert (counts.wrong, counts.confidently_wrong, counts.compared, counts.worse, counts.sized, counts.off) == (
+        1,
+        1,
+        1,
+        1,
+        1,
+        1,
+    )
     text = page(pairs, "a commit")
     assert f"## {first.name}: named" in text
     assert f"Not run: {CASES[3].name}, " in text

@@ -30,11 +30,11 @@ SLOW = Section("12", "Never ends", "tables_fake_slow")
 @pytest.fixture(name="report", scope="module")
 def _report(tmp_path_factory):
     """What the fake section sends from its process, and what there is of one that does not exist."""
-    told = []
+    sent = []
     folder = tmp_path_factory.mktemp("tables")
-    finished, interrupted = run_sections((FAKE, LOST), 7, folder, lambda *words: told.append(words))
+    finished, interrupted = run_sections((FAKE, LOST), 7, folder, lambda *words: sent.append(words))
     assert not interrupted
-    assert ("9", 1, 2, "rows") in told and ("9", 2, 2, "pictures") in told
+    assert ("9", 1, 2, "rows") in sent and ("9", 2, 2, "pictures") in sent
     return Report(finished, 7, Provenance("abc+", "via tables", "3.11", "2", "0.6")), folder
 
 
@@ -45,7 +45,7 @@ def _module(tmp_path, monkeypatch):
     return lambda name, text: (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
 
 
-def test_a_section_sends_rows_and_pictures_and_one_that_is_not_there_says_so(report):
+def test_a_section_sends_rows_and_pictures_and_a_missing_one_an_error(report):
     fake, lost = report[0].sections
     assert [row.id for row in fake.rows] == ["9.kept", "9.missed", "9.shown", "9.lost", "9.diverged"]
     assert fake.rows[0].seeds == 7 and fake.trouble == "" and fake.seconds > 0.0
@@ -54,7 +54,7 @@ def test_a_section_sends_rows_and_pictures_and_one_that_is_not_there_says_so(rep
     assert [row.id for row in report[0].missed] == ["9.missed", "9.diverged"] and report[0].limited == 3
 
 
-def test_what_a_section_had_sent_before_it_ended_stays(module, tmp_path):
+def test_rows_sent_before_a_process_ends_are_kept(module, tmp_path):
     module(
         "tables_fake_dead",
         "import os\nfrom tables_fake_section import rows\ndef pictures(folder, progress):\n    os._exit(3)\n",
@@ -67,11 +67,11 @@ def test_what_a_section_had_sent_before_it_ended_stays(module, tmp_path):
 def test_an_interrupt_keeps_what_is_finished(module, tmp_path):
     module("tables_fake_slow", "import threading\ndef rows(seeds, progress):\n    progress(0, 1, 'on')\n"
            "    threading.Event().wait()\n")  # fmt: skip
-    told = set()
+    sent = set()
 
     def interrupt() -> None:
         deadline = time.monotonic() + 60.0
-        while time.monotonic() < deadline and not {("9", "pictures"), ("12", "on")} <= told:
+        while time.monotonic() < deadline and not {("9", "pictures"), ("12", "on")} <= sent:
             pause.wait(0.01)
         while time.monotonic() < deadline and not (tmp_path / "9" / "noise.png").exists():
             pause.wait(0.01)
@@ -82,7 +82,7 @@ def test_an_interrupt_keeps_what_is_finished(module, tmp_path):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         threading.Thread(target=interrupt, daemon=True).start()
-        done, interrupted = run_sections((SLOW, FAKE), 1, tmp_path, lambda name, _a, _b, what: told.add((name, what)))
+        done, interrupted = run_sections((SLOW, FAKE), 1, tmp_path, lambda name, _a, _b, what: sent.add((name, what)))
     finally:
         signal.signal(signal.SIGINT, before)
     assert interrupted
@@ -126,11 +126,11 @@ def test_json_holds_every_row_and_no_nan(report):
 
 
 def test_the_markdown_page_has_all_rows_marks_misses_and_brings_small_pictures(report, tmp_path):
-    told = report[0]
-    other = Finished(replace(FAKE, page="control"), told.sections[0].rows[:1])
-    told = replace(told, sections=(*told.sections, other))
-    write_markdown(told, tmp_path / "docs")
-    page, second = write_markdown(told, tmp_path / "docs")  # and again over itself
+    sent = report[0]
+    other = Finished(replace(FAKE, page="control"), sent.sections[0].rows[:1])
+    sent = replace(sent, sections=(*sent.sections, other))
+    write_markdown(sent, tmp_path / "docs")
+    page, second = write_markdown(sent, tmp_path / "docs")  # and again over itself
     assert page == tmp_path / "docs" / "estimation.md"
     control = second.read_text(encoding="utf-8")
     assert control.startswith("# Control: ") and "1 rows, 1 of them with a limit, 0 missed." in control
@@ -150,8 +150,8 @@ def test_the_markdown_page_has_all_rows_marks_misses_and_brings_small_pictures(r
 
 def test_the_html_page_shows_pictures_where_they_lie_and_escapes(report):
     rows = (Row("9.x", "<b>", "q", None, 1.0, 0.5, "s"),)
-    told, folder = report
-    write_html(Report((*told.sections, Finished(FAKE, rows)), 7, told.provenance), folder / "index.html")
+    sent, folder = report
+    write_html(Report((*sent.sections, Finished(FAKE, rows)), 7, sent.provenance), folder / "index.html")
     text = (folder / "index.html").read_text(encoding="utf-8")
     assert '<img src="9/noise.png"' in text and "&lt;b&gt;" in text and "<b>" not in text.replace("<body>", "")
 

@@ -1,4 +1,4 @@
-"""Section 3's tables: what two seeds can say, the document's numbers as printed, pictures that are pictures."""
+"""Section 3's tables with two seeds: printed numbers, limits, and pictures."""
 
 import numpy as np
 import pytest
@@ -11,9 +11,9 @@ from via_validation.tables.section3_methods import as_printed, differentiated, o
 
 @pytest.fixture(scope="module")
 def table():
-    told = []
-    rows = section3.rows(2, lambda done, of, what: told.append((done, of)))
-    assert told[0][0] == 0 and told[-1][0] == told[-1][1]
+    reports = []
+    rows = section3.rows(2, lambda done, of, what: reports.append((done, of)))
+    assert reports[0][0] == 0 and reports[-1][0] == reports[-1][1]
     return {row.id: row for row in rows}, len(rows)
 
 
@@ -25,7 +25,7 @@ def test_rows_are_unique_complete_and_of_this_section(table):
         assert row.ours is not None and np.isfinite(row.ours)
 
 
-def test_all_lines_of_table_2_stand_beside_their_printed_numbers(table):
+def test_all_lines_of_table_2_have_their_printed_numbers(table):
     by_id, _ = table
     assert by_id["3.table2.n2.clean.e2.mse"].document == 3.4e-2
     assert by_id["3.table2.n2.torque_noise.e1.mse"].document == 19.3
@@ -36,7 +36,7 @@ def test_all_lines_of_table_2_stand_beside_their_printed_numbers(table):
     assert by_id["3.table2.n2.all_noise.e1.mse"].remark
 
 
-def test_what_needs_no_seeds_is_reached(table):
+def test_rows_without_seeds_keep_their_limits(table):
     by_id, _ = table
     for row in by_id.values():
         assert row.seeds > 0 or row.ok in (True, None), row

@@ -1,4 +1,4 @@
-"""Section 7's table: every number to reach is there, judged and reached, and the page shows it."""
+"""Section 7's table: limits of all rows, and pictures."""
 
 import pytest
 from via_controllers.visco_elastic import ViscoElasticJoint
@@ -14,7 +14,7 @@ def _found():
     return {row.id: row for row in section7.rows(1, silent)}
 
 
-def test_every_number_to_reach_is_judged_and_reached(found):
+def test_every_limit_is_kept(found):
     for D in section7.DAMPING:
         for check, limit in (("quadrature", 1e-9), ("program", 1e-6), ("collocation", 3e-4)):
             assert found[f"7.{check}.D{D:g}"].limit == limit
@@ -32,7 +32,7 @@ def test_a_closed_form_that_is_off_would_be_missed(monkeypatch):
     assert missed == {"7.quadrature.D0.2", "7.program.D0.2", "7.collocation.D0.2"}
 
 
-def test_the_table_knows_no_bound_without_damping_and_no_turns_beyond_critical(found):
+def test_there_is_no_bound_without_damping_and_no_turns_beyond_critical_damping(found):
     assert "7.epsilon.inf.D0" not in found and "7.epsilon.n1.D1.5" not in found
     assert found["7.epsilon.n4.D0"].ours == pytest.approx(10.0)
 

@@ -77,10 +77,10 @@ def outcome(estimator: Estimator, log: Log, seeds: int, torque: float, position:
     """Errors and consistency of the standard deviation over `seeds` noise realisations; noise sd [N m], [rad]."""
     later, found, squares, variances = log.later, [], 0.0, 0.0
     for seed in range(seeds):
-        value, deviation = estimator.run_rows(log.noisy(seed, torque, position))[1].column("stiffness")
+        value, sd = estimator.run_rows(log.noisy(seed, torque, position))[1].column("stiffness")
         found.append((mse(log.stiffness[later], value[later]), msrep(log.stiffness[later], value[later])))
         squares += float(np.mean((value - log.stiffness)[later] ** 2))
-        variances += float(np.mean(deviation[later] ** 2))
+        variances += float(np.mean(sd[later] ** 2))
     average = np.mean(found, axis=0)
     return Outcome(float(average[0]), float(average[1]), sqrt(variances / squares))
 

@@ -1,4 +1,4 @@
-"""Keys and reports made by hand, for tests of scoring."""
+"""Hand-made keys and reports for tests of scoring."""
 
 from __future__ import annotations
 
