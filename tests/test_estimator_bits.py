@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.serialization import deserialize_message, serialize_message
+from ros_messages import CommandWriter
 from sensor_msgs.msg import JointState
 from via_core.bags.reader import read_bag
 from via_core.bags.writer import BagWriter
@@ -20,7 +21,7 @@ from via_estimators.rows import estimate_bag
 from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate, VsaCommand
 from via_ros import qos
 from via_ros.composition import Composition
-from via_ros.conversions import Command, CommandWriter, JointStateWriter, nanoseconds
+from via_ros.conversions import Command, JointStateWriter, nanoseconds
 from via_ros.nodes.player import Player
 
 START = 1_700_000_000_123_456_789  # [ns]

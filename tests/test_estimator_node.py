@@ -11,6 +11,7 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
+from ros_messages import CommandWriter
 from sensor_msgs.msg import JointState
 from via_core.bags.reader import read_bag
 from via_core.bags.writer import BagWriter
@@ -23,7 +24,7 @@ from via_estimators.rows import estimate_bag
 from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate, VsaCommand
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
-from via_ros.conversions import Command, CommandWriter, JointStateWriter, nanoseconds
+from via_ros.conversions import Command, JointStateWriter, nanoseconds
 
 START = 1_700_000_000_123_456_789  # [ns]
 PERIOD = 1_000_000  # [ns]

@@ -8,6 +8,7 @@ from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
 from rclpy.serialization import deserialize_message
+from ros_messages import CommandWriter
 from sensor_msgs.msg import JointState
 from via_controllers.nodes.excitation import ExcitationNode
 from via_core.bags.writer import BagWriter
@@ -21,7 +22,7 @@ from via_gap.nodes.monitor import MonitorNode
 from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import GapStatus, VsaCommand
 from via_ros import qos
-from via_ros.conversions import Command, CommandWriter, JointStateWriter, nanoseconds
+from via_ros.conversions import Command, JointStateWriter, nanoseconds
 from via_sim.effects import Effect
 from via_sim.effects_file import save_effects
 from via_sim.nodes.simulator import SimulatorNode

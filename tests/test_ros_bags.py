@@ -114,7 +114,7 @@ def test_player_waits_for_the_number_of_listeners(graph, bag, capsys):
     player = graph.add(Player, bag=str(bag), patience=0.3, subscribers=2)
     graph.until(player.finished.done)
     assert (player.finished.result(), player.played) == (3, 0)
-    assert "2 listeners" in capsys.readouterr().err
+    assert "2 subscribers" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

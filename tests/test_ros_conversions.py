@@ -10,6 +10,7 @@ from builtin_interfaces.msg import Time
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from ros_messages import CommandWriter, SampleReader
 from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.errors import BagError, ParameterError
@@ -17,15 +18,12 @@ from via_core.wire import SECOND, seconds
 from via_interfaces.msg import DampingEstimate, GapStatus, StiffnessEstimate, VsaCommand
 from via_ros.conversions import (
     Command,
-    CommandWriter,
     JointStateWriter,
-    SampleReader,
     command_of,
     nanoseconds,
     set_stamp,
-    to_nanoseconds,
 )
-from via_ros.interfaces import NUMBERED, message_class, opening_of, stamp_of, type_name_of
+from via_ros.interfaces import NUMBERED, message_class, opening_of, stamp_of
 
 DEVICE = load_device("cubic_aa_vsa")
 COLUMNS = ("q", "theta_1", "tau_1", "theta_2", "tau_2", "q_velocity", "theta_velocity_2", "tau_link")
@@ -47,12 +45,12 @@ def test_stamps_pass_exactly(time):
 
 @given(STAMPS, st.integers(0, 20 * 86_400 * SECOND))
 def test_times_relative_to_an_origin_pass_exactly(origin, later):
-    assert to_nanoseconds(seconds(origin + later, origin), origin) == origin + later
+    assert origin + round(seconds(origin + later, origin) * SECOND) == origin + later
 
 
 def test_absolute_stamps_would_not_fit_into_a_float():
     stamp = 1_700_000_000_123_456_789
-    assert to_nanoseconds(seconds(stamp)) != stamp
+    assert round(seconds(stamp) * SECOND) != stamp
 
 
 @given(st.lists(DOUBLES, min_size=9, max_size=9))
@@ -149,12 +147,12 @@ def test_stamp_and_sequence_are_read_without_decoding(kind, time, sequence, fram
     set_stamp(message.header.stamp, time)
     message.header.frame_id = frame
     data = serialize_message(message)
-    assert type_name_of(kind) in NUMBERED
+    assert f"via_interfaces/msg/{kind.__name__}" in NUMBERED
     assert opening_of(data) == (time, sequence)
     assert stamp_of(data) == time
 
 
-def test_every_numbered_type_begins_as_its_reader_thinks():
+def test_every_numbered_type_begins_with_header_and_sequence():
     for name in NUMBERED:
         fields = list(message_class(name).get_fields_and_field_types().items())
         assert fields[:2] == [("header", "std_msgs/Header"), ("sequence", "uint64")]

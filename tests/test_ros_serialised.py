@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from ros_messages import CommandWriter
 from sensor_msgs.msg import JointState
 from via_interfaces.msg import DampingEstimate, MotorEstimate, StiffnessEstimate, VsaCommand
-from via_ros.conversions import MOST_NAMES, STAMP, Command, CommandWriter, Names, joints_of, nanoseconds, set_stamp
+from via_ros.conversions import MOST_NAMES, STAMP, Command, Names, joints_of, nanoseconds, set_stamp
 from via_ros.serialised import CommandBytes, JointStateDecoder, Template, decoded_command
 
 TEXTS = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import serialize_message
+from ros_messages import CommandWriter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from via_core.bags.writer import BagWriter
@@ -19,7 +20,7 @@ from via_interfaces.msg import Effect as EffectMessage
 from via_interfaces.msg import StiffnessEstimate, VsaCommand
 from via_interfaces.srv import ClearEffects, SetEffects
 from via_ros import qos
-from via_ros.conversions import Command, CommandWriter, nanoseconds
+from via_ros.conversions import Command, nanoseconds
 from via_sim.effects import Effect
 from via_sim.effects_file import save_effects
 from via_sim.nodes.simulation import EPOCH

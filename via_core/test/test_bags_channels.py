@@ -52,7 +52,7 @@ def test_a_missing_motor_is_said_twice(tmp_path):
 def test_efforts_that_are_always_zero_are_doubted(tmp_path):
     found = complaints(bag(tmp_path / "run", NAMES, effort=True, still=True))
     assert [severity for severity, _ in found] == ["warning", "warning"]
-    assert "is 0 throughout" in found[0][1]
+    assert "is 0 in all messages" in found[0][1]
 
 
 @pytest.mark.parametrize("topic", ["/robot/joint_states"])

@@ -318,7 +318,7 @@ def test_shipped_mappings_load_and_wrong_ones_name_the_key(tmp_path: Path) -> No
     cases = [
         ({"recordings": {**whole["recordings"], "time": {"column": "header", "unit": "rad"}}}, "recordings.time.unit"),
         ({"recordings": {**whole["recordings"], "bag": "{nobody}"}}, "a group that recordings.pattern does not name"),
-        ({"recordings": {**whole["recordings"], "pattern": "("}}, "no regular expression"),
+        ({"recordings": {**whole["recordings"], "pattern": "("}}, "not a regular expression"),
         ({"recordings": {**whole["recordings"], "ignore": {"header": "twice"}}}, "mapped twice: 'header'"),
         ({"device": None}, "needs a device"),
         ({"colour": "red"}, "colour"),

@@ -209,14 +209,14 @@ def test_a_message_of_wrong_bytes_costs_itself_and_is_named(tmp_path: Path) -> N
     states = bag["/joint_states"]
     assert states["position"].tolist() == [[1.0], [3.0]] and len(states) == len(states.log_time) == 2
     assert len(states.left_out) == 1
-    assert states.left_out[0].startswith("message 1 of /joint_states is no sensor_msgs/msg/JointState")
+    assert states.left_out[0].startswith("message 1 of /joint_states is not a sensor_msgs/msg/JointState")
     assert any("message 1 of" in finding.text for finding in check(tmp_path / "run"))
     assert [message.data[4:] for message in bag.in_file_order()][1] == b"\xff"
 
 
 def test_a_topic_of_nothing_but_wrong_bytes_is_refused(tmp_path: Path) -> None:
     write(tmp_path / "run", [b"\x00\x01\x00\x00\xff", b"\x00\x01\x00\x00\xfe\xff"])
-    with pytest.raises(BagError, match="message 0 of /joint_states is no sensor_msgs/msg/JointState"):
+    with pytest.raises(BagError, match="message 0 of /joint_states is not a sensor_msgs/msg/JointState"):
         read_bag(tmp_path / "run")["/joint_states"]
 
 

@@ -143,7 +143,7 @@ def test_inverse_undoes_torque(name: str, share: float, preset: float) -> None:
 def test_inverse_refuses_what_the_stop_does_not_allow(name: str) -> None:
     law = LAWS[name][0]
     beyond = 1.001 * float(law.torque(law.max_deflection))
-    with pytest.raises(ParameterError, match=r"no deflection within .* N m; the law reaches"):
+    with pytest.raises(ParameterError, match=r"no deflection within .* N m; the spring reaches"):
         law.inverse(beyond)
     with pytest.raises(ParameterError, match="nan"):
         law.inverse(float("nan"))

@@ -1,6 +1,6 @@
-"""Dampers: the damping d(u) [N m s/rad] a device adds at damping command u in 0..1 (clipped, as the hardware does).
+"""Dampers: damping d(u) [N m s/rad] at damping command u, which is clipped to 0..1 as in the hardware.
 
-As with springs, a map is data on the compiled side: a `kind` and a row of coefficients.
+As with springs, compiled code sees a map as a `kind` and a row of coefficients.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _value_each(kind: int, c: Array, u: Array, out: Array) -> None:
 
 @dataclass(frozen=True)
 class DamperMap(ABC):
-    """A map from the damping command to damping; `minimum` is what remains at command 0 [N m s/rad]."""
+    """A map from damping command to damping; `minimum` is the damping at command 0 [N m s/rad]."""
 
     minimum: float
     kind: ClassVar[int]
@@ -53,7 +53,7 @@ class DamperMap(ABC):
 
     @abstractmethod
     def coefficients(self) -> Array:
-        """The row (3,) that the compiled kernel takes."""
+        """Coefficient row (3,) of the compiled kernel."""
 
     def value(self, u: ArrayLike) -> Array:
         """d(u) [N m s/rad], same shape as u [-]."""
@@ -78,11 +78,11 @@ class LinearDamper(DamperMap):
 class TwoStageDamper(DamperMap):
     """d(u) = minimum + stage (clip(u/.5, 0, 1) + second clip((u - .5)/.5, 0, 1)), the electric brake of the MACCEPA-VD.
 
-    The motor is first braked by a growing duty cycle into a resistor, then short-circuited (devices.md).
+    The motor is braked by a growing duty cycle into a resistor, then short-circuited.
     """
 
-    stage: float  # [N m s/rad] damping that the first stage adds, d_max of the source
-    second: float  # [-] share of `stage` that the second stage adds, .848 there
+    stage: float  # [N m s/rad] damping of the first stage, d_max of the source
+    second: float  # [-] fraction of `stage` added by the second stage, .848 in the source
     kind: ClassVar[int] = TWO_STAGE
 
     def coefficients(self) -> Array:

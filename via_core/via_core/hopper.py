@@ -1,14 +1,13 @@
-"""A planar robot that hops: a trunk on two legs of two segments, knees mirrored, a motor and a spring per joint.
+"""Planar hopping robot: a trunk on two legs of two segments, knees mirrored, a motor and a spring per joint.
 
-Joints in this order: front hip, front knee, rear hip, rear knee; the front is where x points. At zero angles both legs
-hang straight down; a positive hip moves its leg forward, a positive knee its shank:
+Order of joints: front hip, front knee, rear hip, rear knee; x points forward. At zero angles both legs hang straight
+down; a positive hip angle moves the leg forward, a positive knee angle the shank:
 
     thigh at q_hip from the vertical, shank at q_hip + q_knee,   spring  tau_e = K (q - theta)
 
-Springs and motors as in `vsa_arms`; what the ground does is the simulator's business. MuJoCo reads `mjcf()`: there the
-motors are hinges of their own beside the robot, pulled at by the springs as tendons are, since rotors spin and do not
-swing along.
-Source: set-up of the checks of Section 6.2, after Figure 18 of the document.
+Springs and motors as in `vsa_arms`; the simulator models the ground. In `mjcf()`, the MuJoCo model, motors are separate
+hinges beside the robot, coupled by springs as tendons: rotors spin but do not move with the links.
+Source: set-up of the checks of (12), Section 6.2, after Figure 18.
 """
 
 from __future__ import annotations
@@ -23,27 +22,27 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 
 GRAVITY = 9.81  # [m/s^2]
-UPRIGHT = 0.5 * pi  # [rad] of a thigh: it lies on the ground
+HORIZONTAL = 0.5 * pi  # [rad] angle of a thigh that lies on the ground
 JOINTS = ("front_hip", "front_knee", "rear_hip", "rear_knee")
 
 
 @dataclass(frozen=True)
 class Hopper:
-    """Masses, lengths, springs, motors. Raises ParameterError for what is not positive."""
+    """Masses, lengths, springs and motors. Raises ParameterError for values that are not positive."""
 
     trunk_mass: float = 10.0  # [kg]
-    trunk_length: float = 0.5  # [m], hips at its ends
-    trunk_height: float = 0.08  # [m] of the box that it is
-    payload: float = 0.0  # [kg] on the trunk, spread like it
+    trunk_length: float = 0.5  # [m] distance of the hips
+    trunk_height: float = 0.08  # [m] of its box
+    payload: float = 0.0  # [kg] on the trunk, distributed like its mass
     thigh_mass: float = 0.8  # [kg]
     shank_mass: float = 0.45  # [kg]
     segment_length: float = 0.25  # [m] of thighs and shanks
-    foot_radius: float = 0.015  # [m] of the balls that touch the ground
+    foot_radius: float = 0.015  # [m] of the spheres that touch the ground
     foot_friction: float = 1.0  # [-]
     hip_stiffness: float = 150.0  # K [N m/rad]
     knee_stiffness: float = 80.0
     joint_damping: float = 0.3  # [N m s/rad] of the links
-    rotor_inertia: float = 0.02  # B [kg m^2], seen at the joint
+    rotor_inertia: float = 0.02  # B [kg m^2], reflected to the joint
     strongest: float = 60.0  # [N m] of each motor
 
     def __post_init__(self) -> None:
@@ -55,7 +54,7 @@ class Hopper:
 
     @property
     def n(self) -> int:
-        """Number of joints with a motor."""
+        """Number of joints."""
         return len(JOINTS)
 
     @property
@@ -74,7 +73,7 @@ class Hopper:
         return np.full(self.n, self.strongest)
 
     def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
-        """tau_e [N m], sigma [N m/rad] and its slope [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
+        """tau_e [N m], sigma [N m/rad] and d sigma/d phi [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
         return self.stiffness * deflection, self.stiffness, np.zeros(self.n)
 
     def crouched(self, angle: float) -> Array:
@@ -82,32 +81,32 @@ class Hopper:
         return angle * np.array([1.0, -2.0, -1.0, 2.0])
 
     def standing(self, angle: float) -> Array:
-        """Joint angles (n,) [rad] at rest with the motors `crouched` at `angle` [rad]: feet stay below the hips.
+        """Joint angles (n,) [rad] at rest with the motors `crouched` at `angle` [rad]; friction keeps feet below hips.
 
-        Friction keeps them there. Raises ParameterError where the springs do not carry the robot.
+        Raises ParameterError where the springs do not carry the robot.
         """
         half, low = 0.5 * (self.trunk_mass + self.payload), self.segment_length * GRAVITY
-        # by how much potential energy falls where hips sink: trunk by two sines, thigh by one and a half, shank by half
+        # gravity torque over sin(a): masses are at 2 (trunk), 1.5 (thigh), .5 (shank) segment lengths times cos(a)
         weight = (2.0 * half + 1.5 * self.thigh_mass + 0.5 * self.shank_mass) * low
         stiffness = self.hip_stiffness + 4.0 * self.knee_stiffness
 
         def moment(a: float) -> float:
             return stiffness * (a - angle) - weight * sin(a)
 
-        if not 0.0 < angle < UPRIGHT or moment(UPRIGHT) <= 0.0:
+        if not 0.0 < angle < HORIZONTAL or moment(HORIZONTAL) <= 0.0:
             raise ParameterError(f"the springs do not carry the robot crouched at {angle} rad")
         from scipy.optimize import brentq  # takes 0.2 s to import
 
-        return self.crouched(brentq(moment, angle, UPRIGHT, xtol=1e-14))
+        return self.crouched(brentq(moment, angle, HORIZONTAL, xtol=1e-14))
 
     def leg_height(self, leg: Array) -> float:
-        """Of the hip above the sole [m] at hip and knee angles `leg` (2,) [rad]."""
+        """Height [m] of the hip above the sole at hip and knee angles `leg` (2,) [rad]."""
         return self.segment_length * (cos(leg[0]) + cos(leg[0] + leg[1])) + self.foot_radius
 
     def mjcf(self, step: float) -> str:
-        """The robot above flat ground as MuJoCo reads it, integrated at `step` [s]; motors' order is that of JOINTS."""
+        """MuJoCo model (XML) of robot and flat ground with time step `step` [s]; motors in the order of JOINTS."""
         top = Element("mujoco", model="hopper")
-        option = {"integrator": "implicitfast", "cone": "elliptic", "impratio": "20"}  # feet that hardly creep
+        option = {"integrator": "implicitfast", "cone": "elliptic", "impratio": "20"}  # little creep of the feet
         SubElement(top, "option", attrib=option, timestep=f"{step}", gravity=f"0 0 -{GRAVITY}")
         world = SubElement(top, "worldbody")
         ball = {"friction": f"{self.foot_friction} 0.005 0.0001", "solref": "0.004 1"}
@@ -123,7 +122,7 @@ class Hopper:
             for part, joint, mass in (("thigh", "hip", self.thigh_mass), ("shank", "knee", self.shank_mass)):
                 body = SubElement(parent, "body", name=f"{side}_{part}", pos=at)
                 name = f"{side}_{joint}"
-                # a turn about -y moves what hangs down forward
+                # rotation about -y moves a hanging segment forward
                 SubElement(body, "joint", name=name, type="hinge", axis="0 -1 0", damping=f"{self.joint_damping}")
                 ends = f"0 0 0 0 0 -{self.segment_length}"
                 SubElement(body, "geom", type="capsule", fromto=ends, size=".01", mass=f"{mass}", attrib=free)

@@ -1,6 +1,6 @@
-"""What an estimate or a simulation is worth against the truth or a measurement: one number per question.
+"""Error metrics of estimates and simulations against the truth or a measurement.
 
-All take arrays (N,) of equal length and raise SignalError for empty, unequal or not finite ones.
+All take arrays (N,) of equal length and raise SignalError for empty, unequal or non-finite ones.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from via_core.errors import SignalError
 from via_core.signals import Array
 
-WIDTH_95 = 1.96  # standard deviations on either side that hold 95 % of a Gaussian
+WIDTH_95 = 1.96  # half width of the 95 % interval of a Gaussian, in standard deviations
 
 
 def _same(**given: ArrayLike) -> list[Array]:
@@ -38,7 +38,7 @@ def mse(truth: ArrayLike, estimate: ArrayLike) -> float:
 def msrep(truth: ArrayLike, estimate: ArrayLike) -> float:
     """Mean square relative error in percent, eq. (52) with N terms: 100 mean(((truth - estimate) / truth)^2) [%].
 
-    Raises SignalError where the truth is 0: no error is relative to nothing.
+    Raises SignalError where the truth is 0.
     """
     a, b = _same(truth=truth, estimate=estimate)
     if np.any(a == 0.0):
@@ -47,19 +47,19 @@ def msrep(truth: ArrayLike, estimate: ArrayLike) -> float:
 
 
 def nrmse(measured: ArrayLike, simulated: ArrayLike) -> float:
-    """Root mean square error over the standard deviation of the measured signal [-]: 1 is as good as its mean.
+    """Root mean square error over the standard deviation of the measured signal [-]; 1 for predicting its mean.
 
     Raises SignalError where the measured signal is constant.
     """
     a, b = _same(measured=measured, simulated=simulated)
-    spread = float(np.std(a))
-    if spread == 0.0:
-        raise SignalError("'measured' is constant: there is nothing to compare an error with")
-    return float(np.sqrt(np.mean((a - b) ** 2)) / spread)
+    scale = float(np.std(a))
+    if scale == 0.0:
+        raise SignalError("'measured' is constant: its standard deviation cannot scale the error")
+    return float(np.sqrt(np.mean((a - b) ** 2)) / scale)
 
 
 def coverage(truth: ArrayLike, estimate: ArrayLike, standard_deviation: ArrayLike, width: float = 2.0) -> float:
-    """Share [0..1] of samples whose truth lies within `width` standard deviations; .954 for 2 if Gaussian.
+    """Fraction [0..1] of samples whose truth lies within `width` standard deviations; .954 for 2 if Gaussian.
 
     Raises SignalError for a negative standard deviation or a width that is not > 0.
     """

@@ -1,10 +1,10 @@
-"""The position servo: a motor angle that follows its command as a critically damped second-order lag.
+"""Position servo: the motor angle follows its command as a critically damped second-order lag.
 
     x'' = w^2 (u - x) - 2 w x'
 
-Under a held command u the error e = x - u obeys e'' + 2 w e' + w^2 e = 0, whose solution is e(t) = (a + b t) exp(-w t)
-with a = e(0), b = e'(0) + w e(0). The step below is that solution, exact for any dt and never unstable.
-Source: servo model of the MACCEPA-VD robot (devices.md), w = 25 rad/s.
+For a constant command u the error e = x - u obeys e'' + 2 w e' + w^2 e = 0, with solution e(t) = (a + b t) exp(-w t),
+a = e(0), b = e'(0) + w e(0). `servo_step` evaluates it: exact and stable for any dt.
+Source: servo model of the MACCEPA-VD robot, w = 25 rad/s.
 """
 
 from math import exp
@@ -14,7 +14,7 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy", inline="always")
 def servo_step(x: float, v: float, u: float, w: float, dt: float) -> tuple[float, float]:
-    """Angle [rad] and velocity [rad/s] after dt [s], for bandwidth w [rad/s] and the held command u [rad]."""
+    """Angle [rad] and velocity [rad/s] after dt [s], for bandwidth w [rad/s] and constant command u [rad]."""
     decay = exp(-w * dt)
     e = x - u
     b = v + w * e
@@ -23,5 +23,5 @@ def servo_step(x: float, v: float, u: float, w: float, dt: float) -> tuple[float
 
 @njit(cache=True, error_model="numpy", inline="always")
 def servo_acceleration(x: float, v: float, u: float, w: float) -> float:
-    """x'' [rad/s^2]: the same servo as a right-hand side, for integrators that want one."""
+    """x'' [rad/s^2] of the servo, as the right-hand side of an integrator."""
     return w * w * (u - x) - 2.0 * w * v

@@ -1,4 +1,4 @@
-"""Signals: one time base and named channels, what a bag, a simulation and an estimator all return."""
+"""Signals: named channels over one time base, the result of bags, simulations and estimators."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def locked(values: ArrayLike, name: str) -> Array:
-    """A read-only float64 copy of `values`: frozen dataclasses do not freeze numpy.
+    """A read-only float64 copy of `values`; frozen dataclasses do not freeze numpy arrays.
 
     Raises SignalError when `values` is not numeric.
     """
@@ -23,23 +23,23 @@ def locked(values: ArrayLike, name: str) -> Array:
         given = np.asarray(values)
     except ValueError as error:  # ragged
         raise SignalError(f"'{name}' is not an array: {error}") from None
-    if given.dtype.kind not in "biuf":  # numpy would turn '1.5' and None into numbers and drop imaginary parts
+    if given.dtype.kind not in "biuf":  # numpy would convert '1.5' and None to numbers and drop imaginary parts
         raise SignalError(f"'{name}' is not real and numeric: it holds {given.dtype}")
     array = np.array(given, dtype=np.float64, order="C")
     array.flags.writeable = False
     return array
 
 
-@dataclass(frozen=True, eq=False)  # compared by identity: equality of arrays is no truth value
+@dataclass(frozen=True, eq=False)  # compared by identity: arrays have no single truth value
 class Signals:
     """Named channels over one strictly increasing time base.
 
     time      (N,) [s], finite, strictly increasing
-    channels  name -> (N,) or (N, k) float64; NaN marks 'not measured'
-    units     name -> unit as text, e.g. 'rad', 'N m'; every channel has one
-    held      names of channels that are commands: constant between samples (zero-order hold)
+    channels  name -> (N,) or (N, k) float64; NaN means not measured
+    units     name -> unit, e.g. 'rad', 'N m', for every channel
+    held      names of command channels: constant between samples (zero-order hold)
 
-    Arrays are copied and locked. Raises SignalError where shapes, times or names do not fit.
+    Arrays are copied and locked. Raises SignalError for inconsistent shapes, times or names.
     """
 
     time: Array
@@ -69,16 +69,16 @@ class Signals:
         missing = channels.keys() - self.units.keys()
         if missing:
             raise SignalError(f"channels without a unit: {', '.join(sorted(missing))}")
-        strangers = set(self.held) - channels.keys()
-        if strangers:
-            raise SignalError(f"held names that are no channel: {', '.join(sorted(strangers))}")
+        unknown = set(self.held) - channels.keys()
+        if unknown:
+            raise SignalError(f"held names that are no channel: {', '.join(sorted(unknown))}")
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "channels", MappingProxyType(channels))
         object.__setattr__(self, "units", MappingProxyType({name: self.units[name] for name in channels}))
         object.__setattr__(self, "held", frozenset(self.held))
 
     def __reduce__(self) -> tuple[type[Signals], tuple[Array, dict[str, Array], dict[str, str], frozenset[str]]]:
-        """To another process: read-only views of mappings cannot be sent."""
+        """For pickle, which cannot handle read-only views of mappings."""
         return Signals, (self.time, dict(self.channels), dict(self.units), self.held)
 
     def __len__(self) -> int:
@@ -94,7 +94,7 @@ class Signals:
             raise SignalError(f"no channel '{name}'; there are: {', '.join(sorted(self.channels))}") from None
 
     def select(self, names: Iterable[str]) -> Signals:
-        """The same time base with only the channels `names`."""
+        """The channels `names` only."""
         chosen = {name: self[name] for name in names}
         return Signals(self.time, chosen, self.units, self.held & chosen.keys())
 
@@ -108,14 +108,14 @@ class Signals:
         )
 
     def resample(self, time: ArrayLike) -> Signals:
-        """These signals at other times [s]: commands by hold, measurements by linear interpolation.
+        """The signals at other times [s]: commands by zero-order hold, measurements by linear interpolation.
 
-        Before the first sample the first value stands, after the last the last. Next to a NaN a measurement is NaN.
-        Raises SignalError without samples, or where `time` (n,) is no time base.
+        Outside of the time base the first or last value is used. Next to a NaN a measurement is NaN.
+        Raises SignalError without samples, or where `time` (n,) is not a valid time base.
         """
         if len(self) == 0:
             raise SignalError("cannot resample signals without samples")
-        at = Signals(locked(time, "time"), {}, {}).time  # the one place that knows what a time base is
+        at = Signals(locked(time, "time"), {}, {}).time  # checks `time`
         holds = np.clip(np.searchsorted(self.time, at, side="right") - 1, 0, len(self) - 1)
 
         def resampled(name: str, values: Array) -> Array:
@@ -133,7 +133,7 @@ class Signals:
         )
 
     def joined(self, other: Signals) -> Signals:
-        """These signals with those of `other` brought onto this time base; names must not collide."""
+        """These channels and those of `other`, resampled to this time base; names must differ."""
         twice = self.channels.keys() & other.channels.keys()
         if twice:
             raise SignalError(f"channels in both: {', '.join(sorted(twice))}")

@@ -1,12 +1,12 @@
 """Spring laws: flexibility torque tau_e(phi) and stiffness sigma(phi) = d tau_e / d phi, phi = q - theta (eqs. 1-8).
 
-Each law is a few compiled scalar functions of (coefficients, deflection, preset), written once and used by plants,
-estimators and pictures alike. A law is data on the compiled side: a `kind` and a row of coefficients, so that one
-compiled kernel serves every law.
+Each spring law is a set of compiled scalar functions of (coefficients, deflection, preset), shared by plants,
+estimators and plots. Compiled code sees a spring law as a `kind` and a row of coefficients, so that one kernel serves
+all.
 
-`preset` [rad] is the angle of a motor on which the law depends beside the deflection: in a serial arrangement that of
-the stiffness motor, in an antagonistic one that of the transmission's own motor, theta_i. Most laws ignore it; the
-stiffness is always the derivative at constant preset. Beyond `max_deflection` a law means nothing and may be NaN.
+`preset` [rad] is a motor angle on which the torque depends besides the deflection: of the stiffness motor in a serial
+arrangement, of the transmission's own motor, theta_i, in an antagonistic one. Most springs ignore it. The stiffness is
+the derivative at constant preset. Beyond `max_deflection` a spring law is undefined and may be NaN.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 
 ODD_POLYNOMIAL, SINH, FOUR_BAR, MACCEPA, EXPONENTIAL, TWO_LEVER = range(6)
-N_COEFFICIENTS = 8  # length of a coefficient row, the longest law fits
+N_COEFFICIENTS = 8  # length of a coefficient row
 
 
 @njit(cache=True, error_model="numpy")
@@ -41,7 +41,7 @@ def _between_levers(c: Array, phi: float, preset: float) -> tuple[float, float, 
 
 @njit(cache=True, error_model="numpy")
 def spring_torque(kind: int, c: Array, phi: float, preset: float) -> float:
-    """tau_e(phi) [N m] of law `kind` with coefficients c (8,)."""
+    """tau_e(phi) [N m] of spring law `kind` with coefficients c (8,)."""
     if kind == ODD_POLYNOMIAL:  # sum_p c_p phi^(2p+1)
         square = phi * phi
         total = 0.0
@@ -70,7 +70,7 @@ def spring_torque(kind: int, c: Array, phi: float, preset: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def spring_stiffness(kind: int, c: Array, phi: float, preset: float) -> float:
-    """sigma(phi) [N m/rad] of law `kind` with coefficients c (8,)."""
+    """sigma(phi) [N m/rad] of spring law `kind` with coefficients c (8,)."""
     if kind == ODD_POLYNOMIAL:
         square = phi * phi
         total = 0.0
@@ -102,7 +102,7 @@ def spring_stiffness(kind: int, c: Array, phi: float, preset: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def spring_stiffness_slope(kind: int, c: Array, phi: float, preset: float) -> float:
-    """d sigma / d phi [N m/rad^2] of law `kind` with coefficients c (8,)."""
+    """d sigma / d phi [N m/rad^2] of spring law `kind` with coefficients c (8,)."""
     if kind == ODD_POLYNOMIAL:
         square = phi * phi
         total = 0.0
@@ -158,9 +158,9 @@ Kernel = Callable[[int, Array, Array, Array, Array], None]
 
 @dataclass(frozen=True)
 class SpringLaw(ABC):
-    """A torque-deflection law of a flexible transmission.
+    """Torque-deflection characteristic of a flexible transmission.
 
-    max_deflection  [rad] the mechanical stop; the law means nothing beyond it
+    max_deflection  [rad] mechanical stop
     odd             whether tau_e(-phi) = -tau_e(phi), so that an odd basis can represent it
     """
 
@@ -177,11 +177,11 @@ class SpringLaw(ABC):
 
     @abstractmethod
     def coefficients(self) -> Array:
-        """The row (8,) that the compiled kernels take."""
+        """Coefficient row (8,) of the compiled kernels."""
 
     @abstractmethod
     def _check(self) -> None:
-        """Raise ParameterError for parameters outside the law's own range."""
+        """Raise ParameterError for invalid parameters."""
 
     def torque(self, phi: ArrayLike, preset: ArrayLike = 0.0) -> Array:
         """tau_e [N m] at deflection phi [rad] and preset [rad], broadcast together."""
@@ -196,15 +196,15 @@ class SpringLaw(ABC):
         return self._each(_slope_each, phi, preset)
 
     def inverse(self, torque: float, preset: float = 0.0) -> float:
-        """A deflection [rad] within the stops at which the law gives `torque` [N m]; the only one if the law increases.
+        """A deflection [rad] within the stops with spring torque `torque` [N m]; unique for an increasing torque.
 
-        Raises ParameterError where `torque` is outside what the law gives at its two stops.
+        Raises ParameterError where `torque` is outside of the torques at the two stops.
         """
         stop = self.max_deflection
         low, high = float(self.torque(-stop, preset)), float(self.torque(stop, preset))
         if not low <= torque <= high:
             raise ParameterError(
-                f"no deflection within {stop} rad gives {torque} N m; the law reaches {low:.6g} to {high:.6g} N m"
+                f"no deflection within {stop} rad gives {torque} N m; the spring reaches {low:.6g} to {high:.6g} N m"
             )
         if torque in (low, high):
             return stop if torque == high else -stop
@@ -215,15 +215,15 @@ class SpringLaw(ABC):
     def _each(self, kernel: Kernel, phi: ArrayLike, preset: ArrayLike) -> Array:
         at, along = np.broadcast_arrays(np.asarray(phi, dtype=np.float64), np.asarray(preset, dtype=np.float64))
         out = np.empty(at.size)
-        # flatten() copies: the kernels then see one array type only and compile once
+        # flatten() copies: the kernels see one array type and compile once
         kernel(self.kind, self.coefficients(), at.flatten(), along.flatten(), out)
         return out.reshape(at.shape)
 
 
-def _positive(law: SpringLaw, *names: str) -> None:
+def _positive(spring: SpringLaw, *names: str) -> None:
     for name in names:
-        if not getattr(law, name) > 0.0:
-            raise ParameterError(f"{name} must be > 0, got {getattr(law, name)}")
+        if not getattr(spring, name) > 0.0:
+            raise ParameterError(f"{name} must be > 0, got {getattr(spring, name)}")
 
 
 def _row(*values: float) -> Array:
@@ -234,7 +234,7 @@ def _row(*values: float) -> Array:
 
 @dataclass(frozen=True)
 class OddPolynomialSpring(SpringLaw):
-    """tau_e = sum_p c_p phi^(2p+1): a linear spring is (k,), the document's cubic spring (35) is (0, 10)."""
+    """tau_e = sum_p c_p phi^(2p+1): a linear spring is (k,), the cubic spring (35) is (0, 10)."""
 
     odd_coefficients: tuple[float, ...]  # c_p [N m/rad^(2p+1)], at most 8
     kind: ClassVar[int] = ODD_POLYNOMIAL
@@ -245,7 +245,7 @@ class OddPolynomialSpring(SpringLaw):
             raise ParameterError(f"odd_coefficients needs 1 to {N_COEFFICIENTS} values, got {count}")
         if not any(self.odd_coefficients):
             raise ParameterError("odd_coefficients must not all be 0")
-        # sigma is a polynomial in s = phi^2: its least value is at 0, at the stop, or where its slope vanishes
+        # sigma is a polynomial in s = phi^2: its minimum is at 0, at the stop, or where its slope vanishes
         sigma = np.polynomial.Polynomial([(2 * p + 1) * c for p, c in enumerate(self.odd_coefficients)])
         stop = self.max_deflection**2
         roots = np.asarray(sigma.deriv().roots(), dtype=np.complex128)
@@ -288,10 +288,10 @@ class SinhSpring(SpringLaw):
 
 @dataclass(frozen=True)
 class ExponentialSpring(SpringLaw):
-    """tau_e = k (rise e^(a phi) - fall e^(-a phi)): one side of the DLR BAVS; the other has rise and fall exchanged.
+    """tau_e = k (rise e^(a phi) - fall e^(-a phi)): one side of the DLR BAVS; the other swaps rise and fall.
 
-    With preset 0 the two sides are already pretensioned against each other: tau_e(0) = k (rise - fall) is not 0.
-    Source: bavs_plugin.cpp of NMMI/ROS-Gazebo-compliant-actuators-plugin, there written for theta - q = -phi.
+    At preset 0 the two sides are already pretensioned: tau_e(0) = k (rise - fall) is not 0.
+    Source: bavs_plugin.cpp of NMMI/ROS-Gazebo-compliant-actuators-plugin, written for theta - q = -phi.
     """
 
     k: float  # [N m]
@@ -334,14 +334,14 @@ class FourBarSpring(SpringLaw):
 class MaccepaSpring(SpringLaw):
     """tau_e = K B C sin(phi) (1 + (r preset - A0)/A), A = sqrt(B^2 + C^2 - 2 B C cos phi): a spring over a lever.
 
-    Pretension by the preset motor winds `drum_radius * preset` of cord. Source: equations of the MACCEPA-VD robot
-    (devices.md), there written with the opposite sign for m1 - q = -phi.
+    The preset motor winds up `drum_radius * preset` of cord. Source: equations of the MACCEPA-VD robot, written with
+    the opposite sign for m1 - q = -phi.
     """
 
     k: float  # K [N/m] spring rate
     lever: float  # B [m]
     base: float  # C [m]
-    free_length: float  # A0 [m] length A at which the spring is slack for preset 0, C - B in the robot
+    free_length: float  # A0 [m] length A at which the spring is slack at preset 0; C - B in the robot
     drum_radius: float  # r [m]
     kind: ClassVar[int] = MACCEPA
 
@@ -359,23 +359,23 @@ class MaccepaSpring(SpringLaw):
 class TwoLeverSpring(SpringLaw):
     """A linear spring between the tips of a lever on the link and a lever on a motor: one side of the Edinburgh VSA.
 
-    The moment depends on the link angle and on the motor's, not on their difference alone, and is neither odd nor
-    everywhere increasing. With A = a (cos x, sin x), T = (h + L sin u, L cos u - d), s = |T - A|:
+    The torque depends on link and motor angle separately; it is neither odd nor increasing everywhere.
+    With A = a (cos x, sin x), T = (h + L sin u, L cos u - d), s = |T - A|:
 
         tau_e = side K a (1 - s0/s) (T_x sin x - T_y cos x),   x = side q,   u = -side theta
 
-    Source: libedinburghvsa.c of the Edinburgh VSA model (after Mitrovic, Klanke and Vijayakumar, 2011), which counts
-    both servo angles outwards; here both are positive where they turn the link in the positive sense, so that motor
-    angles are equilibrium +- preset as in every antagonistic joint. Its spring 1 is side -1, its spring 2 side +1. As
-    there, a spring shorter than s0 pushes.
+    Source: libedinburghvsa.c of the Edinburgh VSA model (after Mitrovic, Klanke and Vijayakumar, 2011), where both
+    servo angles are positive outwards. Here both are positive in the direction of the link, so that motor angles are
+    equilibrium +- preset as in every antagonistic joint. Its spring 1 is side -1, its spring 2 side +1. As in the
+    source, a spring shorter than s0 pushes.
     """
 
     k: float  # kappa [N/m] spring rate
     rest_length: float  # s0 [m]
     motor_lever: float  # L [m]
     link_lever: float  # a [m]
-    offset: float  # h [m] from the link's axis to the motor's, across
-    distance: float  # d [m] from the link's axis to the motor's, along
+    offset: float  # h [m] across, from the link axis to the motor axis
+    distance: float  # d [m] along, from the link axis to the motor axis
     side: float  # -1 or +1
     kind: ClassVar[int] = TWO_LEVER
     odd: ClassVar[bool] = False
@@ -384,7 +384,7 @@ class TwoLeverSpring(SpringLaw):
         _positive(self, "k", "rest_length", "motor_lever", "link_lever", "distance")
         if self.side not in (-1.0, 1.0):
             raise ParameterError(f"side must be -1 or 1, got {self.side}")
-        # closest approach of the two circles on which the tips run
+        # smallest distance between the circles of the two lever tips
         gap = sqrt(self.offset**2 + self.distance**2) - self.motor_lever - self.link_lever
         if not gap > 0.0:
             raise ParameterError(f"the levers must not reach each other, but their circles overlap by {-gap:.6g} m")

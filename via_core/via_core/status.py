@@ -1,13 +1,13 @@
-"""What an estimate is worth. The numbers are those of the messages in via_interfaces; a test holds the two together."""
+"""Validity of an estimate, numbered as in the messages of via_interfaces (a test compares them)."""
 
 from enum import IntEnum
 
 
 class Status(IntEnum):
-    """Nature answers with a status; only misuse raises."""
+    """Programming errors raise; bad data is reported as a status."""
 
-    OK = 0  # the estimate and its standard deviation mean what they say
-    WARMING_UP = 1  # not enough samples yet: the value is the prior, the standard deviation its width
-    NOT_EXCITED = 2  # the motion no longer tells: the last value is held, the standard deviation grows
-    OUTSIDE_RANGE = 3  # extrapolated beyond the deflections visited so far
-    BAD_SAMPLE = 4  # this sample was skipped (not finite, or its stamp did not increase): the last value is held
+    OK = 0  # the estimate and its standard deviation are valid
+    WARMING_UP = 1  # too few samples so far: value and standard deviation are those of the prior
+    NOT_EXCITED = 2  # the motion carries no information: the last value is repeated, the standard deviation grows
+    OUTSIDE_RANGE = 3  # extrapolated beyond the deflections measured so far
+    BAD_SAMPLE = 4  # sample skipped (not finite, or its stamp did not increase): the last value is repeated

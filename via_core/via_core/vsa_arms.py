@@ -3,8 +3,8 @@
     link    M(q) qdd + C(q, qd) qd + Dq qd + g(q) + tau_e(phi) = tau_ext,   phi = q - theta
     motor   B thdd + D thd - tau_e(phi)                        = tau
 
-m = n: of a serial device the principal motor; its preset motor stands still and is a number of the joint. The rotors'
-kinetic energy is that of their own spinning. Bodies by pinocchio, with C such that Mdot = C + C'.
+One motor per joint: the principal motor of a serial device, whose preset motor stands still at the angle `preset`. The
+rotors contribute the kinetic energy of their own spin only. Rigid bodies by pinocchio, with C such that Mdot = C + C'.
 
     arm = load_vsa_arm("reference_4dof")         # a shipped file, see vsa_arm_names()
     arm = load_vsa_arm("my_robot/arm.yaml")      # or your own
@@ -29,12 +29,12 @@ from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw, spring_stiffness, spring_stiffness_slope, spring_torque
 
-BALANCE = 1e-9  # [N m] that an arm at rest may lack
-LINE = 1e-4  # [rad] to either side: second derivatives of M are then good to a billionth
+BALANCE = 1e-9  # [N m] largest torque error of an arm at rest
+LINE = 1e-4  # [rad] step of central differences: second derivatives of M are then accurate to 1e-9
 
 
 class VsaJoint(BaseModel):
-    """What drives one joint of the URDF."""
+    """Motor and spring of one joint of the URDF."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -46,7 +46,7 @@ class VsaJoint(BaseModel):
 
 
 class VsaArmFile(BaseModel):
-    """One YAML per arm: its joints base first, and the rigid bodies between them."""
+    """The YAML file of an arm: its URDF, and its joints, base first."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -55,14 +55,14 @@ class VsaArmFile(BaseModel):
     source: Annotated[tuple[Text, ...], Field(min_length=1)]
     confidence: Literal["measured", "published", "identified", "copied", "assumed"]
     remark: str = ""
-    urdf: Text  # beside this file
+    urdf: Text  # path relative to this file
     tip: Text  # link of the URDF whose origin is the end effector
     joints: Annotated[tuple[VsaJoint, ...], Field(min_length=1)]
 
 
 @njit(cache=True, error_model="numpy")
 def _springs(kinds: Array, c: Array, phi: Array, presets: Array, out: Array) -> None:
-    """Torque, stiffness and its slope of every joint into out (3, n)."""
+    """Torque, stiffness and stiffness slope of every joint into out (3, n)."""
     for i in range(phi.size):
         out[0, i] = spring_torque(kinds[i], c[i], phi[i], presets[i])
         out[1, i] = spring_stiffness(kinds[i], c[i], phi[i], presets[i])
@@ -74,7 +74,7 @@ def _rates(
     kinds: Array, c: Array, presets: Array, inertia: Array, friction: Array, link_friction: Array, x: Array, tau: Array,
     load: Array, out: Array,
 ) -> Array:  # fmt: skip
-    """Rates of a state x (4, n) into out (4, n), but for qdd; what drives the links (n,) [N m] to it."""
+    """Rates of a state x (4, n) into out (4, n), except qdd; the torques (n,) [N m] on the links."""
     links = np.empty(tau.size)
     for i in range(tau.size):
         tau_e = spring_torque(kinds[i], c[i], x[0, i] - x[2, i], presets[i])
@@ -86,7 +86,7 @@ def _rates(
 
 @njit(cache=True, error_model="numpy")
 def _mirrored(upper: Array) -> Array:
-    """The symmetric matrix that has this upper triangle; pinocchio promises no more."""
+    """The symmetric matrix with this upper triangle, the only part that pinocchio fills reliably."""
     out = upper.copy()
     for i in range(len(out)):
         for j in range(i):
@@ -115,15 +115,15 @@ class VsaArm:
 
     model           pinocchio's rigid bodies, joints of one angle each
     tip             name of the frame of `model` that is the end effector
-    springs         one law per joint
+    springs         spring law of each joint
     presets         [rad] angles of the preset motors
-    motor_inertia   B [kg m^2], seen at the joints
+    motor_inertia   B [kg m^2], reflected to the joints
     motor_friction  D [N m s/rad]
     link_friction   Dq [N m s/rad]
-    torque_limit    [N m], infinite where none is known
-    speed_limit     [rad/s], infinite where none is known
+    torque_limit    [N m], infinite where unknown
+    speed_limit     [rad/s], infinite where unknown
 
-    Not to be used by two threads at once: pinocchio's workspace belongs to the arm.
+    Not thread-safe: the arm owns the workspace of pinocchio.
     """
 
     name: str
@@ -146,7 +146,7 @@ class VsaArm:
     def __post_init__(self) -> None:
         n = len(self.springs)
         if self.model.nq != n or self.model.nv != n:
-            raise ParameterError(f"model has {self.model.nv} joints that move and {self.model.nq} angles, springs {n}")
+            raise ParameterError(f"model has {self.model.nv} velocities and {self.model.nq} angles for {n} springs")
         if not self.model.existFrame(self.tip):
             raise ParameterError(f"tip: no frame '{self.tip}'")
         for name in ("presets", "motor_inertia", "motor_friction", "link_friction", "torque_limit", "speed_limit"):
@@ -158,11 +158,11 @@ class VsaArm:
                 raise ParameterError(f"{name} must be positive, got {values}")
             object.__setattr__(self, name, values)
         object.__setattr__(self, "_data", self.model.createData())
-        object.__setattr__(self, "_kinds", np.array([law.kind for law in self.springs]))
+        object.__setattr__(self, "_kinds", np.array([spring.kind for spring in self.springs]))
         object.__setattr__(self, "_tip", self.model.getFrameId(self.tip))
-        object.__setattr__(self, "_stops", locked([law.max_deflection for law in self.springs], "stops"))
+        object.__setattr__(self, "_stops", locked([spring.max_deflection for spring in self.springs], "stops"))
         object.__setattr__(self, "_along", tuple(np.eye(n)))
-        object.__setattr__(self, "_rows", np.array([law.coefficients() for law in self.springs]))
+        object.__setattr__(self, "_rows", np.array([spring.coefficients() for spring in self.springs]))
 
     @property
     def n(self) -> int:
@@ -176,19 +176,19 @@ class VsaArm:
 
     @property
     def deflection_limit(self) -> Array:
-        """Deflections (n,) [rad] at which springs meet their stops; infinite where there is none."""
+        """Deflections (n,) [rad] at the mechanical stops of the springs."""
         return self._stops
 
     def inertia(self, q: Array) -> Array:
-        """M(q) (n, n) [kg m^2], symmetric to the last bit."""
+        """M(q) (n, n) [kg m^2], exactly symmetric."""
         return _mirrored(np.ascontiguousarray(pinocchio.crba(self.model, self._data, q)))
 
     def coriolis(self, q: Array, velocity: Array) -> Array:
-        """C(q, qd) (n, n) [N m s/rad] with which Mdot - 2 C is skew."""
+        """C(q, qd) (n, n) [N m s/rad], such that Mdot - 2 C is skew-symmetric."""
         return np.array(pinocchio.computeCoriolisMatrix(self.model, self._data, q, velocity))
 
     def inertia_rate(self, q: Array, velocity: Array) -> Array:
-        """Mdot (n, n) = C + C' [kg m^2/s]; with a unit vector for `velocity` the derivative of M by that angle."""
+        """Mdot (n, n) = C + C' [kg m^2/s]; with a unit vector as `velocity` the derivative of M by that angle."""
         C = self.coriolis(q, velocity)
         return C + C.T
 
@@ -197,14 +197,14 @@ class VsaArm:
         return inertia_of(*self.inertia_terms(q, np.zeros(self.n)))[1]
 
     def inertia_second(self, q: Array, velocity: Array) -> Array:
-        """Mdd (n, n) [kg m^2/s^2] of a motion without acceleration: exact Mdot, differenced along a straight line."""
+        """Mdd (n, n) [kg m^2/s^2] of a motion at constant velocity: central difference of the exact Mdot."""
         return inertia_of(*self.inertia_terms(q, velocity))[2]
 
     def inertia_terms(self, q: Array, velocity: Array) -> tuple[Array, float]:
-        """What `inertia_of` makes M(q), its slopes and Mdd of, for laws compiled as one: (n + 3, n, n), and a step [s].
+        """Arguments of `inertia_of`, which compiled controllers call: terms (n + 3, n, n) and a time step [s].
 
-        M by its upper triangle, C of a unit speed of each joint, then C a step ahead and behind; the step is 0 and
-        they are not there for an arm that stands still.
+        The terms are M (upper triangle), C at unit speed of each joint, then C one step ahead and behind. At zero
+        velocity the step is 0 and the last two terms are not set.
         """
         model, data, n = self.model, self._data, len(self.springs)
         out = np.empty((n + 3, n, n))
@@ -225,39 +225,39 @@ class VsaArm:
         return np.array(pinocchio.computeGeneralizedGravity(self.model, self._data, q))
 
     def link_torque(self, q: Array, velocity: Array, acceleration: Array) -> Array:
-        """M qdd + C qd + Dq qd + g (n,) [N m]: what must drive the links for this motion."""
+        """M qdd + C qd + Dq qd + g (n,) [N m]: torque on the links for this motion."""
         rigid = pinocchio.rnea(self.model, self._data, q, velocity, acceleration)
         return np.asarray(rigid + self.link_friction * velocity)
 
     def link_acceleration(self, q: Array, velocity: Array, torque: Array) -> Array:
-        """qdd (n,) [rad/s^2] under `torque` (n,) [N m] on the links: -tau_e + tau_ext, or a rigid arm's motors."""
+        """qdd (n,) [rad/s^2] under `torque` (n,) [N m] on the links: -tau_e + tau_ext, or motors of a rigid arm."""
         return np.array(pinocchio.aba(self.model, self._data, q, velocity, torque - self.link_friction * velocity))
 
     def tip_position(self, q: Array) -> Array:
-        """Of the end effector in the base (3,) [m]."""
+        """Position (3,) [m] of the end effector in the base frame."""
         pinocchio.framesForwardKinematics(self.model, self._data, q)
         return np.array(self._data.oMf[self._tip].translation)
 
     def tip_jacobian(self, q: Array) -> Array:
-        """J (3, n) [m/rad]: the end effector moves at J qd in the base, a force F on it loads links by J' F."""
+        """J (3, n) [m/rad]: J qd is the tip velocity in the base frame; a tip force F loads the links by J' F."""
         aligned = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return np.array(pinocchio.computeFrameJacobian(self.model, self._data, q, self._tip, aligned)[:3])
 
     def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
-        """tau_e [N m], sigma [N m/rad] and its slope [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
+        """tau_e [N m], sigma [N m/rad] and d sigma/d phi [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
         out = np.empty((3, self.n))
         _springs(self._kinds, self._rows, deflection, self.presets, out)
         return out[0], out[1], out[2]
 
     def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
-        """tau_e [N m] of the springs and qdd [rad/s^2] that they give the links, (n,) each."""
+        """Spring torques tau_e [N m] and the link accelerations qdd [rad/s^2] under them, (n,) each."""
         tau_e, _, _ = self.spring_state(q - theta)
         return tau_e, self.link_acceleration(q, velocity, -tau_e)
 
     def deflection(self, spring_torque: Array) -> Array:
-        """phi (n,) [rad] at which the springs give tau_e (n,) [N m]; ParameterError where one cannot."""
+        """phi (n,) [rad] with spring torques tau_e (n,) [N m]. Raises ParameterError where there is none."""
         each = zip(self.springs, spring_torque, self.presets, strict=True)
-        return np.array([law.inverse(float(torque), float(preset)) for law, torque, preset in each])
+        return np.array([spring.inverse(float(torque), float(preset)) for spring, torque, preset in each])
 
     def accelerations(
         self, q: Array, velocity: Array, theta: Array, motor_velocity: Array, torque: Array, external: Array
@@ -267,7 +267,7 @@ class VsaArm:
         return rates[1], rates[3]
 
     def rates(self, state: Array, torque: Array, external: Array) -> Array:
-        """How fast `state` (4, n) changes, rows q, qd [rad, rad/s] of links and theta, thd of motors; as above."""
+        """Time derivative (4, n) of `state`, rows q, qd, theta, thd [rad, rad/s]; torques as in `accelerations`."""
         out = np.empty_like(state)
         links = _rates(
             self._kinds, self._rows, self.presets, self.motor_inertia, self.motor_friction, self.link_friction,
@@ -282,9 +282,9 @@ class VsaArm:
         return 0.5 * (slope + slope.T)
 
     def hanging(self, theta: Array) -> Array:
-        """Link angles (n,) [rad] at rest with the motors at `theta` (n,) [rad]: the ones found from q = theta.
+        """Link angles (n,) [rad] at rest with the motors at `theta` (n,) [rad]: the solution found from q = theta.
 
-        Raises ParameterError where none is found, as with springs too soft for the arm's weight.
+        Raises ParameterError without solution, e.g. for springs too soft for the weight of the arm.
         """
 
         def forces(q: Array) -> tuple[Array, Array]:
@@ -296,11 +296,11 @@ class VsaArm:
         found = root(forces, theta, jac=True, options={"xtol": 1e-14})
         q = np.asarray(found.x)
         if np.abs(forces(q)[0]).max() > BALANCE or not (np.abs(q - theta) <= self._stops).all():
-            raise ParameterError(f"no rest with the motors at {theta} rad")
+            raise ParameterError(f"no equilibrium with the motors at {theta} rad")
         return q
 
     def rest(self, q: Array) -> Array:
-        """Motor angles (n,) [rad] that hold the links still at `q` (n,) [rad] against gravity."""
+        """Motor angles (n,) [rad] that hold the links at `q` (n,) [rad] against gravity."""
         return q - self.deflection(-self.gravity(q))
 
 
@@ -310,7 +310,7 @@ def vsa_arm_names() -> tuple[str, ...]:
 
 
 def load_vsa_arm(name_or_path: str | Path) -> VsaArm:
-    """The shipped arm of that name, or the one a YAML file describes. Raises DeviceError in one line."""
+    """The shipped arm of that name, or the arm of a YAML file. Raises DeviceError."""
     path = Path(name_or_path)
     if path.suffix not in (".yaml", ".yml"):
         path = _shipped() / f"{name_or_path}.yaml"
@@ -334,14 +334,14 @@ def _shipped() -> Path:
 def _built(shown: str, file: VsaArmFile, model: pinocchio.Model) -> VsaArm:
     found, wanted = list(model.names)[1:], [joint.name for joint in file.joints]
     if found != wanted:
-        raise DeviceError(f"{shown}: joints: {file.urdf} has {found} in this order, described are {wanted}")
+        raise DeviceError(f"{shown}: joints: {file.urdf} has {found}, this file has {wanted}")
     if model.nq != model.nv:
-        raise DeviceError(f"{shown}: {file.urdf} has joints without end stops, which springs cannot drive")
+        raise DeviceError(f"{shown}: {file.urdf} has continuous joints, which springs cannot drive")
     motors = [joint.motor for joint in file.joints]
     if not model.existFrame(file.tip):
         raise DeviceError(f"{shown}: tip: {file.urdf} has no link '{file.tip}'")
     if any(motor.coulomb_friction for motor in motors):
-        raise DeviceError(f"{shown}: joints: dry friction of motors is not modelled here")
+        raise DeviceError(f"{shown}: joints: Coulomb friction of motors is not modelled here")
 
     def limit(name: str) -> Any:
         return [inf if getattr(motor, name) is None else getattr(motor, name) for motor in motors]

@@ -1,7 +1,7 @@
-"""The contract on the wire, once: which message member holds which channel, command modes, and stamps as seconds.
+"""Message layout: which member holds which channel, command modes, units, and conversion of stamps to seconds.
 
-A device's link and motors stand in one sensor_msgs/JointState by the names its device file gives. Live messages
-(via_ros.conversions) and recorded columns (via_core.bags.joints) are both read by these tables.
+One sensor_msgs/JointState holds link and motors of a device under the names of its device file. Live messages
+(via_ros.conversions) and recorded columns (via_core.bags.joints) are read by the same tables.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ VSA_COMMAND = "via_interfaces/msg/VsaCommand"
 FIELDS = ("position", "velocity", "effort")  # arrays of a JointState
 LINK = {"q": "position", "q_velocity": "velocity", "tau_link": "effort"}  # channel of the link -> array
 MOTOR = {"theta": "position", "theta_velocity": "velocity", "tau": "effort"}  # channel of the motors -> array
-DRIVE = {"tau": "effort"}  # of a rigid joint's drive, which has a name of its own and no angle but the link's
-REFERENCES = ("equilibrium", "preset", "damping")  # members of a VsaCommand that are held channels
+DRIVE = {"tau": "effort"}  # of the drive of a rigid joint: its own joint name, no angle
+REFERENCES = ("equilibrium", "preset", "damping")  # members of a VsaCommand that are channels
 EQUILIBRIUM_PRESET, MOTOR_POSITION, MOTOR_TORQUE = 0, 1, 2  # VsaCommand.mode
 UNITS = {
     "q": "rad", "q_velocity": "rad/s", "tau_link": "N m", "theta": "rad", "theta_velocity": "rad/s", "tau": "N m",
@@ -33,23 +33,23 @@ def seconds(time: int, origin: int = 0) -> float: ...
 @overload
 def seconds(time: NDArray[np.int64], origin: int = 0) -> Array: ...
 def seconds(time: int | NDArray[np.int64], origin: int = 0) -> float | Array:
-    """[s] since `origin`, both in [ns]: subtracted as whole numbers, rounded once.
+    """[s] since `origin`; both in [ns], subtracted as integers and rounded once.
 
-    A float holds stamps of this century only to 240 ns; relative to the first stamp of a stream it is exact for days.
+    A float resolves epoch times to 240 ns only; relative to the first stamp of a stream it is exact for days.
     """
     return (time - origin) / SECOND
 
 
 def link_name(device: str) -> str:
-    """Name of a device's link in a JointState, where its file does not say otherwise."""
+    """Default name of a device's link in a JointState."""
     return f"{device}_shaft_joint"
 
 
 def motor_name(device: str, number: int) -> str:
-    """Name of its motor `number`, counted from 1."""
+    """Default name of motor `number`, counted from 1."""
     return f"{device}_motor_{number}_joint"
 
 
 def command_topic(name: str) -> str:
-    """Where a device or an arm is commanded."""
+    """Default topic of the commands of a device or an arm."""
     return f"/{name}/command"

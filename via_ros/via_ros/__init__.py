@@ -1,1 +1,1 @@
-"""The only shared ROS code: conversions, parameters, quality of service, spin."""
+"""Shared ROS code: conversions, parameters, QoS profiles, executors, recorder and player."""

@@ -1,4 +1,4 @@
-"""Messages of whole arms and what they say: one JointState with all links and motors, joint by joint, base first."""
+"""Messages of arms: one JointState with all links and motors, joint by joint, base first."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from via_ros.conversions import Joints, Names, StateWriter
 
 
 class ArmRow(NamedTuple):
-    """What one JointState says of an arm of n joints; NaN where it says nothing. Arrays (n,), the caller's to keep."""
+    """State of an arm of n joints from one JointState; NaN where missing. Arrays (n,) are copies."""
 
     time: float  # [s] since the first one
     stamp: int  # [ns]
@@ -25,7 +25,7 @@ class ArmRow(NamedTuple):
 
 
 class ArmStateWriter(StateWriter):
-    """The message of an arm: views links and motors apart, (n,) each, e.g. `position[links]`."""
+    """Writer for an arm: `links` and `motors` select (n,) entries each, e.g. `position[links]`."""
 
     links = slice(0, None, 2)
     motors = slice(1, None, 2)
@@ -35,9 +35,9 @@ class ArmStateWriter(StateWriter):
 
 
 class ArmReader:
-    """Finds an arm's joints in JointStates by their names.
+    """Reads the joints of an arm from JointStates, by name.
 
-    malformed  arrays that did not fit their names, so far
+    malformed  number of arrays so far whose length differs from that of the names
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
@@ -49,7 +49,7 @@ class ArmReader:
         self.malformed = 0
 
     def read(self, joints: Joints) -> ArmRow | None:
-        """What a message says; None where it does not name every link and motor of the arm."""
+        """State from a message; None unless it names every link and motor of the arm."""
         if joints.names is not self._names:
             self._names, self._places = joints.names, self._found(joints.names.joints)
         if self._places is None:

@@ -1,8 +1,8 @@
-"""The only conversion between messages and sample rows, and between stamps and times.
+"""Conversion between messages and sample rows, and between stamps and times.
 
 Columns of a row are named as in Signals: q, q_velocity, tau_link; theta_i, theta_velocity_i, tau_i for motor i; and the
-held commands equilibrium, preset, damping, motor_i. Joints are found by the names in the device file. What a message
-does not tell is NaN, never 0. Values pass bit by bit.
+last command equilibrium, preset, damping, motor_i (zero-order hold). Joints are found by the names in the device file.
+Missing values are NaN, never 0. Values keep every bit.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from via_core.wire import FIELDS, LINK, MOTOR, REFERENCES, SECOND, seconds
 from via_interfaces.msg import VsaCommand
 
 STAMP = Struct("=iI")  # builtin_interfaces/Time
-MOST_NAMES = 64  # different lists of names kept at a time: more is a fault, not a robot
+MOST_NAMES = 64  # largest number of different name lists cached
 
 
 def nanoseconds(stamp: Time) -> int:
@@ -33,13 +33,8 @@ def nanoseconds(stamp: Time) -> int:
 
 
 def set_stamp(stamp: Time, time: int) -> None:
-    """Write `time` [ns] into a stamp, exact; whole seconds round down, so that nanosec is never negative."""
+    """Write `time` [ns] into a stamp, exact; seconds are rounded down, so that nanosec is not negative."""
     stamp.sec, stamp.nanosec = divmod(time, SECOND)
-
-
-def to_nanoseconds(time: float, origin: int = 0) -> int:
-    """The stamp [ns] nearest to `time` [s] after `origin` [ns]; the inverse of `seconds` for up to 20 days."""
-    return origin + round(time * SECOND)
 
 
 class Named(Protocol):
@@ -50,7 +45,7 @@ class Named(Protocol):
 
 
 class Command(NamedTuple):
-    """One VsaCommand as numbers."""
+    """The numbers of one VsaCommand."""
 
     mode: int
     equilibrium: float  # [rad]
@@ -60,52 +55,51 @@ class Command(NamedTuple):
 
 
 def command_of(message: VsaCommand, n_drives: int) -> Command | None:
-    """The command of a message, or None for one that cannot be followed."""
+    """The command of a message, or None for an invalid one, see `followed`."""
     motor = np.array(message.motor, dtype=np.float64)
     return followed(Command(message.mode, message.equilibrium, message.preset, message.damping, motor), n_drives)
 
 
 def followed(command: Command, n_drives: int) -> Command | None:
-    """The command as it is to be followed, or None for one that cannot be.
+    """The command without the motors that its mode does not use; None for an invalid one.
 
-    None: unknown mode, a number that counts in this mode but is not finite, or a wrong number of motors.
+    Invalid: unknown mode, a number used in this mode that is not finite, or a wrong number of motors.
     """
     mode, equilibrium, preset, damping, motor = command
     if mode == VsaCommand.EQUILIBRIUM_PRESET:
-        counting = [equilibrium, preset, damping]
+        used = [equilibrium, preset, damping]
         command = command._replace(motor=motor[:0])
     elif mode in (VsaCommand.MOTOR_POSITION, VsaCommand.MOTOR_TORQUE) and len(motor) == n_drives:
-        counting = [damping, *motor.tolist()]
+        used = [damping, *motor.tolist()]
     else:
         return None
-    return command if all(map(isfinite, counting)) else None
+    return command if all(map(isfinite, used)) else None
 
 
 class Names:
-    """The joints that a stream of messages names; told apart by identity, so that looking them up is done once."""
+    """Joint names in a stream of messages; hashed by identity, so that a lookup per stream suffices."""
 
     def __init__(self, joints: tuple[str, ...]) -> None:
         self.joints = joints
 
 
 class Joints(NamedTuple):
-    """What one JointState says; an array that does not fit the names is malformed, an empty one says nothing."""
+    """Contents of one JointState; an empty array is missing, any other length than that of the names malformed."""
 
     names: Names
     stamp: int  # [ns]
-    stamp_bytes: bytes  # (8,) the stamp as it came: it need not be one that `set_stamp` would write
+    stamp_bytes: bytes  # (8,) received stamp, not necessarily normalised
     position: Array
     velocity: Array
     effort: Array
 
 
 class RowReader:
-    """Turns JointStates and VsaCommands into sample rows of many devices at once.
+    """Converts JointStates and VsaCommands to sample rows of several devices at once.
 
-    wanted  for each row its device and what it holds after its time, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
-
-    rows       (1, 1 + k) each, overwritten by every message that names the link of the row's device: copy what you keep
-    malformed  for each row how many arrays did not fit their names; what does not fit is NaN
+    wanted     device and columns after time of each row, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
+    rows       (1, 1 + k) each, overwritten by every message that names the link of the device: copy to keep
+    malformed  per row the number of arrays whose length differs from that of the names; their values become NaN
     """
 
     def __init__(self, wanted: Sequence[tuple[Device, Sequence[str]]]) -> None:
@@ -117,11 +111,11 @@ class RowReader:
         self.rows = [self._flat[at : at + n].reshape(1, n) for at, n in zip(self._starts, lengths, strict=False)]
         self.malformed = [0] * len(wanted)
         self.origins: list[int | None] = [None] * len(wanted)  # [ns] stamp of the first sample
-        self._places: list[list[tuple[str, int, str]]] = []  # for each row: field, place in the flat array, joint
-        self._held: list[list[tuple[int, str]]] = []  # for each row: place in the flat array, member of the command
+        self._places: list[list[tuple[str, int, str]]] = []  # per row: field, index in the flat array, joint
+        self._commands: list[list[tuple[int, str]]] = []  # per row: index in the flat array, member of the command
         for (device, columns), start in zip(wanted, self._starts, strict=False):
             self._places.append([])
-            self._held.append([])
+            self._commands.append([])
             for at, column in enumerate(columns, start=start + 1):
                 self._place(at, column, device)
         self._plans: dict[Names, _Plan] = {}
@@ -133,26 +127,26 @@ class RowReader:
         if column in LINK:
             self._places[-1].append((LINK[column], at, device.link_joint))
         elif column in REFERENCES:
-            self._held[-1].append((at, column))
+            self._commands[-1].append((at, column))
         elif numbered and numbered[1] in (*device.drive_channels, "motor") and 1 <= number <= len(drives):
             if numbered[1] == "motor":
-                self._held[-1].append((at, column))
+                self._commands[-1].append((at, column))
             else:
                 self._places[-1].append((MOTOR[numbered[1]], at, drives[number - 1]))
         else:
             raise ParameterError(f"device '{device.name}' with {device.n_motors} motors has no column '{column}'")
 
     def forget(self, row: int) -> None:
-        """As before the first message: the row has no origin of time, no command is held in it."""
+        """Reset the row: no origin of time, no command."""
         self.origins[row] = None
-        self._flat[[at for at, _ in self._held[row]]] = np.nan
+        self._flat[[at for at, _ in self._commands[row]]] = np.nan
 
     def hold(self, row: int, message: VsaCommand) -> bool:
-        """Keep a command for the rows to come; False for one that cannot be followed: the last one stays."""
+        """Store a command for the following rows; False for an invalid one, which is ignored."""
         command = command_of(message, self._drives[row])
         if command is None:
             return False
-        for at, column in self._held[row]:
+        for at, column in self._commands[row]:
             if column in REFERENCES:
                 self._flat[at] = getattr(command, column)
             else:
@@ -161,7 +155,7 @@ class RowReader:
         return True
 
     def read(self, joints: Joints) -> list[int]:
-        """Which rows are samples now: those whose link the message names. Their times are [s] since their first one."""
+        """Indices of the rows updated: those whose link the message names. Times are [s] since the first message."""
         plan = self._plans.get(joints.names)
         if plan is None:
             if len(self._plans) >= MOST_NAMES:
@@ -203,44 +197,15 @@ class RowReader:
 
 
 class _Plan(NamedTuple):
-    """How to read messages that name the same joints."""
+    """Index tables for messages with the same joint names."""
 
-    rows: list[int]  # whose link is named
-    fields: list[tuple[str, np.ndarray, np.ndarray, list[int]]]  # array, places in the flat array, indices in it, rows
-    absent: np.ndarray  # places of joints that are not named
-
-
-class SampleReader:
-    """Turns JointState and VsaCommand messages of one device into sample rows: `RowReader` for one row.
-
-    columns  what a row holds after its time, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
-    """
-
-    def __init__(self, device: Device, columns: tuple[str, ...]) -> None:
-        self._reader = RowReader([(device, columns)])
-        self._names = Names(())
-
-    @property
-    def malformed(self) -> int:
-        """Arrays that did not fit their names; what does not fit is NaN in the row."""
-        return self._reader.malformed[0]
-
-    def hold(self, message: VsaCommand) -> bool:
-        """Keep a command for the rows to come; False for one that cannot be followed: the last one stays."""
-        return self._reader.hold(0, message)
-
-    def read(self, message: JointState) -> Array | None:
-        """The row (1 + k,) of a message, its time [s] first; None when the message is not about this device's link.
-
-        Times count from the first row. The row is the same array every time: copy what you keep.
-        """
-        joints = joints_of(message, self._names)
-        self._names = joints.names
-        return self._reader.rows[0][0] if self._reader.read(joints) else None
+    rows: list[int]  # rows whose link is named
+    fields: list[tuple[str, np.ndarray, np.ndarray, list[int]]]  # field, indices in the flat array, in the field, rows
+    absent: np.ndarray  # indices in the flat array of joints not named
 
 
 def joints_of(message: JointState, last: Names) -> Joints:
-    """What a message says; `last` are the names of the one before, most likely the same."""
+    """Contents of a message; `last` are the names in the previous one, reused if equal."""
     names = tuple(message.name)
     stamp = message.header.stamp
     return Joints(
@@ -252,10 +217,10 @@ def joints_of(message: JointState, last: Names) -> Joints:
 
 
 class StateWriter:
-    """One reused JointState; write into the views, then publish `stamped(time)`.
+    """One reused JointState: write into the views, then publish `stamped(time)`.
 
-    position, velocity, effort  one per name [rad], [rad/s], [N m]; NaN until written.
-    Views over the message's own buffers: fifty times cheaper than assigning arrays.
+    position, velocity, effort  views of the message buffers, one value per name [rad], [rad/s], [N m], initially NaN;
+                                fifty times faster than assigning arrays
     """
 
     def __init__(self, frame: str, names: Sequence[str]) -> None:
@@ -274,29 +239,7 @@ class StateWriter:
 
 
 class JointStateWriter(StateWriter):
-    """The message of a device: link first, then the motors or the drive of a rigid joint, (1 + m,) each."""
+    """Writer for a device: link first, then the motors or the drive of a rigid joint, (1 + m,) each."""
 
     def __init__(self, device: Device) -> None:
         super().__init__(device.name, [device.link_joint, *device.drive_joints])
-
-
-class CommandWriter:
-    """One reused VsaCommand of a device or an arm, numbered from 0."""
-
-    def __init__(self, device: Named) -> None:
-        self._message = VsaCommand()
-        self._message.header.frame_id = device.name
-        self._sequence = 0
-
-    def numbered(self, time: int, command: Command) -> VsaCommand:
-        """The message of `command` with the stamp `time` [ns] and the next number."""
-        message = self._message
-        set_stamp(message.header.stamp, time)
-        message.sequence = self._sequence
-        self._sequence += 1
-        message.mode = int(command.mode)
-        message.equilibrium = float(command.equilibrium)
-        message.preset = float(command.preset)
-        message.damping = float(command.damping)
-        message.motor = array.array("d", command.motor)
-        return message

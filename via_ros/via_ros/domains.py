@@ -1,4 +1,4 @@
-"""ROS domains that nobody else on this machine is in: whoever holds a domain's port has the domain."""
+"""Reservation of ROS domain numbers on this machine: one TCP port per domain."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from types import TracebackType
 
 from via_core.errors import ViaError
 
-DOMAINS = range(1, 100)  # above 101 the ports of DDS may be those of other connections; 0 is where robots are
-FIRST_PORT = 17400  # of the domain number 0, for the reservation only
+DOMAINS = range(1, 100)  # above 101 DDS ports may be ephemeral ports; 0 is the default of robots
+FIRST_PORT = 17400  # reservation port of domain 0
 
 
 class Domain:
-    """A reserved domain; use it in a `with` statement, or call `release` when its nodes are gone.
+    """A reserved domain: use it in a `with` statement, or call `release` after its nodes.
 
-    Raises ViaError when all are taken.
+    Raises ViaError when all are reserved.
     """
 
     def __init__(self) -> None:
@@ -30,7 +30,7 @@ class Domain:
         raise ViaError(f"all {len(DOMAINS)} ROS domains are reserved by other processes of this machine")
 
     def release(self) -> None:
-        """Give the domain back."""
+        """Release the domain."""
         self._holder.close()
 
     def __enter__(self) -> Domain:

@@ -1,13 +1,13 @@
-"""Typed ROS parameters from a frozen dataclass: declared with description, unit and range, and built back.
+"""Typed ROS parameters from a frozen dataclass, declared with description, unit and range.
 
     @dataclass(frozen=True)
     class Parameters:
         rate: float = field(default=1.0, metadata={"description": "playing speed", "unit": "-", "range": (0.0, 1e3)})
-        mode: str = field(default="free", metadata={"description": "how time runs", "choices": ("free", "lockstep")})
+        mode: str = field(default="free", metadata={"description": "time mode", "choices": ("free", "lockstep")})
 
     parameters = declare(node, Parameters)
 
-A whole number is taken where a float is meant (`rate:=2`). Parameters are read-only: an algorithm's are frozen.
+A float parameter accepts an integer (`rate:=2`). Parameters are read-only, as those of algorithms are frozen.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ WHOLE = 2**63 - 1  # bounds of a ROS integer parameter
 
 
 def declare(node: Any, kind: type[T], prefix: str = "") -> T:
-    """Declare one parameter per field of the dataclass `kind` and build it from their values.
+    """Declare one parameter per field of the dataclass `kind` and return an instance with their values.
 
-    prefix  put before the names, with a dot, where one node holds several sets
-    Every field needs a default; its type is the parameter's: float, int, bool, str, or a tuple of one of these.
-    Raises ParameterError naming the parameter, its value and what is allowed.
+    prefix  prepended to the names with a dot, for nodes with several sets
+    Every field needs a default of the parameter's type: float, int, bool, str, or a tuple of one of these.
+    Raises ParameterError with the name of the parameter, its value and the allowed range.
     """
     values: dict[str, Any] = {}
     for item in fields(kind):  # type: ignore[arg-type]
@@ -49,8 +49,7 @@ def _declared(node: Any, name: str, default: Any, about: dict[str, Any]) -> Any:
     descriptor = ParameterDescriptor(
         description=_description(about),
         read_only=True,
-        # Static typing would refuse `rate:=2` for a float.
-        dynamic_typing=True,
+        dynamic_typing=True,  # static typing would refuse `rate:=2` for a float
         additional_constraints=f"one of: {', '.join(about['choices'])}" if "choices" in about else "",
     )
     low, high = about.get("range", (-inf, inf))
@@ -59,13 +58,12 @@ def _declared(node: Any, name: str, default: Any, about: dict[str, Any]) -> Any:
     elif isinstance(default, int) and not isinstance(default, bool):
         bounds = (int(max(low, -WHOLE)), int(min(high, WHOLE)))
         descriptor.integer_range = [IntegerRange(from_value=bounds[0], to_value=bounds[1])]
-    # An empty ROS array has no type of its own: texts.
+    # An empty ROS array has no type: declare strings.
     start = (list(default) or [""]) if isinstance(default, tuple) else default
     try:
         return node.declare_parameter(name, start, descriptor).value
     except InvalidParameterValueException:
-        # rclpy names neither value nor range.
-        raise ParameterError(f"parameter {name} must lie in {_range_text(about)}") from None
+        raise ParameterError(f"parameter {name} must lie in {_range_text(about)}") from None  # rclpy omits the range
 
 
 def _checked(name: str, value: Any, default: Any, about: dict[str, Any]) -> Any:

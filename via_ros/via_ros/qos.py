@@ -1,4 +1,4 @@
-"""Qualities of service by name, so that no depth is pasted about; and their translation from and to bags."""
+"""Named QoS profiles, and their conversion from and to bags."""
 
 from __future__ import annotations
 
@@ -8,33 +8,26 @@ import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from via_core.bags.writer import OfferedQos
 
-# Commands and answers: nothing is lost while a reader is less than ten messages behind.
+# Commands and responses: a reader may be ten messages behind without loss.
 CONTROL = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-# Streams of samples and estimates: a reader may fall a second behind at 1 kHz.
+# Streams of samples and estimates: a reader may be one second behind at 1 kHz.
 SAMPLES = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1000,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-MOST = 100_000  # messages
-# Configuration that late joiners must still get.
-LATCHED = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+MAX_DEPTH = 100_000  # [-] messages
 
 
 def samples_of(devices: int) -> QoSProfile:
-    """SAMPLES for a topic on which so many devices send messages of their own: a second of each."""
-    return matching([], depth=min(SAMPLES.depth * devices, MOST))
+    """SAMPLES for a topic with messages of so many devices: one second of each."""
+    return matching([], depth=min(SAMPLES.depth * devices, MAX_DEPTH))
 
 
 _RELIABILITY = {"reliable": ReliabilityPolicy.RELIABLE, "best_effort": ReliabilityPolicy.BEST_EFFORT}
@@ -42,19 +35,19 @@ _DURABILITY = {"volatile": DurabilityPolicy.VOLATILE, "transient_local": Durabil
 
 
 def matching(offers: list[QoSProfile], depth: int = SAMPLES.depth) -> QoSProfile:
-    """The strongest profile that hears every one of `offers`; that of SAMPLES when there are none."""
+    """The strictest profile compatible with all `offers`; the policies of SAMPLES without offers."""
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
-    latched = bool(offers) and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+    transient = bool(offers) and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if transient else DurabilityPolicy.VOLATILE,
     )
 
 
 def as_offered(profile: QoSProfile) -> OfferedQos:
-    """What a bag keeps of a profile. Discovery does not tell history and depth: those of CONTROL stand in."""
+    """The profile as stored in a bag; unknown history, as from discovery, is stored with depth 0."""
     known = profile.history in (HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL)
     return OfferedQos(
         reliability="reliable" if profile.reliability == ReliabilityPolicy.RELIABLE else "best_effort",
@@ -65,10 +58,10 @@ def as_offered(profile: QoSProfile) -> OfferedQos:
 
 
 def from_bag(text: str) -> QoSProfile:
-    """The profile to offer again for `offered_qos_profiles` of a bag; unknown words fall back to those of SAMPLES.
+    """The profile to offer for `offered_qos_profiles` of a bag; unknown policies become those of SAMPLES.
 
-    The depth is never below that of SAMPLES: a player is faster than the robot was. Nor is it above MOST: some
-    recorders write "unknown" or "unlimited" as the largest number they know.
+    The depth is at least that of SAMPLES, since a player can be faster than the robot, and at most MAX_DEPTH, since
+    some recorders write "unlimited" as the largest integer.
     """
     try:
         entries: Any = yaml.safe_load(text) or []
@@ -78,7 +71,7 @@ def from_bag(text: str) -> QoSProfile:
     depth = first.get("depth")
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=min(max(depth if isinstance(depth, int) else 0, SAMPLES.depth), MOST),
+        depth=min(max(depth if isinstance(depth, int) else 0, SAMPLES.depth), MAX_DEPTH),
         reliability=_RELIABILITY.get(str(first.get("reliability")), SAMPLES.reliability),
         durability=_DURABILITY.get(str(first.get("durability")), SAMPLES.durability),
     )

@@ -1,6 +1,6 @@
-"""A loop that keeps time asks the kernel to be run before all that do not: SCHED_FIFO, as controllers of robots do.
+"""Real-time scheduling (SCHED_FIFO) for control loops.
 
-At usual priorities a process beside it may hold a processor for several ticks of a kilohertz, whatever the loop costs.
+At normal priorities another process can occupy a processor for several milliseconds, however short the loop is.
 """
 
 from __future__ import annotations
@@ -9,19 +9,19 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-PRIORITY = 20  # of 99: before everything usual, after the kernel's own threads
+PRIORITY = 20  # of 1..99: above normal processes, below kernel threads
 
 
 @contextmanager
 def real_time(priority: int = PRIORITY) -> Iterator[bool]:
-    """Within it this thread, and every one that it starts, runs first; says whether the kernel granted it.
+    """Context with real-time scheduling of this thread and of threads that it starts; yields whether it is granted.
 
-    It grants that to root, with CAP_SYS_NICE, or within `ulimit -r`. Afterwards this thread is scheduled as before.
+    It is granted to root, with CAP_SYS_NICE, or within `ulimit -r`. Afterwards the previous scheduling is restored.
     """
     try:
         before = os.sched_getscheduler(0), os.sched_getparam(0)
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except (AttributeError, OSError):  # a system without such schedulers, or a user without the right
+    except (AttributeError, OSError):  # not supported, or not permitted
         yield False
         return
     try:

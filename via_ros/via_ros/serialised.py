@@ -1,9 +1,9 @@
-"""Serialised messages read and written without making objects of them: at 16 joints and 1 kHz objects cost most of it.
+"""Reading and writing of serialised messages without message objects, which dominate the cost at 16 joints and 1 kHz.
 
 JointStateDecoder  bytes of a JointState -> Joints
 decoded_command    bytes of a VsaCommand -> its stamp and a Command
 CommandBytes       a Command -> bytes to publish
-Template           a message whose strings and lengths stay: numbers -> bytes to publish
+Template           numbers -> bytes of a message with constant strings and array lengths
 
 Measured for 48 joints: 12 us to deserialise a JointState, 1 us to read it here. One estimate published as an object
 takes 13-17 us with one listener, as bytes 9.
@@ -24,11 +24,11 @@ from via_interfaces.msg import VsaCommand
 from via_ros.conversions import MOST_NAMES, STAMP, Command, Joints, Named, Names, joints_of, nanoseconds
 from via_ros.interfaces import ENCAPSULATION
 
-NATIVE = b"\x00\x01"  # plain CDR, little endian, of the machines this runs on
+NATIVE = b"\x00\x01"  # plain CDR, little endian
 LENGTH, SEQUENCE = struct.Struct("<I"), struct.Struct("<Q")
-HEADER = struct.Struct("<iII")  # stamp, and how long the frame's name is
-COMMAND = struct.Struct("<QB7x3dI")  # after the header of a VsaCommand, from its number to the count of motors
-PADDING = bytes(-COMMAND.size % 8)  # before the motors, if there are any
+HEADER = struct.Struct("<iII")  # stamp, length of frame_id
+COMMAND = struct.Struct("<QB7x3dI")  # VsaCommand after its header: sequence number to number of motors
+PADDING = bytes(-COMMAND.size % 8)  # before the motors, if any
 AFTER_STAMP = ENCAPSULATION + STAMP.size
 SIZES = {
     "boolean": 1, "octet": 1, "uint8": 1, "int8": 1, "uint16": 2, "int16": 2, "uint32": 4, "int32": 4, "float": 4,
@@ -37,15 +37,15 @@ SIZES = {
 
 
 class _Opening(NamedTuple):
-    """Frame and names of a message as they stand in it: a whole stretch to compare at once, but for its padding."""
+    """Serialised frame_id and joint names of a message, compared at once except for padding."""
 
     names: Names
     content: bytes  # padding zero
     mask: np.ndarray  # (n,) uint32, zero where padding is
 
     def begins(self, data: bytes) -> bool:
-        """Whether a message has the same frame and names; what stands in padding is anything."""
-        if data.startswith(self.content, AFTER_STAMP):  # most likely it is zero there too
+        """Whether a message has the same frame and names; padding can hold any value."""
+        if data.startswith(self.content, AFTER_STAMP):  # padding is usually zero
             return True
         if len(data) < AFTER_STAMP + len(self.content):
             return False
@@ -54,14 +54,14 @@ class _Opening(NamedTuple):
 
 
 class JointStateDecoder:
-    """Reads serialised JointStates; the names of a stream of messages are decoded once."""
+    """Reads serialised JointStates; decodes the names once per stream of messages."""
 
     def __init__(self) -> None:
         self._known: list[_Opening] = []
-        self._turn = 0  # where to look first: devices that send by turns do so in the same order
+        self._turn = 0  # first candidate: devices publish in a fixed order
 
     def decode(self, data: bytes) -> Joints | None:
-        """What a message says; None for bytes that are no JointState."""
+        """Contents of a message; None for invalid bytes."""
         try:
             if not data.startswith(NATIVE):
                 return joints_of(deserialize_message(data, JointState), Names(()))
@@ -80,30 +80,30 @@ class JointStateDecoder:
         return None
 
     def _learn(self, data: bytes) -> _Opening:
-        told = bytearray()
-        _, at = _text(data, AFTER_STAMP, told)
+        mask_bytes = bytearray()
+        _, at = _text(data, AFTER_STAMP, mask_bytes)
         (count,) = LENGTH.unpack_from(data, at)
-        told += b"\xff" * LENGTH.size
+        mask_bytes += b"\xff" * LENGTH.size
         at += LENGTH.size
         names = []
         for _ in range(count):
-            name, at = _text(data, at, told)
+            name, at = _text(data, at, mask_bytes)
             names.append(name)
-        mask = np.frombuffer(told, np.uint32)
+        mask = np.frombuffer(mask_bytes, np.uint32)
         content = (np.frombuffer(data, np.uint32, len(mask), AFTER_STAMP) & mask).tobytes()
         opening = _Opening(Names(tuple(names)), content, mask)
         self._known = [*self._known[-MOST_NAMES + 1 :], opening]
         return opening
 
 
-def _text(data: bytes, at: int, told: bytearray) -> tuple[str, int]:
-    """The string at a place and the place after it and its padding; `told` grows by ones, by zeros for padding."""
+def _text(data: bytes, at: int, mask_bytes: bytearray) -> tuple[str, int]:
+    """The string at an offset and the offset after its padding; appends ones to the mask, zeros for padding."""
     (length,) = LENGTH.unpack_from(data, at)
     end = at + LENGTH.size + length
     padding = -end % 4
     if end > len(data):
         raise ValueError("a string ends after its message")
-    told += b"\xff" * (LENGTH.size + length) + bytes(padding)
+    mask_bytes += b"\xff" * (LENGTH.size + length) + bytes(padding)
     return data[at + LENGTH.size : end].rstrip(b"\0").decode("utf-8", "replace"), end + padding
 
 
@@ -124,13 +124,13 @@ def _joints(data: bytes, names: Names, at: int) -> Joints:
 
 
 def decoded_command(data: bytes) -> tuple[int, Command] | None:
-    """Stamp [ns] and command of a message, whether it can be followed or not; None for bytes that are no VsaCommand."""
+    """Stamp [ns] and command of a message, not validated (see `followed`); None for invalid bytes."""
     try:
         if not data.startswith(NATIVE):
-            told = deserialize_message(data, VsaCommand)
-            motor = np.array(told.motor, dtype=np.float64)
-            command = Command(told.mode, told.equilibrium, told.preset, told.damping, motor)
-            return nanoseconds(told.header.stamp), command
+            message = deserialize_message(data, VsaCommand)
+            motor = np.array(message.motor, dtype=np.float64)
+            command = Command(message.mode, message.equilibrium, message.preset, message.damping, motor)
+            return nanoseconds(message.header.stamp), command
         seconds, nanosec, length = HEADER.unpack_from(data, ENCAPSULATION)
         at = HEADER.size + length
         at += ENCAPSULATION + -at % 8
@@ -143,7 +143,7 @@ def decoded_command(data: bytes) -> tuple[int, Command] | None:
 
 
 class CommandBytes:
-    """The VsaCommands of a device or an arm, numbered from 0."""
+    """Writes the VsaCommands of a device or an arm, numbered from 0."""
 
     def __init__(self, device: Named) -> None:
         message = VsaCommand()
@@ -154,20 +154,20 @@ class CommandBytes:
         self._sequence = 0
 
     def numbered(self, time: int, command: Command) -> bytes:
-        """The message of `command` with the stamp `time` [ns] and the next number."""
+        """The message of `command` with stamp `time` [ns] and the next sequence number."""
         STAMP.pack_into(self._start, ENCAPSULATION, *divmod(time, SECOND))
         mode, equilibrium, preset, damping, motor = command
-        told = COMMAND.pack(self._sequence, mode, equilibrium, preset, damping, len(motor))
+        numbers = COMMAND.pack(self._sequence, mode, equilibrium, preset, damping, len(motor))
         self._sequence += 1
         if not len(motor):
-            return bytes(self._start) + told
-        return b"".join((self._start, told, PADDING, np.asarray(motor, dtype=np.float64).tobytes()))
+            return bytes(self._start) + numbers
+        return b"".join((self._start, numbers, PADDING, np.asarray(motor, dtype=np.float64).tobytes()))
 
 
 class Template:
-    """A message to publish again and again with other numbers; its strings and the lengths of its arrays stay.
+    """A message published repeatedly with other numbers; strings and array lengths are constant.
 
-    The message begins with a Header and a sequence number (interfaces.NUMBERED) and has a status.
+    The message begins with Header and sequence number (interfaces.NUMBERED) and has a status.
     """
 
     def __init__(self, message: Any) -> None:
@@ -177,12 +177,12 @@ class Template:
         self._sequence, self._status = (ENCAPSULATION + self._found[member][0] for member in ("sequence", "status"))
 
     def places(self, member: str) -> list[int]:
-        """Where the doubles of a member lie, in the words that `write` takes."""
+        """Word indices of the doubles of a member, for `write`."""
         at, count = self._found[member]
         return [at // 8 + k for k in range(count)]
 
     def write(self, stamp: bytes, sequence: int, status: int, places: np.ndarray, values: Array) -> bytes:
-        """The message with this stamp (8,), number and status, and `values` (n,) at `places` (n,)."""
+        """The message with stamp (8,) bytes, sequence number, status, and `values` (n,) at words `places` (n,)."""
         data = self._data
         data[ENCAPSULATION:AFTER_STAMP] = stamp
         SEQUENCE.pack_into(data, self._sequence, sequence)
@@ -192,9 +192,9 @@ class Template:
 
 
 def _members(message: Any, at: int = 0, prefix: str = "") -> tuple[dict[str, tuple[int, int]], int]:
-    """For every member with numbers the place of its first one and how many there are; and where the message ends.
+    """Offset and count of the numbers of every numeric member, and the offset of the end of the message.
 
-    Plain CDR: everything is aligned to its own size, counted from the end of the encapsulation.
+    Plain CDR: every value is aligned to its own size, relative to the end of the encapsulation header.
     """
     found: dict[str, tuple[int, int]] = {}
     for member, kind in message.get_fields_and_field_types().items():

@@ -1,8 +1,7 @@
-"""The one way nodes run here: on the events executor, ended cleanly by SIGINT, by SIGTERM or by themselves.
+"""Runs nodes on the events executor, with clean shutdown by SIGINT, SIGTERM or the node.
 
-Why not `executor.spin()`: rclpy 7.1's EventsExecutor turns idle circles in it and runs nothing; waiting for a future
-that never comes is the same without the fault. Its callbacks take one argument. MultiThreadedExecutor loses messages
-at 1 kHz and is not offered.
+`executor.spin()` of rclpy 7.1's EventsExecutor runs no callbacks; spinning until a future is done does. Its callbacks
+take one argument. MultiThreadedExecutor loses messages at 1 kHz and is not offered.
 """
 
 from __future__ import annotations
@@ -30,11 +29,11 @@ from via_core.errors import ParameterError, ViaError
 from via_ros import middleware
 
 FOREVER = 1e6  # [s]
-PATIENCE = 0.1  # [s] longest sleep between two looks at a condition
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # for housekeeping timers: simulated time may stand still
+PATIENCE = 0.1  # [s] longest interval between two evaluations of a condition
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)  # for housekeeping timers: simulated time can stop
 EXECUTORS = {"events": EventsExecutor, "single": SingleThreadedExecutor}
-LAST_DOMAIN = 232  # the ports of higher ones do not exist; DDS then ends the process without a word to Python
-# What ROS says about arguments, names, parameters and the environment that it was given.
+LAST_DOMAIN = 232  # higher ones have no valid ports: DDS would terminate the process without a Python error
+# Errors of ROS for invalid arguments, names, parameters and environment.
 REFUSALS = (rclpy_implementation.RCLError, NameValidationException, ParameterException)
 
 
@@ -46,14 +45,14 @@ def make_executor(kind: str = "events", context: Any = None) -> Any:
 
 
 def spin(executor: Any, finished: Future | None = None) -> None:
-    """Run callbacks until `finished` is done; without one until a signal or a shutdown of the context raises."""
+    """Run callbacks until `finished` is done; without it until a signal or shutdown of the context raises."""
     future = Future() if finished is None else finished
     while not future.done():
         executor.spin_until_future_complete(future, timeout_sec=FOREVER)
 
 
 def spin_until(executor: Any, condition: Callable[[], bool], timeout: float) -> bool:
-    """Run callbacks until condition() holds: True; or until `timeout` [s] of wall time has passed: False."""
+    """Run callbacks until condition() is true; False when `timeout` [s] of wall time passes first."""
     deadline = time.monotonic() + timeout
     while not condition():
         left = deadline - time.monotonic()
@@ -64,7 +63,7 @@ def spin_until(executor: Any, condition: Callable[[], bool], timeout: float) -> 
 
 
 def close_all(nodes: Iterable[Any], failed: bool = False) -> None:
-    """Close and destroy nodes. One with a method `close(failed)` (a bag to finish, a thread to join) is asked first."""
+    """Destroy nodes, after a call of their method `close(failed)` (finish a bag, join a thread) where they have one."""
     for node in nodes:
         try:
             if hasattr(node, "close"):
@@ -74,11 +73,10 @@ def close_all(nodes: Iterable[Any], failed: bool = False) -> None:
 
 
 def run(make_node: Callable[[], Any], args: list[str] | None = None) -> int:
-    """Run the node that `make_node` makes, in the main thread of its own process; the exit code.
+    """Run the node returned by `make_node` in the main thread of its own process; returns the exit code.
 
-    0 after SIGINT, SIGTERM or the node's own end with nothing to say; the number that the node put into its future
-    `finished`, if it has one; 2 with one line on stderr where parameters, devices or bags are at fault.
-    The parameter `executor` of the node chooses 'events' or 'single'.
+    0 after SIGINT or SIGTERM; the result of the node's future `finished`, if it has one; 2, with one line on stderr,
+    for errors in parameters, devices or bags. The node parameter `executor` selects 'events' or 'single'.
     """
     ended = Future()
     _end_on_signals(ended)
@@ -105,18 +103,18 @@ def run(make_node: Callable[[], Any], args: list[str] | None = None) -> int:
 
 
 def _set_up(make_node: Callable[[], Any], args: list[str] | None, nodes: list[Any], ended: Future) -> Any:
-    """An executor with the node, which is put into `nodes`; raises ViaError where ROS refuses what it was given."""
-    if "HOME" not in os.environ:  # where ROS writes its logs, or does not start
+    """An executor with the node, which is appended to `nodes`. Raises ViaError for arguments that ROS refuses."""
+    if "HOME" not in os.environ:  # ROS needs a folder for its logs to start
         os.environ.setdefault("ROS_LOG_DIR", os.path.join(tempfile.gettempdir(), "ros_log"))
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         domain = rclpy.get_default_context().get_domain_id()
         if not 0 <= domain <= LAST_DOMAIN:
             raise ParameterError(f"ROS_DOMAIN_ID must lie in [0, {LAST_DOMAIN}], got {domain}")
-        strangers = remove_ros_args(sys.argv if args is None else ["", *args])[1:]
-        if strangers:
+        unknown = remove_ros_args(sys.argv if args is None else ["", *args])[1:]
+        if unknown:
             raise ParameterError(
-                f"unknown arguments: {' '.join(strangers)}; parameters are set by --ros-args -p name:=value"
+                f"unknown arguments: {' '.join(unknown)}; parameters are set by --ros-args -p name:=value"
             )
         node = make_node()
         nodes.append(node)
@@ -124,19 +122,19 @@ def _set_up(make_node: Callable[[], Any], args: list[str] | None, nodes: list[An
             node.finished.add_done_callback(lambda done: ended.set_result(done.result()))
         executor = make_executor(node.declare_parameter("executor", "events").value)
         executor.add_node(node)
-        _warn_of_strangers(node)
+        _warn_of_unknown_parameters(node)
     except REFUSALS as error:
         raise ParameterError(" ".join(str(error).split())) from None
     return executor
 
 
-def _warn_of_strangers(node: Any) -> None:
-    """Say which parameters were given that this node does not have; a file for several nodes may do so on purpose."""
+def _warn_of_unknown_parameters(node: Any) -> None:
+    """Log the given parameters that this node does not have; a file for several nodes may contain such."""
     known = set(node.list_parameters([], 0).names)
-    # rclpy tells what was given nowhere else.
-    strangers = [name for name in node._parameter_overrides if name not in known and not name.startswith("qos_")]
-    if strangers:
-        node.get_logger().warning(f"no parameter {', '.join(strangers)}; there are: {', '.join(sorted(known))}")
+    # rclpy has no public access to the given parameters.
+    unknown = [name for name in node._parameter_overrides if name not in known and not name.startswith("qos_")]
+    if unknown:
+        node.get_logger().warning(f"no parameter {', '.join(unknown)}; there are: {', '.join(sorted(known))}")
 
 
 def _complain(nodes: list[Any], error: Exception) -> None:
@@ -144,10 +142,10 @@ def _complain(nodes: list[Any], error: Exception) -> None:
 
 
 def _end_on_signals(ended: Future) -> None:
-    """The first SIGINT or SIGTERM finishes `ended`; later ones are taken and ignored, so that bags get closed.
+    """Finish `ended` at the first SIGINT or SIGTERM and ignore later ones, so that bags get closed.
 
-    rclpy's own handlers shut the context down under a callback that is about to publish, which then raises. These
-    write one byte into a pipe, even while the main thread waits inside the executor, and a thread reads it.
+    The handlers of rclpy shut the context down during callbacks, in which publishing then raises. These handlers write
+    one byte into a pipe, also while the main thread waits in the executor, and a thread reads it.
     """
     end, begin = os.pipe()
     os.set_blocking(begin, False)

@@ -1,6 +1,6 @@
-"""Walking an MCAP file: every whole record that can be had, and a plain statement about what cannot.
+"""Reads an MCAP file: every intact record, and one remark for everything that is missing or damaged.
 
-The walk trusts no index and no footer, so that unfinished and damaged files read like whole ones as far as they go.
+The reader uses neither index nor footer, so that unfinished and damaged files are read as far as they are intact.
 Source: MCAP specification, https://mcap.dev/spec.
 """
 
@@ -29,7 +29,7 @@ MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS, _METADATA = 1, 2, 3, 4, 5, 6, 11, 12
 _RECORD_HEAD = 9  # opcode u8, length u64
 _MESSAGE_HEAD = 22  # channel u16, sequence u32, log_time u64, publish_time u64
-_BATCH = 64 << 20  # [bytes] of uncompressed chunks walked at once
+_BATCH = 64 << 20  # [bytes] of uncompressed chunks processed at once
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,10 @@ class Channel:
 
 @dataclass(frozen=True)
 class Messages:
-    """The messages of one channel in file order.
+    """Messages of one channel in file order.
 
-    data          all payloads end to end
-    start         (n,) where each begins in `data`; it is `length` (n,) bytes long
+    data          all payloads, concatenated
+    start         (n,) offset of each in `data`; its size is `length` (n,) [bytes]
     log_time      (n,) [ns]
     publish_time  (n,) [ns]
     sequence      (n,)
@@ -73,10 +73,10 @@ class Messages:
 
 @dataclass(frozen=True)
 class Container:
-    """What one MCAP file holds.
+    """Contents of one MCAP file.
 
-    complete  the file ends as the format says and nothing had to be left out
-    remarks   one sentence for everything that was missing or left out
+    complete  the file ends as the format requires and nothing was skipped
+    remarks   one sentence for everything that is missing or was skipped
     """
 
     path: Path
@@ -89,7 +89,7 @@ class Container:
 
 
 def read_container(path: Path, wanted: Callable[[str], bool] = lambda topic: True) -> Container:
-    """All whole messages of the topics `wanted`. Raises BagError when `path` is no MCAP file or cannot be read."""
+    """All intact messages of the topics `wanted`. Raises BagError when `path` is not a readable MCAP file."""
     try:
         with path.open("rb") as file:
             head = file.read(len(MAGIC))
@@ -105,7 +105,7 @@ def read_container(path: Path, wanted: Callable[[str], bool] = lambda topic: Tru
 
 @njit(cache=True)
 def _records(data: Bytes, begin: int, end: int) -> tuple[Bytes, Integers, Integers, int]:
-    """Opcode, offset and length of the content of every whole record in data[begin:end], and where they end."""
+    """Opcode, content offset and content length of every intact record in data[begin:end], and the end of the last."""
     count = 0
     for filling in range(2):
         if filling == 0:
@@ -115,7 +115,7 @@ def _records(data: Bytes, begin: int, end: int) -> tuple[Bytes, Integers, Intege
         k, at = 0, begin
         while at + 9 <= end and data[at] != 0:
             length = 0
-            for i in range(7):  # a length of 2^56 and more cannot be true
+            for i in range(7):  # a length of 2^56 or more is invalid
                 length |= int(data[at + 1 + i]) << (8 * i)
             if data[at + 8] != 0 or length > end - at - 9:
                 break
@@ -129,7 +129,7 @@ def _records(data: Bytes, begin: int, end: int) -> tuple[Bytes, Integers, Intege
 
 @njit(cache=True)
 def _gather(data: Bytes, start: Integers, length: Integers) -> Bytes:
-    """The pieces data[start:start+length] end to end."""
+    """The pieces data[start:start+length], concatenated."""
     out = np.empty(length.sum(), np.uint8)
     at = 0
     for k in range(len(start)):
@@ -159,21 +159,21 @@ class _Walk:
         try:
             profile = _Fields(self._content(offsets[0], lengths[0])).text()
         except (struct.error, IndexError, UnicodeDecodeError):
-            raise BagError(f"{self.path.name} has a header that cannot be understood") from None
+            raise BagError(f"{self.path.name} has an invalid header") from None
         self._declarations(self.data, opcodes, offsets, lengths)
         loose = opcodes == _MESSAGE
         if loose.any():
             self._messages(self.data, offsets[loose], lengths[loose])
         batch: list[bytes] = []
-        held = 0
+        size = 0
         for offset, length in zip(offsets[opcodes == _CHUNK].tolist(), lengths[opcodes == _CHUNK].tolist()):
             whole = self._whole_chunk(offset, length)
             if whole is not None:
                 batch.append(whole)
-                held += len(whole)
-            if held > _BATCH:
+                size += len(whole)
+            if size > _BATCH:
                 self._batch(batch)
-                batch, held = [], 0
+                batch, size = [], 0
         footer = bool((opcodes == _FOOTER).any())
         if not footer:
             batch.append(self._partial_chunk(end))
@@ -182,11 +182,11 @@ class _Walk:
         for offset in offsets[(opcodes == _STATISTICS) & (lengths >= 8)].tolist():
             promised = int.from_bytes(self._content(offset, 8), "little")
             if promised != self.count:
-                self.remarks.append(f"{self.count} messages are there where the file's own count says {promised}")
+                self.remarks.append(f"the file holds {self.count} messages, its statistics state {promised}")
         unknown = sorted(self.pieces.keys() - self.channels.keys())
         if unknown:
             lost = sum(len(piece) for channel in unknown for piece in self.pieces[channel])
-            self.remarks.append(f"{lost} messages belong to channels that the file does not describe")
+            self.remarks.append(f"{lost} messages belong to undeclared channels")
         messages = {channel: _joined(self.pieces.get(channel, [])) for channel in self.channels}
         return Container(
             self.path, profile, self.channels, messages, self.metadata, not self.remarks, tuple(self.remarks)
@@ -196,13 +196,13 @@ class _Walk:
         return self.data[offset : offset + length].tobytes()
 
     def _declarations(self, data: Bytes, opcodes: Bytes, offsets: Integers, lengths: Integers) -> None:
-        """Take in the schemas, channels and metadata among these records."""
+        """Store the schemas, channels and metadata among these records."""
         for k in np.flatnonzero((opcodes == _SCHEMA) | (opcodes == _CHANNEL) | (opcodes == _METADATA)):
             fields = _Fields(data[offsets[k] : offsets[k] + lengths[k]].tobytes())
             try:
                 self._declaration(int(opcodes[k]), fields)
             except (struct.error, UnicodeDecodeError, IndexError):
-                self.remarks.append(f"the description record at byte {offsets[k]} cannot be understood")
+                self.remarks.append(f"the record at byte {offsets[k]} is an invalid declaration")
 
     def _declaration(self, opcode: int, fields: _Fields) -> None:
         if opcode == _METADATA:
@@ -218,7 +218,7 @@ class _Walk:
             self.channels.setdefault(number, Channel(topic, self.schemas.get(schema), encoding, fields.text_map()))
 
     def _whole_chunk(self, offset: int, length: int) -> bytes | None:
-        """The records of one chunk, or None with a remark when they are not what the chunk says."""
+        """The records of one chunk; None, with a remark, when it is damaged."""
         try:
             fields = _Fields(self.data[offset : offset + length].data)
             size, checksum, compression = _chunk_head(fields)
@@ -229,7 +229,7 @@ class _Walk:
             reason = " ".join(str(error).split()) or type(error).__name__
         else:
             if len(records) != size:
-                reason = f"it holds {len(records)} bytes where {size} were promised"
+                reason = f"it holds {len(records)} bytes, its header states {size}"
             elif checksum and zlib.crc32(records) != checksum:
                 reason = "its checksum differs"
             else:
@@ -247,7 +247,7 @@ class _Walk:
         raise BagError(f"compression '{compression}' is unknown")
 
     def _partial_chunk(self, begin: int) -> bytes:
-        """What can be unpacked of a chunk record that the end of the file cuts off at `begin`; may be empty."""
+        """The readable part of the chunk record at `begin` that the end of the file truncates; may be empty."""
         rest = self.data[begin:].tobytes()
         if len(rest) <= _RECORD_HEAD or rest[0] != _CHUNK:
             return b""
@@ -268,7 +268,7 @@ class _Walk:
         data = np.frombuffer(b"".join(chunks), dtype=np.uint8)
         begin = 0
         parts = []
-        for chunk in chunks:  # each chunk by itself, so that rubbish at the end of one does not hide the next
+        for chunk in chunks:  # one by one: a damaged end of a chunk does not hide the next chunk
             parts.append(_records(data, begin, begin + len(chunk))[:3])
             begin += len(chunk)
         if not parts:
@@ -280,7 +280,7 @@ class _Walk:
     def _messages(self, data: Bytes, offset: Integers, length: Integers) -> None:
         short = length < _MESSAGE_HEAD
         if short.any():
-            self.remarks.append(f"{int(short.sum())} message records are too short to be messages")
+            self.remarks.append(f"{int(short.sum())} message records are too short")
             offset, length = offset[~short], length[~short]
         position = self.count + np.arange(len(offset), dtype=np.int64)
         self.count += len(offset)
@@ -309,16 +309,16 @@ class _Walk:
         if footer and self.data[-len(MAGIC) :].tobytes() == MAGIC and end == size - len(MAGIC):
             return
         if footer:
-            self.remarks.append(f"the file has a footer but not the ending an MCAP file has ({size - end} stray bytes)")
+            self.remarks.append(f"the file has a footer but no valid end ({size - end} extra bytes)")
         elif end == size:
             self.remarks.append("the file was not finished: it has no footer")
         else:
-            self.remarks.append(f"the file was not finished: it ends within the record that begins at byte {end}")
+            self.remarks.append(f"the file was not finished: it ends within the record at byte {end}")
 
 
 @dataclass
 class _Fields:
-    """The fields of one record, one after another; struct.error or IndexError where the record is too short."""
+    """Reads the fields of one record in order; struct.error or IndexError where the record is too short."""
 
     data: Any
     at: int = 0
@@ -351,7 +351,7 @@ class _Fields:
 
 def _chunk_head(fields: _Fields) -> tuple[int, int, str]:
     """Uncompressed size [bytes], checksum (0: none) and compression of the chunk whose content `fields` reads."""
-    fields.piece(16)  # first and last log time: the messages say so themselves
+    fields.piece(16)  # first and last log time: the messages have their own
     return fields.number("<Q"), fields.number("<I"), fields.text()
 
 

@@ -1,7 +1,7 @@
-"""Message definitions: the text a bag carries for each type, its hash, and the type store that reads and writes it.
+"""Message definitions: text and hash of each type as stored in bags, and the type store that reads and writes it.
 
-Standard messages come from the Jazzy type store of `rosbags`; every other type from `<package>/msg/<Name>.msg` under
-the prefixes of AMENT_PREFIX_PATH, this Python's own prefix, or the source tree. Nothing here imports rclpy.
+Standard messages come from the Jazzy type store of `rosbags`; other types from `<package>/msg/<Name>.msg` in the
+prefixes of AMENT_PREFIX_PATH, in sys.prefix or in the source tree. rclpy is not needed.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _SEPARATOR = "=" * 80
 
 @dataclass(frozen=True)
 class Definition:
-    """One message type as a bag carries it.
+    """One message type as stored in a bag.
 
     type_name  e.g. 'sensor_msgs/msg/JointState'
-    text       the full definition, those of nested types concatenated (schema encoding 'ros2msg')
-    type_hash  'RIHS01_...' (REP 2011), what `topic_type_hash` and `type_description_hash` hold
+    text       the full definition with those of nested types (schema encoding 'ros2msg')
+    type_hash  'RIHS01_...' (REP 2011), as in `topic_type_hash` and `type_description_hash`
     """
 
     type_name: str
@@ -38,7 +38,7 @@ class Definition:
 
 
 def typestore_of(type_name: str) -> Typestore:
-    """A type store that knows `type_name` and all it nests. Raises BagError when no definition is found."""
+    """A type store with `type_name` and its nested types. Raises BagError when no definition is found."""
     return _load(type_name)[0]
 
 
@@ -52,19 +52,19 @@ def definition_of(type_name: str) -> Definition:
 
 @lru_cache(maxsize=256)
 def typestore_from_text(type_name: str, text: str) -> Typestore:
-    """A type store holding only what the schema `text` of a bag defines. Raises BagError when it does not parse."""
+    """A type store with the types of the schema `text` of a bag only. Raises BagError when it does not parse."""
     store = get_typestore(Stores.EMPTY)
     try:
         store.register(get_types_from_msg(text, type_name))
         store.get_msgdef(type_name)
     except (TypesysError, KeyError, AssertionError) as error:
-        raise BagError(f"the definition of {type_name} cannot be understood: {_one_line(error)}") from None
+        raise BagError(f"the definition of {type_name} is invalid: {_one_line(error)}") from None
     return store
 
 
 @cache
 def _load(type_name: str) -> tuple[Typestore, dict[str, str]]:
-    """The store and the single texts by full type name, `type_name` first."""
+    """The type store, and the texts by full type name, `type_name` first."""
     store = get_typestore(Stores.ROS2_JAZZY)
     texts: dict[str, str] = {}
     _collect(type_name, store, texts)
@@ -79,7 +79,7 @@ def _collect(type_name: str, store: Typestore, texts: dict[str, str]) -> None:
         try:
             store.register(get_types_from_msg(texts[type_name], type_name))
         except TypesysError as error:
-            raise BagError(f"the definition of {type_name} cannot be understood: {_one_line(error)}") from None
+            raise BagError(f"the definition of {type_name} is invalid: {_one_line(error)}") from None
     else:
         texts[type_name] = store.gendefhash(type_name, {}, 2)[0].rstrip() + "\n"
     for nested in _nested(store, type_name):
@@ -105,7 +105,7 @@ def _definition_file(type_name: str) -> Path:
         if name and candidate.is_file():
             return candidate
     raise BagError(
-        f"no definition of message type '{type_name}': it is no standard message, and no {package}/msg/{name}.msg "
+        f"no definition of message type '{type_name}': it is not a standard message, and no {package}/msg/{name}.msg "
         "is installed under AMENT_PREFIX_PATH"
     )
 

@@ -1,4 +1,4 @@
-"""What checks of bags and recordings report: one sentence each, with the number and the limit it was held against."""
+"""Results of the checks of bags and recordings: one sentence each, with a number and its limit."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import Literal
 class Finding:
     """One observation.
 
-    severity  'note': good to know; 'warning': part of the data is not to be trusted; 'error': none of it is
+    severity  'note': information; 'warning': part of the data is unreliable; 'error': all of it is
     check     short name of the check, e.g. 'servo_response'
-    subject   topic or column it is about
+    subject   topic or column
     text      one sentence with units
-    value     the number found; `limit` the one it must not exceed, None where there is none
+    value     the number found
+    limit     its largest valid value, None without limit
     """
 
     severity: Literal["note", "warning", "error"]

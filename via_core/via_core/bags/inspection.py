@@ -1,4 +1,4 @@
-"""What is in a bag, and what is wrong with it."""
+"""Summary and checks of a bag."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from via_core.errors import BagError
 from via_core.signals import Array, Signals
 from via_core.wire import JOINT_STATE, VSA_COMMAND
 
-MOST_SHOWN = 3  # sentences of one kind before they are only counted
+MOST_SHOWN = 3  # findings of one kind reported one by one; the rest are counted
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """One topic: its stamps span [first, last] [ns]; rate [Hz] is that of the median period, NaN below two messages."""
+    """One topic: first and last stamp [ns]; rate [Hz] from the median period, NaN below two messages."""
 
     name: str
     type_name: str
@@ -36,7 +36,7 @@ class TopicInfo:
 
 @dataclass(frozen=True)
 class BagInfo:
-    """A bag at a glance. size [bytes] on disk; duration [s] between the first and last log time."""
+    """Summary of a bag: size [bytes] on disk, duration [s] from first to last log time."""
 
     path: Path
     size: int
@@ -49,7 +49,7 @@ class BagInfo:
 
 
 def info(path: str | Path) -> BagInfo:
-    """What is in a bag directory or .mcap file. Raises BagError when nothing can be read from it."""
+    """Summary of a bag directory or .mcap file. Raises BagError when nothing can be read."""
     bag = read_bag(path)
     times = [topic.log_time for topic in bag.topics.values() if len(topic)]
     duration = (
@@ -68,7 +68,7 @@ def _topic_info(topic: Topic) -> TopicInfo:
 
 
 def check(path: str | Path, device: Device | None = None, joint_topic: str = "/joint_states") -> list[Finding]:
-    """Everything that may make a recording unfit for estimation; with a `device` what its joint lacks or cannot do too.
+    """Problems of a recording that affect estimation; with a `device` also missing or implausible signals of it.
 
     Raises BagError when nothing can be read from `path`.
     """
@@ -90,7 +90,7 @@ def _check_topic(bag: Bag, name: str) -> list[Finding]:
         return [Finding("warning", "empty", name, "no messages", 0.0)]
     findings = [Finding("warning", "content", name, text, 1.0) for text in columns.left_out[:MOST_SHOWN]]
     if len(columns.left_out) > MOST_SHOWN:
-        text = f"{len(columns.left_out)} messages in all are left out so"
+        text = f"{len(columns.left_out)} messages in all are skipped for such reasons"
         findings.append(Finding("warning", "content", name, text, float(len(columns.left_out))))
     findings += _timing(columns) + _losses(columns)
     if columns.type_name in (JOINT_STATE, VSA_COMMAND):
@@ -99,13 +99,13 @@ def _check_topic(bag: Bag, name: str) -> list[Finding]:
 
 
 def _timing(columns: Columns) -> list[Finding]:
-    """Order, rate, jitter and gaps of the stamps."""
+    """Findings on order, rate, jitter and gaps of the stamps."""
     topic, stamp = columns.topic, columns.stamp
     findings = []
     step = np.diff(stamp)
     for check_name, bad, what in (
-        ("repeated", int(np.count_nonzero(step == 0)), "repeat the stamp before"),
-        ("backward", int(np.count_nonzero(step < 0)), "are stamped before the message they follow"),
+        ("repeated", int(np.count_nonzero(step == 0)), "repeat the previous stamp"),
+        ("backward", int(np.count_nonzero(step < 0)), "have an earlier stamp than the previous message"),
     ):
         if bad:
             text = f"{bad} of {len(stamp)} messages {what}"
@@ -125,14 +125,14 @@ def _timing(columns: Columns) -> list[Finding]:
 
 
 def _losses(columns: Columns) -> list[Finding]:
-    """Messages missing by their publisher's own count."""
+    """Messages missing according to their sequence numbers."""
     if "sequence" not in columns.fields:
         return []
     step = np.diff(columns["sequence"].astype(np.int64))
     lost = int(step[step > 1].sum() - np.count_nonzero(step > 1))
     findings = []
     if lost:
-        text = f"{lost} messages are missing by their sequence numbers"
+        text = f"{lost} messages are missing according to their sequence numbers"
         findings.append(Finding("warning", "lost", columns.topic, text, float(lost), 0.0))
     restarts = int(np.count_nonzero(step < 0))
     if restarts:
@@ -142,7 +142,7 @@ def _losses(columns: Columns) -> list[Finding]:
 
 
 def _values(columns: Columns) -> list[Finding]:
-    """What was not measured, what is not finite, and the steps of position encoders."""
+    """Missing values, infinite values, and quantisation of positions."""
     findings = []
     for label, values in _series(columns):
         share = float(np.isnan(values).mean())
@@ -158,7 +158,7 @@ def _values(columns: Columns) -> list[Finding]:
         moved = steps[steps > 1e-9]
         if columns.type_name == JOINT_STATE and "position" in label and len(moved) > 10:
             quantum = float(moved.min())
-            with np.errstate(over="ignore", invalid="ignore"):  # huge values are multiples of nothing
+            with np.errstate(over="ignore", invalid="ignore"):  # huge values overflow
                 multiples = moved / quantum
                 off = float(np.abs(multiples - np.rint(multiples)).max())
             if quantum > 1e-5 and off < 0.05:
@@ -168,7 +168,7 @@ def _values(columns: Columns) -> list[Finding]:
 
 
 def _series(columns: Columns) -> list[tuple[str, Array]]:
-    """Every series of numbers with its name; those of joints only where all messages name the same joints."""
+    """All numeric series with their names; series of joints only where all messages name the same joints."""
     series: list[tuple[str, NDArray[np.float64]]] = []
     names = columns["name"][0] if "name" in columns.fields else ()
     for field, values in columns.fields.items():
@@ -190,13 +190,13 @@ def _check_joint(bag: Bag, device: Device, joint_topic: str) -> list[Finding]:
     findings = []
     for report in reports:
         if report.others:
-            text = f"{report.others} of {report.messages} messages are about other joints"
+            text = f"{report.others} of {report.messages} messages are of other joints"
             findings.append(Finding("note", "others", report.topic, text, float(report.others)))
     return findings + _check_channels(measured, device) + list(check_recording(measured, commands, device))
 
 
 def _check_channels(measured: Signals, device: Device) -> list[Finding]:
-    """What an estimator of this device needs and the messages do not have, or have as one constant."""
+    """Signals that an estimator of this device needs and that are missing or constant."""
     findings = []
     needed = {"q": ("angle", "link")}
     if device.drive == "torque" and device.n_motors:
@@ -208,10 +208,10 @@ def _check_channels(measured: Signals, device: Device) -> list[Finding]:
             column = columns[:, i] if i < columns.shape[1] else np.full(len(measured), np.nan)
             if not np.isfinite(column).any():
                 text = (
-                    f"the {what} of {name} is in no message that names the link: an estimator needs both in one message"
+                    f"the {what} of {name} is in no message that names the link; an estimator needs both in one message"
                 )
                 findings.append(Finding("warning", "channel", device.name, text, 1.0))
             elif len(column) > 1 and np.all(column == column[0]):
-                text = f"the {what} of {name} is {column[0]:g} throughout: is it measured at all?"
+                text = f"the {what} of {name} is {column[0]:g} in all messages; check that it is measured"
                 findings.append(Finding("warning", "channel", device.name, text, 1.0))
     return findings

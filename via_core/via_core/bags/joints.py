@@ -1,4 +1,4 @@
-"""From the messages of a bag to the Signals of one joint, by the names its device file gives."""
+"""Signals of one joint from the messages of a bag, found by the joint names of the device file."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from via_core.wire import (
 
 @dataclass(frozen=True)
 class StampReport:
-    """What became of the messages of one topic on their way to Signals.
+    """Counts of the messages of one topic during conversion to Signals.
 
-    origin     [ns] the stamp at which the time of the Signals is 0
-    messages   in the bag
-    others     messages that do not name the joint, or are of another kind
-    repeated   same stamp as one before: dropped
-    backward   earlier than one before: dropped
+    origin     [ns] stamp at time 0 of the Signals
+    messages   messages in the bag
+    others     messages that do not name the joint
+    repeated   messages dropped because an earlier one has the same stamp
+    backward   messages dropped because an earlier one has a later stamp
     kept       samples in the Signals
     """
 
@@ -46,10 +46,10 @@ class StampReport:
 
 
 class JointRecording(NamedTuple):
-    """One joint as recorded. NaN marks 'not measured' (in commands: does not count in this mode)."""
+    """Recording of one joint. NaN means not measured; in commands, not used in this mode."""
 
     measured: Signals
-    commands: Signals | None  # None when nothing was commanded
+    commands: Signals | None  # None without commands
     reports: tuple[StampReport, ...]
 
 
@@ -57,14 +57,13 @@ def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") 
     """Measurements and commands of the joint `device` in `bag`.
 
     measured  q [rad], theta (N, m) [rad], tau (N, m) [N m], q_velocity, theta_velocity (N, m) [rad/s], tau_link [N m],
-              those of which at least one value was measured
-              of a rigid joint tau (N, 1) is its drive's
-    commands  equilibrium, preset [rad], damping [-], or motor (N, m) [rad] or [N m], held between samples; the torque
-              that the drive of a rigid joint is sent is external_torque [N m]; a position drive's goal is equilibrium,
-              NaN where it is switched off
+              channels with at least one measured value; tau (N, 1) of a rigid joint is the torque of its drive
+    commands  equilibrium, preset [rad], damping [-], or motor (N, m) [rad] or [N m], zero-order hold; the torque
+              command of the drive of a rigid joint is external_torque [N m]; the goal of a position drive is
+              equilibrium, NaN while it is switched off
 
-    Time 0 of both is the first measurement, so that the first commands may stand at negative times. Joints are found by
-    name in every message. Raises BagError when the topic or the joint is not in the bag.
+    Time 0 of both is the first measurement, so commands can have negative times. Joints are looked up by name in every
+    message. Raises BagError when the topic or the joint is not in the bag.
     """
     states = bag[joint_topic]
     if states.type_name != JOINT_STATE:
@@ -83,19 +82,19 @@ def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") 
 def recorded(
     states: Columns, channels: dict[str, Array], present: NDArray[np.bool_], commands: Columns | None, device: Device
 ) -> JointRecording:
-    """The recording of the messages `states`, whose values are `channels`, where they are `present`, and `commands`."""
+    """The recording from the messages `states` where the joint is `present`, with values `channels`, and `commands`."""
     origin = int(states.stamp[np.argmax(present)])
     keep, report = _increasing(states, present, origin)
     measured = {name: values[keep] for name, values in channels.items() if np.isfinite(values[keep]).any()}
     signals = Signals(seconds(states.stamp[keep], origin), measured, UNITS)
     if commands is None:
         return JointRecording(signals, None, (report,))
-    held, command_report = _commands(commands, device, origin)
-    return JointRecording(signals, held, (report, command_report))
+    commanded, command_report = _commands(commands, device, origin)
+    return JointRecording(signals, commanded, (report, command_report))
 
 
 def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], NDArray[np.bool_]]:
-    """Values by channel for every message, NaN where it has none, and which messages name the link at all."""
+    """Values by channel for every message, NaN where missing, and a mask of the messages that name the link."""
     count, drives = len(states), device.n_drives
     channels = {name: np.full(count, np.nan) for name in LINK}
     channels |= {name: np.full((count, drives), np.nan) for name in device.drive_channels}
@@ -123,7 +122,7 @@ def _by_names(names: NDArray[Any]) -> list[tuple[tuple[str, ...], NDArray[np.int
 
 
 def _picked(values: NDArray[Any], index: int) -> Array:
-    """Value number `index` of every message; NaN where the array is shorter, which is how 'not measured' is sent."""
+    """Value `index` of every message; NaN where the array is shorter, which means not measured."""
     if values.ndim == 2:
         return values[:, index] if index < values.shape[1] else np.full(len(values), np.nan)
     return np.array([each[index] if index < len(each) else np.nan for each in values])
@@ -147,7 +146,7 @@ def _commands(columns: Columns, device: Device, origin: int) -> tuple[Signals, S
         motor = np.stack([_picked(columns["motor"][keep], i) for i in range(device.n_motors)], axis=1)
         values["motor"] = np.where(by_reference[:, None], np.nan, motor)
     by_torque = mode == MOTOR_TORQUE
-    if by_torque.any() and not device.n_motors:  # a command without a torque asks for none
+    if by_torque.any() and not device.n_motors:  # a command without torque means zero torque
         values["external_torque"] = np.where(by_torque, _picked(columns["motor"][keep], 0), 0.0)
         units["external_torque"] = "N m"
     time = seconds(columns.stamp[keep], origin)
@@ -155,7 +154,7 @@ def _commands(columns: Columns, device: Device, origin: int) -> tuple[Signals, S
 
 
 def _increasing(columns: Columns, wanted: NDArray[np.bool_], origin: int) -> tuple[NDArray[np.intp], StampReport]:
-    """Rows whose stamp is later than all before, among those `wanted`."""
+    """The `wanted` rows whose stamp is later than all earlier ones, and their report."""
     rows = np.flatnonzero(wanted)
     stamp = columns.stamp[rows]
     latest = np.maximum.accumulate(stamp)

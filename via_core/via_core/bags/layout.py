@@ -1,7 +1,7 @@
-"""Where the numbers of a serialised message lie, so that thousands of messages of one layout are read as columns.
+"""Byte offsets of the numbers in a serialised message, so that many messages of one layout are read as columns.
 
-CDR (DDS-XTypes 1.3, section 7.4, encoding version 1): four bytes of header, then every member aligned to its own size,
-counted from behind the header. Sequences carry a u32 length, strings a u32 length that includes a final zero.
+CDR (DDS-XTypes 1.3, section 7.4, encoding version 1): a header of four bytes, then every member aligned to its own
+size, counted from the end of the header. Sequences have a u32 length, strings a u32 length that includes a final zero.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ _NUMBERS = {
 }  # fmt: skip
 
 
-_SLACK = 8  # [bytes] Fast DDS sizes its buffer for the worst alignment: up to this much more per sequence or text
+_SLACK = 8  # [bytes] Fast DDS sizes its buffer for the worst alignment: so many extra bytes per sequence or text
 
 
 class NoFixedLayoutError(Exception):
-    """This message cannot be read by fixed offsets: a member type, byte order or length that the walk does not know."""
+    """The message cannot be read by fixed offsets: unsupported member type, byte order or length."""
 
 
 @dataclass(frozen=True)
 class Number:
-    """One member of numbers: numpy format, byte offset in the message, how many (None: a scalar)."""
+    """A numeric member: numpy format, byte offset in the message, number of values (None: a scalar)."""
 
     form: str
     offset: int
@@ -42,10 +42,10 @@ class Number:
 class Layout:
     """The layout of one message.
 
-    size     [bytes] of the message, padding at the end included
-    numbers  member name ('header.stamp.sec') -> where its values lie
-    texts    member name -> its text, or tuple of texts: part of the layout, because their lengths move what follows
-    fixed    [begin, end) byte ranges that must be equal in every message of this layout
+    size     [bytes] of the message with padding
+    numbers  member name ('header.stamp.sec') -> its values
+    texts    member name -> text or tuple of texts; part of the layout, as their lengths shift the following members
+    fixed    [begin, end) byte ranges that are equal in every message of this layout
     """
 
     size: int
@@ -55,7 +55,7 @@ class Layout:
 
 
 def layout_of(store: Typestore, type_name: str, message: bytes) -> Layout:
-    """The layout of one serialised `message`. Raises NoFixedLayoutError where it has none that offsets can express."""
+    """Layout of one serialised `message`. Raises NoFixedLayoutError where fixed offsets cannot express it."""
     if len(message) < 4 or message[0] != 0 or message[1] != 1:
         raise NoFixedLayoutError("not plain little-endian CDR")
     walk = _Walk(store, message, Layout(len(message)))
@@ -77,7 +77,7 @@ class _Walk:
     def members(self, type_name: str, prefix: str) -> None:
         members = self.store.fielddefs[type_name][1]
         if not members:
-            self.take(1)  # an empty message is sent as one byte
+            self.take(1)  # an empty message is one byte
         for name, (kind, inner) in members:
             full = prefix + name
             if kind == Nodetype.NAME:
@@ -105,7 +105,7 @@ class _Walk:
             self.layout.numbers[name] = Number(*self.place(base, count), count)
 
     def place(self, base: str, count: int) -> tuple[str, int]:
-        """Format and offset of `count` numbers; no alignment for none, as Fast CDR does it."""
+        """Format and offset of `count` numbers; no alignment for zero numbers, as in Fast CDR."""
         form = _NUMBERS.get(base)
         if form is None:
             raise NoFixedLayoutError(f"members of type {base}")
@@ -137,9 +137,9 @@ class _Walk:
 
 
 def decoded(store: Typestore, type_name: str, message: bytes) -> Any:
-    """One message decoded by itself; raises whatever the generated decoder raises on bytes that do not fit.
+    """One decoded message. Raises any exception of the generated decoder on invalid bytes.
 
-    Not Typestore.deserialize_cdr, which refuses the unused bytes that Fast DDS leaves at the end.
+    Typestore.deserialize_cdr would refuse the unused bytes that Fast DDS leaves at the end.
     """
     if len(message) < 4 or message[0] != 0 or message[1] > 1:
         raise ValueError("not plain CDR")
@@ -150,7 +150,7 @@ def decoded(store: Typestore, type_name: str, message: bytes) -> Any:
 
 
 def scalar_formats(store: Typestore, type_name: str, prefix: str = "") -> dict[str, str]:
-    """Numpy formats of the members that are single numbers, nested ones dotted."""
+    """Numpy formats of the scalar members; names of nested ones are dotted."""
     formats: dict[str, str] = {}
     for name, (kind, inner) in store.fielddefs[type_name][1]:
         if kind == Nodetype.NAME:
@@ -161,7 +161,7 @@ def scalar_formats(store: Typestore, type_name: str, prefix: str = "") -> dict[s
 
 
 def shares_layout(layout: Layout, rows: NDArray[np.uint8]) -> bool:
-    """Whether all `rows` (n, size) of messages have the layout found in the first of them."""
+    """Whether all messages `rows` (n, size) have the `layout` of the first."""
     spans = np.array([span for span in layout.fixed if span[0] < span[1]], dtype=np.int64).reshape(-1, 2)
     return bool(_all_equal(rows, spans))
 
@@ -181,7 +181,7 @@ def _all_equal(rows: NDArray[np.uint8], spans: NDArray[np.int64]) -> bool:
 
 
 def column(number: Number, rows: NDArray[np.uint8]) -> NDArray[np.generic]:
-    """(n,) or (n, count): the values of one member in all `rows` (n, size)."""
+    """Values (n,) or (n, count) of one member in all messages `rows` (n, size)."""
     width = np.dtype(number.form).itemsize
     count = 1 if number.count is None else number.count
     packed = np.ascontiguousarray(rows[:, number.offset : number.offset + width * count])
@@ -196,9 +196,9 @@ def column(number: Number, rows: NDArray[np.uint8]) -> NDArray[np.generic]:
 def filled(
     store: Typestore, type_name: str, template: Any, count: int, columns: Mapping[str, NDArray[Any]]
 ) -> list[bytes]:
-    """`count` serialised copies of the message `template`, the members in `columns` replaced row by row.
+    """`count` serialised copies of the message `template` with the members in `columns` replaced.
 
-    columns  member name -> (count,) or (count, k), k as many as the template's member holds
+    columns  member name -> (count,) or (count, k), k the length of the member in the template
     """
     message = bytes(store.serialize_cdr(template, type_name))
     layout = layout_of(store, type_name, message)

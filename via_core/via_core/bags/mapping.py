@@ -1,7 +1,7 @@
-"""Mapping files: which column of a foreign recording is which quantity of which joint.
+"""Mapping files: the joint and quantity of each column of a CSV recording.
 
-Every column of a recording is either mapped or listed under `ignore` with the reason; a column that is neither, or one
-that is missing, stops the import. That way a renamed column cannot quietly become 'not measured'.
+Every column is either mapped or listed under `ignore` with a reason. Any other column, or a missing one, is an error,
+so that a renamed column cannot silently count as not measured.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class _Part(BaseModel):
 
 
 class _Column(_Part):
-    """One column: value = number in the file * (unit in SI * scale) + offset; bit-exact where these are 1 and 0."""
+    """One column: value = number in the file * (unit in SI * scale) + offset; bit-exact for factor 1 and offset 0."""
 
     column: str
     unit: Literal["s", "ms", "us", "ns", "rad", "deg", "rad/s", "deg/s", "N m", "N mm", "A", "mA", "V", "mV", "-", "%"]
@@ -44,7 +44,7 @@ class _Column(_Part):
 
 
 class TimeColumn(_Column):
-    """Seconds after the common zero of recording and commands."""
+    """Time since the common origin of recording and commands."""
 
     unit: Literal["s", "ms", "us", "ns"]
 
@@ -60,13 +60,13 @@ class JointColumn(_Column):
 
 
 class CommandColumn(_Column):
-    """A command in via_interfaces/VsaCommand."""
+    """A command, a member of via_interfaces/VsaCommand."""
 
     quantity: Literal["equilibrium", "preset", "damping"]
 
 
 class ScalarColumn(_Column):
-    """Anything else: a std_msgs/Float64 topic, in SI units."""
+    """Any other quantity: a std_msgs/Float64 topic in SI units."""
 
     topic: Annotated[str, Field(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)+$")]
 
@@ -97,7 +97,7 @@ class Table(_Part):
         return self
 
     def check_header(self, header: list[str], file: str) -> None:
-        """Raises ImportMapError naming the columns that are unknown and those that are missing."""
+        """Raise ImportMapError for unknown, missing or repeated columns."""
         wanted = {each.column for each in self.mapped} | self.ignore.keys()
         unknown = [name for name in header if name not in wanted]
         missing = sorted(wanted - set(header))
@@ -112,10 +112,10 @@ class Table(_Part):
 
 
 class Recordings(Table):
-    """The measurements: one bag per file whose path below the folder matches `pattern` in full.
+    """The measurements: one bag per file whose relative path matches `pattern`.
 
-    pattern  regular expression; its named groups may be used in `bag` and in the commands' `file`
-    bag      name of the bag made of it
+    pattern  regular expression for the whole path; `bag` and `file` of the commands may use its named groups
+    bag      name of the bag
     """
 
     pattern: Text
@@ -123,7 +123,7 @@ class Recordings(Table):
 
 
 class CommandFile(Table):
-    """A file of commands beside each recording, each held until the next."""
+    """A file of commands for each recording, zero-order hold."""
 
     file: Text
 
@@ -143,7 +143,7 @@ class Mapping(_Part):
         try:
             groups = re.compile(self.recordings.pattern).groupindex
         except re.error as error:
-            raise ValueError(f"recordings.pattern is no regular expression: {error}") from None
+            raise ValueError(f"recordings.pattern is not a regular expression: {error}") from None
         templates = [self.recordings.bag] + ([self.commands.file] if self.commands else [])
         for template in templates:
             try:
@@ -168,7 +168,7 @@ def mapping_names() -> tuple[str, ...]:
 
 
 def load_mapping(name_or_path: str | Path) -> Mapping:
-    """The shipped mapping of that name, or the one a YAML file describes. Raises ImportMapError naming file and key."""
+    """The shipped mapping of that name, or the mapping of a YAML file. Raises ImportMapError with file and key."""
     if isinstance(name_or_path, Path) or re.search(r"[/\\]|\.ya?ml$", name_or_path):
         where = Path(name_or_path)
     else:
@@ -179,12 +179,14 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
         content = yaml.safe_load(where.read_text(encoding="utf-8"))
         mapping = Mapping.model_validate(content)
     except (OSError, UnicodeDecodeError) as error:
-        raise ImportMapError(f"{where}: cannot be read: {getattr(error, 'strerror', None) or 'no UTF-8'}") from None
+        raise ImportMapError(f"{where}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8'}") from None
     except ValidationError as error:
-        told = "; ".join(f"{'.'.join(map(str, each['loc'])) or 'mapping'}: {each['msg']}" for each in error.errors())
-        raise ImportMapError(f"{where.name}: {told}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a date that is none
+        problems = "; ".join(
+            f"{'.'.join(map(str, each['loc'])) or 'mapping'}: {each['msg']}" for each in error.errors()
+        )
+        raise ImportMapError(f"{where.name}: {problems}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: invalid dates
         raise ImportMapError(f"{where.name}: not YAML: {' '.join(str(error).split())}") from None
     if mapping.device is not None and re.search(r"[/\\]|\.ya?ml$", mapping.device):
-        return mapping.model_copy(update={"device": str(where.parent / mapping.device)})  # a path is beside the mapping
+        return mapping.model_copy(update={"device": str(where.parent / mapping.device)})  # relative to the mapping
     return mapping

@@ -1,4 +1,4 @@
-"""JointState and VsaCommand messages from columns of numbers, serialised, and their order in a bag."""
+"""Serialised JointState and VsaCommand messages from columns of numbers, and their order in a bag."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from via_core.wire import EQUILIBRIUM_PRESET, FIELDS, JOINT_STATE, MOTOR_TORQUE,
 
 
 class Stream(NamedTuple):
-    """One topic: its stamps [ns] (N,) and as many serialised messages."""
+    """One topic: stamps (N,) [ns] and N serialised messages."""
 
     topic: str
     type_name: str
@@ -24,7 +24,7 @@ class Stream(NamedTuple):
 
 
 def in_order(streams: Sequence[Stream]) -> Iterator[tuple[str, bytes, int]]:
-    """Topic, message and stamp of all messages by stamp, those of equal stamps in the order of the streams."""
+    """Topic, message and stamp of all messages, sorted by stamp; equal stamps in the order of the streams."""
     stamps = np.concatenate([stream.stamp for stream in streams])
     which = np.repeat(np.arange(len(streams)), [len(stream.stamp) for stream in streams])
     index = np.concatenate([np.arange(len(stream.stamp)) for stream in streams])
@@ -36,7 +36,7 @@ def in_order(streams: Sequence[Stream]) -> Iterator[tuple[str, bytes, int]]:
 def joint_messages(
     frame: str, names: Sequence[str], stamp: NDArray[np.int64], columns: Mapping[str, Array]
 ) -> list[bytes]:
-    """JointStates of the joints `names` with stamps (N,) [ns]; columns: position, velocity, effort (N, k) as known."""
+    """JointStates of the joints `names` with stamps (N,) [ns]; columns position, velocity, effort (N, k), if any."""
     store = typestore_of(JOINT_STATE)
     arrays = [np.zeros(len(names) if field in columns else 0) for field in FIELDS]
     template = store.types[JOINT_STATE](_header(store, frame), list(names), *arrays)
@@ -46,10 +46,10 @@ def joint_messages(
 def command_messages(
     frame: str, stamp: NDArray[np.int64], columns: Mapping[str, Array], unknown: Mapping[str, float] | None = None
 ) -> list[bytes]:
-    """VsaCommands with stamps (N,) [ns]: torques where there is a column `motor` (N, m), else references.
+    """VsaCommands with stamps (N,) [ns]: motor torques with a column `motor` (N, m), else references.
 
-    columns  of equilibrium, preset, damping (N,) those known
-    unknown  value of a reference without a column, unless it is NaN for angles and 0 for damping
+    columns  equilibrium, preset, damping (N,), any of them
+    unknown  values of references without a column; default: NaN for angles, 0 for damping
     """
     store, motor = typestore_of(VSA_COMMAND), columns.get("motor")
     template = store.types[VSA_COMMAND](

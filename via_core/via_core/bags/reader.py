@@ -1,11 +1,11 @@
-"""Reading bags: by column for analysis, message by message in stamp order for replay.
+"""Bag reader: columns for analysis, messages in stamp order for replay.
 
     bag = read_bag("out/run")                    # a bag directory or one .mcap file, finished or not
     states = bag["/joint_states"]                # Columns: states.stamp, states["position"], ...
     for message in bag.in_stamp_order(): ...     # RawMessage: topic, type, bytes, times
 
-A topic whose messages all have one layout is read by strided copies; whether they have is checked in every message, and
-where they do not, each message is decoded by itself. Both ways give the same columns.
+If all messages of a topic have one layout, which is checked in every message, columns are strided copies; otherwise
+messages are decoded one by one. Both ways give the same columns.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _YamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class RawMessage(NamedTuple):
-    """One message as recorded; `definition` of its topic says what the bytes mean."""
+    """One serialised message; `Topic.definition` is its type."""
 
     topic: str
     type_name: str
     data: bytes
-    log_time: int  # [ns] when it was recorded
+    log_time: int  # [ns] time of recording
     stamp: int  # [ns] of its header; log_time for types without one
     publish_time: int  # [ns]
     sequence: int
@@ -47,15 +47,14 @@ class RawMessage(NamedTuple):
 
 @dataclass(frozen=True)
 class Columns:
-    """All messages of one topic in file order, by member.
+    """All messages of one topic in file order, as one array per member.
 
     log_time  (n,) [ns]
     stamp     (n,) [ns] of the header; log_time for types without one
-    fields    'position' -> (n,) or (n, k) where all messages hold equally many numbers; an object array (n,) of arrays
-              where they do not, of str for texts, of tuples of str for lists of texts. Nested members are dotted:
-              'header.frame_id'.
-    by_offset whether the messages share one layout and were read by strided copies
-    left_out  one sentence per message whose bytes are no message of this type
+    fields    'position' -> (n,), or (n, k) where all messages have k numbers; else an object array (n,) of arrays, of
+              str for texts, of tuples of str for lists of texts. Names of nested members are dotted: 'header.frame_id'.
+    by_offset whether all messages share one layout and were read by strided copies
+    left_out  one sentence per message that could not be decoded
     """
 
     topic: str
@@ -78,11 +77,11 @@ class Columns:
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic of a bag: what it carries, and its messages as bytes."""
+    """One topic of a bag: its type, and its messages as bytes."""
 
     name: str
     definition: Definition
-    qos: str  # offered_qos_profiles, YAML as rosbag2 keeps it
+    qos: str  # offered_qos_profiles, the YAML text of rosbag2
     parts: tuple[Messages, ...]  # one per file and channel
 
     def __len__(self) -> int:
@@ -115,7 +114,7 @@ class Topic:
 
     @cached_property
     def stamp(self) -> Integers:
-        """Header stamps [ns]; log times for types without a header and messages too short to hold one."""
+        """Header stamps [ns]; log times for types without a header and messages too short for one."""
         if not self._has_header:
             return self.log_time
         stamps = []
@@ -143,7 +142,7 @@ class Topic:
 
     @cached_property
     def columns(self) -> Columns:
-        """A message that does not fit the definition is left out and said. Raises BagError when none fits."""
+        """Messages as columns; undecodable ones are listed in `left_out`. Raises BagError when none can be decoded."""
         fields = self._by_offset()
         if fields is not None:
             return Columns(self.name, self.type_name, self.log_time, self.stamp, MappingProxyType(fields), True)
@@ -178,16 +177,16 @@ class Topic:
         return fields
 
     def _one_by_one(self) -> tuple[dict[str, NDArray[Any]], NDArray[np.bool_], tuple[str, ...]]:
-        """Fields of the messages that can be decoded, which these are, and a sentence for every other one."""
+        """Fields of the decodable messages, a mask of them, and one sentence for every other message."""
         rows: list[dict[str, Any]] = []
         fits = np.ones(len(self), dtype=np.bool_)
         left_out: list[str] = []
         for k, data in enumerate(self.payloads()):
             try:
                 rows.append(dict(_flattened(decoded(self.store, self.type_name, data))))
-            except Exception as error:  # the decoder is generated code: wrong bytes make it raise anything
+            except Exception as error:  # generated code: raises any exception on invalid bytes
                 reason = " ".join(str(error).split()) or type(error).__name__
-                left_out.append(f"message {k} of {self.name} is no {self.type_name}: {reason}")
+                left_out.append(f"message {k} of {self.name} is not a {self.type_name}: {reason}")
                 fits[k] = False
         formats = scalar_formats(self.store, self.type_name)
         names = rows[0] if rows else ()
@@ -196,11 +195,12 @@ class Topic:
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag as far as it can be read.
+    """The readable part of a bag.
 
     topics    by name
     metadata  custom_data of the bag
-    complete  nothing is missing or was left out; otherwise `remarks` says what
+    complete  nothing is missing or was skipped
+    remarks   one sentence for everything that is missing or was skipped
     """
 
     path: Path
@@ -226,11 +226,11 @@ class Bag:
         return self.topic(name).columns
 
     def in_stamp_order(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
-        """The messages of `topics` (all, if none are named) by stamp; equal stamps keep the order of the file."""
+        """The messages of `topics` (default: all) sorted by stamp; equal stamps in file order."""
         return self._ordered(topics, by_stamp=True)
 
     def in_file_order(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
-        """The messages of `topics` (all, if none are named) as they were recorded."""
+        """The messages of `topics` (default: all) in file order."""
         return self._ordered(topics, by_stamp=False)
 
     def _ordered(self, topics: Iterable[str] | None, *, by_stamp: bool) -> Iterator[RawMessage]:
@@ -257,10 +257,10 @@ class Bag:
 
 
 def read_bag(path: str | Path, topics: Iterable[str] | None = None) -> Bag:
-    """Read a bag directory or one .mcap file, keeping only `topics` if any are named.
+    """Read `topics` (default: all) of a bag directory or one .mcap file.
 
-    What is missing of a damaged or unfinished bag is said in `Bag.remarks`. Raises BagError where there is nothing to
-    read: no such path, no MCAP file, or no topic in a message format known here.
+    `Bag.remarks` lists what is missing from a damaged or unfinished bag. Raises BagError where nothing can be read: no
+    such path, no MCAP file, or no topic in a supported message format.
     """
     path = Path(path)
     if not path.exists():
@@ -269,7 +269,7 @@ def read_bag(path: str | Path, topics: Iterable[str] | None = None) -> Bag:
     files = list(files_of(path))
     if not files:
         others = sorted(file.suffix for file in path.iterdir() if file.suffix in (".db3", ".zstd", ".bag"))
-        hint = f" ({others[0]} files are not read: `ros2 bag convert` makes .mcap of them)" if others else ""
+        hint = f" ({others[0]} files are not supported; `ros2 bag convert` converts them to .mcap)" if others else ""
         raise BagError(f"{path} holds no .mcap file{hint}")
     remarks: list[str] = []
     containers = []
@@ -281,14 +281,14 @@ def read_bag(path: str | Path, topics: Iterable[str] | None = None) -> Bag:
                 raise
             remarks.append(str(error))
     if not containers:
-        raise BagError(f"{path} holds nothing readable: {'; '.join(remarks)}")
+        raise BagError(f"{path} holds no readable file: {'; '.join(remarks)}")
     for each in containers:
         remarks += [remark if len(files) == 1 else f"{each.path.name}: {remark}" for remark in each.remarks]
     metadata, missing = _metadata(path, containers)
     remarks += missing
     found = _topics(containers, remarks)
     if not found and any(each.channels for each in containers):
-        raise BagError(f"{path.name} has no topic that can be read: {'; '.join(remarks)}")
+        raise BagError(f"{path.name} has no readable topic: {'; '.join(remarks)}")
     kept = {name: topic for name, topic in found.items() if chosen is None or name in chosen}
     return Bag(path, MappingProxyType(kept), MappingProxyType(metadata), not remarks, tuple(remarks))
 
@@ -306,7 +306,7 @@ def _topics(containers: list[Container], remarks: list[str]) -> dict[str, Topic]
     for name, parts in channels.items():
         first = parts[0][0]
         if first.schema is None:
-            remarks.append(f"topic {name} has no schema and is left out")
+            remarks.append(f"topic {name} is left out: no schema")
             continue
         if first.encoding != "cdr" or first.schema.encoding != "ros2msg":
             remarks.append(f"topic {name} is left out: {first.encoding or 'no'} messages, "
@@ -330,7 +330,7 @@ def _topics(containers: list[Container], remarks: list[str]) -> dict[str, Topic]
 
 
 def _metadata(path: Path, containers: list[Container]) -> tuple[dict[str, str], list[str]]:
-    """custom_data, from metadata.yaml or from its copy in the file; and what is wrong with it."""
+    """custom_data from metadata.yaml or from its copy in the MCAP file, and remarks."""
     texts = []
     remarks = []
     if path.is_dir():
@@ -345,8 +345,8 @@ def _metadata(path: Path, containers: list[Container]) -> tuple[dict[str, str], 
             content = content.get("rosbag2_bagfile_information", content)
             custom = content.get("custom_data") or {}
             return {str(key): str(value) for key, value in custom.items()}, remarks
-        except (yaml.YAMLError, AttributeError, ValueError, RecursionError):  # dates that are none, endless nesting
-            remarks.append("the metadata of the bag cannot be understood")
+        except (yaml.YAMLError, AttributeError, ValueError, RecursionError):  # ValueError: invalid dates
+            remarks.append("the metadata of the bag is invalid")
     return {}, remarks
 
 
@@ -374,7 +374,7 @@ def _flattened(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _stacked(values: list[Any], scalar: str | None) -> NDArray[Any]:
-    """Values of one member, as Columns.fields describes; `scalar` is the numpy format of a member of single numbers."""
+    """Values of one member as in `Columns.fields`; `scalar` is the numpy format of a scalar member."""
     if scalar is not None:
         return np.array(values, dtype=scalar)
     if isinstance(values[0], np.ndarray) and len({len(value) for value in values}) == 1:

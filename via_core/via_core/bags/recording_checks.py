@@ -1,8 +1,8 @@
-"""Can this recording be what it claims? Physical checks of one joint's run against its device file.
+"""Physical plausibility checks of the recording of one joint against its device file.
 
-Each check holds a number against a limit that follows from the device (encoder steps, servo bandwidth, spring torque
-and inertia), so it needs to know nothing about the robot or the file at hand. Errors mean that measurements and
-commands do not belong together or that a sensor lied; warnings mark stretches to leave out.
+Each check compares a number with a limit that follows from the device: encoder steps, servo bandwidth, spring torque
+and inertia. Errors mean that measurements and commands do not belong together or that a sensor is faulty; warnings mark
+intervals to leave out.
 """
 
 from __future__ import annotations
@@ -22,23 +22,21 @@ from via_core.servos import servo_step
 from via_core.signals import Array, Signals
 
 LEAST_SAMPLES = 50
-EARLIEST, LATEST = -1e8, 2e9  # [s] of a stamp: ROS counts to 2^31, and an import shifts all so that none is negative
-BAD_STAMP_SHARE = 0.01  # [-] of samples that may be left out for their stamps
-GAP_PERIODS = 5.0  # usual periods without a sample that make a gap
-WINDOW = 9  # samples of the running median that a spike or a lost sample must not move
-SETTLED_STEPS = 3  # encoder steps a settled servo may stand off (MACCEPA-VD: good runs .8, wrong ones from 5.9)
-MOVING_SHARE = 0.05  # [-] of the commanded travel that a servo may lag behind its model while it moves
-SPIKE_STEPS = 5  # encoder steps off the running median that make a spike
-STALE_SAMPLES = (
-    10  # samples without any change, while the model moves by more than SPIKE_STEPS, that make a value stale
-)
-SAFETY = 3.0  # on the largest step that the strongest spring and the encoder explain together
-COARSER = 5.0  # times the named encoder step is the most that a coarser one found in the data may count
-FALLBACK_STEP = 5e-3  # [rad] encoder step (a quarter of a degree) where the device file names none
+EARLIEST, LATEST = -1e8, 2e9  # [s] valid stamps: ROS counts to 2^31, and an import shifts negative ones
+BAD_STAMP_SHARE = 0.01  # [-] largest share of samples left out for their stamps
+GAP_PERIODS = 5.0  # a gap is longer than so many median periods
+WINDOW = 9  # samples of the running median, robust against spikes and lost samples
+STEADY_STEPS = 3  # largest error of a resting servo in encoder steps (MACCEPA-VD: good runs .8, wrong from 5.9)
+MOVING_SHARE = 0.05  # [-] largest error of a moving servo, as share of the commanded travel
+SPIKE_STEPS = 5  # a spike is more encoder steps than this off the running median
+STALE_SAMPLES = 10  # stale: unchanged for so many samples while the model moves by more than SPIKE_STEPS
+SAFETY = 3.0  # [-] factor on the largest step that spring torque and encoder explain
+COARSER = 5.0  # [-] largest accepted ratio of the encoder step in the data to that in the device file
+FALLBACK_STEP = 5e-3  # [rad] encoder step (a quarter of a degree) where the device file has none
 
 
 def check_samples(time: Array, columns: Mapping[str, Array]) -> tuple[Finding, ...]:
-    """Findings about the table itself: its length, its stamps [s] (N,) and what was not measured (NaN)."""
+    """Findings on the table: its length, its stamps (N,) [s] and missing values (NaN)."""
     findings = []
     if len(time) < LEAST_SAMPLES:
         text = f"only {len(time)} samples, fewer than {LEAST_SAMPLES}"
@@ -56,7 +54,7 @@ def check_samples(time: Array, columns: Mapping[str, Array]) -> tuple[Finding, .
 
 
 def usable_stamps(time: Array) -> NDArray[np.bool_]:
-    """(N,) the samples whose stamp [s] can be told in ROS and is later than every one before."""
+    """Mask (N,) of the samples whose stamp [s] is valid in ROS and later than all earlier ones."""
     usable = (time > EARLIEST) & (time < LATEST)
     known = np.where(usable, time, -np.inf)
     usable[1:] &= known[1:] > np.maximum.accumulate(known)[:-1]
@@ -70,18 +68,18 @@ def _stamps(time: Array) -> list[Finding]:
     if bad:
         share = bad / len(time)
         severity: Literal["warning", "error"] = "error" if share > BAD_STAMP_SHARE else "warning"
-        text = f"{bad} of {len(time)} stamps are no times, repeated or run backwards; those samples are left out"
+        text = f"{bad} of {len(time)} stamps are invalid, repeated or decreasing; those samples are left out"
         findings.append(Finding(severity, "stamps", "time", text, share, BAD_STAMP_SHARE))
     dt = np.diff(time[usable])
     if len(dt) >= LEAST_SAMPLES and dt.max() > GAP_PERIODS * np.median(dt):
         worst = int(np.argmax(dt))
-        text = f"a gap of {dt[worst]:.4f} s at {time[usable][worst]:.4f} s; the usual period is {np.median(dt):.4f} s"
+        text = f"a gap of {dt[worst]:.4f} s at {time[usable][worst]:.4f} s; the median period is {np.median(dt):.4f} s"
         findings.append(Finding("warning", "gap", "time", text, float(dt[worst]), float(GAP_PERIODS * np.median(dt))))
     return findings
 
 
 def check_recording(measured: Signals, commands: Signals | None, device: Device) -> tuple[Finding, ...]:
-    """Findings about what one joint did; names of channels as in `joint_signals`."""
+    """Findings on the motion of one joint; channels named as in `joint_signals`."""
     if "q" not in measured:
         return (Finding("error", "not_measured", "q", "the joint angle was never measured", 1.0),)
     if len(measured) < LEAST_SAMPLES:
@@ -93,10 +91,10 @@ def check_recording(measured: Signals, commands: Signals | None, device: Device)
 
 
 def _angle_steps(measured: Signals, commands: Signals | None, device: Device) -> list[Finding]:
-    """One step of the joint angle against the steps beside it.
+    """Finding for a step of the joint angle that is too large compared with its neighbours.
 
-    What the link does within a step dt beyond the faster of its neighbours is at most tau_max dt^2 / M, plus two
-    encoder steps of rounding. An impact stops a link but does not move it ahead of itself, so it passes.
+    A step exceeds the faster of its neighbours by at most tau_max dt^2 / M plus two encoder steps of rounding. An
+    impact stops a link and does not accelerate it, so it passes.
     """
     known = np.isfinite(measured["q"])
     time, q = measured.time[known], measured["q"][known]
@@ -118,7 +116,7 @@ def _angle_steps(measured: Signals, commands: Signals | None, device: Device) ->
             "angle_step",
             "q",
             f"the joint angle jumps {step[worst + 1]:.3f} rad in {dt[worst + 1] * 1e3:.1f} ms at "
-            f"{time[worst + 1]:.3f} s, {excess[worst]:.3f} rad more than the motion beside it; the strongest spring "
+            f"{time[worst + 1]:.3f} s, {excess[worst]:.3f} rad more than the neighbouring steps; the largest spring "
             f"torque ({torque:.2f} N m) and the encoder ({quantum:.4f} rad) allow {limit[worst]:.3f} rad",
             float(excess[worst]),
             float(limit[worst]),
@@ -127,19 +125,19 @@ def _angle_steps(measured: Signals, commands: Signals | None, device: Device) ->
 
 
 def _strongest_torque(commands: Signals | None, device: Device) -> float:
-    """Largest torque [N m] on the link from springs at their stops, at the largest preset in use, and gravity."""
+    """Largest torque [N m] on the link from springs within their stops, at the largest preset used, plus gravity."""
     preset = 0.0
     if commands is not None and "preset" in commands and np.isfinite(commands["preset"]).any():
         preset = float(np.nanmax(np.abs(commands["preset"])))
     torque = 0.0
-    for law in device.spring_laws:
-        phi = np.linspace(-law.max_deflection, law.max_deflection, 401)
-        torque += float(np.abs(law.torque(phi, preset)).max())
+    for spring in device.spring_laws:
+        phi = np.linspace(-spring.max_deflection, spring.max_deflection, 401)
+        torque += float(np.abs(spring.torque(phi, preset)).max())
     return torque + device.link.gravity_torque if torque else 0.0
 
 
 def _smallest_step(q: Array) -> float:
-    """The encoder step that shows in the data [rad]: the smallest change above rounding, 0 when nothing moved."""
+    """Encoder step [rad] seen in the data: the smallest change above rounding, 0 without motion."""
     steps = np.abs(np.diff(q))
     steps = steps[steps > 1e-9]
     return float(steps.min()) if steps.size else 0.0
@@ -172,7 +170,7 @@ def _servos(measured: Signals, commands: Signals, device: Device) -> list[Findin
 
 
 def _motor_commands(commands: Signals, device: Device) -> Array | None:
-    """(n, m) [rad] commanded motor angles, None when the commands name none."""
+    """Commanded motor angles (n, m) [rad], None without any."""
     if "motor" in commands and commands.units["motor"] == "rad":
         return commands["motor"]
     if "equilibrium" not in commands:
@@ -183,16 +181,16 @@ def _motor_commands(commands: Signals, device: Device) -> Array | None:
 def _servo_response(
     time: Array, clean: Array, model: Array, reference: Array, quantum: float, subject: str
 ) -> list[Finding]:
-    """Measured angle against the exact response to the logged command, settled if it ever settles."""
+    """Finding for a measured angle that deviates from the exact response to the logged command, at rest if possible."""
     error = np.abs(clean - model)
-    settled = np.abs(np.gradient(model, time)) < quantum / np.median(np.diff(time)) / WINDOW
-    limit = SETTLED_STEPS * quantum
-    state = "settled"
-    if settled.mean() < 0.1:
-        settled = np.ones(len(time), dtype=np.bool_)
+    compared = np.abs(np.gradient(model, time)) < quantum / np.median(np.diff(time)) / WINDOW
+    limit = STEADY_STEPS * quantum
+    state = "resting"
+    if compared.mean() < 0.1:
+        compared = np.ones(len(time), dtype=np.bool_)
         limit += MOVING_SHARE * float(np.ptp(reference))
         state = "moving"
-    value = float(np.median(error[settled]))
+    value = float(np.median(error[compared]))
     if value <= limit:
         return []
     return [
@@ -200,7 +198,7 @@ def _servo_response(
             "error",
             "servo_response",
             subject,
-            f"the {state} servo stands {value:.3f} rad (median) beside its response to the logged command, "
+            f"the {state} servo is {value:.3f} rad (median) off its response to the logged command, "
             f"more than {limit:.3f} rad: these measurements were recorded under another command",
             value,
             limit,
@@ -244,9 +242,9 @@ def servo_response(
     start: float,
     bandwidth: float,
 ) -> NDArray[np.float64]:
-    """(N,) [rad] exact angle of a servo at rest at `start` that holds each `command` [rad] from its `command_time` [s].
+    """Exact angle (N,) [rad] of a servo under each `command` [rad] from its `command_time` [s] on; `bandwidth` [rad/s].
 
-    Before the first command it stays where it is. bandwidth [rad/s].
+    The servo rests at `start` [rad] until the first command.
     """
     angle, speed = start, 0.0
     out = np.empty(len(time))

@@ -1,4 +1,4 @@
-"""Making a whole bag of an unfinished or damaged one."""
+"""Recovery of unfinished or damaged bags."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from via_core.errors import BagError
 
 @dataclass(frozen=True)
 class RecoveryReport:
-    """What was saved.
+    """Result of a recovery.
 
     bag       the new bag
-    messages  saved, by topic
-    remarks   what is missing of the old one; empty when nothing was
+    messages  number of recovered messages by topic
+    remarks   what is missing from the source; empty when it was complete
     """
 
     source: Path
@@ -28,19 +28,19 @@ class RecoveryReport:
 
 
 def recover(path: str | Path, out: str | Path) -> RecoveryReport:
-    """Copy every whole message of `path` (bag directory or .mcap file) into a new, finished bag `out`.
+    """Copy every intact message of `path` (bag directory or .mcap file) into a new, finished bag `out`.
 
-    Chunks that are damaged are left out, of one that the end of the file cuts off all whole messages are taken.
-    Messages that no bag can hold (no CDR header, a time before zero) are left out and counted in the remarks.
+    Damaged chunks are skipped; of a chunk truncated by the end of the file the intact messages are recovered.
+    Invalid messages (no CDR header, negative time) are skipped and counted in the remarks.
     Raises BagError when nothing can be read from `path`, or `out` exists.
     """
     bag = read_bag(path)
-    messages = [each for each in bag.in_file_order() if _can_be_kept(each)]
+    messages = [each for each in bag.in_file_order() if _valid(each)]
     remarks = bag.remarks
     if len(messages) < len(bag):
-        remarks = (*remarks, f"{len(bag) - len(messages)} messages cannot be what they claim and are left out")
+        remarks = (*remarks, f"{len(bag) - len(messages)} messages are invalid and left out")
     if not messages:
-        raise BagError(f"{bag.path.name} holds no whole message: {'; '.join(remarks) or 'it is empty'}")
+        raise BagError(f"{bag.path.name} holds no intact message: {'; '.join(remarks) or 'it is empty'}")
     writer = BagWriter(out, {**bag.metadata, "recovered_from": bag.path.name, "recovered_without": "; ".join(remarks)})
     try:
         for topic in bag.topics.values():
@@ -54,5 +54,5 @@ def recover(path: str | Path, out: str | Path) -> RecoveryReport:
     return RecoveryReport(bag.path, writer.path, MappingProxyType(writer.messages()), remarks)
 
 
-def _can_be_kept(message: RawMessage) -> bool:
+def _valid(message: RawMessage) -> bool:
     return len(message.data) >= 4 and message.log_time >= 0 and message.publish_time >= 0

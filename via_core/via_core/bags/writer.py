@@ -1,9 +1,9 @@
-"""Writing a bag as rosbag2 does: a directory `<name>/` with `<name>_0.mcap` and metadata.yaml.
+"""Bag writer in the format of rosbag2: a directory `<name>/` with `<name>_0.mcap` and metadata.yaml.
 
-While it grows the file is called `<name>_0.mcap.active`; only a bag closed in order gets its final name, and
-metadata.yaml comes last. Whatever was cut off in between can be read in part and mended with `recover`.
-MCAP: profile 'ros2', zstd chunks of 64 KiB with message index; metadata.yaml: rosbag2 version 9 (Jazzy).
-Sources: https://mcap.dev/spec/registry (profile ros2), rosbag2_storage_mcap, rosbag2_storage TopicMetadata.
+During recording the file is named `<name>_0.mcap.active`; `close` gives it its final name and writes metadata.yaml
+last. An interrupted bag can be read in part and repaired with `recover`. MCAP: profile 'ros2', zstd chunks of 64 KiB
+with message index; metadata.yaml: rosbag2 version 9 (Jazzy). Sources: https://mcap.dev/spec/registry (profile ros2),
+rosbag2_storage_mcap, rosbag2_storage TopicMetadata.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from mcap.writer import CompressionType, IndexType, Writer
 from via_core.bags.definitions import Definition, definition_of
 from via_core.errors import BagError
 
-CHUNK_SIZE = 64 * 1024  # [bytes] before compression: what a killed recorder loses at most
+CHUNK_SIZE = 64 * 1024  # [bytes] before compression: the most that a killed recorder loses
 UNFINISHED = ".active"
-STORAGE_METADATA = "rosbag2"  # name of the MCAP metadata record in which rosbag2 keeps a copy of metadata.yaml
+STORAGE_METADATA = "rosbag2"  # name of the MCAP metadata record with rosbag2's copy of metadata.yaml
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
 @dataclass(frozen=True)
 class OfferedQos:
-    """The quality of service a publisher offered, in rosbag2's words (player and `ros2 bag play` offer it again)."""
+    """QoS offered by a publisher, in the terms of rosbag2; player and `ros2 bag play` offer it again."""
 
     reliability: str = "reliable"  # reliable | best_effort
     durability: str = "volatile"  # volatile | transient_local
@@ -40,7 +40,7 @@ class OfferedQos:
 
     @staticmethod
     def from_rosbag2(text: str) -> tuple[OfferedQos, ...]:
-        """The profiles in an offered_qos_profiles text of any version; the default where it cannot be understood."""
+        """The profiles in an offered_qos_profiles text of any version; the default where it is invalid."""
         try:
             profiles = yaml.safe_load(text) or []
             return tuple(
@@ -70,7 +70,7 @@ class OfferedQos:
 
 
 def _word(value: str | int, by_number: dict[int, str], otherwise: str) -> str:
-    """A policy by its name; before rosbag2's version 9 it was stored as its number."""
+    """Name of a policy; before version 9 rosbag2 stored its number."""
     return value if isinstance(value, str) else by_number.get(value, otherwise)
 
 
@@ -87,10 +87,10 @@ class _Topic:
 class BagWriter:
     """Writes serialised messages (CDR with its four-byte header) into a new bag directory.
 
-    path      directory to create; BagError when it exists, or is called what is no text
-    metadata  free texts kept as rosbag2 custom_data
+    path      directory to create; BagError when it exists or its name is not UTF-8
+    metadata  texts stored as rosbag2 custom_data
 
-    As a context manager: closed in order on success; on an exception what was written stays under its unfinished name.
+    As a context manager it closes the bag on success; on an exception the data stays under the unfinished name.
     """
 
     def __init__(self, path: str | Path, metadata: Mapping[str, str] | None = None) -> None:
@@ -101,12 +101,12 @@ class BagWriter:
         self._first: int | None = None  # [ns]
         self._last = 0  # [ns]
         try:
-            self.path.name.encode()  # the bag carries its own name, and bags hold UTF-8
+            self.path.name.encode()  # the bag contains its own name as UTF-8
             self.path.mkdir(parents=True)
         except UnicodeEncodeError:
-            raise BagError(f"the name of the bag {self.path} is no UTF-8 text; give it another") from None
+            raise BagError(f"the name of the bag {self.path} is not UTF-8; choose another") from None
         except FileExistsError:
-            raise BagError(f"{self.path} exists already; give the bag another name or remove it") from None
+            raise BagError(f"{self.path} exists already; choose another name or remove it") from None
         except OSError as error:
             raise BagError(f"cannot create the bag {self.path}: {error.strerror}") from None
         self._final = self.path / f"{self.path.name}_0.mcap"
@@ -125,9 +125,9 @@ class BagWriter:
         qos: OfferedQos | tuple[OfferedQos, ...] = OfferedQos(),
         definition: Definition | None = None,
     ) -> None:
-        """Declare `topic` before its first message; a second declaration of the same type changes nothing.
+        """Declare `topic` before its first message; a repeated declaration of the same type has no effect.
 
-        definition  given when re-recording a type that is not installed; found by `definition_of` otherwise.
+        definition  for a type that is not installed; default: `definition_of(type_name)`
         Raises BagError for an unknown type or a topic that already has another type.
         """
         writer = self._open_writer()
@@ -149,7 +149,7 @@ class BagWriter:
         self._topics[topic] = _Topic(topic, type_name, definition.type_hash, profiles, channel)
 
     def write(self, topic: str, data: bytes, log_time: int, publish_time: int | None = None, sequence: int = 0) -> None:
-        """Append one serialised message; times in ns since the epoch of the recording, not negative.
+        """Append one serialised message; times in [ns], not negative.
 
         Raises BagError for an undeclared topic, no CDR header, a negative time, a closed bag or a full disk.
         """
@@ -158,7 +158,7 @@ class BagWriter:
         if declared is None:
             raise BagError(f"topic {topic} was not declared in {self.path.name}")
         if len(data) < 4:
-            raise BagError(f"{len(data)} bytes are no serialised message for {topic}")
+            raise BagError(f"{len(data)} bytes are not a serialised message for {topic}")
         published = log_time if publish_time is None else publish_time
         if min(log_time, published) < 0:
             raise BagError(f"negative time {min(log_time, published)} ns for {topic} in {self.path.name}")
@@ -169,11 +169,11 @@ class BagWriter:
         self._last = max(self._last, log_time)
 
     def messages(self) -> dict[str, int]:
-        """Messages written so far, by topic."""
+        """Number of messages written, by topic."""
         return {topic.name: topic.messages for topic in self._topics.values()}
 
     def close(self) -> None:
-        """Finish the file, give it its final name, write metadata.yaml. Closing twice does nothing the second time."""
+        """Finish the file, give it its final name, write metadata.yaml. A second call has no effect."""
         if self._writer is None:
             return
         information = self._information()
@@ -191,9 +191,9 @@ class BagWriter:
             unfinished.rename(metadata)
 
     def abandon(self) -> None:
-        """Stop without finishing: whole chunks and the one begun stay in the file under its unfinished name."""
+        """Stop without finishing: all chunks, also the current one, stay in the file under its unfinished name."""
         if self._writer is not None:
-            with suppress(OSError):  # the disk is full or gone: what it took is all there will be
+            with suppress(OSError):  # the disk is full or gone
                 self._writer.flush()
         self._let_go()
 
@@ -204,12 +204,12 @@ class BagWriter:
 
     def _let_go(self) -> None:
         self._writer = None
-        with suppress(OSError):  # closing writes what is still buffered; the file is closed all the same
+        with suppress(OSError):  # closing flushes buffers, but closes the file in any case
             self._file.close()
 
     @contextmanager
     def _filing(self) -> Iterator[None]:
-        """What the file system refuses becomes a BagError."""
+        """Turns an OSError into a BagError."""
         try:
             yield
         except OSError as error:
@@ -271,7 +271,7 @@ class BagWriter:
 
 
 class _PlainDumper(yaml.SafeDumper):
-    """YAML without anchors: rosbag2 reads them, people should not have to."""
+    """YAML without anchors, for human readers."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True

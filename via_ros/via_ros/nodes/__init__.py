@@ -1,1 +1,1 @@
-"""Thin nodes: declare, convert, step, publish. Nobody imports them."""
+"""Nodes of this package; no other package imports them."""

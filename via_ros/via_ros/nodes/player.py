@@ -1,11 +1,11 @@
-"""Plays a bag into live nodes: in stamp order, the same every time, with /clock before every new stamp.
+"""Plays a bag to live nodes in stamp order, reproducibly, with /clock before every new stamp.
 
 ros2 run via_ros player --ros-args -p bag:=joint -p rate:=0.0 -p subscribers:=1 -p "answers:=['/cubic_demo/stiffness']"
 
-rate 1 keeps the bag's pace, N is N times as fast, 0 as fast as the listeners keep up. For 0 nothing may be lost, and
-a middleware that takes a message off the wire has not yet had it processed: name in `answers` the topics on which the
-listeners answer samples (each answer carries the stamp of its sample), and the player never runs more than `window`
-JointState messages ahead of any of them. Without answers it keeps to UNTOLD messages a second.
+rate N plays N times as fast as recorded, 0 as fast as the subscribers process. Delivery by the middleware does not mean
+that a message was processed. Therefore `answers` lists the topics on which subscribers answer samples, each answer with
+the stamp of its sample, and the player stays at most `window` JointState messages ahead of the slowest. Without answers
+it publishes OPEN_LOOP_RATE messages per second at rate 0.
 """
 
 from __future__ import annotations
@@ -32,40 +32,44 @@ from via_ros.interfaces import message_class, stamp_of
 from via_ros.parameters import declare
 from via_ros.spin import FOREVER, STEADY, run
 
-LOOK = 0.02  # [s] between two looks for listeners
-UNTOLD = 2000  # [1/s] messages at rate 0 when nobody answers: a quarter of what a Python node can take
+POLL = 0.02  # [s] interval of discovery
+OPEN_LOOP_RATE = 2000  # [1/s] messages at rate 0 without answers: a quarter of what a Python node can process
 END_OF_TIME = 2**31 * SECOND  # [ns] seconds of a ROS stamp have 32 bits
-SLOWEST = 1e-3  # [-] rate
-SETTLE = 0.1  # [s] for the listeners to find this player as it found them
+SLOWEST = 1e-3  # [-] smallest rate above 0
+SETTLE = 0.1  # [s] for discovery of this player by the subscribers
 
 
 @dataclass(frozen=True)
 class Parameters:
-    bag: str = field(default="", metadata={"description": "bag to play: a folder or an .mcap file"})
-    topics: tuple[str, ...] = field(default=(), metadata={"description": "topics to play; none: all of the bag"})
+    bag: str = field(default="", metadata={"description": "bag to play: folder or .mcap file"})
+    topics: tuple[str, ...] = field(default=(), metadata={"description": "topics to play; empty: all of the bag"})
     rate: float = field(
         default=1.0,
-        metadata={"description": "speed; 0: as fast as the listeners keep up", "unit": "-", "range": (0.0, 1e4)},
+        metadata={
+            "description": "playback speed; 0: as fast as the subscribers process",
+            "unit": "-",
+            "range": (0.0, 1e4),
+        },
     )
     subscribers: int = field(
         default=1,
-        metadata={"description": "listeners every topic with samples must have first", "range": (0, 100)},
+        metadata={"description": "subscribers that every sample topic needs before playback starts", "range": (0, 100)},
     )
     answers: tuple[str, ...] = field(
-        default=(), metadata={"description": "topics on which listeners answer samples, stamp by stamp"}
+        default=(), metadata={"description": "topics on which subscribers answer each sample with its stamp"}
     )
     window: int = field(
         default=200,
-        metadata={"description": "samples that may be unanswered at rate 0", "range": (1, qos.SAMPLES.depth)},
+        metadata={"description": "largest number of unanswered samples at rate 0", "range": (1, qos.SAMPLES.depth)},
     )
     patience: float = field(
         default=20.0,
-        metadata={"description": "longest wait for a listener or an answer", "unit": "s", "range": (0.1, 3600.0)},
+        metadata={"description": "longest wait for a subscriber or an answer", "unit": "s", "range": (0.1, 3600.0)},
     )
 
 
 class Player(Node):
-    """Plays in a thread of its own; `finished` holds 0, or 3 with a line on stderr where a listener fell silent."""
+    """Plays in its own thread; `finished` gives 0, or 3 with a line on stderr when a subscriber stops answering."""
 
     def __init__(self, **node_options: object) -> None:
         super().__init__("player", **node_options)
@@ -85,9 +89,7 @@ class Player(Node):
         self._messages = list(bag.in_stamp_order())
         last = self._messages[-1].stamp
         if last >= END_OF_TIME:
-            raise BagError(
-                f"{p.bag}: the stamp {last} ns is later than /clock can tell; `via bag info` names the topic"
-            )
+            raise BagError(f"{p.bag}: the stamp {last} ns exceeds the range of /clock; `via bag info` shows the topic")
         self._topics = {
             name: self.create_publisher(message_class(topic.type_name), name, qos.from_bag(topic.qos))
             for name, topic in bag.topics.items()
@@ -100,13 +102,13 @@ class Player(Node):
         self._change = threading.Condition()
         self._stopped = False
         self._thread = threading.Thread(target=self._play, name="player", daemon=True)
-        self.create_timer(LOOK, self._look, clock=STEADY)
+        self.create_timer(POLL, self._look, clock=STEADY)
         self._thread.start()
 
     # --- in the executor ---
 
     def _look(self) -> None:
-        """Answers have the type that whoever answers gave them: heard as soon as it is known."""
+        """Subscribe to answers as soon as discovery has their type."""
         for name in self._answered.keys() - self._answer_types.keys():
             for info in self.get_publishers_info_by_topic(name):
                 kind = message_class(info.topic_type)
@@ -131,7 +133,7 @@ class Player(Node):
 
     def _play(self) -> None:
         try:
-            self._wait(self._listeners_are_there, self._who_is_missing)
+            self._wait(self._subscribers_are_ready, self._who_is_missing)
             self._sleep_until(time.monotonic_ns() + round(SETTLE * SECOND))
             self._publish_all()
             if not self._answered:
@@ -153,10 +155,10 @@ class Player(Node):
             elif self._answered and message.type_name == JOINT_STATE:
                 self._keep_back(unanswered, message)
             elif not self._answered:
-                self._sleep_until(start + self.played * SECOND // UNTOLD)
+                self._sleep_until(start + self.played * SECOND // OPEN_LOOP_RATE)
             if self._stopped:
                 raise BagError("stopped")
-            if message.stamp != now and message.stamp >= 0:  # who listens to /clock cannot live before its zero
+            if message.stamp != now and message.stamp >= 0:  # /clock cannot be negative
                 now = message.stamp
                 set_stamp(clock.clock, now)
                 self._now.publish(clock)
@@ -167,7 +169,7 @@ class Player(Node):
             self._wait(lambda: self._slowest() >= last, lambda: f"no answer to the last sample on {self._silent()}")
 
     def _keep_back(self, unanswered: deque[int], message: RawMessage) -> None:
-        """Before a sample goes out: fewer than `window` others may be on their way."""
+        """Wait until fewer than `window` samples are unanswered."""
         unanswered.append(message.stamp)
         if len(unanswered) > self.parameters.window:
             oldest = unanswered[0]
@@ -181,19 +183,19 @@ class Player(Node):
     def _silent(self) -> str:
         return min(self._answered, key=lambda name: self._answered[name])
 
-    def _listeners_are_there(self) -> bool:
+    def _subscribers_are_ready(self) -> bool:
         heard = all(each.get_subscription_count() >= self.parameters.subscribers for each in self._awaited)
         return heard and self._answer_types.keys() == self._answered.keys()
 
     def _who_is_missing(self) -> str:
         silent = self._answered.keys() - self._answer_types.keys()
         if silent:
-            return f"nobody answers on {', '.join(sorted(silent))}"
+            return f"no publisher of answers on {', '.join(sorted(silent))}"
         counts = ", ".join(f"{each.topic_name} {each.get_subscription_count()}" for each in self._awaited)
-        return f"waiting for {self.parameters.subscribers} listeners per topic, there are: {counts}"
+        return f"waiting for {self.parameters.subscribers} subscribers per topic, there are: {counts}"
 
     def _wait(self, condition: Callable[[], bool], complaint: Callable[[], str]) -> None:
-        """Until condition(); BagError after `patience` seconds without it."""
+        """Wait until condition(). Raises BagError after `patience` seconds."""
         with self._change:
             if not self._change.wait_for(lambda: self._stopped or condition(), timeout=self.parameters.patience):
                 raise BagError(f"{complaint()} for {self.parameters.patience:g} s; {self.played} messages played")
@@ -201,13 +203,13 @@ class Player(Node):
             raise BagError("stopped")
 
     def _sleep_until(self, due: int) -> None:
-        """Until the steady clock shows `due` [ns], or until the node is closed."""
+        """Sleep until the steady clock reaches `due` [ns] or the node is closed."""
         with self._change:
             while not self._stopped and (left := due - time.monotonic_ns()) > 0:
                 self._change.wait(min(left / SECOND, FOREVER))
 
     def _until_acknowledged(self) -> None:
-        """What a listener has not acknowledged is lost when the publisher goes; between processes this takes 3 s."""
+        """Wait for acknowledgement: messages not acknowledged are lost with their publisher."""
         limit = Duration(nanoseconds=round(self.parameters.patience * SECOND))
         for name, publisher in self._topics.items():
             if not publisher.wait_for_all_acked(limit):
@@ -221,7 +223,7 @@ class Player(Node):
         self.finished.set_result(code)
 
     def close(self, failed: bool = False) -> None:
-        """End the thread; nothing is published after this."""
+        """Stop publishing and join the thread."""
         with self._change:
             self._stopped = True
             self._change.notify_all()

@@ -1,10 +1,10 @@
-"""Records topics into a bag without decoding them; counts what arrives and what is missing.
+"""Records topics into a bag without decoding them; counts received and missing messages.
 
 ros2 run via_ros recorder --ros-args -p bag:=joint -p "topics:=['/joint_states', '/cubic_demo/stiffness']"
 
-A topic may carry its type, '/joint_states:sensor_msgs/msg/JointState': it is then heard from the start, before
-anybody publishes, and its first message is not missed. Without topics everything there is gets recorded as it appears.
-The bag has its final name only when it was closed in order; otherwise it stays under its unfinished one.
+A topic with its type, '/joint_states:sensor_msgs/msg/JointState', is subscribed before it has a publisher, so that its
+first message is recorded. Without `topics` all topics are recorded as they appear. Only a properly closed bag gets its
+final name; otherwise the file keeps its unfinished name.
 """
 
 from __future__ import annotations
@@ -25,32 +25,32 @@ from via_ros.interfaces import ENCAPSULATION, NUMBERED, message_class, opening_o
 from via_ros.parameters import declare
 from via_ros.spin import STEADY, run
 
-LOOK = 0.1  # [s] between two looks for topics
-REPORT = 1.0  # [s] between two diagnostics
+POLL = 0.1  # [s] interval of discovery
+REPORT = 1.0  # [s] interval of diagnostics
 
 
 @dataclass(frozen=True)
 class Parameters:
-    bag: str = field(default="", metadata={"description": "folder of the bag to make; must not exist"})
+    bag: str = field(default="", metadata={"description": "folder of the new bag; must not exist"})
     topics: tuple[str, ...] = field(
-        default=(), metadata={"description": "topics to record, 'name' or 'name:type'; none: all there are"}
+        default=(), metadata={"description": "topics to record, 'name' or 'name:type'; empty: all"}
     )
 
 
 @dataclass
 class Count:
-    """What came in on one topic."""
+    """Counts of one topic."""
 
     type_name: str
     messages: int = 0
     size: int = 0  # [bytes]
-    lost: int = 0  # numbers left out between the first and the last of a numbered type with one publisher
-    last: int = -1  # number of the last message
-    malformed: int = 0  # not kept: no serialised message, or one of a numbered type that ends before its number
+    lost: int = 0  # missing sequence numbers of a numbered type with one publisher
+    last: int = -1  # sequence number of the last message
+    malformed: int = 0  # discarded: shorter than its header, or than its sequence number for a numbered type
 
 
 class Recorder(Node):
-    """The node of this file; `finished` holds 2, with a line on stderr, when the disk takes no more."""
+    """Recorder node; result of `finished`: 2, with a line on stderr, when the bag cannot be written."""
 
     def __init__(self, **node_options: object) -> None:
         super().__init__("recorder", **node_options)
@@ -63,14 +63,14 @@ class Recorder(Node):
         wanted = [text.partition(":") for text in self.parameters.topics]
         self._wanted = {self.resolve_topic_name(name): type_name for name, _, type_name in wanted}
         for type_name in filter(None, self._wanted.values()):
-            message_class(type_name)  # a wrong type is said before a bag exists
+            message_class(type_name)  # raises for a wrong type, before the bag is created
         self._writer = BagWriter(self.parameters.bag)
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         for name, type_name in self._wanted.items():
             if type_name:
                 self._hear(name, type_name)
         self._look()
-        self.create_timer(LOOK, self._look, clock=STEADY)
+        self.create_timer(POLL, self._look, clock=STEADY)
         self.create_timer(REPORT, self._report, clock=STEADY)
 
     def _look(self) -> None:
@@ -80,7 +80,7 @@ class Recorder(Node):
             if name in self.counts or name in self._unknown or (self._wanted and name not in self._wanted):
                 continue
             if not self._wanted and not self.get_publishers_info_by_topic(name):
-                continue  # nobody speaks yet: the offered quality is not known
+                continue  # no publisher yet: the offered QoS is unknown
             try:
                 if len(type_names) != 1:
                     raise BagError(f"it has several types: {', '.join(type_names)}")
@@ -101,7 +101,7 @@ class Recorder(Node):
             return
         try:
             self._write(name, count, opening, data)
-        except BagError as error:  # here, because the executor would add a traceback
+        except BagError as error:  # caught here, since the executor would print a traceback
             print(f"{self.get_name()}: {error}", file=sys.stderr)
             self.finished.set_result(2)
 
@@ -118,7 +118,7 @@ class Recorder(Node):
         count.size += len(data)
         if opened is not None:
             number = opened.sequence
-            # A publisher that starts again counts from 0: nothing is known to be lost then.
+            # A restarted publisher counts from 0: no loss is known.
             count.lost += max(number - count.last - 1, 0) if count.last >= 0 else 0
             count.last = number
 
@@ -129,7 +129,7 @@ class Recorder(Node):
             count = self.counts.get(name)
             level, text = DiagnosticStatus.OK, "recording"
             if count is None or count.messages == 0:
-                level, text = DiagnosticStatus.WARN, "nothing heard yet"
+                level, text = DiagnosticStatus.WARN, "no message yet"
             elif count.lost:
                 level, text = DiagnosticStatus.ERROR, "messages are missing"
             elif count.malformed:
@@ -146,7 +146,7 @@ class Recorder(Node):
         self._reports.publish(report)
 
     def close(self, failed: bool = False) -> None:
-        """Give the bag its final name; or, after a failure, leave what was written under its unfinished one."""
+        """Close the bag under its final name; after a failure leave it under its unfinished name."""
         if failed:
             self._writer.abandon()
             return
