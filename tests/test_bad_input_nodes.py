@@ -1,4 +1,4 @@
-"""Bad input to live nodes: they stay alive, publish no NaN, count what they skip, and say so in /diagnostics."""
+"""Bad input to live nodes: they keep running, publish no NaN, and report skipped input in /diagnostics."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PERIOD = 1_000_000  # [ns]
 
 
 class Peer:
-    """Publishes to the node under test and hears its diagnostics."""
+    """Publishes to the node under test and receives its diagnostics."""
 
     def __init__(self, graph):
         self.graph, self.node, self.reports = graph, graph.node("peer"), []
@@ -48,7 +48,7 @@ class Peer:
         self.node.create_subscription(kind, topic, heard.append, qos.SAMPLES)
         return heard
 
-    def told(self, key):
+    def reported(self, key):
         """The last value of `key` in the diagnostics, None before the first."""
         values = [each.value for report in self.reports for each in report.status[0].values if each.key == key]
         return values[-1] if values else None
@@ -61,7 +61,7 @@ def sample(tick, positions=(0.1, 0.2, -0.2), efforts=(np.nan, 1.0, -1.0), names=
 
 
 def nonsense():
-    """Samples no joint ever gave, stamped like the next ones would be."""
+    """Impossible samples with the stamps of the next ones."""
     yield sample(10, positions=(np.nan, 0.2, -0.2))
     yield sample(11, positions=(0.1, np.inf, -0.2))
     yield sample(12, positions=(0.1, 1e308, -1e308))
@@ -82,7 +82,7 @@ def nonsense():
     yield late
 
 
-def test_the_estimator_lives_through_nonsense_and_counts_it(graph):
+def test_the_estimator_survives_and_counts_invalid_input(graph):
     peer = Peer(graph)
     graph.add(EstimatorNode, device=DEVICE.name)
     heard = peer.hear(StiffnessEstimate, STIFFNESS)
@@ -96,14 +96,14 @@ def test_the_estimator_lives_through_nonsense_and_counts_it(graph):
         numbers = [message.value, message.standard_deviation, *message.transmission_value]
         assert np.all(np.isfinite([*numbers, *message.transmission_standard_deviation]))
     # The strange stamps are jumps of the clock: windows that restart, not bad samples.
-    graph.until(lambda: peer.told("samples") == "30")
-    malformed = int(peer.told("malformed messages"))
+    graph.until(lambda: peer.reported("samples") == "30")
+    malformed = int(peer.reported("malformed messages"))
     for junk in (b"", b"\0\1\0\0", b"junk of no kind at all", serialize_message(sample(41))[:60]):
         peer.samples.publish(junk)
-    graph.until(lambda: peer.told("malformed messages") == str(malformed + 4))
-    assert int(peer.told("bad samples")) == len(about) - 30
-    assert peer.told("foreign messages") == "2"
-    assert int(peer.told("malformed messages")) > 0
+    graph.until(lambda: peer.reported("malformed messages") == str(malformed + 4))
+    assert int(peer.reported("bad samples")) == len(about) - 30
+    assert peer.reported("foreign messages") == "2"
+    assert int(peer.reported("malformed messages")) > 0
 
 
 def command(tick, equilibrium=0.1, preset=0.5, damping=0.5):
@@ -112,7 +112,7 @@ def command(tick, equilibrium=0.1, preset=0.5, damping=0.5):
     return message
 
 
-def test_a_command_from_a_far_future_does_not_hold_back_the_next(graph):
+def test_a_command_from_the_far_future_does_not_block_the_next(graph):
     peer = Peer(graph)
     node = graph.add(EstimatorNode, device=SERVO.name)
     commands = peer.node.create_publisher(VsaCommand, SERVO.command_topic, qos.SAMPLES)
@@ -127,10 +127,10 @@ def test_a_command_from_a_far_future_does_not_hold_back_the_next(graph):
     peer.samples.publish(sample(0, names=names, positions=[0.0] * len(names), efforts=()))
     graph.until(lambda: len(heard) == 1)
     assert [each.header.stamp.sec for each in node.stations[0].pending] == [0, 2**31 - 1]
-    graph.until(lambda: peer.told("refused commands") == "1")
+    graph.until(lambda: peer.reported("refused commands") == "1")
 
 
-def test_commands_that_no_sample_ever_reaches_are_not_kept_for_ever(graph, monkeypatch):
+def test_commands_without_a_later_sample_are_discarded(graph, monkeypatch):
     monkeypatch.setattr("via_estimators.nodes.station.MOST_PENDING", 3)
     peer = Peer(graph)
     node = graph.add(EstimatorNode, device=SERVO.name)
@@ -138,11 +138,11 @@ def test_commands_that_no_sample_ever_reaches_are_not_kept_for_ever(graph, monke
     graph.until(lambda: commands.get_subscription_count() == 1)
     for tick in (5, 4, 3, 2, 1):
         commands.publish(command(tick))
-    graph.until(lambda: peer.told("refused commands") == "2")
+    graph.until(lambda: peer.reported("refused commands") == "2")
     assert [each.header.stamp.nanosec for each in node.stations[0].pending] == [PERIOD, 2 * PERIOD, 3 * PERIOD]
 
 
-def test_excitation_answers_nonsense_with_no_torque_counts_it_and_recovers(graph):
+def test_excitation_answers_invalid_samples_with_zero_torque_and_recovers(graph):
     peer = Peer(graph)
     graph.add(ExcitationNode, device=DEVICE.name)
     heard = peer.hear(VsaCommand, DEVICE.command_topic)
@@ -157,7 +157,7 @@ def test_excitation_answers_nonsense_with_no_torque_counts_it_and_recovers(graph
     assert np.all(np.isfinite(list(answers.values())))
     assert {tick for tick, torque in answers.items() if not any(torque)} == {10, 11, 12, 14, 15}
     assert all(all(answers[tick]) for tick in range(22, 30))  # a number beyond all numbers is not remembered
-    graph.until(lambda: peer.told("unusable samples") == "5")
+    graph.until(lambda: peer.reported("unusable samples") == "5")
 
 
 def test_simulator_refuses_a_duration_below_one_tick(graph):
@@ -184,7 +184,7 @@ def test_simulator_stays_finite_under_huge_commands(graph, name):
         assert np.all(np.isfinite(heard[-1].position))
 
 
-def test_recorder_leaves_out_what_is_no_message_and_counts_it(graph, tmp_path):
+def test_recorder_skips_and_counts_invalid_messages(graph, tmp_path):
     peer = Peer(graph)
     recorder = graph.add(
         Recorder, bag=str(tmp_path / "bag"), topics=[f"{STIFFNESS}:via_interfaces/msg/StiffnessEstimate"]
@@ -195,7 +195,7 @@ def test_recorder_leaves_out_what_is_no_message_and_counts_it(graph, tmp_path):
     for data in (whole, b"\0\1\0\0", whole[:14], whole[:18], whole[:12] + b"\xff" * 4 + whole[16:], whole):
         publisher.publish(data)
     graph.until(lambda: recorder.counts[STIFFNESS].messages == 2)
-    graph.until(lambda: peer.told("malformed") == "4")
+    graph.until(lambda: peer.reported("malformed") == "4")
     graph.remove(recorder)
     bag = read_bag(tmp_path / "bag")
     assert bag.complete
@@ -229,14 +229,14 @@ def foreign(path, topic=SAMPLES, offered="", time=1):
 
 
 @pytest.mark.parametrize("depth", ["99999999999999999999", "4294967295", ".inf", "2020-13-45"])
-def test_player_takes_any_depth_that_a_bag_may_name(graph, tmp_path, depth):
+def test_player_accepts_any_qos_depth(graph, tmp_path, depth):
     player = played(graph, foreign(tmp_path / "a.mcap", offered=f"- depth: {depth}"))
     graph.until(player.finished.done)
     assert (player.finished.result(), player.played) == (0, 1)
 
 
 @pytest.mark.parametrize("time", [2**62, 2**31 * 10**9])
-def test_player_refuses_stamps_that_the_clock_cannot_tell(graph, tmp_path, time):
+def test_player_refuses_stamps_outside_the_range_of_the_clock(graph, tmp_path, time):
     with pytest.raises(BagError, match=str(time)):
         played(graph, foreign(tmp_path / "a.mcap", time=time))
 
@@ -247,7 +247,7 @@ def test_player_plays_stamps_before_zero_without_a_clock(graph, tmp_path):
     assert (player.finished.result(), player.played) == (0, 1)
 
 
-def test_player_refuses_a_rate_at_which_nothing_happens(graph, bag):
+def test_player_refuses_a_rate_too_small_to_play(graph, bag):
     with pytest.raises(ParameterError, match="rate must be 0 or at least"):
         graph.add(Player, bag=str(bag), rate=1e-308)
 
@@ -258,7 +258,7 @@ def executable(name):
 
 
 def ended(name, *parameters, folder, environment=(), **options):
-    """What a node of via_ros says when it ends by itself."""
+    """Output of a node of via_ros that ends by itself."""
     words = [word for each in parameters for word in ("-p", each)]
     return subprocess.run(
         [executable(name), "--ros-args", *words],
@@ -279,7 +279,7 @@ def ended(name, *parameters, folder, environment=(), **options):
         ("player", ("bag:=bad_topic.mcap",), {}, "Invalid topic name"),
     ],
 )
-def test_what_ros_refuses_is_one_line_and_an_exit_code(domain, tmp_path, name, parameters, environment, complaint):
+def test_errors_of_ros_give_one_line_and_an_exit_code(domain, tmp_path, name, parameters, environment, complaint):
     foreign(tmp_path / "bad_topic.mcap", topic="/bad topic//x")
     done = ended(name, *parameters, folder=tmp_path, environment=environment)
     assert done.returncode == 2, done.stderr
@@ -288,7 +288,7 @@ def test_what_ros_refuses_is_one_line_and_an_exit_code(domain, tmp_path, name, p
     assert not list(tmp_path.rglob("*_0.mcap")) and not list(tmp_path.rglob("metadata.yaml"))
 
 
-def test_a_recorder_on_a_full_disk_says_so_and_leaves_no_bag_that_looks_whole(graph, tmp_path):
+def test_a_recorder_on_a_full_disk_fails_and_leaves_no_finished_bag(graph, tmp_path):
     publisher = graph.node("robot").create_publisher(String, "/text", qos.SAMPLES)
     process = subprocess.Popen(
         [executable("recorder"), "--ros-args", "-p", "bag:=new", "-p", "topics:=['/text:std_msgs/msg/String']"],
@@ -313,7 +313,7 @@ def test_a_recorder_on_a_full_disk_says_so_and_leaves_no_bag_that_looks_whole(gr
     assert [file.name for file in (tmp_path / "new").iterdir()] == ["new_0.mcap.active"]
 
 
-def test_without_a_home_the_logs_go_where_files_may_go(domain, tmp_path):
+def test_without_a_home_the_logs_go_to_a_writable_folder(domain, tmp_path):
     environment = {key: value for key, value in os.environ.items() if key not in ("HOME", "ROS_LOG_DIR")}
     done = subprocess.run(
         [executable("player"), "--ros-args", "-p", "bag:=nowhere"],

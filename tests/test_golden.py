@@ -1,4 +1,4 @@
-"""Numbers that must not change unnoticed. `python tests/test_golden.py` writes golden.json anew; a commit says why."""
+"""Numbers that must not change unnoticed; `python tests/test_golden.py` rewrites golden.json, a commit states why."""
 
 import json
 import tempfile
@@ -25,7 +25,7 @@ CLOSE = 1e-6  # relative: rounding of another processor or compiler passes, anot
 
 
 def real_runs() -> dict[str, dict[str, float]]:
-    """Damping, stiffness, their deviations and the gap of every good run of the sample."""
+    """Damping, stiffness, their standard deviations and the gap of every good run of the sample."""
     device, numbers = load_device("maccepavd"), {}
     with tempfile.TemporaryDirectory() as folder:
         for file in import_recordings(SAMPLE, "maccepavd", folder).accepted:
@@ -34,14 +34,14 @@ def real_runs() -> dict[str, dict[str, float]]:
             measured, commands, _ = joint_signals(bag, device)
             row = {"nrmse": measure_gap(device, measured, commands).nrmse}
             for output in ("damping", "stiffness"):
-                value, deviation, _ = summarise(estimates, output)
-                row |= {output: value, f"{output}_deviation": deviation}
+                value, sd, _ = summarise(estimates, output)
+                row |= {output: value, f"{output}_deviation": sd}
             numbers[file.bag.name] = row
     return numbers
 
 
 def simulated_joint() -> dict[str, dict[str, float]]:
-    """A stiff antagonistic joint with dry friction and backlash, and what is estimated from it.
+    """A stiff antagonistic joint with Coulomb friction and backlash, and what is estimated from it.
 
     Ideal sensors: a quantiser would make a whole step of a rounding error.
     """
@@ -55,14 +55,14 @@ def simulated_joint() -> dict[str, dict[str, float]]:
     )
     run = simulate(JointPlant.from_device(device).with_effects(effects), commands, 3.999, 1000.0)
     estimates = estimator_for(device).run(run.measured)
-    value, deviation = estimates.column("stiffness")
+    value, sd = estimates.column("stiffness")
     return {
         "cubic_aa_vsa": {
             "q": float(run.truth["q"][-1]),
             "q_velocity": float(run.truth["q_velocity"][-1]),
             "theta_1": float(run.measured["theta"][-1, 0]),
             "stiffness": float(value[-1]),
-            "stiffness_deviation": float(deviation[-1]),
+            "stiffness_deviation": float(sd[-1]),
         }
     }
 
@@ -71,7 +71,7 @@ def measured_now() -> dict[str, dict[str, float]]:
     return real_runs() | simulated_joint()
 
 
-def test_numbers_are_those_on_record():
+def test_numbers_equal_the_recorded_ones():
     recorded, now = json.loads(GOLDEN.read_text(encoding="utf-8")), measured_now()
     assert now.keys() == recorded.keys()
     for name, row in recorded.items():

@@ -1,4 +1,4 @@
-"""The messages say what the code says, and every field says its unit."""
+"""Messages agree with the code, and every numeric field states its unit."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_estimates_carry_stamp_number_and_method(name):
     assert (fields["sequence"], fields["status"], fields["method"]) == ("uint64", "uint8", "string")
 
 
-def test_nothing_is_missing():
+def test_all_interface_files_are_built():
     assert {name for name in vars(msg) if name[0].isupper()} >= EXPECTED
     assert {name for name in vars(srv) if name[0].isupper()} >= {
         "SetEffects",

@@ -1,4 +1,4 @@
-"""Recorder and player in a graph: nothing is lost, everything comes in order and bit by bit, failures are loud."""
+"""Recorder and player in a graph: complete, ordered, bit-exact, with errors reported."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ START = 1_700_000_000_123_456_789  # [ns]
 
 @pytest.fixture
 def bag(tmp_path):
-    """A bag with 3000 samples at 1 kHz whose log times are in disorder: only the stamps tell the order."""
+    """A bag with 3000 samples at 1 kHz whose log times are in disorder: only the stamps give the order."""
     rng = np.random.default_rng(1)
     path = tmp_path / "original"
     writer = JointStateWriter(DEVICE)
@@ -41,7 +41,7 @@ def bag(tmp_path):
 
 
 def answer_samples(node):
-    """A listener that answers every sample, as an estimator does; returns what it heard."""
+    """A subscriber that answers every sample, as an estimator does; returns the received samples."""
     heard = []
     publisher = node.create_publisher(StiffnessEstimate, ANSWERS, qos.SAMPLES)
 
@@ -56,7 +56,7 @@ def answer_samples(node):
     return heard
 
 
-def test_played_into_a_recorder_everything_arrives_in_order_and_bit_by_bit(graph, bag, tmp_path):
+def test_a_played_and_recorded_bag_is_complete_and_bit_exact(graph, bag, tmp_path):
     heard = answer_samples(graph.node("estimator"))
     wanted = [f"{name}:{kind}" for name, kind in TYPES.items()]
     recorder = graph.add(Recorder, bag=str(tmp_path / "again"), topics=wanted)
@@ -86,7 +86,7 @@ def test_clock_runs_ahead_of_every_sample(graph, bag):
 
 
 def test_rate_keeps_the_pace_of_the_stamps(graph, bag, monkeypatch):
-    """On a clock of its own: the pace is what the player asks the clock to wait for."""
+    """With a fake clock: the pace is the waiting time that the player requests."""
     due = []
     player_wait = Player._sleep_until
     monkeypatch.setattr(Player, "_sleep_until", lambda self, time: due.append(time))
@@ -97,7 +97,7 @@ def test_rate_keeps_the_pace_of_the_stamps(graph, bag, monkeypatch):
     assert np.array_equal(np.diff(due[1:]), np.full(2999, 250_000))
 
 
-def test_player_gives_up_on_a_listener_that_falls_silent(graph, bag, capsys):
+def test_player_stops_when_a_subscriber_stops_answering(graph, bag, capsys):
     listener = graph.node("listener")
     publisher = listener.create_publisher(StiffnessEstimate, ANSWERS, qos.SAMPLES)
     heard = []
@@ -110,7 +110,7 @@ def test_player_gives_up_on_a_listener_that_falls_silent(graph, bag, capsys):
     assert publisher.get_subscription_count() == 1
 
 
-def test_player_waits_for_the_number_of_listeners(graph, bag, capsys):
+def test_player_waits_for_the_number_of_subscribers(graph, bag, capsys):
     player = graph.add(Player, bag=str(bag), patience=0.3, subscribers=2)
     graph.until(player.finished.done)
     assert (player.finished.result(), player.played) == (3, 0)
@@ -121,14 +121,14 @@ def test_player_waits_for_the_number_of_listeners(graph, bag, capsys):
     ("parameters", "complaint"),
     [({}, "bag"), ({"bag": "nowhere"}, "nowhere"), ({"bag": "nowhere", "rate": -1.0}, "rate")],
 )
-def test_player_says_what_is_wrong(graph, parameters, complaint):
+def test_player_errors_give_the_reason(graph, parameters, complaint):
     with pytest.raises((ParameterError, BagError), match=complaint):
         graph.add(Player, **parameters)
 
 
-def test_player_names_a_topic_that_is_not_there(graph, bag):
-    with pytest.raises(BagError, match="/stranger"):
-        graph.add(Player, bag=str(bag), topics=["/stranger"])
+def test_player_names_a_missing_topic(graph, bag):
+    with pytest.raises(BagError, match="/missing"):
+        graph.add(Player, bag=str(bag), topics=["/missing"])
 
 
 def test_recorder_finds_a_topic_that_appears_later_and_counts_the_missing(graph, tmp_path):
@@ -146,7 +146,7 @@ def test_recorder_finds_a_topic_that_appears_later_and_counts_the_missing(graph,
     assert np.array_equal(read_bag(tmp_path / "late")[ANSWERS]["sequence"], [0, 1, 4, 5, 9])
 
 
-def test_a_recorder_that_fails_leaves_no_bag_that_looks_whole(graph, tmp_path):
+def test_a_failing_recorder_leaves_no_finished_bag(graph, tmp_path):
     recorder = graph.add(Recorder, bag=str(tmp_path / "half"), topics=[f"{SAMPLES}:{TYPES[SAMPLES]}"])
     publisher = graph.node("robot").create_publisher(JointState, SAMPLES, qos.SAMPLES)
     graph.until(lambda: publisher.get_subscription_count() == 1)
@@ -162,7 +162,7 @@ def test_a_recorder_that_fails_leaves_no_bag_that_looks_whole(graph, tmp_path):
     ("parameters", "complaint"),
     [({}, "bag"), ({"bag": "new", "topics": ["/a:no_such_msgs/msg/Thing"]}, "no_such_msgs/msg/Thing")],
 )
-def test_recorder_says_what_is_wrong_and_makes_no_bag(graph, tmp_path, monkeypatch, parameters, complaint):
+def test_recorder_errors_give_the_reason_and_leave_no_bag(graph, tmp_path, monkeypatch, parameters, complaint):
     monkeypatch.chdir(tmp_path)
     with pytest.raises((ParameterError, BagError), match=complaint):
         graph.add(Recorder, **parameters)

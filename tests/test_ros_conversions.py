@@ -1,4 +1,4 @@
-"""Conversions: bit-exact both ways, by name and never by place, and silence for what is not told."""
+"""Conversions: bit-exact both ways, by name and not by position, NaN for missing values."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_absolute_stamps_would_not_fit_into_a_float():
 
 
 @given(st.lists(DOUBLES, min_size=9, max_size=9))
-def test_a_row_survives_the_wire_bit_by_bit(values):
+def test_a_row_is_serialised_bit_by_bit(values):
     writer = JointStateWriter(DEVICE)
     writer.position[:], writer.velocity[:], writer.effort[:] = values[:3], values[3:6], values[6:]
     message = deserialize_message(serialize_message(writer.stamped(5)), JointState)
@@ -63,8 +63,8 @@ def test_a_row_survives_the_wire_bit_by_bit(values):
     assert bits(row[1:]) == bits([q, theta_1, tau_1, theta_2, tau_2, q_velocity, theta_velocity_2, tau_link])
 
 
-@given(st.permutations([DEVICE.link_joint, *DEVICE.motor_joints, "stranger", "gripper"]))
-def test_joints_are_found_by_name_whatever_their_place(names):
+@given(st.permutations([DEVICE.link_joint, *DEVICE.motor_joints, "other", "gripper"]))
+def test_joints_are_found_by_name_in_any_order(names):
     numbers = {name: float(k) for k, name in enumerate([DEVICE.link_joint, *DEVICE.motor_joints])}
     message = JointState(name=names, position=[numbers.get(name, 99.0) for name in names])
     row = SampleReader(DEVICE, ("q", "theta_1", "theta_2")).read(message)
@@ -83,7 +83,7 @@ def test_names_are_looked_up_again_when_they_change():
 
 
 @pytest.mark.parametrize("position", [[], [1.0], [1.0, 2.0], [1.0, 2.0, 3.0, 4.0]])
-def test_arrays_that_do_not_fit_their_names_are_nan_and_counted(position):
+def test_arrays_of_wrong_length_are_nan_and_counted(position):
     reader = SampleReader(DEVICE, ("q", "theta_1", "theta_2"))
     names = [DEVICE.link_joint, *DEVICE.motor_joints]
     assert reader.read(JointState(name=names, position=[1.0, 2.0, 3.0]))[1:].tolist() == [1.0, 2.0, 3.0]
@@ -119,7 +119,7 @@ def test_commands_pass_bit_by_bit_or_are_refused(numbers, mode, count):
         assert bits(got.motor) == (bits(motor) if mode else [])
 
 
-def test_commands_are_held_in_the_rows_until_the_next_good_one():
+def test_commands_stay_in_the_rows_until_the_next_valid_one():
     reader = SampleReader(DEVICE, ("q", "damping", "motor_2"))
     state = JointStateWriter(DEVICE).stamped(0)
     assert np.all(np.isnan(reader.read(state)[2:]))

@@ -1,4 +1,4 @@
-"""Parameters: declared with what the dataclass says, built back, and refused with a line that names the value."""
+"""Parameters: declared from the dataclass, read back, and refused with a line that contains the value."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ def test_given_values_arrive_with_their_types(declared):
     assert [type(value) for value in vars(built).values()] == [type(value) for value in vars(given).values()]
 
 
-def test_a_whole_number_is_taken_for_a_float(declared):
+def test_an_integer_is_accepted_for_a_float(declared):
     built = declared(rate=2)[1]
     assert built.rate == 2.0
     assert isinstance(built.rate, float)
 
 
-def test_prefix_stands_before_every_name(declared):
+def test_prefix_is_prepended_to_every_name(declared):
     node, built = declared(prefix="inner", rate=4.0)
     assert built.rate == 4.0
     assert node.has_parameter("inner.rate")
@@ -77,7 +77,7 @@ def test_description_unit_and_range_are_published(declared):
     assert "lockstep" in node.describe_parameter("mode").additional_constraints
 
 
-def test_parameters_cannot_be_changed_under_way(declared):
+def test_parameters_cannot_be_changed_at_run_time(declared):
     node, built = declared()
     assert not node.set_parameters([Parameter("rate", value=2.0)])[0].successful
     assert built.rate == node.get_parameter("rate").value == 1.0

@@ -1,4 +1,4 @@
-"""Real-time scheduling is asked for, said to be there only where it is, and given back."""
+"""Real-time scheduling is requested, reported as granted only where it is, and restored."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Kernel:
 
 @pytest.mark.parametrize("grants", [True, False])
 @pytest.mark.parametrize("fails", [True, False])
-def test_real_time_lasts_as_long_as_asked_for_and_is_told_as_it_is(monkeypatch, grants, fails):
+def test_real_time_scheduling_is_reported_and_restored(monkeypatch, grants, fails):
     kernel = Kernel(grants)
     usual = kernel.now
     monkeypatch.setattr(os, "sched_getscheduler", lambda _: kernel.now[0])
@@ -39,7 +39,7 @@ def test_real_time_lasts_as_long_as_asked_for_and_is_told_as_it_is(monkeypatch, 
     assert kernel.now == usual
 
 
-def test_where_there_are_no_schedulers_nothing_is_granted(monkeypatch):
+def test_without_schedulers_nothing_is_granted(monkeypatch):
     monkeypatch.delattr(os, "sched_getscheduler")
     with real_time() as granted:
         assert not granted

@@ -1,4 +1,4 @@
-"""Messages read and written as bytes: the same as ROS makes of them, whatever names and lengths; junk is none."""
+"""Serialised messages: equal to those of ROS for any names and lengths; invalid bytes give None."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def joint_states(draw):
 
 
 @given(st.lists(joint_states(), min_size=1, max_size=4))
-def test_a_decoded_joint_state_is_what_ros_makes_of_it(messages):
+def test_a_decoded_joint_state_equals_that_of_ros(messages):
     decoder = JointStateDecoder()
     for message in [*messages, *messages]:  # each once with names that are new and once with names that are known
         data = serialize_message(message)
@@ -48,7 +48,7 @@ def test_a_decoded_joint_state_is_what_ros_makes_of_it(messages):
             assert bits(getattr(joints, member)) == bits(getattr(expected, member))
 
 
-def test_names_are_decoded_once_whatever_stands_in_padding_and_not_kept_for_ever():
+def test_names_are_decoded_once_for_any_padding_in_a_bounded_cache():
     decoder = JointStateDecoder()
     first = serialize_message(JointState(name=["a", "b"], position=[1.0, 2.0]))
     again = bytearray(serialize_message(JointState(name=["a", "b"], position=[3.0])))
@@ -62,7 +62,7 @@ def test_names_are_decoded_once_whatever_stands_in_padding_and_not_kept_for_ever
 
 
 @given(st.binary(max_size=200))
-def test_junk_is_no_message(data):
+def test_random_bytes_are_not_a_message(data):
     for junk in (data, b"\x00\x01\x00\x00" + data):
         decoder = JointStateDecoder()
         joints = decoder.decode(junk)
@@ -70,7 +70,7 @@ def test_junk_is_no_message(data):
 
 
 @given(st.integers(0, 150))
-def test_a_message_cut_short_is_none(length):
+def test_a_truncated_message_gives_none(length):
     message = JointState(name=["shaft", "motor"], position=[1.0, 2.0], velocity=[3.0, 4.0], effort=[5.0, 6.0])
     data = serialize_message(message)
     decoder = JointStateDecoder()
@@ -90,7 +90,7 @@ def commands(draw):
 
 
 def big_endian(message):
-    """A VsaCommand as a machine of the other order of bytes would send it."""
+    """A VsaCommand in the opposite byte order."""
     frame = message.header.frame_id.encode() + b"\0"
     data = struct.pack(">iII", message.header.stamp.sec, message.header.stamp.nanosec, len(frame)) + frame
     data += bytes(-len(data) % 8) + struct.pack(">QB7x", message.sequence, message.mode)
@@ -99,18 +99,18 @@ def big_endian(message):
 
 
 @given(commands())
-def test_a_decoded_command_is_what_ros_makes_of_it(message):
+def test_a_decoded_command_equals_that_of_ros(message):
     for data in (serialize_message(message), big_endian(message)):
         expected = deserialize_message(data, VsaCommand)
         stamp, command = decoded_command(data)
         assert (stamp, command.mode) == (nanoseconds(expected.header.stamp), expected.mode)
-        told = [command.equilibrium, command.preset, command.damping, *command.motor]
-        assert bits(told) == bits([message.equilibrium, message.preset, message.damping, *message.motor])
+        numbers = [command.equilibrium, command.preset, command.damping, *command.motor]
+        assert bits(numbers) == bits([message.equilibrium, message.preset, message.damping, *message.motor])
         assert command.motor.flags.aligned
 
 
 @given(st.binary(max_size=120), st.integers(0, 110))
-def test_a_command_cut_short_is_none_and_junk_does_no_harm(junk, length):
+def test_truncated_and_random_commands_give_none(junk, length):
     message = VsaCommand(mode=2, motor=[1.0, 2.0])
     message.header.frame_id = "arm"
     data = serialize_message(message)
@@ -144,7 +144,7 @@ LENGTHS = st.integers(0, 3)
     st.sampled_from([StiffnessEstimate, DampingEstimate, MotorEstimate]), LENGTHS, LENGTHS, TEXTS, TEXTS, STAMPS,
     st.integers(0, 2**64 - 1), st.integers(0, 255), st.data(),
 )  # fmt: skip
-def test_a_template_writes_what_ros_would(kind, first, second, frame, method, stamp, sequence, status, data):
+def test_a_template_writes_the_bytes_of_ros(kind, first, second, frame, method, stamp, sequence, status, data):
     message = kind(method=method)
     message.header.frame_id = frame
     doubles = [name for name, type_ in message.get_fields_and_field_types().items() if "double" in type_]
@@ -166,7 +166,7 @@ def test_a_template_writes_what_ros_would(kind, first, second, frame, method, st
 
 
 @pytest.mark.parametrize("kind", [StiffnessEstimate, DampingEstimate, MotorEstimate])
-def test_what_a_template_wrote_stays_as_it_was(kind):
+def test_written_messages_are_not_overwritten(kind):
     template = Template(kind())
     nothing = np.array([], dtype=np.intp)
     first = template.write(bytes(8), 1, 0, nothing, np.empty(0))

@@ -1,4 +1,4 @@
-"""The spin helper: both executors, own ends, deadlines; and qualities of service that hear what is offered."""
+"""Spinning: both executors, exit codes, deadlines; QoS profiles compatible with the offered ones."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ sys.exit(run(Short, args=sys.argv[2:]))
 
 
 @pytest.mark.parametrize("kind", EXECUTORS)
-def test_every_message_is_heard_and_the_end_is_seen(graph, kind):
+def test_every_message_is_received_and_the_future_ends_the_spin(graph, kind):
     node = graph.node("talker")
     graph.executor.remove_node(node)
     executor = make_executor(kind, graph.context)
@@ -68,7 +68,7 @@ def test_a_finished_future_does_not_wait(graph):
     spin(graph.executor, finished)
 
 
-def test_a_condition_that_never_comes_has_a_deadline(graph):
+def test_a_condition_that_stays_false_has_a_deadline(graph):
     assert not spin_until(graph.executor, lambda: False, 0.0)
 
 
@@ -82,7 +82,7 @@ def test_unknown_executors_are_refused():
     [("0", 0, "closed"), ("3", 3, "failed"), ("bad", 2, "failed"), ("broken", 1, "failed")],
 )
 @pytest.mark.parametrize("executor", EXECUTORS)
-def test_the_exit_code_tells_how_a_node_ended(domain, how, code, last, executor):
+def test_the_exit_code_shows_how_a_node_ended(domain, how, code, last, executor):
     options = ["--ros-args", "-p", f"executor:={executor}"]
     done = subprocess.run(
         [sys.executable, "-c", NODE_FILE, how, *options], capture_output=True, text=True, timeout=600, check=False
@@ -102,7 +102,7 @@ def profile(reliable, latched):
 
 @pytest.mark.parametrize("first", [(True, True), (True, False), (False, True), (False, False)])
 @pytest.mark.parametrize("second", [(True, True), (True, False), (False, True), (False, False)])
-def test_a_recorder_hears_every_offer(first, second):
+def test_a_recorder_is_compatible_with_every_offer(first, second):
     offers = [profile(*first), profile(*second)]
     heard = qos.matching(offers)
     assert all(qos_check_compatible(offer, heard)[0] != QoSCompatibility.ERROR for offer in offers)
@@ -121,5 +121,5 @@ def test_a_player_offers_what_was_offered(offer):
 
 
 @pytest.mark.parametrize("text", ["", "[]", "nonsense", "- 3", "{", "- reliability: perhaps\n  depth: many"])
-def test_a_player_survives_foreign_words(text):
+def test_a_player_accepts_unknown_qos_policies(text):
     assert qos.from_bag(text).reliability == ReliabilityPolicy.RELIABLE

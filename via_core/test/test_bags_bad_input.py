@@ -1,4 +1,4 @@
-"""Bad input to bags: full disks, times that are none, metadata by nobody's rules. One line each, nothing half left."""
+"""Bad input to bags: full disks, invalid stamps, invalid metadata. Each gives one line and no partial bag."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def record_too_much(path):
         fill(out)
 
 
-def test_a_full_disk_is_a_bag_error_and_what_was_written_keeps_its_unfinished_name(tmp_path):
+def test_a_full_disk_raises_bag_error_and_leaves_the_unfinished_file(tmp_path):
     with files_no_larger_than(200_000), pytest.raises(BagError, match=r"cannot write the bag .*run: File too large"):
         record_too_much(tmp_path / "run")
     assert [file.name for file in (tmp_path / "run").iterdir()] == ["run_0.mcap.active"]
@@ -60,7 +60,7 @@ def test_a_full_disk_is_a_bag_error_and_what_was_written_keeps_its_unfinished_na
     assert len(saved) > 1000
 
 
-def test_a_disk_that_fills_while_closing_leaves_no_bag_that_looks_whole(tmp_path):
+def test_a_disk_that_fills_during_close_leaves_no_finished_bag(tmp_path):
     writer = BagWriter(tmp_path / "run")
     writer.add_topic("/x", FLOAT)
     fill(writer, 1000)
@@ -94,7 +94,7 @@ def foreign(path, messages, qos=""):
     return path
 
 
-def test_recover_leaves_out_what_no_bag_can_hold_and_counts_it(tmp_path):
+def test_recover_skips_and_counts_invalid_messages(tmp_path):
     good = (payload(1.0), 5, 5)
     path = foreign(
         tmp_path / "a.mcap", [good, (b"", 6, 6), (payload(2.0), 2**64 - 1, 7), (payload(3.0), 8, 2**63), good]
@@ -106,13 +106,13 @@ def test_recover_leaves_out_what_no_bag_can_hold_and_counts_it(tmp_path):
     assert again.complete and "3 messages" in again.metadata["recovered_without"]
 
 
-def test_a_name_that_is_no_text_makes_no_bag(tmp_path):
+def test_a_name_that_is_not_utf8_is_refused(tmp_path):
     with pytest.raises(BagError, match="is not UTF-8"):
         BagWriter(tmp_path / "b\udcff")
     assert not list(tmp_path.iterdir())
 
 
-def test_recover_makes_no_bag_of_nothing(tmp_path):
+def test_recover_without_intact_messages_writes_no_bag(tmp_path):
     path = foreign(tmp_path / "a.mcap", [(b"", 6, 6)])
     with pytest.raises(BagError, match="no intact message: 1 messages are invalid"):
         recover(path, tmp_path / "out")
@@ -120,7 +120,7 @@ def test_recover_makes_no_bag_of_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["a: 2020-13-45", "[" * 3000, "rosbag2_bagfile_information: 2020-01-99"])
-def test_metadata_that_cannot_be_understood_is_a_remark(tmp_path, text):
+def test_invalid_metadata_is_a_remark(tmp_path, text):
     with BagWriter(tmp_path / "run") as out:
         out.add_topic("/x", FLOAT)
         out.write("/x", payload(1.0), 1)
@@ -131,12 +131,12 @@ def test_metadata_that_cannot_be_understood_is_a_remark(tmp_path, text):
 
 
 @pytest.mark.parametrize("text", ["- {depth: .inf, reliability: 1, durability: 1, history: 1}", "- 2020-13-45", "5"])
-def test_qualities_of_service_by_nobodys_rules_become_the_default(text):
+def test_invalid_qos_texts_become_the_default(text):
     assert OfferedQos.from_rosbag2(text) == (OfferedQos(),)
 
 
 @pytest.mark.parametrize("text", ["title: 2020-13-45", "[" * 3000, ":", "5"])
-def test_a_mapping_that_is_no_mapping_is_one_line(tmp_path, text):
+def test_invalid_mapping_files_give_one_line(tmp_path, text):
     path = tmp_path / "m.yaml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ImportMapError, match=r"m\.yaml") as error:
@@ -159,7 +159,7 @@ def imported(tmp_path, file, row, text):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("text", ["1e308", "-1e308", "1e19", "1e10", "nan", "inf"])
-def test_a_stamp_that_no_clock_shows_costs_its_own_sample_only(tmp_path, text):
+def test_an_invalid_stamp_discards_only_its_own_sample(tmp_path, text):
     done = imported(tmp_path, RECORDING, 50, text)
     assert done.accepted
     assert any("1 of 325 stamps" in finding.text for finding in done.findings)
@@ -170,7 +170,7 @@ def test_a_stamp_that_no_clock_shows_costs_its_own_sample_only(tmp_path, text):
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("text", ["1e308", "1e10"])
-def test_a_command_at_no_time_refuses_the_run_and_says_so(tmp_path, text):
+def test_an_invalid_command_stamp_refuses_the_run_with_a_reason(tmp_path, text):
     done = imported(tmp_path, COMMANDS, 40, text)
     assert not done.accepted
     assert any("command stamps are invalid" in reason for reason in done.reasons)
@@ -178,7 +178,7 @@ def test_a_command_at_no_time_refuses_the_run_and_says_so(tmp_path, text):
 
 
 @pytest.mark.filterwarnings("error")
-def test_check_takes_the_largest_numbers_without_a_word_of_numpy(tmp_path):
+def test_check_accepts_the_largest_numbers_without_numpy_warnings(tmp_path):
     definition = definition_of("sensor_msgs/msg/JointState")
     store = typestore_of(definition.type_name)
     time = store.types["builtin_interfaces/msg/Time"](0, 0)
@@ -193,7 +193,7 @@ def test_check_takes_the_largest_numbers_without_a_word_of_numpy(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["../{strategy}", "/{strategy}", "a/{strategy}", "..", ".", "{strategy:.0}"])
-def test_a_mapping_cannot_put_bags_anywhere_but_into_their_folder(tmp_path, name):
+def test_a_mapping_cannot_write_outside_the_output_folder(tmp_path, name):
     mapping = load_mapping("maccepavd")
     elsewhere = mapping.model_copy(update={"recordings": mapping.recordings.model_copy(update={"bag": name})})
     with pytest.raises(ImportMapError, match="not the name of one folder"):

@@ -1,4 +1,4 @@
-"""`check` with a device says what an estimator of it would miss."""
+"""`check` with a device reports signals that an estimator of it needs and does not get."""
 
 from pathlib import Path
 
@@ -34,28 +34,28 @@ def complaints(path: Path) -> list[tuple[str, str]]:
     return [(each.severity, each.text) for each in check(path, DEVICE) if each.check == "channel"]
 
 
-def test_a_whole_joint_lacks_nothing(tmp_path):
+def test_a_complete_joint_has_no_findings(tmp_path):
     assert complaints(bag(tmp_path / "run", NAMES, effort=True)) == []
 
 
-def test_missing_efforts_are_said(tmp_path):
+def test_missing_efforts_are_reported(tmp_path):
     found = complaints(bag(tmp_path / "run", NAMES, effort=False))
     assert [severity for severity, _ in found] == ["warning", "warning"]
     assert all(f"the effort of motor {i}" in text for i, (_, text) in enumerate(found, start=1))
 
 
-def test_a_missing_motor_is_said_twice(tmp_path):
+def test_a_missing_motor_is_reported_twice(tmp_path):
     found = complaints(bag(tmp_path / "run", NAMES[:2], effort=True))
     assert [text.split(" is ")[0] for _, text in found] == ["the angle of motor 2", "the effort of motor 2"]
 
 
-def test_efforts_that_are_always_zero_are_doubted(tmp_path):
+def test_efforts_that_are_always_zero_are_reported(tmp_path):
     found = complaints(bag(tmp_path / "run", NAMES, effort=True, still=True))
     assert [severity for severity, _ in found] == ["warning", "warning"]
     assert "is 0 in all messages" in found[0][1]
 
 
 @pytest.mark.parametrize("topic", ["/robot/joint_states"])
-def test_another_topic_is_looked_at_where_asked(tmp_path, topic):
+def test_another_joint_topic_can_be_checked(tmp_path, topic):
     path = bag(tmp_path / "run", NAMES, effort=True)
     assert any(each.check == "joint" and topic in each.text for each in check(path, DEVICE, topic))

@@ -1,4 +1,4 @@
-"""Unfinished and damaged bags: what is whole is read and what is missing is said, at every place a file may end."""
+"""Unfinished and damaged bags: intact parts are read and missing ones reported, wherever the file ends."""
 
 import struct
 import zlib
@@ -71,7 +71,7 @@ def test_the_fixture_has_several_chunks(whole: bytes, numbers: np.ndarray) -> No
 @settings(max_examples=150, deadline=None)
 @given(share=st.floats(0.0, 1.0, exclude_max=True))
 @example(share=0.9999)
-def test_cut_anywhere_it_reads_a_true_beginning_and_says_so(
+def test_a_file_truncated_anywhere_gives_its_intact_beginning_and_a_remark(
     whole: bytes, numbers: np.ndarray, tmp_path_factory: pytest.TempPathFactory, share: float
 ) -> None:
     end = int(share * len(whole))
@@ -95,7 +95,7 @@ def test_cut_anywhere_it_reads_a_true_beginning_and_says_so(
 
 @settings(max_examples=100, deadline=None)
 @given(share=st.floats(0.0, 1.0, exclude_max=True), value=st.integers(1, 255))
-def test_one_wrong_byte_never_gives_a_wrong_number_in_silence(
+def test_one_wrong_byte_never_gives_a_wrong_number_without_a_remark(
     whole: bytes, numbers: np.ndarray, tmp_path_factory: pytest.TempPathFactory, share: float, value: int
 ) -> None:
     at = int(share * len(whole))
@@ -170,7 +170,7 @@ def test_messages_of_a_chunk_cut_in_two(tmp_path: Path, compression: Compression
     assert f"within the record at byte {begin}" in bag.remarks[0]
 
 
-def test_recover_makes_a_whole_bag_of_a_killed_recording(numbers: np.ndarray, tmp_path: Path) -> None:
+def test_recover_completes_the_bag_of_a_killed_recorder(numbers: np.ndarray, tmp_path: Path) -> None:
     bag = BagWriter(tmp_path / "run", {"who": "me"})
     bag.add_topic("/numbers", FLOAT64, OfferedQos(reliability="best_effort", durability="transient_local", depth=7))
     for k, number in enumerate(numbers):
@@ -193,7 +193,7 @@ def test_recover_makes_a_whole_bag_of_a_killed_recording(numbers: np.ndarray, tm
         recover(tmp_path / "run", tmp_path / "mended")
 
 
-def test_a_bag_that_still_grows_reads_as_far_as_its_last_whole_chunk(numbers: np.ndarray, tmp_path: Path) -> None:
+def test_a_growing_bag_is_read_up_to_its_last_complete_chunk(numbers: np.ndarray, tmp_path: Path) -> None:
     bag = BagWriter(tmp_path / "run")
     bag.add_topic("/numbers", FLOAT64)
     for k, number in enumerate(numbers):
@@ -206,7 +206,7 @@ def test_a_bag_that_still_grows_reads_as_far_as_its_last_whole_chunk(numbers: np
     assert read_bag(tmp_path / "run").complete
 
 
-def test_qualities_of_service_of_older_bags_are_numbers() -> None:
+def test_qos_policies_of_older_bags_are_numbers() -> None:
     old = "- {history: 3, depth: 0, reliability: 2, durability: 1, deadline: {sec: 1, nsec: 0}}"
     assert OfferedQos.from_rosbag2(old) == (OfferedQos("best_effort", "transient_local", "unknown", 0),)
     for text in ("", "nonsense", "- 3", ": ["):
@@ -222,7 +222,7 @@ def test_qualities_of_service_of_older_bags_are_numbers() -> None:
         (b"\x89MCAP0\r\n" + bytes(500), "ends before its first record"),
     ],
 )
-def test_no_mcap_file_is_one_clear_line(tmp_path: Path, content: bytes, words: str) -> None:
+def test_files_that_are_not_mcap_give_one_line(tmp_path: Path, content: bytes, words: str) -> None:
     path = tmp_path / "run.mcap"
     path.write_bytes(content)
     for look in (read_bag, info, check):
@@ -231,7 +231,7 @@ def test_no_mcap_file_is_one_clear_line(tmp_path: Path, content: bytes, words: s
         assert "\n" not in str(error.value)
 
 
-def test_paths_that_hold_no_bag(tmp_path: Path) -> None:
+def test_paths_without_a_bag_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="no bag at"):
         read_bag(tmp_path / "nowhere")
     with pytest.raises(BagError, match=r"holds no \.mcap file"):

@@ -1,4 +1,4 @@
-"""Foreign recordings become bags bit by bit, or are refused for a reason that names the number."""
+"""CSV recordings become bags bit by bit, or are refused with a reason that contains the number."""
 
 import csv
 from pathlib import Path
@@ -50,7 +50,7 @@ def test_corrupt_runs_are_refused_for_their_own_reason(imported: ImportReport) -
         assert not each.bag and each.reasons[0]
 
 
-def test_findings_that_do_not_refuse_are_told(imported: ImportReport) -> None:
+def test_warnings_and_notes_are_reported(imported: ImportReport) -> None:
     spikes = [finding for each in imported.accepted for finding in each.findings if finding.check == "spikes"]
     assert len(spikes) == 12 and all(finding.severity == "warning" for finding in spikes)
     report = imported.as_dict()
@@ -100,7 +100,7 @@ def test_signals_of_the_imported_joint(imported: ImportReport) -> None:
     assert [report.kept for report in reports] == [len(measured), len(commands)]
 
 
-def test_the_whole_recording_when_it_is_there(tmp_path: Path) -> None:
+def test_the_complete_recording_if_available(tmp_path: Path) -> None:
     if not WHOLE.is_dir():
         pytest.skip("the whole recording is not beside this repository")
     report = import_recordings(WHOLE, "maccepavd", tmp_path)
@@ -110,7 +110,7 @@ def test_the_whole_recording_when_it_is_there(tmp_path: Path) -> None:
     assert {each.source for each in report.refused} == first_repeats | jumps
 
 
-def test_the_double_pendulum_when_it_is_there(tmp_path: Path) -> None:
+def test_the_double_pendulum_if_available(tmp_path: Path) -> None:
     folder = WHOLE.parent / "dfki_double_pendulum"
     if not folder.is_dir():
         pytest.skip("the recordings are not beside this repository")
@@ -128,7 +128,7 @@ def test_the_double_pendulum_when_it_is_there(tmp_path: Path) -> None:
 
 
 def planted(folder: Path, **changes: object) -> Path:
-    """A run of the robot that is as it should be, except for `changes` to its columns."""
+    """A valid run of the robot, except for `changes` to its columns."""
     device = load_device("maccepavd")
     rng = np.random.default_rng(1)
     time = np.arange(300) * 0.005
@@ -166,7 +166,7 @@ def test_a_planted_run_is_accepted_without_findings(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("size", "refused"), [(0.02, False), (0.3, True)])
-def test_an_angle_step_is_refused_from_the_size_physics_forbids(tmp_path: Path, size: float, refused: bool) -> None:
+def test_an_angle_step_is_refused_above_the_physical_limit(tmp_path: Path, size: float, refused: bool) -> None:
     time = np.arange(300) * 0.005
     angle = 0.3 * np.sin(4 * time) + size * (time > 0.7)
     report = only_report(planted(tmp_path / "in", joint_position=angle), tmp_path / "out")
@@ -183,13 +183,13 @@ def test_one_angle_step_of_a_joint_at_rest_is_refused(tmp_path: Path) -> None:
     assert [finding.check for finding in report.findings] == ["angle_step"] and not report.accepted
 
 
-def test_an_impact_is_no_angle_step(tmp_path: Path) -> None:
+def test_an_impact_is_not_an_angle_step(tmp_path: Path) -> None:
     time = np.arange(300) * 0.005
     bounce = 0.5 - np.abs(10.0 * (time - 0.7)).clip(max=1.0)  # speed turns from 10 to -10 rad/s within one sample
     assert only_report(planted(tmp_path / "in", joint_position=bounce), tmp_path / "out").accepted
 
 
-def test_a_servo_that_stands_beside_its_command_is_refused(tmp_path: Path) -> None:
+def test_a_servo_off_its_command_is_refused(tmp_path: Path) -> None:
     time = np.arange(300) * 0.005
     other = np.where(time < 0.5, 0.2, 0.75)
     report = only_report(planted(tmp_path / "in", servo1_position=other), tmp_path / "out")
@@ -274,7 +274,7 @@ def test_missing_commands_are_a_reason(tmp_path: Path) -> None:
     assert "its commands planted/command/traj1.csv are missing" in only_report(folder, tmp_path / "out").reasons
 
 
-def test_an_interrupted_import_leaves_whole_bags_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_import_leaves_finished_bags_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write = BagWriter.write
     calls = []
 
@@ -294,7 +294,7 @@ def test_an_interrupted_import_leaves_whole_bags_only(tmp_path: Path, monkeypatc
         import_recordings(SAMPLE, "maccepavd", tmp_path)
 
 
-def test_what_a_killed_import_left_is_cleared_away(tmp_path: Path) -> None:
+def test_remains_of_a_killed_import_are_removed(tmp_path: Path) -> None:
     left = tmp_path / "out" / ".importing" / "planted_traj1_1"
     left.mkdir(parents=True)
     (left / "planted_traj1_1_0.mcap.active").write_bytes(b"begun")
@@ -303,7 +303,7 @@ def test_what_a_killed_import_left_is_cleared_away(tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["planted_traj1_1"]
 
 
-def test_nothing_to_import_says_so(tmp_path: Path) -> None:
+def test_nothing_to_import_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ImportMapError, match="no file in"):
         import_recordings(tmp_path, "maccepavd", tmp_path / "out")
     with pytest.raises(ImportMapError, match="no folder"):

@@ -1,4 +1,4 @@
-"""From messages to the signals of one joint, and what checks have to say about a bag."""
+"""Signals of one joint from messages, and checks of a bag."""
 
 from pathlib import Path
 
@@ -90,7 +90,7 @@ def test_repeated_and_backward_stamps_are_dropped_and_counted(tmp_path: Path, de
     assert (report.repeated, report.backward, report.kept) == (2, 2, 4)
 
 
-def test_commands_are_held_and_their_mode_says_what_counts(tmp_path: Path, device: Device) -> None:
+def test_commands_use_zero_order_hold_and_the_channels_of_their_mode(tmp_path: Path, device: Device) -> None:
     states = [(k * 10, [0.0] * 3, [], [], NAMES) for k in range(5)]
     commands = [
         (-5 + 5, 0, EQUILIBRIUM_PRESET, (0.1, 0.2, 0.3), []),
@@ -107,7 +107,7 @@ def test_commands_are_held_and_their_mode_says_what_counts(tmp_path: Path, devic
         joint_signals(read_bag(write(tmp_path / "mixed", states, mixed)), device)
 
 
-def test_a_bag_of_another_robot_names_what_is_there(tmp_path: Path, device: Device) -> None:
+def test_a_bag_of_another_robot_gives_an_error_with_its_joints(tmp_path: Path, device: Device) -> None:
     path = write(tmp_path / "run", [(0, [1.0], [], [], ["elbow"])])
     with pytest.raises(BagError, match=r"no joint 'cubic_aa_vsa_shaft_joint' .* there are: elbow"):
         joint_signals(read_bag(path), device)
@@ -115,7 +115,7 @@ def test_a_bag_of_another_robot_names_what_is_there(tmp_path: Path, device: Devi
     assert finding.check == "joint" and "elbow" in finding.text
 
 
-def test_check_finds_what_was_planted(tmp_path: Path, device: Device) -> None:
+def test_check_finds_planted_errors(tmp_path: Path, device: Device) -> None:
     stamps = np.arange(400) * 1_000_000
     stamps[200:] += 50_000_000  # a gap
     stamps[100] = stamps[99]  # repeated
@@ -137,7 +137,7 @@ def test_check_finds_what_was_planted(tmp_path: Path, device: Device) -> None:
     assert not any(each.severity == "error" for each in found.values())
 
 
-def test_check_tells_an_impossible_angle_step(tmp_path: Path, device: Device) -> None:
+def test_check_reports_an_impossible_angle_step(tmp_path: Path, device: Device) -> None:
     q = 0.1 * np.sin(np.arange(400) / 30) + 0.2 * (np.arange(400) > 250)
     path = write(tmp_path / "run", [(k * 1_000_000, [x, x, x], [], [], NAMES) for k, x in enumerate(q)])
     (error,) = [each for each in check(path, device) if each.severity == "error"]
@@ -147,9 +147,9 @@ def test_check_tells_an_impossible_angle_step(tmp_path: Path, device: Device) ->
 def test_info_counts(tmp_path: Path) -> None:
     states = [(EPOCH + k * 2_000_000, [0.0], [], [], ["a"]) for k in range(11)]
     path = write(tmp_path / "run", states)
-    told = info(path)
-    (topic,) = told.topics
-    assert (told.messages, told.complete, topic.messages, topic.type_name) == (11, True, 11, JOINT_STATE)
+    summary = info(path)
+    (topic,) = summary.topics
+    assert (summary.messages, summary.complete, topic.messages, topic.type_name) == (11, True, 11, JOINT_STATE)
     assert (topic.first, topic.last, topic.rate) == (EPOCH, EPOCH + 20_000_000, pytest.approx(500.0))
-    assert told.size == (path / "run_0.mcap").stat().st_size and told.duration == pytest.approx(10e-9)
+    assert summary.size == (path / "run_0.mcap").stat().st_size and summary.duration == pytest.approx(10e-9)
     assert info(path / "run_0.mcap").messages == 11

@@ -1,4 +1,4 @@
-"""Columns equal what a slow decoder says message by message, whatever the messages look like."""
+"""Columns equal those of a slow decoder that reads message by message, for messages of any layout."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -203,7 +203,7 @@ def test_only_the_wanted_topics_are_kept(tmp_path: Path) -> None:
         bag["/b"]["torque"]
 
 
-def test_a_message_of_wrong_bytes_costs_itself_and_is_named(tmp_path: Path) -> None:
+def test_an_invalid_message_is_skipped_and_listed(tmp_path: Path) -> None:
     write(tmp_path / "run", [joint_state(0, ["a"], [1.0]), b"\x00\x01\x00\x00\xff", joint_state(2, ["a"], [3.0])])
     bag = read_bag(tmp_path / "run")
     states = bag["/joint_states"]
@@ -214,7 +214,7 @@ def test_a_message_of_wrong_bytes_costs_itself_and_is_named(tmp_path: Path) -> N
     assert [message.data[4:] for message in bag.in_file_order()][1] == b"\xff"
 
 
-def test_a_topic_of_nothing_but_wrong_bytes_is_refused(tmp_path: Path) -> None:
+def test_a_topic_without_valid_messages_is_refused(tmp_path: Path) -> None:
     write(tmp_path / "run", [b"\x00\x01\x00\x00\xff", b"\x00\x01\x00\x00\xfe\xff"])
     with pytest.raises(BagError, match="message 0 of /joint_states is not a sensor_msgs/msg/JointState"):
         read_bag(tmp_path / "run")["/joint_states"]
@@ -226,7 +226,7 @@ def test_topic_helpers_agree(tmp_path: Path) -> None:
     assert SimpleNamespace(n=len(topic), t=topic.stamp.tolist()) == SimpleNamespace(n=4, t=[0, 7, 14, 21])
 
 
-def test_unused_bytes_at_the_end_are_no_part_of_a_message(tmp_path: Path) -> None:
+def test_unused_bytes_at_the_end_are_ignored(tmp_path: Path) -> None:
     # Fast DDS: serialize_message(JointState(name=['a'], velocity=[1.0])) is 4 bytes longer than its content
     plain = [joint_state(k, ["a"], [], [float(k)]) + b"\x80\x19gf" for k in range(3)]
     varied = [*plain, joint_state(3, ["a", "b"], [], [3.0]) + b"\x56\x7f\x00\x00\xc0\x8b\xf3f"]

@@ -1,4 +1,4 @@
-"""A written bag opens in the readers other people use, and is never left half written under its final name."""
+"""A written bag is readable by other libraries, and never incomplete under its final name."""
 
 from pathlib import Path
 
@@ -104,7 +104,7 @@ def test_discard_leaves_nothing_and_closes(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_misuse_says_what_is_wrong(tmp_path: Path) -> None:
+def test_misuse_raises_with_the_reason(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "run") as bag:
         bag.add_topic("/a", "std_msgs/msg/Float64")
         bag.add_topic("/a", "std_msgs/msg/Float64")

@@ -1,4 +1,4 @@
-"""Device files: every shipped one says what is published; every impossible value is refused in one line."""
+"""Device files: shipped numbers equal the published ones; impossible values are refused in one line."""
 
 from pathlib import Path
 
@@ -62,7 +62,7 @@ def refusal(content) -> str:
     return text
 
 
-def test_the_good_one_is_good() -> None:
+def test_the_valid_file_is_accepted() -> None:
     device = parse_device(yaml.safe_dump(GOOD), "file.yaml")
     assert device.motor_joints == ("joint_motor_1_joint", "joint_motor_2_joint")
     assert (device.link_joint, device.command_topic) == ("joint_shaft_joint", "/joint/command")
@@ -188,7 +188,7 @@ def test_shipped_numbers_are_the_published_ones(name: str, key: str, value: floa
         ("two\nlines", 1.0, ["two lines: is no known key"]),
     ],
 )
-def test_what_no_device_can_be_is_refused(key: str, value, says: list[str]) -> None:
+def test_impossible_devices_are_refused(key: str, value, says: list[str]) -> None:
     text = refusal(edited(key, value))
     for part in says:
         assert part in text
@@ -200,7 +200,7 @@ def test_a_damper_in_a_transmission_needs_one() -> None:
 
 
 @pytest.mark.parametrize("key", ["name", "title", "source", "confidence", "arrangement", "link", "sensors"])
-def test_what_must_be_there_is_missed_by_name(key: str) -> None:
+def test_missing_keys_are_named(key: str) -> None:
     content = {k: v for k, v in GOOD.items() if k != key}
     assert f"{key}: is missing" in refusal(content)
 
@@ -218,7 +218,7 @@ def test_what_must_be_there_is_missed_by_name(key: str) -> None:
         ("a: \x00", "special characters are not allowed"),
     ],
 )
-def test_bad_yaml_is_one_clear_line(text: str, says: str) -> None:
+def test_invalid_yaml_gives_one_line(text: str, says: str) -> None:
     assert says in refusal(text)
 
 
@@ -231,7 +231,7 @@ JUNK = st.recursive(
 
 
 @given(key=st.sampled_from(KEYS), value=JUNK)
-def test_junk_under_any_key_is_a_device_or_one_clear_line(key: str, value) -> None:
+def test_random_values_give_a_device_or_one_line(key: str, value) -> None:
     text = yaml.safe_dump(edited(key, value))
     try:
         parse_device(text, "file.yaml")
@@ -240,7 +240,7 @@ def test_junk_under_any_key_is_a_device_or_one_clear_line(key: str, value) -> No
 
 
 @given(text=st.text(alphabet="abl:{}[]-&*!|>?#'\"%@`, \n\t019.e+", max_size=40))
-def test_random_text_is_no_device(text: str) -> None:
+def test_random_text_is_not_a_device(text: str) -> None:
     refusal(text)
 
 
@@ -281,8 +281,8 @@ def test_one_file_serves_joints_of_several_names(tmp_path: Path) -> None:
             load_device(strange)
 
 
-def test_a_changed_copy_has_laws_of_its_own() -> None:
-    """Though those of the original were built before."""
+def test_a_changed_copy_has_its_own_spring_laws() -> None:
+    """Also when those of the original are cached."""
     device, other = load_device("maccepavd"), load_device("maccepavd_k231")
     theta = device.motor_angles(0.0, 1.0)
     before = float(device.stiffness(0.3, theta)), float(device.damping_of(0.5))
@@ -323,7 +323,7 @@ def test_a_serial_device_takes_its_preset_from_motor_two_or_from_the_caller() ->
     assert device.stiffness_each(q, theta).shape == (2, 1)
 
 
-def test_antagonistic_motors_stand_at_equilibrium_plus_and_minus_preset() -> None:
+def test_antagonistic_motors_are_at_equilibrium_plus_and_minus_preset() -> None:
     device = load_device("qbmove_a")
     theta = device.motor_angles([0.2, 0.3], 0.5)
     np.testing.assert_allclose(theta, [[0.7, -0.3], [0.8, -0.2]])

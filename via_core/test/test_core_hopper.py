@@ -1,4 +1,4 @@
-"""The hopper: where it stands, by its potential energy, and what is refused."""
+"""Hopper: equilibrium as minimum of potential energy, and refused parameters."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ def potential(hopper: Hopper, a: float) -> float:
 
 
 @pytest.mark.parametrize("payload", [0.0, 6.0])
-def test_it_stands_where_its_energy_is_least(payload):
+def test_standing_is_the_minimum_of_energy(payload):
     hopper, h = replace(HOPPER, payload=payload), 1e-5
     q = hopper.standing(ANGLE)
     assert q == pytest.approx(hopper.crouched(q[0]))
@@ -48,6 +48,6 @@ def test_too_heavy_a_load_is_not_carried():
 
 
 @pytest.mark.parametrize("change", [{"trunk_mass": 0.0}, {"payload": -1.0}, {"hip_stiffness": np.nan}])
-def test_silly_hoppers_are_refused(change):
+def test_impossible_hoppers_are_refused(change):
     with pytest.raises(ParameterError):
         replace(HOPPER, **change)

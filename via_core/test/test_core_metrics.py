@@ -1,4 +1,4 @@
-"""Metrics: by hand, by their definitions, and what they refuse."""
+"""Metrics: values by hand, definitions, refused input."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_nrmse_is_one_for_the_mean_and_zero_for_the_signal_itself() -> None:
 
 
 @given(scale=st.floats(1e-3, 1e3), offset=st.floats(-1e3, 1e3))
-def test_nrmse_knows_no_unit_and_no_offset(scale: float, offset: float) -> None:
+def test_nrmse_is_invariant_to_unit_and_offset(scale: float, offset: float) -> None:
     rng = np.random.default_rng(3)
     a, b = rng.normal(size=50), rng.normal(size=50)
     assert nrmse(scale * a + offset, scale * b + offset) == pytest.approx(nrmse(a, b), rel=1e-6)
@@ -50,12 +50,12 @@ def test_coverage_of_gaussian_intervals() -> None:
         ([1.0, 2.0], [np.inf, 2.0], "not finite at sample 0"),
     ],
 )
-def test_no_number_without_data(metric, a, b, message: str) -> None:
+def test_empty_data_is_refused(metric, a, b, message: str) -> None:
     with pytest.raises(SignalError, match=message):
         metric(a, b)
 
 
-def test_no_ratio_to_nothing() -> None:
+def test_a_zero_reference_is_refused() -> None:
     with pytest.raises(SignalError, match="'truth' is 0 at sample 1"):
         msrep([1.0, 0.0], [1.0, 1.0])
     with pytest.raises(SignalError, match="constant"):

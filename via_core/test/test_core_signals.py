@@ -1,4 +1,4 @@
-"""Signals: locked copies, one time base, hold against interpolation, and every misuse refused."""
+"""Signals: locked copies, one time base, zero-order hold and interpolation, refused input."""
 
 import pickle
 
@@ -20,7 +20,7 @@ def example() -> Signals:
     )
 
 
-def test_they_reach_another_process_as_they_are() -> None:
+def test_signals_are_pickled_unchanged() -> None:
     sent, came = example(), pickle.loads(pickle.dumps(example()))
     np.testing.assert_array_equal(came.time, sent.time)
     assert came.channels.keys() == sent.channels.keys()
@@ -51,7 +51,7 @@ def test_integers_and_fortran_order_become_contiguous_floats() -> None:
 
 
 @pytest.mark.parametrize("values", [["1.5", "2"], [1.0, None], [1j, 2.0], [[1.0], [1.0, 2.0]], {"a": 1.0}])
-def test_what_is_not_a_real_array_is_refused(values) -> None:
+def test_arrays_that_are_not_real_are_refused(values) -> None:
     with pytest.raises(SignalError, match="'x' is not"):
         locked(values, "x")
 
@@ -71,7 +71,7 @@ def test_what_is_not_a_real_array_is_refused(values) -> None:
         ({"held": frozenset({"preset"})}, "no channel: preset"),
     ],
 )
-def test_what_does_not_fit_together_is_refused(change, message: str) -> None:
+def test_inconsistent_signals_are_refused(change, message: str) -> None:
     good = {"time": [0.0, 0.1, 0.2], "channels": {"q": [1.0, 2.0, 3.0]}, "units": {"q": "rad"}}
     with pytest.raises(SignalError, match=message):
         Signals(**{**good, **change})

@@ -30,34 +30,34 @@ EDINBURGH = {
 }
 
 
-def polynomial_energy(law: OddPolynomialSpring, phi: float, preset: float) -> float:
-    return sum(c * phi ** (2 * p + 2) / (2 * p + 2) for p, c in enumerate(law.odd_coefficients))
+def polynomial_energy(spring: OddPolynomialSpring, phi: float, preset: float) -> float:
+    return sum(c * phi ** (2 * p + 2) / (2 * p + 2) for p, c in enumerate(spring.odd_coefficients))
 
 
-def sinh_energy(law: SinhSpring, phi: float, preset: float) -> float:
-    return law.k / law.a * cosh(law.a * phi)
+def sinh_energy(spring: SinhSpring, phi: float, preset: float) -> float:
+    return spring.k / spring.a * cosh(spring.a * phi)
 
 
-def exponential_energy(law: ExponentialSpring, phi: float, preset: float) -> float:
-    return law.k / law.a * (law.rise * np.exp(law.a * phi) + law.fall * np.exp(-law.a * phi))
+def exponential_energy(spring: ExponentialSpring, phi: float, preset: float) -> float:
+    return spring.k / spring.a * (spring.rise * np.exp(spring.a * phi) + spring.fall * np.exp(-spring.a * phi))
 
 
-def four_bar_energy(law: FourBarSpring, phi: float, preset: float) -> float:
-    return law.k * (asin(law.ratio * sin(0.5 * phi)) - 0.5 * phi) ** 2  # U = k beta^2, eq. (50) is its derivative
+def four_bar_energy(spring: FourBarSpring, phi: float, preset: float) -> float:
+    return spring.k * (asin(spring.ratio * sin(0.5 * phi)) - 0.5 * phi) ** 2  # U = k beta^2, eq. (50) is its derivative
 
 
-def maccepa_energy(law: MaccepaSpring, phi: float, preset: float) -> float:
-    tip = law.lever * np.array([np.cos(phi), np.sin(phi)])
-    length = float(np.linalg.norm(np.array([law.base, 0.0]) - tip))
-    return 0.5 * law.k * (length + law.drum_radius * preset - law.free_length) ** 2
+def maccepa_energy(spring: MaccepaSpring, phi: float, preset: float) -> float:
+    tip = spring.lever * np.array([np.cos(phi), np.sin(phi)])
+    length = float(np.linalg.norm(np.array([spring.base, 0.0]) - tip))
+    return 0.5 * spring.k * (length + spring.drum_radius * preset - spring.free_length) ** 2
 
 
-def two_lever_energy(law: TwoLeverSpring, phi: float, preset: float) -> float:
-    q, u = phi + preset, -law.side * preset
-    link_tip = law.side * law.link_lever * np.array([np.cos(q), np.sin(q)])
-    across = law.side * (law.offset + law.motor_lever * np.sin(u))
-    motor_tip = np.array([across, law.motor_lever * np.cos(u) - law.distance])
-    return 0.5 * law.k * (float(np.linalg.norm(motor_tip - link_tip)) - law.rest_length) ** 2
+def two_lever_energy(spring: TwoLeverSpring, phi: float, preset: float) -> float:
+    q, u = phi + preset, -spring.side * preset
+    link_tip = spring.side * spring.link_lever * np.array([np.cos(q), np.sin(q)])
+    across = spring.side * (spring.offset + spring.motor_lever * np.sin(u))
+    motor_tip = np.array([across, spring.motor_lever * np.cos(u) - spring.distance])
+    return 0.5 * spring.k * (float(np.linalg.norm(motor_tip - link_tip)) - spring.rest_length) ** 2
 
 
 LAWS = {
@@ -71,57 +71,57 @@ LAWS = {
     "two_lever_1": (TwoLeverSpring(4.3, **EDINBURGH, side=-1.0), two_lever_energy),
     "two_lever_2": (TwoLeverSpring(4.3, **EDINBURGH, side=1.0), two_lever_energy),
 }
-EVERY_LAW = pytest.mark.parametrize(("law", "energy"), LAWS.values(), ids=LAWS.keys())
+EVERY_LAW = pytest.mark.parametrize(("spring", "energy"), LAWS.values(), ids=LAWS.keys())
 PRESETS = (0.0, 0.4, 1.3)
 
 
-def inside(law: SpringLaw) -> np.ndarray:
-    return np.linspace(-0.97, 0.97, 33) * min(law.max_deflection, 1.5)
+def inside(spring: SpringLaw) -> np.ndarray:
+    return np.linspace(-0.97, 0.97, 33) * min(spring.max_deflection, 1.5)
 
 
 @EVERY_LAW
-def test_torque_is_the_slope_of_an_independent_energy(law, energy) -> None:
+def test_torque_is_the_slope_of_an_independent_energy(spring, energy) -> None:
     h = 1e-5
     for preset in PRESETS:
-        for phi in inside(law):
-            slope = (energy(law, phi + h, preset) - energy(law, phi - h, preset)) / (2 * h)
-            assert float(law.torque(phi, preset)) == pytest.approx(slope, rel=1e-6, abs=1e-8)
+        for phi in inside(spring):
+            slope = (energy(spring, phi + h, preset) - energy(spring, phi - h, preset)) / (2 * h)
+            assert float(spring.torque(phi, preset)) == pytest.approx(slope, rel=1e-6, abs=1e-8)
 
 
 @EVERY_LAW
-def test_stiffness_is_the_slope_of_the_torque(law, energy) -> None:
+def test_stiffness_is_the_slope_of_the_torque(spring, energy) -> None:
     h = 1e-6
-    phi = inside(law)
+    phi = inside(spring)
     for preset in PRESETS:
-        slope = (law.torque(phi + h, preset) - law.torque(phi - h, preset)) / (2 * h)
-        np.testing.assert_allclose(law.stiffness(phi, preset), slope, rtol=1e-6, atol=1e-6)
+        slope = (spring.torque(phi + h, preset) - spring.torque(phi - h, preset)) / (2 * h)
+        np.testing.assert_allclose(spring.stiffness(phi, preset), slope, rtol=1e-6, atol=1e-6)
 
 
 @EVERY_LAW
-def test_stiffness_slope_is_the_slope_of_the_stiffness(law, energy) -> None:
-    phi, h = np.linspace(-0.9, 0.9, 41) * law.max_deflection, 1e-5
+def test_stiffness_slope_is_the_slope_of_the_stiffness(spring, energy) -> None:
+    phi, h = np.linspace(-0.9, 0.9, 41) * spring.max_deflection, 1e-5
     for preset in PRESETS:
-        slope = (law.stiffness(phi + h, preset) - law.stiffness(phi - h, preset)) / (2.0 * h)
+        slope = (spring.stiffness(phi + h, preset) - spring.stiffness(phi - h, preset)) / (2.0 * h)
         scale = float(np.max(np.abs(slope)))
-        np.testing.assert_allclose(law.stiffness_slope(phi, preset), slope, rtol=1e-6, atol=1e-6 * scale)
+        np.testing.assert_allclose(spring.stiffness_slope(phi, preset), slope, rtol=1e-6, atol=1e-6 * scale)
 
 
 @EVERY_LAW
-def test_oddness_is_as_declared(law, energy) -> None:
-    phi = inside(law)
-    mirrored = np.allclose(law.torque(-phi, 0.7), -law.torque(phi, 0.7), rtol=1e-12, atol=1e-15)
-    assert mirrored == law.odd
+def test_oddness_is_as_declared(spring, energy) -> None:
+    phi = inside(spring)
+    mirrored = np.allclose(spring.torque(-phi, 0.7), -spring.torque(phi, 0.7), rtol=1e-12, atol=1e-15)
+    assert mirrored == spring.odd
 
 
 @EVERY_LAW
-def test_shapes_broadcast_and_inputs_stay_untouched(law, energy) -> None:
-    phi = inside(law).reshape(3, 11)
+def test_shapes_broadcast_and_inputs_stay_untouched(spring, energy) -> None:
+    phi = inside(spring).reshape(3, 11)
     phi.flags.writeable = False
-    torque = law.torque(phi, np.array([[0.0], [0.4], [1.3]]))
+    torque = spring.torque(phi, np.array([[0.0], [0.4], [1.3]]))
     assert torque.shape == (3, 11)
-    assert torque[2, 7] == law.torque(phi[2, 7], 1.3)
-    assert law.stiffness(0.1).shape == ()
-    assert law.torque([]).shape == (0,)
+    assert torque[2, 7] == spring.torque(phi[2, 7], 1.3)
+    assert spring.stiffness(0.1).shape == ()
+    assert spring.torque([]).shape == (0,)
 
 
 INCREASING = [name for name in LAWS if not name.startswith("two_lever")]
@@ -130,25 +130,25 @@ INCREASING = [name for name in LAWS if not name.startswith("two_lever")]
 @pytest.mark.parametrize("name", INCREASING)
 @given(share=st.floats(-1.0, 1.0), preset=st.floats(0.0, 1.5))
 def test_inverse_undoes_torque(name: str, share: float, preset: float) -> None:
-    law = LAWS[name][0]
-    torque = float(law.torque(share * law.max_deflection, preset))
-    found = law.inverse(torque, preset)
-    assert abs(found) <= law.max_deflection
-    assert float(law.torque(found, preset)) == pytest.approx(torque, rel=1e-9, abs=1e-12)
-    if float(law.stiffness(share * law.max_deflection, preset)) > 1e-2:
-        assert found == pytest.approx(share * law.max_deflection, abs=1e-9)
+    spring = LAWS[name][0]
+    torque = float(spring.torque(share * spring.max_deflection, preset))
+    found = spring.inverse(torque, preset)
+    assert abs(found) <= spring.max_deflection
+    assert float(spring.torque(found, preset)) == pytest.approx(torque, rel=1e-9, abs=1e-12)
+    if float(spring.stiffness(share * spring.max_deflection, preset)) > 1e-2:
+        assert found == pytest.approx(share * spring.max_deflection, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", INCREASING)
 def test_inverse_refuses_what_the_stop_does_not_allow(name: str) -> None:
-    law = LAWS[name][0]
-    beyond = 1.001 * float(law.torque(law.max_deflection))
+    spring = LAWS[name][0]
+    beyond = 1.001 * float(spring.torque(spring.max_deflection))
     with pytest.raises(ParameterError, match=r"no deflection within .* N m; the spring reaches"):
-        law.inverse(beyond)
+        spring.inverse(beyond)
     with pytest.raises(ParameterError, match="nan"):
-        law.inverse(float("nan"))
-    assert law.inverse(float(law.torque(law.max_deflection))) == law.max_deflection
-    assert law.inverse(float(law.torque(-law.max_deflection))) == -law.max_deflection
+        spring.inverse(float("nan"))
+    assert spring.inverse(float(spring.torque(spring.max_deflection))) == spring.max_deflection
+    assert spring.inverse(float(spring.torque(-spring.max_deflection))) == -spring.max_deflection
 
 
 def test_cubic_spring_is_equation_35() -> None:
@@ -158,13 +158,13 @@ def test_cubic_spring_is_equation_35() -> None:
 
 @pytest.mark.parametrize(("name", "ratio"), [("vsa2", 1.7), ("vsa2_v2", 1.5), ("vsa2_v3", 1.7)])
 def test_vsa_2_in_the_documents_unit(name: str, ratio: float) -> None:
-    law = load_device(name).spring_laws[0]
+    spring = load_device(name).spring_laws[0]
     # beta' (0) = (C - 1)/2, so sigma(0) = 2 k beta'^2 with k = 500 N mm/rad: 122.5 or 62.5 N mm/rad
-    assert 1e3 * float(law.stiffness(0.0)) == pytest.approx(2.0 * 500.0 * (0.5 * (ratio - 1.0)) ** 2, rel=1e-12)
+    assert 1e3 * float(spring.stiffness(0.0)) == pytest.approx(2.0 * 500.0 * (0.5 * (ratio - 1.0)) ** 2, rel=1e-12)
     # eqs. (50)-(51) at .8 rad, with C sin(phi/2) = sin(beta + phi/2) differentiated by hand
     beta = asin(ratio * sin(0.4)) - 0.4
     slope = 0.5 * ratio * cos(0.4) / cos(beta + 0.4) - 0.5
-    assert 1e3 * float(law.torque(0.8)) == pytest.approx(2.0 * 500.0 * beta * slope, rel=1e-12)
+    assert 1e3 * float(spring.torque(0.8)) == pytest.approx(2.0 * 500.0 * beta * slope, rel=1e-12)
 
 
 @pytest.mark.parametrize(("name", "expected"), [("qbmove_a", 3.8), ("qbmove_b", 8.5), ("qbmove_alterego", 162.0)])
@@ -223,11 +223,11 @@ def test_edinburgh_vsa_turns_with_its_equilibrium_and_stiffens_with_its_preset()
 
 @pytest.mark.parametrize("name", device_names())
 def test_every_shipped_spring_increases_up_to_its_stop(name: str) -> None:
-    for law in load_device(name).spring_laws:
-        if isinstance(law, TwoLeverSpring):
+    for spring in load_device(name).spring_laws:
+        if isinstance(spring, TwoLeverSpring):
             continue
-        phi = np.linspace(-1.0, 1.0, 401) * law.max_deflection
-        assert np.all(law.stiffness(phi, 0.5) >= 0.0)
+        phi = np.linspace(-1.0, 1.0, 401) * spring.max_deflection
+        assert np.all(spring.stiffness(phi, 0.5) >= 0.0)
 
 
 @pytest.mark.parametrize(
@@ -267,6 +267,6 @@ def test_polynomial_may_soften_as_long_as_its_stop_comes_first() -> None:
 
 def test_polynomial_that_just_touches_zero_stiffness_is_allowed() -> None:
     # sigma = 1 - 2 s + s^2 = (1 - s)^2 with s = phi^2
-    law = OddPolynomialSpring(1.5, (1.0, -2.0 / 3.0, 1.0 / 5.0))
-    assert float(law.stiffness(1.0)) == pytest.approx(0.0, abs=1e-12)
-    assert float(law.stiffness(sqrt(2.0))) == pytest.approx(1.0, rel=1e-12)
+    spring = OddPolynomialSpring(1.5, (1.0, -2.0 / 3.0, 1.0 / 5.0))
+    assert float(spring.stiffness(1.0)) == pytest.approx(0.0, abs=1e-12)
+    assert float(spring.stiffness(sqrt(2.0))) == pytest.approx(1.0, rel=1e-12)

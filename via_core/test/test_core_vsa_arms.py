@@ -21,7 +21,7 @@ def motion(arm, seed):
     return random.uniform(-1.5, 1.5, (3, arm.n))
 
 
-def test_planar_arm_obeys_the_textbook():
+def test_planar_arm_equals_the_textbook_equations():
     """Two bodies in the vertical plane; a positive angle about y turns x downwards, where gravity pulls."""
     arm = load_vsa_arm("reference_2dof")
     (q1, q2), (v1, v2), _ = motion(arm, 1)
@@ -87,10 +87,10 @@ def test_an_arm_at_rest_keeps_its_inertia(arm):
 def test_springs_are_those_of_the_joints_and_invert(arm):
     phi = np.linspace(-0.3, 0.4, arm.n)
     torque, stiffness, slope = arm.spring_state(phi)
-    for i, law in enumerate(arm.springs):
-        assert torque[i] == float(law.torque(phi[i]))
-        assert stiffness[i] == float(law.stiffness(phi[i]))
-        assert slope[i] == float(law.stiffness_slope(phi[i]))
+    for i, spring in enumerate(arm.springs):
+        assert torque[i] == float(spring.torque(phi[i]))
+        assert stiffness[i] == float(spring.stiffness(phi[i]))
+        assert slope[i] == float(spring.stiffness_slope(phi[i]))
     assert arm.deflection(torque) == pytest.approx(phi, abs=1e-12)
     at_rest = [100.0, 60.0] if arm.n == 2 else [100.0, 100.0, 60.0, 60.0]
     assert arm.spring_state(np.zeros(arm.n))[1] == pytest.approx(at_rest)
@@ -104,7 +104,7 @@ def test_accelerations_are_equations_9_and_10(arm):
     theta, external = q + 0.2 * theta, np.linspace(1.0, 2.0, arm.n)
     arm = replace(arm, motor_friction=np.full(arm.n, 0.4), link_friction=np.full(arm.n, 0.3))
     qdd, thdd = arm.accelerations(q, v, theta, thd, torque, external)
-    tau_e = np.array([float(law.torque(d)) for law, d in zip(arm.springs, q - theta, strict=True)])
+    tau_e = np.array([float(spring.torque(d)) for spring, d in zip(arm.springs, q - theta, strict=True)])
     assert arm.inertia(q) @ qdd + arm.coriolis(q, v) @ v + arm.gravity(q) + 0.3 * v == pytest.approx(
         external - tau_e, abs=1e-9
     )
@@ -145,7 +145,7 @@ def test_unknown_limits_are_none(tmp_path):
         ("<robot name", "<rabbit name", "mine.yaml"),
     ],
 )
-def test_files_that_describe_no_arm_are_refused(tmp_path, old, new, match):
+def test_invalid_arm_files_are_refused(tmp_path, old, new, match):
     yaml, urdf = ((SHIPPED / f"reference_2dof.{kind}").read_text() for kind in ("yaml", "urdf"))
     assert old in yaml + urdf
     (tmp_path / "mine.yaml").write_text(yaml.replace(old, new, 1))
@@ -155,7 +155,7 @@ def test_files_that_describe_no_arm_are_refused(tmp_path, old, new, match):
     assert "\n" not in str(error.value)
 
 
-def test_an_unknown_name_is_told_the_shipped_ones():
+def test_an_unknown_name_gives_an_error_with_the_shipped_ones():
     with pytest.raises(DeviceError, match="reference_2dof, reference_4dof"):
         load_vsa_arm("reference_9dof")
 
@@ -170,6 +170,6 @@ def test_an_unknown_name_is_told_the_shipped_ones():
         {"springs": ()},
     ],
 )
-def test_silly_arms_are_refused(change):
+def test_impossible_arms_are_refused(change):
     with pytest.raises(ParameterError):
         replace(load_vsa_arm("reference_2dof"), **change)

@@ -230,7 +230,7 @@ def test_noise_gain_matches_the_continuous_kernel() -> None:
         (3, [0.0, 1.0, np.nan, 2.0, 3.0], "finite"),
     ],
 )
-def test_windows_that_are_none_are_refused(h: int, stamps, message: str) -> None:
+def test_invalid_windows_are_refused(h: int, stamps, message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         window_weights(h, stamps)
 
@@ -329,7 +329,7 @@ def test_samples_k_minus_m_flip_the_odd_rows_and_only_them(h: int) -> None:
         np.testing.assert_allclose(rows[row][::-1], sign * rows[row], atol=1e-9 * np.abs(rows[row]).max())
 
 
-def test_rows_that_are_none_are_refused() -> None:
+def test_invalid_rows_are_refused() -> None:
     with pytest.raises(ParameterError, match="order must be >= 3"):
         window_weights(2, np.arange(10.0), 4)
     with pytest.raises(ParameterError, match="rows must be 3 or 4, got 5"):

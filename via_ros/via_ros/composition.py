@@ -23,7 +23,7 @@ Node = TypeVar("Node")
 
 
 class Composition:
-    """A context manager that runs nodes. On exit it closes and destroys them in reverse order."""
+    """A context manager that runs nodes. On exit all are closed and destroyed in reverse order."""
 
     def __init__(self) -> None:
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -90,7 +90,7 @@ class BagWriter:
     path      directory to create; BagError when it exists or its name is not UTF-8
     metadata  texts stored as rosbag2 custom_data
 
-    As a context manager it closes the bag on success; on an exception the data stays under the unfinished name.
+    As a context manager it finishes the bag on success; on an exception the data stays under the unfinished name.
     """
 
     def __init__(self, path: str | Path, metadata: Mapping[str, str] | None = None) -> None:
@@ -204,7 +204,7 @@ class BagWriter:
 
     def _let_go(self) -> None:
         self._writer = None
-        with suppress(OSError):  # closing flushes buffers, but closes the file in any case
+        with suppress(OSError):  # flushing may fail, the file is closed in any case
             self._file.close()
 
     @contextmanager
