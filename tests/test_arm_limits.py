@@ -90,7 +90,7 @@ def test_an_arm_in_motion_comes_to_rest_where_it_was():
     state = law.init(sample_of(body))
     for _ in range(3000):
         state, out = law.step(state, sample_of(body))
-        body = arm_step(ARM, body, out.torque, STILL, 1e-3, substeps=2)
+        body = arm_step(ARM, body, out.torque, 1e-3, substeps=2)
     assert body.q == pytest.approx(EQUILIBRIUM, abs=0.02)
     assert np.abs(body.velocity).max() < 0.05
 

@@ -226,5 +226,5 @@ def test_a_held_arm_is_let_go_when_asked(graph):
     bench = ArmBench(graph, posture=REST, mode="free", rate=250.0)
     assert bench.call(bench.hold, Hold.Request(duration=1e6)).success
     graph.until(lambda: bench.contacts and np.linalg.norm(bench.contacts[-1]) > 1.0)  # it hangs on the hand
-    assert bench.call(bench.hold, Hold.Request(duration=0.0)).message == "let go"
+    assert bench.call(bench.hold, Hold.Request(duration=0.0)).message == "released"
     graph.until(lambda: not any(bench.contacts[-1]))

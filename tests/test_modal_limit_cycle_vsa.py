@@ -73,7 +73,7 @@ def test_derivatives_of_the_reference_are_those_along_the_motion(direction):
 
     bodies = [start(law)]
     for _ in range(2):
-        bodies.append(arm_step(ARM, bodies[-1], ARM.gravity(REST), STILL, h))
+        bodies.append(arm_step(ARM, bodies[-1], ARM.gravity(REST), h))
     rate = seen(bodies[1], direction)[1].turning
     directions = [direction + rate * s for s in (-h, 0.0, h)]
     torques = [-seen(body, each)[1].torque for body, each in zip(bodies, directions, strict=True)]

@@ -5,8 +5,7 @@ down; a positive hip angle moves the leg forward, a positive knee angle the shan
 
     thigh at q_hip from the vertical, shank at q_hip + q_knee,   spring  tau_e = K (q - theta)
 
-Springs and motors as in `vsa_arms`; the simulator models the ground. In `mjcf()`, the MuJoCo model, motors are separate
-hinges beside the robot, coupled by springs as tendons: rotors spin but do not move with the links.
+Springs and motors as in `vsa_arms`. Controllers use this model; `via_sim.hopper` adds the ground in MuJoCo.
 Source: set-up of the checks of (12), Section 6.2, after Figure 18.
 """
 
@@ -14,7 +13,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from math import cos, pi, sin
-from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
@@ -102,41 +100,3 @@ class Hopper:
     def leg_height(self, leg: Array) -> float:
         """Height [m] of the hip above the sole at hip and knee angles `leg` (2,) [rad]."""
         return self.segment_length * (cos(leg[0]) + cos(leg[0] + leg[1])) + self.foot_radius
-
-    def mjcf(self, step: float) -> str:
-        """MuJoCo model (XML) of robot and flat ground with time step `step` [s]; motors in the order of JOINTS."""
-        top = Element("mujoco", model="hopper")
-        option = {"integrator": "implicitfast", "cone": "elliptic", "impratio": "20"}  # little creep of the feet
-        SubElement(top, "option", attrib=option, timestep=f"{step}", gravity=f"0 0 -{GRAVITY}")
-        world = SubElement(top, "worldbody")
-        ball = {"friction": f"{self.foot_friction} 0.005 0.0001", "solref": "0.004 1"}
-        SubElement(world, "geom", name="ground", type="plane", size="10 1 .1", attrib=ball)
-        trunk = SubElement(world, "body", name="trunk")
-        for name, axis, kind in (("x", "1 0 0", "slide"), ("z", "0 0 1", "slide"), ("pitch", "0 1 0", "hinge")):
-            SubElement(trunk, "joint", name=name, type=kind, axis=axis)
-        half = f"{0.5 * self.trunk_length} .1 {0.5 * self.trunk_height}"
-        free = {"contype": "0", "conaffinity": "0"}
-        SubElement(trunk, "geom", type="box", size=half, mass=f"{self.trunk_mass + self.payload}", attrib=free)
-        for side, x in (("front", 0.5 * self.trunk_length), ("rear", -0.5 * self.trunk_length)):
-            parent, at = trunk, f"{x} 0 0"
-            for part, joint, mass in (("thigh", "hip", self.thigh_mass), ("shank", "knee", self.shank_mass)):
-                body = SubElement(parent, "body", name=f"{side}_{part}", pos=at)
-                name = f"{side}_{joint}"
-                # rotation about -y moves a hanging segment forward
-                SubElement(body, "joint", name=name, type="hinge", axis="0 -1 0", damping=f"{self.joint_damping}")
-                ends = f"0 0 0 0 0 -{self.segment_length}"
-                SubElement(body, "geom", type="capsule", fromto=ends, size=".01", mass=f"{mass}", attrib=free)
-                parent, at = body, f"0 0 -{self.segment_length}"
-            foot = {"name": f"{side}_foot", "pos": at, "size": f"{self.foot_radius}", "mass": "0"}
-            SubElement(parent, "geom", type="sphere", attrib=foot | ball)
-        tendons, actuators = SubElement(top, "tendon"), SubElement(top, "actuator")
-        for name, stiffness in zip(JOINTS, self.stiffness, strict=True):
-            rotor, about = SubElement(world, "body", name=f"{name}_rotor", pos="0 1 0"), f"{self.rotor_inertia}"
-            SubElement(rotor, "inertial", pos="0 0 0", mass="1", diaginertia=" ".join([about] * 3))
-            SubElement(rotor, "joint", name=f"{name}_motor", type="hinge", axis="0 -1 0")
-            spring = SubElement(tendons, "fixed", name=f"{name}_spring", stiffness=f"{stiffness}", springlength="0")
-            SubElement(spring, "joint", joint=name, coef="1")
-            SubElement(spring, "joint", joint=f"{name}_motor", coef="-1")
-            limit = f"-{self.strongest} {self.strongest}"
-            SubElement(actuators, "motor", name=name, joint=f"{name}_motor", ctrlrange=limit, ctrllimited="true")
-        return tostring(top, encoding="unicode")

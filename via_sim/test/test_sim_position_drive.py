@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from sim_joints import MORE, SIZES, positioned
-from via_core.errors import ParameterError, SignalError
+from sim_position_drives import EFFECT_SETS, GRAVITY, KD, KP, PLACES, RATE, SERVOS, M, goals, wave
+from via_core.errors import ParameterError
 from via_core.signals import Signals
-from via_core.weak_form import window_weights
-from via_sim.catalogue import EFFECTS
 from via_sim.device_numbers import numbers_of
-from via_sim.effects import Effect, places
-from via_sim.equations import Record, equation_torques
+from via_sim.effects import Effect
 from via_sim.kernel import run
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
@@ -18,30 +16,9 @@ from via_sim.sensors import IDEAL
 from via_sim.simulate import InitialConditions, Simulator, command_rows, initial_state, simulate, simulate_rows
 from via_sim.torques import GOAL, POWER, X
 
-RATE = 1000.0
-M, KP, KD = 0.02, 4.0, 0.1
-GRAVITY = f"{{inertia: {M}, viscous_friction: 0.02, gravity_torque: 0.3, gravity_angle: 0.2}}"
-PLACES = [(name, *place) for name in EFFECTS for place in places(name, positioned(GRAVITY))]
-EFFECT_SETS = [
-    *([Effect(name, site, SIZES[name], motor)] for name, site, motor in PLACES),
-    *([Effect(name, site, SIZES[name] | MORE[name], motor)] for name, site, motor in PLACES if name in MORE),
-]
-RICH = [each for each in EFFECT_SETS if each[0].name in MORE and len(each[0].parameters) > len(SIZES[each[0].name])]
-EFFECT_SETS += [RICH[0] + RICH[1], [*RICH[0], *RICH[1], *RICH[2]]]
-
-
-def goals(values, rate: float = RATE, **others) -> Signals:
-    channels = {"equilibrium": np.asarray(values, dtype=np.float64), **others}
-    return Signals(np.arange(len(values)) / rate, channels, dict.fromkeys(channels, "-"), frozenset(channels))
-
 
 def step(device, duration: float = 1.0, goal: float = 1.0, effects=()):
     return simulate(JointPlant.from_device(device).with_effects(effects), goals([goal]), duration, RATE).truth
-
-
-def wave(ticks: int) -> np.ndarray:
-    t = np.arange(ticks) / RATE
-    return 0.6 * np.sin(5.0 * t) + 0.3 * np.sin(13.0 * t)
 
 
 def test_a_step_is_answered_as_a_second_order_system_with_kp_and_kd() -> None:
@@ -179,9 +156,6 @@ def test_the_gains_are_numbers_of_the_device() -> None:
     assert scaled.parameters[P.drive_stiffness] == pytest.approx(4.4)
 
 
-SERVOS = ("{kp: 4.0, kd: 0.1, torque_limit: 1.5}", "{kp: 4.0, kd: 0.1, speed_limit: 3.0, delay: 0.0023}")
-
-
 @pytest.mark.parametrize("servo", SERVOS)
 def test_lockstep_is_the_scalar_kernel(servo: str) -> None:
     """Every effect in a lane of its own, the drive switched off and on again on the way."""
@@ -217,51 +191,6 @@ def test_stepping_gives_the_bits_of_the_batch() -> None:
         state, _, truth = simulator.step(state, row)
         assert truth[0] == batch["q"][k + 1]
     assert state[X.behind] != 0.0 or state[X.lag] != 0.0
-
-
-def residual(plant, record, span: int = 60) -> np.ndarray:
-    """(windows,) M <q, psi''> - <torque, psi> [N m] of the link, once a goal that is limited in speed is known."""
-    found = equation_torques(plant.parameters, record)
-    W = window_weights(4, record.time[: span + 1])
-    rows = np.arange(600, len(record) - span - 1, 7)[:, None] + np.arange(span + 1)
-    out = found.inertia[0] * np.einsum("k,nk->n", W[2], found.angle[rows, 0])
-    out = out - np.einsum("k,nk->n", W[0], found.torque[rows, 0])
-    return out[~np.any(found.standing[rows, 0], axis=1)]
-
-
-@pytest.mark.parametrize("servo", ["{kp: 4.0, kd: 0.1}", *SERVOS])
-@pytest.mark.parametrize(
-    "effects",
-    [each for each in EFFECT_SETS if each[0].name != "encoder_quantisation"],
-    ids=lambda each: "-".join(f"{e.name}-{len(e.parameters)}" for e in each),
-)
-def test_equations_balance_a_simulated_run_without_any_torque_measured(servo, effects) -> None:
-    """With the effects in the equations next to nothing is left; without them much more."""
-    device = positioned(GRAVITY, servo)
-    nominal = JointPlant.from_device(device)
-    plant = nominal.with_effects(effects)
-    sent = goals(wave(3000), neighbour=np.cos(0.003 * np.arange(3000)))
-    seen = simulate(plant, sent, 2.999, RATE).measured
-    velocity = np.zeros((len(seen), 3))
-    velocity[:, 0] = seen["q_velocity"]
-    record = Record.of_commands(device, seen, velocity, sent)
-    right, wrong = np.abs(residual(plant, record)), np.abs(residual(nominal, record))
-    assert np.sqrt(np.mean(right**2)) < 1.5e-3
-    assert np.sqrt(np.mean(wrong**2)) > 20.0 * np.sqrt(np.mean(right**2))
-
-
-def test_equations_know_a_drive_that_is_switched_off() -> None:
-    device = positioned(GRAVITY)
-    plant = JointPlant.from_device(device)
-    values = wave(2000)
-    values[700:1200] = np.nan
-    seen = simulate(plant, goals(values), 1.999, RATE).measured
-    velocity = np.zeros((len(seen), 3))
-    velocity[:, 0] = seen["q_velocity"]
-    record = Record.of_commands(device, seen, velocity, goals(values))
-    assert np.max(np.abs(residual(plant, record))) < 2e-3
-    with pytest.raises(SignalError, match="driven by its commands"):
-        Record.of_torques(device, seen, velocity, goals(values))
 
 
 def test_commands_of_a_position_drive() -> None:

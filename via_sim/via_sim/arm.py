@@ -1,4 +1,4 @@
-"""A flexible arm in motion: Runge-Kutta steps of links and motors under held torques, with limits and contacts."""
+"""Motion of an arm with flexible joints: Runge-Kutta steps under constant motor torques, with limits and contacts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ArmState:
 
 
 def loaded_state(arm: VsaArm, q: Array, velocity: Array, spring_torque: Array, spring_rate: Array) -> ArmState:
-    """The state in which the springs give tau_e `spring_torque` [N m], changing at `spring_rate` [N m/s], (n,) each."""
+    """State with spring torques tau_e `spring_torque` [N m] that change at `spring_rate` [N m/s], (n,) each."""
     phi = arm.deflection(spring_torque)
     _, stiffness, _ = arm.spring_state(phi)
     return ArmState(q, velocity, q - phi, velocity - spring_rate / stiffness)
@@ -35,29 +35,27 @@ def arm_step(
     arm: VsaArm,
     state: ArmState,
     torque: Array,
-    external: Array,
     step: float,
     substeps: int = 4,
     contacts: Sequence[Contact] = (),
 ) -> ArmState:
-    """The state `step` [s] later under held motor torques and torques on the links, (n,) each [N m].
+    """State `step` [s] later under constant motor torques (n,) [N m], limited as in `limited_torque`.
 
-    A motor gives no more than its torque limit, and nothing that drives it beyond its speed limit. `contacts` act on
-    the tip along the way; a wall of 5e4 N/m wants substeps of .25 ms.
+    `contacts` act on the tip; a wall of 5e4 N/m needs substeps of 0.25 ms or less.
     Raises ParameterError where a spring is deflected beyond its stop.
     """
-    h = step / substeps
+    h, no_load = step / substeps, np.zeros(arm.n)
 
-    def rate(x: Array, held: Array) -> Array:
-        return arm.rates(x, held, external + contact_torque(arm, x[0], x[1], contacts) if contacts else external)
+    def rate(x: Array, motor_torque: Array) -> Array:
+        return arm.rates(x, motor_torque, contact_torque(arm, x[0], x[1], contacts) if contacts else no_load)
 
     x = np.array([state.q, state.velocity, state.theta, state.motor_velocity])
     for _ in range(substeps):
-        held = given_torque(arm, x[3], torque)
-        k1 = rate(x, held)
-        k2 = rate(x + 0.5 * h * k1, held)
-        k3 = rate(x + 0.5 * h * k2, held)
-        k4 = rate(x + h * k3, held)
+        limited = limited_torque(arm, x[3], torque)
+        k1 = rate(x, limited)
+        k2 = rate(x + 0.5 * h * k1, limited)
+        k3 = rate(x + 0.5 * h * k2, limited)
+        k4 = rate(x + h * k3, limited)
         _add(x, h, k1, k2, k3, k4)
     q, v, theta, w = x
     if not (np.abs(q - theta) <= arm.deflection_limit).all():
@@ -67,19 +65,22 @@ def arm_step(
 
 @njit(cache=True, error_model="numpy")
 def _add(x: Array, h: float, k1: Array, k2: Array, k3: Array, k4: Array) -> None:
-    """A Runge-Kutta step's increment onto a state (4, n)."""
+    """Add the increment of a Runge-Kutta step to a state (4, n)."""
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
             x[i, j] += h / 6.0 * (k1[i, j] + 2.0 * (k2[i, j] + k3[i, j]) + k4[i, j])
 
 
-def given_torque(arm: VsaArm, motor_velocity: Array, torque: Array) -> Array:
-    """What motors at `motor_velocity` (n,) [rad/s] give when asked for `torque` (n,) [N m]."""
-    return np.asarray(_given(torque, motor_velocity, arm.torque_limit, arm.speed_limit))
+def limited_torque(arm: VsaArm, motor_velocity: Array, torque: Array) -> Array:
+    """Torque (n,) [N m] of motors at `motor_velocity` (n,) [rad/s] under the command `torque` (n,) [N m].
+
+    It stays within the torque limit, and is zero where it would drive a motor beyond its speed limit.
+    """
+    return np.asarray(_limited(torque, motor_velocity, arm.torque_limit, arm.speed_limit))
 
 
 @njit(cache=True, error_model="numpy")
-def _given(torque: Array, speed: Array, torque_limit: Array, speed_limit: Array) -> Array:
+def _limited(torque: Array, speed: Array, torque_limit: Array, speed_limit: Array) -> Array:
     out = np.empty(torque.size)
     for i in range(torque.size):
         out[i] = min(max(torque[i], -torque_limit[i]), torque_limit[i])
@@ -89,7 +90,7 @@ def _given(torque: Array, speed: Array, torque_limit: Array, speed_limit: Array)
 
 
 def contact_force(arm: VsaArm, q: Array, velocity: Array, contacts: Sequence[Contact]) -> Array:
-    """What `contacts` do to the tip (3,) [N] at `q`, `velocity` (n,) [rad, rad/s]."""
+    """Force (3,) [N] of `contacts` on the tip at `q` (n,) [rad] and `velocity` (n,) [rad/s]."""
     position = arm.tip_position(q)
     touching = [contact for contact in contacts if contact.touches(position)]
     if not touching:
@@ -99,6 +100,6 @@ def contact_force(arm: VsaArm, q: Array, velocity: Array, contacts: Sequence[Con
 
 
 def contact_torque(arm: VsaArm, q: Array, velocity: Array, contacts: Sequence[Contact]) -> Array:
-    """What `contacts` on the tip do to the links (n,) [N m]."""
+    """Torque (n,) [N m] of `contacts` on the links."""
     force = contact_force(arm, q, velocity, contacts)
     return np.asarray(arm.tip_jacobian(q).T @ force) if force.any() else np.zeros(arm.n)

@@ -1,6 +1,6 @@
-"""Whole robots to simulate behind one face, so that one node serves them all: they step, tell, are pushed and held.
+"""Common simulation interface for multi-joint robots: step, measure, push, hold, release.
 
-Body     what the node asks for
+Body     the interface, used by the simulator nodes
 ArmBody  an arm of flexible joints with walls around it
 """
 
@@ -15,15 +15,15 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 
-from via_sim.arm import ArmState, arm_step, contact_force, given_torque
+from via_sim.arm import ArmState, arm_step, contact_force, limited_torque
 from via_sim.contacts import Contact, Hand
 
 State = TypeVar("State")
 
 
 @dataclass(frozen=True)
-class BodyReading:
-    """What ideal sensors say of a robot with n joints, (n,) each."""
+class BodyMeasurement:
+    """Measurements of ideal sensors on a robot with n joints, (n,) each."""
 
     q: Array  # [rad] links
     velocity: Array  # [rad/s]
@@ -33,12 +33,12 @@ class BodyReading:
 
 
 class Body(ABC, Generic[State]):
-    """A robot of n flexible joints; its parameters are its fields, its state stays as it was."""
+    """A robot of n flexible joints: parameters are fields, methods return new states."""
 
     @property
     @abstractmethod
     def name(self) -> str:
-        """As in topics."""
+        """Name of the robot, as in its topics."""
 
     @property
     @abstractmethod
@@ -47,60 +47,60 @@ class Body(ABC, Generic[State]):
 
     @abstractmethod
     def init(self) -> State:
-        """At rest."""
+        """Initial state, at rest."""
 
     @abstractmethod
     def step(self, state: State, torque: Array, period: float) -> State:
-        """The state `period` [s] later under held motor torques (n,) [N m].
+        """State `period` [s] later under constant motor torques (n,) [N m].
 
-        Raises ParameterError where a spring would go beyond its stop.
+        Raises ParameterError where a spring is deflected beyond its stop.
         """
 
     @abstractmethod
-    def given(self, state: State, torque: Array) -> Array:
-        """What the motors give (n,) [N m] when asked for `torque` (n,) [N m]."""
+    def limited(self, state: State, torque: Array) -> Array:
+        """Motor torque (n,) [N m] under the command `torque` (n,) [N m]."""
 
     @abstractmethod
     def stopped(self, state: State) -> State:
-        """Everything where it is, without velocity."""
+        """The state with all velocities zero."""
 
     @abstractmethod
-    def reading(self, state: State) -> BodyReading:
-        """What sensors say."""
+    def measure(self, state: State) -> BodyMeasurement:
+        """Measurements of ideal sensors."""
 
     @abstractmethod
     def contact_force(self, state: State) -> Array:
-        """What walls, hands and ground do to the robot (3,) [N]."""
+        """Force (3,) [N] of walls, hands and ground on the robot."""
 
     @abstractmethod
     def base(self, state: State) -> Array | None:
-        """Pose (7,) of its base: x, y, z [m], quaternion x, y, z, w; None for one that is bolted down."""
+        """Pose (7,) of the base: x, y, z [m], quaternion x, y, z, w; None for a fixed base."""
 
     @abstractmethod
     def pushed(self, state: State, impulse: Array, deflection: Array) -> State:
-        """After a blow (n,) [N m s] on the links and with links put aside by `deflection` (n,) [rad].
+        """State after an `impulse` (n,) [N m s] on the links, which are displaced by `deflection` (n,) [rad].
 
-        Raises ParameterError where that cannot be.
+        Raises ParameterError where a spring would be beyond its stop, or where the robot cannot be pushed.
         """
 
     @abstractmethod
     def held(self, state: State) -> Self:
-        """The robot whose end effector somebody holds where it is. Raises ParameterError where it has none."""
+        """The robot with its end effector held at its place; raises ParameterError for a robot without one."""
 
     @abstractmethod
     def released(self) -> Self:
-        """The robot that nobody holds."""
+        """The robot with its end effector released."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmBody(Body[ArmState]):
-    """An arm. Raises ParameterError for a posture that its springs cannot hold."""
+    """An arm with walls. Raises ParameterError for a posture that its springs cannot hold."""
 
     arm: VsaArm
-    posture: Array  # (n,) [rad] link angles at the start
+    posture: Array  # (n,) [rad] initial link angles
     walls: tuple[Contact, ...] = ()
     hand: Hand | None = None
-    substeps: int = 2  # per period of a millisecond; twice as many where something is touched
+    substeps: int = 2  # per step; twice as many with walls or a hand
 
     def __post_init__(self) -> None:
         if self.posture.shape != (self.arm.n,) or not np.isfinite(self.posture).all():
@@ -120,24 +120,24 @@ class ArmBody(Body[ArmState]):
         return self.walls if self.hand is None else (*self.walls, self.hand)
 
     def init(self) -> ArmState:
-        still = np.zeros(self.arm.n)
-        return ArmState(self.posture, still, self.arm.rest(self.posture), still)
+        zero = np.zeros(self.arm.n)
+        return ArmState(self.posture, zero, self.arm.rest(self.posture), zero)
 
     def step(self, state: ArmState, torque: Array, period: float) -> ArmState:
         contacts = self._contacts
         substeps = 2 * self.substeps if contacts else self.substeps
-        return arm_step(self.arm, state, torque, np.zeros(self.arm.n), period, substeps, contacts)
+        return arm_step(self.arm, state, torque, period, substeps, contacts)
 
-    def given(self, state: ArmState, torque: Array) -> Array:
-        return given_torque(self.arm, state.motor_velocity, torque)
+    def limited(self, state: ArmState, torque: Array) -> Array:
+        return limited_torque(self.arm, state.motor_velocity, torque)
 
     def stopped(self, state: ArmState) -> ArmState:
-        still = np.zeros(self.arm.n)
-        return ArmState(state.q, still, state.theta, still)
+        zero = np.zeros(self.arm.n)
+        return ArmState(state.q, zero, state.theta, zero)
 
-    def reading(self, state: ArmState) -> BodyReading:
+    def measure(self, state: ArmState) -> BodyMeasurement:
         spring_torque, _, _ = self.arm.spring_state(state.q - state.theta)
-        return BodyReading(state.q, state.velocity, state.theta, state.motor_velocity, spring_torque)
+        return BodyMeasurement(state.q, state.velocity, state.theta, state.motor_velocity, spring_torque)
 
     def contact_force(self, state: ArmState) -> Array:
         return contact_force(self.arm, state.q, state.velocity, self._contacts)
@@ -146,8 +146,8 @@ class ArmBody(Body[ArmState]):
         return None
 
     def pushed(self, state: ArmState, impulse: Array, deflection: Array) -> ArmState:
-        blow = np.linalg.solve(self.arm.inertia(state.q), impulse)
-        after = replace(state, q=state.q + deflection, velocity=state.velocity + blow)
+        step = np.linalg.solve(self.arm.inertia(state.q), impulse)
+        after = replace(state, q=state.q + deflection, velocity=state.velocity + step)
         beyond = np.abs(after.q - after.theta) > self.arm.deflection_limit
         if beyond.any():
             raise ParameterError(f"springs would be beyond their stops: deflections {after.q - after.theta} rad")

@@ -1,13 +1,13 @@
-"""What an end effector meets: walls that it hits, hands that hold it.
+"""Contacts of an end effector: walls and hands.
 
-Wall, half-space behind a plane, delta = -normal . (p - point) how deep the tip is in it:
+A wall is a half-space behind a plane, with penetration depth delta = -normal . (p - point):
 
     F = max(0, K delta + D deltad) normal   where delta > 0,   else 0
 
-so that a wall pushes and never pulls, without friction. A force begins at D deltad, which is what a damper in parallel
-means; energy is lost at every impact by it.
+It pushes and never pulls, without friction. Because spring and damper are in parallel, the force begins at D deltad;
+the damper dissipates energy at each impact.
 
-Hand, a spring and a damper to one point:  F = -K (p - point) - D pd
+A hand is a spring and a damper to one point:  F = -K (p - point) - D pd
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from via_core.signals import Array, locked
 
 
 class Contact(ABC):
-    """Something that acts on the tip of an arm."""
+    """A force on the tip of an arm."""
 
     @abstractmethod
     def touches(self, position: Array) -> bool:
-        """Whether it may act on a tip at `position` (3,) [m]."""
+        """Whether the force can be nonzero at tip `position` (3,) [m]."""
 
     @abstractmethod
     def force(self, position: Array, velocity: Array) -> Array:
-        """On the tip (3,) [N], which is at `position` (3,) [m] and moves at `velocity` (3,) [m/s]."""
+        """Force (3,) [N] on a tip at `position` (3,) [m] with `velocity` (3,) [m/s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Wall(Contact):
-    """A plane that nothing passes. Raises ParameterError for a normal without a direction."""
+    """A wall behind a plane. Raises ParameterError for a normal of zero length."""
 
     point: Array  # (3,) [m] on the plane
-    normal: Array  # (3,) [-] out of the wall, of any length; kept as a unit vector
+    normal: Array  # (3,) [-] outwards, of any length; stored as a unit vector
     stiffness: float = 5e4  # K [N/m]
     damping: float = 300.0  # D [N s/m]
 
     def __post_init__(self) -> None:
-        _checked(self)
+        object.__setattr__(self, "point", _checked_point(self.point, self.stiffness, self.damping))
         normal = locked(self.normal, "normal")
         length = float(np.linalg.norm(normal))
         if normal.shape != (3,) or not 0.0 < length < np.inf:
@@ -50,7 +50,7 @@ class Wall(Contact):
         object.__setattr__(self, "normal", locked(normal / length, "normal"))
 
     def depth(self, position: Array) -> float:
-        """How deep `position` (3,) [m] is in the wall [m]; negative outside of it."""
+        """Penetration depth [m] of `position` (3,) [m]; negative outside the wall."""
         return float(self.normal @ (self.point - position))
 
     def touches(self, position: Array) -> bool:
@@ -72,7 +72,7 @@ class Hand(Contact):
     damping: float = 100.0  # D [N s/m]
 
     def __post_init__(self) -> None:
-        _checked(self)
+        object.__setattr__(self, "point", _checked_point(self.point, self.stiffness, self.damping))
 
     def touches(self, position: Array) -> bool:
         return True
@@ -81,11 +81,12 @@ class Hand(Contact):
         return self.stiffness * (self.point - position) - self.damping * velocity
 
 
-def _checked(contact: Wall | Hand) -> None:
-    object.__setattr__(contact, "point", locked(contact.point, "point"))
-    if contact.point.shape != (3,) or not np.isfinite(contact.point).all():
-        raise ParameterError(f"point must be (3,) and finite, got {contact.point}")
-    for name in ("stiffness", "damping"):
-        value = getattr(contact, name)
+def _checked_point(point: Array, stiffness: float, damping: float) -> Array:
+    """The point (3,), locked; raises ParameterError for invalid parameters of a contact."""
+    point = locked(point, "point")
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise ParameterError(f"point must be (3,) and finite, got {point}")
+    for name, value in (("stiffness", stiffness), ("damping", damping)):
         if not (np.isfinite(value) and value >= 0.0):
             raise ParameterError(f"{name} must be >= 0, got {value}")
+    return point

@@ -1,18 +1,19 @@
-"""The hopper on flat ground, by MuJoCo: joints, motors and feet under held motor torques.
+"""The hopper (`via_core.hopper.Hopper`) on flat ground, simulated by MuJoCo.
 
-MuJoCo integrates links, rotors and springs together (`via_core.hopper.Hopper.mjcf`) in steps of a quarter of a
-millisecond; its ground gives way by a fraction of a millimetre and does not make a robot bounce by itself.
+MuJoCo integrates links, rotors and springs together in steps of 0.25 ms. The ground yields by a fraction of a
+millimetre and does not bounce the robot.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Any
+from xml.etree.ElementTree import Element, SubElement, tostring
 
 import mujoco
 import numpy as np
 from via_core.errors import ParameterError
-from via_core.hopper import JOINTS, Hopper
+from via_core.hopper import GRAVITY, JOINTS, Hopper
 from via_core.signals import Array, locked
 
 STEP = 2.5e-4  # [s]
@@ -20,7 +21,7 @@ STEP = 2.5e-4  # [s]
 
 @dataclass(frozen=True)
 class HopperState:
-    """The whole of it; `whole` is MuJoCo's own state, from which the next step starts."""
+    """State of the hopper; `whole` is the full state of MuJoCo, from which the next step starts."""
 
     time: float  # [s]
     q: Array  # (4,) [rad] joints, order of JOINTS
@@ -29,13 +30,13 @@ class HopperState:
     motor_velocity: Array  # (4,) [rad/s]
     trunk: Array  # (3,) x [m], z [m], pitch [rad]
     trunk_velocity: Array  # (3,)
-    force: Array  # (2,) [N] of the ground on the front and the rear foot, upwards
+    force: Array  # (2,) [N] normal force of the ground on the front and the rear foot
     whole: Array
 
 
 @dataclass(frozen=True, eq=False)
 class HopperPlant:
-    """A hopper in MuJoCo. Not to be used by two threads at once: MuJoCo's workspace belongs to the plant."""
+    """A hopper in MuJoCo. Not thread-safe: calls share the work memory of MuJoCo."""
 
     hopper: Hopper
     _model: Any = field(init=False, repr=False)
@@ -45,23 +46,23 @@ class HopperPlant:
     _feet: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        model = mujoco.MjModel.from_xml_string(self.hopper.mjcf(STEP))
+        model = mujoco.MjModel.from_xml_string(_mjcf(self.hopper, STEP))
         object.__setattr__(self, "_model", model)
         object.__setattr__(self, "_data", mujoco.MjData(model))
-        # every joint moves by one number: addresses of angles and velocities agree
+        # All joints have one degree of freedom: angles and velocities have the same addresses.
         object.__setattr__(self, "_joints", [model.joint(name).qposadr[0] for name in JOINTS])
         object.__setattr__(self, "_motors", [model.joint(f"{name}_motor").qposadr[0] for name in JOINTS])
         object.__setattr__(self, "_feet", [model.geom(f"{side}_foot").id for side in ("front", "rear")])
 
     @property
     def model(self) -> Any:
-        """MuJoCo's model, to render it."""
+        """The MuJoCo model, for rendering."""
         return self._model
 
     def start(self, q: Array, theta: Array, clearance: float, pitch: float = 0.0) -> HopperState:
-        """At rest at joint angles `q` and motor angles `theta` (4,) [rad], the trunk turned by `pitch` [rad].
+        """State at rest at joint angles `q`, motor angles `theta` (4,) [rad] and trunk pitch `pitch` [rad].
 
-        Turned back, the soles would be `clearance` [m] above ground.
+        At zero pitch the lower sole would be `clearance` [m] above ground.
         """
         heights = [self.hopper.leg_height(leg) for leg in (q[:2], q[2:])]
         mujoco.mj_resetData(self._model, self._data)
@@ -71,7 +72,7 @@ class HopperPlant:
         return self._state()
 
     def step(self, state: HopperState, torque: Array, duration: float) -> HopperState:
-        """`duration` [s] later, a multiple of STEP, under held motor torques (4,) [N m], cut to their limits."""
+        """State `duration` [s] later, a multiple of STEP, under constant motor torques (4,) [N m], limited."""
         count = round(duration / STEP)
         if count < 1 or abs(count * STEP - duration) > 1e-9:
             raise ParameterError(f"duration must be a multiple of {STEP} s, got {duration}")
@@ -102,3 +103,45 @@ class HopperPlant:
             force=force,
             whole=locked(whole, "whole"),
         )
+
+
+def _mjcf(hopper: Hopper, step: float) -> str:
+    """The robot above flat ground as MuJoCo XML with integration step `step` [s]; motors in the order of JOINTS.
+
+    The motors are hinges beside the robot, connected by springs as by tendons: rotors spin but do not swing along.
+    """
+    top = Element("mujoco", model="hopper")
+    option = {"integrator": "implicitfast", "cone": "elliptic", "impratio": "20"}  # against creeping feet
+    SubElement(top, "option", attrib=option, timestep=f"{step}", gravity=f"0 0 -{GRAVITY}")
+    world = SubElement(top, "worldbody")
+    ball = {"friction": f"{hopper.foot_friction} 0.005 0.0001", "solref": "0.004 1"}
+    SubElement(world, "geom", name="ground", type="plane", size="10 1 .1", attrib=ball)
+    trunk = SubElement(world, "body", name="trunk")
+    for name, axis, kind in (("x", "1 0 0", "slide"), ("z", "0 0 1", "slide"), ("pitch", "0 1 0", "hinge")):
+        SubElement(trunk, "joint", name=name, type=kind, axis=axis)
+    half = f"{0.5 * hopper.trunk_length} .1 {0.5 * hopper.trunk_height}"
+    free = {"contype": "0", "conaffinity": "0"}
+    SubElement(trunk, "geom", type="box", size=half, mass=f"{hopper.trunk_mass + hopper.payload}", attrib=free)
+    for side, x in (("front", 0.5 * hopper.trunk_length), ("rear", -0.5 * hopper.trunk_length)):
+        parent, at = trunk, f"{x} 0 0"
+        for part, joint, mass in (("thigh", "hip", hopper.thigh_mass), ("shank", "knee", hopper.shank_mass)):
+            body = SubElement(parent, "body", name=f"{side}_{part}", pos=at)
+            name = f"{side}_{joint}"
+            # a rotation about -y moves a hanging leg forward
+            SubElement(body, "joint", name=name, type="hinge", axis="0 -1 0", damping=f"{hopper.joint_damping}")
+            ends = f"0 0 0 0 0 -{hopper.segment_length}"
+            SubElement(body, "geom", type="capsule", fromto=ends, size=".01", mass=f"{mass}", attrib=free)
+            parent, at = body, f"0 0 -{hopper.segment_length}"
+        foot = {"name": f"{side}_foot", "pos": at, "size": f"{hopper.foot_radius}", "mass": "0"}
+        SubElement(parent, "geom", type="sphere", attrib=foot | ball)
+    tendons, actuators = SubElement(top, "tendon"), SubElement(top, "actuator")
+    for name, stiffness in zip(JOINTS, hopper.stiffness, strict=True):
+        rotor, about = SubElement(world, "body", name=f"{name}_rotor", pos="0 1 0"), f"{hopper.rotor_inertia}"
+        SubElement(rotor, "inertial", pos="0 0 0", mass="1", diaginertia=" ".join([about] * 3))
+        SubElement(rotor, "joint", name=f"{name}_motor", type="hinge", axis="0 -1 0")
+        spring = SubElement(tendons, "fixed", name=f"{name}_spring", stiffness=f"{stiffness}", springlength="0")
+        SubElement(spring, "joint", joint=name, coef="1")
+        SubElement(spring, "joint", joint=f"{name}_motor", coef="-1")
+        limit = f"-{hopper.strongest} {hopper.strongest}"
+        SubElement(actuators, "motor", name=name, joint=f"{name}_motor", ctrlrange=limit, ctrllimited="true")
+    return tostring(top, encoding="unicode")

@@ -1,4 +1,4 @@
-"""The hopper as a robot for the simulator node: dropped at the start, nobody pushes or holds it."""
+"""The hopper as a `Body` for the simulator node: it is dropped at the start and cannot be pushed or held."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from via_core.errors import ParameterError
 from via_core.hopper import JOINTS, Hopper
 from via_core.signals import Array
 
-from via_sim.bodies import Body, BodyReading
+from via_sim.bodies import Body, BodyMeasurement
 from via_sim.hopper import HopperPlant, HopperState
 
 
 @dataclass(frozen=True, eq=False)
 class HopperBody(Body[HopperState]):
-    """A hopper that begins with unbent springs, `crouch` [rad] in its legs, `drop` [m] above ground."""
+    """A hopper that starts `drop` [m] above ground with relaxed springs, its legs crouched by `crouch` [rad]."""
 
     hopper: Hopper
     crouch: float
@@ -41,15 +41,15 @@ class HopperBody(Body[HopperState]):
     def step(self, state: HopperState, torque: Array, period: float) -> HopperState:
         return self._plant.step(state, torque, period)
 
-    def given(self, state: HopperState, torque: Array) -> Array:
+    def limited(self, state: HopperState, torque: Array) -> Array:
         return np.clip(torque, -self.hopper.torque_limit, self.hopper.torque_limit)
 
     def stopped(self, state: HopperState) -> HopperState:
         return self.init()
 
-    def reading(self, state: HopperState) -> BodyReading:
+    def measure(self, state: HopperState) -> BodyMeasurement:
         spring_torque, _, _ = self.hopper.spring_state(state.q - state.theta)
-        return BodyReading(state.q, state.velocity, state.theta, state.motor_velocity, spring_torque)
+        return BodyMeasurement(state.q, state.velocity, state.theta, state.motor_velocity, spring_torque)
 
     def contact_force(self, state: HopperState) -> Array:
         return np.array([0.0, 0.0, state.force.sum()])
@@ -59,10 +59,10 @@ class HopperBody(Body[HopperState]):
         return np.array([x, 0.0, z, 0.0, np.sin(0.5 * pitch), 0.0, np.cos(0.5 * pitch)])
 
     def pushed(self, state: HopperState, impulse: Array, deflection: Array) -> HopperState:
-        raise ParameterError("nobody pushes the hopper: it begins by falling")
+        raise ParameterError("the hopper cannot be pushed; it starts by falling")
 
     def held(self, state: HopperState) -> Self:
-        raise ParameterError("nobody can hold the hopper: it has no end effector")
+        raise ParameterError("the hopper cannot be held: it has no end effector")
 
     def released(self) -> Self:
         return self

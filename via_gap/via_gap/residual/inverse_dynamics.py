@@ -2,7 +2,7 @@
 
     missing = [ <torque(q, qd, commands; effects), psi> - I <q, psi''> ] / gain
 
-for every axis whose equation the signals allow: the link, and each motor. `equation_torques` of via_sim contains every
+for every axis whose equation the signals allow: the link, and each motor. `equation_torques` contains every
 effect as in the simulator. psi modulates windows (via_core.weak_form), so that no angle is differentiated.
 
 If measured torque does not predict the motion (a controller moves a light motor evenly; an arm is held upright),
@@ -24,11 +24,12 @@ from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array
 from via_core.weak_form import window_weights
-from via_sim.equations import EquationTorques, Record, equation_torques
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.torques import EXTERNAL, POWER
 
+from via_gap.residual.equation_torques import EquationTorques, equation_torques
+from via_gap.residual.record import Record
 from via_gap.residual.segments import Indices, Segments
 
 WINDOW = 0.06  # [s]

@@ -1,1 +1,1 @@
-"""Thin nodes: declare, convert, step, publish. Nobody imports them."""
+"""Simulator nodes: they declare parameters, convert messages, step and publish. Other packages do not import them."""

@@ -1,4 +1,4 @@
-"""Node `arm_simulator`: one simulated arm of flexible joints, with walls to hit.
+"""Node `arm_simulator`: one simulated arm with flexible joints, and walls as obstacles.
 
 ros2 run via_sim arm_simulator --ros-args -p arm:=reference_4dof -p mode:=lockstep
 
@@ -20,28 +20,28 @@ from via_sim.bodies import ArmBody
 from via_sim.contacts import Wall
 from via_sim.nodes.robot_simulation import RobotParameters, RobotSimulationNode
 
-WALL = 6  # numbers of one wall: a point on it [m] and its normal
+WALL = 6  # numbers per wall: a point on it [m] and its normal
 
 
 @dataclass(frozen=True)
 class ArmSimulatorParameters(RobotParameters):
-    """Parameters of the node."""
+    """Parameters of `arm_simulator`."""
 
     arm: str = field(default="reference_4dof", metadata={"description": "arm name or path to its YAML"})
     posture: tuple[float, ...] = field(
-        default=(), metadata={"description": "link angles at the start, base first [rad]; empty: all zero"}
+        default=(), metadata={"description": "initial link angles, base first [rad]; empty: all zero"}
     )
     walls: tuple[float, ...] = field(
         default=(), metadata={"description": "six numbers per wall: a point on it [m], its normal; empty: none"}
     )
     link_friction: tuple[float, ...] = field(
         default=(),
-        metadata={"description": "viscous friction of the links [N m s/rad]; empty: what the arm's file says"},
+        metadata={"description": "viscous friction of the links [N m s/rad]; empty: as in the arm file"},
     )
 
 
 def body_of(parameters: ArmSimulatorParameters) -> ArmBody:
-    """The arm that the parameters describe; raises ParameterError or DeviceError."""
+    """The arm described by the parameters; raises ParameterError or DeviceError."""
     arm, numbers = load_vsa_arm(parameters.arm), np.array(parameters.walls, dtype=float)
     if len(numbers) % WALL:
         raise ParameterError(f"parameter walls must hold {WALL} numbers per wall, got {len(numbers)}")
@@ -52,7 +52,7 @@ def body_of(parameters: ArmSimulatorParameters) -> ArmBody:
 
 
 class ArmSimulatorNode(RobotSimulationNode):
-    """The node of this file."""
+    """Simulator node of an arm."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("arm_simulator", ArmSimulatorParameters, body_of, **options)

@@ -1,8 +1,8 @@
-"""Node `hopper_simulator`: the planar hopper, dropped a little above flat ground.
+"""Node `hopper_simulator`: the planar hopper, dropped from a small height onto flat ground.
 
 ros2 run via_sim hopper_simulator --ros-args -p mode:=lockstep -p payload:=6.0
 
-Topics and services: see `robot_simulation`; /hopper/base is where its trunk is, /hopper/contact what the ground does.
+Topics and services: see `robot_simulation`; /hopper/base is the pose of the trunk, /hopper/contact the ground force.
 """
 
 from __future__ import annotations
@@ -20,22 +20,27 @@ from via_sim.nodes.robot_simulation import RobotParameters, RobotSimulationNode
 
 @dataclass(frozen=True)
 class HopperSimulatorParameters(RobotParameters):
-    """Parameters of the node."""
+    """Parameters of `hopper_simulator`."""
 
     payload: float = field(default=0.0, metadata={"description": "on the trunk", "unit": "kg", "range": (0.0, 1e3)})
     crouch: float = field(
-        default=0.6, metadata={"description": "a_0, thighs from the vertical", "unit": "rad", "range": (0.01, 1.5)}
+        default=0.6,
+        metadata={
+            "description": "initial angle a_0 of the thighs",
+            "unit": "rad",
+            "range": (0.01, 1.5),
+        },
     )
-    drop: float = field(default=0.03, metadata={"description": "above ground", "unit": "m", "range": (0.0, 1.0)})
+    drop: float = field(default=0.03, metadata={"description": "initial height", "unit": "m", "range": (0.0, 1.0)})
 
 
 def body_of(parameters: HopperSimulatorParameters) -> HopperBody:
-    """The robot that the parameters describe."""
+    """The hopper described by the parameters."""
     return HopperBody(Hopper(payload=parameters.payload), parameters.crouch, parameters.drop)
 
 
 class HopperSimulatorNode(RobotSimulationNode):
-    """The node of this file."""
+    """Simulator node of the hopper."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("hopper_simulator", HopperSimulatorParameters, body_of, **options)

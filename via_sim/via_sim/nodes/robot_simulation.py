@@ -1,15 +1,15 @@
-"""What every simulator of a robot with several flexible joints shares: it looks like a driver, is pushed and held.
+"""Base of simulator nodes for robots with several flexible joints: a driver interface, pushes and holds.
 
 publishes   /joint_states       sensor_msgs/JointState: all links and motors, joint by joint, base first
-            /<name>/contact     geometry_msgs/WrenchStamped, what walls, hands and ground do to the robot
-            /<name>/base        geometry_msgs/PoseStamped, where its base is, for a robot that is not bolted down
-            /clock, /diagnostics  as every simulator, see `simulation`; how time runs as well
-subscribes  /<name>/command     via_interfaces/VsaCommand, MOTOR_TORQUE: torques of all motors in joint order
-offers      ~/push              via_interfaces/Push: a blow on the links, or links put aside
-            ~/hold              via_interfaces/Hold: somebody holds the end effector and lets it go
+            /<name>/contact     geometry_msgs/WrenchStamped, force of walls, hands and ground on the robot
+            /<name>/base        geometry_msgs/PoseStamped, pose of a base that is not fixed
+            /clock, /diagnostics  see `simulation`, also for the modes of time
+subscribes  /<name>/command     via_interfaces/VsaCommand, mode MOTOR_TORQUE: torques of all motors in joint order
+offers      ~/push              via_interfaces/Push: an impulse on the links, or a displacement of the links
+            ~/hold              via_interfaces/Hold: holds the end effector for a time
 
-Springs that would go beyond their stops stop the robot where it is (counted). Effort of a motor is the torque that it
-was given, effort of a link the spring's torque where there are torque sensors.
+A step that would deflect a spring beyond its stop is not taken; instead all velocities are set to zero, and the event
+is counted. The effort of a motor is its limited torque; the effort of a link is its spring torque, if measured.
 """
 
 from __future__ import annotations
@@ -38,11 +38,12 @@ from via_sim.simulate import MAX_SEED
 
 @dataclass(frozen=True)
 class RobotParameters(TimeParameters):
-    """Parameters of every such node."""
+    """Parameters of every node for a multi-joint robot."""
 
-    torque_sensors: bool = field(default=False, metadata={"description": "the springs' torques are measured"})
+    torque_sensors: bool = field(default=False, metadata={"description": "whether spring torques are measured"})
     torque_noise: float = field(
-        default=0.0, metadata={"description": "standard deviation of their noise", "unit": "N m", "range": (0.0, 1e3)}
+        default=0.0,
+        metadata={"description": "standard deviation of torque noise", "unit": "N m", "range": (0.0, 1e3)},
     )
     seed: int = field(default=0, metadata={"description": "seed of the sensor noise", "range": (0, MAX_SEED)})
 
@@ -53,8 +54,8 @@ Parameters = TypeVar("Parameters", bound=RobotParameters)
 class RobotSimulationNode(SimulationNode[Array]):
     """A robot in simulated time.
 
-    kind   the dataclass of its parameters
-    make   the robot that such parameters describe; raises ParameterError
+    kind  dataclass of the node's parameters
+    make  returns the robot for such parameters; raises ParameterError
     """
 
     def __init__(
@@ -67,10 +68,10 @@ class RobotSimulationNode(SimulationNode[Array]):
         self._state = self._body.init()
         self._noise = np.random.default_rng(own.seed)
         self._count = len(self._body.joints)
-        self._given = np.zeros(self._count)  # [N m] during the last tick
+        self._torque = np.zeros(self._count)  # [N m] during the last tick, limited
         self._held_until = 0  # ticks
         self._stops = self._failures = 0
-        self._step_of(self._given)  # loads what is compiled before anybody waits for it
+        self._step_of(self._torque)  # compiles now and not during the first tick
         self._samples = ArmStateWriter(self._body.name, self._body.joints)
         self._contact = WrenchStamped()
         self._contact.header.frame_id = self._body.name
@@ -92,8 +93,8 @@ class RobotSimulationNode(SimulationNode[Array]):
         return np.zeros(self._count)
 
     def _row_of(self, command: Command) -> Array | None:
-        told = followed(command, self._count)
-        return None if told is None or told.mode != VsaCommand.MOTOR_TORQUE else told.motor
+        checked = followed(command, self._count)
+        return None if checked is None or checked.mode != VsaCommand.MOTOR_TORQUE else checked.motor
 
     def _step_of(self, torque: Array) -> Any:
         return self._body.step(self._state, torque, 1.0 / self._chosen.rate)
@@ -101,13 +102,13 @@ class RobotSimulationNode(SimulationNode[Array]):
     def _advance(self, command: Array) -> None:
         if self._held_until and self.ticks >= self._held_until:
             self._body, self._held_until = self._body.released(), 0
-        self._given = self._body.given(self._state, command)
+        self._torque = self._body.limited(self._state, command)
         try:
             after = self._step_of(command)
         except ParameterError:
             self._stops += 1
             after = self._body.stopped(self._state)
-        if not np.isfinite(self._body.reading(after).q).all():
+        if not np.isfinite(self._body.measure(after).q).all():
             self._failures += 1
             after = self._body.stopped(self._state)
         self._state = after
@@ -121,20 +122,20 @@ class RobotSimulationNode(SimulationNode[Array]):
         base = self._body.base(self._state)
         if base is not None:
             set_stamp(self._base.header.stamp, stamp)
-            there, turned = self._base.pose.position, self._base.pose.orientation
-            there.x, there.y, there.z, turned.x, turned.y, turned.z, turned.w = base.tolist()
+            at, turn = self._base.pose.position, self._base.pose.orientation
+            at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w = base.tolist()
             self._bases.publish(self._base)
-        told, samples = self._body.reading(self._state), self._samples
+        measured, samples = self._body.measure(self._state), self._samples
         links, motors = samples.links, samples.motors
-        samples.position[links], samples.position[motors] = told.q, told.theta
-        samples.velocity[links], samples.velocity[motors] = told.velocity, told.motor_velocity
-        samples.effort[motors] = self._given
+        samples.position[links], samples.position[motors] = measured.q, measured.theta
+        samples.velocity[links], samples.velocity[motors] = measured.velocity, measured.motor_velocity
+        samples.effort[motors] = self._torque
         if self._chosen.torque_sensors:
             noise = self._noise.normal(0.0, self._chosen.torque_noise, self._count)
-            samples.effort[links] = told.spring_torque + noise
+            samples.effort[links] = measured.spring_torque + noise
         return samples.stamped(stamp)
 
-    def _told(self) -> tuple[dict[str, bool], dict[str, Any]]:
+    def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
         held = self._held_until > 0
         troubles = {"springs at their stops": self._stops > 0, "numerical failures": self._failures > 0}
         return troubles, {"stops": self._stops, "numerical failures": self._failures, "held": held}
@@ -148,10 +149,10 @@ class RobotSimulationNode(SimulationNode[Array]):
             if len(values) not in (0, self._count) or not np.isfinite(values).all():
                 answer.message = f"{name} must hold {self._count} finite numbers or none, got {values.tolist()}"
                 return answer
-        nothing = np.zeros(self._count)
+        none = np.zeros(self._count)
         try:
             self._state = self._body.pushed(
-                self._state, impulse if len(impulse) else nothing, deflection if len(deflection) else nothing
+                self._state, impulse if len(impulse) else none, deflection if len(deflection) else none
             )
         except ParameterError as error:
             answer.message = str(error)
@@ -165,7 +166,7 @@ class RobotSimulationNode(SimulationNode[Array]):
             answer.message = f"duration must be 0 s or more, got {request.duration}"
         elif request.duration == 0.0:
             self._body, self._held_until = self._body.released(), 0
-            answer.message = "let go"
+            answer.message = "released"
         else:
             try:
                 self._body = self._body.held(self._state)

@@ -1,18 +1,18 @@
-"""What every simulator node shares: how time runs, whose command holds, when nobody's does, and what is reported.
+"""Base of all simulator nodes: modes of time, which command acts and how long, and diagnostics.
 
 publishes   /joint_states    sensor_msgs/JointState at every tick
             /clock           rosgraph_msgs/Clock in modes lockstep and free, before the sample of that time
             /diagnostics     once per second of wall time
 subscribes  /<name>/command  via_interfaces/VsaCommand
 
-Time begins when `listeners` subscribers of samples are there, so that nobody misses the first one.
+Time begins when the samples have `listeners` subscribers, so that none of them misses the first sample.
 
-realtime  ticks by the wall clock and catches up when late (counted); a command holds for 20 ms after the sample that it
-          answers, or after its coming where its stamp is no sample's; from then on nothing drives the joints
-lockstep  ticks exactly when the command with the stamp of the last sample arrives; waits for somebody who commands
-free      ticks as fast as it can under the last command
+realtime  ticks with the wall clock and catches up when late (late ticks are counted); a command acts for 20 ms after
+          the sample that it answers, or after its arrival if its stamp belongs to no sample; afterwards no drive acts
+lockstep  ticks when a command with the stamp of the last sample arrives; waits for a publisher of commands
+free      ticks as fast as possible under the last command
 
-A command that cannot be followed is ignored and counted, and so is one under which the numbers overflow.
+Commands that do not fit the robot, and commands that make the state overflow, are ignored and counted.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from via_ros.conversions import Command, set_stamp
 from via_ros.serialised import decoded_command
 from via_ros.spin import STEADY
 
-Row = TypeVar("Row")  # a command as the simulated body takes it
+Row = TypeVar("Row")  # a command as the simulated robot takes it
 
-REPORT = 1.0  # [s] between two diagnostics
-WATCHDOG = 20_000_000  # [ns] that a command holds in real time
-GIVE_UP = 100_000_000  # [ns] late: time is let go instead of caught up with
-LOOK = 0.02  # [s] between two looks whether everybody is there
-SETTLED = 5  # looks in a row with everybody there: whoever was found has then found this node too
-REPEAT = 100  # looks without an answer before a sample in lockstep is said again
-EPOCH = SECOND  # [ns] stamp of the first sample in simulated time; 0 would mean 'no time' to ROS
+REPORT = 1.0  # [s] between diagnostics
+WATCHDOG = 20_000_000  # [ns] for which a command acts in mode realtime
+MAX_LATE = 100_000_000  # [ns] beyond it time is skipped instead of caught up
+POLL = 0.02  # [s] between checks of the connections
+STABLE = 5  # successive checks with all connections, so that discovery is complete on both sides
+REPEAT = 100  # checks without an answer before lockstep publishes a sample again
+EPOCH = SECOND  # [ns] stamp of the first sample in simulated time; in ROS a stamp of 0 means 'no time'
 
 
 @dataclass(frozen=True)
@@ -52,22 +52,22 @@ class TimeParameters:
     """Parameters of every simulator node."""
 
     mode: str = field(
-        default="realtime", metadata={"description": "how time runs", "choices": ("realtime", "lockstep", "free")}
+        default="realtime", metadata={"description": "mode of time", "choices": ("realtime", "lockstep", "free")}
     )
-    rate: float = field(default=1000.0, metadata={"description": "ticks", "unit": "Hz", "range": (1.0, 1e5)})
+    rate: float = field(default=1000.0, metadata={"description": "tick rate", "unit": "Hz", "range": (1.0, 1e5)})
     duration: float = field(
-        default=0.0, metadata={"description": "time to simulate; 0: no end", "unit": "s", "range": (0.0, 1e9)}
+        default=0.0, metadata={"description": "simulated time; 0: no end", "unit": "s", "range": (0.0, 1e9)}
     )
     listeners: int = field(
         default=1,
-        metadata={"description": "subscribers of samples to wait for before time begins", "range": (0, 100)},
+        metadata={"description": "number of subscribers of samples to wait for before time begins", "range": (0, 100)},
     )
 
 
 class SimulationNode(Node, Generic[Row]):
-    """A body in simulated time; `finished` is done when `duration` has been simulated.
+    """A robot in simulated time; the future `finished` is done when `duration` has been simulated.
 
-    A subclass says what its body is and calls `start_listening` when it is ready to be told what to do.
+    A subclass implements the robot and calls `start_listening` at the end of its constructor.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -77,90 +77,90 @@ class SimulationNode(Node, Generic[Row]):
         self._taken = self._overtaken = 0
         self._last = sys.maxsize
         self._running = False
-        self._looks = self._reported = 0
-        self._epoch, self._began = EPOCH, 0  # [ns] stamp of sample 0, and steady time of it
+        self._polls = self._reported = 0
+        self._epoch, self._began = EPOCH, 0  # [ns] stamp and steady time of sample 0
         self._joint_states = self.create_publisher(JointState, "/joint_states", qos.SAMPLES)
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         self._clock_message = Clock()
         self._clock_publisher: Any = None
         self._pace: Any = None
-        self._beside: list[Any] = []  # what else is published with every sample
+        self._beside: list[Any] = []  # publishers of further topics of every sample
 
     def start_listening(self, times: TimeParameters, name: str, command_topic: str) -> None:
-        """Wait for everybody, then let time begin. `name` is that of the device or arm."""
+        """Accept commands, and begin when all connections are there. `name` is that of the device or arm."""
         self._times, self._name = times, name
         if times.duration > 0.0:
             self._last = round(times.duration * times.rate)
         if self._last < 1:
             raise ParameterError(f"parameter duration must be 0 or at least a tick of {1.0 / times.rate:g} s")
         self._command = self._passive()
-        self._heard = -WATCHDOG  # [ns] stamp from which on the command counts
+        self._command_stamp = -WATCHDOG  # [ns] stamp from which the command's time counts
         if times.mode != "realtime":
             self._clock_publisher = self.create_publisher(Clock, "/clock", qos.CONTROL)
         self._commands = self.create_subscription(VsaCommand, command_topic, self._take, qos.CONTROL, raw=True)
         self.create_timer(REPORT, self._report, clock=STEADY)
-        self.create_timer(LOOK, self._look, clock=STEADY)
+        self.create_timer(POLL, self._poll, clock=STEADY)
 
-    # ---- the body
+    # ---- the robot
 
     @abstractmethod
     def _passive(self) -> Row:
-        """The command under which nothing drives the body as it is now."""
+        """The command under which no drive acts in the present state."""
 
     @abstractmethod
     def _row_of(self, command: Command) -> Row | None:
-        """A command as the body takes it, or None where it cannot be commanded so."""
+        """The command as the robot takes it; None if it does not fit the robot."""
 
     @abstractmethod
     def _advance(self, command: Row) -> None:
-        """One tick of the body under a command."""
+        """Simulate one tick under a command."""
 
     @abstractmethod
     def _sample(self, stamp: int) -> JointState:
-        """What its sensors say now, with the stamp [ns]; says beside it whatever else is published."""
+        """The present measurements with a stamp [ns]; publishes the further topics of the sample."""
 
     @abstractmethod
-    def _told(self) -> tuple[dict[str, bool], dict[str, Any]]:
-        """Troubles of the body, and values for the diagnostics."""
+    def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
+        """Warnings (text: whether it applies) and values for the diagnostics."""
 
     # ---- time
 
     def _after(self, ticks: int) -> int:
-        """[ns] that `ticks` take, from sample 0 and without drift."""
+        """Time [ns] of tick `ticks` after sample 0, without accumulated rounding."""
         return round(ticks * SECOND / self._times.rate)
 
     def _keep_pace(self) -> None:
-        """Realtime: every tick whose time has come."""
+        """Take all ticks that are due, in mode realtime."""
         now = time.monotonic_ns()
         behind = now - self._began - self._after(self._tick + 1)
-        if behind > GIVE_UP:
+        if behind > MAX_LATE:
             self._skipped += 1
             self._began += behind
             self._epoch += behind
             behind = 0
         while behind >= 0 and self._running:
             self._late += behind >= SECOND / self._times.rate
-            # It is to hold until the end of the tick.
-            if self._epoch + self._after(self._tick + 1) - self._heard > WATCHDOG:
+            # The command must be valid until the end of the tick.
+            if self._epoch + self._after(self._tick + 1) - self._command_stamp > WATCHDOG:
                 self._command = self._passive()
             self._step()
             behind = now - self._began - self._after(self._tick + 1)
 
-    def _look(self) -> None:
-        """Begin when everybody is there; in lockstep say a sample again that nobody answered."""
-        self._looks += 1
+    def _poll(self) -> None:
+        """Begin when all connections are there; in lockstep publish an unanswered sample again."""
+        self._polls += 1
         if not self._running:
-            if not self._everybody_is_there():
-                self._looks = 0
-            elif self._looks >= SETTLED:
+            if not self._is_connected():
+                self._polls = 0
+            elif self._polls >= STABLE:
                 self._begin()
-        elif self._times.mode == "lockstep" and self._looks >= REPEAT:
-            self._looks = 0
+        elif self._times.mode == "lockstep" and self._polls >= REPEAT:
+            self._polls = 0
             self._repeats += 1
-            self._joint_states.publish(self._said)
+            self._joint_states.publish(self._last_sample)
 
-    def _everybody_is_there(self) -> bool:
-        """Whether those to wait for are there, and everybody known on a topic of ours is connected to us."""
+    def _is_connected(self) -> bool:
+        """Whether the required listeners are there and every known peer of our topics is connected."""
         lockstep = int(self._times.mode == "lockstep")
         commanders = max(self.count_publishers(self._commands.topic_name), lockstep)
         listeners = max(self._times.listeners, lockstep)
@@ -173,7 +173,7 @@ class SimulationNode(Node, Generic[Row]):
         )
 
     def _begin(self) -> None:
-        self._running, self._looks = True, 0
+        self._running, self._polls = True, 0
         mode, rate = self._times.mode, self._times.rate
         if mode == "realtime":
             self._epoch, self._began = self.get_clock().now().nanoseconds, time.monotonic_ns()
@@ -184,17 +184,17 @@ class SimulationNode(Node, Generic[Row]):
 
     @property
     def ticks(self) -> int:
-        """Since time began."""
+        """Number of ticks since time began."""
         return self._tick
 
     @property
     def late_ticks(self) -> int:
-        """Ticks that began more than one period late, in real time."""
+        """Number of ticks that began more than one period late, in mode realtime."""
         return self._late
 
     @property
     def late_commands(self) -> float:
-        """Share of the commands that came when the sample after theirs had been said, not in lockstep."""
+        """Share of commands that arrived after the sample following theirs; not in lockstep."""
         return self._overtaken / max(self._taken, 1)
 
     def _stamp(self) -> int:
@@ -205,7 +205,7 @@ class SimulationNode(Node, Generic[Row]):
             return
         self._advance(self._command)
         self._tick += 1
-        self._looks = 0
+        self._polls = 0
         if self._tick >= self._last:
             self._running = False
             if self._pace is not None:
@@ -215,23 +215,23 @@ class SimulationNode(Node, Generic[Row]):
             self.finished.set_result(0)
 
     def _publish(self) -> None:
-        """The sample of this tick."""
+        """Publish the sample of this tick."""
         stamp = self._stamp()
         if self._clock_publisher is not None:
             set_stamp(self._clock_message.clock, stamp)
             self._clock_publisher.publish(self._clock_message)
-        self._said = self._sample(stamp)
-        self._joint_states.publish(self._said)
+        self._last_sample = self._sample(stamp)
+        self._joint_states.publish(self._last_sample)
 
     # ---- commands
 
     def _take(self, data: bytes) -> None:
-        told = decoded_command(data)
-        row = None if told is None else self._row_of(told[1])
-        if told is None or row is None:
+        decoded = decoded_command(data)
+        row = None if decoded is None else self._row_of(decoded[1])
+        if decoded is None or row is None:
             self._refused += 1
             return
-        now, stamp = self._stamp(), told[0]
+        now, stamp = self._stamp(), decoded[0]
         if self._times.mode == "lockstep":
             if not self._running or stamp != now:
                 self._unmatched += 1
@@ -242,13 +242,13 @@ class SimulationNode(Node, Generic[Row]):
         known = self._epoch <= stamp <= now
         self._taken += 1
         self._overtaken += known and stamp < now
-        self._command, self._heard = row, stamp if known else now
+        self._command, self._command_stamp = row, stamp if known else now
 
     # ---- diagnostics
 
     def _report(self) -> None:
-        mode, silent = self._times.mode, self._stamp() - self._heard > WATCHDOG
-        troubles, values = self._told()
+        mode, silent = self._times.mode, self._stamp() - self._command_stamp > WATCHDOG
+        troubles, values = self._diagnose()
         troubles = {
             "waiting for listeners and commands": not self._running and not self.finished.done(),
             "passive, no command": mode == "realtime" and silent and self._running,
@@ -257,11 +257,11 @@ class SimulationNode(Node, Generic[Row]):
             "refused commands": self._refused > 0,
             **troubles,
         }
-        told = [text for text, holds in troubles.items() if holds]
+        warnings = [text for text, applies in troubles.items() if applies]
         status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if told else DiagnosticStatus.OK,
+            level=DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK,
             name=f"{self.get_name()}: {mode}",
-            message=", ".join(told) or "running",
+            message=", ".join(warnings) or "running",
             hardware_id=self._name,
         )
         rate, self._reported = (self._tick - self._reported) / REPORT, self._tick

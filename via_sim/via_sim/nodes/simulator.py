@@ -1,12 +1,12 @@
-"""Node `simulator`: one simulated joint that looks like a driver.
+"""Node `simulator`: one simulated joint with the interface of a driver.
 
 ros2 run via_sim simulator --ros-args -p device:=cubic_demo -p mode:=lockstep
 
-publishes   /joint_states       sensor_msgs/JointState, what the device's sensors read at every tick
-            /clock, /diagnostics  as every simulator, see `simulation`; how time runs as well
-            /<device>/truth/... StiffnessEstimate, DampingEstimate with method 'truth', if asked (parameter truth)
+publishes   /joint_states       sensor_msgs/JointState, measurements of the device's sensors at every tick
+            /clock, /diagnostics  see `simulation`, also for the modes of time
+            /<device>/truth/... StiffnessEstimate, DampingEstimate with method 'truth', if the parameter `truth` is set
 subscribes  /<device>/command   via_interfaces/VsaCommand
-offers      ~/set_effects, ~/clear_effects, from the next tick on
+offers      ~/set_effects, ~/clear_effects; they act from the next tick on
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ from via_sim.torques import DAMPING, EXTERNAL, GOAL, M1, N_COMMANDS, POWER
 
 @dataclass(frozen=True)
 class SimulatorParameters(TimeParameters):
-    """Parameters of the node."""
+    """Parameters of `simulator`."""
 
     device: str = field(default="cubic_demo", metadata={"description": "device name or path to its YAML"})
     seed: int = field(default=0, metadata={"description": "seed of the sensor noise", "range": (0, MAX_SEED)})
     effects: str = field(default="", metadata={"description": "effects file; empty: the nominal model"})
-    truth: bool = field(default=False, metadata={"description": "publish true stiffness and damping"})
+    truth: bool = field(default=False, metadata={"description": "whether to publish true stiffness and damping"})
 
 
 class SimulatorNode(SimulationNode[Array]):
-    """The node of this file."""
+    """Simulator node of one joint."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("simulator", **options)
@@ -56,7 +56,7 @@ class SimulatorNode(SimulationNode[Array]):
         self.device = load_device(own.device)
         self._simulator = self._with(load_effects(own.effects) if own.effects else ())
         self._state = self._simulator.init(seed=own.seed)
-        self._simulator.step(self._state, np.zeros(N_COMMANDS))  # loads the compiled kernel before anybody waits for it
+        self._simulator.step(self._state, np.zeros(N_COMMANDS))  # compiles now and not in the first tick
         self._measured, self._truth = self._simulator.sample(self._state)
         self._failures, self._sent = 0, np.nan
         self._samples = JointStateWriter(self.device)
@@ -76,22 +76,23 @@ class SimulatorNode(SimulationNode[Array]):
         return message, publisher
 
     def _with(self, effects: Any) -> Simulator:
-        """A simulator with these effects; raises ParameterError where one does not fit."""
+        """A simulator with these effects; raises ParameterError for one that does not fit."""
         plant = JointPlant.from_device(self.device).with_effects(effects)
         return Simulator(plant, self._chosen.rate, Sensors.of_device(self.device))
 
-    # ---- the body
+    # ---- the robot
 
     def _passive(self) -> Array:
         return passive_command(self._simulator.plant, self._state)
 
-    def _row_of(self, told: Command) -> Array | None:
-        """The kernel's row (N_COMMANDS,); the drive of a rigid joint acts on its link."""
+    def _row_of(self, command: Command) -> Array | None:
+        """The command row (N_COMMANDS,) of the kernel; the drive of a rigid joint acts on its link."""
         if self.device.drive == "position":
-            return _aimed(told)
-        command = followed(told, self.device.n_drives)
-        if command is None:
+            return _goal_row(command)
+        checked = followed(command, self.device.n_drives)
+        if checked is None:
             return None
+        command = checked
         servo = self.device.drive == "servo"
         row = np.zeros(N_COMMANDS)
         row[DAMPING] = command.damping
@@ -132,13 +133,13 @@ class SimulatorNode(SimulationNode[Array]):
         self._samples.position[:count] = measured[:count]
         self._samples.velocity[:count] = measured[MEASURED.q_velocity : MEASURED.q_velocity + count]
         self._samples.effort[0] = measured[MEASURED.tau_link]
-        if self.device.drive != "position":  # which measures no torque: NaN
+        if self.device.drive != "position":  # a position drive measures no torque: NaN
             self._samples.effort[1:] = (
                 measured[MEASURED.tau_1 : MEASURED.tau_1 + count - 1] if self.device.n_motors else self._sent
             )
         return self._samples.stamped(stamp)
 
-    def _told(self) -> tuple[dict[str, bool], dict[str, Any]]:
+    def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
         values = {"numerical failures": self._failures, "effects": self._active()}
         return {"numerical failures": self._failures > 0}, values
 
@@ -163,19 +164,23 @@ class SimulatorNode(SimulationNode[Array]):
         return ", ".join(f"{e.name} at {place_name(e.site, e.motor)}" for e in effects) or "nominal model"
 
 
-def _aimed(told: Command) -> Array | None:
-    """The kernel's row (N_COMMANDS,) of a position drive: an equilibrium of NaN switches it off."""
-    if told.mode != VsaCommand.EQUILIBRIUM_PRESET or np.isinf(told.equilibrium) or not np.isfinite(told.damping):
+def _goal_row(command: Command) -> Array | None:
+    """The command row (N_COMMANDS,) of a position drive; an equilibrium of NaN switches it off."""
+    if (
+        command.mode != VsaCommand.EQUILIBRIUM_PRESET
+        or np.isinf(command.equilibrium)
+        or not np.isfinite(command.damping)
+    ):
         return None
     row = np.zeros(N_COMMANDS)
-    row[DAMPING] = told.damping
-    if np.isfinite(told.equilibrium):
-        row[GOAL], row[POWER] = told.equilibrium, 1.0
+    row[DAMPING] = command.damping
+    if np.isfinite(command.equilibrium):
+        row[GOAL], row[POWER] = command.equilibrium, 1.0
     return row
 
 
 def _effect(message: Any) -> Effect:
-    """An effect from its message; raises ParameterError."""
+    """The effect of a message; raises ParameterError."""
     names, values = list(message.parameter_names), list(message.parameter_values)
     if len(names) != len(values):
         raise ParameterError(f"{message.name}: {len(names)} parameter names for {len(values)} values")

@@ -136,7 +136,7 @@ def disturbed_run(seed: int, supervisor: Supervisor) -> Worst:
             hands = ()
         try:
             body = arm_step(
-                arm, ArmState(body.q, velocity, body.theta, body.motor_velocity), answer.torque, np.zeros(arm.n),
+                arm, ArmState(body.q, velocity, body.theta, body.motor_velocity), answer.torque,
                 PERIOD, 4 if hands else 2, hands,
             )  # fmt: skip
         except ParameterError:

@@ -79,7 +79,7 @@ def run_arm(
     """
     count = [round(phase.duration / PERIOD) for phase in phases]
     at = [phase for phase, samples in zip(phases, count, strict=True) for _ in range(samples)]
-    total, n, free = len(at), arm.n, np.zeros(arm.n)
+    total, n = len(at), arm.n
     states, torque = np.empty((total, 4, n)), np.empty((total, n))
     force, values = np.zeros((total, 3)), np.empty((total, len(controller.quantities)))
     body, saturated, random = start, 0, np.random.default_rng(noise.seed if noise else 0)
@@ -95,7 +95,7 @@ def run_arm(
         contacts = at[tick].contacts
         if contacts:
             force[tick] = contact_force(arm, body.q, body.velocity, contacts)
-        body = arm_step(arm, body, out.torque, free, PERIOD, at[tick].substeps, contacts)
+        body = arm_step(arm, body, out.torque, PERIOD, at[tick].substeps, contacts)
     if state is None:
         raise ParameterError("the phases contain no sample")
     q, velocity, theta, motor_velocity = states.transpose(1, 0, 2)

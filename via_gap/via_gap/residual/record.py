@@ -1,4 +1,4 @@
-"""A log of one joint as its equations take it: angles, velocities, and what drove the joint."""
+"""A log of one joint as input of its equations: angles, velocities, and the commands or torques of its drives."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from numpy.typing import ArrayLike
 from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array, Signals, locked
-
-from via_sim.held_commands import HeldCommands
 from via_sim.simulate import command_rows
 from via_sim.torques import M1, N_COMMANDS
 
-STILL = 0.02  # [rad/s] below which an axis nearly stands, unless the caller knows his velocities better
+from via_gap.residual.zero_order_hold import ZeroOrderHold
+
+STILL = 0.02  # [rad/s] default speed below which an axis counts as at standstill
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A log of one joint as its equations take it.
+    """A log of one joint as input of its equations.
 
     time          (N,) [s] strictly increasing
-    angle         (N, 3) [rad] link, motor 1, motor 2 as measured; NaN where not
-    velocity      (N, 3) [rad/s] likewise, measured or estimated by the caller
-    command_time  (K,) [s] strictly increasing; the first command also stands before it
-    commands      (K, 5) held from its time on, columns as of the simulator
-    sensed        whether the motor torques among them were read by sensors, whose errors are then undone
-    still         (3,) [rad/s] speeds below which an axis nearly stands
-    held          the same commands as means over samples
+    angle         (N, 3) [rad] link, motor 1, motor 2 as measured; NaN where not measured
+    velocity      (N, 3) [rad/s] likewise, measured or estimated
+    command_time  (K,) [s] strictly increasing; the first command also acts before it
+    commands      (K, N_COMMANDS) as zero-order hold, columns as of the simulator
+    sensed        whether the motor torques among them were measured; then errors of their sensors are undone
+    still         (3,) [rad/s] speed below which each axis counts as at standstill
+    hold          the same commands as means over samples
 
-    Arrays are copied and locked. Raises SignalError where they do not fit.
+    Arrays are copied and locked. Raises SignalError where shapes or values do not fit.
     """
 
     time: Array
@@ -41,7 +41,7 @@ class Record:
     commands: Array
     sensed: bool = False
     still: ArrayLike = STILL
-    held: HeldCommands = field(init=False, repr=False)
+    hold: ZeroOrderHold = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         still = np.broadcast_to(np.asarray(self.still, dtype=np.float64), (3,))
@@ -59,8 +59,8 @@ class Record:
                 raise SignalError(f"'{name}' of a record must increase and have at least one entry")
         if not np.all(np.isfinite(self.commands)):
             raise SignalError("commands of a record must be finite")
-        held = HeldCommands(self.time, self.command_time, self.commands, self.sensed)
-        object.__setattr__(self, "held", held)
+        hold = ZeroOrderHold(self.time, self.command_time, self.commands, self.sensed)
+        object.__setattr__(self, "hold", hold)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -68,7 +68,7 @@ class Record:
     @staticmethod
     def of_commands(device: Device, measured: Signals, velocity: ArrayLike, commands: Signals, still: ArrayLike = STILL
     ) -> Record:  # fmt: skip
-        """A record driven by what was commanded; `commands` as `command_rows` takes them."""
+        """A record driven by commands, with the channels of `via_sim.simulate.command_rows`."""
         rows = command_rows(device, commands, commands.time)
         return Record(measured.time, _angles(device, measured), np.asarray(velocity), commands.time, rows, False, still)
 
@@ -76,12 +76,12 @@ class Record:
     def of_torques(
         device: Device, measured: Signals, velocity: ArrayLike, commands: Signals | None, still: ArrayLike = STILL
     ) -> Record:
-        """A record driven by the measured motor torques `tau`; of sample k it acted since the sample before.
+        """A record driven by the measured motor torques `tau`; `tau` of sample k acted since sample k-1.
 
-        commands  damping, external torque and neighbour, where there are any; motor torques among them are not used
+        commands  may hold damping, external torque, neighbour and arm torque; other channels are ignored
         """
         if device.drive == "position":
-            raise SignalError(f"'{device.name}' is driven by its commands, not by measured torques")
+            raise SignalError(f"'{device.name}' has a position drive: its record needs commands, not measured torques")
         tau = measured["tau"].reshape(len(measured), -1)
         seen = np.isfinite(tau).all(axis=1)
         if not seen.any():

@@ -6,10 +6,11 @@ from sim_joints import BOTH_SIDES, ENCODER_ERRORS, RIPPLES, SIZES, antagonistic,
 from via_core.errors import ParameterError, SignalError
 from via_core.signals import Signals
 from via_core.weak_form import window_weights
+from via_gap.residual.equation_torques import equation_torques
+from via_gap.residual.record import Record
+from via_gap.residual.zero_order_hold import ZeroOrderHold
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
-from via_sim.equations import Record, equation_torques
-from via_sim.held_commands import HeldCommands
 from via_sim.parameters import ABSENT, P
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate
@@ -164,10 +165,10 @@ def test_means_that_are_remembered_are_those_of_the_row(name, number, value):
     other = row.copy()
     other[getattr(P, name) + number] = value
     for each in (row, other, row):
-        late, prompt = record.held.means(each)
-        fresh = HeldCommands(record.time, record.command_time, record.commands, record.sensed).means(each)
+        late, prompt = record.hold.means(each)
+        fresh = ZeroOrderHold(record.time, record.command_time, record.commands, record.sensed).means(each)
         assert np.array_equal(late, fresh[0]) and np.array_equal(prompt, fresh[1])
-    moved = not np.array_equal(record.held.means(row)[0], record.held.means(other)[0])
+    moved = not np.array_equal(record.hold.means(row)[0], record.hold.means(other)[0])
     assert moved == (name not in ("inertia", "torque_gain"))
 
 

@@ -1,0 +1,57 @@
+"""Equations of joints with a position drive, which no torque measurement drives."""
+
+import numpy as np
+import pytest
+from sim_joints import positioned
+from sim_position_drives import EFFECT_SETS, GRAVITY, RATE, SERVOS, goals, wave
+from via_core.errors import SignalError
+from via_core.weak_form import window_weights
+from via_gap.residual.equation_torques import equation_torques
+from via_gap.residual.record import Record
+from via_sim.plants import JointPlant
+from via_sim.simulate import simulate
+
+
+def residual(plant, record, span: int = 60) -> np.ndarray:
+    """(windows,) M <q, psi''> - <torque, psi> [N m] of the link, once a goal that is limited in speed is known."""
+    found = equation_torques(plant.parameters, record)
+    W = window_weights(4, record.time[: span + 1])
+    rows = np.arange(600, len(record) - span - 1, 7)[:, None] + np.arange(span + 1)
+    out = found.inertia[0] * np.einsum("k,nk->n", W[2], found.angle[rows, 0])
+    out = out - np.einsum("k,nk->n", W[0], found.torque[rows, 0])
+    return out[~np.any(found.standing[rows, 0], axis=1)]
+
+
+@pytest.mark.parametrize("servo", ["{kp: 4.0, kd: 0.1}", *SERVOS])
+@pytest.mark.parametrize(
+    "effects",
+    [each for each in EFFECT_SETS if each[0].name != "encoder_quantisation"],
+    ids=lambda each: "-".join(f"{e.name}-{len(e.parameters)}" for e in each),
+)
+def test_equations_balance_a_simulated_run_without_any_torque_measured(servo, effects) -> None:
+    """With the effects in the equations next to nothing is left; without them much more."""
+    device = positioned(GRAVITY, servo)
+    nominal = JointPlant.from_device(device)
+    plant = nominal.with_effects(effects)
+    sent = goals(wave(3000), neighbour=np.cos(0.003 * np.arange(3000)))
+    seen = simulate(plant, sent, 2.999, RATE).measured
+    velocity = np.zeros((len(seen), 3))
+    velocity[:, 0] = seen["q_velocity"]
+    record = Record.of_commands(device, seen, velocity, sent)
+    right, wrong = np.abs(residual(plant, record)), np.abs(residual(nominal, record))
+    assert np.sqrt(np.mean(right**2)) < 1.5e-3
+    assert np.sqrt(np.mean(wrong**2)) > 20.0 * np.sqrt(np.mean(right**2))
+
+
+def test_equations_know_a_drive_that_is_switched_off() -> None:
+    device = positioned(GRAVITY)
+    plant = JointPlant.from_device(device)
+    values = wave(2000)
+    values[700:1200] = np.nan
+    seen = simulate(plant, goals(values), 1.999, RATE).measured
+    velocity = np.zeros((len(seen), 3))
+    velocity[:, 0] = seen["q_velocity"]
+    record = Record.of_commands(device, seen, velocity, goals(values))
+    assert np.max(np.abs(residual(plant, record))) < 2e-3
+    with pytest.raises(SignalError, match="has a position drive"):
+        Record.of_torques(device, seen, velocity, goals(values))
