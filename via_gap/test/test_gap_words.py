@@ -65,7 +65,7 @@ def test_tied_causes_come_with_the_reason_and_a_motion_that_separates_them():
     report = report_of("tied")
     (said,) = tie_words(report)
     assert "Coulomb friction at motor 1 from viscous friction at motor 1" in said
-    assert "a ladder of speeds" in said
+    assert "several speeds" in said
     step = next_steps(report)[0]
     assert "8 s" in step and "12 times the noise" in step and "commands are in motion.csv" in step
     unwritten = report.proposal.model_copy(update={"file": "", "text": "run 'slow ladder' for 8 s"})
@@ -115,7 +115,7 @@ def test_a_cause_that_ties_with_one_of_a_pair_is_stated_beside_that_one():
     (held,) = (each for each in cautions(tied) if "wrong one" in each)
     assert held == "Of the tied causes, the repair contains Coulomb friction at motor 1: it may be the wrong one."
     assert next_steps(tied)[0] == (
-        "Record a motion that separates the tied causes (a ladder of speeds), then diagnose again with both logs."
+        "Record a motion that separates the tied causes (several speeds), then diagnose again with both logs."
     )
 
 
@@ -177,7 +177,7 @@ def test_the_terminal_has_the_order_of_the_page(kind):
 
 
 def test_the_catalogue_states_what_separates_two_effects():
-    assert separation("viscous_friction", "coulomb_friction") == "a ladder of speeds"
+    assert separation("viscous_friction", "coulomb_friction") == "several speeds"
     assert separation("backlash", "presliding_friction") != ""
     assert separation("payload", "encoder_offset") == ""
 

@@ -445,10 +445,10 @@ def test_preset_error_of_a_serial_joint_is_another_preset():
             "side must be",
         ),
         (Effect("external_torque", "environment", {"torque": 1.0, "start": 2.0, "stop": 1.0}), "must not be before"),
-        (Effect("asymmetric_viscous", "link", {"forward": 0.1, "backward": -0.2}), "must stay >= 0"),
+        (Effect("asymmetric_viscous", "link", {"forward": 0.1, "backward": -0.2}), "must be >= 0"),
         (
             Effect("encoder_eccentricity", "sensor", {"amplitude": 0.3, "phase": 0.0, "amplitude_2": 0.35}),
-            "amplitude times order adds up to 1, must stay < 1",
+            "amplitude times order adds up to 1, must be < 1",
         ),
     ],
 )

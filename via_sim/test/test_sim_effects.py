@@ -12,6 +12,7 @@ from via_core.springs import N_COEFFICIENTS
 from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
 from via_sim.effects_file import effects_text, load_effects, parse_effects, save_effects
+from via_sim.measurements import TRUTH
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.simulate import InitialConditions, Simulator, simulate
@@ -181,7 +182,7 @@ def test_viscous_error_equals_a_device_that_has_it():
     commands = torques(0.2, 1)
     a = simulate(JointPlant.from_device(wrong).with_effects([extra]), commands, 0.2, RATE).truth["q"]
     assert np.array_equal(a, simulate(JointPlant.from_device(right), commands, 0.2, RATE).truth["q"])
-    with pytest.raises(ParameterError, match="must stay >= 0"):
+    with pytest.raises(ParameterError, match="must be >= 0"):
         JointPlant.from_device(wrong).with_effects([Effect("viscous_friction", "motor", {"coefficient": -0.5}, 1)])
 
 
@@ -194,7 +195,7 @@ def test_effects_can_change_while_a_simulation_runs():
     for tick in range(10):
         state, _, _ = before.step(state, (float(tick), 0.0, 0.0, 0.0))
     state, _, truth = after.step(state, (10.0, 0.0, 0.0, 0.0))
-    assert truth[12] == 7.0  # the command of three ticks ago, which the nominal joint already had
+    assert truth[TRUTH.motor_torque_1] == 7.0  # the command of three ticks ago, which the nominal joint already had
     assert state[X.tick] == 11.0
 
 
@@ -210,7 +211,7 @@ def test_effects_can_change_while_a_simulation_runs():
         (("backlash", "transmission", {"gap": float("nan")}, 1), "must be a finite number, 0 to 0.5 rad, got nan"),
         (("backlash", "transmission", {"gap": "wide"}, 1), "must be a finite number, 0 to 0.5 rad, got 'wide'"),
         (("backlash", "transmission", {}, 1), "backlash.gap: is missing, 0 to 0.5 rad"),
-        (("backlash", "transmission", {"gap": 0.1, "width": 1.0}, 1), "backlash.width: is no known key; there are gap"),
+        (("backlash", "transmission", {"gap": 0.1, "width": 1.0}, 1), "backlash.width: unknown key; choose from gap"),
     ],
 )
 def test_impossible_effects_are_refused_with_key_value_and_range(arguments, message):
@@ -220,7 +221,7 @@ def test_impossible_effects_are_refused_with_key_value_and_range(arguments, mess
 
 def test_effects_that_do_not_fit_the_joint_are_refused():
     gain = Effect("torque_gain", "motor", {"gain": 0.9}, 1)
-    with pytest.raises(ParameterError, match="a servo imposes the angle"):
+    with pytest.raises(ParameterError, match="has servos, which impose the angle"):
         JointPlant.from_device(load_device("maccepavd")).with_effects([gain])
     with pytest.raises(ParameterError, match="has 0 motors"):
         JointPlant.from_device(rigid()).with_effects([Effect("coulomb_friction", "motor", {"torque": 0.1}, 1)])
@@ -228,7 +229,7 @@ def test_effects_that_do_not_fit_the_joint_are_refused():
         JointPlant.from_device(rigid()).with_effects([Effect("torque_gain", "sensor", {"gain": 0.9})])
     with pytest.raises(ParameterError, match="has 1 transmissions"):
         JointPlant.from_device(flexible()).with_effects([Effect("backlash", "transmission", {"gap": 0.1}, 2)])
-    with pytest.raises(ParameterError, match="is there twice"):
+    with pytest.raises(ParameterError, match="occurs twice"):
         JointPlant.from_device(flexible()).with_effects([gain, gain])
     with pytest.raises(ParameterError, match="joint is 'other'"):
         JointPlant.from_device(flexible()).with_effects([Effect("torque_gain", "motor", {"gain": 1.0}, 1, "other")])
@@ -255,14 +256,14 @@ def test_both_motors_and_one_of_them_add_up_or_are_there_twice():
     row = plant.with_effects(friction).parameters
     assert row[P.kinetic_friction : P.kinetic_friction + 3] == pytest.approx([0.0, 0.1, 0.3])
     gains = [Effect("torque_gain", "motor", {"gain": 0.9}, motor) for motor in (0, 2)]
-    with pytest.raises(ParameterError, match="torque_gain at motor 2: is there twice"):
+    with pytest.raises(ParameterError, match="torque_gain at motor 2: occurs twice"):
         plant.with_effects(gains)
-    with pytest.raises(ParameterError, match="torque_gain at both motors: is there twice"):
+    with pytest.raises(ParameterError, match="torque_gain at both motors: occurs twice"):
         plant.with_effects(gains[::-1])
-    with pytest.raises(ParameterError, match="torque_gain at both motors: 'joint' has no two motors"):
+    with pytest.raises(ParameterError, match="torque_gain at both motors: 'joint' does not have two motors"):
         JointPlant.from_device(flexible()).with_effects(gains[:1])
     slack = Effect("backlash", "transmission", {"gap": 0.1})
-    with pytest.raises(ParameterError, match="backlash at both transmissions: 'joint' has no two transmissions"):
+    with pytest.raises(ParameterError, match="backlash at both transmissions: 'joint' does not have two transmissions"):
         JointPlant.from_device(serial_servo()).with_effects([slack])
 
 
@@ -284,7 +285,7 @@ def test_harmonics_that_are_left_out_are_not_there():
         )
         assert {amplitude + 7, order + 7} <= set(changed)
         assert (third.parameters[amplitude + 7], third.parameters[order + 7]) == (0.1, 3.0)
-    with pytest.raises(ParameterError, match="amplitude_9: is no known key"):
+    with pytest.raises(ParameterError, match="amplitude_9: unknown key"):
         Effect("torque_ripple", "motor", SIZES["torque_ripple"] | {"amplitude_9": 0.1}, 1)
     with pytest.raises(ParameterError, match=r"torque_ripple\.order: is missing"):
         Effect("torque_ripple", "motor", {"amplitude": 0.1, "phase": 0.0, "order_2": 3.0}, 1)
@@ -326,9 +327,11 @@ def test_factors_on_the_devices_numbers_are_written_before_what_is_added():
 
 def test_a_number_that_the_device_lacks_is_refused():
     other = Effect("device_numbers", "device", {"motor 2 inertia": 1.1})
-    with pytest.raises(ParameterError, match="'motor 2 inertia' is no number of this joint; it has link inertia, link"):
+    with pytest.raises(
+        ParameterError, match="'motor 2 inertia' is not a number of this joint; choose from link inertia, link"
+    ):
         JointPlant.from_device(flexible()).with_effects([other])
-    for name, value, message in (("colour", 1.0, "is no known key"), ("link inertia", 0.0, "must be 0.1 to 10 -")):
+    for name, value, message in (("colour", 1.0, "unknown key"), ("link inertia", 0.0, "must be 0.1 to 10 -")):
         with pytest.raises(ParameterError, match=message):
             Effect("device_numbers", "device", {name: value})
 
@@ -342,7 +345,7 @@ def test_a_number_that_the_device_lacks_is_refused():
             "- {effect: backlash, site: transmission, motor: 1, parameters: {gap: 2.0}}",
             "entry 1: backlash.gap: must be 0 to",
         ),
-        ("- {effect: backlash, site: transmission, motor: 1, gap: 0.1}", "entry 1: gap: is no known key"),
+        ("- {effect: backlash, site: transmission, motor: 1, gap: 0.1}", "entry 1: gap: unknown key"),
         ("- {site: link}", "entry 1: effect: must be a name, got None"),
         (
             "- {effect: backlash, site: transmission, motor: one, parameters: {gap: 0.1}}",

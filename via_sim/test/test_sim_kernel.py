@@ -8,6 +8,7 @@ from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.kernel import run
+from via_sim.measurements import TRUTH
 from via_sim.parameters import P
 from via_sim.plants import JointPlant, substeps_for
 from via_sim.sensors import IDEAL
@@ -245,5 +246,6 @@ def test_laws_go_on_along_their_tangent_beyond_the_stop(name):
         run(row, IDEAL.row(), initial_state(plant, RATE, (stop + beyond, 0, 0, 0, 0, 0), 0), np.empty((0, N_COMMANDS)),
             np.empty((1, 9)), truth)  # fmt: skip
         slope = float(law.stiffness(stop))
-        assert truth[0, 14] == pytest.approx(float(law.torque(stop)) + slope * beyond, rel=1e-12)
-        assert truth[0, 7] == pytest.approx(slope, rel=1e-12)
+        torque = float(law.torque(stop)) + slope * beyond
+        assert truth[0, TRUTH.transmission_torque_1] == pytest.approx(torque, rel=1e-12)
+        assert truth[0, TRUTH.stiffness_1] == pytest.approx(slope, rel=1e-12)

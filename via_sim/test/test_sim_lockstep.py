@@ -27,7 +27,7 @@ from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
 from via_sim.simulate import initial_state, simulate_rows
-from via_sim.torques import N_COMMANDS, N_INPUTS, N_MODES, X, laws, settle
+from via_sim.torques import N_COMMANDS, N_INPUTS, N_MODES, X, find_modes, laws
 
 RATE = 1000.0
 GRAVITY = "{inertia: 0.02, viscous_friction: 0.1, gravity_torque: 0.3, gravity_angle: 0.2}"
@@ -149,7 +149,7 @@ def test_runs_that_begin_apart_in_a_recording_go_side_by_side():
 def test_lanes_with_other_clocks_or_steps():
     nominal = JointPlant.from_device(flexible(10.0, GRAVITY))
     rows = np.repeat(nominal.at_rate(RATE)[None], 4, axis=0)
-    rows[1, -1] = 3.0
+    rows[1, P.substeps] = 3.0
     states = np.repeat(initial_state(nominal, RATE, (0.1, 0, 0, 0, 0, 0), 0)[None], 4, axis=0)
     states[2, X.tick] = 7.0
     own, sent = states.copy(), commands(100)
@@ -187,7 +187,7 @@ def led(row: Array, state: Array, sent: Array, measured: Array) -> None:
 
     for tick, command in enumerate(sent):
         state[0], state[3] = true_motion(row, 0, at(0, tick), at(3, tick))
-        settle(row, *laws(row), state, u, modes)
+        find_modes(row, *laws(row), state, u, modes)
         advance_tick(row, state, command, u, modes, weights, np.zeros(9))
     state[0], state[3] = true_motion(row, 0, at(0, len(sent)), at(3, len(sent)))
 

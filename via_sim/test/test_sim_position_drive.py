@@ -10,6 +10,7 @@ from via_core.signals import Signals
 from via_sim.device_numbers import numbers_of
 from via_sim.effects import Effect
 from via_sim.kernel import run
+from via_sim.measurements import MEASURED, TRUTH
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
@@ -72,7 +73,7 @@ def test_the_goal_acts_after_the_delay_to_a_fraction_of_a_tick() -> None:
 
 def test_delays_beyond_what_is_kept_of_commands_are_refused() -> None:
     late = JointPlant.from_device(positioned(servo="{kp: 4.0, kd: 0.1, delay: 0.05}"))
-    with pytest.raises(ParameterError, match=r"drive's own are 0.11 s, must stay <= 0.1"):
+    with pytest.raises(ParameterError, match=r"that of the drive is 0.11 s, must be <= 0.1"):
         late.with_effects([Effect("actuator_delay", "command", {"delay": 0.06})])
 
 
@@ -174,8 +175,8 @@ def test_lockstep_is_the_scalar_kernel(servo: str) -> None:
         measured, truth = np.empty((501, 9)), np.empty((501, 16))
         run(rows[k], IDEAL.row(), own[k], sent, measured, truth)
         if "encoder_quantisation" not in [effect.name for effect in plant.effects]:
-            assert np.max(np.abs(together[k, :, 0] - measured[:, 0])) < 1e-9, plant.effects
-            assert np.max(np.abs(together[k, :, 3] - measured[:, 5])) < 1e-9, plant.effects
+            assert np.max(np.abs(together[k, :, 0] - measured[:, MEASURED.q])) < 1e-9, plant.effects
+            assert np.max(np.abs(together[k, :, 3] - measured[:, MEASURED.q_velocity])) < 1e-9, plant.effects
         assert np.max(np.abs(states[k] - own[k])) < 1e-9, plant.effects
 
 
@@ -189,7 +190,7 @@ def test_stepping_gives_the_bits_of_the_batch() -> None:
     state = simulator.init()
     for k, row in enumerate(command_rows(device, goals(values), np.arange(300) / RATE)):
         state, _, truth = simulator.step(state, row)
-        assert truth[0] == batch["q"][k + 1]
+        assert truth[TRUTH.q] == batch["q"][k + 1]
     assert state[X.behind] != 0.0 or state[X.lag] != 0.0
 
 

@@ -77,10 +77,10 @@ def test_noise_has_the_stated_deviation_is_white_and_follows_its_seed():
     sensors = Sensors(link_noise=2.0, motor_noise=3.0, velocity_noise=0.5, torque_noise=0.1)
     run = simulate(plant, None, 20.0, RATE, sensors, InitialConditions(seed=5))
     columns = {"q": 2.0, "theta": 3.0, "q_velocity": 0.5, "tau": 0.1}
-    noises = [(run.measured[name].ravel(), deviation) for name, deviation in columns.items()]
-    for noise, deviation in noises:  # the joint rests at zero
-        assert np.std(noise) == pytest.approx(deviation, rel=0.03)
-        assert abs(np.mean(noise)) < 4.0 * deviation / np.sqrt(len(noise))
+    noises = [(run.measured[name].ravel(), sd) for name, sd in columns.items()]
+    for noise, sd in noises:  # the joint rests at zero
+        assert np.std(noise) == pytest.approx(sd, rel=0.03)
+        assert abs(np.mean(noise)) < 4.0 * sd / np.sqrt(len(noise))
         assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.03
     assert abs(np.corrcoef(noises[0][0], noises[1][0])[0, 1]) < 0.03
     assert np.mean(np.abs(noises[0][0]) < 2.0) == pytest.approx(0.6827, abs=0.02)  # normal, not merely its variance

@@ -1,7 +1,7 @@
-"""The numbers of a device file by name, and where the parameter row holds each.
+"""Names of the numbers of a device file, and their slots in the parameter row.
 
-A diagnosis moves them inside their tolerance; as the entry `device_numbers` of an effects file, factors on them travel
-with the effects that were fitted beside them.
+A diagnosis varies them within their tolerance. The entry `device_numbers` of an effects file stores the factors that
+were fitted together with the effects.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ NAMES = (
 
 @dataclass(frozen=True)
 class DeviceNumber:
-    """One number; a factor on it multiplies `slots` of the row. Springs and dampers, maps, count as 1."""
+    """One number; a factor on it multiplies `slots` of the row. The value of a spring or damper characteristic is 1."""
 
-    name: str  # of NAMES
+    name: str  # one of NAMES
     unit: str
     value: float
     slots: tuple[int, ...]
 
 
 def numbers_of(row: Array) -> tuple[DeviceNumber, ...]:
-    """The numbers that a row (N_PARAMETERS,) of a device has, whatever their values."""
+    """All numbers of a device's row (N_PARAMETERS,)."""
     found = []
 
     def add(name: str, unit: str, value: float, *slots: int) -> None:

@@ -1,6 +1,6 @@
-"""What an effect is: its parameters, the sites it may have, and how its numbers enter a parameter row.
+"""Kinds of effects: parameters, sites, and writers of parameter values into a parameter row.
 
-A writer gets the values of one effect, of which optional ones may be missing, and puts them into a row in place.
+A writer puts the values of one effect into a row in place; optional values may be missing.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ Values = Mapping[str, float]
 Writer = Callable[[Array, int, str, Values], None]
 
 MAX_DELAY = 0.1  # [s]
-NEVER = 1e6  # [s] later than any run; also a torque [N m] and a speed [rad/s] beyond all drives
+NEVER = 1e6  # [s] later than any run; also larger than any drive torque [N m] and speed [rad/s]
 
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One number of an effect: allowed range [low, high], and the neutral value at which the effect is absent.
+    """One parameter of an effect: range [low, high], and the neutral value at which the effect is absent.
 
-    linear  the torques of the equations are linear in it, the other parameters held: a fit need not search for it
-    servo_unit  where the device's motors are servos and it means another quantity there
+    linear      whether the torques of the equations are linear in it for fixed other parameters
+    servo_unit  unit on devices with servos, where it is a different quantity
     """
 
     name: str
@@ -40,15 +40,15 @@ class EffectParameter:
     servo_unit: str = ""
 
     def unit_on(self, drive: str) -> str:
-        """Its unit on a device with this drive, `torque` or `servo`."""
+        """Unit on a device with this drive."""
         return self.servo_unit if drive == "servo" and self.servo_unit else self.unit
 
 
 @dataclass(frozen=True)
 class EffectKind:
-    """What an effect is. `write` puts parameter values at an axis (0 link, 1, 2 motors) into a row in place.
+    """Definition of an effect. `write` puts parameter values at an axis (0 link, 1, 2 motors) into a row in place.
 
-    `parameters` must all be given, `optional` ones need not be.
+    `parameters` are required, `optional` ones default to neutral.
     """
 
     name: str
@@ -58,35 +58,35 @@ class EffectKind:
     confused_with: str
     parameters: tuple[EffectParameter, ...]
     write: Writer
-    needs_torque_drive: bool = False  # at a motor: means nothing where a servo imposes the angle
-    of_goal: bool = False  # of the goal that a position drive follows: other drives have none
-    of_drive: bool = False  # at a motor: of the path of the torque, which a rigid joint has too (its motor 1)
-    adds: bool = False  # several at one place add up
-    optional: tuple[EffectParameter, ...] = ()  # neutral where they are left out
+    needs_torque_drive: bool = False  # at a motor: not on devices with servos, which impose the angle
+    of_goal: bool = False  # acts on the goal of a position drive
+    of_drive: bool = False  # at a motor: acts on the drive, which a rigid joint has as well (motor 1)
+    adds: bool = False  # several at one location add up
+    optional: tuple[EffectParameter, ...] = ()
 
     @property
     def all_parameters(self) -> tuple[EffectParameter, ...]:
-        """Those that an effect must have, then those that it may have."""
+        """Required parameters, then optional ones."""
         return (*self.parameters, *self.optional)
 
 
 def _suffix(k: int) -> str:
-    """What the names of harmonic k (from 0) end with: '', '_2', '_3'."""
+    """Suffix of the names of harmonic k (from 0): '', '_2', '_3'."""
     return f"_{k + 1}" if k else ""
 
 
 def harmonic(k: int, unit: str, high: float) -> tuple[EffectParameter, EffectParameter, EffectParameter]:
-    """Amplitude, order and phase of harmonic k (from 0) of an effect over the angle, amplitudes up to `high`."""
+    """Amplitude (up to `high`), order and phase of harmonic k (from 0) of a periodic effect."""
     of = _suffix(k)
     return (
-        EffectParameter(f"amplitude{of}", unit, 0.0, high, 0.0, "largest value", True),
-        EffectParameter(f"order{of}", "1/rev", 0.5, 1e3, k + 1.0, "periods per turn, no integer behind a gear"),
+        EffectParameter(f"amplitude{of}", unit, 0.0, high, 0.0, "amplitude", True),
+        EffectParameter(f"order{of}", "1/rev", 0.5, 1e3, k + 1.0, "periods per turn; not an integer behind a gear"),
         EffectParameter(f"phase{of}", "rad", -2.0 * pi, 2.0 * pi, 0.0, "at angle zero"),
     )
 
 
 def more_harmonics(count: int, unit: str, high: float) -> tuple[EffectParameter, ...]:
-    """The parameters of all harmonics but the first."""
+    """Parameters of all harmonics except the first."""
     return tuple(parameter for k in range(1, count) for parameter in harmonic(k, unit, high))
 
 
@@ -99,7 +99,7 @@ def write_numbers(row: Array, _axis: int, _site: str, value: Values) -> None:
     slots = {number.name: number.slots for number in numbers_of(row)}
     for name, factor in value.items():
         if name not in slots:
-            raise ParameterError(f"'{name}' is no number of this joint; it has {', '.join(slots)}")
+            raise ParameterError(f"'{name}' is not a number of this joint; choose from {', '.join(slots)}")
         row[list(slots[name])] *= factor
 
 
@@ -124,14 +124,14 @@ def write_viscous(row: Array, axis: int, _site: str, value: Values) -> None:
 
 def write_asymmetric_viscous(row: Array, axis: int, _site: str, value: Values) -> None:
     forward, backward = value["forward"], value["backward"]
-    told = f"forward {forward} and backward {backward}"
-    _more_viscous(row, axis, 0.5 * (forward + backward), 0.5 * (forward - backward), told)
+    given = f"forward {forward} and backward {backward}"
+    _more_viscous(row, axis, 0.5 * (forward + backward), 0.5 * (forward - backward), given)
 
 
-def _more_viscous(row: Array, axis: int, mean: float, half: float, told: str) -> None:
+def _more_viscous(row: Array, axis: int, mean: float, half: float, given: str) -> None:
     total, skewed = row[P.viscous_friction + axis] + mean, row[P.viscous_asymmetry + axis] + half
     if total - abs(skewed) < 0.0:
-        raise ParameterError(f"{told} leaves {total - abs(skewed):.6g} N m s/rad of viscous friction, must stay >= 0")
+        raise ParameterError(f"{given} leaves {total - abs(skewed):.6g} N m s/rad of viscous friction, must be >= 0")
     row[P.viscous_friction + axis], row[P.viscous_asymmetry + axis] = total, skewed
 
 
@@ -145,7 +145,7 @@ def write_hysteresis(row: Array, axis: int, _site: str, value: Values) -> None:
 
 
 def write_load_friction(row: Array, axis: int, _site: str, value: Values) -> None:
-    """Dry friction that depends on both torques on an axis, see friction.py."""
+    """Dry friction that depends on load and counter torque, see friction.py."""
     row[P.load_friction + axis] = value["coefficient"]
     for name, slot in (
         ("counter_coefficient", P.counter_friction),
@@ -172,14 +172,14 @@ def write_bias(row: Array, axis: int, site: str, value: Values) -> None:
 
 
 def _harmonics(value: Values, count: int) -> Iterator[tuple[int, float, float, float]]:
-    """(number from 0, amplitude, order, phase) of `count` terms; orders that are left out count 1, 2, 3."""
+    """(k, amplitude, order, phase) of `count` harmonics; the default orders are 1, 2, 3."""
     for k in range(count):
         of = _suffix(k)
         yield k, value.get(f"amplitude{of}", 0.0), value.get(f"order{of}", k + 1.0), value.get(f"phase{of}", 0.0)
 
 
 def write_ripple(row: Array, axis: int, _site: str, value: Values) -> None:
-    """The harmonics of a ripple."""
+    """Harmonics of a torque ripple."""
     for k, amplitude, order, phase in _harmonics(value, RIPPLE_HARMONICS):
         here = 3 * k + axis
         row[P.ripple_amplitude + here], row[P.ripple_order + here] = amplitude, order
@@ -187,7 +187,7 @@ def write_ripple(row: Array, axis: int, _site: str, value: Values) -> None:
 
 
 def write_encoder_error(row: Array, axis: int, _site: str, value: Values) -> None:
-    """The harmonics of an encoder's error; refused where the reading would not grow with the angle everywhere."""
+    """Harmonics of an encoder error; refused where the measured angle would not increase with the angle."""
     steepest, last = 0.0, 0
     for k, amplitude, order, phase in _harmonics(value, ENCODER_HARMONICS):
         here = 3 * k + axis
@@ -197,7 +197,7 @@ def write_encoder_error(row: Array, axis: int, _site: str, value: Values) -> Non
     row[P.encoder_harmonics + axis] = last
     if steepest >= 1.0:
         raise ParameterError(
-            f"amplitude times order adds up to {steepest:.6g}, must stay < 1: the reading would turn back"
+            f"amplitude times order adds up to {steepest:.6g}, must be < 1: the measured angle would decrease"
         )
 
 
@@ -209,7 +209,7 @@ def write_payload(row: Array, _axis: int, _site: str, value: Values) -> None:
 def write_link_inertia(row: Array, _axis: int, _site: str, value: Values) -> None:
     total = row[P.inertia + LINK] + value["inertia"]
     if total <= 0.0:
-        raise ParameterError(f"inertia {value['inertia']} leaves {total:.6g} kg m^2, must stay > 0")
+        raise ParameterError(f"inertia {value['inertia']} leaves {total:.6g} kg m^2, must be > 0")
     row[P.inertia + LINK] = total
 
 
@@ -232,21 +232,21 @@ def write_pulse(row: Array, _axis: int, _site: str, value: Values) -> None:
 
 
 def write_dead_time(row: Array, _axis: int, _site: str, value: Values) -> None:
-    """A delay beside that of a position drive."""
+    """Delay in addition to that of a position drive."""
     total = row[P.delay] + value["delay"]
     if total > MAX_DELAY:
-        raise ParameterError(f"delay {value['delay']} and the drive's own are {total:.6g} s, must stay <= {MAX_DELAY}")
+        raise ParameterError(f"delay {value['delay']} plus that of the drive is {total:.6g} s, must be <= {MAX_DELAY}")
     row[P.delay] = total
 
 
 def write_goal_speed(row: Array, _axis: int, _site: str, value: Values) -> None:
-    """A speed limit of the goal beside the one that the device file states: the lower one acts."""
+    """Speed limit of the goal; the lower one of this and the limit in the device file acts."""
     if value["limit"] < NEVER:
         row[P.drive_speed_limit] = min(row[P.drive_speed_limit], value["limit"])
 
 
 def into_slot(slot: int, name: str, first: int = 0) -> Callable[[Array, int, str, Values], None]:
-    """A writer of one number into one slot per axis, of which `first` is the first that has one."""
+    """Writer of one value into one slot per axis; `first` is the axis of the first slot."""
 
     def write(row: Array, axis: int, _site: str, value: Values) -> None:
         row[slot + axis - first] = value[name]

@@ -1,12 +1,12 @@
-"""Effects: one piece of unmodelled physics each, as data with a site, bounds and units, that writes itself into a row.
+"""Effects: unmodelled physics as data with site, bounds and units, written into a parameter row.
 
     Effect("coulomb_friction", site="link", parameters={"torque": 0.02})
     Effect("torque_gain", site="motor", motor=2, parameters={"gain": 0.95})
-    Effect("torque_gain", site="motor", motor=0, parameters={"gain": 0.95})     # both motors alike: one cause
+    Effect("torque_gain", site="motor", motor=0, parameters={"gain": 0.95})     # both motors alike
 
-A list of them composes: dry frictions and viscous errors add up, a second one of any other kind at the same place is
-refused. `EFFECTS` is the registry: what there is, where it may sit, what its parameters mean and how far they go. In a
-list may also stand what the effects were fitted with, factors on the device file's own numbers:
+In a list of effects, dry frictions and viscous errors at one location add up; any other effect may occur there once.
+`EFFECTS` is the registry with sites, meaning and bounds of all parameters. A list may also contain factors on numbers
+of the device file, which were fitted together with the effects:
 
     Effect("device_numbers", site="device", parameters={"link inertia": 1.03})
 """
@@ -27,19 +27,19 @@ from via_sim.catalogue import DEVICE_NUMBERS, EFFECTS, EffectKind
 from via_sim.parameters import LINK, MOTOR_1, MOTOR_2, P
 
 _KINDS: Mapping[str, EffectKind] = {**EFFECTS, DEVICE_NUMBERS.name: DEVICE_NUMBERS}
-PAIRED = ("motor", "transmission")  # sites at which motor 0 is both of them
+PAIRED = ("motor", "transmission")  # sites at which motor 0 means both
 _NUMBERED = {"motor": (1, 2, 0), "transmission": (1, 2, 0), "sensor": (0, 1, 2), "timing": (0, 1, 2)}
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect at one place.
+    """One effect at one location.
 
     name        key of EFFECTS, or 'device_numbers'
-    site        where: one of the kind's sites
-    parameters  name -> value, all of the kind's parameters and any of its optional ones, inside their bounds
-    motor       1 or 2: which motor or transmission, 0: both alike; at a sensor whose (0: the link's); else 0
-    joint       name of the device it belongs to; empty means whichever it is given to
+    site        one of the kind's sites
+    parameters  name -> value within bounds: all of the kind's parameters and any of its optional ones
+    motor       motor or transmission 1 or 2, 0 for both; at a sensor 0 is the link; else 0
+    joint       name of the device; empty: any device
 
     Raises ParameterError with key, value and allowed range.
     """
@@ -66,7 +66,7 @@ class Effect:
         must = {parameter.name for parameter in kind.parameters}
         for key in self.parameters:
             if key not in names:
-                raise ParameterError(f"{self.name}.{key}: is no known key; there are {', '.join(names)}")
+                raise ParameterError(f"{self.name}.{key}: unknown key; choose from {', '.join(names)}")
         for parameter in kind.all_parameters:
             key = f"{self.name}.{parameter.name}"
             reach = f"{parameter.low:g} to {parameter.high:g} {parameter.unit}"
@@ -75,7 +75,7 @@ class Effect:
                     continue
                 raise ParameterError(f"{key}: is missing, {reach}")
             value = self.parameters[parameter.name]
-            whole = type(value) is int  # finite, however many digits it has
+            whole = type(value) is int  # an int is finite
             if not whole and not (isinstance(value, float) and isfinite(value)):
                 raise ParameterError(f"{key}: must be a finite number, {reach}, got {value!r}")
             if not parameter.low <= value <= parameter.high:
@@ -88,24 +88,24 @@ class Effect:
         return _KINDS[self.name]
 
     def write(self, row: Array) -> None:
-        """This effect into a row (N_PARAMETERS,) of a joint in which its place has a meaning, in place."""
+        """Write the effect into a row (N_PARAMETERS,) of a joint that it fits, in place."""
         write_values(row, self.kind, self.site, self.motor, self.parameters)
 
 
 def place_name(site: str, motor: int) -> str:
-    """A place in words: 'link', 'motor 1', 'both motors'."""
+    """A location in words: 'link', 'motor 1', 'both motors'."""
     if site in PAIRED and motor == 0:
         return f"both {site}s"
     return f"{site} {motor}" if motor else site
 
 
 def spots(site: str, motor: int) -> tuple[tuple[str, int], ...]:
-    """(site, motor) of each single motor or transmission that a place stands for: of both motors these two."""
+    """(site, motor) of each single motor or transmission of a location: two of them for both motors."""
     return tuple((site, each) for each in ((1, 2) if site in PAIRED and motor == 0 else (motor,)))
 
 
 def places(kind: EffectKind | str, device: Device) -> tuple[tuple[str, int], ...]:
-    """(site, motor) of every place that an effect can take on a device; both motors (0) come after each of them."""
+    """(site, motor) of all locations of an effect on a device; both motors (0) come last."""
     effect = EFFECTS[kind] if isinstance(kind, str) else kind
     return tuple(
         (site, motor)
@@ -116,11 +116,11 @@ def places(kind: EffectKind | str, device: Device) -> tuple[tuple[str, int], ...
 
 
 def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
-    """Why an effect has no meaning at a place of a device; empty where it has one."""
+    """Reason why an effect does not fit a location of a device; empty where it fits."""
     if site in PAIRED and motor == 0:
         there = device.n_motors if site == "motor" else device.n_transmissions
         if there < 2:
-            return f"'{device.name}' has no two {site}s; `motor` is the number of one"
+            return f"'{device.name}' does not have two {site}s; set `motor` to the number of one"
         return _misplaced(kind, site, 1, device) or _misplaced(kind, site, 2, device)
     if site == "transmission":
         if motor > device.n_transmissions:
@@ -128,13 +128,13 @@ def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
         law = device.spring_laws[motor - 1]
         if kind.name == "preset_error" and device.arrangement == "serial" and law.kind not in (MACCEPA, TWO_LEVER):
             return f"the spring of '{device.name}' does not depend on a preset"
-    driven = device.n_motors == 0 and kind.of_drive and site == "motor"  # a rigid joint's drive is its motor 1
+    driven = device.n_motors == 0 and kind.of_drive and site == "motor"  # the drive of a rigid joint is its motor 1
     if motor > (1 if driven else device.n_motors) and site in ("motor", "sensor", "timing"):
         return f"'{device.name}' has {device.n_motors} motors"
     if kind.of_goal and device.drive != "position":
-        return f"only a position drive follows a goal, and '{device.name}' has none"
+        return f"'{device.name}' has no position drive, and only those follow a goal"
     if site == "motor" and kind.needs_torque_drive and device.drive == "servo":
-        return f"a servo imposes the angle, so this has no meaning on '{device.name}'"
+        return f"'{device.name}' has servos, which impose the angle"
     if site == "sensor" and kind.of_drive:
         if motor == 0 and device.sensors.link_torque_noise is None:
             return f"'{device.name}' has no torque sensor at the link"
@@ -144,20 +144,20 @@ def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
 
 
 def in_order(effects: Sequence[Effect]) -> list[Effect]:
-    """As they are written into a row: the device's own numbers are scaled before anything is added to them."""
+    """Effects in the order in which they are written: factors on device numbers come first."""
     return sorted(effects, key=lambda effect: effect.name != DEVICE_NUMBERS.name)
 
 
 def write_effects(row: Array, device: Device, effects: Sequence[Effect]) -> None:
-    """All effects into the row of a nominal device, in place. Raises ParameterError where one does not fit."""
+    """Write all effects into the row of a nominal device, in place. Raises ParameterError for one that does not fit."""
     seen: set[tuple[str, str, int]] = set()
     for effect in in_order(effects):
         where = f"{effect.name} at {place_name(effect.site, effect.motor)}"
         if effect.joint not in ("", device.name):
-            raise ParameterError(f"{where}: joint is '{effect.joint}', but this is '{device.name}'")
+            raise ParameterError(f"{where}: joint is '{effect.joint}', but the device is '{device.name}'")
         taken = {(effect.name, *each) for each in spots(effect.site, effect.motor)}
         if taken & seen and not effect.kind.adds:
-            raise ParameterError(f"{where}: is there twice")
+            raise ParameterError(f"{where}: occurs twice")
         seen |= taken
         trouble = _misplaced(effect.kind, effect.site, effect.motor, device)
         if trouble:
@@ -169,7 +169,7 @@ def write_effects(row: Array, device: Device, effects: Sequence[Effect]) -> None
 
 
 def write_values(row: Array, kind: EffectKind, site: str, motor: int, values: Mapping[str, float]) -> None:
-    """Numbers of one effect at a place it can take, unchecked against their bounds, into a row in place: for fits."""
+    """Write parameter values of one effect into a row in place; for fits: neither bounds nor location are checked."""
     axes: tuple[int, ...] = (MOTOR_1 + motor - 1,)
     if site == "motor" and row[P.link_drive] != 0.0:
         axes = (LINK,)

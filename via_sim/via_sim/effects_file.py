@@ -1,15 +1,15 @@
-"""Effects files: a YAML list of effects, read with one-line errors and written so that reading gives the same effects.
+"""Effects files: a YAML list of effects; written files give the same effects when read.
 
 - effect: coulomb_friction
   site: motor
   motor: 1
   parameters: {torque: 0.02}     # [N m], 0 to 1000
-  intervals: {torque: [0.018, 0.022]}     # 95 %, for whoever reads the file; the simulator needs none
+  intervals: {torque: [0.018, 0.022]}     # 95 %, for the reader; the simulator ignores them
 - effect: torque_gain
   site: motor
-  motor: 0                       # both motors alike; at a motor or transmission the number is never left out
+  motor: 0                       # both motors alike; required at a motor or transmission
   parameters: {gain: 0.95}
-- effect: device_numbers         # what the effects were fitted with: factors on numbers of the device file
+- effect: device_numbers         # factors on numbers of the device file, fitted with the effects
   site: device
   parameters: {link inertia: 1.03}
 """
@@ -33,7 +33,7 @@ Intervals = Mapping[str, tuple[float, float]]
 
 
 def load_effects(path: str | Path) -> tuple[Effect, ...]:
-    """The effects of a file. Raises ParameterError naming file, entry, key and allowed range."""
+    """The effects of a file. Raises ParameterError with file, entry, key and allowed range."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -44,7 +44,7 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
 
 
 def parse_effects(text: str, file: str) -> tuple[Effect, ...]:
-    """The effects that YAML `text` lists; `file` is the name that errors show."""
+    """The effects in YAML `text`; `file` is the name in errors."""
     try:
         content = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
@@ -59,23 +59,23 @@ def parse_effects(text: str, file: str) -> tuple[Effect, ...]:
 
 
 def effects_text(effects: Sequence[Effect], intervals: Sequence[Intervals] = ()) -> str:
-    """The YAML of an effects file; `intervals` of the parameters of the first effects, as they are known."""
+    """YAML of an effects file; `intervals` belong to the first effects."""
     entries = []
-    for effect, known in zip_longest(effects, intervals):
+    for effect, ranges in zip_longest(effects, intervals):
         entry: dict[str, Any] = {"effect": effect.name, "site": effect.site}
         if effect.motor or effect.site in PAIRED:
             entry["motor"] = effect.motor
         if effect.joint:
             entry["joint"] = effect.joint
         entry["parameters"] = dict(effect.parameters)
-        if known:
-            entry["intervals"] = {name: list(ends) for name, ends in known.items()}
+        if ranges:
+            entry["intervals"] = {name: list(ends) for name, ends in ranges.items()}
         entries.append(entry)
     return yaml.safe_dump(entries, sort_keys=False)
 
 
 def save_effects(path: str | Path, effects: Sequence[Effect], intervals: Sequence[Intervals] = ()) -> None:
-    """Write `effects`, whole or not at all. Raises ParameterError where the file cannot be written."""
+    """Write `effects` atomically. Raises ParameterError where the file cannot be written."""
     target = Path(path)
     draft = target.with_name(f".{target.name}.{os.getpid()}")
     try:
@@ -91,7 +91,7 @@ def _effect(entry: object, where: str) -> Effect:
         raise ParameterError(f"{where}: must be a mapping with {', '.join(KEYS)}, got {entry!r}")
     for key in entry:
         if key not in KEYS:
-            raise ParameterError(f"{where}: {key}: is no known key; there are {', '.join(KEYS)}")
+            raise ParameterError(f"{where}: {key}: unknown key; choose from {', '.join(KEYS)}")
     for key in ("effect", "site"):
         if not isinstance(entry.get(key), str):
             raise ParameterError(f"{where}: {key}: must be a name, got {entry.get(key)!r}")
@@ -108,7 +108,7 @@ def _effect(entry: object, where: str) -> Effect:
 
 
 def _number(value: object) -> Any:
-    """YAML 1.1 takes 1e-3 for text; what reads as a number is one, the rest is refused by the effect."""
+    """Text of a number as a number: YAML 1.1 parses 1e-3 as text. Other values are refused by the effect."""
     if isinstance(value, str):
         try:
             return float(value)

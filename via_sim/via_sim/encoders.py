@@ -1,6 +1,6 @@
-"""What an encoder reads of an angle, but for noise, steps and lateness; and the angle from the reading.
+"""Encoder errors without noise, quantisation and skew, and their inverse.
 
-It reads  angle + offset + sum_k amplitude_k sin(order_k angle + phase_k).
+The measured angle is  angle + offset + sum_k amplitude_k sin(order_k angle + phase_k).
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from via_core.signals import Array
 from via_sim.compiled import bare, compiled, inlined
 from via_sim.parameters import P
 
-_NEWTON_STEPS, _MAX_INVERSIONS = 3, 60  # to undo an encoder's error: at least and at most
-_INVERTED = 1e-15  # of the reading: how exactly
+_NEWTON_STEPS, _MAX_INVERSIONS = 3, 60  # least and largest number
+_TOLERANCE = 1e-15  # relative to the measured angle
 
 
 @inlined
 def read_motion(p: Array, axis: int, angle: float, velocity: float) -> tuple[float, float]:
-    """What the encoder of an axis reads, and the speed of that reading, but for noise and steps [rad, rad/s]."""
+    """Angle [rad] and velocity [rad/s] that the encoder of an axis measures, without noise and quantisation."""
     if p[P.encoder_harmonics + axis] == 0.0:
         return angle + p[P.encoder_offset + axis], velocity
     error, slope = encoder_error(p, axis, angle)
@@ -29,7 +29,7 @@ def read_motion(p: Array, axis: int, angle: float, velocity: float) -> tuple[flo
 
 @bare
 def encoder_error(p: Array, axis: int, angle: float) -> tuple[float, float]:
-    """Periodic error [rad] of the encoder of an axis at an angle [rad], and its slope over the angle [-]."""
+    """Periodic error [rad] of the encoder of an axis at an angle [rad], and its derivative by the angle [-]."""
     error = slope = 0.0
     for k in range(axis, 3 * int(p[P.encoder_harmonics + axis]), 3):
         swing, order = p[P.eccentricity + k], p[P.eccentricity_order + k]
@@ -42,9 +42,9 @@ def encoder_error(p: Array, axis: int, angle: float) -> tuple[float, float]:
 
 @bare
 def true_motion(p: Array, axis: int, read: float, velocity: float) -> tuple[float, float]:
-    """Angle [rad] and velocity [rad/s] of an axis whose encoder reads these: `read_motion` undone.
+    """True angle [rad] and velocity [rad/s] of an axis from the measured ones: inverse of `read_motion`.
 
-    Newton's method, kept between bounds that close in on the root: of a sum of harmonics a step may overshoot.
+    Newton's method with bisection bounds, because a Newton step on a sum of harmonics may overshoot.
     """
     read -= p[P.encoder_offset + axis]
     harmonics = int(p[P.encoder_harmonics + axis])
@@ -58,7 +58,7 @@ def true_motion(p: Array, axis: int, read: float, velocity: float) -> tuple[floa
     for step in range(_MAX_INVERSIONS):
         error, slope = encoder_error(p, axis, angle)
         excess = angle + error - read
-        if step >= _NEWTON_STEPS and abs(excess) <= _INVERTED * (1.0 + abs(read)):
+        if step >= _NEWTON_STEPS and abs(excess) <= _TOLERANCE * (1.0 + abs(read)):
             break
         if excess > 0.0:
             high = angle
@@ -71,12 +71,12 @@ def true_motion(p: Array, axis: int, read: float, velocity: float) -> tuple[floa
 
 
 def true_angle(p: Array, axis: int, read: ArrayLike) -> Array:
-    """Angle [rad] (n,) at which the encoder of an axis reads `read` (n,): `read_motion` undone; p (n, N_PARAMETERS)."""
+    """True angles (n,) [rad] of an axis from measured angles `read` (n,); parameter rows p (n, N_PARAMETERS)."""
     return true_motions(p, axis, read, np.zeros(np.shape(read)))[0]
 
 
 def true_motions(p: Array, axis: int, read: ArrayLike, velocity: ArrayLike) -> tuple[Array, Array]:
-    """`true_motion` of many: angles [rad] and velocities [rad/s] as read, (n,) each; p (n, N_PARAMETERS)."""
+    """`true_motion` of measured angles [rad] and velocities [rad/s], (n,) each; p (n, N_PARAMETERS)."""
     shape, width = np.broadcast_shapes(np.shape(p)[:-1], np.shape(read)), np.shape(p)[-1]
     angle = np.broadcast_to(np.asarray(read, dtype=np.float64) - p[..., P.encoder_offset + axis], shape)
     if not np.any(p[..., P.encoder_harmonics + axis]):
@@ -89,6 +89,6 @@ def true_motions(p: Array, axis: int, read: ArrayLike, velocity: ArrayLike) -> t
 
 @compiled
 def _undo(rows: Array, axis: int, motion: Array) -> None:
-    """`true_motion` of each row (n, N_PARAMETERS) -> motion (2, n), angles and velocities, in place."""
+    """`true_motion` of angles and velocities, motion (2, n), in place; rows (n, N_PARAMETERS)."""
     for n in range(len(rows)):
         motion[0, n], motion[1, n] = true_motion(rows[n], axis, motion[0, n], motion[1, n])

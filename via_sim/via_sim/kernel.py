@@ -1,28 +1,27 @@
-"""The one compiled joint: right-hand side, exponential integrator with events, tick.
+"""Compiled simulation of one joint: right-hand side, exponential integrator with events, tick.
 
 Equations (notation.md), for the axes link (M, q), motor 1 and motor 2 (B_i, theta_i), phi_i = q - theta_i:
 
     M qdd     + (Dq + d) qd + F_q    = tau_ext - sum_i tau_e,i(phi_i) - g(q)
-    B_i thdd_i + Dth_i thd_i + F_i   = tau_i + tau_e,i(phi_i)              or theta_i follows its servo in closed form
+    B_i thdd_i + Dth_i thd_i + F_i   = tau_i + tau_e,i(phi_i)              or closed form of a servo for theta_i
 
-**Why this integrator.** The document's cubic joint has D/B = 12700 1/s under a 1 ms tick: explicit methods are
-unstable, and every held command starts a boundary layer of 80 us in the motor's speed. But the stiff part is known,
-linear and diagonal: L = [[0, 1], [0, -a]] per axis, a = viscous friction / inertia. An exponential Runge-Kutta method
-integrates it exactly and the rest to fourth order: Krogstad's, whose third stage starts from u_n and not from another
-stage, so that it loses less order on stiff problems than Cox and Matthews' (Hochbruck, Ostermann 2010, section 5.4). No
-Jacobian, no linear solve, no iteration, and with a = 0 it is the classical method. Applied to a torque,
-phi_k(hL) (0, f)' is (h phi_{k+1}(-ha) f, phi_k(-ha) f)', hence the position weights below. What stays explicit
-(springs against inertia or viscous friction, coupling dampers, the Stribeck curve) sets the number of substeps, see
-`plants.substeps_for`. Measured on that joint (10 s under E1): one step per tick errs by 2e-6 rad, the three that
-`substeps_for` chooses by 1.3e-7 rad, and the error falls by 14 to 16 per halving.
+**Choice of the integrator.** The cubic joint of the document has D/B = 12700 1/s at ticks of 1 ms. Explicit methods are
+unstable there, and every new command starts a boundary layer of 80 us in the motor speed. The stiff part, however, is
+known, linear and diagonal: L = [[0, 1], [0, -a]] per axis with a = viscous friction / inertia. An exponential
+Runge-Kutta method integrates it exactly and the other torques to fourth order. The third stage of Krogstad's method
+starts from u_n, so it loses less order on stiff problems than Cox and Matthews' (Hochbruck, Ostermann 2010, section
+5.4). It needs no Jacobian, linear solve or iteration, and equals the classical method for a = 0. For a torque f,
+phi_k(hL) (0, f)' = (h phi_{k+1}(-ha) f, phi_k(-ha) f)', which gives the weights of angles below. The explicit terms
+(springs against inertia or viscous friction, coupling dampers, the Stribeck curve) determine the number of substeps,
+see `plants.substeps_for`. On the cubic joint (10 s under E1) one step per tick has an error of 2e-6 rad, the three
+steps of `substeps_for` 1.3e-7 rad; halving the step reduces the error by 14 to 16.
 
 **Events.** Within its modes (torques.py) the right-hand side is smooth. A step that leaves them is cut at the event,
-located to 1e-12 of the step. A stuck axis does not move by one bit. Modes follow from the state at the start of a step:
-at speed zero an axis is stuck exactly while the torque on it stays within breakaway. What has memory (bristles, Maxwell
-elements, lags) is a closed form of travel or time within a step and is carried on when the step is done.
+located to 1e-12 of the step. A stuck axis does not move by one bit. Modes follow from the state at the beginning of a
+step: an axis at zero velocity sticks while the torque on it is within breakaway. Elements with memory (bristles,
+Maxwell elements, lags) are closed forms of travel or time within a step and are updated at its end.
 
-Source: Krogstad, Generalized integrating factor methods for stiff PDEs, J. Comput. Phys. 203 (2005), the scheme there
-called ETDRK4-B.
+Source: Krogstad, Generalized integrating factor methods for stiff PDEs, J. Comput. Phys. 203 (2005), scheme ETDRK4-B.
 """
 
 from __future__ import annotations
@@ -66,11 +65,11 @@ from via_sim.torques import (
     X,
     bare,
     compiled,
+    find_modes,
     forced,
     laws,
     prepare,
     remember,
-    settle,
     spring_factor,
     violation,
 )
@@ -82,19 +81,18 @@ W: Any = _Weights(*range(0, 20, 2))
 PER_AXIS, _FOR = 20, 60  # columns per axis; first of the two columns that hold the step and the damping they are for
 N_WEIGHTS = _FOR + 2
 _MAX_EVENTS = 64  # per substep
-_EVENT_WIDTH = 1e-12  # of a substep: how exactly an event is located
+_EVENT_WIDTH = 1e-12  # accuracy of the location of an event, relative to a substep
 
 
 @compiled
 def derivative(p: Array, x: Array, u: Array, out: Array) -> None:
-    """The right-hand side: d/dt (positions, velocities) -> out (6,), friction resolved as a set at standstill.
+    """Right-hand side d/dt (angles, velocities) into out (6,); friction at standstill is set-valued.
 
-    x (X.queue,), u (N_INPUTS,). Servo axes move with their own velocity and report zero acceleration: their closed form
-    is in `servo_motion`.
+    x (X.queue,), u (N_INPUTS,). The acceleration of servo axes is zero here; `servo_motion` is their closed form.
     """
     modes, (c1, c2) = np.zeros(N_MODES, np.int64), laws(p)
     prepare(p, modes)
-    settle(p, c1, c2, x, u, modes)
+    find_modes(p, c1, c2, x, u, modes)
     torques = forced(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
     for i, torque in enumerate(torques):
         out[i] = x[3 + i]
@@ -134,7 +132,7 @@ def weigh(p: Array, h: float, damping: float, weights: Array) -> None:
 
 @bare
 def _drift(p: Array, x: Array, u: Array, h: float, axis: int, w: float, w_angle: float) -> tuple[float, float]:
-    """Angle and velocity of a motor after h [s] without its forced part; all of the motion of a servo."""
+    """Angle and velocity of a motor after h [s] without forced part, or the full motion of a servo."""
     angle, velocity = x[axis] + w_angle * x[3 + axis], w * x[3 + axis]
     if p[P.axis_kind + axis] == SERVO:
         angle, velocity = servo_motion(p, axis - 1, x[axis], x[3 + axis], u[axis - 1], h)
@@ -146,10 +144,10 @@ def _step(p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: A
     """One Krogstad step of h [s] in fixed modes from x into y (9,): motion at the end, velocities at the midpoint."""
     weigh(p, h, u[DAMPING], weights)
     w0, w1, w2 = weights[:PER_AXIS], weights[PER_AXIS : 2 * PER_AXIS], weights[2 * PER_AXIS : 3 * PER_AXIS]
-    half0, speed0 = x[0] + w0[W.half + 1] * x[3], w0[W.half] * x[3]  # the linear part at the midpoint
+    half0, speed0 = x[0] + w0[W.half + 1] * x[3], w0[W.half] * x[3]  # linear part at the midpoint
     half1, speed1 = _drift(p, x, u, 0.5 * h, 1, w1[W.half], w1[W.half + 1])
     half2, speed2 = _drift(p, x, u, 0.5 * h, 2, w2[W.half], w2[W.half + 1])
-    full0, end0 = x[0] + w0[W.full + 1] * x[3], w0[W.full] * x[3]  # and at the end
+    full0, end0 = x[0] + w0[W.full + 1] * x[3], w0[W.full] * x[3]  # linear part at the end
     full1, end1 = _drift(p, x, u, h, 1, w1[W.full], w1[W.full + 1])
     full2, end2 = _drift(p, x, u, h, 2, w2[W.full], w2[W.full + 1])
     lags = modes[LAGS] != 0
@@ -192,7 +190,7 @@ def _step(p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: A
 
 @bare
 def _dips(modes: Array, y: Array) -> bool:
-    """Whether a slipping axis ran backwards at the midpoint though not at the end: it touched zero on the way."""
+    """Whether a slipping axis has the opposite velocity at the midpoint: it reached zero during the step."""
     back = False
     for i in range(3):
         back |= abs(modes[i]) == 1 and modes[i] * y[6 + i] < 0.0
@@ -201,7 +199,7 @@ def _dips(modes: Array, y: Array) -> bool:
 
 @bare
 def _accept(p: Array, modes: Array, x: Array, y: Array, u: Array, h: float) -> None:
-    """State x moves to what a step of h [s] made of it."""
+    """Set state x to the result y of a step of h [s], and update goal and lags."""
     for i in range(6):
         x[i] = y[i]
     if p[P.link_drive] == POSITION_DRIVE:
@@ -216,7 +214,7 @@ def _accept(p: Array, modes: Array, x: Array, y: Array, u: Array, h: float) -> N
 def _advance(
     p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: Array, weights: Array, y: Array
 ) -> None:
-    """x (6,) moves on by h [s] in place, cut at every event. weights (2, 62): of whole substeps, of their pieces."""
+    """Advance x by h [s] in place with a restart at each event; weights (2, N_WEIGHTS) of full and partial steps."""
     if modes[SWITCHES] == 0:
         _step(p, c1, c2, x, u, h, modes, weights[0], y)
         _accept(p, modes, x, y, u, h)
@@ -225,7 +223,7 @@ def _advance(
     for event in range(_MAX_EVENTS):
         if modes[LAGS] != 0:
             supply(p, modes, x, u, 0.0)
-        settle(p, c1, c2, x, u, modes)
+        find_modes(p, c1, c2, x, u, modes)
         high = left
         _step(p, c1, c2, x, u, high, modes, weights[min(event, 1)], y)
         outside = violation(p, c1, c2, x, y, u, modes)
@@ -236,7 +234,7 @@ def _advance(
                 high = 0.5 * left
             else:
                 _step(p, c1, c2, x, u, left, modes, weights[1], y)
-        if outside > 0.0:  # Illinois: in its modes at `low`, outside at `high`
+        if outside > 0.0:  # Illinois method: within the modes at `low`, outside at `high`
             if modes[LAGS] != 0:
                 supply(p, modes, x, u, 0.0)
             low, at_low, at_high = 0.0, violation(p, c1, c2, x, x, u, modes), outside
@@ -252,7 +250,7 @@ def _advance(
                 outside = violation(p, c1, c2, x, y, u, modes)
                 if outside > 0.0:
                     high, at_high = middle, outside
-                    at_low *= 0.5 if last > 0 else 1.0  # the end that stays a second time counts half
+                    at_low *= 0.5 if last > 0 else 1.0  # halve the value of an end that stays twice
                     last = 1
                 else:
                     low, at_low = middle, outside
@@ -262,20 +260,20 @@ def _advance(
         left -= high
         for i in range(3):
             if abs(modes[i]) == 1 and modes[i] * y[3 + i] <= 0.0:
-                y[3 + i] = 0.0  # it stops; `settle` decides whether it stays
+                y[3 + i] = 0.0  # it stops; `find_modes` decides whether it sticks
         remember(p, modes, x, y)
         _accept(p, modes, x, y, u, high)
         if left <= 0.0:
             return
-    for i in range(3):  # chattering beyond all measure: rest for what is left of this substep
+    for i in range(3):  # too many events: slipping axes rest for the remainder of the substep
         if abs(modes[i]) == 1:
             x[3 + i] = 0.0
 
 
 @bare
 def recall_goal(p: Array, x: Array, last: int, u: Array) -> None:
-    """Where a position drive's goal stood when the last tick ended, with its command at `last` of x -> u."""
-    u[FOLLOWED], _ = read_motion(p, 0, x[0], x[3])  # of a drive that was off
+    """Goal of a position drive at the end of the last tick, whose command is at `last` of x, into u."""
+    u[FOLLOWED], _ = read_motion(p, 0, x[0], x[3])  # goal of a drive that was off
     u[LAGGED] = u[FOLLOWED]
     if x[last + POWER] > 0.5:
         u[FOLLOWED] = x[last + GOAL] - x[X.behind]
@@ -283,9 +281,9 @@ def recall_goal(p: Array, x: Array, last: int, u: Array) -> None:
 
 
 @bare
-def take_goal(p: Array, x: Array, held: int, u: Array) -> None:
-    """What a position drive is commanded by the command at `held` of x -> u (N_INPUTS,)."""
-    u[TARGET], u[ON] = x[held + GOAL], 1.0 if x[held + POWER] > 0.5 else 0.0
+def take_goal(p: Array, x: Array, queued: int, u: Array) -> None:
+    """Command of a position drive, at `queued` of x, into u (N_INPUTS,)."""
+    u[TARGET], u[ON] = x[queued + GOAL], 1.0 if x[queued + POWER] > 0.5 else 0.0
     if u[ON] == 0.0:
         u[TARGET], _ = read_motion(p, 0, x[0], x[3])
         u[FOLLOWED] = u[LAGGED] = u[TARGET]
@@ -294,7 +292,7 @@ def take_goal(p: Array, x: Array, held: int, u: Array) -> None:
 
 @bare
 def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weights: Array, y: Array) -> None:
-    """State x lives through one tick under `command` (N_COMMANDS,), in place; the rest is scratch that `begin` made."""
+    """Advance state x by one tick under `command` (N_COMMANDS,) in place, with the work memory of `begin`."""
     c1, c2 = p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
     record(x, modes[EVERY])
     tick, length = int(x[X.tick]), (x.size - X.queue) // QUEUED
@@ -310,7 +308,7 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
     couple(p, command[NEIGHBOUR], command[ARM], u)
     if p[P.link_drive] != TORQUE_DRIVE:
         u[BESIDE] += command[EXTERNAL]
-    if p[P.pulse_torque] != 0.0:  # its mean over the tick
+    if p[P.pulse_torque] != 0.0:  # mean over the tick
         overlap = min(age + period, p[P.pulse_stop]) - max(age, p[P.pulse_start])
         u[BESIDE] += p[P.pulse_torque] * max(overlap, 0.0) / period
     whole = floor(p[P.delay] / period + 1e-9)
@@ -320,22 +318,22 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
     positioned = p[P.link_drive] == POSITION_DRIVE
     if positioned:
         recall_goal(p, x, X.queue + QUEUED * ((tick - whole - 1) % length), u)
-    for piece in range(2):  # until the command of this tick arrives, and from then on
+    for piece in range(2):  # before and after the command of this tick arrives
         duration = rest if piece == 0 else period - rest
         if duration <= 0.0:
             continue
-        held = X.queue + QUEUED * ((tick - whole - (1 - piece)) % length)
-        u[TARGET] = saturated(p, 0, x[held + EXTERNAL])
+        queued = X.queue + QUEUED * ((tick - whole - (1 - piece)) % length)
+        u[TARGET] = saturated(p, 0, x[queued + EXTERNAL])
         for i in range(2):
             limit = p[P.torque_limit + i]
-            u[i] = x[held + i] if p[P.axis_kind + 1 + i] == SERVO else 0.0
-            u[TARGET + 1 + i] = saturated(p, 1 + i, min(max(x[held + i], -limit), limit))
+            u[i] = x[queued + i] if p[P.axis_kind + 1 + i] == SERVO else 0.0
+            u[TARGET + 1 + i] = saturated(p, 1 + i, min(max(x[queued + i], -limit), limit))
         if positioned:
-            take_goal(p, x, held, u)
+            take_goal(p, x, queued, u)
         supply(p, modes, x, u, 0.0)
         damping = 0.0
         if p[P.damper_site] != NO_DAMPER:
-            damping = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[held + DAMPING])
+            damping = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[queued + DAMPING])
         u[DAMPING] = damping + u[ON] * p[P.drive_damping]
         substeps = max(1, ceil(p[P.substeps] * duration / period - 1e-9))
         h = duration / substeps
@@ -356,7 +354,7 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
 
 @bare
 def begin(p: Array, x: Array, u: Array, modes: Array, weights: Array) -> None:
-    """Inputs, modes and weights before the first tick of a run from state x."""
+    """Initialise inputs, modes and weights for a run from state x."""
     weights[:] = nan
     modes[:] = 0
     u[:] = 0.0
@@ -365,12 +363,12 @@ def begin(p: Array, x: Array, u: Array, modes: Array, weights: Array) -> None:
     prepare(p, modes)
     modes[EVERY] = stride(p[P.tick])
     c1, c2 = p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
-    settle(p, c1, c2, x, u, modes)
+    find_modes(p, c1, c2, x, u, modes)
 
 
 @compiled
 def run(p: Array, s: Array, x: Array, commands: Array, measured: Array, truth: Array) -> None:
-    """N ticks of state x in place under commands (N, 5) -> measured (N+1, 9), truth (N+1, 16); row 0 is the start."""
+    """Advance state x by N ticks under commands (N, N_COMMANDS); store measured (N+1, 9) and truth (N+1, 16)."""
     c1, c2 = laws(p)
     u, modes, weights, y = np.zeros(N_INPUTS), np.zeros(N_MODES, np.int64), np.zeros((2, N_WEIGHTS)), np.zeros(9)
     begin(p, x, u, modes, weights)

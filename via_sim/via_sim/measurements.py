@@ -1,8 +1,8 @@
-"""What sensors read of a state: errors of the encoder first, then noise, then the quantiser; torques likewise.
+"""Measurements of a state: encoder error first, then noise, then quantisation; torques likewise.
 
-An encoder reads  angle(t - skew) + offset + sum_k amplitude_k sin(order_k angle + phase_k).  The angle `skew` ago is a
-cubic through motion kept in the state's ring of the past (one sample in every `stride` ticks), whose error is below
-1e-9 rad where motion has no more than 100 Hz.
+An encoder measures  angle(t - skew) + offset + sum_k amplitude_k sin(order_k angle + phase_k).  The angle `skew` ago is
+interpolated by a cubic between past samples, which the state keeps in a ring buffer (one in every `stride` ticks). The
+interpolation error is below 1e-9 rad for motion up to 100 Hz.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from via_sim.torques import (
     transmission_torque,
 )
 
-MAX_SKEW = 0.05  # [s] by which an encoder may be late
+MAX_SKEW = 0.05  # [s] largest delay of an encoder
 
 # Columns of the measured row and the truth row of one tick.
 _Measured = namedtuple(
@@ -43,7 +43,7 @@ _Truth = namedtuple(
 MEASURED: Any = _Measured(*range(9))
 TRUTH: Any = _Truth(*range(16))
 
-# Sensor row; a noise of NaN means 'not measured', a quantum of 0 'not quantised'.
+# Sensor row: a noise of NaN means not measured, a quantum of 0 not quantised.
 SensorSlots = namedtuple(
     "SensorSlots", "link_quantum motor_quantum link_noise motor_noise velocity_noise torque_noise link_torque_noise"
 )
@@ -52,7 +52,7 @@ S: Any = SensorSlots(*range(7))
 
 @bare
 def _uniform(seed: np.uint64, tick: np.uint64, channel: np.uint64) -> float:
-    """A uniform number in (0, 1) that is a pure function of its three counters (splitmix64 finaliser, twice)."""
+    """Uniform number in (0, 1), a pure function of three counters (splitmix64 finaliser, twice)."""
     z = seed * np.uint64(0xD1342543DE82EF95) + tick * np.uint64(32) + channel
     for _ in range(2):
         z += np.uint64(0x9E3779B97F4A7C15)
@@ -64,7 +64,7 @@ def _uniform(seed: np.uint64, tick: np.uint64, channel: np.uint64) -> float:
 
 @bare
 def noise(x: Array, channel: int) -> float:
-    """A standard normal number for this channel at this tick: Box-Muller on counters, no hidden state."""
+    """Standard normal number of a channel at the tick of state x: Box-Muller on counters, without hidden state."""
     seed, tick = np.uint64(x[X.seed]), np.uint64(x[X.tick])
     one = _uniform(seed, tick, np.uint64(2 * channel))
     two = _uniform(seed, tick, np.uint64(2 * channel + 1))
@@ -72,23 +72,23 @@ def noise(x: Array, channel: int) -> float:
 
 
 @bare
-def _read(true: float, deviation: float, quantum: float, x: Array, channel: int) -> float:
-    """A sensor: noise first, then the quantiser, as in an encoder."""
+def _read(true: float, sd: float, quantum: float, x: Array, channel: int) -> float:
+    """Measurement of a true value with noise of standard deviation `sd`, then quantisation."""
     value = true
-    if deviation != 0.0:
-        value += deviation * noise(x, channel)
+    if sd != 0.0:
+        value += sd * noise(x, channel)
     return quantum * np.rint(value / quantum) if quantum > 0.0 else value
 
 
 @bare
 def stride(period: float) -> int:
-    """Ticks of `period` [s] between two samples of the past that are kept."""
+    """Ticks of `period` [s] between two samples in the ring buffer."""
     return max(1, ceil(MAX_SKEW / period / (HISTORY - 2)))
 
 
 @bare
 def record(x: Array, every: int) -> None:
-    """The motion of this tick into the ring of the past, if it is its turn: every `every`-th is, see `stride`."""
+    """Store the motion of every `every`-th tick in the ring buffer, see `stride`."""
     tick = int(x[X.tick])
     if tick % every == 0:
         here = X.history + 6 * (tick // every % HISTORY)
@@ -98,13 +98,13 @@ def record(x: Array, every: int) -> None:
 
 @bare
 def past(p: Array, x: Array, axis: int) -> tuple[float, float]:
-    """Angle [rad] and velocity [rad/s] of an axis as long ago as its encoder is late."""
+    """Angle [rad] and velocity [rad/s] of an axis `skew` ago."""
     skew = p[P.skew + axis]
     if skew <= 0.0:
         return x[axis], x[3 + axis]
     period, tick = p[P.tick], int(x[X.tick])
     every = stride(period)
-    when = max(x[X.tick] - skew / period, 0.0)  # in ticks; before the first one nothing is known
+    when = max(x[X.tick] - skew / period, 0.0)  # [ticks]; nothing is known before tick 0
     before = int(when) // every * every
     after = before + every
     here = X.history + 6 * (before // every % HISTORY) + axis
@@ -120,7 +120,7 @@ def past(p: Array, x: Array, axis: int) -> tuple[float, float]:
 
 @bare
 def hermite(a: float, va: float, b: float, vb: float, h: float, share: float) -> tuple[float, float]:
-    """Value and slope at `share` (0 to 1) of an interval h [s] of the cubic with values a, b and slopes va, vb."""
+    """Value and slope at `share` (0 to 1) of an interval h [s] of the cubic with end values a, b and slopes va, vb."""
     rest = 1.0 - share
     bend_a, bend_b = h * va - (b - a), (b - a) - h * vb
     value = rest * a + share * b + share * rest * (rest * bend_a + share * bend_b)
@@ -130,9 +130,9 @@ def hermite(a: float, va: float, b: float, vb: float, h: float, share: float) ->
 
 @bare
 def dissipated_torque(p: Array, x: Array) -> float:
-    """Torque [N m] in the clutch of a rigid joint, positive as d qd: its damper's and the dry friction at the link.
+    """Torque [N m] that damper and dry friction of a rigid joint dissipate, with the sign of d qd.
 
-    At standstill friction takes what the external torque, gravity and a wall ask of it, up to breakaway.
+    At standstill friction balances external torque, gravity and a wall, up to breakaway.
     """
     speed, load = x[3], x[X.external] - x[X.beside]
     if speed != 0.0 and not feels_both_sides(p, 0):
@@ -146,14 +146,14 @@ def dissipated_torque(p: Array, x: Array) -> float:
         direction = 1 if speed > 0.0 else -1
         dry = direction * dry_friction(p, 0, direction, abs(speed), load, counter)
         return x[X.damping] * speed + dry + x[X.bristle]
-    asked = x[X.external] + outside - x[X.bristle]
+    needed = x[X.external] + outside - x[X.bristle]
     least, most = -breakaway(p, 0, -1, load, counter), breakaway(p, 0, 1, load, counter)
-    return min(max(asked, least), most) + x[X.bristle]
+    return min(max(needed, least), most) + x[X.bristle]
 
 
 @bare
 def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array, truth: Array) -> None:
-    """What sensors s read of state x -> measured (9,), and what is -> truth (16,). NaN: no such axis or no sensor."""
+    """Measured row (9,) and truth row (16,) of state x with sensors s; NaN without the axis or its sensor."""
     transmissions = int(p[P.transmissions])
     age = p[P.origin] + x[X.tick] * p[P.tick]
     for i in range(6):
@@ -183,12 +183,12 @@ def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array,
     for i in range(3):
         measured[MEASURED.q + i] = measured[MEASURED.q_velocity + i] = nan
         if p[P.axis_kind + i] != 0.0:
-            quantum, deviation = s[S.motor_quantum], s[S.motor_noise]
+            quantum, sd = s[S.motor_quantum], s[S.motor_noise]
             if i == 0:
-                quantum, deviation = s[S.link_quantum], s[S.link_noise]
+                quantum, sd = s[S.link_quantum], s[S.link_noise]
             angle, speed = past(p, x, i)
             angle, speed = read_motion(p, i, angle, speed)
-            measured[MEASURED.q + i] = _read(angle, deviation, max(quantum, p[P.encoder_quantum + i]), x, i)
+            measured[MEASURED.q + i] = _read(angle, sd, max(quantum, p[P.encoder_quantum + i]), x, i)
             measured[MEASURED.q_velocity + i] = _read(speed, s[S.velocity_noise], 0.0, x, 5 + i)
     if transmissions == 0:
         link_torque = dissipated_torque(p, x)
@@ -198,7 +198,7 @@ def observe(p: Array, c1: Array, c2: Array, s: Array, x: Array, measured: Array,
 
 @bare
 def sense(p: Array, x: Array, motion: Array) -> None:
-    """Angles as encoders read them, but for noise and steps, and their velocities -> motion (6,)."""
+    """Measured angles and velocities without noise and quantisation into motion (6,)."""
     for i in range(3):
         angle, speed = past(p, x, i)
         motion[i], motion[3 + i] = read_motion(p, i, angle, speed)

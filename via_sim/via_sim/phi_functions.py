@@ -1,7 +1,7 @@
 """phi functions of exponential integrators: phi_0 = exp(z), phi_k(z) = int_0^1 exp((1-s) z) s^(k-1) / (k-1)! ds.
 
-They obey phi_{k+1}(z) = (phi_k(z) - 1/k!) / z, which cancels near z = 0: there phi_4 is summed as its Taylor series
-sum_n z^n / (n+4)! and the recursion is run downwards, phi_k = z phi_{k+1} + 1/k!, which only adds.
+The recursion phi_{k+1}(z) = (phi_k(z) - 1/k!) / z suffers from cancellation near z = 0. There phi_4 is summed as its
+Taylor series sum_n z^n / (n+4)!, and the recursion is evaluated downwards: phi_k = z phi_{k+1} + 1/k!.
 Source: Hochbruck, Ostermann, Exponential integrators, Acta Numerica 19 (2010), section 2.
 """
 
@@ -9,7 +9,7 @@ from math import exp, expm1
 
 from numba import njit
 
-_SWITCH = -2.0  # for z below it upward loses < 2 digits; above it 24 terms reach 1e-17
+_SWITCH = -2.0  # below it the upward recursion loses < 2 digits; above it the series reaches 1e-17
 
 
 @njit(cache=True, error_model="numpy")
@@ -21,7 +21,7 @@ def phi_functions(z: float) -> tuple[float, float, float, float, float]:
         p3 = (p2 - 0.5) / z
         p4 = (p3 - 1.0 / 6.0) / z
         return exp(z), p1, p2, p3, p4
-    p4, most = 0.0, 11 if z > -0.02 else 15 if z > -0.25 else 27  # terms that count
+    p4, most = 0.0, 11 if z > -0.02 else 15 if z > -0.25 else 27  # terms above rounding
     for n in range(most, 4, -1):  # Horner: 1/4! (1 + z/5 (1 + z/6 (...)))
         p4 = (p4 + 1.0) * z / n
     p4 = (p4 + 1.0) / 24.0

@@ -1,4 +1,4 @@
-"""JointPlant: one joint as a parameter row and a pure right-hand side; `from_device` is the nominal model."""
+"""JointPlant: parameter row and right-hand side of one joint; `from_device` is the nominal model."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ from via_sim.parameters import (
 from via_sim.torques import ACTING, DAMPING, GOAL, N_INPUTS, ON, POWER, SPRING, X, spring_factor
 
 GRAVITY = 9.80665  # [m/s^2]
-MAX_SUBSTEPS = 4096  # per tick; beyond it a parameter row is refused
-_LAG_STEPS = 20.0  # per tick
-_STEP = 0.25  # substep times fastest explicit rate: error of one period of that mode near 1e-5 of its amplitude
+MAX_SUBSTEPS = 4096  # largest number per tick
+_LAG_STEPS = 20.0  # largest number of substeps per tick for a lag
+_STEP = 0.25  # substep times fastest explicit rate: relative error per period of that mode near 1e-5
 
 
 @dataclass(frozen=True)
 class JointPlant:
     """One joint.
 
-    device      what it was built from: arrangement, drive, names
-    parameters  (N_PARAMETERS,) the row of via_sim.parameters, effects included, locked
-    effects     the effects that the row holds beside the device
+    device      device that it was made from: arrangement, drive, names
+    parameters  (N_PARAMETERS,) parameter row with effects, locked
+    effects     effects in the row
     """
 
     device: Device
@@ -62,11 +62,11 @@ class JointPlant:
 
     @staticmethod
     def from_device(device: Device) -> JointPlant:
-        """The nominal plant of a device file: everything the file says, no effects."""
+        """The nominal plant of a device, without effects."""
         return JointPlant(device, _row_of(device))
 
     def with_effects(self, effects: Sequence[Effect]) -> JointPlant:
-        """The nominal plant of this device with exactly these effects; those it had before are gone.
+        """The nominal plant of this device with exactly these effects, which replace its present ones.
 
         Raises ParameterError where an effect does not fit this joint (no such motor, no transmission, a servo drive).
         """
@@ -75,9 +75,9 @@ class JointPlant:
         return JointPlant(self.device, row, tuple(effects))
 
     def at_rate(self, rate: float) -> Array:
-        """The row (N_PARAMETERS,) for commands held over 1/rate [s]: tick and substeps filled in.
+        """The row (N_PARAMETERS,) for ticks of 1/rate [s], with tick and substeps set.
 
-        Raises ParameterError for an impossible rate, or a joint too stiff for it.
+        Raises ParameterError for an invalid rate, or one too low for a stiff joint.
         """
         if not (np.isfinite(rate) and rate > 0.0):
             raise ParameterError(f"rate must be finite and > 0 Hz, got {rate}")
@@ -87,16 +87,16 @@ class JointPlant:
         return row
 
     def derivative(self, state: ArrayLike, inputs: ArrayLike) -> Array:
-        """d/dt of (q, theta_1, theta_2, qd, thd_1, thd_2) (6,): pure in parameters, state and input.
+        """d/dt (6,) of the state (q, theta_1, theta_2, qd, thd_1, thd_2).
 
-        inputs (4,): torque of motor 1 and 2 [N m] (of a position drive its goal [rad] and 1, or 0 to switch it off),
-        damping [N m s/rad], external torque at the link [N m]. Axes the
-        joint does not have stay at zero, servo axes report their velocity and no acceleration (their motion is closed).
+        inputs (4,): torque of motor 1 and 2 [N m] (of a position drive its goal [rad] and 1 or 0 for on or off),
+        damping [N m s/rad], external torque at the link [N m]. Absent axes have zero derivatives, servo axes zero
+        acceleration (their motion has a closed form).
         """
         x, u = np.array(state, dtype=np.float64), np.array(inputs, dtype=np.float64)
         if x.shape != (6,) or u.shape != (4,):
             raise ParameterError(f"derivative needs state (6,) and inputs (4,), got {x.shape} and {u.shape}")
-        row, out = self.parameters.copy(), np.empty(6)  # a locked row would be another type to numba
+        row, out = self.parameters.copy(), np.empty(6)  # numba would compile again for a read-only row
         state_row, inputs_row = np.zeros(X.queue), np.zeros(N_INPUTS)
         state_row[:6], inputs_row[:4] = x, u
         if row[P.link_drive] == POSITION_DRIVE:
@@ -141,7 +141,7 @@ def _row_of(device: Device) -> Array:
         start = P.spring + i * N_COEFFICIENTS
         row[P.spring_kind + i] = law.kind
         row[start : start + N_COEFFICIENTS] = law.coefficients()
-        if law.kind not in (MACCEPA, TWO_LEVER):  # those are periodic; the others explode or end beyond their stop
+        if law.kind not in (MACCEPA, TWO_LEVER):  # these are periodic; others overflow or end beyond their stop
             row[P.stop + i] = law.max_deflection
     if device.damper is not None and device.damper_map is not None:
         row[P.damper_site] = AT_LINK if device.damper.site == "link" else AT_TRANSMISSION
@@ -151,13 +151,13 @@ def _row_of(device: Device) -> Array:
 
 
 def substeps_for(row: Array, device: Device) -> float:
-    """Integration steps per tick that resolve whatever the exponential leaves explicit, at its stiffest.
+    """Integration steps per tick that resolve the fastest explicit terms of the integrator.
 
-    A spring against an inertia has rate w = sqrt(sigma / M), or w^2 / a where viscous friction (rate a) overdamps it;
-    a damper in the transmission couples at d (1/M + 1/B); the falling Stribeck curve drives an axis away from rest at
-    most at .86 (breakaway - kinetic) / (stribeck_velocity inertia), and so does what a load adds there. Of effects,
-    hysteresis, bristles, walls and ripple are springs; a lag is worth at most `_LAG_STEPS` steps, shorter ones act
-    with their value halfway. Raises ParameterError beyond MAX_SUBSTEPS.
+    A spring against an inertia has rate w = sqrt(sigma / M), or w^2 / a where viscous friction (rate a) overdamps it. A
+    damper in the transmission couples with d (1/M + 1/B). The falling Stribeck curve accelerates an axis from rest with
+    a rate up to 0.86 (breakaway - kinetic) / (stribeck_velocity inertia); so does friction that a load adds there.
+    Hysteresis, bristles, walls and ripple count as springs. A lag needs at most `_LAG_STEPS` steps.
+    Raises ParameterError beyond MAX_SUBSTEPS.
     """
     stiffness, coupled = _stiffest(row, device), float(device.damping_of(1.0))
     if row[P.damper_site] != AT_TRANSMISSION:
@@ -193,7 +193,7 @@ def substeps_for(row: Array, device: Device) -> float:
 
 
 def _load_excess(row: Array, axis: int) -> float:
-    """Friction [N m] that standstill adds under the loads a row speaks of: gravity, drives at their torque limits."""
+    """Increase of friction [N m] at standstill under the largest known load: gravity, drives at their limits."""
     limits = np.append(row[P.torque_limit : P.torque_limit + 2], row[P.drive_torque_limit])
     load = max(abs(row[P.gravity_torque]), *limits[np.isfinite(limits)], 0.0)
     excess = (row[P.load_stribeck + axis] + row[P.counter_stribeck + axis]) * load
@@ -201,7 +201,7 @@ def _load_excess(row: Array, axis: int) -> float:
 
 
 def _stiffest(row: Array, device: Device) -> Array:
-    """Largest stiffness (3,) [N m/rad] that each axis feels."""
+    """Largest stiffness (3,) [N m/rad] on each axis."""
     stiffness = np.zeros(3)
     for i, law in enumerate(device.spring_laws):
         harder = 1.0 + 3.0 * max(row[P.spring_hardening + i], 0.0) * law.max_deflection**2
@@ -222,6 +222,6 @@ def _stiffest(row: Array, device: Device) -> Array:
 
 @lru_cache(maxsize=256)
 def _steepest(law: SpringLaw) -> float:
-    """Largest stiffness [N m/rad] of a law within its stops."""
+    """Largest stiffness [N m/rad] of a spring law within its stops."""
     phi = np.linspace(-law.max_deflection, law.max_deflection, 129)
     return max(float(np.max(np.abs(law.stiffness(phi, preset)))) for preset in (0.0, 1.0, 2.0))

@@ -1,6 +1,6 @@
-"""Sensors: what a device measures with. Quantised, noisy, decimated; what is not measured is NaN, never zero.
+"""Sensors of a device: quantisation, noise, sample rate. Unmeasured quantities are NaN, never zero.
 
-Noise is a pure function of (seed, tick, channel): stepping, batch and any order of evaluation give the same bits.
+Noise is a pure function of (seed, tick, channel): steps, batches and any order of evaluation give the same bits.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from via_sim.measurements import S
 
 @dataclass(frozen=True)
 class Sensors:
-    """Standard deviations of zero and quanta of zero are ideal sensors; None means there is no such sensor."""
+    """Parameters of the sensors; zero noise and zero quantum are ideal, None means there is no such sensor."""
 
     link_quantum: float = 0.0  # [rad] encoder step
     motor_quantum: float = 0.0  # [rad]
@@ -26,7 +26,7 @@ class Sensors:
     motor_noise: float = 0.0  # [rad]
     velocity_noise: float | None = None  # [rad/s]
     torque_noise: float = 0.0  # [N m] motor torque
-    link_torque_noise: float | None = None  # [N m] flexibility torque at the link, in a rigid joint dissipation torque
+    link_torque_noise: float | None = None  # [N m] spring torque at the link; of a rigid joint the dissipated torque
     rate: float | None = None  # [Hz] of the samples; None means every tick
 
     def __post_init__(self) -> None:
@@ -38,7 +38,7 @@ class Sensors:
 
     @staticmethod
     def of_device(device: Device) -> Sensors:
-        """The sensors a device file describes; its rate is the tick rate to use, so none is set here."""
+        """Sensors of a device file; the rate is left at None because the file's rate is the tick rate."""
         given = device.sensors
         return Sensors(
             link_quantum=given.link_quantum or 0.0,
@@ -48,7 +48,7 @@ class Sensors:
         )
 
     def row(self) -> Array:
-        """The row (7,) that the compiled kernel reads."""
+        """Sensor row (7,) of the compiled kernel."""
         return np.array([nan if (value := getattr(self, name)) is None else value for name in S._fields])
 
     def decimation(self, tick_rate: float) -> int:

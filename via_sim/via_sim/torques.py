@@ -1,18 +1,18 @@
-"""The torques of one joint, compiled: what the simulator integrates and what the equations of a log are made of.
+"""Torques of one joint, compiled; the simulator integrates them, and the equations of a log contain them.
 
 Equations (notation.md), for the axes link (M, q), motor 1 and motor 2 (B_i, theta_i), phi_i = q - theta_i:
 
-    M qdd     + (Dq + d) qd + F_q    = tau_ext - sum_i tau_e,i(phi_i) - g(q) + what effects add
-    B_i thdd_i + Dth_i thd_i + F_i   = tau_i + tau_e,i(phi_i) + what effects add
+    M qdd     + (Dq + d) qd + F_q    = tau_ext - sum_i tau_e,i(phi_i) - g(q) + effects
+    B_i thdd_i + Dth_i thd_i + F_i   = tau_i + tau_e,i(phi_i) + effects
 
-**Sets, not smoothed signs.** Within a step each axis with friction either slips one way or is stuck (acceleration zero,
-friction takes whatever it must), each transmission is in its gap or on one flank, its Maxwell element sticks or slips,
-the wall is touched or not; so the right-hand side is smooth. `modes` says which, `settle` finds them from a state, and
-`violation` says how far a state has left them.
+**Set-valued friction, no smoothed signs.** Within a step each axis with friction slips in one direction or sticks (zero
+acceleration, friction balances all torque). Each transmission is within its gap or on one flank, its Maxwell element
+sticks or slips, the wall is touched or not. The right-hand side is therefore smooth. `modes` stores these cases,
+`find_modes` determines them from a state, and `violation` measures how far a state is outside of them.
 
-**Memory runs on travel.** Dahl's bristle dF/dx = s (1 - F sgn(v)/F_c) and the Maxwell slip element depend on the way
-alone, not on speed. Within a mode both are closed forms of the travel since the step began, so that simulator (stages
-of a step) and equations (samples of an encoder, never differentiated) share them and neither needs an integrator.
+**Memory is a function of travel.** Dahl's bristle dF/dx = s (1 - F sgn(v)/F_c) and the Maxwell slip element depend on
+travel and not on speed. Within a mode both are closed forms of the travel since the beginning of the step. The
+simulator (stages of a step) and the equations (encoder samples, never differentiated) share them without an integrator.
 Sources: Dahl, A solid friction model, Aerospace Corp. TOR-0158 (1968); Piiroinen, Kuznetsov, An event-driven method to
 simulate Filippov systems, ACM TOMS 34 (2008).
 """
@@ -31,16 +31,19 @@ from via_sim.friction import breakaway, bristle_torque, dry_friction, feels_both
 from via_sim.parameters import AT_TRANSMISSION, POSITION_DRIVE, RIPPLE_HARMONICS, TORQUE_DRIVE, P
 from via_sim.position_drive import drive_torque
 
-HISTORY = 34  # samples of the past that a late encoder is read from
+HISTORY = 34  # past samples in the ring buffer for late encoders
 
-# State row, everything there is to know of a joint at a tick; X says where each part begins:
-#   position (3) [rad] and velocity (3) [rad/s] of link, motor 1, motor 2; tick: number of this one; seed of the noise;
-#   reported_torque (2) [N m] commanded over the last tick; motor_torque (2) [N m] or [rad], damping [N m s/rad] and
-#   external torque [N m] that then acted, and what of it was beside the drive of a rigid joint;
-#   bristle (3) and hysteresis (2): torques [N m] of the elements with memory;
-#   lag (3) [N m]: drive torques behind the lag, of a position drive [rad] how far its goal is behind it; behind [rad]:
-#   how far its goal is behind the command's for the speed limit; history (HISTORY, 6): motion at past ticks, a ring;
-#   queue (L, QUEUED): the last L commands, a ring by tick, for the dead time.
+# State row: the full state of a joint at a tick; X is the first column of each part.
+#   position (3) [rad], velocity (3) [rad/s]  of link, motor 1, motor 2
+#   tick, seed             number of the tick, seed of the noise
+#   reported_torque (2)    [N m] commanded during the last tick
+#   motor_torque (2), damping, external  [N m or rad, N m s/rad, N m] that acted during the last tick
+#   beside                 [N m] part of `external` that is not from the drive of a rigid joint
+#   bristle (3), hysteresis (2)  [N m] torques of the elements with memory
+#   lag (3)                [N m] drive torques behind the lag; of a position drive [rad] the distance of its goal
+#   behind                 [rad] distance of a position drive's goal from the commanded one due to the speed limit
+#   history (HISTORY, 6)   motion at past ticks, a ring buffer
+#   queue (L, QUEUED)      the last L commands, a ring buffer for the dead time
 State = namedtuple(
     "State",
     "position velocity tick seed reported_torque motor_torque damping external beside bristle hysteresis lag behind "
@@ -48,37 +51,38 @@ State = namedtuple(
 )
 X: Any = State(0, 3, 6, 7, 8, 10, 12, 13, 14, 15, 18, 20, 23, 24, 24 + 6 * HISTORY)
 
-# Command row, held over a tick: motor 1, motor 2 [N m or rad], damping [-], external torque at the link [N m], angle of
-# the neighbour joint [rad], torque of the rest of an arm on the link [N m]. The first QUEUED wait out the dead time.
-# A position drive has no motors: in their places stand its goal [rad] and whether it is on (1) or off (0).
+# Command row, constant during a tick: motor 1, motor 2 [N m or rad], damping [-], external torque at the link [N m],
+# angle of the neighbour joint [rad], torque of the other joints of an arm on the link [N m]. The dead time applies to
+# the first QUEUED of them. A position drive has its goal [rad] and 1 (on) or 0 (off) in place of the motors.
 N_COMMANDS, QUEUED = 6, 4
 M1, M2, DAMPING, EXTERNAL, NEIGHBOUR, ARM = range(N_COMMANDS)
 GOAL, POWER = M1, M2
 
-# Inputs u of the equations: torque on motor 1, motor 2 [N m] (position [rad] of a servo), damping [N m s/rad], torque
-# on the link [N m]; factors of the two springs [-]; what the drives of link, motor 1, motor 2 are commanded [N m, the
-# goal of a position drive: rad], and what acts on these axes beside their drives [N m]; of a position drive the goal
-# that acts [rad], whether it is on, its goal when the step began behind the speed limit and behind the lag [rad].
+# Inputs u of the equations: torque on motor 1, motor 2 [N m] (command [rad] of a servo), damping [N m s/rad], torque on
+# the link [N m]; from SPRING on factors of the two springs [-]; from TARGET on commands to the drives of link, motor 1,
+# motor 2 [N m, goal of a position drive rad]; from BESIDE on torques on these axes that are not from drives [N m]. Of a
+# position drive: ACTING goal [rad], ON 1 or 0, goal at the beginning of the step behind the speed limit (FOLLOWED) and
+# behind the lag (LAGGED) [rad].
 N_INPUTS = 16
 SPRING, TARGET, BESIDE, ACTING, ON, FOLLOWED, LAGGED = 4, 6, 9, 12, 13, 14, 15
 
-# Modes: of the three axes STUCK, SMOOTH (no dry friction) or slip direction -1, +1; of the two transmissions the flank
-# they lie on, 0 within the gap; of their Maxwell elements 0 or slip direction; whether the wall is touched; whether
-# anything can switch at all; whether any rare term is there; whether the drives lag; ticks between records of the past;
-# of the three axes the harmonics of their ripple, up to the last that is not zero.
+# Modes: of the three axes STUCK, SMOOTH (no dry friction) or slip direction -1, +1; FLANK of the two transmissions, 0
+# within the gap; SLIP direction of their Maxwell elements, 0 sticking; TOUCH: wall touched; SWITCHES: any mode can
+# change; RARE: any rare term; LAGS: the drives lag; EVERY: ticks between samples in the ring buffer; RIPPLES of the
+# three axes: number of harmonics, up to the last that is not zero.
 STUCK, SMOOTH, FLANK, SLIP, TOUCH, SWITCHES, RARE, LAGS, EVERY, RIPPLES = 0, 2, 3, 5, 7, 8, 9, 10, 11, 12
 N_MODES = 15
 
 
 @compiled
 def laws(p: Array) -> tuple[Array, Array]:
-    """Coefficient rows of the two springs."""
+    """Coefficients of the two spring laws, slices of row p."""
     return p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
 
 
 @bare
 def prepare(p: Array, modes: Array) -> None:
-    """What a parameter row never changes of modes (N_MODES,): which kinds of terms there are."""
+    """Set the entries of modes (N_MODES,) that are constant for a parameter row: RIPPLES, RARE, LAGS."""
     rare = p[P.contact_stiffness] > 0.0
     for i in range(3):
         modes[RIPPLES + i] = 0
@@ -93,25 +97,25 @@ def prepare(p: Array, modes: Array) -> None:
 
 @bare
 def deflection(p: Array, i: int, q: float, motor: float) -> float:
-    """phi_i [rad] as the spring has it."""
+    """Deflection phi_i [rad] of spring i."""
     return q - motor if p[P.serial] != 0.0 else q - motor - p[P.pretension_offset + i]
 
 
 @bare
 def preset_of(p: Array, i: int, m1: float, m2: float) -> float:
-    """Angle [rad] of the motor that the law of spring i depends on beside its deflection."""
+    """Motor angle [rad] that is the second argument of spring law i."""
     return (m2 if p[P.serial] != 0.0 or i == 1 else m1) + p[P.pretension_offset + i]
 
 
 @bare
 def spring_factor(p: Array, i: int, age: float) -> float:
-    """Torque of spring i per torque of its law [-], `age` [s] after the run began."""
+    """Torque of spring i relative to its spring law [-] at the age `age` [s] of the run."""
     return p[P.spring_scale + i] * max(1.0 + p[P.stiffness_rate + i] * age, 0.0)
 
 
 @bare
 def _hardened(hardening: float, phi: float, stop: float) -> float:
-    """Torque per torque of the law; beyond the law's range a softened spring is slack: no joint runs away for ever."""
+    """Torque relative to the spring law; beyond the stop never negative: a softened spring is slack there."""
     share = 1.0 + hardening * phi * phi
     return share if abs(phi) <= stop else max(share, 0.0)
 
@@ -127,7 +131,7 @@ def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, f
     kind, stop = int(p[P.spring_kind + i]), p[P.stop + i]
     if p[P.spring_hardening + i] != 0.0:
         factor *= _hardened(p[P.spring_hardening + i], phi, stop)
-    if abs(phi) > stop:  # along the tangent: beyond its stop a law explodes or ends
+    if abs(phi) > stop:  # continue along the tangent: spring laws overflow or end beyond their stop
         edge = copysign(stop, phi)
         slope = max(spring_stiffness(kind, c, edge, preset), 0.0)
         return factor * (spring_torque(kind, c, edge, preset) + slope * (phi - edge))
@@ -136,7 +140,7 @@ def transmission_torque(p: Array, c: Array, i: int, phi: float, preset: float, f
 
 @bare
 def transmission_stiffness(p: Array, c: Array, i: int, phi: float, preset: float, factor: float) -> float:
-    """sigma_i [N m/rad] at deflection phi."""
+    """Stiffness sigma_i [N m/rad] at deflection phi."""
     gap = p[P.backlash + i]
     if gap > 0.0:
         if abs(phi) < 0.5 * gap:
@@ -159,7 +163,7 @@ def transmission_stiffness(p: Array, c: Array, i: int, phi: float, preset: float
 
 @bare
 def maxwell_torque(p: Array, i: int, slip: int, held: float, travel: float) -> float:
-    """Torque [N m] of the Maxwell element beside spring i after `travel` [rad] of deflection, from `held` [N m] on."""
+    """Torque [N m] of the Maxwell element parallel to spring i after `travel` [rad], starting at `held` [N m]."""
     if slip != 0:
         return slip * p[P.hysteresis_torque + i]
     return held + p[P.hysteresis_stiffness + i] * travel
@@ -167,7 +171,7 @@ def maxwell_torque(p: Array, i: int, slip: int, held: float, travel: float) -> f
 
 @bare
 def contact_torque(p: Array, q: float, w: float) -> float:
-    """Torque [N m] of the wall on a link that touches it: a spring and a damper that never pull."""
+    """Torque [N m] of the wall on a link that touches it: spring and damper, never pulling."""
     side = p[P.contact_side]
     push = p[P.contact_stiffness] * side * (q - p[P.contact_angle]) + p[P.contact_damping] * side * w
     return -side * max(push, 0.0)
@@ -175,7 +179,7 @@ def contact_torque(p: Array, q: float, w: float) -> float:
 
 @bare
 def ripple_torque(p: Array, axis: int, angle: float, harmonics: int) -> float:
-    """Torque [N m] that an axis has over its angle and nobody commanded: the sum of its first harmonics."""
+    """Ripple torque [N m] of an axis at `angle` [rad]: the sum of its first `harmonics`."""
     torque = 0.0
     for k in range(harmonics):
         here = 3 * k + axis
@@ -185,7 +189,7 @@ def ripple_torque(p: Array, axis: int, angle: float, harmonics: int) -> float:
 
 @bare
 def _rare_torque(p: Array, modes: Array, x: Array, axis: int, angle: float, speed: float) -> float:
-    """Terms [N m] of one axis that most joints lack."""
+    """Rare torques [N m] of one axis: quadratic drag, bristle, ripple."""
     torque = -p[P.quadratic_drag + axis] * speed * abs(speed)
     if p[P.bristle_torque + axis] > 0.0:
         torque -= bristle_torque(p, axis, modes[axis], x[X.bristle + axis], angle - x[axis])
@@ -199,11 +203,10 @@ def motive_torques(
     p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
     q: float, m1: float, m2: float, w: float, w1: float, w2: float,
 ) -> tuple[float, float, float, float, float, float]:  # fmt: skip
-    """Torque [N m] on link, motor 1 and motor 2 but for their own friction; then the loads on them.
+    """Torque [N m] on link, motor 1 and motor 2 without their own friction; then the loads on them, see friction.py.
 
-    modes (N_MODES,); u (N_INPUTS,); x: state at which the step began, whose memory counts; angles q, m1, m2 [rad];
-    velocities w, w1, w2 [rad/s]. The load on a link is the torque of its transmissions, of a rigid joint that of its
-    drive; on a motor that of its own transmission. See friction.py.
+    x is the state at the beginning of the step, with its elements with memory; angles q, m1, m2 [rad] and velocities
+    w, w1, w2 [rad/s] are those of the stage.
     """
     link, first, second = u[EXTERNAL], u[M1], u[M2]
     load, load1, load2 = link - u[BESIDE], 0.0, 0.0
@@ -224,7 +227,7 @@ def motive_torques(
         link -= torque
         second += torque
         load, load2 = load - torque, torque
-    if p[P.damper_site] == AT_TRANSMISSION:  # of transmission 1; the diagonal part is in `viscous_rate`
+    if p[P.damper_site] == AT_TRANSMISSION:  # at transmission 1; the diagonal part is in `viscous_rate`
         link += u[DAMPING] * w1
         first += u[DAMPING] * w
     if modes[RARE] != 0:
@@ -239,7 +242,7 @@ def motive_torques(
             h1 = maxwell_torque(p, 0, modes[SLIP], x[X.hysteresis], (q - m1) - (x[0] - x[1]))
         if p[P.hysteresis_torque + 1] > 0.0:
             h2 = maxwell_torque(p, 1, modes[SLIP + 1], x[X.hysteresis + 1], (q - m2) - (x[0] - x[2]))
-        link += d1 * w1 + d2 * w2 - h1 - h2  # of the dampers only what couples, as above
+        link += d1 * w1 + d2 * w2 - h1 - h2  # only the coupling part of the dampers, as above
         first += d1 * w + h1
         second += d2 * w + h2
     return link, first, second, load, load1, load2
@@ -247,9 +250,9 @@ def motive_torques(
 
 @bare
 def counter_torque(p: Array, modes: Array, u: Array, axis: int, q: float, w: float) -> float:
-    """Torque [N m] on an axis from the side that its load does not come from; 0 where its friction does not need it.
+    """Counter torque [N m] on an axis, see friction.py; 0 where its friction does not depend on it.
 
-    modes (N_MODES,), u (N_INPUTS,), angle q [rad] and velocity w [rad/s] of the link. See friction.py.
+    q [rad] and w [rad/s] are angle and velocity of the link.
     """
     if not feels_both_sides(p, axis):
         return 0.0
@@ -264,8 +267,8 @@ def counter_torque(p: Array, modes: Array, u: Array, axis: int, q: float, w: flo
 
 
 @bare
-def settle(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array) -> None:
-    """The modes that state x is in -> modes (N_MODES,), already prepared."""
+def find_modes(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array) -> None:
+    """Modes of state x into modes (N_MODES,), after `prepare`."""
     modes[SWITCHES] = 0
     for i in range(2):
         half = 0.5 * p[P.backlash + i]
@@ -307,7 +310,7 @@ def settle(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array) -> 
 def _driven(
     p: Array, modes: Array, u: Array, axis: int, torque: float, speed: float, load: float, q: float, w: float
 ) -> float:
-    """Torque [N m] that accelerates an axis in its mode, dry friction included; q, w: angle and speed of the link."""
+    """Torque [N m] on an axis with dry friction in its mode; q, w: angle and velocity of the link."""
     mode = modes[axis]
     if mode == STUCK:
         return 0.0
@@ -322,7 +325,7 @@ def forced(
     p: Array, c1: Array, c2: Array, modes: Array, u: Array, x: Array,
     q: float, m1: float, m2: float, w: float, w1: float, w2: float,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Torque [N m] on each axis but for its viscous friction: what the exponential does not cover."""
+    """Torque [N m] on each axis without its viscous friction, which the exponential integrator covers."""
     t0, t1, t2, l0, l1, l2 = motive_torques(p, c1, c2, modes, u, x, q, m1, m2, w, w1, w2)
     return (
         _driven(p, modes, u, 0, t0, w, l0, q, w),
@@ -333,7 +336,7 @@ def forced(
 
 @bare
 def violation(p: Array, c1: Array, c2: Array, x: Array, y: Array, u: Array, modes: Array) -> float:
-    """How far state y, reached from x, lies outside the modes it was reached in; <= 0 inside. Continuous in y."""
+    """Violation of the modes by state y, reached from x: > 0 outside; continuous in y."""
     worst = -inf
     t = motive_torques(p, c1, c2, modes, u, x, y[0], y[1], y[2], y[3], y[4], y[5])
     for i in range(3):
@@ -362,7 +365,7 @@ def violation(p: Array, c1: Array, c2: Array, x: Array, y: Array, u: Array, mode
 
 @bare
 def remember(p: Array, modes: Array, x: Array, y: Array) -> None:
-    """Elements with memory go along from the angles of x to those of y, in place in x; y (>= 3,) holds angles."""
+    """Advance the elements with memory in x from the angles of x to those of y (>= 3,)."""
     for i in range(3):
         if p[P.bristle_torque + i] > 0.0:
             x[X.bristle + i] = bristle_torque(p, i, modes[i], x[X.bristle + i], y[i] - x[i])
