@@ -1,4 +1,4 @@
-"""Equations of a record: what simulates also explains; the plant that made a log leaves nothing, another one does."""
+"""Equations of a record balance with the plant that made the log, and not with another plant."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ SPAN = 60  # samples of a window
 
 
 def commands(device, channels=None) -> Signals:
-    """Torques [N m] (angles [rad] of servos) that swing the joint through all it does."""
+    """Torques [N m] (angles [rad] of servos) that move the joint through its range."""
     time = np.arange(round(SECONDS * RATE)) / RATE
     ramp = np.minimum(time / 0.3, 1.0)
     wave = ramp * (1.2 * np.sin(5.0 * time) + 0.6 * np.sin(13.0 * time + 1.0))
@@ -37,7 +37,7 @@ def commands(device, channels=None) -> Signals:
 
 
 def recorded(plant, sent) -> Record:
-    """Noise-free readings of the joint, velocities measured."""
+    """Noise-free record of the joint with measured velocities."""
     run = simulate(plant, sent, SECONDS - 1.0 / RATE, RATE).measured
     velocity = np.zeros((len(run), 3))
     velocity[:, 0] = run["q_velocity"]
@@ -47,7 +47,7 @@ def recorded(plant, sent) -> Record:
 
 
 def residual(plant, record) -> np.ndarray:
-    """(windows, 3) inertia <angle, psi''> - <torque, psi> [N m], windows in which an axis nearly stands left out."""
+    """(windows, 3) inertia <angle, psi''> - <torque, psi> [N m]; NaN for windows with an axis nearly at standstill."""
     found = equation_torques(plant.parameters, record)
     W = window_weights(4, record.time[: SPAN + 1])
     starts = np.arange(100, len(record) - SPAN - 1, 7)
@@ -59,7 +59,7 @@ def residual(plant, record) -> np.ndarray:
 
 
 def largest(values) -> np.ndarray:
-    """(3,) of each axis."""
+    """Largest magnitude (3,) of each axis."""
     return np.nanmax(np.abs(values), axis=0, initial=0.0)
 
 
@@ -70,7 +70,7 @@ def worst(values) -> float:
 GRAVITY = "{inertia: 0.02, viscous_friction: 0.1, gravity_torque: 0.3, gravity_angle: 0.2}"
 MOTOR = "{inertia: 0.01, viscous_friction: 0.1}"
 JOINTS = (flexible(10.0, GRAVITY, MOTOR), antagonistic(GRAVITY), rigid(GRAVITY), serial_servo())
-SILENT = {"encoder_quantisation", "torque_gain-sensor", "torque_bias-sensor"}  # no equation to bend: told below
+SILENT = {"encoder_quantisation", "torque_gain-sensor", "torque_bias-sensor"}  # they change no equation
 PLANTED = [
     pytest.param(joint, Effect(name, site, SIZES[name], motor), id=f"{joint.arrangement}-{name}-{site}-{motor}")
     for joint in JOINTS
@@ -96,7 +96,7 @@ PLANTED += [
 
 
 @pytest.mark.parametrize(("joint", "effect"), PLANTED)
-def test_the_plant_that_made_a_log_leaves_nothing_of_it_and_the_nominal_one_does(joint, effect):
+def test_equations_balance_with_the_true_plant_and_not_with_the_nominal_one(joint, effect):
     nominal = JointPlant.from_device(joint)
     if (joint.arrangement, effect.name) == ("serial", "stribeck_friction"):  # as much as elsewhere would hold its link
         effect = Effect("stribeck_friction", "link", {"breakaway": 0.06, "kinetic": 0.02, "velocity": 0.5})
@@ -112,12 +112,12 @@ def test_the_plant_that_made_a_log_leaves_nothing_of_it_and_the_nominal_one_does
 
 
 @pytest.mark.parametrize("joint", [rigid, flexible, antagonistic])
-def test_a_nominal_joint_leaves_nothing(joint):
+def test_equations_of_a_nominal_joint_balance(joint):
     plant = JointPlant.from_device(joint())
     assert worst(residual(plant, recorded(plant, commands(plant.device)))) < 2e-4
 
 
-def test_measured_torques_drive_the_equations_as_well():
+def test_measured_torques_replace_commands():
     plant = JointPlant.from_device(antagonistic())
     sent = commands(plant.device, {"arm_torque": np.zeros(round(SECONDS * RATE))})
     run = simulate(plant, sent, 2.0, RATE).measured
@@ -137,8 +137,8 @@ WITH_MEMORY = ("presliding_friction", "hysteresis", "actuator_lag")
 
 
 @pytest.mark.parametrize("name", ["torque_saturation", "torque_ripple", "channel_skew", "actuator_delay", *WITH_MEMORY])
-def test_some_samples_are_as_they_are_among_all(name):
-    """Also those of effects that remember what came before the samples asked for."""
+def test_selected_samples_equal_those_of_the_whole_record(name):
+    """Includes effects with memory of samples before the selected ones."""
     joint = flexible()
     kind, nominal = EFFECTS[name], JointPlant.from_device(joint)
     site = next(place for place in places(name, joint) if place[0] in kind.sites)
@@ -155,8 +155,8 @@ def test_some_samples_are_as_they_are_among_all(name):
     [("torque_limit", 0, 0.4), ("saturation", 1, 0.3), ("delay", 0, 0.0123), ("sensed_gain", 1, 1.3),
      ("sensed_bias", 1, 0.2), ("inertia", 0, 0.5), ("torque_gain", 1, 0.7)],
 )  # fmt: skip
-def test_means_that_are_remembered_are_those_of_the_row(name, number, value):
-    """Whatever was asked for before: every slot that the means depend on tells two rows apart."""
+def test_cached_means_belong_to_the_row(name, number, value):
+    """Rows that differ in any slot that the means depend on have different cache entries."""
     joint = flexible()
     row, sent = JointPlant.from_device(joint).parameters.copy(), commands(joint)
     run = simulate(JointPlant.from_device(joint), sent, 2.0, RATE).measured

@@ -13,7 +13,7 @@ from via_sim.simulate import simulate
 
 
 def residual(plant, record, span: int = 60) -> np.ndarray:
-    """(windows,) M <q, psi''> - <torque, psi> [N m] of the link, once a goal that is limited in speed is known."""
+    """(windows,) M <q, psi''> - <torque, psi> [N m] of the link, after the speed-limited goal is known."""
     found = equation_torques(plant.parameters, record)
     W = window_weights(4, record.time[: span + 1])
     rows = np.arange(600, len(record) - span - 1, 7)[:, None] + np.arange(span + 1)
@@ -28,8 +28,8 @@ def residual(plant, record, span: int = 60) -> np.ndarray:
     [each for each in EFFECT_SETS if each[0].name != "encoder_quantisation"],
     ids=lambda each: "-".join(f"{e.name}-{len(e.parameters)}" for e in each),
 )
-def test_equations_balance_a_simulated_run_without_any_torque_measured(servo, effects) -> None:
-    """With the effects in the equations next to nothing is left; without them much more."""
+def test_equations_balance_without_measured_torque(servo, effects) -> None:
+    """The residual is small with the effects in the equations, and much larger without them."""
     device = positioned(GRAVITY, servo)
     nominal = JointPlant.from_device(device)
     plant = nominal.with_effects(effects)
@@ -43,7 +43,7 @@ def test_equations_balance_a_simulated_run_without_any_torque_measured(servo, ef
     assert np.sqrt(np.mean(wrong**2)) > 20.0 * np.sqrt(np.mean(right**2))
 
 
-def test_equations_know_a_drive_that_is_switched_off() -> None:
+def test_equations_balance_while_the_drive_is_off() -> None:
     device = positioned(GRAVITY)
     plant = JointPlant.from_device(device)
     values = wave(2000)

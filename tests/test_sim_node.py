@@ -1,4 +1,4 @@
-"""The simulator node in a graph: lockstep tick by tick, effects live, bad commands survived, an end that is an end."""
+"""The simulator node in a ROS graph: lockstep, effects by service, invalid commands, end of the run."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PERIOD = 1_000_000  # [ns]
 
 
 class SimulatorBench:
-    """The node under test with a commander and ears on everything it says."""
+    """The node under test with a publisher of commands and subscribers of all its topics."""
 
     def __init__(self, graph, **parameters):
         self.graph = graph
@@ -69,7 +69,7 @@ class SimulatorBench:
         command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, 0.0, np.asarray(torques, dtype=float))
         self.commands.publish(self.writer.numbered(stamp, command))
 
-    def told(self, key):
+    def reported(self, key):
         """Values of a key in all diagnostics so far."""
         return [e.value for report in self.reports for e in report.status[0].values if e.key == key]
 
@@ -89,7 +89,7 @@ def excitation(tick):
 
 
 def expected(device, ticks, effects=()):
-    """The same run in process."""
+    """The same run without ROS."""
     t = np.arange(ticks) / 1000.0
     motor = np.array([excitation(tick) for tick in range(ticks)])
     held = Signals(t, {"motor": motor}, {"motor": "N m"}, frozenset({"motor"}))
@@ -120,15 +120,15 @@ def test_lockstep_gives_the_bits_of_the_batch_and_ends_after_its_duration(graph)
 def test_lockstep_waits_for_the_command_of_its_last_sample(graph):
     bench = SimulatorBench(graph, device="cubic_demo", mode="lockstep")
     graph.until(lambda: len(bench.samples) == 1)
-    bench.send(EPOCH + 5, (1.0, 1.0))  # of no sample
+    bench.send(EPOCH + 5, (1.0, 1.0))  # stamp of no sample
     bench.send(EPOCH - PERIOD, (1.0, 1.0))
-    graph.until(lambda: any(value == "2" for value in bench.told("unmatched commands")))
+    graph.until(lambda: any(value == "2" for value in bench.reported("unmatched commands")))
     assert len({stamp for stamp, _, _ in bench.samples}) == 1
     bench.send(EPOCH, (1.0, 1.0))
     graph.until(lambda: bench.samples[-1][0] == EPOCH + PERIOD)
 
 
-def test_effects_come_and_go_by_service_while_it_runs(graph):
+def test_effects_change_by_service_during_a_run(graph):
     bench = SimulatorBench(graph, device="cubic_aa_vsa", mode="lockstep", seed=4)
     bench.answers = lambda tick: excitation(tick) if tick < 100 else None
     graph.until(lambda: len(bench.samples) == 101)
@@ -172,14 +172,14 @@ def test_effects_come_and_go_by_service_while_it_runs(graph):
         ),
     ],
 )
-def test_impossible_effects_are_refused_and_change_nothing(graph, effect, message):
+def test_invalid_effects_are_refused_and_change_nothing(graph, effect, message):
     bench = SimulatorBench(graph, device="cubic_demo", mode="lockstep")
     answer = bench.call(bench.set, SetEffects.Request(effects=[effect]))
     assert not answer.success and message in answer.message and "\n" not in answer.message
     assert bench.node._active() == "nominal model"
 
 
-def test_effects_file_and_realtime_answer_at_the_rate_until_nobody_commands(graph, tmp_path):
+def test_realtime_with_effects_file_until_the_watchdog_acts(graph, tmp_path):
     heavier = Effect("device_numbers", "device", {"link inertia": 1.5})
     save_effects(tmp_path / "effects.yaml", [Effect("torque_gain", "motor", {"gain": 0.0}, 2), heavier])
     effects = str(tmp_path / "effects.yaml")
@@ -193,13 +193,13 @@ def test_effects_file_and_realtime_answer_at_the_rate_until_nobody_commands(grap
     moved = np.ptp(bench.angles, axis=0)
     assert moved[1] > 0.05 and moved[2] < 0.2 * moved[1]  # the second motor has lost its torque
     bench.answers = None
-    graph.until(lambda: bench.samples[-1][2][1] == 0.0)  # the watchdog
+    graph.until(lambda: bench.samples[-1][2][1] == 0.0)  # after the watchdog time
     graph.until(lambda: any("passive" in report.status[0].message for report in bench.reports))
     assert bench.clocks == []
 
 
-def test_a_command_holds_for_20_ms_after_its_sample_however_often_it_is_said(graph):
-    """In stamps: what a controller that died knew is not made younger by a message that was under way."""
+def test_command_acts_for_20_ms_after_its_sample_even_if_repeated(graph):
+    """By stamps: a late message of a dead controller does not extend the validity of its command."""
     bench = SimulatorBench(graph, device="cubic_aa_vsa", mode="realtime", rate=200.0)
     asked = []
 
@@ -213,7 +213,7 @@ def test_a_command_holds_for_20_ms_after_its_sample_however_often_it_is_said(gra
     assert driven and max(driven) <= 20 * PERIOD
 
 
-def test_silly_commands_are_ignored_and_counted(graph):
+def test_invalid_commands_are_ignored_and_counted(graph):
     bench = SimulatorBench(graph, device="cubic_aa_vsa", mode="lockstep")
     graph.until(lambda: len(bench.samples) >= 1)
     for torques in ((np.nan, 0.0), (0.0, np.inf), (1.0,), (1.0, 2.0, 3.0)):
@@ -223,22 +223,22 @@ def test_silly_commands_are_ignored_and_counted(graph):
     message = bench.writer.numbered(EPOCH, Command(17, 0.1, 0.2, 0.0, np.empty(0)))
     bench.commands.publish(message)
     bench.commands.publish(serialize_message(message)[:40])
-    graph.until(lambda: any(value == "7" for value in bench.told("refused commands")))
+    graph.until(lambda: any(value == "7" for value in bench.reported("refused commands")))
     assert {stamp for stamp, _, _ in bench.samples} == {EPOCH}
-    bench.send(EPOCH, (1e308, -1e308))  # finite, and yet beyond all numbers
-    graph.until(lambda: any(value == "1" for value in bench.told("numerical failures")))
+    bench.send(EPOCH, (1e308, -1e308))  # finite, but the state overflows
+    graph.until(lambda: any(value == "1" for value in bench.reported("numerical failures")))
     assert bench.samples[-1][0] == EPOCH + PERIOD
     assert np.all(np.isfinite(bench.samples[-1][1]))
 
 
-def test_free_mode_runs_by_itself_and_stops_where_told(graph):
+def test_free_mode_runs_alone_and_stops_after_its_duration(graph):
     bench = SimulatorBench(graph, device="maccepavd", mode="free", rate=500.0, duration=0.4)
     graph.until(lambda: bench.node.finished.done() and len(bench.samples) == 201)
     stamps = [stamp for stamp, _, _ in bench.samples]
     assert stamps == [EPOCH + 2 * PERIOD * tick for tick in range(201)]
 
 
-def test_time_begins_when_all_listeners_are_there_and_parameters_can_be_read(graph):
+def test_time_begins_with_all_listeners_and_parameters_are_readable(graph):
     bench = SimulatorBench(graph, device="cubic_demo", mode="free", duration=0.05, listeners=2)
     graph.until(lambda: any("waiting" in report.status[0].message for report in bench.reports))
     assert bench.samples == []
@@ -261,8 +261,8 @@ def test_servo_device_follows_equilibrium_and_preset(graph):
     assert bench.angles[-1, 0] == pytest.approx(0.4, abs=0.05)
 
 
-def test_a_rigid_joint_is_simulated_recorded_and_diagnosed_over_the_wire(graph, tmp_path):
-    """Its drive stands on the wire as motor 1, by its torque alone: commanded, published, read back from the bag."""
+def test_rigid_joint_is_simulated_recorded_and_diagnosed_over_ros(graph, tmp_path):
+    """In messages and bags its drive is motor 1, with torque only."""
     save_effects(tmp_path / "dry.yaml", [Effect("coulomb_friction", "link", {"torque": 0.1})])
     rate, ticks = 300.0, 2400
     bench = SimulatorBench(
@@ -302,15 +302,15 @@ def test_a_rigid_joint_is_simulated_recorded_and_diagnosed_over_the_wire(graph, 
     assert cause.parameters["torque"].value == pytest.approx(0.1, rel=0.05)
 
 
-def test_wrong_parameters_are_refused_with_the_reason(graph, tmp_path):
+def test_invalid_parameters_are_refused_with_the_reason(graph, tmp_path):
     with pytest.raises(ParameterError, match="must be one of realtime, lockstep, free, got 'warp'"):
         graph.add(SimulatorNode, mode="warp")
     with pytest.raises(ParameterError, match="cannot be read"):
         graph.add(SimulatorNode, effects=str(tmp_path / "none.yaml"))
 
 
-def test_a_position_drive_is_commanded_by_its_goal_switched_off_and_read_back_from_the_bag(graph, tmp_path):
-    """A goal of NaN is no drive; effort is NaN, since no torque is measured; commands of torques are refused."""
+def test_position_drive_is_commanded_switched_off_and_recorded(graph, tmp_path):
+    """A goal of NaN switches the drive off; effort is NaN without torque sensors; torque commands are refused."""
     ticks = 200
     bench = SimulatorBench(graph, device="xl330", mode="lockstep", rate=200.0, duration=ticks / 200.0)
     goals = np.where(np.arange(ticks) < 150, 0.5 * np.sin(0.05 * np.arange(ticks)), np.nan)

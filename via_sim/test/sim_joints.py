@@ -1,4 +1,4 @@
-"""Small devices the tests share, as text: each the simplest that shows one thing."""
+"""Small test devices, each the simplest with one property."""
 
 from via_core.devices import Device, parse_device
 

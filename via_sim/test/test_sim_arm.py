@@ -1,4 +1,4 @@
-"""A flexible arm in motion: energy is kept, limits and stops hold, a loaded start is a loaded start."""
+"""Motion of a flexible arm: energy, limits, stops, loaded initial state, contacts."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ def energy(state: ArmState) -> float:
     return float(links + height + motors + springs)
 
 
-def test_without_torques_energy_is_kept():
+def test_energy_is_conserved_without_torques():
     state, before = start(), energy(start())
     for _ in range(100):
         state = arm_step(ARM, state, STILL, 2e-3)
@@ -38,7 +38,7 @@ def test_without_torques_energy_is_kept():
     assert energy(state) == pytest.approx(before, abs=1e-8)
 
 
-def test_steps_converge_with_the_fourth_order():
+def test_steps_converge_with_fourth_order():
     def after(substeps: int) -> np.ndarray:
         state = start()
         for _ in range(5):
@@ -50,7 +50,7 @@ def test_steps_converge_with_the_fourth_order():
     assert coarse / fine == pytest.approx(16.0, rel=0.3)
 
 
-def test_held_at_rest_it_rests():
+def test_arm_stays_at_rest_under_gravity_compensation():
     state, load = start(0.0), ARM.gravity(REST)
     for _ in range(200):
         state = arm_step(ARM, state, load, 1e-3)
@@ -73,7 +73,7 @@ def test_a_force_on_the_tip_accelerates_the_links():
     assert state.velocity == pytest.approx(1e-3 * np.linalg.inv(ARM.inertia(REST)) @ load, rel=1e-3)
 
 
-def test_motors_have_limits():
+def test_motor_torque_is_limited():
     state = start(0.0)
     assert np.array_equal(
         arm_step(ARM, state, np.full(4, 1e4), 1e-3).theta,
@@ -81,8 +81,8 @@ def test_motors_have_limits():
     )
 
 
-def test_a_motor_does_not_drive_itself_beyond_its_speed():
-    """Joint 0 carries no gravity; a load may still drive a motor on."""
+def test_motor_torque_vanishes_beyond_the_speed_limit():
+    """Joint 0 has no gravity load; a load may still accelerate a motor."""
     state, arm = start(0.0), replace(ARM, speed_limit=np.full(4, 0.2))
     torque = ARM.gravity(REST) + np.array([30.0, 0.0, 0.0, 0.0])
     for _ in range(30):
@@ -90,12 +90,12 @@ def test_a_motor_does_not_drive_itself_beyond_its_speed():
     assert 0.15 < state.motor_velocity[0] < 0.22
 
 
-def test_a_spring_at_its_stop_is_told():
+def test_spring_beyond_its_stop_raises():
     with pytest.raises(ParameterError, match="stops"):
         arm_step(ARM, start(0.7), STILL, 1e-3)
 
 
-def test_a_loaded_start_has_the_torque_and_the_rate_asked_for():
+def test_loaded_state_has_the_given_spring_torque_and_rate():
     torque, rate = np.array([3.0, -12.0, 1.0, -0.5]), np.array([10.0, -20.0, 5.0, 1.0])
     state = loaded_state(ARM, REST, np.full(4, 0.3), torque, rate)
     found, stiffness, _ = ARM.spring_state(state.q - state.theta)
@@ -103,7 +103,7 @@ def test_a_loaded_start_has_the_torque_and_the_rate_asked_for():
     assert stiffness * (state.velocity - state.motor_velocity) == pytest.approx(rate)
 
 
-def test_a_wall_pushes_and_never_pulls():
+def test_wall_pushes_and_never_pulls():
     wall = Wall(np.array([0.0, 0.1, 0.0]), np.array([0.0, 1.0, 0.0]), stiffness=1000.0, damping=10.0)
     still, inside = np.zeros(3), np.array([5.0, 0.08, -3.0])
     assert wall.force(inside, still) == pytest.approx([0.0, 20.0, 0.0])
@@ -112,8 +112,8 @@ def test_a_wall_pushes_and_never_pulls():
     assert np.array_equal(wall.force(np.array([0.0, 0.1 + 1e-9, 0.0]), np.array([0.0, -9.0, 0.0])), still)
 
 
-def test_a_wall_holds_the_arm_up():
-    """The arm sinks until the wall carries what its motors do not: J' F is the whole of it."""
+def test_wall_supports_the_arm():
+    """The arm sinks until the wall balances the missing motor torque: J' F is their difference."""
     state, load = start(0.0), ARM.gravity(REST) + np.array([0.0, 6.0, 0.0, 0.0])
     floor = Wall(ARM.tip_position(REST) - np.array([0.0, 0.0, 0.01]), np.array([0.0, 0.0, 1.0]))
     arm = replace(ARM, link_friction=np.full(4, 3.0), motor_friction=np.full(4, 6.0))
@@ -128,7 +128,7 @@ def test_a_wall_holds_the_arm_up():
 
 
 def test_stiff_contact_is_integrated():
-    """One impact with the default four steps a millisecond against forty."""
+    """One impact with the default of four steps per millisecond and with forty."""
 
     def after(substeps: int) -> tuple[np.ndarray, float]:
         state, most = replace(start(0.0), velocity=np.array([0.0, 1.0, 0.0, 0.5])), 0.0
@@ -143,7 +143,7 @@ def test_stiff_contact_is_integrated():
     assert velocity == pytest.approx(exact, abs=0.005 * np.abs(exact).max())
 
 
-def test_a_hand_holds_the_tip():
+def test_hand_holds_the_tip():
     state = start(0.0)
     hand = Hand(ARM.tip_position(REST) + np.array([0.0, 0.05, 0.0]))
     for _ in range(800):
@@ -151,7 +151,7 @@ def test_a_hand_holds_the_tip():
     assert ARM.tip_position(state.q) == pytest.approx(hand.point, abs=5e-3)
 
 
-def test_a_normal_of_any_length_is_a_direction():
+def test_wall_normal_is_normalised():
     wall = Wall(np.zeros(3), np.array([0.0, 3.0, 4.0]))
     assert wall.normal == pytest.approx([0.0, 0.6, 0.8])
     assert wall.depth(np.array([0.0, 0.0, -1.0])) == pytest.approx(0.8)
@@ -166,6 +166,6 @@ def test_a_normal_of_any_length_is_a_direction():
         lambda: Hand(np.full(3, np.nan)),
     ],
 )
-def test_silly_contacts_are_refused(wrong):
+def test_invalid_contacts_are_refused(wrong):
     with pytest.raises(ParameterError):
         wrong()

@@ -1,4 +1,4 @@
-"""Numbers in effects files that are none of an effect's: one line, whatever their type or length."""
+"""Invalid numbers in effects files give one-line errors."""
 
 import pytest
 from via_core.errors import ParameterError
@@ -20,7 +20,7 @@ HUGE = "1" + "0" * 400  # a whole number beyond all floats
         ("motor: 1, parameters: {torque: 2020-01-01}", "torque: must be a finite number"),
     ],
 )
-def test_a_number_that_is_none_of_an_effect_is_refused(entry, complaint):
+def test_invalid_parameter_values_are_refused(entry, complaint):
     with pytest.raises(ParameterError, match=r"f: entry 1: coulomb_friction\.") as error:
         parse_effects(f"- {{effect: coulomb_friction, site: motor, {entry}}}", "f")
     assert complaint in str(error.value)

@@ -1,4 +1,4 @@
-"""What each effect does, against the same joint written out and integrated in tiny steps, and against closed forms."""
+"""Each effect against independent equations integrated with small steps, and against closed forms."""
 
 from math import exp, pi, sin
 
@@ -36,7 +36,7 @@ def sign(x):
 
 
 def slow(name: str, site: str, e: dict, steps: int = 25) -> np.ndarray:
-    """(TICKS + 1, 2) angles of link and motor of JOINT with one effect, all written out, classical Runge-Kutta."""
+    """Angles (TICKS + 1, 2) of link and motor of JOINT with one effect, by independent equations and classical RK4."""
 
     def friction(v, load):
         if name == "asymmetric_viscous":
@@ -139,7 +139,7 @@ SLOW = [
 
 
 @pytest.mark.parametrize(("name", "site", "motor", "other"), SLOW, ids=lambda value: str(value))
-def test_an_effect_does_what_its_equation_says(name, site, motor, other):
+def test_effect_matches_its_equation(name, site, motor, other):
     values = SIZES[name] | other
     plant, sent = JointPlant.from_device(JOINT), held(motor=np.array(TORQUE)[:, None], neighbour=np.array(NEIGHBOUR))
     run = simulate(
@@ -156,8 +156,8 @@ def test_an_effect_does_what_its_equation_says(name, site, motor, other):
     assert np.max(np.abs(error)) < 2e-5
 
 
-def test_a_spring_that_softens_to_nothing_is_slack_beyond_its_range():
-    """Released where it pushes, a joint without friction coasts once its law has ended."""
+def test_spring_softened_to_zero_is_slack_beyond_its_stop():
+    """Released where the spring pushes outwards, a joint without friction coasts beyond the stop."""
     law = Effect("spring_law", "transmission", {"scale": 1.0, "hardening": -0.5}, 1)
     plant = JointPlant.from_device(servo_flexible(K, f"{{inertia: {M}, viscous_friction: 0.0}}")).with_effects([law])
     stop = plant.device.springs[0].max_deflection
@@ -167,8 +167,8 @@ def test_a_spring_that_softens_to_nothing_is_slack_beyond_its_range():
     assert beyond.any() and run["q_velocity"][beyond] == pytest.approx(pushed, rel=0.01)  # a step goes over the end
 
 
-def test_load_dependent_friction_takes_its_share_of_the_drive_of_a_rigid_joint():
-    """Friction of .2 times the drive's torque leaves four fifths of the acceleration, whatever the torque."""
+def test_load_dependent_friction_reduces_the_acceleration_of_a_rigid_joint():
+    """Friction of 0.2 times the drive torque leaves four fifths of the acceleration."""
     plant = JointPlant.from_device(rigid()).with_effects(
         [Effect("load_dependent_friction", "link", {"coefficient": 0.2})]
     )
@@ -177,8 +177,8 @@ def test_load_dependent_friction_takes_its_share_of_the_drive_of_a_rigid_joint()
         assert q[-1] == pytest.approx(0.5 * 0.8 * torque / 0.02 * 0.1**2, rel=1e-9)
 
 
-def test_load_dependent_friction_holds_a_link_on_its_spring():
-    """The spring's torque itself loads the friction: below a coefficient of 1 it never holds, and it slows the link."""
+def test_load_dependent_friction_slows_a_link_on_its_spring():
+    """The spring torque is the load: with a coefficient below 1 the link never sticks, but it slows down."""
     joint = servo_flexible(K, f"{{inertia: {M}, viscous_friction: 0.0}}")
     plant = JointPlant.from_device(joint).with_effects(
         [Effect("load_dependent_friction", "link", {"coefficient": 0.2})]
@@ -193,7 +193,7 @@ def test_load_dependent_friction_holds_a_link_on_its_spring():
     assert np.argmin(q) / 4000.0 == pytest.approx(far, abs=1e-3)
 
 
-def test_asymmetric_coulomb_friction_holds_more_one_way_than_the_other():
+def test_asymmetric_coulomb_friction_has_two_breakaway_torques():
     effect = Effect("asymmetric_coulomb", "link", {"forward": 0.3, "backward": 0.1})
     plant = JointPlant.from_device(rigid()).with_effects([effect])
     for torque, holds in ((0.3, True), (0.301, False), (-0.1, True), (-0.101, False)):
@@ -205,7 +205,7 @@ def test_asymmetric_coulomb_friction_holds_more_one_way_than_the_other():
     assert back[-1] == pytest.approx(-2.0 + 0.1 / 0.02 * 0.05, abs=1e-9)
 
 
-def test_dahls_bristle_stops_a_link_where_its_energy_says_and_pulls_it_back():
+def test_dahl_friction_stops_a_link_by_energy_and_pulls_it_back():
     """1/2 M v^2 = integral of F_c (1 - exp(-s x/F_c)) dx up to the turning point."""
     Fc, s, v = 0.1, 20.0, 0.8
     plant = JointPlant.from_device(rigid()).with_effects(
@@ -217,8 +217,8 @@ def test_dahls_bristle_stops_a_link_where_its_energy_says_and_pulls_it_back():
     assert q[np.argmax(q) : np.argmax(q) + 500].min() < turn - 0.2 * Fc / s  # elastic: it swings back
 
 
-def test_a_maxwell_element_takes_the_area_of_its_loop():
-    """Area 4 F (A - F/k) per cycle of deflection amplitude A: a servo swings against a link that hardly moves."""
+def test_maxwell_element_dissipates_the_area_of_its_loop():
+    """Area 4 F (A - F/k) per cycle of deflection amplitude A; a servo swings against a nearly fixed link."""
     F, k, A = 0.2, 4.0, 0.3
     joint = servo_flexible(K, "{inertia: 1000.0, viscous_friction: 0.0}")
     effect = Effect("hysteresis", "transmission", {"torque": F, "stiffness": k}, 1)
@@ -234,7 +234,7 @@ def test_a_maxwell_element_takes_the_area_of_its_loop():
     assert np.max(np.abs(torque - K * phi)) == pytest.approx(F, abs=1e-12)
 
 
-def test_a_lag_answers_a_step_with_its_closed_form():
+def test_step_response_of_a_lag_matches_its_closed_form():
     T, u = 0.03, 0.5
     plant = JointPlant.from_device(rigid()).with_effects([Effect("actuator_lag", "command", {"time_constant": T})])
     truth = simulate(plant, held(external_torque=np.full(200, u)), 0.2, RATE).truth
@@ -244,13 +244,13 @@ def test_a_lag_answers_a_step_with_its_closed_form():
 
 
 @pytest.mark.parametrize("T", [1e-6, 1e-4, 4e-4])
-def test_a_lag_far_shorter_than_a_tick_acts_like_its_dead_time(T):
+def test_lag_much_shorter_than_a_tick_acts_as_dead_time(T):
     plant = JointPlant.from_device(rigid()).with_effects([Effect("actuator_lag", "command", {"time_constant": T})])
     q = simulate(plant, held(external_torque=np.full(200, 0.5)), 0.2, RATE).truth["q"]
     assert q[-1] == pytest.approx(0.5 / 0.02 * (0.5 * 0.2**2 - T * 0.2 + T**2), abs=6e-5)
 
 
-def test_a_servo_with_a_lag_has_the_bandwidth_that_adds_up():
+def test_lag_of_a_servo_adds_to_its_time_constant():
     joint = servo_flexible()
     slower = Effect("actuator_lag", "command", {"time_constant": 0.05})
     run = simulate(
@@ -261,8 +261,8 @@ def test_a_servo_with_a_lag_has_the_bandwidth_that_adds_up():
 
 
 @pytest.mark.parametrize("limit", [0.5, 2.0, 8.0])
-def test_a_servo_slews_no_faster_than_its_limit(limit):
-    """Against Euler's method in microseconds; commands that jump to either side, also while it slews."""
+def test_servo_speed_is_limited(limit):
+    """Against Euler's method with microsecond steps; the command jumps in both directions, also at the speed limit."""
     effect = Effect("torque_saturation", "motor", {"limit": limit}, 1)
     asked = np.where(np.arange(400) < 150, 1.0, -0.5)
     asked[300:] = 0.3
@@ -282,8 +282,8 @@ def test_a_servo_slews_no_faster_than_its_limit(limit):
 
 
 @pytest.mark.parametrize("restitution", [False, True])
-def test_a_wall_is_met_and_left_as_its_closed_form_says(restitution):
-    """A free link hits a spring (and a damper): half an oscillation, then away; a damped wall never pulls."""
+def test_impact_on_a_wall_matches_its_closed_form(restitution):
+    """A free link hits a wall: half an oscillation, then release; a damped wall never pulls."""
     k, d, v = 50.0, 0.4 if restitution else 0.0, 1.0
     effect = Effect("contact", "environment", {"angle": -0.1, "stiffness": k, "damping": d, "side": -1.0})
     plant = JointPlant.from_device(rigid()).with_effects([effect])
@@ -301,7 +301,7 @@ def test_a_wall_is_met_and_left_as_its_closed_form_says(restitution):
     assert np.all(truth["q"][t < 0.0] > -0.1)
 
 
-def test_a_pulse_gives_its_impulse_whatever_its_edges():
+def test_pulse_between_ticks_has_the_correct_impulse():
     effect = Effect("external_torque", "environment", {"torque": 0.4, "start": 0.01234, "stop": 0.05678})
     plant = JointPlant.from_device(rigid()).with_effects([effect])
     v = simulate(plant, None, 0.1, RATE).truth["q_velocity"]
@@ -311,7 +311,7 @@ def test_a_pulse_gives_its_impulse_whatever_its_edges():
     assert late[-1] == pytest.approx(0.4 * 0.00678 / 0.02, rel=1e-12)
 
 
-def test_drift_counts_from_the_age_of_the_run():
+def test_drift_depends_on_the_age_of_the_run():
     drift = Effect("stiffness_drift", "transmission", {"rate": 0.5}, 1)
     plant = JointPlant.from_device(servo_flexible()).with_effects([drift])
     assert simulate(plant, None, 0.0, RATE, initial=InitialConditions(age=2.0)).truth["stiffness"][0] == pytest.approx(
@@ -322,7 +322,7 @@ def test_drift_counts_from_the_age_of_the_run():
 
 @pytest.mark.parametrize("late", [0.0037, 0.001, 0.0002, 0.05])
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 4000.0])
-def test_a_late_channel_reads_the_past(late, rate):
+def test_late_channel_measures_the_past(late, rate):
     time = np.arange(round(0.4 * rate)) / rate
     sent = Signals(time, {"motor": np.sin(20.0 * time)[:, None]}, {"motor": "N m"}, frozenset({"motor"}))
     effect = Effect("channel_skew", "timing", {"delay": late}, 0)
@@ -343,7 +343,7 @@ def test_a_late_channel_reads_the_past(late, rate):
     assert np.max(np.abs(run.measured["q"] - run.truth["q"])) > 1e-4
 
 
-def test_encoders_err_as_their_equations_say():
+def test_encoder_errors_match_their_equations():
     sent = held(motor=np.sin(0.01 * np.arange(500))[:, None])
     effects = [
         Effect("encoder_offset", "sensor", {"offset": 0.1}, 0),
@@ -359,7 +359,7 @@ def test_encoders_err_as_their_equations_say():
     assert np.array_equal(q, nominal["q"])  # a sensor moves nothing
 
 
-def test_an_encoder_errs_with_several_orders():
+def test_encoder_error_has_several_orders():
     sent = held(motor=np.sin(0.01 * np.arange(500))[:, None])
     values = {"amplitude": 0.03, "phase": 0.7} | ENCODER_ERRORS
     run = simulate(
@@ -393,8 +393,8 @@ def test_an_encoder_errs_with_several_orders():
     ],
     ids=["one", "several", "steep", "steep sum"],
 )
-def test_a_true_angle_is_what_its_encoder_reads(values):
-    """Readings whose slope falls to nearly nothing included; the velocity likewise."""
+def test_true_angle_inverts_the_encoder_error(values):
+    """Includes encoder errors with almost zero slope of the measured angle; the velocity likewise."""
     plant = JointPlant.from_device(JOINT).with_effects(
         [Effect("encoder_eccentricity", "sensor", values, 1), Effect("encoder_offset", "sensor", {"offset": 0.2}, 1)]
     )
@@ -411,7 +411,7 @@ def test_a_true_angle_is_what_its_encoder_reads(values):
     assert np.array_equal(true_angle(row, 0, read), read)
 
 
-def test_torque_sensors_err_and_nothing_moves():
+def test_torque_sensor_errors_do_not_change_the_motion():
     sent = held(motor=np.sin(0.01 * np.arange(500))[:, None])
     effects = [Effect("torque_gain", "sensor", {"gain": 1.2}, 1), Effect("torque_bias", "sensor", {"torque": 0.05}, 1)]
     run = simulate(JointPlant.from_device(JOINT).with_effects(effects), sent, 0.5, RATE)
@@ -419,7 +419,7 @@ def test_torque_sensors_err_and_nothing_moves():
     assert np.array_equal(run.truth["q"], simulate(JointPlant.from_device(JOINT), sent, 0.5, RATE).truth["q"])
 
 
-def test_an_upright_axis_feels_a_payload_as_inertia_only():
+def test_payload_on_an_upright_axis_adds_only_inertia():
     load = Effect("payload", "link", {"mass": 0.5, "distance": 0.2})
     more = Effect("link_inertia", "link", {"inertia": 0.5 * 0.2**2})
     plant, push = JointPlant.from_device(rigid()), held(external_torque=np.full(100, 0.1))
@@ -427,7 +427,7 @@ def test_an_upright_axis_feels_a_payload_as_inertia_only():
     assert one == pytest.approx(other, abs=1e-15)
 
 
-def test_preset_error_of_a_serial_joint_is_another_preset():
+def test_preset_error_of_a_serial_joint_shifts_the_preset():
     plant = JointPlant.from_device(serial_servo())
     effect = Effect("preset_error", "transmission", {"offset": 0.2}, 1)
     start = (0.3, 0.0, 0.5, 0.0, 0.0, 0.0)
@@ -452,6 +452,6 @@ def test_preset_error_of_a_serial_joint_is_another_preset():
         ),
     ],
 )
-def test_numbers_that_do_not_fit_one_another_are_refused(effect, message):
+def test_inconsistent_parameters_are_refused(effect, message):
     with pytest.raises(ParameterError, match=message):
         JointPlant.from_device(rigid()).with_effects([effect])

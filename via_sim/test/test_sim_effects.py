@@ -1,4 +1,4 @@
-"""Effects as data: neutral means absent to the last bit, each does what its text says, files round-trip."""
+"""Effects as data: neutral values change no bit, effects match their text, files round-trip."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def torques(seconds: float = 0.5, motors: int = 2) -> Signals:
 
 
 def commands_of(device, seconds: float = 0.5) -> Signals:
-    """Something for every input of a device, a neighbour that moves and the rest of an arm included."""
+    """Commands for all inputs of a device, including a moving neighbour and arm torque."""
     t = np.arange(round(seconds * RATE)) / RATE
     wave = np.sin(7.0 * t)
     channels = {"neighbour": np.cos(3.0 * t), "arm_torque": 0.1 * np.sin(5.0 * t)}
@@ -60,14 +60,14 @@ def measured(plant, sent) -> np.ndarray:
     return np.column_stack([run[name] for name in run.channels])
 
 
-def test_every_effect_of_the_catalogue_has_a_place_on_some_joint():
+def test_every_effect_fits_some_joint():
     assert {param.values[1] for param in EVERYWHERE} == EFFECTS.keys() == SIZES.keys()
     sites = {(param.values[1], param.values[2]) for param in EVERYWHERE}
     assert sites == {(kind.name, site) for kind in EFFECTS.values() for site in kind.sites}
 
 
 @pytest.mark.parametrize(("joint", "name", "site", "motor"), EVERYWHERE)
-def test_a_neutral_effect_leaves_every_bit_and_a_strong_one_does_not(joint, name, site, motor):
+def test_neutral_effect_changes_no_bit_and_a_strong_one_does(joint, name, site, motor):
     plant, sent = JointPlant.from_device(joint), commands_of(joint)
     neutral = {parameter.name: parameter.neutral for parameter in EFFECTS[name].all_parameters}
     nominal = measured(plant, sent)
@@ -79,7 +79,7 @@ def test_a_neutral_effect_leaves_every_bit_and_a_strong_one_does_not(joint, name
     assert np.array_equal(measured(changed.with_effects([]), sent), nominal, equal_nan=True)
 
 
-def test_places_of_a_joint_are_those_it_accepts():
+def test_places_of_a_joint_are_accepted_by_it():
     assert places("backlash", flexible()) == (("transmission", 1),)
     assert places("coulomb_friction", servo_flexible()) == (("link", 0),)
     assert places("coulomb_friction", rigid()) == (("link", 0),)
@@ -108,7 +108,7 @@ def test_places_of_a_joint_are_those_it_accepts():
                     assert accepted is ((site, motor) in places(name, joint))
 
 
-def test_backlash_leaves_the_link_free_within_the_gap_and_pulls_beyond_it():
+def test_link_is_free_within_the_backlash_gap():
     gap = Effect("backlash", "transmission", {"gap": 0.2}, 1)
     plant = JointPlant.from_device(servo_flexible(10.0)).with_effects([gap])
     drift = simulate(plant, None, 0.09, RATE, initial=InitialConditions((0, 0, 0, 1.0, 0, 0))).truth
@@ -135,8 +135,8 @@ def test_dead_time_of_whole_ticks_shifts_the_motion_exactly(ticks):
     assert np.all(late[:ticks] == 0.0)
 
 
-def test_dead_time_of_a_fraction_of_a_tick_is_exact_too():
-    """2.4 ticks of 1 ms are 12 ticks of .2 ms: the same joint under the same commands on a finer grid."""
+def test_dead_time_of_a_fraction_of_a_tick_is_exact():
+    """2.4 ticks of 1 ms equal 12 ticks of 0.2 ms for the same joint and commands."""
     plant, commands = JointPlant.from_device(flexible(10.0)), torques(0.3, 1)
     delay = Effect("actuator_delay", "command", {"delay": 2.4e-3})
     coarse = simulate(plant.with_effects([delay]), commands, 0.3, RATE).truth["q"]
@@ -147,15 +147,15 @@ def test_dead_time_of_a_fraction_of_a_tick_is_exact_too():
     assert np.max(np.abs(coarse - simulate(plant, commands, 0.3, RATE).truth["q"])) > 1e-5
 
 
-def test_torque_gain_scales_the_torque_but_not_its_report():
+def test_torque_gain_does_not_change_the_reported_torque():
     plant, commands = JointPlant.from_device(antagonistic()), torques()
     run = simulate(plant.with_effects([Effect("torque_gain", "motor", {"gain": 0.5}, 2)]), commands, 0.5, RATE)
     assert np.array_equal(run.truth["motor_torque"][1:], commands["motor"] * [1.0, 0.5])
     assert np.array_equal(run.measured["tau"][1:], commands["motor"])
 
 
-def test_an_arms_torque_acts_beside_the_drive():
-    """Neither gain nor dead time of the drive touch it, and it is no load on the drive's gear."""
+def test_arm_torque_bypasses_the_drive():
+    """Gain and dead time of the drive do not act on it, and it is not a load of the drive's gear."""
     t = np.arange(400) / RATE
     drive, arm = 0.5 * np.sin(20.0 * t), 0.2 * np.cos(13.0 * t)
 
@@ -175,7 +175,7 @@ def test_an_arms_torque_acts_beside_the_drive():
     np.testing.assert_allclose(motion([dragging], arm_torque=arm), motion([], arm_torque=arm), atol=1e-12)
 
 
-def test_viscous_error_equals_a_device_that_has_it():
+def test_viscous_friction_effect_equals_a_device_with_more_friction():
     extra = Effect("viscous_friction", "motor", {"coefficient": 0.2}, 1)
     wrong = flexible(10.0, motor="{inertia: 0.01, viscous_friction: 0.3}")
     right = flexible(10.0, motor="{inertia: 0.01, viscous_friction: 0.5}")
@@ -186,8 +186,8 @@ def test_viscous_error_equals_a_device_that_has_it():
         JointPlant.from_device(wrong).with_effects([Effect("viscous_friction", "motor", {"coefficient": -0.5}, 1)])
 
 
-def test_effects_can_change_while_a_simulation_runs():
-    """A state belongs to the joint, not to its effects: the next simulator takes it over."""
+def test_effects_can_change_during_a_simulation():
+    """A state belongs to the joint and not to its effects: the next simulator continues with it."""
     plant = JointPlant.from_device(flexible(10.0))
     delayed = plant.with_effects([Effect("actuator_delay", "command", {"delay": 0.003})])
     before, after = Simulator(plant, RATE), Simulator(delayed, RATE)
@@ -214,7 +214,7 @@ def test_effects_can_change_while_a_simulation_runs():
         (("backlash", "transmission", {"gap": 0.1, "width": 1.0}, 1), "backlash.width: unknown key; choose from gap"),
     ],
 )
-def test_impossible_effects_are_refused_with_key_value_and_range(arguments, message):
+def test_invalid_effects_are_refused_with_key_value_and_range(arguments, message):
     with pytest.raises(ParameterError, match=message):
         Effect(*arguments)
 
@@ -236,7 +236,7 @@ def test_effects_that_do_not_fit_the_joint_are_refused():
 
 
 @pytest.mark.parametrize("joint", JOINTS, ids=lambda joint: f"{joint.arrangement}-{joint.drive}")
-def test_both_motors_alike_are_one_effect_on_each(joint):
+def test_effect_at_both_motors_equals_one_at_each(joint):
     nominal, found = JointPlant.from_device(joint), 0
     for name in EFFECTS:
         for site in {site for site, motor in places(name, joint) if site in ("motor", "transmission") and motor == 0}:
@@ -248,7 +248,7 @@ def test_both_motors_alike_are_one_effect_on_each(joint):
     assert found == {"antagonistic": 12 + 7, "serial": 1, "rigid": 0}[joint.arrangement]
 
 
-def test_both_motors_and_one_of_them_add_up_or_are_there_twice():
+def test_effects_at_both_motors_and_at_one_add_up_or_conflict():
     plant = JointPlant.from_device(antagonistic())
     friction = [
         Effect("coulomb_friction", "motor", {"torque": torque}, motor) for torque, motor in ((0.1, 0), (0.2, 2))
@@ -267,8 +267,8 @@ def test_both_motors_and_one_of_them_add_up_or_are_there_twice():
         JointPlant.from_device(serial_servo()).with_effects([slack])
 
 
-def test_harmonics_that_are_left_out_are_not_there():
-    """An effect with one harmonic writes what it writes with the others neutral; orders default to 2, 3, ..."""
+def test_omitted_harmonics_are_neutral():
+    """An effect with one harmonic equals one with neutral further harmonics of default orders 2, 3, ..."""
     for name, site in (("torque_ripple", "motor"), ("encoder_eccentricity", "sensor")):
         kind, plant = EFFECTS[name], JointPlant.from_device(flexible())
         short = Effect(name, site, SIZES[name], 1)
@@ -310,8 +310,8 @@ def test_effects_files_round_trip(tmp_path_factory, chosen):
     assert load_effects(file) == tuple(chosen)
 
 
-def test_factors_on_the_devices_numbers_are_written_before_what_is_added():
-    """Whatever their place in the list; intervals beside the values are read over."""
+def test_factors_on_device_numbers_apply_before_effects():
+    """The order in the list does not matter; intervals are ignored."""
     numbers = Effect("device_numbers", "device", {"link viscous friction": 2.0, "spring 1 torque": 0.5})
     added = Effect("viscous_friction", "link", {"coefficient": 0.01})
     nominal = JointPlant.from_device(flexible()).parameters
@@ -325,7 +325,7 @@ def test_factors_on_the_devices_numbers_are_written_before_what_is_added():
     assert {int(k) for k in changed} <= {P.viscous_friction, *range(spring.start, spring.stop)}
 
 
-def test_a_number_that_the_device_lacks_is_refused():
+def test_factor_on_an_unknown_device_number_is_refused():
     other = Effect("device_numbers", "device", {"motor 2 inertia": 1.1})
     with pytest.raises(
         ParameterError, match="'motor 2 inertia' is not a number of this joint; choose from link inertia, link"
@@ -356,7 +356,7 @@ def test_a_number_that_the_device_lacks_is_refused():
         ("- {effect: backlash, site: transmission, motor: 1, parameters: {gap: wide}}", "must be a finite number"),
     ],
 )
-def test_bad_effects_files_are_refused_with_one_line(text, message):
+def test_invalid_effects_files_give_one_line_errors(text, message):
     with pytest.raises(ParameterError, match=message) as caught:
         parse_effects(text, "test.yaml")
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Dry friction as a set: standstill to the last bit, breakaway at the threshold, stick-slip event by event."""
+"""Set-valued dry friction: exact standstill, breakaway at the threshold, stick-slip."""
 
 import numpy as np
 import pytest
@@ -28,8 +28,8 @@ def pushed(values) -> Signals:
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.3, 7.0])
-def test_link_stands_still_exactly_up_to_the_threshold_and_moves_beyond_it(friction):
-    """A block on a slope: gravity pulls a rigid link that friction holds."""
+def test_link_sticks_exactly_up_to_breakaway(friction):
+    """A rigid link under gravity, held by friction."""
     for share, holds in ((0.5, True), (1.0, True), (1.0 + 1e-12, False), (1.01, False)):
         plant = JointPlant.from_device(rigid()).with_effects([coulomb(friction)])
         q = simulate(plant, pushed(np.full(5000, friction * share)), 5.0, RATE).truth["q"]
@@ -37,7 +37,7 @@ def test_link_stands_still_exactly_up_to_the_threshold_and_moves_beyond_it(frict
     assert q[-1] == pytest.approx(0.5 * 0.01 * friction / 0.02 * 25.0, rel=1e-9)  # the rest accelerates it evenly
 
 
-def test_stuck_link_on_a_spring_holds_forever_away_from_its_rest():
+def test_stuck_link_on_a_spring_stays_off_its_rest_position():
     plant = JointPlant.from_device(servo_flexible(10.0)).with_effects([coulomb(0.5)])
     held = simulate(plant, None, 20.0, RATE, initial=InitialConditions((0.049, 0, 0, 0, 0, 0))).truth["q"]
     assert np.all(held == 0.049)  # .49 N m of spring torque against .5
@@ -45,8 +45,8 @@ def test_stuck_link_on_a_spring_holds_forever_away_from_its_rest():
     assert abs(freed[-1]) < 0.05 and freed[-1] != 0.051
 
 
-def test_free_vibration_loses_the_same_amplitude_each_half_swing_and_then_rests():
-    """Closed form: extremes fall by 2 F / k per half period and the link stays where |k q| <= F."""
+def test_free_vibration_decays_linearly_and_stops():
+    """Closed form: extremes decrease by 2 F / k per half period, and the link stops where |k q| <= F."""
     k, F, M = 10.0, 0.3, 0.02
     plant = JointPlant.from_device(servo_flexible(k)).with_effects([coulomb(F)])
     q = simulate(plant, None, 3.0, 10_000.0, initial=InitialConditions((0.5, 0, 0, 0, 0, 0))).truth["q"]
@@ -59,7 +59,7 @@ def test_free_vibration_loses_the_same_amplitude_each_half_swing_and_then_rests(
 
 
 def test_stick_slip_follows_an_event_driven_reference():
-    """A slow motor drags a link over Stribeck friction through a spring; scipy integrates phase by phase."""
+    """A slow motor pulls a link with Stribeck friction through a spring; scipy integrates each phase."""
     k, M, B, D, torque, Fs, Fk, vs = 10.0, 0.02, 0.01, 2.0, 1.0, 0.6, 0.3, 1.0
     effect = Effect("stribeck_friction", "link", {"breakaway": Fs, "kinetic": Fk, "velocity": vs})
     joint = flexible(k, motor=f"{{inertia: {B}, viscous_friction: {D}}}")
@@ -97,7 +97,7 @@ def test_stick_slip_follows_an_event_driven_reference():
     assert np.max(np.abs(q - reference)) < 1e-6
 
 
-def test_friction_of_a_motor_holds_the_motor_only():
+def test_motor_friction_holds_only_the_motor():
     plant = JointPlant.from_device(flexible(10.0)).with_effects([coulomb(0.4, "motor", 1)])
     truth = simulate(
         plant, None, 0.3, RATE, initial=InitialConditions((0.039, 0, 0, 0, 0, 0))
@@ -108,7 +108,7 @@ def test_friction_of_a_motor_holds_the_motor_only():
     assert np.ptp(moved["theta"]) > 0.0
 
 
-def test_friction_never_feeds_energy_and_results_do_not_depend_on_the_step():
+def test_friction_dissipates_energy_independently_of_the_step():
     effects = [coulomb(0.05), coulomb(0.1, "motor", 1), Effect("backlash", "transmission", {"gap": 0.05}, 2)]
     plant = JointPlant.from_device(antagonistic()).with_effects(effects)
     start = (0.4, -0.3, 0.2, 2.0, 0.0, -3.0)
@@ -122,7 +122,7 @@ def test_friction_never_feeds_energy_and_results_do_not_depend_on_the_step():
     assert np.max(np.diff(stored + kinetic)) < 1e-9
 
 
-def test_stribeck_needs_more_to_break_away_than_to_slide():
+def test_stribeck_breakaway_exceeds_sliding_friction():
     effect = Effect("stribeck_friction", "link", {"breakaway": 0.5, "kinetic": 0.2, "velocity": 0.1})
     plant = JointPlant.from_device(rigid()).with_effects([effect])
     below = simulate(plant, pushed(np.full(1000, 0.5)), 1.0, RATE).truth["q"]
@@ -139,15 +139,15 @@ def test_stribeck_needs_more_to_break_away_than_to_slide():
         )
 
 
-def test_frictions_add_up():
+def test_friction_effects_add_up():
     two = JointPlant.from_device(rigid()).with_effects([coulomb(0.1), coulomb(0.2)])
     for torque, holds in ((0.3, True), (0.31, False)):
         q = simulate_many([two], np.tile([0.0, 0.0, 0.0, torque], (200, 1)), RATE)[0, :, 0]
         assert bool(np.all(q == 0.0)) is holds
 
 
-def test_a_speed_that_touches_zero_within_a_step_is_caught():
-    """A link slows to zero, sticks .36 ms and is pulled on, all between two ticks that both see it slide forwards."""
+def test_velocity_zero_within_a_step_is_detected():
+    """A link stops, sticks for 0.36 ms and continues between two ticks with forward velocity."""
     k, M, F, rise, lowest = 10.0, 0.02, 0.1, 20.0, 0.5e-3
     jerk = k * rise / M  # the motor runs ahead: v = v0 + jerk (t - lowest)^2 / 2 - jerk lowest^2 / 2
     servo = servo_flexible(k)
@@ -160,8 +160,8 @@ def test_a_speed_that_touches_zero_within_a_step_is_caught():
     assert once == pytest.approx(0.5 * jerk * lowest**2, rel=0.1)  # the servo brakes a little on the way
 
 
-def test_the_falling_stribeck_curve_gets_the_substeps_that_resolve_it():
-    """Breakaway along a curve that drives the link away from rest at up to 1300 1/s."""
+def test_substeps_resolve_the_falling_stribeck_curve():
+    """Breakaway on a friction curve that accelerates the link from rest with a rate up to 1300 1/s."""
     effect = Effect("stribeck_friction", "link", {"breakaway": 0.5, "kinetic": 0.2, "velocity": 0.01})
     plant = JointPlant.from_device(rigid()).with_effects([effect])
     commands = np.tile([0.0, 0.0, 0.0, 0.51], (20, 1))
@@ -175,8 +175,8 @@ CLUTCH = "damper: {site: link, map: linear, minimum: 1.0, maximum: 4.0}"
 STRIBECK = Effect("stribeck_friction", "link", {"breakaway": 0.3, "kinetic": 0.1, "velocity": 0.05})
 
 
-def test_a_rigid_joint_measures_what_its_clutch_dissipates():
-    """Power in through the measured torque is what the link loses: M qdd + Dq qd + tau_link = tau_ext."""
+def test_rigid_joint_measures_the_torque_dissipated_in_its_clutch():
+    """The measured torque balances the link: M qdd + Dq qd + tau_link = tau_ext."""
     plant = JointPlant.from_device(device("rigid", "{inertia: 0.1, viscous_friction: 0.02}", CLUTCH))
     time = np.arange(2000) / RATE
     channels = {"external_torque": 4.0 * np.sin(5.0 * time), "damping": 0.5 + 0.4 * np.sin(2.0 * time)}
@@ -194,7 +194,7 @@ def test_a_rigid_joint_measures_what_its_clutch_dissipates():
     assert np.abs(dissipated - lost).max() < 0.01 * np.abs(dissipated).max()
 
 
-def test_a_clutch_that_sticks_holds_what_is_asked_of_it():
+def test_stuck_clutch_balances_the_applied_torque():
     plant = JointPlant.from_device(device("rigid", rest=CLUTCH))
     push = np.where(np.arange(100) < 50, 0.2, -0.1)
     run = simulate(plant.with_effects([STRIBECK]), pushed(push), 0.1, RATE)
@@ -205,7 +205,7 @@ def test_a_clutch_that_sticks_holds_what_is_asked_of_it():
     assert measured[MEASURED.tau_link] == 0.2 == simulator.sample(state)[0][MEASURED.tau_link]
 
 
-def test_a_device_file_says_whether_there_is_a_torque_sensor_at_the_link():
+def test_link_torque_sensor_depends_on_the_device_file():
     vpda = load_device("compact_vpda")
     assert Sensors.of_device(vpda).link_torque_noise == 0.05
     run = simulate(JointPlant.from_device(vpda), None, 2.0, RATE, sensors=Sensors.of_device(vpda))

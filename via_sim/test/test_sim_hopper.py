@@ -1,4 +1,4 @@
-"""The hopper in MuJoCo against closed forms: falling, standing, motors beside their springs."""
+"""The hopper in MuJoCo against closed forms: fall, standstill, motors and springs."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ PLANT = HopperPlant(HOPPER)
 CROUCHED = HOPPER.crouched(0.6)
 
 
-def test_in_flight_it_falls_freely():
+def test_free_fall():
     state = PLANT.start(CROUCHED, CROUCHED, 1.0)
     high = state.trunk[1]
     for _ in range(100):
@@ -21,12 +21,12 @@ def test_in_flight_it_falls_freely():
     assert state.q == pytest.approx(CROUCHED, abs=1e-9) and not state.force.any()
 
 
-def test_it_starts_with_its_soles_where_asked():
+def test_initial_height_of_the_soles():
     assert PLANT.start(CROUCHED, CROUCHED, 1e-4).force.tolist() == [0.0, 0.0]
     assert (PLANT.start(CROUCHED, CROUCHED, -1e-4).force > 0.0).all()
 
 
-def test_held_motors_let_it_stand_where_statics_say():
+def test_standstill_with_position_controlled_motors_matches_statics():
     stands, state = HOPPER.standing(0.6), PLANT.start(HOPPER.standing(0.6), CROUCHED, 0.0)
     hold = -HOPPER.spring_state(stands - CROUCHED)[0]
     for _ in range(2500):
@@ -37,8 +37,8 @@ def test_held_motors_let_it_stand_where_statics_say():
     assert state.trunk[[0, 2]] == pytest.approx([0.0, 0.0], abs=1e-6)
 
 
-def test_a_motor_is_an_inertia_on_a_spring():
-    """Links so much heavier that they hardly move within ten milliseconds: B thdd = tau + K (q - theta)."""
+def test_motor_is_an_inertia_on_a_spring():
+    """Heavy links hardly move within ten milliseconds: B thdd = tau + K (q - theta)."""
     state, torque = PLANT.start(CROUCHED, CROUCHED, 1.0), np.array([1.0, 0.0, 0.0, 0.0])
     for _ in range(10):
         state = PLANT.step(state, torque, 1e-3)
@@ -48,7 +48,7 @@ def test_a_motor_is_an_inertia_on_a_spring():
     assert np.abs(state.theta - CROUCHED)[1:].max() < 0.02 * expected
 
 
-def test_a_positive_hip_moves_its_leg_forward():
+def test_positive_hip_angle_moves_the_leg_forward():
     state = PLANT.start(STILL, STILL, 1.0)
     for _ in range(30):
         state = PLANT.step(state, np.array([5.0, 0.0, 5.0, 0.0]), 1e-3)
@@ -56,7 +56,7 @@ def test_a_positive_hip_moves_its_leg_forward():
     assert state.trunk[0] < 0.0  # the trunk gives way backwards
 
 
-def test_a_step_depends_on_its_state_alone():
+def test_step_depends_only_on_the_state():
     first = PLANT.start(CROUCHED, CROUCHED, 0.001)
     for _ in range(50):
         first = PLANT.step(first, np.ones(4), 1e-3)
@@ -66,7 +66,7 @@ def test_a_step_depends_on_its_state_alone():
     assert np.array_equal(after.whole, again.whole) and np.array_equal(after.q, again.q)
 
 
-def test_motors_have_limits():
+def test_motor_torque_is_limited():
     state = PLANT.start(CROUCHED, CROUCHED, 1.0)
     most = PLANT.step(state, HOPPER.torque_limit, 1e-3)
     assert np.array_equal(PLANT.step(state, np.full(4, 1e4), 1e-3).theta, most.theta)

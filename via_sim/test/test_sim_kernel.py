@@ -38,7 +38,7 @@ def motion(plant: JointPlant, commands: np.ndarray, finer: int = 1, initial=None
     return np.nan_to_num(truth[:, :6])  # axes that are not there stand still
 
 
-def test_stiff_cubic_joint_is_within_a_microradian_of_a_twenty_times_finer_integration():
+def test_stiff_cubic_joint_converges_to_a_finer_integration():
     plant = JointPlant.from_device(load_device("cubic_aa_vsa"))
     commands = excitation(10_000)
     coarse, fine = motion(plant, commands), motion(plant, commands, finer=20)
@@ -71,7 +71,7 @@ def test_stiff_cubic_joint_agrees_with_an_independent_implicit_integrator():
         return out
 
     ours, x = motion(plant, commands), np.zeros(6)
-    for k, command in enumerate(commands):  # held commands: one restart per tick
+    for k, command in enumerate(commands):  # one restart per tick
         x = solve_ivp(
             rate, (0.0, 1.0 / RATE), x, "Radau", args=tuple(command[:2]), jac=jacobian, rtol=1e-9, atol=1e-11
         ).y
@@ -106,8 +106,8 @@ def test_energy_is_conserved_without_friction():
 
 
 @pytest.mark.parametrize("viscous", [0.0, 0.05, 3.0])
-def test_linear_oscillator_follows_its_closed_form(viscous):
-    """A link on a spring whose servo motor holds still: underdamped to overdamped."""
+def test_linear_oscillator_matches_its_closed_form(viscous):
+    """A link on a spring with a resting servo: underdamped to overdamped."""
     link = f"{{inertia: 0.02, viscous_friction: {viscous}}}"
     x = motion(
         JointPlant.from_device(servo_flexible(10.0, link)), np.zeros((2000, N_COMMANDS)), initial=(0.3, 0, 0, 0, 0, 0)
@@ -118,7 +118,7 @@ def test_linear_oscillator_follows_its_closed_form(viscous):
     assert np.max(np.abs(x[:, 0] - exact.real)) < 2e-6
 
 
-def test_linear_flexible_joint_follows_the_matrix_exponential():
+def test_linear_flexible_joint_matches_the_matrix_exponential():
     from scipy.linalg import expm
 
     joint = flexible(10.0, "{inertia: 0.02, viscous_friction: 0.01}", "{inertia: 0.01, viscous_friction: 0.2}")
@@ -150,8 +150,8 @@ def test_rigid_pendulum_has_the_period_of_the_elliptic_integral():
     assert np.diff(crossings) == pytest.approx(period, abs=1e-5)
 
 
-def test_maccepa_vd_repeats_the_published_model():
-    """The equations of its authors, by a plain Runge-Kutta method with their numbers, against the plant of its file."""
+def test_maccepa_vd_matches_the_published_model():
+    """The authors' equations and numbers with a plain Runge-Kutta method against the plant of the device file."""
     B, C, A0, r, K, inertia, viscous = 0.036, 0.135, 0.099, 0.015, 394.0, 3.6e-3, 0.0077
     d_max = 0.0212**2 * 40**2 / (21.2 + 25.3)
 
@@ -183,7 +183,7 @@ def test_maccepa_vd_repeats_the_published_model():
     assert np.max(np.abs(q - reference)) < 1e-6
 
 
-def test_damper_in_the_transmission_couples_link_and_motor_and_keeps_momentum():
+def test_transmission_damper_conserves_momentum():
     joint = device(
         "flexible",
         "{inertia: 0.02, viscous_friction: 0.0}",
@@ -199,8 +199,8 @@ def test_damper_in_the_transmission_couples_link_and_motor_and_keeps_momentum():
     assert x[-1, 3] == pytest.approx(x[-1, 4], abs=1e-3)  # the damper has brought both to one speed
 
 
-def test_a_strong_damper_in_the_transmission_gets_the_substeps_that_resolve_it():
-    """Relative speed of two inertias falls as exp(-d (1/M + 1/B) t), here with 2 ms^-1, next to no spring."""
+def test_substeps_resolve_a_strong_transmission_damper():
+    """Relative velocity of two inertias decays as exp(-d (1/M + 1/B) t), here with a rate of 2 per ms; weak spring."""
     joint = device(
         "flexible",
         "{inertia: 0.02, viscous_friction: 0.0}",
@@ -214,7 +214,7 @@ def test_a_strong_damper_in_the_transmission_gets_the_substeps_that_resolve_it()
     assert x[:, 3] - x[:, 4] == pytest.approx(3.0 * np.exp(-2.0 * np.arange(11)), abs=2e-4)
 
 
-def test_right_hand_side_is_pure_and_what_the_integrator_follows():
+def test_right_hand_side_is_pure_and_matches_the_integrator():
     plant = JointPlant.from_device(antagonistic())
     state, inputs = np.array([0.1, 0.3, -0.2, 0.5, 1.0, -1.0]), np.array([0.5, -0.3, 0.0, 0.2])
     rate = plant.derivative(state, inputs)
@@ -226,7 +226,7 @@ def test_right_hand_side_is_pure_and_what_the_integrator_follows():
     assert np.array_equal(plant.derivative(state, inputs), rate)
 
 
-def test_substeps_grow_with_stiffness_and_stop_at_a_limit():
+def test_substeps_increase_with_stiffness_up_to_a_limit():
     soft, hard = flexible(10.0), flexible(1e5)
     row = JointPlant.from_device(soft).at_rate(RATE)
     assert row[P.substeps] == 1.0
@@ -236,7 +236,7 @@ def test_substeps_grow_with_stiffness_and_stop_at_a_limit():
 
 
 @pytest.mark.parametrize("name", ["qbmove_b", "dlr_bavs", "vsa2", "cubic_demo"])
-def test_laws_go_on_along_their_tangent_beyond_the_stop(name):
+def test_spring_laws_continue_along_their_tangent_beyond_the_stop(name):
     joint = load_device(name)
     plant, law = JointPlant.from_device(joint), joint.spring_laws[0]
     row = plant.at_rate(RATE)

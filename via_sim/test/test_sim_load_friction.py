@@ -1,4 +1,4 @@
-"""Friction that depends on the load: its formula at every site, standstill, Stribeck curve, what a clutch takes."""
+"""Load-dependent friction: formula at every site, standstill, Stribeck curve, clutch torque."""
 
 from itertools import product
 
@@ -23,7 +23,7 @@ def load(site: str, values=BOTH_SIDES, motor: int = 0) -> Effect:
 
 
 def formula(e, load, counter, speed):
-    """The friction [N m] of friction.py on paper."""
+    """Friction [N m] by the formula in friction.py."""
     least = min(abs(load), abs(counter)) if load * counter < 0.0 else 0.0
     standing = abs(e["stribeck"] * load - e["counter_stribeck"] * counter) + e["quadratic"] * least**2
     fading = np.exp(-((speed / e["velocity"]) ** 2))
@@ -37,8 +37,8 @@ def held(**channels) -> Signals:
 
 @pytest.mark.parametrize(("torque", "deflection"), list(product((-0.7, 0.4), (-0.06, 0.0, 0.09))))
 @pytest.mark.parametrize("speed", [-0.9, -0.1, 0.2, 2.0])
-def test_both_torques_load_a_motor_and_a_link(torque, deflection, speed):
-    """Accelerations of an axis that slips, from its equation."""
+def test_load_and_counter_torque_increase_friction(torque, deflection, speed):
+    """Accelerations of a slipping axis from its equation."""
     joint, spring, q = flexible(K, LINK), K * deflection, 0.4
     gravity = G * np.sin(q - GA)
     state = (q, q - deflection, 0.0, speed, speed, 0.0)
@@ -52,7 +52,7 @@ def test_both_torques_load_a_motor_and_a_link(torque, deflection, speed):
     )
 
 
-def test_two_springs_load_a_link_together():
+def test_load_of_a_link_is_the_sum_of_its_springs():
     link = JointPlant.from_device(antagonistic(LINK)).with_effects([load("link")])
     springs = [5.0 * phi + 10.0 * phi**3 for phi in (0.1, -0.05)]
     friction = formula(BOTH_SIDES, -sum(springs), -G * np.sin(-GA), 0.5)
@@ -61,8 +61,8 @@ def test_two_springs_load_a_link_together():
 
 
 @pytest.mark.parametrize(("drive", "arm"), [(0.5, 0.2), (0.5, -0.2), (-0.3, 0.9), (0.4, -0.39)])
-def test_drive_and_arm_load_a_rigid_joint(drive, arm):
-    """Even motion under what passes the gear: coefficients alone, so that friction does not change with the speed."""
+def test_drive_and_arm_torque_load_a_rigid_joint(drive, arm):
+    """Friction without its Stribeck part does not depend on speed, so the acceleration is constant."""
     values = {"coefficient": 0.1, "counter_coefficient": 0.3}
     plant = JointPlant.from_device(rigid()).with_effects([load("link", values)])
     sent = held(external_torque=np.full(200, drive), arm_torque=np.full(200, arm))
@@ -73,8 +73,8 @@ def test_drive_and_arm_load_a_rigid_joint(drive, arm):
 
 
 @pytest.mark.parametrize("more", [0.999, 1.001])
-def test_a_rigid_joint_breaks_away_where_its_formula_says(more):
-    """Torques that oppose one another, the quadratic part among them; drive and arm scale together to the threshold."""
+def test_breakaway_of_a_rigid_joint_matches_its_formula(more):
+    """Opposed torques with the quadratic part; drive and arm torque are scaled to the threshold."""
     e = BOTH_SIDES | {
         "coefficient": 0.3,
         "stribeck": 0.3,
@@ -91,8 +91,8 @@ def test_a_rigid_joint_breaks_away_where_its_formula_says(more):
     assert bool(stays) is (more > 1.0)  # friction grows faster than what pushes
 
 
-def test_a_stuck_link_carries_spring_and_external_torque():
-    """A spring and a push that press a gear from both sides hold more than each alone."""
+def test_stuck_link_balances_spring_and_external_torque():
+    """Spring and external torque from both sides of a gear increase the breakaway torque."""
     e = BOTH_SIDES | {"coefficient": 0.3, "counter_coefficient": 0.4}
     plant = JointPlant.from_device(servo_flexible(K)).with_effects([load("link", e)])
     for push, start in ((0.5, 0.08), (0.0, 0.08), (0.2, 0.06), (-0.3, 0.02)):
@@ -106,8 +106,8 @@ def test_a_stuck_link_carries_spring_and_external_torque():
     assert np.all(truth["q"] == 0.08)
 
 
-def test_a_pendulum_on_a_gear_follows_scipy():
-    """Swings up and down under the Stribeck part: one direction at a time, so that scipy needs no events."""
+def test_pendulum_on_a_gear_matches_scipy():
+    """Motion in one direction at a time with the Stribeck part, so that scipy needs no events."""
     plant = JointPlant.from_device(rigid(LINK)).with_effects([load("link")])
     drive = 0.55
 
@@ -123,8 +123,8 @@ def test_a_pendulum_on_a_gear_follows_scipy():
     assert np.max(np.abs(truth["q"] - reference.sol(truth.time)[0])) < 1e-6
 
 
-def test_equal_coefficients_are_those_of_m3_and_m4():
-    """Friction per |T - C|, whatever the two are."""
+def test_equal_coefficients_give_models_m3_and_m4():
+    """Friction is proportional to |T - C|."""
     row = JointPlant.from_device(rigid()).parameters.copy()
     row[P.load_friction] = row[P.counter_friction] = 0.2
     row[P.load_stribeck] = row[P.counter_stribeck] = 0.1
@@ -136,8 +136,8 @@ def test_equal_coefficients_are_those_of_m3_and_m4():
         assert breakaway(row, 0, -1, one, other) == pytest.approx(0.3 * abs(one - other))
 
 
-def test_a_clutch_takes_the_friction_of_its_load():
-    """The torque that a sensor at the link of a rigid joint reads, moving and standing."""
+def test_clutch_torque_includes_load_friction():
+    """Torque measured at the link of a rigid joint, in motion and at standstill."""
     e = BOTH_SIDES | {"counter_coefficient": 0.6, "counter_stribeck": 0.5}
     plant = JointPlant.from_device(rigid(LINK)).with_effects([load("link", e)])
     time = np.arange(400) / RATE

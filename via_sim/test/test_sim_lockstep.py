@@ -1,4 +1,4 @@
-"""Runs in lockstep against the same runs one by one: motion, and the states they leave behind."""
+"""Runs in lockstep against single runs: motion and final states."""
 
 import numpy as np
 import pytest
@@ -54,15 +54,15 @@ def commands(ticks: int) -> Array:
 
 
 def alone(row: Array, state: Array, sent: Array) -> Array:
-    """Motion (N+1, 6) of one run; angles and velocities as read."""
+    """Measured motion (N+1, 6) of one run."""
     measured, truth = np.empty((len(sent) + 1, 9)), np.empty((len(sent) + 1, 16))
     run(row, IDEAL.row(), state, sent, measured, truth)
     return np.nan_to_num(np.column_stack([measured[:, :3], measured[:, 5:8]]))
 
 
 @pytest.mark.parametrize("joint", JOINTS, ids=lambda joint: f"{joint.arrangement}-{joint.drive}")
-def test_every_effect_gives_the_same_in_lockstep_as_alone(joint):
-    """All effects of a joint in neighbouring lanes, beside plain ones, over stops, reversals and flanks."""
+def test_every_effect_in_lockstep_equals_single_runs(joint):
+    """All effects of a joint in lanes next to nominal ones, with stops, reversals and flank changes."""
     nominal = JointPlant.from_device(joint)
     plants = [nominal]
     for name in EFFECTS.keys() - {"encoder_quantisation"}:
@@ -100,8 +100,8 @@ ALL_AT_ONCE = [
 
 
 @pytest.mark.parametrize("joint", [flexible(10.0, GRAVITY), DAMPED, EXPONENTIAL], ids=["linear", "sinh", "exponential"])
-def test_rare_terms_beside_one_another_in_substeps(joint):
-    """Each lane has one term more than the one before, so that no two of a block have the same."""
+def test_rare_terms_in_neighbouring_lanes_with_substeps(joint):
+    """Each lane has one term more than the previous one, so all lanes of a block differ."""
     plants = [JointPlant.from_device(joint).with_effects(ALL_AT_ONCE[:n]) for n in range(len(ALL_AT_ONCE) + 1)]
     rows, sent = np.stack([plant.at_rate(RATE) for plant in plants]), commands(600)
     rows[:, P.substeps] = 2.0
@@ -114,8 +114,8 @@ def test_rare_terms_beside_one_another_in_substeps(joint):
     assert np.ptp(together[:, -1, 0]) > 1e-3
 
 
-def test_pieces_of_a_run_give_the_whole_run():
-    """What lockstep leaves in a state is what goes on from there: queue, ring of the past, clock."""
+def test_run_in_pieces_equals_the_whole_run():
+    """A run can continue from the state after lockstep: queue, ring buffer, tick number."""
     joint = flexible(10.0, GRAVITY)
     effects = [
         Effect("actuator_delay", "command", {"delay": 0.007}),
@@ -133,7 +133,7 @@ def test_pieces_of_a_run_give_the_whole_run():
     assert np.all(states[:, X.tick] == 300.0)
 
 
-def test_runs_that_begin_apart_in_a_recording_go_side_by_side():
+def test_runs_with_different_beginnings_in_one_block():
     plant = JointPlant.from_device(flexible(10.0, GRAVITY))
     plants = [plant, plant.with_effects([Effect("actuator_delay", "command", {"delay": 0.005})])] * 4
     rows, sent, begins = np.stack([each.at_rate(RATE) for each in plants]), commands(400), 40 * np.arange(8)
@@ -146,7 +146,7 @@ def test_runs_that_begin_apart_in_a_recording_go_side_by_side():
         assert np.max(np.abs(states[k] - own[k])) < 1e-12
 
 
-def test_lanes_with_other_clocks_or_steps():
+def test_lanes_with_different_ticks_or_substeps():
     nominal = JointPlant.from_device(flexible(10.0, GRAVITY))
     rows = np.repeat(nominal.at_rate(RATE)[None], 4, axis=0)
     rows[1, P.substeps] = 3.0
@@ -159,7 +159,7 @@ def test_lanes_with_other_clocks_or_steps():
     assert np.max(np.abs(together[1] - together[0])) > 1e-12
 
 
-def test_a_shipped_stiff_joint_in_lockstep():
+def test_stiff_shipped_joint_in_lockstep():
     plant = JointPlant.from_device(load_device("cubic_aa_vsa"))
     sent = np.zeros((200, N_COMMANDS))
     sent[:, 0] = 40.0 * np.sin(0.02 * np.arange(200))
@@ -171,13 +171,13 @@ def test_a_shipped_stiff_joint_in_lockstep():
 
 @settings(max_examples=200, deadline=None)
 @given(st.floats(-1e4, 1e4), st.floats(-30.0, 800.0))
-def test_sine_and_decay_are_those_of_the_library(x, y):
+def test_sine_and_decay_match_the_library(x, y):
     assert abs(sine(x) - np.sin(x)) < 1e-11
     assert abs(decay(y) - np.exp(-y)) < 1e-12 * max(1.0, np.exp(-y))
 
 
 def led(row: Array, state: Array, sent: Array, measured: Array) -> None:
-    """The link of one run set to what was read of it before every tick; a late encoder read it later."""
+    """One run with the link set to its measurement before every tick; a late encoder measured it later."""
     u, modes, weights = np.zeros(N_INPUTS), np.zeros(N_MODES, np.int64), np.zeros((2, N_WEIGHTS))
     begin(row, state, u, modes, weights)
     times, lag = np.arange(len(measured)) / RATE, row[P.skew]
@@ -195,8 +195,8 @@ def led(row: Array, state: Array, sent: Array, measured: Array) -> None:
 @pytest.mark.parametrize(
     "joint", [flexible(10.0, GRAVITY), antagonistic(GRAVITY), DAMPED], ids=["one", "two", "damped"]
 )
-def test_axes_that_are_led_go_in_lockstep_as_alone(joint):
-    """The link along another run's motion, under rows with every effect: what its motors do."""
+def test_prescribed_axes_in_lockstep_equal_single_runs(joint):
+    """The link follows the motion of another run, under rows with every effect; motors are simulated."""
     nominal = JointPlant.from_device(joint)
     plants = [nominal]
     for name in EFFECTS.keys() - {"encoder_quantisation"}:

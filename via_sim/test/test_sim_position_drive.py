@@ -1,4 +1,4 @@
-"""Position drives on rigid joints: closed forms, limits, delay, a drive switched off, both kernels, equations."""
+"""Position drives on rigid joints: closed forms, limits, delay, drive off, both kernels."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def step(device, duration: float = 1.0, goal: float = 1.0, effects=()):
     return simulate(JointPlant.from_device(device).with_effects(effects), goals([goal]), duration, RATE).truth
 
 
-def test_a_step_is_answered_as_a_second_order_system_with_kp_and_kd() -> None:
+def test_step_response_is_that_of_a_second_order_system() -> None:
     truth = step(positioned())
     a, w = 0.5 * KD / M, np.sqrt(KP / M - (0.5 * KD / M) ** 2)
     t = truth.time
@@ -30,12 +30,12 @@ def test_a_step_is_answered_as_a_second_order_system_with_kp_and_kd() -> None:
     assert np.max(np.abs(truth["q"] - expected)) < 1e-6
 
 
-def test_friction_and_gravity_are_those_of_the_link() -> None:
+def test_friction_and_gravity_act_on_the_link() -> None:
     q = step(positioned(f"{{inertia: {M}, viscous_friction: 0.1, gravity_torque: 0.3}}"), 5.0)["q"][-1]
     assert KP * (1.0 - q) == pytest.approx(0.3 * np.sin(q), abs=1e-9)
 
 
-def test_the_torque_limit_bounds_kp_times_the_error() -> None:
+def test_torque_limit_bounds_kp_times_the_error() -> None:
     """A constant torque against kd: v = limit/kd (1 - exp(-kd t/M)) while the error is large."""
     truth = step(positioned(servo="{kp: 4.0, kd: 0.1, torque_limit: 0.5}"), 0.1, goal=3.0)
     expected = 5.0 * (1.0 - np.exp(-KD / M * truth.time))
@@ -45,8 +45,8 @@ def test_the_torque_limit_bounds_kp_times_the_error() -> None:
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.05])
-def test_the_goal_is_followed_no_faster_than_the_speed_limit_and_then_lags(lag: float) -> None:
-    """Against the same joint written out and integrated with tight tolerances."""
+def test_goal_speed_is_limited_before_the_lag(lag: float) -> None:
+    """Against independent equations integrated with tight tolerances."""
     effects = [Effect("actuator_lag", "command", {"time_constant": lag})] if lag else []
     truth = step(positioned(servo="{kp: 4.0, kd: 0.1, speed_limit: 2.0}"), 1.0, effects=effects)
 
@@ -59,7 +59,7 @@ def test_the_goal_is_followed_no_faster_than_the_speed_limit_and_then_lags(lag: 
     assert np.max(np.abs(truth["q"] - found)) < 2e-6
 
 
-def test_the_goal_acts_after_the_delay_to_a_fraction_of_a_tick() -> None:
+def test_delay_of_the_goal_in_fractions_of_a_tick() -> None:
     prompt, late = step(positioned()), step(positioned(servo="{kp: 4.0, kd: 0.1, delay: 0.0105}"))
     assert np.all(late["q"][:11] == 0.0)
     between = np.interp(late.time[11:], prompt.time + 0.0105, prompt["q"])
@@ -71,14 +71,14 @@ def test_the_goal_acts_after_the_delay_to_a_fraction_of_a_tick() -> None:
     assert np.max(np.abs(both["q"] - late["q"])) < 1e-12
 
 
-def test_delays_beyond_what_is_kept_of_commands_are_refused() -> None:
+def test_delays_longer_than_the_command_queue_are_refused() -> None:
     late = JointPlant.from_device(positioned(servo="{kp: 4.0, kd: 0.1, delay: 0.05}"))
     with pytest.raises(ParameterError, match=r"that of the drive is 0.11 s, must be <= 0.1"):
         late.with_effects([Effect("actuator_delay", "command", {"delay": 0.06})])
 
 
-def test_a_drive_that_is_switched_off_gives_no_torque_at_all() -> None:
-    """The pendulum falls as if there were no drive, and the drive returns when there is a goal again."""
+def test_drive_that_is_off_has_no_torque() -> None:
+    """The pendulum falls as without a drive, until there is a goal again."""
     off = np.full(600, np.nan)
     plant, start = JointPlant.from_device(positioned(GRAVITY)), (1.5, 0, 0, 0, 0, 0)
     fallen = simulate(plant, goals(off), 0.6, RATE, initial=InitialConditions(start)).truth
@@ -108,7 +108,7 @@ def test_a_drive_that_is_switched_off_gives_no_torque_at_all() -> None:
     assert KP * (0.5 - q) == pytest.approx(0.3 * np.sin(q - 0.2), abs=1e-6)
 
 
-def test_a_goal_that_is_limited_in_speed_begins_where_the_link_is_when_the_drive_is_switched_on() -> None:
+def test_speed_limited_goal_starts_at_the_link_angle() -> None:
     slow = positioned(servo="{kp: 4.0, kd: 0.1, speed_limit: 1.0}")
     sent = goals(np.concatenate([np.full(100, np.nan), np.full(1000, 1.0)]))
     truth = simulate(
@@ -119,8 +119,8 @@ def test_a_goal_that_is_limited_in_speed_begins_where_the_link_is_when_the_drive
     assert truth["q"].min() == 0.8
 
 
-def test_the_drive_closes_its_loop_over_its_own_encoder() -> None:
-    """An encoder that reads .1 rad too much stops at the goal by its own reading, .1 rad before it."""
+def test_feedback_uses_the_encoder_of_the_drive() -> None:
+    """With an encoder offset of 0.1 rad the link stops 0.1 rad before the goal."""
     device = positioned(f"{{inertia: {M}, viscous_friction: 0.1}}")
     found = simulate(
         JointPlant.from_device(device).with_effects([Effect("encoder_offset", "sensor", {"offset": 0.1})]),
@@ -132,7 +132,7 @@ def test_the_drive_closes_its_loop_over_its_own_encoder() -> None:
     assert found.measured["q"][-1] == pytest.approx(1.0, abs=1e-9)
 
 
-def test_every_place_an_effect_can_take() -> None:
+def test_locations_of_effects_on_a_position_drive() -> None:
     taken = {(name, site, motor) for name, site, motor in PLACES}
     for name in ("torque_gain", "torque_bias", "torque_ripple", "torque_saturation"):
         assert (name, "motor", 1) in taken
@@ -144,7 +144,7 @@ def test_every_place_an_effect_can_take() -> None:
     assert ("channel_skew", "timing", 0) in taken and ("encoder_eccentricity", "sensor", 0) in taken
 
 
-def test_the_gains_are_numbers_of_the_device() -> None:
+def test_gains_are_device_numbers() -> None:
     row = JointPlant.from_device(positioned(servo="{kp: 4.0, kd: 0.1, torque_limit: 0.7}")).parameters
     named = {each.name: (each.value, each.unit) for each in numbers_of(row)}
     assert named["servo kp"] == (4.0, "N m/rad")
@@ -158,8 +158,8 @@ def test_the_gains_are_numbers_of_the_device() -> None:
 
 
 @pytest.mark.parametrize("servo", SERVOS)
-def test_lockstep_is_the_scalar_kernel(servo: str) -> None:
-    """Every effect in a lane of its own, the drive switched off and on again on the way."""
+def test_lockstep_equals_the_scalar_kernel(servo: str) -> None:
+    """Every effect in its own lane; the drive is switched off and on again."""
     device = positioned(GRAVITY, servo)
     nominal = JointPlant.from_device(device)
     plants = [nominal, *map(nominal.with_effects, EFFECT_SETS)]
@@ -180,7 +180,7 @@ def test_lockstep_is_the_scalar_kernel(servo: str) -> None:
         assert np.max(np.abs(states[k] - own[k])) < 1e-9, plant.effects
 
 
-def test_stepping_gives_the_bits_of_the_batch() -> None:
+def test_steps_give_the_bits_of_the_batch() -> None:
     device = positioned(GRAVITY, SERVOS[1])
     plant = JointPlant.from_device(device).with_effects([Effect("actuator_lag", "command", {"time_constant": 0.01})])
     values = wave(300)
@@ -204,7 +204,7 @@ def test_commands_of_a_position_drive() -> None:
         command_rows(device, Signals(np.zeros(1), {"motor": np.ones((1, 1))}, {"motor": "-"}), np.zeros(1))
 
 
-def test_the_derivative_has_the_drive() -> None:
+def test_derivative_includes_the_drive() -> None:
     plant = JointPlant.from_device(positioned())
     on = plant.derivative((0.2, 0, 0, 0.5, 0, 0), (1.0, 1.0, 0.0, 0.1))
     assert on[3] == pytest.approx((KP * 0.8 - KD * 0.5 + 0.1) / M)
@@ -213,7 +213,7 @@ def test_the_derivative_has_the_drive() -> None:
 
 
 def gear_friction(load, counter, speed):
-    """Of BOTH_SIDES [N m], on paper."""
+    """Friction [N m] of BOTH_SIDES by its formula."""
     e = MORE["load_dependent_friction"]
     least = np.where(load * counter < 0.0, np.minimum(np.abs(load), np.abs(counter)), 0.0)
     standing = np.abs(e["stribeck"] * load - e["counter_stribeck"] * counter) + e["quadratic"] * least**2
@@ -226,8 +226,8 @@ GEAR = Effect("load_dependent_friction", "link", MORE["load_dependent_friction"]
 
 @pytest.mark.parametrize("speed", [-0.9, 0.2, 2.0])
 @pytest.mark.parametrize(("goal", "push"), [(0.5, 0.1), (-0.3, 0.1), (0.45, -0.6), (np.nan, 0.3)])
-def test_a_gear_is_loaded_by_what_passes_through_it(goal, push, speed) -> None:
-    """The drive's torque, its damping included, against gravity and what pushes; nothing of a drive that is off."""
+def test_gear_load_is_the_drive_torque_with_damping(goal, push, speed) -> None:
+    """Load: drive torque with damping, zero while off; counter torque: gravity and external torque."""
     plant = JointPlant.from_device(positioned(GRAVITY)).with_effects([GEAR])
     on, q = float(np.isfinite(goal)), 0.4
     rate = plant.derivative((q, 0, 0, speed, 0, 0), (np.nan_to_num(goal), on, 0.0, push))[3]
@@ -237,7 +237,7 @@ def test_a_gear_is_loaded_by_what_passes_through_it(goal, push, speed) -> None:
     assert M * rate == pytest.approx(load + counter - 0.02 * speed - friction, abs=1e-12)
 
 
-def test_a_sensor_in_the_clutch_reads_the_friction_of_that_load() -> None:
+def test_clutch_sensor_measures_load_friction() -> None:
     plant = JointPlant.from_device(positioned(GRAVITY)).with_effects([GEAR])
     sent = goals(wave(600), arm_torque=0.2 * np.cos(0.013 * np.arange(600)))
     run_ = simulate(plant, sent, 0.6, RATE)
@@ -249,7 +249,7 @@ def test_a_sensor_in_the_clutch_reads_the_friction_of_that_load() -> None:
     np.testing.assert_allclose(read[moving], (np.sign(v) * gear_friction(load, counter, v))[moving], atol=1e-12)
 
 
-def test_the_loop_is_closed_over_every_harmonic_of_the_encoder() -> None:
+def test_feedback_uses_every_encoder_harmonic() -> None:
     wrong = Effect("encoder_eccentricity", "sensor", SIZES["encoder_eccentricity"] | MORE["encoder_eccentricity"])
     device = positioned(f"{{inertia: {M}, viscous_friction: 0.1}}")
     found = simulate(JointPlant.from_device(device).with_effects([wrong]), goals([1.0]), 8.0, RATE)
@@ -260,8 +260,8 @@ def test_the_loop_is_closed_over_every_harmonic_of_the_encoder() -> None:
     assert abs(error) > 1e-3 and q + error == pytest.approx(1.0, abs=1e-9)
 
 
-def test_the_ripple_of_a_drive_has_every_harmonic() -> None:
-    """A drive that is off leaves the ripple of its motor: it is of the magnets, and not of the current."""
+def test_ripple_of_a_drive_has_every_harmonic() -> None:
+    """The ripple of the motor acts while the drive is off: its cause is the magnets and not the current."""
     more = SIZES["torque_ripple"] | MORE["torque_ripple"]
     plant = JointPlant.from_device(positioned()).with_effects([Effect("torque_ripple", "motor", more, 1)])
     for power in (0.0, 1.0):

@@ -1,4 +1,4 @@
-"""simulate, Simulator and simulate_many: one kernel, the same bits; sensors; misuse."""
+"""simulate, Simulator and simulate_many: equal results; sensors; invalid arguments."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def torques(ticks: int) -> Signals:
 
 
 @pytest.mark.parametrize("effects", [(), ALL])
-def test_stepping_gives_the_bits_of_the_batch(effects):
+def test_steps_give_the_bits_of_the_batch(effects):
     plant, commands = JointPlant.from_device(antagonistic()).with_effects(effects), torques(400)
     batch = simulate(plant, commands, 0.4, RATE, NOISY, InitialConditions(seed=7))
     simulator = Simulator(plant, RATE, NOISY)
@@ -51,7 +51,7 @@ def test_stepping_gives_the_bits_of_the_batch(effects):
         assert np.array_equal(batch.measured["tau"][:, i - 1], stepped[f"tau_{i}"])
 
 
-def test_many_plants_at_once_give_the_bits_of_each_alone():
+def test_simulate_many_equals_single_runs():
     nominal = JointPlant.from_device(antagonistic())
     plants = [nominal, nominal.with_effects(ALL), nominal.with_effects(ALL[:1]), nominal.with_effects(ALL[2:])]
     rows = command_rows(nominal.device, torques(300), np.arange(300) / RATE)
@@ -62,7 +62,7 @@ def test_many_plants_at_once_give_the_bits_of_each_alone():
         assert np.array_equal(motion[:, 1:3], alone["theta"])
 
 
-def test_step_leaves_the_state_it_was_given():
+def test_step_does_not_change_its_argument():
     simulator = Simulator(JointPlant.from_device(antagonistic()), RATE, NOISY)
     state = simulator.init(seed=3)
     kept = state.copy()
@@ -72,7 +72,7 @@ def test_step_leaves_the_state_it_was_given():
     assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(first, again, strict=True))
 
 
-def test_noise_has_the_stated_deviation_is_white_and_follows_its_seed():
+def test_noise_has_its_standard_deviation_is_white_and_depends_on_the_seed():
     plant = JointPlant.from_device(flexible())
     sensors = Sensors(link_noise=2.0, motor_noise=3.0, velocity_noise=0.5, torque_noise=0.1)
     run = simulate(plant, None, 20.0, RATE, sensors, InitialConditions(seed=5))
@@ -91,7 +91,7 @@ def test_noise_has_the_stated_deviation_is_white_and_follows_its_seed():
 
 
 def test_noise_of_any_two_channels_ticks_and_seeds_is_independent():
-    """Streams that share a counter somewhere would be copies of one another, shifted or not."""
+    """Streams with a common counter would be shifted copies of one another."""
     plant, ticks = JointPlant.from_device(antagonistic()), 8000
     sensors = Sensors(link_noise=1.0, motor_noise=1.0, velocity_noise=1.0, torque_noise=1.0, link_torque_noise=1.0)
     streams = []
@@ -108,7 +108,7 @@ def test_noise_of_any_two_channels_ticks_and_seeds_is_independent():
             assert np.max(np.abs(correlation)) < 0.12
 
 
-def test_the_quantiser_comes_after_the_noise():
+def test_quantisation_follows_noise():
     sensors = Sensors(link_quantum=0.5, motor_quantum=0.25, link_noise=0.3, motor_noise=0.2)
     run = simulate(JointPlant.from_device(antagonistic()), None, 0.5, RATE, sensors, InitialConditions(seed=2))
     for name, quantum in (("q", 0.5), ("theta", 0.25)):
@@ -117,7 +117,7 @@ def test_the_quantiser_comes_after_the_noise():
         assert len(np.unique(steps)) > 2
 
 
-def test_encoders_quantise_and_what_is_not_measured_is_nan():
+def test_encoders_quantise_and_unmeasured_channels_are_nan():
     plant = JointPlant.from_device(antagonistic())
     run = simulate(plant, torques(200), 0.2, RATE, sensors=Sensors(link_quantum=0.01, motor_quantum=0.1))
     for name, quantum in (("q", 0.01), ("theta", 0.1)):
@@ -131,7 +131,7 @@ def test_encoders_quantise_and_what_is_not_measured_is_nan():
     assert np.all(np.isnan(servo.measured["tau"]))
 
 
-def test_a_slow_sensor_keeps_every_nth_sample():
+def test_slow_sensor_keeps_every_nth_sample():
     plant = JointPlant.from_device(antagonistic())
     fast = simulate(plant, torques(100), 0.1, RATE, NOISY, InitialConditions(seed=1))
     slow = simulate(
@@ -144,7 +144,7 @@ def test_a_slow_sensor_keeps_every_nth_sample():
         simulate(plant, None, 0.1, RATE, sensors=Sensors(rate=300.0))
 
 
-def test_ideal_sensors_tell_the_truth():
+def test_ideal_sensors_measure_the_true_motion():
     run = simulate(JointPlant.from_device(antagonistic()), torques(100), 0.1, RATE, sensors=IDEAL)
     for name in ("q", "theta", "q_velocity", "theta_velocity"):
         assert np.array_equal(run.measured[name], run.truth[name])
@@ -153,7 +153,7 @@ def test_ideal_sensors_tell_the_truth():
 
 
 @pytest.mark.parametrize("name", device_names())
-def test_every_shipped_device_simulates_and_truth_agrees_with_its_laws(name):
+def test_every_shipped_device_simulates_and_matches_its_spring_laws(name):
     joint = load_device(name)
     t = np.arange(200) / RATE
     size = 0.3 if joint.drive == "servo" else 0.1
@@ -166,7 +166,7 @@ def test_every_shipped_device_simulates_and_truth_agrees_with_its_laws(name):
         assert np.allclose(truth["deflection"][:, 0], truth["q"] - truth["theta"][:, 0], rtol=0, atol=0)
 
 
-def test_torque_saturates_at_the_limit_of_the_motor():
+def test_torque_is_limited_by_the_motor():
     motor = "{inertia: 0.01, viscous_friction: 0.3, torque_limit: 0.7}"
     run = simulate(JointPlant.from_device(flexible(motor=motor)), None, 0.0, RATE)
     assert len(run.truth) == 1
@@ -225,13 +225,13 @@ def test_misuse_is_refused(arguments, message):
         simulate(JointPlant.from_device(rigid()), None, **{"duration": 0.1, "rate": RATE, **arguments})
 
 
-def test_commands_beyond_all_numbers_are_told():
+def test_overflow_raises():
     held = Signals(np.zeros(1), {"motor": np.array([[1e308, -1e308]])}, {"motor": "N m"})
     with pytest.raises(ParameterError, match="'joint' overflows at"):
         simulate(JointPlant.from_device(antagonistic()), held, 0.1, RATE)
 
 
-def test_a_stepper_refuses_a_command_that_is_no_command():
+def test_simulator_refuses_invalid_commands():
     simulator = Simulator(JointPlant.from_device(rigid()), RATE)
     for command in ((0.0, 0.0, 0.0), (0.0, np.nan, 0.0, 0.0), (0.0, 0.0, 0.0, np.inf)):
         with pytest.raises(ParameterError, match="4 or 6 finite numbers"):
@@ -258,7 +258,7 @@ REFUSED = ("stribeck_friction", "viscous_friction", "asymmetric_viscous", "quadr
     sizes=st.lists(st.floats(0.0, 1.0), min_size=53, max_size=53),
 )
 @example((1.0, 0.03125), (0.0, 0.0), 201.0, [0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 7e-98, *(49 * [0.0])])
-def test_states_stay_finite_for_whatever_joint_effects_and_commands(
+def test_states_stay_finite_for_random_joints_effects_and_commands(
     inertias, viscous, stiffness, commands, speeds, sizes
 ):
     motor = f"{{inertia: {inertias[1]!r}, viscous_friction: {viscous[1]!r}}}"
