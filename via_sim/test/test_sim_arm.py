@@ -24,8 +24,8 @@ def energy(state: ArmState) -> float:
     height = pinocchio.computePotentialEnergy(ARM.model, ARM.model.createData(), state.q)
     motors = 0.5 * state.motor_velocity @ (ARM.motor_inertia * state.motor_velocity)
     springs = sum(
-        quad(lambda d, law=law: float(law.torque(d)), 0.0, phi, epsabs=1e-12)[0]
-        for law, phi in zip(ARM.springs, state.q - state.theta, strict=True)
+        quad(lambda d, spring=spring: float(spring.torque(d)), 0.0, phi, epsabs=1e-12)[0]
+        for spring, phi in zip(ARM.springs, state.q - state.theta, strict=True)
     )
     return float(links + height + motors + springs)
 
@@ -64,7 +64,7 @@ class Push(Contact):
         return True
 
     def force(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        return np.array([3.0, 2.0, 1.0])
+        return np.array([0.0, 1.0, 0.0])
 
 
 def test_a_force_on_the_tip_accelerates_the_links():

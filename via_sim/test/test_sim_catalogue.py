@@ -158,8 +158,10 @@ def test_effect_matches_its_equation(name, site, motor, other):
 
 def test_spring_softened_to_zero_is_slack_beyond_its_stop():
     """Released where the spring pushes outwards, a joint without friction coasts beyond the stop."""
-    law = Effect("spring_law", "transmission", {"scale": 1.0, "hardening": -0.5}, 1)
-    plant = JointPlant.from_device(servo_flexible(K, f"{{inertia: {M}, viscous_friction: 0.0}}")).with_effects([law])
+    softened = Effect("spring_law", "transmission", {"scale": 1.0, "hardening": -0.5}, 1)
+    plant = JointPlant.from_device(servo_flexible(K, f"{{inertia: {M}, viscous_friction: 0.0}}")).with_effects(
+        [softened]
+    )
     stop = plant.device.springs[0].max_deflection
     run = simulate(plant, None, 0.3, 8000.0, initial=InitialConditions((1.6, 0, 0, 0, 0, 0))).truth
     beyond = run["q"] > stop

@@ -1,4 +1,4 @@
-"""The joint's equations and its integrator against closed forms, conservation laws and independent integrators."""
+"""The joint's equations and its integrator against closed forms, conserved quantities and independent integrators."""
 
 import numpy as np
 import pytest
@@ -238,14 +238,14 @@ def test_substeps_increase_with_stiffness_up_to_a_limit():
 @pytest.mark.parametrize("name", ["qbmove_b", "dlr_bavs", "vsa2", "cubic_demo"])
 def test_spring_laws_continue_along_their_tangent_beyond_the_stop(name):
     joint = load_device(name)
-    plant, law = JointPlant.from_device(joint), joint.spring_laws[0]
+    plant, spring = JointPlant.from_device(joint), joint.spring_laws[0]
     row = plant.at_rate(RATE)
     for side in (-1.0, 1.0):
-        stop, beyond = side * law.max_deflection, side * 0.5
+        stop, beyond = side * spring.max_deflection, side * 0.5
         truth = np.empty((1, 16))
         run(row, IDEAL.row(), initial_state(plant, RATE, (stop + beyond, 0, 0, 0, 0, 0), 0), np.empty((0, N_COMMANDS)),
             np.empty((1, 9)), truth)  # fmt: skip
-        slope = float(law.stiffness(stop))
-        torque = float(law.torque(stop)) + slope * beyond
+        slope = float(spring.stiffness(stop))
+        torque = float(spring.torque(stop)) + slope * beyond
         assert truth[0, TRUTH.transmission_torque_1] == pytest.approx(torque, rel=1e-12)
         assert truth[0, TRUTH.stiffness_1] == pytest.approx(slope, rel=1e-12)

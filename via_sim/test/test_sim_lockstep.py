@@ -27,7 +27,7 @@ from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
 from via_sim.simulate import initial_state, simulate_rows
-from via_sim.torques import N_COMMANDS, N_INPUTS, N_MODES, X, find_modes, laws
+from via_sim.torques import N_COMMANDS, N_INPUTS, N_MODES, X, find_modes, spring_coefficients
 
 RATE = 1000.0
 GRAVITY = "{inertia: 0.02, viscous_friction: 0.1, gravity_torque: 0.3, gravity_angle: 0.2}"
@@ -187,7 +187,7 @@ def led(row: Array, state: Array, sent: Array, measured: Array) -> None:
 
     for tick, command in enumerate(sent):
         state[0], state[3] = true_motion(row, 0, at(0, tick), at(3, tick))
-        find_modes(row, *laws(row), state, u, modes)
+        find_modes(row, *spring_coefficients(row), state, u, modes)
         advance_tick(row, state, command, u, modes, weights, np.zeros(9))
     state[0], state[3] = true_motion(row, 0, at(0, len(sent)), at(3, len(sent)))
 

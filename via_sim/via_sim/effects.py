@@ -125,8 +125,8 @@ def _misplaced(kind: EffectKind, site: str, motor: int, device: Device) -> str:
     if site == "transmission":
         if motor > device.n_transmissions:
             return f"'{device.name}' has {device.n_transmissions} transmissions"
-        law = device.spring_laws[motor - 1]
-        if kind.name == "preset_error" and device.arrangement == "serial" and law.kind not in (MACCEPA, TWO_LEVER):
+        has_preset = device.spring_laws[motor - 1].kind in (MACCEPA, TWO_LEVER)
+        if kind.name == "preset_error" and device.arrangement == "serial" and not has_preset:
             return f"the spring of '{device.name}' does not depend on a preset"
     driven = device.n_motors == 0 and kind.of_drive and site == "motor"  # the drive of a rigid joint is its motor 1
     if motor > (1 if driven else device.n_motors) and site in ("motor", "sensor", "timing"):

@@ -67,9 +67,9 @@ from via_sim.torques import (
     compiled,
     find_modes,
     forced,
-    laws,
     prepare,
     remember,
+    spring_coefficients,
     spring_factor,
     violation,
 )
@@ -90,7 +90,7 @@ def derivative(p: Array, x: Array, u: Array, out: Array) -> None:
 
     x (X.queue,), u (N_INPUTS,). The acceleration of servo axes is zero here; `servo_motion` is their closed form.
     """
-    modes, (c1, c2) = np.zeros(N_MODES, np.int64), laws(p)
+    modes, (c1, c2) = np.zeros(N_MODES, np.int64), spring_coefficients(p)
     prepare(p, modes)
     find_modes(p, c1, c2, x, u, modes)
     torques = forced(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
@@ -369,7 +369,7 @@ def begin(p: Array, x: Array, u: Array, modes: Array, weights: Array) -> None:
 @compiled
 def run(p: Array, s: Array, x: Array, commands: Array, measured: Array, truth: Array) -> None:
     """Advance state x by N ticks under commands (N, N_COMMANDS); store measured (N+1, 9) and truth (N+1, 16)."""
-    c1, c2 = laws(p)
+    c1, c2 = spring_coefficients(p)
     u, modes, weights, y = np.zeros(N_INPUTS), np.zeros(N_MODES, np.int64), np.zeros((2, N_WEIGHTS)), np.zeros(9)
     begin(p, x, u, modes, weights)
     observe(p, c1, c2, s, x, measured[0], truth[0])

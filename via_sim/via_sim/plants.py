@@ -137,12 +137,12 @@ def _row_of(device: Device) -> Array:
         row[P.delay] = device.servo.delay
     row[P.serial] = float(device.arrangement == "serial")
     row[P.transmissions] = device.n_transmissions
-    for i, law in enumerate(device.spring_laws):
+    for i, spring_law in enumerate(device.spring_laws):
         start = P.spring + i * N_COEFFICIENTS
-        row[P.spring_kind + i] = law.kind
-        row[start : start + N_COEFFICIENTS] = law.coefficients()
-        if law.kind not in (MACCEPA, TWO_LEVER):  # these are periodic; others overflow or end beyond their stop
-            row[P.stop + i] = law.max_deflection
+        row[P.spring_kind + i] = spring_law.kind
+        row[start : start + N_COEFFICIENTS] = spring_law.coefficients()
+        if spring_law.kind not in (MACCEPA, TWO_LEVER):  # these are periodic; others overflow or end beyond their stop
+            row[P.stop + i] = spring_law.max_deflection
     if device.damper is not None and device.damper_map is not None:
         row[P.damper_site] = AT_LINK if device.damper.site == "link" else AT_TRANSMISSION
         row[P.damper_kind] = device.damper_map.kind
@@ -203,9 +203,9 @@ def _load_excess(row: Array, axis: int) -> float:
 def _stiffest(row: Array, device: Device) -> Array:
     """Largest stiffness (3,) [N m/rad] on each axis."""
     stiffness = np.zeros(3)
-    for i, law in enumerate(device.spring_laws):
-        harder = 1.0 + 3.0 * max(row[P.spring_hardening + i], 0.0) * law.max_deflection**2
-        sigma = row[P.spring_scale + i] * harder * _steepest(law)
+    for i, spring_law in enumerate(device.spring_laws):
+        harder = 1.0 + 3.0 * max(row[P.spring_hardening + i], 0.0) * spring_law.max_deflection**2
+        sigma = row[P.spring_scale + i] * harder * _steepest(spring_law)
         if row[P.hysteresis_torque + i] > 0.0:
             sigma += row[P.hysteresis_stiffness + i]
         stiffness[0] += sigma
@@ -221,7 +221,7 @@ def _stiffest(row: Array, device: Device) -> Array:
 
 
 @lru_cache(maxsize=256)
-def _steepest(law: SpringLaw) -> float:
+def _steepest(spring_law: SpringLaw) -> float:
     """Largest stiffness [N m/rad] of a spring law within its stops."""
-    phi = np.linspace(-law.max_deflection, law.max_deflection, 129)
-    return max(float(np.max(np.abs(law.stiffness(phi, preset)))) for preset in (0.0, 1.0, 2.0))
+    phi = np.linspace(-spring_law.max_deflection, spring_law.max_deflection, 129)
+    return max(float(np.max(np.abs(spring_law.stiffness(phi, preset)))) for preset in (0.0, 1.0, 2.0))

@@ -75,7 +75,7 @@ N_MODES = 15
 
 
 @compiled
-def laws(p: Array) -> tuple[Array, Array]:
+def spring_coefficients(p: Array) -> tuple[Array, Array]:
     """Coefficients of the two spring laws, slices of row p."""
     return p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
 

@@ -63,11 +63,11 @@ from via_sim.torques import (
     compiled,
     counter_torque,
     deflection,
-    laws,
     motive_torques,
     prepare,
     preset_of,
     remember,
+    spring_coefficients,
     spring_factor,
     transmission_torque,
 )
@@ -197,7 +197,7 @@ def walk(
     p: Array, time: Array, angle: Array, velocity: Array, late: Array, prompt: Array, wanted: Any, out: Array
 ) -> None:
     """Torques at the wanted samples of a record into out (n, 17), see `EquationTorques` and `ZeroOrderHold.means`."""
-    c1, c2 = laws(p)
+    c1, c2 = spring_coefficients(p)
     log = _Log(time, angle, velocity, late, prompt)
     work = _Work(np.zeros(N_MODES, np.int64), np.zeros(N_INPUTS), np.zeros(X.queue), np.zeros(6))
     prepare(p, work.modes)

@@ -128,8 +128,8 @@ def _springs(z: Array, rows: Array, first: int, coefficients: int) -> None:
                 start = P.spring + i * N_COEFFICIENTS
                 q, m1, m2 = z[at, lane], z[at + 1, lane], z[at + 2, lane]
                 phi, preset = deflection(row, i, q, z[motor, lane]), preset_of(row, i, m1, m2)
-                law = row[start : start + N_COEFFICIENTS]
-                z[spring, lane] = transmission_torque(row, law, i, phi, preset, int(z[flank, lane]), z[factor, lane])
+                c = row[start : start + N_COEFFICIENTS]
+                z[spring, lane] = transmission_torque(row, c, i, phi, preset, int(z[flank, lane]), z[factor, lane])
             continue
         for lane in range(z.shape[1]):
             phi = z[at, lane] - z[motor, lane] - z[offset, lane] - z[flank, lane] * z[half, lane]
@@ -138,11 +138,11 @@ def _springs(z: Array, rows: Array, first: int, coefficients: int) -> None:
             z[spring, lane] = z[Z.slope, lane] = 0.0
         if kind == ODD_POLYNOMIAL:
             for k in range(coefficients - 1, -1, -1):
-                law, odd = Z.coefficient + (i * N_COEFFICIENTS + k), 2.0 * k + 1.0
+                coefficient, odd = Z.coefficient + (i * N_COEFFICIENTS + k), 2.0 * k + 1.0
                 for lane in range(z.shape[1]):
                     square = z[Z.inside, lane] * z[Z.inside, lane]
-                    z[spring, lane] = z[spring, lane] * square + z[law, lane]
-                    z[Z.slope, lane] = z[Z.slope, lane] * square + odd * z[law, lane]
+                    z[spring, lane] = z[spring, lane] * square + z[coefficient, lane]
+                    z[Z.slope, lane] = z[Z.slope, lane] * square + odd * z[coefficient, lane]
             for lane in range(z.shape[1]):
                 z[spring, lane] *= z[Z.inside, lane]
         else:
