@@ -17,7 +17,7 @@ from via_core.signals import Array
 
 from via_sim.parameters import DYNAMIC, POSITION_DRIVE, TORQUE_DRIVE, P
 from via_sim.position_drive import acting_goal
-from via_sim.torques import ACTING, BESIDE, EXTERNAL, FOLLOWED, LAGGED, LAGS, TARGET, X, bare
+from via_sim.torques import EXTERNAL, MODE, U, X, bare
 
 _PHASES = 4  # free, limited, free again, and limited in the other direction
 
@@ -31,7 +31,7 @@ def saturated(p: Array, axis: int, torque: float) -> float:
 @bare
 def lagged(p: Array, axis: int, x: Array, u: Array, after: float) -> float:
     """Drive torque [N m] behind the lag, `after` [s] later than state x."""
-    target = u[TARGET + axis]
+    target = u[U.target + axis]
     return target + (x[X.lag + axis] - target) * exp(-after / p[P.lag])
 
 
@@ -39,25 +39,25 @@ def lagged(p: Array, axis: int, x: Array, u: Array, after: float) -> float:
 def couple(p: Array, neighbour: float, arm: float, u: Array) -> None:
     """Torques that are not from the drives into u (N_INPUTS,): coupling to the `neighbour` [rad], arm [N m]."""
     through1, through2 = p[P.coupling + 1] * neighbour, p[P.coupling + 2] * neighbour
-    u[BESIDE] = p[P.coupling] * neighbour + through1 + through2 + arm
-    u[BESIDE + 1], u[BESIDE + 2] = -through1, -through2
+    u[U.beside] = p[P.coupling] * neighbour + through1 + through2 + arm
+    u[U.beside + 1], u[U.beside + 2] = -through1, -through2
 
 
 @bare
 def supply(p: Array, modes: Array, x: Array, u: Array, after: float) -> None:
     """Torques (and the goal of a position drive) `after` [s] later than state x into u (N_INPUTS,)."""
-    u[EXTERNAL] = u[BESIDE]
+    u[EXTERNAL] = u[U.beside]
     if p[P.link_drive] == POSITION_DRIVE:
-        u[ACTING] = acting_goal(p, u[TARGET], u[FOLLOWED], u[LAGGED], after)
+        u[U.acting] = acting_goal(p, u[U.target], u[U.followed], u[U.lagged], after)
     for axis in range(3):
         driven = p[P.link_drive] == TORQUE_DRIVE if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
         if driven:
-            torque = u[TARGET + axis] if modes[LAGS] == 0 else lagged(p, axis, x, u, after)
+            torque = u[U.target + axis] if modes[MODE.lags] == 0 else lagged(p, axis, x, u, after)
             torque = p[P.torque_gain + axis] * torque + p[P.torque_bias + axis]
             if axis == 0:
                 u[EXTERNAL] += torque
             else:
-                u[axis - 1] = torque + u[BESIDE + axis]
+                u[axis - 1] = torque + u[U.beside + axis]
 
 
 @bare

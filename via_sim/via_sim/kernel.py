@@ -43,25 +43,17 @@ from via_sim.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, TORQUE
 from via_sim.phi_functions import phi_functions
 from via_sim.position_drive import acting_goal, drive_torque, followed
 from via_sim.torques import (
-    ACTING,
     ARM,
-    BESIDE,
     DAMPING,
-    EVERY,
     EXTERNAL,
-    FOLLOWED,
     GOAL,
-    LAGGED,
-    LAGS,
+    MODE,
     N_INPUTS,
     N_MODES,
     NEIGHBOUR,
-    ON,
     POWER,
     QUEUED,
-    SPRING,
-    SWITCHES,
-    TARGET,
+    U,
     X,
     bare,
     compiled,
@@ -150,7 +142,7 @@ def _step(p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: A
     full0, end0 = x[0] + w0[W.full + 1] * x[3], w0[W.full] * x[3]  # linear part at the end
     full1, end1 = _drift(p, x, u, h, 1, w1[W.full], w1[W.full + 1])
     full2, end2 = _drift(p, x, u, h, 2, w2[W.full], w2[W.full + 1])
-    lags = modes[LAGS] != 0
+    lags = modes[MODE.lags] != 0
     if lags:
         supply(p, modes, x, u, 0.0)
     n0, n1, n2 = forced(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
@@ -203,9 +195,9 @@ def _accept(p: Array, modes: Array, x: Array, y: Array, u: Array, h: float) -> N
     for i in range(6):
         x[i] = y[i]
     if p[P.link_drive] == POSITION_DRIVE:
-        u[LAGGED] = acting_goal(p, u[TARGET], u[FOLLOWED], u[LAGGED], h)
-        u[FOLLOWED] = followed(p, u[TARGET], u[FOLLOWED], h)
-    elif modes[LAGS] != 0:
+        u[U.lagged] = acting_goal(p, u[U.target], u[U.followed], u[U.lagged], h)
+        u[U.followed] = followed(p, u[U.target], u[U.followed], h)
+    elif modes[MODE.lags] != 0:
         for axis in range(3):
             x[X.lag + axis] = lagged(p, axis, x, u, h)
 
@@ -215,13 +207,13 @@ def _advance(
     p: Array, c1: Array, c2: Array, x: Array, u: Array, h: float, modes: Array, weights: Array, y: Array
 ) -> None:
     """Advance x by h [s] in place with a restart at each event; weights (2, N_WEIGHTS) of full and partial steps."""
-    if modes[SWITCHES] == 0:
+    if modes[MODE.switches] == 0:
         _step(p, c1, c2, x, u, h, modes, weights[0], y)
         _accept(p, modes, x, y, u, h)
         return
     left = h
     for event in range(_MAX_EVENTS):
-        if modes[LAGS] != 0:
+        if modes[MODE.lags] != 0:
             supply(p, modes, x, u, 0.0)
         find_modes(p, c1, c2, x, u, modes)
         high = left
@@ -235,7 +227,7 @@ def _advance(
             else:
                 _step(p, c1, c2, x, u, left, modes, weights[1], y)
         if outside > 0.0:  # Illinois method: within the modes at `low`, outside at `high`
-            if modes[LAGS] != 0:
+            if modes[MODE.lags] != 0:
                 supply(p, modes, x, u, 0.0)
             low, at_low, at_high = 0.0, violation(p, c1, c2, x, x, u, modes), outside
             nearest, last = 0.5 * _EVENT_WIDTH * h, 0
@@ -273,28 +265,28 @@ def _advance(
 @bare
 def recall_goal(p: Array, x: Array, last: int, u: Array) -> None:
     """Goal of a position drive at the end of the last tick, whose command is at `last` of x, into u."""
-    u[FOLLOWED], _ = read_motion(p, 0, x[0], x[3])  # goal of a drive that was off
-    u[LAGGED] = u[FOLLOWED]
+    u[U.followed], _ = read_motion(p, 0, x[0], x[3])  # goal of a drive that was off
+    u[U.lagged] = u[U.followed]
     if x[last + POWER] > 0.5:
-        u[FOLLOWED] = x[last + GOAL] - x[X.behind]
-        u[LAGGED] = u[FOLLOWED] - x[X.lag]
+        u[U.followed] = x[last + GOAL] - x[X.behind]
+        u[U.lagged] = u[U.followed] - x[X.lag]
 
 
 @bare
 def take_goal(p: Array, x: Array, queued: int, u: Array) -> None:
     """Command of a position drive, at `queued` of x, into u (N_INPUTS,)."""
-    u[TARGET], u[ON] = x[queued + GOAL], 1.0 if x[queued + POWER] > 0.5 else 0.0
-    if u[ON] == 0.0:
-        u[TARGET], _ = read_motion(p, 0, x[0], x[3])
-        u[FOLLOWED] = u[LAGGED] = u[TARGET]
-    u[ACTING] = u[TARGET]
+    u[U.target], u[U.on] = x[queued + GOAL], 1.0 if x[queued + POWER] > 0.5 else 0.0
+    if u[U.on] == 0.0:
+        u[U.target], _ = read_motion(p, 0, x[0], x[3])
+        u[U.followed] = u[U.lagged] = u[U.target]
+    u[U.acting] = u[U.target]
 
 
 @bare
 def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, weights: Array, y: Array) -> None:
     """Advance state x by one tick under `command` (N_COMMANDS,) in place, with the work memory of `begin`."""
     c1, c2 = p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
-    record(x, modes[EVERY])
+    record(x, modes[MODE.every])
     tick, length = int(x[X.tick]), (x.size - X.queue) // QUEUED
     now = X.queue + QUEUED * (tick % length)
     for i in range(QUEUED):
@@ -304,13 +296,13 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
     period = p[P.tick]
     age = p[P.origin] + tick * period
     for i in range(2):
-        u[SPRING + i] = spring_factor(p, i, age + 0.5 * period)
+        u[U.spring + i] = spring_factor(p, i, age + 0.5 * period)
     couple(p, command[NEIGHBOUR], command[ARM], u)
     if p[P.link_drive] != TORQUE_DRIVE:
-        u[BESIDE] += command[EXTERNAL]
+        u[U.beside] += command[EXTERNAL]
     if p[P.pulse_torque] != 0.0:  # mean over the tick
         overlap = min(age + period, p[P.pulse_stop]) - max(age, p[P.pulse_start])
-        u[BESIDE] += p[P.pulse_torque] * max(overlap, 0.0) / period
+        u[U.beside] += p[P.pulse_torque] * max(overlap, 0.0) / period
     whole = floor(p[P.delay] / period + 1e-9)
     rest = p[P.delay] - whole * period
     if rest < 1e-9 * period:
@@ -323,32 +315,32 @@ def advance_tick(p: Array, x: Array, command: Array, u: Array, modes: Array, wei
         if duration <= 0.0:
             continue
         queued = X.queue + QUEUED * ((tick - whole - (1 - piece)) % length)
-        u[TARGET] = saturated(p, 0, x[queued + EXTERNAL])
+        u[U.target] = saturated(p, 0, x[queued + EXTERNAL])
         for i in range(2):
             limit = p[P.torque_limit + i]
             u[i] = x[queued + i] if p[P.axis_kind + 1 + i] == SERVO else 0.0
-            u[TARGET + 1 + i] = saturated(p, 1 + i, min(max(x[queued + i], -limit), limit))
+            u[U.target + 1 + i] = saturated(p, 1 + i, min(max(x[queued + i], -limit), limit))
         if positioned:
             take_goal(p, x, queued, u)
         supply(p, modes, x, u, 0.0)
         damping = 0.0
         if p[P.damper_site] != NO_DAMPER:
             damping = damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], x[queued + DAMPING])
-        u[DAMPING] = damping + u[ON] * p[P.drive_damping]
+        u[DAMPING] = damping + u[U.on] * p[P.drive_damping]
         substeps = max(1, ceil(p[P.substeps] * duration / period - 1e-9))
         h = duration / substeps
         for _ in range(substeps):
             _advance(p, c1, c2, x, u, h, modes, weights, y)
-        x[X.damping], x[X.external], x[X.beside] = damping, u[EXTERNAL], u[BESIDE]
+        x[X.damping], x[X.external], x[X.beside] = damping, u[EXTERNAL], u[U.beside]
         for i in range(2):
             x[X.motor_torque + i] = u[i]
         if positioned:
-            x[X.external] += drive_torque(p, u[ACTING], u[ON], x[0])
-            x[X.external] -= u[ON] * p[P.drive_damping] * x[3]
-            x[X.behind], x[X.lag] = u[TARGET] - u[FOLLOWED], u[FOLLOWED] - u[LAGGED]
-        elif modes[LAGS] == 0:
+            x[X.external] += drive_torque(p, u[U.acting], u[U.on], x[0])
+            x[X.external] -= u[U.on] * p[P.drive_damping] * x[3]
+            x[X.behind], x[X.lag] = u[U.target] - u[U.followed], u[U.followed] - u[U.lagged]
+        elif modes[MODE.lags] == 0:
             for axis in range(3):
-                x[X.lag + axis] = u[TARGET + axis]
+                x[X.lag + axis] = u[U.target + axis]
     x[X.tick] += 1.0
 
 
@@ -359,9 +351,9 @@ def begin(p: Array, x: Array, u: Array, modes: Array, weights: Array) -> None:
     modes[:] = 0
     u[:] = 0.0
     for i in range(2):
-        u[SPRING + i] = spring_factor(p, i, p[P.origin])
+        u[U.spring + i] = spring_factor(p, i, p[P.origin])
     prepare(p, modes)
-    modes[EVERY] = stride(p[P.tick])
+    modes[MODE.every] = stride(p[P.tick])
     c1, c2 = p[P.spring : P.spring + N_COEFFICIENTS], p[P.spring + N_COEFFICIENTS : P.spring + 2 * N_COEFFICIENTS]
     find_modes(p, c1, c2, x, u, modes)
 

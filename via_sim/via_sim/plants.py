@@ -33,7 +33,7 @@ from via_sim.parameters import (
     P,
     neutral_row,
 )
-from via_sim.torques import ACTING, DAMPING, GOAL, N_INPUTS, ON, POWER, SPRING, X, spring_factor
+from via_sim.torques import DAMPING, GOAL, N_INPUTS, POWER, U, X, spring_factor
 
 GRAVITY = 9.80665  # [m/s^2]
 MAX_SUBSTEPS = 4096  # largest number per tick
@@ -100,9 +100,9 @@ class JointPlant:
         state_row, inputs_row = np.zeros(X.queue), np.zeros(N_INPUTS)
         state_row[:6], inputs_row[:4] = x, u
         if row[P.link_drive] == POSITION_DRIVE:
-            inputs_row[ACTING], inputs_row[ON] = u[GOAL], u[POWER]
+            inputs_row[U.acting], inputs_row[U.on] = u[GOAL], u[POWER]
             inputs_row[DAMPING] += u[POWER] * row[P.drive_damping]
-        inputs_row[SPRING : SPRING + 2] = [spring_factor(row, i, row[P.origin]) for i in range(2)]
+        inputs_row[U.spring : U.spring + 2] = [spring_factor(row, i, row[P.origin]) for i in range(2)]
         derivative(row, state_row, inputs_row, out)
         return out
 

@@ -58,20 +58,26 @@ N_COMMANDS, QUEUED = 6, 4
 M1, M2, DAMPING, EXTERNAL, NEIGHBOUR, ARM = range(N_COMMANDS)
 GOAL, POWER = M1, M2
 
-# Inputs u of the equations: torque on motor 1, motor 2 [N m] (command [rad] of a servo), damping [N m s/rad], torque on
-# the link [N m]; from SPRING on factors of the two springs [-]; from TARGET on commands to the drives of link, motor 1,
-# motor 2 [N m, goal of a position drive rad]; from BESIDE on torques on these axes that are not from drives [N m]. Of a
-# position drive: ACTING goal [rad], ON 1 or 0, goal at the beginning of the step behind the speed limit (FOLLOWED) and
-# behind the lag (LAGGED) [rad].
+# Inputs u of the equations. Columns 0 to 3 as in the command row: torque on motor 1, motor 2 [N m] (command [rad] of a
+# servo), DAMPING [N m s/rad], EXTERNAL torque on the link [N m]; then
+#   spring (2)          factors of the two springs [-]
+#   target (3)          commands to the drives of link, motor 1, motor 2 [N m; goal of a position drive: rad]
+#   beside (3)          torques on these axes that are not from drives [N m]
+#   acting, on          of a position drive: goal [rad], 1 or 0
+#   followed, lagged    its goal at the beginning of the step behind the speed limit and behind the lag [rad]
+_Inputs = namedtuple("_Inputs", "spring target beside acting on followed lagged")
+U: Any = _Inputs(4, 6, 9, 12, 13, 14, 15)
 N_INPUTS = 16
-SPRING, TARGET, BESIDE, ACTING, ON, FOLLOWED, LAGGED = 4, 6, 9, 12, 13, 14, 15
 
-# Modes: of the three axes STUCK, SMOOTH (no dry friction) or slip direction -1, +1; FLANK of the two transmissions, 0
-# within the gap; SLIP direction of their Maxwell elements, 0 sticking; TOUCH: wall touched; SWITCHES: any mode can
-# change; RARE: any rare term; LAGS: the drives lag; EVERY: ticks between samples in the ring buffer; RIPPLES of the
-# three axes: number of harmonics, up to the last that is not zero.
-STUCK, SMOOTH, FLANK, SLIP, TOUCH, SWITCHES, RARE, LAGS, EVERY, RIPPLES = 0, 2, 3, 5, 7, 8, 9, 10, 11, 12
-N_MODES = 15
+# Modes. Columns 0 to 2 are the axes: STUCK, SMOOTH (no dry friction) or slip direction -1, +1; then
+#   flank (2), slip (2)  flank of the transmissions (0 within the gap), slip direction of their Maxwell elements (or 0)
+#   touch                whether the wall is touched
+#   switches, rare, lags whether any mode can change, any rare term is there, the drives lag
+#   every                ticks between samples in the ring buffer
+#   ripples (3)          number of ripple harmonics of the axes, up to the last that is not zero
+_Modes = namedtuple("_Modes", "flank slip touch switches rare lags every ripples")
+MODE: Any = _Modes(3, 5, 7, 8, 9, 10, 11, 12)
+STUCK, SMOOTH, N_MODES = 0, 2, 15
 
 
 @compiled
@@ -82,17 +88,17 @@ def spring_coefficients(p: Array) -> tuple[Array, Array]:
 
 @bare
 def prepare(p: Array, modes: Array) -> None:
-    """Set the entries of modes (N_MODES,) that are constant for a parameter row: RIPPLES, RARE, LAGS."""
+    """Set the entries of modes (N_MODES,) that are constant for a parameter row: ripples, rare, lags."""
     rare = p[P.contact_stiffness] > 0.0
     for i in range(3):
-        modes[RIPPLES + i] = 0
+        modes[MODE.ripples + i] = 0
         for k in range(RIPPLE_HARMONICS):
             if p[P.ripple_amplitude + 3 * k + i] != 0.0:
-                modes[RIPPLES + i] = k + 1
-        rare |= p[P.quadratic_drag + i] != 0.0 or p[P.bristle_torque + i] > 0.0 or modes[RIPPLES + i] > 0
+                modes[MODE.ripples + i] = k + 1
+        rare |= p[P.quadratic_drag + i] != 0.0 or p[P.bristle_torque + i] > 0.0 or modes[MODE.ripples + i] > 0
     for i in range(2):
         rare |= p[P.hysteresis_torque + i] > 0.0 or p[P.spring_damping + i] != 0.0
-    modes[RARE], modes[LAGS] = rare, p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf
+    modes[MODE.rare], modes[MODE.lags] = rare, p[P.lag] > 0.0 or p[P.drive_speed_limit] < inf
 
 
 @bare
@@ -193,8 +199,8 @@ def _rare_torque(p: Array, modes: Array, x: Array, axis: int, angle: float, spee
     torque = -p[P.quadratic_drag + axis] * speed * abs(speed)
     if p[P.bristle_torque + axis] > 0.0:
         torque -= bristle_torque(p, axis, modes[axis], x[X.bristle + axis], angle - x[axis])
-    if modes[RIPPLES + axis] > 0:
-        torque += ripple_torque(p, axis, angle, modes[RIPPLES + axis])
+    if modes[MODE.ripples + axis] > 0:
+        torque += ripple_torque(p, axis, angle, modes[MODE.ripples + axis])
     return torque
 
 
@@ -209,39 +215,39 @@ def motive_torques(
     w, w1, w2 [rad/s] are those of the stage.
     """
     link, first, second = u[EXTERNAL], u[M1], u[M2]
-    load, load1, load2 = link - u[BESIDE], 0.0, 0.0
+    load, load1, load2 = link - u[U.beside], 0.0, 0.0
     if p[P.link_drive] == POSITION_DRIVE:
-        load = drive_torque(p, u[ACTING], u[ON], q)
-        link, load = link + load, load - u[ON] * p[P.drive_damping] * w
+        load = drive_torque(p, u[U.acting], u[U.on], q)
+        link, load = link + load, load - u[U.on] * p[P.drive_damping] * w
     if p[P.gravity_torque] != 0.0:
         link -= p[P.gravity_torque] * sin(q - p[P.gravity_angle])
     if p[P.transmissions] > 0.0:
         phi, preset = deflection(p, 0, q, m1), preset_of(p, 0, m1, m2)
-        torque = transmission_torque(p, c1, 0, phi, preset, modes[FLANK], u[SPRING])
+        torque = transmission_torque(p, c1, 0, phi, preset, modes[MODE.flank], u[U.spring])
         link -= torque
         first += torque
         load, load1 = -torque, torque
     if p[P.transmissions] > 1.0:
         phi, preset = deflection(p, 1, q, m2), preset_of(p, 1, m1, m2)
-        torque = transmission_torque(p, c2, 1, phi, preset, modes[FLANK + 1], u[SPRING + 1])
+        torque = transmission_torque(p, c2, 1, phi, preset, modes[MODE.flank + 1], u[U.spring + 1])
         link -= torque
         second += torque
         load, load2 = load - torque, torque
     if p[P.damper_site] == AT_TRANSMISSION:  # at transmission 1; the diagonal part is in `viscous_rate`
         link += u[DAMPING] * w1
         first += u[DAMPING] * w
-    if modes[RARE] != 0:
+    if modes[MODE.rare] != 0:
         link += _rare_torque(p, modes, x, 0, q, w)
         first += _rare_torque(p, modes, x, 1, m1, w1)
         second += _rare_torque(p, modes, x, 2, m2, w2)
-        if modes[TOUCH] != 0:
+        if modes[MODE.touch] != 0:
             link += contact_torque(p, q, w)
         d1, d2 = p[P.spring_damping], p[P.spring_damping + 1]
         h1 = h2 = 0.0
         if p[P.hysteresis_torque] > 0.0:
-            h1 = maxwell_torque(p, 0, modes[SLIP], x[X.hysteresis], (q - m1) - (x[0] - x[1]))
+            h1 = maxwell_torque(p, 0, modes[MODE.slip], x[X.hysteresis], (q - m1) - (x[0] - x[1]))
         if p[P.hysteresis_torque + 1] > 0.0:
-            h2 = maxwell_torque(p, 1, modes[SLIP + 1], x[X.hysteresis + 1], (q - m2) - (x[0] - x[2]))
+            h2 = maxwell_torque(p, 1, modes[MODE.slip + 1], x[X.hysteresis + 1], (q - m2) - (x[0] - x[2]))
         link += d1 * w1 + d2 * w2 - h1 - h2  # only the coupling part of the dampers, as above
         first += d1 * w + h1
         second += d2 * w + h2
@@ -257,11 +263,11 @@ def counter_torque(p: Array, modes: Array, u: Array, axis: int, q: float, w: flo
     if not feels_both_sides(p, axis):
         return 0.0
     if axis > 0:
-        return u[axis - 1] - u[BESIDE + axis]
-    torque = u[BESIDE] if p[P.link_drive] == TORQUE_DRIVE else u[EXTERNAL]
+        return u[axis - 1] - u[U.beside + axis]
+    torque = u[U.beside] if p[P.link_drive] == TORQUE_DRIVE else u[EXTERNAL]
     if p[P.gravity_torque] != 0.0:
         torque -= p[P.gravity_torque] * sin(q - p[P.gravity_angle])
-    if modes[TOUCH] != 0:
+    if modes[MODE.touch] != 0:
         torque += contact_torque(p, q, w)
     return torque
 
@@ -269,30 +275,30 @@ def counter_torque(p: Array, modes: Array, u: Array, axis: int, q: float, w: flo
 @bare
 def find_modes(p: Array, c1: Array, c2: Array, x: Array, u: Array, modes: Array) -> None:
     """Modes of state x into modes (N_MODES,), after `prepare`."""
-    modes[SWITCHES] = 0
+    modes[MODE.switches] = 0
     for i in range(2):
         half = 0.5 * p[P.backlash + i]
         if half > 0.0:
             phi = deflection(p, i, x[0], x[1 + i])
-            modes[FLANK + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
-            modes[SWITCHES] = 1
-    if modes[RARE] != 0:
+            modes[MODE.flank + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
+            modes[MODE.switches] = 1
+    if modes[MODE.rare] != 0:
         for i in range(2):
             level, held = p[P.hysteresis_torque + i], x[X.hysteresis + i]
             if level > 0.0:
                 slips = abs(held) >= level and held * (x[3] - x[4 + i]) > 0.0
-                modes[SLIP + i] = (1 if held > 0.0 else -1) if slips else 0
-                modes[SWITCHES] = 1
+                modes[MODE.slip + i] = (1 if held > 0.0 else -1) if slips else 0
+                modes[MODE.switches] = 1
         if p[P.contact_stiffness] > 0.0:
             depth = p[P.contact_side] * (x[0] - p[P.contact_angle])
-            modes[TOUCH] = depth > 0.0 or (depth == 0.0 and p[P.contact_side] * x[3] > 0.0)
-            modes[SWITCHES] = 1
+            modes[MODE.touch] = depth > 0.0 or (depth == 0.0 and p[P.contact_side] * x[3] > 0.0)
+            modes[MODE.switches] = 1
     for i in range(3):
         modes[i] = SMOOTH
         if has_friction(p, i):
             modes[i] = STUCK
-            modes[SWITCHES] = 1
-    if modes[SWITCHES] != 0:
+            modes[MODE.switches] = 1
+    if modes[MODE.switches] != 0:
         t = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
         for i in range(3):
             if modes[i] != SMOOTH:
@@ -348,18 +354,18 @@ def violation(p: Array, c1: Array, c2: Array, x: Array, y: Array, u: Array, mode
     for i in range(2):
         half = 0.5 * p[P.backlash + i]
         if half > 0.0:
-            phi, flank = deflection(p, i, y[0], y[1 + i]), modes[FLANK + i]
+            phi, flank = deflection(p, i, y[0], y[1 + i]), modes[MODE.flank + i]
             worst = max(worst, abs(phi) - half if flank == 0 else half - flank * phi)
-    if modes[RARE] != 0:
+    if modes[MODE.rare] != 0:
         for i in range(2):
-            level, slip = p[P.hysteresis_torque + i], modes[SLIP + i]
+            level, slip = p[P.hysteresis_torque + i], modes[MODE.slip + i]
             if level > 0.0:
                 travel = (y[0] - y[1 + i]) - (x[0] - x[1 + i])
                 stretched = abs(maxwell_torque(p, i, slip, x[X.hysteresis + i], travel)) - level
                 worst = max(worst, stretched if slip == 0 else -slip * (y[3] - y[4 + i]))
         if p[P.contact_stiffness] > 0.0:
             depth = p[P.contact_side] * (y[0] - p[P.contact_angle])
-            worst = max(worst, -depth if modes[TOUCH] != 0 else depth)
+            worst = max(worst, -depth if modes[MODE.touch] != 0 else depth)
     return worst
 
 
@@ -373,5 +379,5 @@ def remember(p: Array, modes: Array, x: Array, y: Array) -> None:
         level = p[P.hysteresis_torque + i]
         if level > 0.0:
             travel = (y[0] - y[1 + i]) - (x[0] - x[1 + i])
-            held = maxwell_torque(p, i, modes[SLIP + i], x[X.hysteresis + i], travel)
+            held = maxwell_torque(p, i, modes[MODE.slip + i], x[X.hysteresis + i], travel)
             x[X.hysteresis + i] = min(max(held, -level), level)

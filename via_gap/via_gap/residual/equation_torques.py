@@ -44,21 +44,16 @@ from via_sim.parameters import (
 )
 from via_sim.position_drive import followed, mean_followed
 from via_sim.torques import (
-    ACTING,
     ARM,
-    BESIDE,
     DAMPING,
     EXTERNAL,
-    FLANK,
     GOAL,
+    MODE,
     N_INPUTS,
     N_MODES,
     NEIGHBOUR,
-    ON,
     POWER,
-    RARE,
-    SPRING,
-    TOUCH,
+    U,
     X,
     compiled,
     counter_torque,
@@ -178,17 +173,17 @@ def _mean_goal(p: Array, late: Array, measured: float, width: float, x: Array, u
     late (N_COMMANDS,): means of the commands; measured [rad]: goal of a drive that is off. x holds the goal behind the
     speed limit and behind the lag, here both absolute [rad].
     """
-    u[ON] = late[POWER]
-    if u[ON] <= 0.0:
-        x[X.behind] = x[X.lag] = u[ACTING] = measured
+    u[U.on] = late[POWER]
+    if u[U.on] <= 0.0:
+        x[X.behind] = x[X.lag] = u[U.acting] = measured
         return
-    commanded = late[GOAL] / u[ON]
-    u[ACTING] = mean_followed(p, commanded, x[X.behind], width)
+    commanded = late[GOAL] / u[U.on]
+    u[U.acting] = mean_followed(p, commanded, x[X.behind], width)
     x[X.behind] = followed(p, commanded, x[X.behind], width)
     if p[P.lag] > 0.0:
-        passed = u[ACTING] + (x[X.lag] - u[ACTING]) * exp(-width / p[P.lag])
+        passed = u[U.acting] + (x[X.lag] - u[U.acting]) * exp(-width / p[P.lag])
         if width > 0.0:
-            u[ACTING] -= p[P.lag] * (passed - x[X.lag]) / width
+            u[U.acting] -= p[P.lag] * (passed - x[X.lag]) / width
         x[X.lag] = passed
 
 
@@ -216,12 +211,12 @@ def _load_inputs(p: Array, log: _Log, n: int, age: float, begin: float, width: f
     u, x, late, now = work.u, work.x, log.late[n], log.prompt[n]
     couple(p, now[NEIGHBOUR], now[ARM], u)
     if p[P.link_drive] != TORQUE_DRIVE:
-        u[BESIDE] += now[EXTERNAL]
+        u[U.beside] += now[EXTERNAL]
     if p[P.pulse_torque] != 0.0 and width > 0.0:
         from_age = age - (log.time[n] - begin)
         overlap = min(from_age + width, p[P.pulse_stop]) - max(from_age, p[P.pulse_start])
-        u[BESIDE] += p[P.pulse_torque] * max(overlap, 0.0) / width
-    u[EXTERNAL], u[DAMPING] = u[BESIDE], late[DAMPING]
+        u[U.beside] += p[P.pulse_torque] * max(overlap, 0.0) / width
+    u[EXTERNAL], u[DAMPING] = u[U.beside], late[DAMPING]
     for axis in range(3):
         torque = late[EXTERNAL] if axis == 0 else late[axis - 1]
         if p[P.axis_kind + axis] != DYNAMIC or (axis == 0 and p[P.link_drive] != TORQUE_DRIVE):
@@ -237,7 +232,7 @@ def _load_inputs(p: Array, log: _Log, n: int, age: float, begin: float, width: f
         if axis == 0:
             u[EXTERNAL] += torque
         else:
-            u[axis - 1] = torque + u[BESIDE + axis]
+            u[axis - 1] = torque + u[U.beside + axis]
 
 
 @inlined
@@ -260,8 +255,8 @@ def _load_motion(p: Array, log: _Log, n: int, width: float, work: _Work) -> None
         if n == 0:
             x[X.behind] = x[X.lag] = late[GOAL] / late[POWER] if late[POWER] > 0.0 else measured
         _mean_goal(p, late, measured, width, x, u)
-        u[DAMPING] += u[ON] * p[P.drive_damping]
-    if modes[RARE] != 0 and isfinite(y[0] + y[1] + y[2]):
+        u[DAMPING] += u[U.on] * p[P.drive_damping]
+    if modes[MODE.rare] != 0 and isfinite(y[0] + y[1] + y[2]):
         remember(p, modes, x, y)
     for axis in range(6):
         x[axis] = y[axis]
@@ -273,12 +268,12 @@ def _store_torques(
 ) -> None:  # fmt: skip
     """Torques at the motion and inputs of sample n into out (17,)."""
     modes, u, x, late, last = work.modes, work.u, work.x, log.late[n], log.time.size - 1
-    u[SPRING], u[SPRING + 1] = spring_factor(p, 0, age), spring_factor(p, 1, age)
+    u[U.spring], u[U.spring + 1] = spring_factor(p, 0, age), spring_factor(p, 1, age)
     for i in range(2):
         phi = deflection(p, i, x[0], x[1 + i])
         half = 0.5 * p[P.backlash + i]
-        modes[FLANK + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
-    modes[TOUCH] = p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0 and p[P.contact_stiffness] > 0.0
+        modes[MODE.flank + i] = 0 if abs(phi) < half else (1 if phi > 0.0 else -1)
+    modes[MODE.touch] = p[P.contact_side] * (x[0] - p[P.contact_angle]) > 0.0 and p[P.contact_stiffness] > 0.0
     torques = motive_torques(p, c1, c2, modes, u, x, x[0], x[1], x[2], x[3], x[4], x[5])
     for axis in range(3):
         kind, load = p[P.axis_kind + axis], torques[3 + axis]
@@ -308,6 +303,6 @@ def _store_torques(
             preset = preset_of(p, i, x[1], x[2])
             phi = deflection(p, i, x[0], x[1 + i])
             c = c1 if i == 0 else c2
-            total = transmission_torque(p, c, i, phi, preset, modes[FLANK + i], u[SPRING + i])
+            total = transmission_torque(p, c, i, phi, preset, modes[MODE.flank + i], u[U.spring + i])
             total += x[X.hysteresis + i] + p[P.spring_damping + i] * (x[3] - x[4 + i])
         out[_C.transmission + i] = total

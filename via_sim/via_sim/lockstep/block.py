@@ -58,8 +58,9 @@ N_ROWS = sum(_SIZES.values())
 #   rare          bits of the terms below, which most joints lack
 Terms = namedtuple("Terms", "axes coefficients gravity friction falls gaps rare")
 
-# First bit of each rare term: one per axis, per transmission, one only, or (ripple) one per axis and harmonic.
-BRISTLE, DRAG, MAXWELL, SPRING_DAMPING, WALL, LAG, LOADS, POSITION, RIPPLE = 0, 3, 6, 8, 9, 10, 11, 12, 13
+# First bit of each rare term: one bit per axis, transmission, or joint; of `ripple` one per axis and harmonic.
+_Rare = namedtuple("_Rare", "bristle drag maxwell spring_damping wall lag loads position ripple")
+R: Any = _Rare(0, 3, 6, 8, 9, 10, 11, 12, 13)
 
 
 @bare

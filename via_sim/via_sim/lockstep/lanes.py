@@ -11,19 +11,7 @@ from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, SINH
 from via_sim.actuation import saturated
 from via_sim.compiled import bare
 from via_sim.friction import feels_both_sides, has_friction
-from via_sim.lockstep.block import (
-    BRISTLE,
-    DRAG,
-    LAG,
-    LOADS,
-    MAXWELL,
-    POSITION,
-    RIPPLE,
-    SPRING_DAMPING,
-    WALL,
-    Terms,
-    Z,
-)
+from via_sim.lockstep.block import R, Terms, Z
 from via_sim.parameters import ABSENT, DYNAMIC, NO_DAMPER, POSITION_DRIVE, RIPPLE_HARMONICS, TORQUE_DRIVE, P
 from via_sim.position_drive import drive_torque
 from via_sim.torques import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, QUEUED, X, deflection, spring_factor
@@ -223,15 +211,15 @@ def terms_of(rows: Array, first: int, count: int) -> Terms:
 @bare
 def _rare_bits(p: Array) -> int:
     """Bits of the rare terms of a parameter row."""
-    bits = int(p[P.contact_stiffness] > 0.0) << WALL | int(p[P.lag] > 0.0) << LAG
-    bits |= int(p[P.link_drive] == POSITION_DRIVE) << POSITION
+    bits = int(p[P.contact_stiffness] > 0.0) << R.wall | int(p[P.lag] > 0.0) << R.lag
+    bits |= int(p[P.link_drive] == POSITION_DRIVE) << R.position
     for axis in range(3):
-        bits |= int(p[P.bristle_torque + axis] > 0.0) << (BRISTLE + axis)
-        bits |= int(p[P.quadratic_drag + axis] != 0.0) << (DRAG + axis)
-        bits |= int(feels_both_sides(p, axis)) << LOADS
+        bits |= int(p[P.bristle_torque + axis] > 0.0) << (R.bristle + axis)
+        bits |= int(p[P.quadratic_drag + axis] != 0.0) << (R.drag + axis)
+        bits |= int(feels_both_sides(p, axis)) << R.loads
         for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
-            bits |= int(p[P.ripple_amplitude + k] != 0.0) << (RIPPLE + k)
+            bits |= int(p[P.ripple_amplitude + k] != 0.0) << (R.ripple + k)
     for i in range(2):
-        bits |= int(p[P.hysteresis_torque + i] > 0.0) << (MAXWELL + i)
-        bits |= int(p[P.spring_damping + i] != 0.0) << SPRING_DAMPING
+        bits |= int(p[P.hysteresis_torque + i] > 0.0) << (R.maxwell + i)
+        bits |= int(p[P.spring_damping + i] != 0.0) << R.spring_damping
     return bits

@@ -16,7 +16,7 @@ from via_sim.lockstep.lanes import is_supported, load_inputs, load_parameters, l
 from via_sim.lockstep.step import step
 from via_sim.measurements import record, sense, stride
 from via_sim.parameters import P
-from via_sim.torques import EVERY, N_INPUTS, N_MODES, QUEUED, X
+from via_sim.torques import MODE, N_INPUTS, N_MODES, QUEUED, X
 
 LANES = 32
 _FEWEST = 4  # lanes in lockstep: fewer are as fast one by one
@@ -131,7 +131,7 @@ def _finish(runs: _Runs, first: int, lane: int, tick: int, stepped: bool, terms:
     command, now = runs.commands[runs.begins[first + lane] + tick], work.number[lane] + tick
     if stepped and z[Z.margin, lane] > 0.0:
         if now % stride(p[P.tick]) == 0:
-            record(x, work.modes[lane, EVERY])
+            record(x, work.modes[lane, MODE.every])
         for i in range(6):
             x[i] = z[Z.start + i, lane]
         if terms.rare != 0:

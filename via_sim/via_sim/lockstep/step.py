@@ -6,7 +6,7 @@ from via_core.signals import Array
 
 from via_sim.compiled import bare
 from via_sim.kernel import PER_AXIS, W
-from via_sim.lockstep.block import BRISTLE, LAG, MAXWELL, WALL, Terms, Z, add, copy
+from via_sim.lockstep.block import R, Terms, Z, add, copy
 from via_sim.lockstep.torques import apply_lag, bristle_torque, maxwell_torque, torques
 
 
@@ -18,7 +18,7 @@ def step(z: Array, rows: Array, first: int, terms: Terms, sticks: bool) -> None:
     sticks  whether an axis sticks in any lane
     """
     axes, friction, rare = terms.axes, terms.friction, terms.rare
-    lags = rare >> LAG & 1 != 0
+    lags = rare >> R.lag & 1 != 0
     copy(z, Z.start, Z.at, 6)
     if lags:
         apply_lag(z, 0)
@@ -96,14 +96,14 @@ def _check_rare_modes(z: Array, rare: int) -> None:
     """Margin <= 0 where a Maxwell element begins or ceases to slip, or the wall is met or left."""
     for i in range(2):
         motor, number = 1 + i, i
-        if rare >> (MAXWELL + i) & 1:
+        if rare >> (R.maxwell + i) & 1:
             for lane in range(z.shape[1]):
                 slip, absent = z[Z.slip + number, lane], 1.0 if z[Z.slip_torque + number, lane] == 0.0 else 0.0
                 sliding = slip * (z[Z.at + 3, lane] - z[Z.at + 3 + motor, lane])
                 sticking = z[Z.slip_torque + number, lane] - abs(maxwell_torque(z, number, lane))
                 kept = abs(slip) * sliding + (1.0 - abs(slip)) * sticking + absent
                 z[Z.margin, lane] = min(z[Z.margin, lane], kept)
-    if rare >> WALL & 1:
+    if rare >> R.wall & 1:
         for lane in range(z.shape[1]):
             depth = z[Z.wall_side, lane] * (z[Z.at, lane] - z[Z.wall_angle, lane])
             z[Z.margin, lane] = min(z[Z.margin, lane], (2.0 * z[Z.touch, lane] - 1.0) * depth + z[Z.no_wall, lane])
@@ -114,16 +114,16 @@ def _update_memory(z: Array, axes: int, rare: int) -> None:
     """`torques.remember` from `Z.start` to `Z.at`, and the lag of the drives over the step."""
     for axis in range(axes):
         here = axis
-        if rare >> (BRISTLE + axis) & 1:
+        if rare >> (R.bristle + axis) & 1:
             for lane in range(z.shape[1]):
                 z[Z.bristle + here, lane] = bristle_torque(z, here, lane)
     for i in range(2):
         number = i
-        if rare >> (MAXWELL + i) & 1:
+        if rare >> (R.maxwell + i) & 1:
             for lane in range(z.shape[1]):
                 most = z[Z.slip_torque + number, lane]
                 z[Z.maxwell + number, lane] = min(max(maxwell_torque(z, number, lane), -most), most)
-    if rare >> LAG & 1:
+    if rare >> R.lag & 1:
         for axis in range(3):
             here = axis
             for lane in range(z.shape[1]):

@@ -6,20 +6,7 @@ from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
 from via_sim.compiled import bare
-from via_sim.lockstep.block import (
-    BRISTLE,
-    DRAG,
-    LOADS,
-    MAXWELL,
-    POSITION,
-    RIPPLE,
-    SPRING_DAMPING,
-    WALL,
-    Terms,
-    Z,
-    decay,
-    sine,
-)
+from via_sim.lockstep.block import R, Terms, Z, decay, sine
 from via_sim.parameters import AT_TRANSMISSION, RIPPLE_HARMONICS, P
 from via_sim.torques import deflection, preset_of, transmission_torque
 
@@ -66,7 +53,7 @@ def _friction(z: Array, axis: int, count: int, out: int, terms: Terms, sticks: b
     if count == 0:
         for lane in range(z.shape[1]):
             z[Z.load_torque, lane] = z[Z.torque, lane] - z[Z.other_torque, lane]
-        if rare >> POSITION & 1:
+        if rare >> R.position & 1:
             for lane in range(z.shape[1]):
                 z[Z.load_torque, lane] = z[Z.drive_torque, lane] - z[Z.drive_damping, lane] * z[Z.at + 3, lane]
     elif axis == 0:
@@ -75,7 +62,7 @@ def _friction(z: Array, axis: int, count: int, out: int, terms: Terms, sticks: b
     else:
         for lane in range(z.shape[1]):
             z[Z.load_torque, lane] = z[Z.spring_torque + here - 1, lane]
-    if rare >> LOADS & 1:
+    if rare >> R.loads & 1:
         _counter(z, here, count, terms)
         for lane in range(z.shape[1]):
             load, counter = z[Z.load_torque, lane], z[Z.counter_torque, lane]
@@ -97,7 +84,7 @@ def _friction(z: Array, axis: int, count: int, out: int, terms: Terms, sticks: b
             ratio = z[Z.at + 3 + here, lane] * z[Z.inverse_stribeck_velocity + here, lane]
             excess = z[Z.friction_excess + here, lane] * decay(ratio * ratio)
             z[out + here, lane] -= z[Z.sign + here, lane] * excess
-    if rare >> LOADS & 1:
+    if rare >> R.loads & 1:
         for lane in range(z.shape[1]):
             ratio = z[Z.at + 3 + here, lane] * z[Z.inverse_load_velocity + here, lane]
             z[out + here, lane] -= z[Z.sign + here, lane] * z[Z.standstill_friction, lane] * decay(ratio * ratio)
@@ -163,7 +150,7 @@ def _springs(z: Array, rows: Array, first: int, coefficients: int) -> None:
 @bare
 def _rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
     """Add the rare terms to three rows from `out` on."""
-    if rare >> POSITION & 1:  # `position_drive.drive_torque`
+    if rare >> R.position & 1:  # `position_drive.drive_torque`
         for lane in range(z.shape[1]):
             reach = z[Z.drive_limit, lane]
             torque = min(max(z[Z.drive_stiffness, lane] * (z[Z.goal, lane] - z[Z.at, lane]), -reach), reach)
@@ -171,32 +158,32 @@ def _rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
             z[out, lane] += z[Z.drive_torque, lane]
     for axis in range(axes):
         here = axis
-        if rare >> (DRAG + axis) & 1:
+        if rare >> (R.drag + axis) & 1:
             for lane in range(z.shape[1]):
                 v = z[Z.at + 3 + here, lane]
                 z[out + here, lane] -= z[Z.quadratic_drag + here, lane] * v * abs(v)
-        if rare >> RIPPLE != 0:
+        if rare >> R.ripple != 0:
             for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
-                if rare >> (RIPPLE + k) & 1:
+                if rare >> (R.ripple + k) & 1:
                     for lane in range(z.shape[1]):
                         turned = z[Z.ripple_order + k, lane] * z[Z.at + here, lane] + z[Z.ripple_phase + k, lane]
                         z[out + here, lane] += z[Z.ripple_amplitude + k, lane] * sine(turned)
-        if rare >> (BRISTLE + axis) & 1:
+        if rare >> (R.bristle + axis) & 1:
             for lane in range(z.shape[1]):
                 z[out + here, lane] -= bristle_torque(z, here, lane)
     for i in range(2):
         motor, number = 1 + i, i
-        if rare >> (MAXWELL + i) & 1:
+        if rare >> (R.maxwell + i) & 1:
             for lane in range(z.shape[1]):
                 torque = maxwell_torque(z, number, lane)
                 z[out, lane] -= torque
                 z[out + motor, lane] += torque
-        if rare >> SPRING_DAMPING & 1:  # coupling part of the dampers; the diagonal part is in `weigh`
+        if rare >> R.spring_damping & 1:  # coupling part of the dampers; the diagonal part is in `weigh`
             for lane in range(z.shape[1]):
                 rub = z[Z.spring_damping + number, lane]
                 z[out, lane] += rub * z[Z.at + 3 + motor, lane]
                 z[out + motor, lane] += rub * z[Z.at + 3, lane]
-    if rare >> WALL & 1:
+    if rare >> R.wall & 1:
         for lane in range(z.shape[1]):
             z[out, lane] += wall_torque(z, lane)
 
@@ -238,7 +225,7 @@ def _counter(z: Array, axis: int, count: int, terms: Terms) -> None:
     if terms.gravity:
         for lane in range(z.shape[1]):
             z[Z.counter_torque, lane] -= z[Z.gravity_torque, lane] * sine(z[Z.at, lane] - z[Z.gravity_angle, lane])
-    if terms.rare >> WALL & 1:
+    if terms.rare >> R.wall & 1:
         for lane in range(z.shape[1]):
             z[Z.counter_torque, lane] += wall_torque(z, lane)
 
