@@ -1,11 +1,11 @@
-"""The benchmark of the estimator node over DDS, as short as can be: every estimate is counted."""
+"""A short benchmark of the estimator node over DDS: every estimate is counted."""
 
 from __future__ import annotations
 
 from via_validation.bench import node
 
 
-def test_every_estimate_of_a_second_comes(domain, monkeypatch):
+def test_every_estimate_of_a_second_arrives(domain, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))  # which the benchmark sets, and this puts back
     rows = {row.id: row for row in node.node_rows(1.0, 2, "qbmove_b", separate=True)}
     assert rows["node.expected"].ours == 4000.0
@@ -14,7 +14,7 @@ def test_every_estimate_of_a_second_comes(domain, monkeypatch):
     assert rows["node.cpu.node"].settings == "2 x qbmove_b, 1000 Hz, 1 s, one JointState per joint"
 
 
-def test_what_is_missing_or_out_of_order_counts():
+def test_missing_and_unordered_estimates_are_counted():
     sent = {"steps": 100.0, "node": 0.5, "robot": 0.1, "late ticks": 3.0}
     heard = {"counts": {"/a": 98, "/b": 100}, "wrong": ["/a: 5 after 2"], "latency": [1.0, 2.0, 3.0, 4.0]}
     rows = {row.id: row for row in node._rows(sent, heard, "s", 2)}

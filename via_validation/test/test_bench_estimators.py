@@ -22,7 +22,7 @@ ROWS, Y = kernels.log(200, seed=3)
 
 @pytest.fixture(name="reference", scope="module")
 def _reference(tmp_path_factory):
-    """The C++ reference; everything that set-up asks for is enough to build it."""
+    """The C++ reference; the packages of the set-up suffice to build it."""
     built = eigen.build(tmp_path_factory.mktemp("eigen"))
     assert isinstance(built, eigen.Reference), built
     return built
@@ -54,13 +54,13 @@ def test_turns_alternate_and_the_first_round_does_not_count():
     assert [len(each.seconds) for each in times.values()] == [3, 3]
 
 
-def test_ratios_are_of_what_was_measured_side_by_side():
+def test_ratios_are_medians_over_turns():
     slow_machine_in_the_middle = Times((1.0, 9.0, 1.0)), Times((2.0, 18.0, 4.0))
     assert slow_machine_in_the_middle[0].over(slow_machine_in_the_middle[1]) == 0.5
     assert slow_machine_in_the_middle[1].nanoseconds == 4e9
 
 
-def test_without_a_compiler_or_headers_rows_say_so(monkeypatch, tmp_path):
+def test_without_a_compiler_or_headers_rows_have_the_reason(monkeypatch, tmp_path):
     monkeypatch.setenv("CXX", "no-such-compiler")
     assert eigen.build(tmp_path) == "no compiler: no-such-compiler not found"
     monkeypatch.setattr(kernels, "LOG", 600)

@@ -1,4 +1,4 @@
-"""The fits beside one another: all get the same log and find what was planted in it."""
+"""The contenders of `via bench gap`: all find the planted parameters in the same log."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ def log():
 
 
 @pytest.mark.parametrize("name", CONTENDERS)
-def test_every_contender_finds_what_is_there(log, name):
+def test_every_contender_finds_the_planted_parameters(log, name):
     found = CONTENDERS[name](log)
     assert found == pytest.approx(totals(TRUE), rel=0.02)
     assert np.all(found != totals(START))

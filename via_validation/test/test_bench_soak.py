@@ -110,7 +110,7 @@ def test_a_faulty_estimator_misses_every_limit(monkeypatch):
     assert {row.id: row.ok for row in soak_rows(grown)}["soak.modulated_torque.memory"] is False
 
 
-def test_the_page_has_every_run_and_names_what_is_missed(tmp_path):
+def test_the_page_has_every_run_and_the_missed_limits(tmp_path):
     shares = dict.fromkeys((status.name for status in Status), 0.2)
     good = Hour(3_600_000, 0.01, 1.0, 1.0, shares, 12.0, 10**8, True)
     run = bench.Endurance("modulated_torque", "qbmove_a", DAY, (good, good), 100.0)

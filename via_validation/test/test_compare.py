@@ -130,7 +130,7 @@ def test_examples_are_runs_of_the_estimator_on_the_simulated_joint(comparison):
     assert np.array_equal(case.example.truth, measured.truth["stiffness"])
 
 
-def test_table_page_picture_and_json_tell_the_same(comparison, tmp_path, monkeypatch):
+def test_table_page_picture_and_json_agree(comparison, tmp_path, monkeypatch):
     monkeypatch.setattr(page, "SHOWN", (8.0, 12.0))
     source = Provenance("abc", "via compare", "3.11", "2", "0.6")
     page.draw(comparison, tmp_path / "picture.png")

@@ -123,7 +123,7 @@ def followed(goals: Array, start: float, rate: float, limit: float, delay: float
 
 @pytest.mark.parametrize("changed", ["nothing", "delay", "speed_limit", "torque_ripple"])
 def test_a_position_drive_follows_its_law(changed: str) -> None:
-    """Clipped proportional torque on a late goal of limited speed, less the speed's share; effects beside it."""
+    """Clipped proportional torque on a late goal of limited speed, minus damping, with effects added."""
     device = rigid()
     drive = excite(np.random.default_rng(2), device, 2.0, 1.0, 200.0, SERVO)
     drive = replace(drive, references=drive.references + 0.6 * (np.arange(400) > 150)[:, None])  # a step that saturates

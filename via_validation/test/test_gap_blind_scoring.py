@@ -82,7 +82,7 @@ def test_verdicts_of_today_and_of_older_reports(written: str, read: str) -> None
     assert found.verdict == read and found.answered and found.top1 and found.main_right
 
 
-def test_the_main_cause_counts_where_dirt_acts_beside_it() -> None:
+def test_with_dirt_the_main_cause_counts() -> None:
     asked = key("single", COULOMB, dirt={"effect": "extra_mode"}, quality="degraded")
     for verdict, right in (("main_effect", True), ("effect", True), ("several_effects", True), ("unknown", False)):
         found = evaluate("a", asked, report(verdict, (COULOMB, 0.9), (LAG, 0.5)), None, None)
@@ -280,7 +280,7 @@ def test_an_unknown_placeholder_is_an_error() -> None:
         command_words("diagnose {keys}", bag=Path("b"), json=Path("j"))
 
 
-def test_shrinkage_is_what_the_command_writes(tmp_path: Path) -> None:
+def test_shrinkage_is_read_from_the_command(tmp_path: Path) -> None:
     paths = (tmp_path / "log", tmp_path / "d.yaml", tmp_path / "e.yaml", tmp_path / "r.json")
     script = (
         "import json, sys; json.dump({'gap': {'before': 0.5, 'after': 0.1, 'floor': 0.05}}, open(sys.argv[1], 'w'))\n"

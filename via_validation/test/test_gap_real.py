@@ -88,7 +88,7 @@ def test_the_size_of_a_payload_is_its_mass_times_its_distance() -> None:
     assert replace(found, found=-0.2).off
 
 
-def test_every_case_reads_what_its_set_has() -> None:
+def test_every_case_is_consistent() -> None:
     assert len({case.name for case in CASES}) == len(CASES)
     for case in CASES:
         assert case.nominal().name == case.device

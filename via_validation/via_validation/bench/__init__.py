@@ -1,1 +1,1 @@
-"""Speed, size and endurance, each beside what it is held against, measured in one run: `via bench`."""
+"""`via bench`: speed, memory and endurance, with references measured in the same run."""

@@ -116,14 +116,14 @@ def evaluate(
     conformal = tuple(map(_place, answer["conformal_set"])) if answer.get("conformal_set") is not None else None
     where = tuple((each["site"], int(each.get("motor", 0))) for each in answer.get("where", ()))
     answers, gap = verdict in ANSWERS and bool(named), answer.get("gap") or {}
-    beside = tuple(each for each in repair if each != named[0]) if named else ()
-    first_right = bool(named) and any(names(named[0], truth, family, beside) for truth in truths)
+    others = tuple(each for each in repair if each != named[0]) if named else ()
+    first_right = bool(named) and any(names(named[0], truth, family, others) for truth in truths)
     where_right = top1 = place_right = in_set = both = in_conformal = None
     if kind == "single":
         (truth,) = truths
         where_right = bool(where) and same_site(where[0], truth, family)
         top1 = answers and first_right
-        place_right = answers and locates((named[0], *beside), truth, family)
+        place_right = answers and locates((named[0], *others), truth, family)
         in_set = answers and (first_right or any(names(each, truth, family) for each in tied))
     if kind == "pair":
         where_right = all(any(same_site(each, truth, family) for each in where[:2]) for truth in truths)

@@ -75,14 +75,14 @@ def turn(rng: Generator, device: Device, duration: float, rate: float) -> Drive:
     level = speeds[np.clip(np.searchsorted(edges, time, side="right") - 1, 0, None)]
     half = max(int(0.15 * rate), 1)
     window = np.hanning(2 * half + 1)
-    asked = np.convolve(np.pad(level, half, mode="edge"), window / window.sum(), mode="valid") * _fade(time)
-    references = np.cumsum(asked) / rate
+    speed = np.convolve(np.pad(level, half, mode="edge"), window / window.sum(), mode="valid") * _fade(time)
+    references = np.cumsum(speed) / rate
     w = float(rng.uniform(15.0, 35.0))
     stiffness, damping = device.link.inertia * w * w, 1.4 * device.link.inertia * w
     integral = stiffness * float(rng.uniform(1.0, 4.0)) if rng.uniform() < 0.4 else 0.0
     zero = np.zeros((len(time), 1))
     return Drive(
-        references[:, None], asked[:, None], zero, zero[:, 0], (stiffness,), (damping,), rate, (integral,)
+        references[:, None], speed[:, None], zero, zero[:, 0], (stiffness,), (damping,), rate, (integral,)
     )  # fmt: skip
 
 

@@ -119,13 +119,13 @@ def _commanded(drive: Drive, run: Run, recorder: Recorder) -> tuple[Array, Array
 def _table_commands(drive: Drive, run: Run, recorder: Recorder, ticks: NDArray[np.int64]) -> Array:
     """(n, 1) command in each row of a rigid joint's table; the last row repeats the one before."""
     if drive.servo is not None or recorder.every == 1:
-        asked = run.commands[ticks[:-1]]
+        commands = run.commands[ticks[:-1]]
     elif recorder.snapshot:
-        asked = run.last[ticks[:-1]]
+        commands = run.last[ticks[:-1]]
     else:
         ends = np.cumsum(np.vstack([np.zeros((1, 1)), run.mean]), axis=0)
-        asked = np.diff(ends[ticks], axis=0) / recorder.every
-    return np.vstack([asked, asked[-1:]])
+        commands = np.diff(ends[ticks], axis=0) / recorder.every
+    return np.vstack([commands, commands[-1:]])
 
 
 def cut(log: Log, windows: Sequence[tuple[float, float]]) -> tuple[Log, ...]:
@@ -133,11 +133,11 @@ def cut(log: Log, windows: Sequence[tuple[float, float]]) -> tuple[Log, ...]:
     parts = []
     for begin, end in windows:
         here = (log.time >= begin) & (log.time < end)
-        asked = (log.command_time >= begin) & (log.command_time < end)
+        commands = (log.command_time >= begin) & (log.command_time < end)
         parts.append(
             Log(
-                log.time[here], log.q[here], log.theta[here], log.tau[here], log.command_time[asked],
-                log.commands[asked], log.damping[asked], log.neighbour[here],
+                log.time[here], log.q[here], log.theta[here], log.tau[here], log.command_time[commands],
+                log.commands[commands], log.damping[commands], log.neighbour[here],
             )
         )  # fmt: skip
     return tuple(parts)
@@ -174,8 +174,8 @@ def write_log(path: Path, device: Device, log: Log, positioned: bool = False) ->
     if device.motors:
         _write_bag(path, device, log)
         return
-    asked = "equilibrium" if positioned else "external_torque"
-    columns, names = [log.time, log.q, log.commands[:, 0]], ["time", "q", asked]
+    commands = "equilibrium" if positioned else "external_torque"
+    columns, names = [log.time, log.q, log.commands[:, 0]], ["time", "q", commands]
     if np.isfinite(log.neighbour).any():
         columns, names = [*columns, log.neighbour], [*names, "neighbour"]
     np.savetxt(path, np.column_stack(columns), fmt="%.12g", delimiter=",", header=",".join(names), comments="")

@@ -56,8 +56,8 @@ def residuals(device: Device, log: Log, speed: Array, servo: Servo | None = None
         angle = log.theta[:, i]
         if isinstance(motor, ServoMotor):
             w = motor.bandwidth
-            asked = _held_mean(log.commands[:, i], log, period)
-            rows.append(over(second, angle) - 2.0 * w * over(first, angle) + w * w * over(bump, angle - asked))
+            command = _held_mean(log.commands[:, i], log, period)
+            rows.append(over(second, angle) - 2.0 * w * over(first, angle) + w * w * over(bump, angle - command))
             dry.append(0.0)
             continue
         torque = 0.5 * (
@@ -100,10 +100,10 @@ def _held_mean(commands: Array, log: Log, period: float) -> Array:
 def servo_torque(servo: Servo, log: Log, speed: Array) -> Array:
     """(N,) torque [N m] of a position drive, from its goals and the measured angles."""
     fine = np.arange(log.time[0], log.time[-1], FINE)
-    asked = log.commands[np.clip(np.searchsorted(log.time, fine - servo.delay, side="right") - 1, 0, None), 0]
-    goal, reach = asked.copy(), servo.speed_limit * FINE
+    command = log.commands[np.clip(np.searchsorted(log.time, fine - servo.delay, side="right") - 1, 0, None), 0]
+    goal, reach = command.copy(), servo.speed_limit * FINE
     for k in range(1, len(goal)) if isfinite(reach) else ():
-        goal[k] = goal[k - 1] + min(max(asked[k] - goal[k - 1], -reach), reach)
+        goal[k] = goal[k - 1] + min(max(command[k] - goal[k - 1], -reach), reach)
     pull = servo.kp * (np.interp(log.time, fine, goal) - log.q)
     return np.clip(pull, -servo.torque_limit, servo.torque_limit) - servo.kd * speed
 

@@ -123,11 +123,11 @@ def _readme(case: Case) -> str:
     device, positioned = device_of(case.nominal), "servo" in case.nominal
     sensors, torque = device.sensors, device.drive == "torque" and bool(device.motors)
     signals = _SIGNALS[case.level].format(torque=" and motor torques" if torque else "; the drives report no torque")
-    asked = "motor torques" if torque else "equilibrium, preset and damping"
+    commands = "motor torques" if torque else "equilibrium, preset and damping"
     if not device.motors:
-        signals, asked = "the link angle", "`external_torque`, the torque of the drive at the link"
+        signals, commands = "the link angle", "`external_torque`, the torque of the drive at the link"
     if positioned:
-        asked = "`equilibrium`, the goal angle of the drive"
+        commands = "`equilibrium`, the goal angle of the drive"
     count, ending = len(case.logs), "" if device.motors else ".csv"
     seconds = case.logs[0].time[-1] - case.logs[0].time[0]
     files = f"`{BAG if device.motors else TABLE}{ending}` holds {seconds:.0f} s"
@@ -137,7 +137,7 @@ def _readme(case: Case) -> str:
     lines = [
         "# One joint on a test bench",
         "",
-        f"{files} at {sensors.rate:.0f} Hz: {signals}; and the commands ({asked}).",
+        f"{files} at {sensors.rate:.0f} Hz: {signals}; and the commands ({commands}).",
         f"`{DEVICE}` is the joint as its makers describe it; inertias, frictions and stiffnesses are good to "
         f"{100.0 * case.tolerance:.0f} %.",
         "",
