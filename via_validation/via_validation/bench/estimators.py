@@ -135,12 +135,12 @@ def growth_rows(turns: int) -> list[Row]:
     for order in (1, 2, 3, 4, 5, 6):
         cases[f"parameters.{order + 2}"] = (
             f"{order + 2} unknowns per transmission",
-            base.having(replace(base.parameters, order=order, even_terms=0)),
+            base.with_parameters(replace(base.parameters, order=order, even_terms=0)),
         )
     for intervals in (50, 100, 200, 400, 800):
         cases[f"window.{intervals}"] = (
             f"window of {intervals} intervals",
-            base.having(replace(base.parameters, window=intervals)),
+            base.with_parameters(replace(base.parameters, window=intervals)),
         )
     contenders = {name: _contenders(name, estimator)[f"{name} fold"] for name, (_, estimator) in cases.items()}
     joints = {f"joints.{count}": count for count in (1, 2, 4, 8, 16)}

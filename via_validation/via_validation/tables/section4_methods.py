@@ -11,7 +11,7 @@ from numba import njit
 from via_core.metrics import mse, msrep
 from via_core.signals import Array
 from via_core.status import Status
-from via_estimators.batch import BatchLaw, batch_law, integral_rows
+from via_validation.tables.batch import BatchLaw, batch_law, integral_rows
 from via_estimators.contract import Estimator
 from via_estimators.filtered_signal_based import FilteredSignalBased, FilteredSignalBasedParameters
 from via_estimators.qr import rotate_in, solve_triangular
@@ -87,7 +87,7 @@ def ideal_estimates(variant: str, drift: float) -> dict[str, Array]:
 
 def whole(run: Motion) -> BatchLaw:
     """Batch least squares over the whole record, transmission 1."""
-    return batch_law(run.time, run.q, run.theta[:, 0], run.theta_velocity[:, 0], run.tau[:, 0], "powers", 7)
+    return batch_law((run.time, run.q, run.theta[:, 0], run.theta_velocity[:, 0], run.tau[:, 0]), "powers", 7)
 
 
 def outcome(estimator: Estimator, run: Motion, seeds: int) -> Errors:

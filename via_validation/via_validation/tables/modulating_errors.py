@@ -1,4 +1,4 @@
-"""What truncation and noise do to one row of Section 3's estimator: eqs. (31)-(34) as they should read, and Table 1.
+"""Truncation and noise errors of one row of Section 3's estimator: eqs. (31)-(34), corrected, and Table 1.
 
 Source: SAPHARI deliverable, Section 3.3. A row is A' Gamma(k) = C(k) + e_RN(k) + e_w(k), in the scale of (26), (27):
 
@@ -6,14 +6,14 @@ Source: SAPHARI deliverable, Section 3.3. A row is A' Gamma(k) = C(k) + e_RN(k) 
     |e_RN|  <= 2 T^2 / 4^h sup |rho_N|                          h = 3: T^2 / 32
     e_w(k)  =  T^2 sum_m W_m w_hh'(m/H) omega(k-H+m),           Var e_w = s^2 T^4 sum_m (W_m w_hh'(m/H))^2
 
-with W = 1/H, halved at both ends. Printed is sigma - sigma_N itself in place of its integral in (32), a bound T 5/8
-sup |sigma - sigma_N| in (33), which has another unit and is broken by slow motion in long windows, and sample k - m.
-The bound follows from integral |w_hh'| du = 2 w_hh(1/2), since w_hh rises to its middle and falls.
+with W = 1/H, halved at both ends. Printed are sigma - sigma_N in place of its integral in (32), sample k - m, and in
+(33) a bound T 5/8 sup |sigma - sigma_N|, which has a different unit and is violated by slow motion in long windows.
+The bound follows from integral |w_hh'| du = 2 w_hh(1/2), since w_hh rises up to its middle, then falls.
 
 Table 1. For small steps Var e_w -> s^2 T^3 Ts integral w_hh'^2 du: it grows with the sampling period (printed: falls).
-Both errors are to be held against the row itself, whose regressors are T^3 / c_h (`row_scale`) times weighted means of
-d/dt phi^(j+1)/(j+1)!: so the noise of a row falls like T^-3/2 beside what it says, although e_w itself grows; and what
-truncation adds is a weighted mean of d/dt rho_N, which grows neither with T nor with Ts, and falls with N.
+Both errors must be compared with the row itself, whose regressors are T^3 / c_h (`row_scale`) times weighted means of
+d/dt phi^(j+1)/(j+1)!: the relative noise of a row falls like T^-3/2 although e_w itself grows; relative truncation
+error is a weighted mean of d/dt rho_N, which grows neither with T nor with Ts, and falls with N.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ def row_scale(span: float, order: int = 3) -> float:
     return span**3 * factorial(order) ** 2 / factorial(2 * order + 1)
 
 
-def remainder(law: SpringLaw, alpha: ArrayLike, phi: ArrayLike) -> Array:
-    """rho_N(phi) [N m] at deflections phi (...) [rad]: torque that a stiffness polynomial leaves unexplained.
+def remainder(spring: SpringLaw, alpha: ArrayLike, phi: ArrayLike) -> Array:
+    """rho_N(phi) [N m] at deflections phi (...) [rad]: torque not explained by a stiffness polynomial.
 
     alpha  (N + 1,) Taylor coefficients [N m/rad^(j+1)], sigma_N = sum_j alpha_j phi^j / j!
     """
     at = np.asarray(phi, dtype=np.float64)
-    total = law.torque(at) - law.torque(0.0)
+    total = spring.torque(at) - spring.torque(0.0)
     for j, coefficient in enumerate(np.atleast_1d(alpha)):
         total = total - coefficient * at ** (j + 1) / factorial(j + 1)
     return np.asarray(total)
@@ -71,7 +71,7 @@ def noise_variance(torque_noise: float, intervals: int, span: float, order: int 
 
 
 def noise_deviation(torque_noise: float, intervals: int, span: float, order: int = 3) -> float:
-    """Standard deviation [N m/s] of a row over `row_scale`: noise as a rate of torque, which is what a row measures."""
+    """Standard deviation [N m/s] of a row over `row_scale`: noise as a rate of torque, the unit of a row."""
     return float(np.sqrt(noise_variance(torque_noise, intervals, span, order)) / row_scale(span, order))
 
 

@@ -1,39 +1,39 @@
-"""Batch least squares on the integrated motor equation: one law for a whole record, off line.
+"""Batch least squares on the integrated motor equation: one spring law for a whole record, offline.
 
-Source: SAPHARI deliverable, eqs. (36)-(43), the 'standard LS' of Table 3, with the corrections of `integral`: a
-constant beside the integrals and the minus of (39). Integrated as in `signal_based`: torques held over the interval
-that ends at their stamp, f_j(phi) by trapezoids, both from the first sample on.
+Source: SAPHARI deliverable, eqs. (36)-(43), the 'standard LS' of Table 3, with the corrections of
+`via_estimators.integral`: a constant beside the integrals, and the minus of (39). Integrated as in `signal_based`:
+torques are constant over the interval that ends at their stamp, f_j(phi) by trapezoids, both from the first sample on.
 
-Standard deviations: white torque noise of variance r^2 is a random walk in the integrals, so with the rows F and the
-sums S_n = sum of F_k, k >= n, of all rows that sample n's error e_n reaches,
+Standard deviations: white torque noise of variance r^2 is a random walk in the integrals. With the rows F and the sums
+S_n = sum of F_k, k >= n, of all rows that the error e_n of sample n enters,
 
     F'e = sum_n dt_n e_n S_n,   Cov(x) = r^2 P (sum_n dt_n^2 S_n S_n') P,   P = (F'F)^-1
 
-r^2 is measured on the increments of the equation, whose errors are white. Left out: what the basis cuts off, drift of
-the law (which a batch cannot follow: its estimate is a mean over the record), errors of angles and velocities.
+r^2 is measured on the increments of the equation, whose errors are white. Not included: the truncation of the basis,
+drift of the spring law (a batch estimate is a mean over the record), and errors of angles and velocities.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from via_core.errors import ParameterError, SignalError
 from via_core.signals import Array
-
 from via_estimators.basis import BASES, fill_basis
 
 
 @dataclass(frozen=True)
 class BatchLaw:
-    """What a record says of one transmission.
+    """Spring law and motor parameters of one transmission.
 
     coefficients  (m + 2,) B [kg m^2], D [N m s/rad], a_1.. [N m/rad]
-    covariance    (m + 2, m + 2) of them
-    torque_noise  [N m] standard deviation of the torque noise found
+    covariance    (m + 2, m + 2) of the coefficients
+    torque_noise  [N m] measured standard deviation of the torque noise
     condition     [-] condition number of the rows, columns scaled to unit length
-    basis, scale  of the law: name in BASES, deflection [rad]
+    basis, scale  name in BASES, deflection scale [rad]
     """
 
     coefficients: Array
@@ -75,24 +75,18 @@ def integral_rows(record: Array, basis: str, terms: int, scale: float) -> tuple[
     return np.column_stack([np.ones(len(time)), theta_velocity, theta - theta[0], -integrals]), pushed
 
 
-def batch_law(
-    time: ArrayLike,
-    q: ArrayLike,
-    theta: ArrayLike,
-    theta_velocity: ArrayLike,
-    tau: ArrayLike,
-    basis: str = "powers",
-    terms: int = 7,
-    scale: float = 1.0,
-) -> BatchLaw:
-    """The law of one transmission from a record: arrays (N,) of time [s], angles, motor velocity and motor torque.
+def batch_law(record: Sequence[ArrayLike], basis: str = "powers", terms: int = 7, scale: float = 1.0) -> BatchLaw:
+    """The spring law of one transmission.
 
-    Raises SignalError for arrays that are not finite, not of one length, too short, or tell nothing; ParameterError for
-    a basis there is not.
+    record  arrays (N,) of time [s], q, theta [rad], motor velocity [rad/s] and motor torque [N m]
+    terms   of the basis; scale [rad]
+
+    Raises SignalError for arrays that are not finite, not of one length, too short, or not informative; ParameterError
+    for an unknown basis.
     """
     if basis not in BASES:
         raise ParameterError(f"no basis '{basis}'; there are: {', '.join(BASES)}")
-    arrays = [np.asarray(values, dtype=np.float64) for values in (time, q, theta, theta_velocity, tau)]
+    arrays = [np.asarray(values, dtype=np.float64) for values in record]
     if len({array.shape for array in arrays}) != 1 or arrays[0].ndim != 1 or len(arrays[0]) < terms + 4:
         raise SignalError(f"need arrays (N,) of one length > {terms + 3}, got {[array.shape for array in arrays]}")
     if not all(np.all(np.isfinite(array)) for array in arrays) or not np.all(np.diff(arrays[0]) > 0.0):
@@ -100,10 +94,10 @@ def batch_law(
     rows, right = integral_rows(np.column_stack(arrays), basis, terms, scale)
     size = np.linalg.norm(rows, axis=0)
     if not np.all(size > 0.0):
-        raise SignalError(f"column {int(np.argmin(size))} of the record's rows is 0: it tells nothing of that unknown")
+        raise SignalError(f"column {int(np.argmin(size))} of the record's rows is 0: that unknown cannot be determined")
     _, singular, directions = np.linalg.svd(rows / size, full_matrices=False)
     if singular[-1] <= 1e-14 * singular[0]:
-        raise SignalError("the record's rows are linearly dependent: it does not tell its unknowns apart")
+        raise SignalError("the record's rows are linearly dependent: its unknowns cannot be distinguished")
     x = np.linalg.lstsq(rows / size, right, rcond=None)[0] / size
     P = (directions.T / singular**2) @ directions / np.outer(size, size)
     step = np.diff(arrays[0])

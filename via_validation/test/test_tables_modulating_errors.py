@@ -6,7 +6,7 @@ from scipy.special import beta
 from via_core.errors import ParameterError
 from via_core.springs import SinhSpring, cubic_spring
 from via_core.weak_form import modulating
-from via_estimators import modulating_errors as errors
+from via_validation.tables import modulating_errors as errors
 
 H, SPAN = 500, 0.5
 SINH = SinhSpring(2.0, 0.5, 3.0)  # 0.5 sinh(3 phi)
