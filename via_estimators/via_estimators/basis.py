@@ -1,10 +1,10 @@
-"""Bases of the torque law: what tau_e(phi) is a sum of, with their slopes, addressed by a kind as spring laws are.
+"""Bases of spring laws, tau_e(phi) as a sum of functions, with their derivatives; each basis has an integer kind.
 
     tau_e(phi) = sum_j a_j f_j(phi),   f_j(phi) = s F_j(phi / s),   g_j = df_j/dphi = F_j'(phi / s),   f_1 = phi
 
 Source: SAPHARI deliverable, eqs. (37), (43). Every f_j vanishes at phi = 0: the printed f_i = phi^(i-1) begins with a
-constant, which carries no stiffness (and is not told from the integral equation's own constant). The slopes are scaled
-so that each a_j [N m/rad] is a share of stiffness at the deflection scale s:
+constant, which has no stiffness (and cannot be distinguished from the constant of the integral equation). The slopes
+are scaled so that each a_j [N m/rad] contributes to stiffness at the deflection scale s:
 
     powers        g_j = z^(j-1)           the document's choice, z = phi / s
     odd_powers    g_j = z^(2j-2)          for tau_e(-phi) = -tau_e(phi)
@@ -17,7 +17,7 @@ from __future__ import annotations
 from numba import njit
 from via_core.signals import Array
 
-POWERS, ODD_POWERS, LEGENDRE, ODD_LEGENDRE = range(4)
+POWERS, ODD_POWERS, LEGENDRE, ODD_LEGENDRE = range(4)  # kinds
 BASES = {"powers": POWERS, "odd_powers": ODD_POWERS, "legendre": LEGENDRE, "odd_legendre": ODD_LEGENDRE}
 MOST_TERMS = 10
 
@@ -60,9 +60,9 @@ def fill_basis(kind: int, phi: float, scale: float, f: Array, g: Array, bend: Ar
 
 @njit(cache=True, error_model="numpy")
 def swing_of_last(kind: int, terms: int, back: int, far: float) -> float:
-    """How much [-] the slope of a term swings at most about lower powers, over |phi| <= far s, per unit of its a_j.
+    """Size [-] of the highest Chebyshev polynomial in a term's slope, over |phi| <= far s, per unit of its a_j.
 
-    A power n of z holds 2^(1-n) far^n of the Chebyshev polynomial T_n there; the rest of it is lower powers.
+    A power n of z contains 2^(1-n) far^n of the Chebyshev polynomial T_n; the rest are lower powers.
 
     back  0 for the last of the terms, 1 for the one before
     """
@@ -79,7 +79,7 @@ def swing_of_last(kind: int, terms: int, back: int, far: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def swing_before(kind: int, terms: int, back: int, far: float, steps: int) -> float:
-    """How much [-] of a lower Chebyshev polynomial of its parity, T_(n - 2 steps), the slope of a term holds.
+    """Coefficient [-] of a lower Chebyshev polynomial of the same parity, T_(n - 2 steps), in a term's slope.
 
     Per unit of `swing_of_last` of the same term, z^n = 2^(1-n) (T_n + n T_(n-2) + n (n - 1) / 2 T_(n-4) + ..), T_0
     halved.
@@ -91,7 +91,7 @@ def swing_before(kind: int, terms: int, back: int, far: float, steps: int) -> fl
     if n < 2 * steps:
         return 0.0
     share = float(n) if steps == 1 else 0.5 * n * (n - 1.0)
-    if kind in (LEGENDRE, ODD_LEGENDRE):  # which go on with -n (n - 1) / (2 (2n - 1)) z^(n-2) per z^n, and so forth
+    if kind in (LEGENDRE, ODD_LEGENDRE):  # next terms: -n (n - 1) / (2 (2n - 1)) z^(n-2) per z^n, ...
         second = -n * (n - 1.0) / (2.0 * (2.0 * n - 1.0)) * 4.0 / (far * far)
         if steps == 1:
             share += second

@@ -1,25 +1,26 @@
-"""Least squares over overlapping windows, with standard deviations that mean what they say.
+"""Least squares over overlapping windows, with standard deviations that account for the overlap.
 
-Every row of a modulated equation is a window over the same raw samples, so neighbouring residuals are almost copies of
-one another and the textbook sigma^2 P promises 9-15 times too much. What is known instead is the colour: noise on raw
-samples enters row k through the kernel h, hence E[e_k e_(k-d)] = s^2 r_d, r_d = sum_m h_m h_(m+d) if it is white, and
+Every row of a modulated equation is a window over the same raw samples, so neighbouring residuals are almost equal and
+standard deviations by the textbook's sigma^2 P are 9-15 times too small. The autocorrelation (colour) of the residuals
+is known: noise on raw samples enters row k through the kernel h, hence E[e_k e_(k-d)] = s^2 r_d, where r_d = sum_m h_m
+h_(m+d) if it is white, and
 
     Cov(x) = P (s^2 M + ...) P,   P = (R'R)^-1,   M = sum_k sum_l w_k w_l F_k F_l' r_(k-l)
 
-M grows by F V' + V F' with V = r_0 F_k / 2 + sum_d r_d F_(k-d): one more FIR over the rows, exact at every sample and
-positive semidefinite. Three colours are kept: torque noise (kernel psi), position noise through psi' and psi''. The
-torque part is measured: E[RSS] = sum over colours of s_c^2 (W r_0 - tr P M); the position part is declared. RSS
-is what the rotations leave over, less what the prior and its leak cost: |x - x_0|^2 + scatter, x_0 where they pull to.
+M grows by F V' + V F' with V = r_0 F_k / 2 + sum_d r_d F_(k-d): a FIR filter over the rows, exact at every sample and
+positive semidefinite. There are three colours: torque noise (kernel psi), position noise through psi' and psi''. The
+torque part is measured: E[RSS] = sum over colours of s_c^2 (W r_0 - tr P M); the position part is declared. RSS is the
+residual of the rotations less the part of the prior and its leak, |x - x_0|^2 + scatter, x_0 being their target.
 
-All is in scaled unknowns x_j = (a_j - prior_j) / prior_deviation_j and rows divided by the declared torque noise, so
-that the prior is the unit matrix and column scaling comes free. A prior that is no belief but a number to start with
-(P(0) of the document) may be narrower than what one believes: `beliefs` holds the variances of x, 1 unless overwritten.
-Forgetting would let directions without excitation drift; each step therefore leaks as much as it forgets towards the
-current estimate (proximal), which keeps P <= 1 and lets standard deviations grow back to the prior's. The leak holds
-on to noise as well as to the estimate, and M is carried along accordingly. The prior counts in full all the while (what
-one does not look at may have changed), so in directions hardly excited deviations are rather too large, by up to half.
+Unknowns are scaled, x_j = (a_j - prior_j) / prior_sd_j, and rows are divided by the declared torque noise, so that the
+prior is the unit matrix. A prior that is only a starting value (P(0) of the document) may be narrower than what is
+known before any data: `beliefs` holds the latter's variances of x, 1 unless overwritten. With forgetting alone,
+directions without excitation would drift. Each step therefore adds a pull towards the current estimate of the weight it
+forgets (a leak, proximal), which keeps P <= 1 and lets standard deviations grow back to the prior's. The leak preserves
+the noise of the estimate too, and M is updated accordingly. The prior keeps its full weight (unobserved parameters may
+have changed), so standard deviations are up to half too large in weakly excited directions.
 
-One equation's state is a flat row; `size` and the index constants below lay it out.
+One equation's state is a flat row; `size` and the index constants below define its layout.
 """
 
 from __future__ import annotations
@@ -32,12 +33,14 @@ from via_core.signals import Array
 from via_core.weak_form import window_weights
 
 from via_estimators.qr import NEGLIGIBLE, inverse_normal, reflect_in, rotate_in, solve_triangular
+from via_estimators.slots import slots
 
 COLOURS = 3  # psi, psi', psi''
-# Sum of weights, RSS with the prior's part, that part's floor, rows, how much M and how much all has yet to fade.
-WEIGHT, MISFIT, SCATTER, TAKEN, FADED, PENDING, HEAD = range(7)
-FADE = 1e-3  # M is carried along whenever it has this much to fade: every 20th sample, memory 20 s at 1 kHz
-PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one independent residual
+# Sum of weights; RSS including the prior's part; lower bound of that part; rows taken; factors by which M and
+# everything have yet to be multiplied.
+HEAD = slots("weight", "misfit", "scatter", "taken", "faded", "pending")
+FADE = 1e-3  # M is updated when it has to be reduced by this share: every 20th sample, memory 20 s at 1 kHz
+PRIOR_WEIGHT = 1.0  # weight of the declared noise, in independent residuals
 
 
 def colours(intervals: int, order: int, memory: float = 0.0, first: int = 0) -> Array:
@@ -59,66 +62,66 @@ def colours(intervals: int, order: int, memory: float = 0.0, first: int = 0) -> 
 
 
 def mirrored(r: Array) -> Array:
-    """Autocorrelations r (3, L) by lag as (3, 2 L) by minus the lag, twice around: those of any ring are a piece."""
+    """Autocorrelations r (3, L) by lag, as (3, 2 L) by negative lag, repeated: a slice suits any ring position."""
     return np.ascontiguousarray(np.tile(np.roll(r[:, ::-1], 1, axis=1), 2))
 
 
 @njit(cache=True, error_model="numpy")
 def size(n: int, length: int) -> int:
     """Floats in the state of one equation with n unknowns and `length` samples per window."""
-    return HEAD + 4 * n + (1 + COLOURS) * n * n + n * length
+    return HEAD.size + 4 * n + (1 + COLOURS) * n * n + n * length
 
 
 @njit(cache=True, error_model="numpy")
 def start(state: Array, n: int) -> None:
     """Overwrite one equation's state with the prior: x = 0, R = 1, no rows."""
     state[:] = 0.0
-    state[FADED] = state[PENDING] = 1.0
+    state[HEAD.faded] = state[HEAD.pending] = 1.0
     for j in range(n):
-        state[HEAD + 4 * n + j * n + j] = 1.0
-        state[HEAD + 3 * n + j] = 1.0
+        state[HEAD.size + 4 * n + j * n + j] = 1.0
+        state[HEAD.size + 3 * n + j] = 1.0
 
 
 @njit(cache=True, error_model="numpy")
 def scratch(n: int) -> Array:
-    """Room (2 n + 3, n) for what follows, made once: an allocation per sample would cost as much as the sums in it."""
+    """Work space (2 n + 3, n) of the functions below, allocated once since allocations are slow."""
     return np.empty((2 * n + COLOURS, n))
 
 
 @njit(cache=True, error_model="numpy")
 def unknowns(state: Array, n: int) -> Array:
     """The view x (n,) into one equation's state."""
-    return state[HEAD : HEAD + n]
+    return state[HEAD.size : HEAD.size + n]
 
 
 @njit(cache=True, error_model="numpy")
 def beliefs(state: Array, n: int) -> Array:
-    """The view (n,) of the variances of x before any data, in units of what the prior R = 1 says."""
-    return state[HEAD + 3 * n : HEAD + 4 * n]
+    """The view (n,) of the variances of x before any data, in units of the prior R = 1."""
+    return state[HEAD.size + 3 * n : HEAD.size + 4 * n]
 
 
 @njit(cache=True, error_model="numpy")
 def factor(state: Array, n: int) -> Array:
     """The view R (n, n), the triangular factor of the scaled normal equations."""
-    return state[HEAD + 4 * n : HEAD + 4 * n + n * n].reshape(n, n)
+    return state[HEAD.size + 4 * n : HEAD.size + 4 * n + n * n].reshape(n, n)
 
 
 @njit(cache=True, error_model="numpy")
 def middles(state: Array, n: int) -> Array:
     """The view M (3, n, n) of the three colours."""
-    at = HEAD + 4 * n + n * n
+    at = HEAD.size + 4 * n + n * n
     return state[at : at + COLOURS * n * n].reshape(COLOURS, n, n)
 
 
 @njit(cache=True, error_model="numpy")
 def forget_rows(state: Array, n: int) -> None:
-    """Drop the memory of recent rows (after a gap: what follows does not overlap them)."""
-    state[HEAD + 4 * n + (1 + COLOURS) * n * n :] = 0.0
+    """Clear the ring of recent rows: after a gap, new rows do not overlap them."""
+    state[HEAD.size + 4 * n + (1 + COLOURS) * n * n :] = 0.0
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def dot(a: Array, b: Array) -> float:
-    """Inner product of two contiguous rows, summed in the order the processor likes (the same every time)."""
+    """Inner product of two contiguous rows, summed in a fixed order that the compiler vectorises."""
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i]
@@ -127,7 +130,7 @@ def dot(a: Array, b: Array) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _fade(first: float, keep: float, out: Array) -> None:
-    """first keep^d into out (k,), d = 0 in its last place, one more in each before: eight abreast, not in a chain."""
+    """first keep^d into out (k,), d = 0 in its last place, counted backwards; in eight independent chains."""
     last = out.size - 1
     for d in range(min(8, out.size)):
         out[last - d] = first
@@ -169,9 +172,8 @@ def _along(lagged: Array, past: Array) -> tuple[float, float, float]:
 def _transport(R: Array, keep: float, M: Array) -> None:
     """M (3, n, n) after a step of forgetting and leaking: A M A with A = lambda + (1 - lambda) P, P before that step.
 
-    What R'R makes of the error of x is A times what it was, plus the new row's noise. So noise stays in an estimate
-    where the leak holds it (P = 1), and is forgotten only where rows replace it (P = 0). Exact for a step of any size,
-    as a gap in the record is one.
+    R'R times the error of x is multiplied by A, and the new row's noise is added. So noise stays in an estimate where
+    the leak preserves it (P = 1) and is forgotten only where rows replace it (P = 0). Exact for any step.
     """
     n = R.shape[0]
     half, A = np.empty((n, n)), np.empty((n, n))
@@ -197,44 +199,44 @@ def _transport(R: Array, keep: float, M: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def forget(state: Array, n: int, keep: float, work: Array) -> None:
-    """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it.
+    """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak of the same weight.
 
-    Steps that forget next to nothing wait until it is worth the reflections (`qr.NEGLIGIBLE`).
+    Steps that forget very little are accumulated to save reflections (`qr.NEGLIGIBLE`).
 
     work  `scratch`
     """
-    keep *= state[PENDING]
+    keep *= state[HEAD.pending]
     if keep > 1.0 - NEGLIGIBLE:
-        state[PENDING] = keep
+        state[HEAD.pending] = keep
         return
-    state[PENDING] = 1.0
-    x, p, pulled = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], state[HEAD + 2 * n : HEAD + 3 * n]
+    state[HEAD.pending] = 1.0
+    x, p, pulled = state[HEAD.size : HEAD.size + 3 * n].reshape(3, n)
     R = factor(state, n)
     root, leak = sqrt(keep), sqrt(1.0 - keep)
-    state[FADED] *= keep
-    if state[FADED] < 1.0 - FADE:
-        _transport(R, state[FADED], middles(state, n))
-        state[FADED] = 1.0
+    state[HEAD.faded] *= keep
+    if state[HEAD.faded] < 1.0 - FADE:
+        _transport(R, state[HEAD.faded], middles(state, n))
+        state[HEAD.faded] = 1.0
     p *= root
     R *= root
-    state[WEIGHT] *= keep
-    state[MISFIT] *= keep
-    state[SCATTER] *= keep
+    state[HEAD.weight] *= keep
+    state[HEAD.misfit] *= keep
+    state[HEAD.scatter] *= keep
     pulls, y = work[:n], work[n]
     pulls[:, :] = 0.0
     for j in range(n):
         pulls[j, j] = leak
         y[j] = leak * x[j]
         away = x[j] - pulled[j]
-        state[SCATTER] += keep * (1.0 - keep) * away * away
+        state[HEAD.scatter] += keep * (1.0 - keep) * away * away
         pulled[j] += (1.0 - keep) * away
-    state[MISFIT] += reflect_in(R, p, pulls, y, 0)
+    state[HEAD.misfit] += reflect_in(R, p, pulls, y, 0)
 
 
 @njit(cache=True, error_model="numpy")
 def skip(state: Array, n: int, slot: int, length: int) -> None:
-    """No row this time: leave a hole in the ring of rows."""
-    past = state[HEAD + 4 * n + (1 + COLOURS) * n * n :].reshape(n, length)
+    """Store zeros instead of a row in the ring of rows."""
+    past = state[HEAD.size + 4 * n + (1 + COLOURS) * n * n :].reshape(n, length)
     past[:, slot] = 0.0
 
 
@@ -243,12 +245,13 @@ def take(state: Array, n: int, slot: int, row: Array, y: float, lagged: Array, w
     """Take the equation row' x = y; `row` (n,) is overwritten.
 
     slot    position in the ring of rows, one further each step
-    lagged  (3, L) what `lags` made of the autocorrelations
+    lagged  (3, L) autocorrelations as `lags` returns them
     work    `scratch`
     """
     length = lagged.shape[1]
-    x, p, R, M = state[HEAD : HEAD + n], state[HEAD + n : HEAD + 2 * n], factor(state, n), middles(state, n)
-    past = state[HEAD + 4 * n + (1 + COLOURS) * n * n :].reshape(n, length)
+    x, p = state[HEAD.size : HEAD.size + n], state[HEAD.size + n : HEAD.size + 2 * n]
+    R, M = factor(state, n), middles(state, n)
+    past = state[HEAD.size + 4 * n + (1 + COLOURS) * n * n :].reshape(n, length)
     past[:, slot] = row
     for j in range(n):
         work[0, j], work[1, j], work[2, j] = _along(lagged, past[j])
@@ -259,33 +262,33 @@ def take(state: Array, n: int, slot: int, row: Array, y: float, lagged: Array, w
                 M[c, i, j] += row[i] * V[j] + V[i] * row[j]
     left = rotate_in(R, p, row, y, 0)
     solve_triangular(R, p, x)
-    state[WEIGHT] += 1.0
-    state[TAKEN] += 1.0
-    state[MISFIT] += left * left
+    state[HEAD.weight] += 1.0
+    state[HEAD.taken] += 1.0
+    state[HEAD.misfit] += left * left
 
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def noise(state: Array, n: int, r: Array, first: float, second: float, floor: float, work: Array) -> float:
-    """Variance of the torque noise found, in units of the declared one.
+    """Measured variance of the torque noise, in units of the declared one.
 
-    r              (3, L) or more, by lag: only lag 0 is looked at
+    r              (3, L) or more, by lag; only lag 0 is used
     first, second  variance of position noise times its squared gain through psi' and psi''
-    floor          variance of torque noise that is there in any case: where position noise through psi'' is most of
-                   the residuals, they tell nothing of what comes in through psi
+    floor          lower bound of the result: where residuals are mostly position noise through psi'', they contain no
+                   information on noise through psi
     work           `scratch`; P = (R'R)^-1 is left in its first n rows
     """
     M, P = middles(state, n), work[:n]
     inverse_normal(factor(state, n), work[n : 2 * n], P)
-    residual = state[MISFIT] - state[SCATTER]
+    residual = state[HEAD.misfit] - state[HEAD.scatter]
     for j in range(n):
-        residual -= (state[HEAD + j] - state[HEAD + 2 * n + j]) ** 2
+        residual -= (state[HEAD.size + j] - state[HEAD.size + 2 * n + j]) ** 2
     at_rest = 0.0
     for c in range(COLOURS):
         explained = 0.0
         for i in range(n):
             for j in range(n):
                 explained += P[i, j] * M[c, i, j]
-        expected = max(state[WEIGHT] * r[c, 0] - explained, 0.0)
+        expected = max(state[HEAD.weight] * r[c, 0] - explained, 0.0)
         if c == 0:
             at_rest = expected
         else:
@@ -295,15 +298,15 @@ def noise(state: Array, n: int, r: Array, first: float, second: float, floor: fl
 
 @njit(cache=True, error_model="numpy")
 def blur(state: Array, n: int, torque: float, first: float, second: float, work: Array) -> None:
-    """Covariance (n, n) of the normal equations' right side, noise of three variances and the prior, into `work`.
+    """Covariance (n, n) of the right side of the normal equations, due to noise and the prior, into `work`.
 
-    work  as `noise` leaves it; what comes after P is overwritten
+    work  as `noise` leaves it; overwritten after P
     """
     M, believed, middle = middles(state, n), beliefs(state, n), work[n : 2 * n]
     for i in range(n):
         for j in range(n):
             middle[i, j] = torque * M[0, i, j] + first * M[1, i, j] + second * M[2, i, j]
-        middle[i, i] += believed[i]  # the prior, and what has leaked since
+        middle[i, i] += believed[i]  # prior and leak
 
 
 @njit(cache=True, error_model="numpy")
@@ -323,7 +326,7 @@ def variance_of(n: int, j: int, work: Array) -> float:
 
 @njit(cache=True, error_model="numpy")
 def variance(n: int, slope: Array, work: Array) -> float:
-    """Variance of slope' x, slope (n,); `work` as `blur` leaves it, but for its last row."""
+    """Variance of slope' x, slope (n,); `work` as `blur` leaves it; its last row is overwritten."""
     through = work[2 * n]
     for i in range(n):
         through[i] = dot(work[i], slope)

@@ -1,17 +1,18 @@
-"""What every estimator is: frozen parameters, a state that is returned, one compiled kernel for live and replay.
+"""Estimator interface: frozen parameters, returned state, and one compiled kernel for live use and replay.
 
     estimator = ModulatedTorque(ModulatedTorqueParameters(...))
     state = estimator.init()
     state, estimate = estimator.step(state, sample)      # live: sample (1 + k,) is time [s], then the columns `inputs`
     estimates = estimator.run(signals)                   # replay: the same kernel, the same bits
-    live = Live(estimator); live.take(row)               # live without copies, for who runs many: again the same bits
+    live = Live(estimator); live.take(row)               # live without copies: again the same bits
 
-Time is counted in float64 from the first stamp, subtracted in whole nanoseconds and rounded once, so that nothing adds
-up: at t [s] it is wrong by 2^-53 t at most, 1e-11 s after a day and 3e-10 s after 30 days. To an estimator that is
-jitter of the stamps: a step of h [s] is wrong by 2^-52 t/h of itself, 6e-7 at 1 kHz after 30 days.
+Time is a float64 counted from the first stamp, subtracted in whole nanoseconds and rounded once, so errors do not
+accumulate: at t [s] the error is 2^-53 t at most, 1e-11 s after a day and 3e-10 s after 30 days. For an estimator, this
+is jitter: the relative error of a step h [s] is 2^-52 t/h, 6e-7 at 1 kHz after 30 days.
 
-Misuse raises ParameterError or SignalError; nature is answered with a Status: samples that are not finite or whose
-stamp does not increase are skipped, counted and marked BAD_SAMPLE, a gap restarts the window, no estimate holds a NaN.
+Programming errors raise ParameterError or SignalError; bad data is reported in the Status: samples that are not finite
+or whose stamp does not increase are skipped, counted and marked BAD_SAMPLE; a gap restarts the window. No estimate is
+NaN.
 """
 
 from __future__ import annotations
@@ -29,24 +30,24 @@ from via_core.errors import ParameterError, SignalError
 from via_core.signals import Array, Signals
 from via_core.status import Status
 
-from via_estimators import window
+from via_estimators.window import HEADER
 
-STATUSES = tuple(Status)  # by number: looking one up by its value costs as much as copying a small state
+STATUSES = tuple(Status)  # by number: Status(number) would be slow
 
 
 def parameter(default: float | int, description: str, unit: str, low: float, high: float) -> Any:
-    """A dataclass field with what a ROS parameter needs: description, unit and closed range."""
+    """A dataclass field with the description, unit and closed range of a ROS parameter."""
     return field(default=default, metadata={"description": description, "unit": unit, "range": (low, high)})
 
 
 def choice(default: str, description: str, choices: tuple[str, ...]) -> Any:
-    """A dataclass field that is one of a few words."""
+    """A dataclass field with a choice of words."""
     return field(default=default, metadata={"description": description, "choices": choices})
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """Base of every estimator's parameters: in the range or of the choices a field declares, else ParameterError."""
+    """Base of every estimator's parameters; raises ParameterError for values outside a field's range or choices."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -67,8 +68,8 @@ class Parameters:
 
 
 P = TypeVar("P", bound=Parameters)
-# A compiled kernel with its constants: of a state, which is overwritten, and N >= 1 rows (N, 1 + k), taken in order, it
-# makes answers (N, 2 + 2 k), time, status, values and deviations, and returns the last status.
+# A compiled kernel with its constants: kernel(state, rows, out) processes rows (N, 1 + k), N >= 1, in order, updates
+# the state, writes out (N, 2 + 2 k), time, status, values and standard deviations, and returns the last status.
 Kernel = Callable[[Array, Array, Array], int]
 
 
@@ -82,7 +83,7 @@ class Estimate(NamedTuple):
 
 
 def expect(parameters: Parameters, kind: type[P]) -> P:
-    """`parameters` if they are of that kind; raises ParameterError where they are another estimator's."""
+    """`parameters` if they are of that kind; else raises ParameterError."""
     if not isinstance(parameters, kind):
         raise ParameterError(f"parameters must be {kind.__name__}, got {type(parameters).__name__}")
     return parameters
@@ -102,7 +103,7 @@ class Estimates:
         return len(self.time)
 
     def column(self, name: str) -> tuple[Array, Array]:
-        """Value (N,) and standard deviation (N,) of the output `name`; raises SignalError for a stranger."""
+        """Value (N,) and standard deviation (N,) of the output `name`; raises SignalError for an unknown name."""
         if name not in self.outputs:
             raise SignalError(f"no output '{name}'; there are: {', '.join(self.outputs)}")
         at = self.outputs.index(name)
@@ -110,7 +111,7 @@ class Estimates:
 
 
 class Health(NamedTuple):
-    """What diagnostics publish about a state."""
+    """Counters and excitation of a state, for diagnostics."""
 
     samples: int  # taken
     bad: int  # skipped
@@ -128,7 +129,7 @@ class Estimator(ABC):
     @classmethod
     @abstractmethod
     def from_device(cls, device: Device) -> Estimator:
-        """Scales and priors from a device file; raises ParameterError where the method does not apply to the device."""
+        """Scales and priors from a device file; raises ParameterError if the method does not suit the device."""
 
     @property
     @abstractmethod
@@ -141,8 +142,8 @@ class Estimator(ABC):
         """Columns of an estimate."""
 
     @abstractmethod
-    def having(self, parameters: Parameters) -> Estimator:
-        """The same estimator with other parameters; raises ParameterError for those of another."""
+    def with_parameters(self, parameters: Parameters) -> Estimator:
+        """The same estimator with other parameters; raises ParameterError for those of another class."""
 
     @abstractmethod
     def init(self) -> Array:
@@ -151,14 +152,14 @@ class Estimator(ABC):
     @property
     @abstractmethod
     def _advance(self) -> Kernel:
-        """What takes samples, live and in replay."""
+        """The kernel, for live use and replay."""
 
     @abstractmethod
     def condition(self, state: Array) -> float:
         """Largest condition number [-] of the scaled normal equations."""
 
     def step(self, state: Array, sample: ArrayLike) -> tuple[Array, Estimate]:
-        """One sample (1 + k,), time first; the given state is left as it is."""
+        """One sample (1 + k,), time first; the given state is not modified."""
         new, out = self._fold(state, np.array(sample, dtype=np.float64).reshape(1, -1))
         new.setflags(write=False)
         row, k = out[0], len(self.outputs)
@@ -180,17 +181,17 @@ class Estimator(ABC):
     def health(self, state: Array) -> Health:
         """Counters and excitation of a state."""
         return Health(
-            int(state[window.SAMPLES]),
-            int(state[window.BAD]),
-            int(state[window.GAPS]),
-            float(state[window.MOTION]),
+            int(state[HEADER.samples]),
+            int(state[HEADER.bad]),
+            int(state[HEADER.gaps]),
+            float(state[HEADER.motion]),
             self.condition(state),
-            Status(int(state[window.STATUS])),
+            Status(int(state[HEADER.status])),
         )
 
     def _fold(self, state: Array, rows: Array) -> tuple[Array, Array]:
-        """State and answers (N, 2 + 2 k) after rows (N, 1 + k)."""
-        # Rows come as copies: to the compiler a read-only or strided array is another type, worth another compilation.
+        """State and output rows (N, 2 + 2 k) after rows (N, 1 + k)."""
+        # Rows are copies, since a read-only or strided array is another type and would compile again.
         if rows.ndim != 2 or rows.shape[1] != 1 + len(self.inputs):
             raise SignalError(f"a sample has time and {', '.join(self.inputs)}; got an array of shape {rows.shape}")
         new, out = state.copy(), np.empty((len(rows), 2 + 2 * len(self.outputs)))
@@ -200,7 +201,7 @@ class Estimator(ABC):
 
 
 class Live:
-    """An estimator with its state, fed in place: what a node keeps. The kernel of `step`, without its copies.
+    """An estimator with its state, updated in place, for nodes: the kernel of `step` without its copies.
 
     value, standard_deviation  (k,) of the last sample: views of `numbers` (2k,), which the next one overwrites
     """
@@ -215,11 +216,11 @@ class Live:
         self.restart()
 
     def restart(self) -> None:
-        """As before the first sample."""
+        """Reset the state to that before the first sample."""
         self._state = self.estimator.init().copy()
 
     def take(self, row: Array) -> int:
-        """The status after one more sample, row (1, 1 + k): writable and contiguous, as kernels are compiled for."""
+        """Process one sample, row (1, 1 + k), writable and contiguous as kernels require; returns the status."""
         return self._advance(self._state, row, self._out)
 
     def health(self) -> Health:
@@ -228,32 +229,32 @@ class Live:
 
 
 class Summary(NamedTuple):
-    """One number for a run."""
+    """Mean of one output over a run."""
 
     value: float
     standard_deviation: float
-    weights: Array  # (N,) of the estimates that went in, to average anything else (a command) alike; sum 1, or all 0
+    weights: Array  # (N,) of the estimates, for equal averages of other signals; sum 1, or all 0
 
 
 def summarise(estimates: Estimates, output: str) -> Summary:
     """Mean of `output` over the run, weighted by the information 1/sd^2 of its OK estimates.
 
-    Estimates of one run share most of their rows, so the mean is no better than the best of them: its standard
-    deviation is the smallest one. Without any OK estimate the last value and its deviation stand, with zero weights.
+    Estimates of one run share most of their rows, so the mean is no more accurate than the best of them: the result
+    has the smallest standard deviation. Without an OK estimate it is the last one, with zero weights.
     """
-    value, deviation = estimates.column(output)
+    value, sd = estimates.column(output)
     if not len(value):
         raise SignalError("cannot summarise a run without estimates")
     good = estimates.status == Status.OK
     if not good.any():
-        return Summary(float(value[-1]), float(deviation[-1]), np.zeros(len(value)))
-    weights = np.where(good, 1.0 / np.maximum(deviation, 1e-300) ** 2, 0.0)
+        return Summary(float(value[-1]), float(sd[-1]), np.zeros(len(value)))
+    weights = np.where(good, 1.0 / np.maximum(sd, 1e-300) ** 2, 0.0)
     weights /= weights.sum()
-    return Summary(float(weights @ value), float(deviation[good].min()), weights)
+    return Summary(float(weights @ value), float(sd[good].min()), weights)
 
 
 def rows_of(signals: Signals, inputs: tuple[str, ...]) -> Array:
-    """Rows (N, 1 + k) for `inputs`; 'theta_2' is the second column of channel 'theta', a channel not there is NaN."""
+    """Rows (N, 1 + k) for `inputs`; 'theta_2' is the second column of channel 'theta', a missing channel is NaN."""
     rows = np.full((len(signals), 1 + len(inputs)), np.nan)
     rows[:, 0] = signals.time
     for at, name in enumerate(inputs, start=1):

@@ -1,12 +1,12 @@
-"""Damping from the dissipation torque, followed while it changes: the document's Algorithm 1, safe at standstill.
+"""Time-varying damping from the dissipation torque: the document's Algorithm 1, stable at standstill.
 
-Source: SAPHARI deliverable, Section 5, eqs. (56)-(79). Rows, velocity, statuses and deviations are those of
-`damping_equation`, the recursion is `directional_forgetting`, where the departures are told. With initial covariance,
-correction and forgetting in the document's units (1/(rad/s)^2 for a torque error counted in N m) the numbers printed
-there can be used as they are; they are meant per sample of 1 ms.
+Source: SAPHARI deliverable, Section 5, eqs. (56)-(79). Rows, velocity, statuses and standard errors are those of
+`damping_equation`; the recursion is `directional_forgetting`, which lists the departures. Initial covariance,
+correction and forgetting are in the document's units (1/(rad/s)^2 for a torque error in N m) and per sample of 1 ms, so
+that the printed numbers apply.
 
-While the window tells nothing no row is taken and nothing is forgotten; P goes on growing by the faded correction, so
-that a damping commanded meanwhile is found at once, and the reported deviation grows back to the prior's.
+While the window is not informative, nothing is learnt or forgotten. P continues to grow by the correction, so that a
+new damping is found quickly afterwards, and the reported standard deviation grows back to the prior's.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from via_core.signals import Array
 
 from via_estimators import damping_equation, directional_forgetting, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
-from via_estimators.damping_equation import DampingParameters, known_of
+from via_estimators.damping_equation import LATEST, DampingParameters, known_of
+from via_estimators.slots import row_of, slots
 
-OWN = damping_equation.N_OWN
-ERROR_FORGETTING, LEAST, SENSITIVITY, CORRECTION, FLOOR = range(OWN, OWN + 5)
+P = slots("error_forgetting", "least_forgetting", "sensitivity", "correction", "energy_floor", after=damping_equation.P)
 
 
 @dataclass(frozen=True)
 class DampingDirectionalParameters(DampingParameters):
-    """Parameters of `DampingDirectional`; those of Algorithm 1 end their description in its letters."""
+    """Parameters of `DampingDirectional`; descriptions end with the symbols of Algorithm 1."""
 
     error_forgetting: float = parameter(0.99, "forgetting of the error's energy, lambda_c", "-", 0.0, 0.999999)
     least_forgetting: float = parameter(0.98, "smallest forgetting factor, lambda_min", "-", 0.5, 1.0)
-    sensitivity: float = parameter(10.0, "how soon an error lowers the forgetting factor, rho", "-", 0.0, 1e6)
+    sensitivity: float = parameter(10.0, "sensitivity of the forgetting factor to errors, rho", "-", 0.0, 1e6)
     correction: float = parameter(1e-3, "added to the covariance per sample, delta", "1/(rad/s)^2", 0.0, 0.01)
-    energy_floor: float = parameter(1e-6, "least energy of the error, under eta", "(N m)^2", 1e-12, 1e6)
+    energy_floor: float = parameter(1e-6, "lower bound of the error's energy, under eta", "(N m)^2", 1e-12, 1e6)
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,10 @@ class DampingDirectional(Estimator):
 
     @classmethod
     def from_device(cls, device: Device) -> DampingDirectional:
-        """What the device file tells (`damping_equation.known_of`); the rest stays as given."""
+        """Parameters of the device file (`damping_equation.known_of`); defaults for the rest."""
         return cls(replace(DampingDirectionalParameters(), **known_of(device)))
 
-    def having(self, parameters: Parameters) -> DampingDirectional:
+    def with_parameters(self, parameters: Parameters) -> DampingDirectional:
         return replace(self, parameters=expect(parameters, DampingDirectionalParameters))
 
     @property
@@ -63,10 +63,9 @@ class DampingDirectional(Estimator):
 
     @cached_property
     def _constants(self) -> tuple[Array, Array]:
-        """Parameter row of the kernel and autocorrelation (L,) of the window; not locked, another type to compile."""
+        """Parameter row of the kernel and autocorrelation (L,) of the window; both writable."""
         own = self.parameters
-        each = (own.error_forgetting, own.least_forgetting, own.sensitivity, own.correction, own.energy_floor)
-        return np.array((*own.row(), *each)), own.colour()
+        return row_of(P, own, length=own.window + 1), own.colour()
 
     def init(self) -> Array:
         own, row = self.parameters, self._constants[0]
@@ -88,7 +87,7 @@ class DampingDirectional(Estimator):
         return damping_equation.coefficients(state.copy(), self.parameters.terms + 1)
 
     def condition(self, state: Array) -> float:
-        """Condition number of the root of P; 0/0 where a perfect fit has emptied it counts as 1e16."""
+        """Condition number of the root of P; 0/0 after a perfect fit is reported as 1e16."""
         R = _factor(state, self.parameters.terms + 1)
         found = np.linalg.svd(R, compute_uv=False)
         return float(found[0] / max(found[-1], 1e-16 * found[0], 1e-300))
@@ -100,35 +99,35 @@ class DampingDirectional(Estimator):
 
 @njit(cache=True, error_model="numpy")
 def _factor(state: Array, n: int) -> Array:
-    """The view R (n, n) with P = R' R; before it stands eta of (79)."""
+    """The view R (n, n) with P = R' R; eta of (79) precedes it."""
     return state[state.size - n * n :].reshape(n, n)
 
 
 @njit(cache=True, error_model="numpy")
 def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int:
-    n, length = int(par[damping_equation.TERMS]) + 1, int(par[damping_equation.LENGTH])
-    R, w, count = _factor(state, n), damping_equation.coefficients(state, n), damping_equation.counters(state)
+    n, length = int(par[P.terms]) + 1, int(par[P.length])
+    R, w, latest = _factor(state, n), damping_equation.coefficients(state, n), damping_equation.latest_of(state)
     energy = state[state.size - n * n - 1 : state.size - n * n]
     psi, held, lagged = np.empty((3, length)), np.empty(length), np.empty(length)
     v, gain, slope, spare = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
     for k in range(rows.shape[0]):
         made = damping_equation.enter(par, state, rows[k], psi, held, v)
         if made == damping_equation.MOVING:
-            error = count[damping_equation.TORQUE]
+            error = latest[LATEST.torque]
             for j in range(n):
                 error -= v[j] * w[j]
-            energy[0] = par[ERROR_FORGETTING] * energy[0] + error * error
+            energy[0] = par[P.error_forgetting] * energy[0] + error * error
             keep = directional_forgetting.forgetting_factor(
-                error, max(energy[0], par[FLOOR]), par[SENSITIVITY], par[LEAST]
+                error, max(energy[0], par[P.energy_floor]), par[P.sensitivity], par[P.least_forgetting]
             )
-            directional_forgetting.update(R, v, keep, par[damping_equation.LIMIT], gain, spare[0], spare[1])
+            directional_forgetting.update(R, v, keep, par[P.covariance_limit], gain, spare[0], spare[1])
             for j in range(n):
                 w[j] += gain[j] * error
-            directional_forgetting.grow(R, par[CORRECTION], par[damping_equation.LIMIT], spare[0], spare[1])
+            directional_forgetting.grow(R, par[P.correction], par[P.covariance_limit], spare[0], spare[1])
             damping_equation.follow(par, r, state, error, gain, v, lagged, spare)
         elif made != damping_equation.BAD:
             spare[:, :] = 0.0
-            directional_forgetting.grow(R, par[CORRECTION], par[damping_equation.LIMIT], spare[0], spare[1])
+            directional_forgetting.grow(R, par[P.correction], par[P.covariance_limit], spare[0], spare[1])
             damping_equation.rest(par, state)
-        window.answer(state, damping_equation.tell(par, r[0], state, made, slope), out[k])
+        window.answer(state, damping_equation.report(par, r[0], state, made, slope), out[k])
     return int(out[-1, 1])

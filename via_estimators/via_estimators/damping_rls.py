@@ -1,11 +1,11 @@
 """Damping from the dissipation torque by recursive least squares, plain and with the document's stability factor.
 
-Source: SAPHARI deliverable, Section 5, eqs. (62)-(73). Rows, velocity, statuses and deviations are those of
-`damping_equation`, the recursion is `rls`. It is the baseline beside `damping_directional`: without forgetting it
-answers with the mean over all it has seen. `forgetting` is (74), lambda per row in the usual meaning, P / lambda after
-each; P that is full (trace P = n p_max) forgets no more, and without an equation nothing is forgotten.
+Source: SAPHARI deliverable, Section 5, eqs. (62)-(73). Rows, velocity, statuses and standard errors are those of
+`damping_equation`, the recursion is `rls`. It is the baseline of `damping_directional`: without forgetting it returns
+the mean over the record. `forgetting` is (74), lambda per row, P / lambda after each; a full P (trace P = n p_max)
+forgets no more, and without an equation nothing is forgotten.
 
-The stability factor c of (73) is no cure for poor excitation: it equals P(0) -> c P(0) (see `rls`).
+The stability factor c of (73) does not compensate poor excitation: it is equivalent to P(0) -> c P(0) (see `rls`).
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from via_core.signals import Array
 
 from via_estimators import damping_equation, rls, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
-from via_estimators.damping_equation import DampingParameters, known_of
+from via_estimators.damping_equation import LATEST, DampingParameters, known_of
+from via_estimators.slots import row_of, slots
 
-STABILITY, FORGETTING = damping_equation.N_OWN, damping_equation.N_OWN + 1
+P = slots("stability_factor", "forgetting", after=damping_equation.P)
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,10 @@ class DampingRLS(Estimator):
 
     @classmethod
     def from_device(cls, device: Device) -> DampingRLS:
-        """What the device file tells (`damping_equation.known_of`), friction aside: the document's powers alone."""
+        """Parameters of the device file (`damping_equation.known_of`) without friction: the document's powers alone."""
         return cls(replace(DampingRLSParameters(), **{**known_of(device), "dry_friction": 0.0}))
 
-    def having(self, parameters: Parameters) -> DampingRLS:
+    def with_parameters(self, parameters: Parameters) -> DampingRLS:
         return replace(self, parameters=expect(parameters, DampingRLSParameters))
 
     @property
@@ -57,18 +58,18 @@ class DampingRLS(Estimator):
 
     @cached_property
     def _constants(self) -> tuple[Array, Array]:
-        """Parameter row of the kernel and autocorrelation (L,) of the window; not locked, another type to compile."""
+        """Parameter row of the kernel and autocorrelation (L,) of the window; both writable."""
         own = self.parameters
-        return np.array((*own.row(), own.stability_factor, own.forgetting)), own.colour()
+        return row_of(P, own, length=own.window + 1), own.colour()
 
     def init(self) -> Array:
         own, n = self.parameters, self.parameters.terms + 1
         state = np.zeros(damping_equation.size(n, own.window + 1) + n * n)
         damping_equation.start(self._constants[0], state)
-        P = _covariance(state, n)
-        P[:, :] = own.initial_covariance * np.eye(n)
-        if own.dry_friction == 0.0:  # no row ever tells of it: P there would grow until nothing is forgotten any more
-            P[-1, -1] = 0.0
+        covariance = _covariance(state, n)
+        covariance[:, :] = own.initial_covariance * np.eye(n)
+        if own.dry_friction == 0.0:  # not observable: P would grow there until nothing is forgotten
+            covariance[-1, -1] = 0.0
         state.flags.writeable = False
         return state
 
@@ -91,18 +92,22 @@ def _covariance(state: Array, n: int) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int:
-    n, length = int(par[damping_equation.TERMS]) + 1, int(par[damping_equation.LENGTH])
-    P, w, count = _covariance(state, n), damping_equation.coefficients(state, n), damping_equation.counters(state)
+    n, length = int(par[P.terms]) + 1, int(par[P.length])
+    covariance, w, latest = (
+        _covariance(state, n),
+        damping_equation.coefficients(state, n),
+        damping_equation.latest_of(state),
+    )
     psi, held, lagged = np.empty((3, length)), np.empty(length), np.empty(length)
     v, gain, slope, spare = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((2, n))
     for k in range(rows.shape[0]):
         made = damping_equation.enter(par, state, rows[k], psi, held, v)
         if made == damping_equation.MOVING:
-            error = rls.update(P, w, v, count[damping_equation.TORQUE], par[STABILITY], gain)
-            if np.trace(P) < n * par[damping_equation.LIMIT]:
-                P /= par[FORGETTING]
+            error = rls.update(covariance, w, v, latest[LATEST.torque], par[P.stability_factor], gain)
+            if np.trace(covariance) < n * par[P.covariance_limit]:
+                covariance /= par[P.forgetting]
             damping_equation.follow(par, r, state, error, gain, v, lagged, spare)
         elif made != damping_equation.BAD:
             damping_equation.rest(par, state)
-        window.answer(state, damping_equation.tell(par, r[0], state, made, slope), out[k])
+        window.answer(state, damping_equation.report(par, r[0], state, made, slope), out[k])
     return int(out[-1, 1])

@@ -1,19 +1,19 @@
-"""Exponential and directional forgetting with a variable factor and covariance correction, safe at standstill.
+"""Exponential and directional forgetting with a variable factor and covariance correction, stable at standstill.
 
 Source: SAPHARI deliverable, Section 5.1, Algorithm 1: eqs. (66)-(69), (75)-(79). With r = v' P v,
 
     k = P v / (1 + r),   w <- w + k e,   P <- P - P v v' P / (1/beta + r) + delta I,   beta = lambda - (1 - lambda) / r.
 
-As printed this does not survive a standstill: beta overflows as r falls, P turns indefinite within seconds, and delta I
-adds up without end in directions that no row visits. Three departures, none of which shows while rows excite:
+As printed, the recursion fails at standstill: beta overflows as r falls, P becomes indefinite within seconds, and delta
+I accumulates without bound in directions without excitation. Three departures, without effect under excitation:
 
   - beta is eliminated: P <- P - (lambda r - (1 - lambda)) / (lambda r (1 + r)) P v v' P, which along v leaves
     r / (lambda (1 + r)) of r, finite and positive however small r is. P is carried as its triangular root, P = R' R, so
     it is positive semidefinite by construction and rounding cannot change that;
-  - delta fades as P fills up, direction by direction, P_jj += delta max(0, 1 - P_jj / p_max), so that one no row visits
-    does not stop the growth of the others; and P that is full (trace P >= n p_max) forgets no more. Hence for ever
+  - delta decreases as P grows, for each direction, P_jj += delta max(0, 1 - P_jj / p_max), so that one without
+    excitation does not stop the growth of the others; a full P (trace P >= n p_max) forgets no more. Hence always
     trace P <= n (p_max / lambda_min + p_max + delta);
-  - eta of (79) has a floor; (78) is 0/0 without one, on the first row at rest.
+  - eta of (79) has a lower bound, without which (78) is 0/0 on the first row at rest.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from via_core.signals import Array
 
 from via_estimators.qr import rotate_in
 
-LEAST = 1e-200  # r below this is no row: its reciprocal would overflow
+LEAST = 1e-200  # rows with r below this are skipped, since its reciprocal would overflow
 
 
 @njit(cache=True, error_model="numpy")
@@ -78,7 +78,7 @@ def update(R: Array, v: Array, keep: float, limit: float, gain: Array, row: Arra
 
     R           (n, n) upper triangular
     v           (n,) regressors
-    keep        lambda; 1 counts instead while P is full
+    keep        lambda; 1 is used instead while P is full
     limit       p_max [1/(rad/s)^2]
     gain        (n,) k
     row, spare  (n,) overwritten with zeros

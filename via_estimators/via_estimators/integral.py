@@ -1,48 +1,47 @@
-"""Least squares on the integrated motor equation, with standard deviations that mean what they say.
+"""Least squares on the integrated motor equation, with standard deviations that account for coloured noise.
 
 Source: SAPHARI deliverable, eqs. (36)-(49), as corrected: integrated from a base t_0 up to t,
 
     B thd(t) + D theta(t) - sum_j a_j I_j(t) + c = T(t),   I_j = integral f_j(phi),   T = integral tau
 
-with the minus that (39) lost and with the constant c = -B thd(t_0) - D theta(t_0) that (36) lost, an unknown here. The
+with the minus missing in (39) and the constant c = -B thd(t_0) - D theta(t_0) missing in (36), an unknown here. The
 motor's acceleration does not occur.
 
-**The base moves with the clock.** Integrals from a fixed base grow without bound. But a base moved by the increments
-dI, dT (and angles counted from now on, dtheta) adds multiples of the constant's column to the others,
+**Moving base.** Integrals from a fixed base grow without bound. Moving the base by the increments dI, dT (angles are
+counted from now on, dtheta) adds multiples of the constant's column to the others,
 
     row' = row S,  S = 1 + e_0 s',   s = (0, 0, -dtheta, dI_1, ..),   y' = y - dT row_0
 
-so with the constant in column 0 only row 0 of the triangular factor R changes: R_0j += R_00 s_j, p_0 -= R_00 dT. What
-is known stays exactly what it was, and the newest row is (1, thd, 0, .., 0) with y = 0, whatever day it is. Where the
-motion stops or the record has a gap the constant is done with: dropping row 0 of R eliminates it exactly.
+so with the constant in column 0 only row 0 of the triangular factor R changes: R_0j += R_00 s_j, p_0 -= R_00 dT. The
+information is exactly preserved, and the newest row is always (1, thd, 0, .., 0) with y = 0. Where the motion stops or
+the record has a gap, a new constant begins: dropping row 0 of R eliminates the old one exactly.
 
-**Noise.** White torque noise e_n of variance r^2 is a random walk in T, so neighbouring rows err alike and (R'R)^-1 is
-far too small. Seen from the moving base it is simple: the newest row has no error, and each step adds -dt e_n to every
-older one. With the weighted sum of rows v = R_00 R_0, all of it known, the gradient's covariance obeys exactly
+**Noise.** White torque noise e_n of variance r^2 is a random walk in T, so the errors of neighbouring rows are
+correlated and (R'R)^-1 is far too small. Relative to the moving base, the newest row has no error, and each step adds
+-dt e_n to every older one. With the weighted sum of rows v = R_00 R_0, which is known, the gradient's covariance obeys
 
     M <- lambda^2 (S'MS + dt^2 (S'v)(S'v)'),   Cov(x) = P (r^2 M + prior) P,   P = (R'R)^-1
 
-Filtered noise has a colour, correlations r_d of e_n and e_(n-d). Where r_d = C A^(d-1) B, as of noise that a small
-linear filter made, what the gradient's error has in common with the noise to come is carried along: U, the sum over d
-of (A^(d-1) B) (the step of d samples ago, seen from the present base)', and
+exactly. Filtered noise is coloured, with correlations r_d of e_n and e_(n-d). Where r_d = C A^(d-1) B, as for the
+output of a small linear filter, the covariance U of the gradient's error with the noise to come is a further state: the
+sum over d of (A^(d-1) B) (the step of d samples ago, relative to the present base)', and
 
     M <- .. + dt (S'v (CU) + (CU)' v'S) + (r_0 - 1) dt^2 (S'v)(S'v)',   U <- A U + dt B v'S
 
-is exact again; white noise is r_0 = 1 alone. White noise on the velocity sensor enters row by row,
-V <- lambda^2 S'VS + F F'. Both are measured on increments of the equation: torque noise is white there, and what
-velocity noise v adds to one it takes from the next, B (v_n - v_(n-1)).
-N sums products of increments, L those of neighbours, so that misfit and its correlation are those of the present
-unknowns: x'Lx tells the velocity noise, x'Nx + x'Lx the torque noise r^2. Signals that a filter has made smooth have
-no such noise, nor do their increments tell any: V, N and L are there only where the torque's noise is white.
+is exact again; white noise is r_0 = 1 alone. White noise on the velocity sensor enters row by row, V <- lambda^2 S'VS +
+F F'. Both are measured on increments of the equation: torque noise is white there, and velocity noise v enters
+successive increments with opposite signs, B (v_n - v_(n-1)). N sums products of increments, L those of neighbours, so
+that misfit and correlation refer to the present unknowns: x'Lx gives the velocity noise, x'Nx + x'Lx the torque noise
+r^2. Smoothed signals have no such noise: V, N and L exist only where the torque noise is white.
 
-Unknowns are scaled, x_j = (a_j - prior_j) / prior_deviation_j, the constant aside, so that the prior is a unit matrix.
-Each step leaks towards the present estimate as much as it forgets (proximal): P <= 1, and without excitation standard
-deviations grow back to those of the prior, no further. Errors of the angles are not in these equations beyond what they
-look like on the torque: noise on phi and theta also pulls estimates towards 0, which no covariance tells.
+Unknowns are scaled, x_j = (a_j - prior_j) / prior_sd_j, except for the constant, so that the prior is a unit matrix.
+Each step adds a pull towards the present estimate of the weight it forgets (a leak, proximal): P <= 1, and without
+excitation standard deviations grow back to those of the prior. Errors of the angles are included only so far as they
+resemble torque noise; noise on phi and theta also biases estimates towards 0, which no covariance includes.
 
-**What the basis cuts off.** Columns of terms that are not solved for ride along behind the n unknowns: rotations put
-them beside R as R_c, so that R x = p with R x* + R_c t = p, and the estimate is off by R^-1 R_c t where they are t
-(Schmidt's 'considered' parameters). That holds for whatever was visited and however often, and says what B and D take.
+**Truncation.** Columns of terms that are not solved for follow the n unknowns: rotations place them beside R as R_c.
+Since R x = p and R x* + R_c t = p, the error of the estimate is R^-1 R_c t for coefficients t (Schmidt's 'considered'
+parameters). That holds for the data as visited and includes the effect on B and D.
 """
 
 from __future__ import annotations
@@ -53,31 +52,32 @@ from numba import njit
 from via_core.signals import Array
 
 from via_estimators.qr import NEGLIGIBLE, invert_triangular, reflect_in, rotate_in, solve_triangular
+from via_estimators.slots import slots
 
-# sum of the weights of increments; rows taken; columns considered only; states of the noise's colour; yet to forget
-WEIGHT, TAKEN, CUT, POLES, PENDING, HEAD = range(6)
-PRIOR_WEIGHT = 1.0  # the declared noise counts as much as one increment
-CLEAR = 4.0  # deviations; that of r^2 in velocity noise is sqrt(2 / W) of the increments' variance, W their number
+# Sum of the weights of increments; rows taken; columns considered; states of the noise's colour; factor yet to forget.
+HEAD = slots("weight", "taken", "cut", "poles", "pending")
+PRIOR_WEIGHT = 1.0  # weight of the declared noise, in increments
+CLEAR = 4.0  # [standard deviations] of r^2 in velocity noise, sqrt(2 / W) of the variance of W increments
 BASE = 1e-12  # R_00 without any row: the constant has no prior
 
 
 @njit(cache=True, error_model="numpy")
 def size(n: int, cut: int, poles: int) -> int:
-    """Floats in the state of one equation with n unknowns, the constant among them, and `cut` columns considered."""
-    return HEAD + 2 * n + _sums(poles) * n * n + n * cut + n * poles + n * (n + cut + 1)
+    """Numbers in the state of one equation with n unknowns, including the constant, and `cut` columns considered."""
+    return HEAD.size + 2 * n + _sums(poles) * n * n + n * cut + n * poles + n * (n + cut + 1)
 
 
 @njit(cache=True, error_model="numpy")
 def _sums(poles: int) -> int:
-    """How many of M, V, N and L there are."""
+    """Number of the matrices M, V, N and L in the state."""
     return 4 if poles == 0 else 1
 
 
 @njit(cache=True, error_model="numpy")
 def start(state: Array, n: int, cut: int, poles: int) -> None:
-    """Overwrite one equation's state with the prior: x = 0, R = 1 but for the constant, no rows."""
+    """Overwrite one equation's state with the prior: x = 0, R = 1 except for the constant, no rows."""
     state[:] = 0.0
-    state[CUT], state[POLES], state[PENDING] = cut, poles, 1.0
+    state[HEAD.cut], state[HEAD.poles], state[HEAD.pending] = cut, poles, 1.0
     R = factor(state, n)
     R[0, 0] = BASE
     for j in range(1, n):
@@ -87,49 +87,49 @@ def start(state: Array, n: int, cut: int, poles: int) -> None:
 @njit(cache=True, error_model="numpy")
 def unknowns(state: Array, n: int) -> Array:
     """The view x (n,), the constant first."""
-    return state[HEAD : HEAD + n]
+    return state[HEAD.size : HEAD.size + n]
 
 
 @njit(cache=True, error_model="numpy")
 def _before(state: Array, n: int) -> Array:
-    """The view (n,) of the increments before."""
-    return state[HEAD + n : HEAD + 2 * n]
+    """The view (n,) of the last increments."""
+    return state[HEAD.size + n : HEAD.size + 2 * n]
 
 
 @njit(cache=True, error_model="numpy")
 def _matrices(state: Array, n: int) -> Array:
-    """The view (4, n, n) of M, V, N and L, or (1, n, n) of M alone where noise has a colour."""
-    at, count = HEAD + 2 * n, _sums(int(state[POLES]))
+    """The view (4, n, n) of M, V, N and L, or (1, n, n) of M alone if noise is coloured."""
+    at, count = HEAD.size + 2 * n, _sums(int(state[HEAD.poles]))
     return state[at : at + count * n * n].reshape(count, n, n)
 
 
 @njit(cache=True, error_model="numpy")
 def considered(state: Array, n: int) -> Array:
-    """The view R^-1 R_c (cut, n), by which unit coefficients of the columns considered put x off."""
-    at = HEAD + 2 * n + _sums(int(state[POLES])) * n * n
-    cut = int(state[CUT])
+    """The view R^-1 R_c (cut, n), the error of x per unit coefficient of the columns considered."""
+    at = HEAD.size + 2 * n + _sums(int(state[HEAD.poles])) * n * n
+    cut = int(state[HEAD.cut])
     return state[at : at + cut * n].reshape(cut, n)
 
 
 @njit(cache=True, error_model="numpy")
 def _shared(state: Array, n: int) -> Array:
     """The view U (poles, n)."""
-    poles = int(state[POLES])
-    at = HEAD + 2 * n + _sums(poles) * n * n + int(state[CUT]) * n
+    poles = int(state[HEAD.poles])
+    at = HEAD.size + 2 * n + _sums(poles) * n * n + int(state[HEAD.cut]) * n
     return state[at : at + poles * n].reshape(poles, n)
 
 
 @njit(cache=True, error_model="numpy")
 def _right(state: Array, n: int) -> Array:
-    """The view p (n,), right before R."""
-    at = state.size - n * (n + int(state[CUT]) + 1)
+    """The view p (n,), stored before R."""
+    at = state.size - n * (n + int(state[HEAD.cut]) + 1)
     return state[at : at + n]
 
 
 @njit(cache=True, error_model="numpy")
 def factor(state: Array, n: int) -> Array:
     """The view (n, n + cut) of R (n, n), triangular, with R_c (n, cut) beside it."""
-    width = n + int(state[CUT])
+    width = n + int(state[HEAD.cut])
     return state[state.size - n * width :].reshape(n, width)
 
 
@@ -149,11 +149,11 @@ def _move(M: Array, s: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def rebase(state: Array, n: int, s: Array, pushed: float, step: float, colour: Array, work: Array) -> None:
-    """Move the base of all rows taken to now.
+    """Move the base of all rows to the present.
 
-    s       (n + cut,) what is added to each column per unit of the constant's column, s_0 = 0
+    s       (n + cut,) added to each column per unit of the constant's column, s_0 = 0
     pushed  dT, the integral of the torque over the step, in the units of y
-    step    [s] its duration over the torque noise's unit: the error of dT per unit of noise
+    step    [s] its duration over the unit of torque noise: the error of dT per unit noise
     colour  (1 + poles, 1 + poles) of that noise, [[r_0, C], [B, A]]; [[1]] if it is white
     work    (2, n) or more, overwritten
     """
@@ -162,9 +162,9 @@ def rebase(state: Array, n: int, s: Array, pushed: float, step: float, colour: A
     for j in range(1, s.size):
         R[0, j] += base * s[j]
     p[0] -= base * pushed
-    for which in range(min(len(sums), 2)):  # V, too, if it is there
+    for which in range(min(len(sums), 2)):  # M, and V if present
         _move(sums[which], s)
-    U, poles = _shared(state, n), int(state[POLES])
+    U, poles = _shared(state, n), int(state[HEAD.poles])
     v, along = work[0], work[1]
     for j in range(n):
         v[j] = step * base * R[0, j]
@@ -188,7 +188,7 @@ def rebase(state: Array, n: int, s: Array, pushed: float, step: float, colour: A
 
 @njit(cache=True, error_model="numpy")
 def eliminate(state: Array, n: int) -> None:
-    """Drop the constant: rows to come have another one. Everything known about the rest stays."""
+    """Eliminate the constant, since later rows have another one; information on the other unknowns is preserved."""
     p, R, sums = _right(state, n), factor(state, n), _matrices(state, n)
     for which in range(min(len(sums), 2)):
         M = sums[which]
@@ -206,25 +206,25 @@ def eliminate(state: Array, n: int) -> None:
     R[0, :] = 0.0
     R[0, 0] = BASE
     p[0] = 0.0
-    state[HEAD] = 0.0
+    state[HEAD.size] = 0.0
     considered(state, n)[:, 0] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def forget(state: Array, n: int, keep: float, work: Array) -> None:
-    """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak that makes up for it.
+    """One step of forgetting by the factor lambda = keep, in the usual meaning, with the leak of the same weight.
 
-    Steps that forget next to nothing wait until it is worth the reflections (`qr.NEGLIGIBLE`).
+    Steps that forget very little are accumulated to save reflections (`qr.NEGLIGIBLE`).
 
     work  (n + cut + 1, n) or more, overwritten
     """
-    keep *= state[PENDING]
+    keep *= state[HEAD.pending]
     if keep > 1.0 - NEGLIGIBLE:
-        state[PENDING] = keep
+        state[HEAD.pending] = keep
         return
-    state[PENDING] = 1.0
+    state[HEAD.pending] = 1.0
     x, p, R, off = unknowns(state, n), _right(state, n), factor(state, n), considered(state, n)
-    poles, at, each = int(state[POLES]), HEAD + 2 * n, n * n
+    poles, at, each = int(state[HEAD.poles]), HEAD.size + 2 * n, n * n
     root, leak = sqrt(keep), sqrt(1.0 - keep)
     state[state.size - n * (R.shape[1] + 1) :] *= root  # p and R
     R[0, 0] = max(R[0, 0], BASE)
@@ -235,23 +235,23 @@ def forget(state: Array, n: int, keep: float, work: Array) -> None:
         state[at : at + each] *= keep * keep
         at += each + off.size
         state[at : at + poles * n] *= keep  # U
-    state[WEIGHT] *= keep
+    state[HEAD.weight] *= keep
     cut, y = off.shape[0], work[n + off.shape[0], : n - 1]
     for j in range(1, n):
         for i in range(n - 1):
             work[j, i] = 0.0
         work[j, j - 1] = leak
         y[j - 1] = leak * x[j]
-        for c in range(cut):  # the estimate that is pulled to is off itself
+        for c in range(cut):  # the target of the leak has the same truncation error
             work[n + c, j - 1] = leak * off[c, j]
     reflect_in(R, p, work, y, 1)
 
 
 @njit(cache=True, error_model="numpy")
 def compare(state: Array, n: int, z: Array) -> None:
-    """Take the increments of one step into N and L: z (n,) holds dT in place of the constant, then the columns' ones.
+    """Add the increments z (n,) of one step to N and L; z_0 is dT, the others are those of the columns.
 
-    In units of the torque noise: per step, not per row.
+    In units of the torque noise per step.
     """
     before, sums = _before(state, n), _matrices(state, n)
     N, L = sums[2], sums[3]
@@ -260,21 +260,21 @@ def compare(state: Array, n: int, z: Array) -> None:
             N[i, j] += z[i] * z[j]
             L[i, j] += z[i] * before[j] + before[i] * z[j]
     before[:] = z
-    state[WEIGHT] += 1.0
+    state[HEAD.weight] += 1.0
 
 
 @njit(cache=True, error_model="numpy")
 def interrupt(state: Array, n: int) -> None:
-    """The next increment has no neighbour before it, and its noise nothing in common with what came before."""
+    """Clear the correlations of the next increment with earlier ones."""
     _before(state, n)[:] = 0.0
     _shared(state, n)[:, :] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def take(state: Array, n: int, row: Array, y: float) -> None:
-    """Take the newest row' x = y and solve; `row` (n + cut,), its constant first, is overwritten."""
+    """Add the newest row' x = y and solve; `row` (n + cut,), its constant first, is overwritten."""
     x, p, R = unknowns(state, n), _right(state, n), factor(state, n)
-    if state[POLES] == 0.0:
+    if state[HEAD.poles] == 0.0:
         V = _matrices(state, n)[1]
         for i in range(n):
             for j in range(n):
@@ -286,12 +286,12 @@ def take(state: Array, n: int, row: Array, y: float) -> None:
         for j in range(n):
             off[c, j] = R[j, n + c]
         solve_triangular(R, off[c], off[c])
-    state[TAKEN] += 1.0
+    state[HEAD.taken] += 1.0
 
 
 @njit(cache=True, error_model="numpy")
 def _misfit(x: Array, N: Array) -> float:
-    """Of the unknowns x (n,), whose place 0 the torque takes with the weight -1, in products N (n, n)."""
+    """z' N z of z = (-1, x_1, ..), N (n, n)."""
     total = N[0, 0]
     for i in range(1, x.size):
         total -= 2.0 * x[i] * N[0, i]
@@ -302,36 +302,36 @@ def _misfit(x: Array, N: Array) -> float:
 
 @njit(cache=True, error_model="numpy")
 def noise(state: Array, n: int, declared: float) -> tuple[float, float]:
-    """Variances of an increment's error in units of the declared torque noise: r^2, and what the next one takes back.
+    """Variances in units of the declared torque noise: r^2, and that of velocity noise in one increment.
 
-    declared  the second of them, as far as it was declared: it counts as much as one increment, as r^2 = 1 does
+    declared  prior of the second, with the weight of one increment, as r^2 = 1 has
     """
-    x, weight, sums = unknowns(state, n), state[WEIGHT], _matrices(state, n)
+    x, weight, sums = unknowns(state, n), state[HEAD.weight], _matrices(state, n)
     apart = _misfit(x, sums[3])
     taken_back = (PRIOR_WEIGHT * declared + max(-apart, 0.0)) / (PRIOR_WEIGHT + weight)
     if weight == 0.0:
         return 1.0, taken_back
     unexplained = max(_misfit(x, sums[2]) - taken_back * weight, 0.0) / weight
-    # Where torque noise drowns in the rest, the declared one stands, unless what is found is clear by 4 deviations.
+    # Where velocity noise dominates, the declared torque noise is used unless the measured one is significant.
     clear = max(unexplained - CLEAR * sqrt(2.0 / weight) * taken_back, 1.0)
-    told = weight * (clear / (clear + taken_back)) ** 2
-    return (PRIOR_WEIGHT + told * unexplained) / (PRIOR_WEIGHT + told), taken_back
+    informative = weight * (clear / (clear + taken_back)) ** 2
+    return (PRIOR_WEIGHT + informative * unexplained) / (PRIOR_WEIGHT + informative), taken_back
 
 
 @njit(cache=True, error_model="numpy")
 def inverse(state: Array, n: int, out: Array) -> None:
-    """R^-1 into the first n rows and columns of `out`: once for all that `spread_of` and `variances` are asked."""
+    """R^-1 into the first n rows and columns of `out`, for `prior_variance` and `variances`."""
     invert_triangular(factor(state, n), n, out)
 
 
 @njit(cache=True, error_model="numpy")
-def spread_of(state: Array, n: int, first: int, inverted: Array) -> float:
-    """Variance of the unknowns from `first` on about their prior, in units of the declared one, as they show it.
+def prior_variance(state: Array, n: int, first: int, inverted: Array) -> float:
+    """Variance of the unknowns from `first` on about their prior, in units of the declared one, as estimated from them.
 
-    Each unknown that rows determine is one draw from the prior, sum of (1 - P_jj) of them there are (MacKay's number of
-    well-determined parameters); the declared width counts as much as one.
+    Each unknown determined by data is one draw from the prior; their number is the sum of (1 - P_jj), MacKay's number
+    of well-determined parameters. The declared variance has the weight of one.
 
-    inverted  R^-1, as `inverse` has it
+    inverted  R^-1 of `inverse`
     """
     x = unknowns(state, n)
     drawn, squares = PRIOR_WEIGHT, PRIOR_WEIGHT
@@ -350,14 +350,14 @@ def variances(
 ) -> None:  # fmt: skip
     """Variances of slope' x for each of slopes (k, n), whose first column is 0, into out (k,).
 
-    torque    r^2, as `noise` has it
-    velocity  variance of the velocity noise's share of a row; 0 where the torque's noise has a colour
-    prior     (n,) variances of the prior, and of what has leaked since
-    inverted  R^-1, as `inverse` has it
+    torque    r^2 of `noise`
+    velocity  variance of the velocity noise in a row; 0 if torque noise is coloured
+    prior     (n,) variances of the prior and the leak
+    inverted  R^-1 of `inverse`
     work      (n + 2, n) or more, overwritten
     """
     sums, half, full, middle = _matrices(state, n), work[0], work[1], work[2:]  # R^-T slope, P slope
-    for i in range(n):  # what the right side's noise and the prior make, one half of a symmetric matrix
+    for i in range(n):  # covariance of the right side due to noise and prior, lower half
         for j in range(i + 1):
             middle[i, j] = torque * sums[0, i, j]
         if velocity > 0.0:

@@ -1,4 +1,4 @@
-"""Which estimators there are, and which of them suit a device."""
+"""Registry of the estimators, and their selection for a device."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from via_estimators.modulated_torque import ModulatedTorque
 from via_estimators.residual import Residual
 from via_estimators.signal_based import SignalBased
 
-# In the order in which they are tried: the first that suits a device is what it gets by default.
+# In order of preference: the first one that suits a device is its default.
 METHODS: dict[str, type[Estimator]] = {
     "modulated_torque": ModulatedTorque,
     "modulated_stiffness": ModulatedStiffness,
@@ -32,12 +32,12 @@ METHODS: dict[str, type[Estimator]] = {
 
 
 def methods_for(device: Device) -> tuple[str, ...]:
-    """Names of the methods that suit a device, the best one first; empty where there is none."""
+    """Names of the methods that suit a device, in order of preference."""
     return tuple(name for name, method in METHODS.items() if _suits(method, device))
 
 
 def method_for(device: Device, method: str = "auto") -> str:
-    """The name of the method, 'auto' resolved; raises ParameterError for a stranger, or where none suits the device."""
+    """The name of the method, 'auto' resolved; raises ParameterError for an unknown name, or if none suits."""
     if method == "auto":
         for name in METHODS:
             if _suits(METHODS[name], device):
@@ -49,7 +49,7 @@ def method_for(device: Device, method: str = "auto") -> str:
 
 
 def estimator_for(device: Device, method: str = "auto") -> Estimator:
-    """The estimator of that name with the device's scales and priors; raises ParameterError where it does not apply."""
+    """The estimator of that name with the device's scales and priors; raises ParameterError if it does not apply."""
     return METHODS[method_for(device, method)].from_device(device)
 
 
@@ -61,10 +61,10 @@ class Pair(NamedTuple):
 
 
 def pairs_of(devices: Sequence[Device], methods: Sequence[str]) -> tuple[Pair, ...]:
-    """Every device with each of the methods that suits it; 'auto' is its best one, 'all' are all that suit it.
+    """Every device with each of the methods that suits it; 'auto' is its default, 'all' are all that suit it.
 
-    Raises ParameterError: no device or two that share a name or a joint; no method or a stranger, or one that suits
-    none of the devices; a device that none of the methods suits.
+    Raises ParameterError without devices or methods, for devices that share a name or a joint, an unknown method, a
+    method that suits no device, and a device that no method suits.
     """
     _expect_distinct(devices)
     if not methods:
@@ -80,7 +80,7 @@ def pairs_of(devices: Sequence[Device], methods: Sequence[str]) -> tuple[Pair, .
 
 
 def _chosen(device: Device, methods: Sequence[str]) -> list[str]:
-    """Names of the methods for a device, in the order of the list, none twice."""
+    """Names of the methods for a device, in the order of the list, without duplicates."""
     found: list[str] = []
     for name in methods:
         if name == "all":

@@ -1,26 +1,27 @@
-"""The default stiffness estimator: the undifferentiated modulated torque equation of each motor, solved recursively.
+"""The default stiffness estimator: the modulated torque equation of each motor, solved recursively.
 
 Source: SAPHARI deliverable, Sections 2-4. The motor equation (5), B thdd + D thd - tau_e(phi) = tau, is multiplied by a
 modulating function psi that vanishes with its derivatives at both ends of a sliding window (Prop. 1):
 
     <tau, psi> = B <theta, psi''> - D <theta, psi'> - sum_p a_p <f_p(phi), psi>,   f_p = s (phi/s)^p / p, f_0 = s
 
-so that sigma(phi) = sum_p a_p (phi/s)^(p-1): every a_p [N m/rad] is a share of stiffness at deflection scale s. Odd
-powers p = 1, 3, ..; a law that is not skew-symmetric (springs pretensioned against each other) needs 0, 2, 4, .. too.
-Departures from the document, each measured to help (estimation.md): the equation is not differentiated first, B and D
-are unknowns, the basis is odd, psi is w_55 by default and not w_33, the update is QR with a prior, and standard
-deviations know the colour of the noise (`coloured`).
+so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of stiffness at the deflection scale s. Powers
+are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned against each other) also needs 0, 2, 4, ..
 
-Samples need not be equidistant: the stamps make the weights (via_core.weak_form), and a constant added to q and theta
-changes nothing.
+Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B
+and D are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the update is QR with a prior; the
+standard errors account for the autocorrelation of the noise (`coloured`).
 
-Standard deviations hold noise, and what the basis cuts off: the last term of the law is a guess at the first one
-missing (`truncation`). So give the basis one term to spare, or say that it is exact.
+Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
+no effect.
+
+Standard deviations include noise and the truncation of the basis: the last term estimates the size of the first one
+left out (`truncation`). So give the basis one term more than needed, or set truncation to 0 if it is exact.
 
 Effort convention: the effort in a sample stamped t_n is the torque that acted over the interval ENDING at t_n,
-(t_(n-1), t_n], as a simulator or drive reports what it has just applied. A torque command is held over exactly such an
-interval, so <tau, psi> = sum tau_n (t_n - t_(n-1)) (psi_n + psi_(n-1))/2. Taking it for a sampled curve instead would
-delay the torque by half a sample.
+(t_(n-1), t_n], as a simulator or drive reports what it has just applied. A torque command is constant over exactly such
+an interval (zero-order hold), so <tau, psi> = sum tau_n (t_n - t_(n-1)) (psi_n + psi_(n-1))/2. Treating it as a sampled
+curve would delay the torque by half a sample.
 """
 
 from __future__ import annotations
@@ -34,43 +35,49 @@ from numba import njit
 from via_core.devices import Device
 from via_core.signals import Array
 from via_core.springs import SpringLaw
-from via_core.status import Status
+from via_core.status import BAD_SAMPLE
 
 from via_estimators import coloured, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
+from via_estimators.slots import row_of, slots
+from via_estimators.transmissions import JOINT, VISITED
+from via_estimators.window import HEADER
 
 MOST_TERMS = 6
-BEYOND = 10.0  # deflections larger than so many scales are no deflections
-LENGTH, TRANSMISSIONS, ORDER, EVEN, MEMORY, MAX_GAP, TORQUE_NOISE, POSITION_NOISE, SCALE = range(9)
-MINIMUM_MOTION, MARGIN, TRUNCATION, MODULATING, PRIOR = range(9, 14)
-# Smallest and largest deflection visited (its size, if odd), whether any was, mean of the squared stiffness there.
-LOW, HIGH, ANY, SQUARED, N_VISITED = range(5)
-OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
+FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
+# Followed by the means (n,) and the standard deviations (n,) of the prior.
+P = slots(
+    "length", "transmissions", "order", "even_terms", "memory", "max_gap", "torque_noise", "position_noise",
+    "deflection_scale", "minimum_motion", "range_margin", "truncation", "modulating_order",
+)  # fmt: skip
+# Of each transmission, before its equation; deflections count by size if the basis is odd.
+KEPT = slots("squared_stiffness", after=VISITED)  # mean over the rows [(N m/rad)^2]
+THETA, TAU, BASIS = range(3)  # columns of a transmission in the ring: theta, tau, f_1, ..
 
 
 @dataclass(frozen=True)
 class ModulatedTorqueParameters(Parameters):
-    """Parameters of `ModulatedTorque`; the deviations are those of the prior, wide enough to be forgotten at once."""
+    """Parameters of `ModulatedTorque`; the prior is so wide that data soon replace it."""
 
     transmissions: int = parameter(2, "number of motors with a transmission each", "-", 1, 2)
     window: int = parameter(200, "sampling intervals per window", "-", 20, 2000)
     modulating_order: int = parameter(5, "h of the modulating function w_hh", "-", 2, 9)
-    order: int = parameter(3, "odd terms of the torque law", "-", 1, MOST_TERMS)
-    even_terms: int = parameter(0, "even terms besides, the constant first", "-", 0, MOST_TERMS)
-    truncation: float = parameter(1.0, "share of the last term that a law cut off may hide; 0: none is", "-", 0.0, 10.0)
-    memory: float = parameter(20.0, "time after which a row counts 1/e", "s", 0.05, 1e9)
+    order: int = parameter(3, "odd terms of the spring law", "-", 1, MOST_TERMS)
+    even_terms: int = parameter(0, "even terms in addition, the constant first", "-", 0, MOST_TERMS)
+    truncation: float = parameter(1.0, "truncation error over the last term; 0: the basis is exact", "-", 0.0, 10.0)
+    memory: float = parameter(20.0, "time after which a row has weight 1/e", "s", 0.05, 1e9)
     max_gap: float = parameter(0.05, "longest step between samples that keeps the window", "s", 1e-4, 10.0)
-    deflection_scale: float = parameter(1.0, "deflection at which the terms of the law count alike", "rad", 1e-3, 10.0)
+    deflection_scale: float = parameter(1.0, "deflection at which all terms have equal weight", "rad", 1e-3, 10.0)
     stiffness_prior: float = parameter(0.0, "stiffness per transmission before any data", "N m/rad", 0.0, 1e9)
-    stiffness_deviation: float = parameter(300.0, "standard deviation of that", "N m/rad", 1e-6, 1e9)
+    stiffness_deviation: float = parameter(300.0, "standard deviation of the prior stiffness", "N m/rad", 1e-6, 1e9)
     inertia_prior: float = parameter(0.0, "motor inertia before any data", "kg m^2", 0.0, 1e3)
-    inertia_deviation: float = parameter(0.1, "standard deviation of that", "kg m^2", 1e-9, 1e3)
+    inertia_deviation: float = parameter(0.1, "standard deviation of the prior inertia", "kg m^2", 1e-9, 1e3)
     damping_prior: float = parameter(0.0, "motor damping before any data", "N m s/rad", 0.0, 1e4)
-    damping_deviation: float = parameter(10.0, "standard deviation of that", "N m s/rad", 1e-9, 1e4)
-    torque_noise: float = parameter(0.1, "standard deviation of torque noise expected", "N m", 1e-9, 1e9)
+    damping_deviation: float = parameter(10.0, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
+    torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
-    minimum_motion: float = parameter(0.01, "range of deflection below which a window tells nothing", "rad", 0.0, 1.0)
-    range_margin: float = parameter(0.02, "share of the visited range that counts as visited beyond it", "-", 0.0, 1.0)
+    minimum_motion: float = parameter(0.01, "least range of deflection in an informative window", "rad", 0.0, 1.0)
+    range_margin: float = parameter(0.02, "margin beyond the visited range, relative to it", "-", 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -81,25 +88,12 @@ class ModulatedTorque(Estimator):
 
     @classmethod
     def from_device(cls, device: Device) -> ModulatedTorque:
-        """Scales and priors from a device file: its numbers say the order of magnitude, not the answer."""
-        motor, law = transmissions.motors_of(device)[0], device.spring_laws[0]
-        stiffness = law.stiffness(np.linspace(0.0, law.max_deflection, 65))
+        """Scales and priors of the order of magnitude that the device file states."""
+        known = {**transmissions.priors_of(device), **transmissions.known_of(device)}
         order, even = _terms_for(device.spring_laws)
-        return cls(
-            ModulatedTorqueParameters(
-                **transmissions.known_of(device),
-                order=order,
-                even_terms=even,
-                stiffness_prior=float(stiffness.mean()),
-                stiffness_deviation=3.0 * float(stiffness.max()),
-                inertia_prior=motor.inertia,
-                inertia_deviation=motor.inertia,
-                damping_prior=motor.viscous_friction,
-                damping_deviation=max(motor.viscous_friction, 1e-6),
-            )
-        )
+        return cls(ModulatedTorqueParameters(**known, order=order, even_terms=even))
 
-    def having(self, parameters: Parameters) -> ModulatedTorque:
+    def with_parameters(self, parameters: Parameters) -> ModulatedTorque:
         return replace(self, parameters=expect(parameters, ModulatedTorqueParameters))
 
     @cached_property
@@ -110,56 +104,44 @@ class ModulatedTorque(Estimator):
     def outputs(self) -> tuple[str, ...]:
         return transmissions.outputs_of(self.parameters.transmissions, "motor_inertia", "motor_damping")
 
+    @property
+    def _unknowns(self) -> int:
+        """Number of unknowns: B, D and the coefficients of the spring law."""
+        return 2 + self.parameters.order + self.parameters.even_terms
+
     @cached_property
     def _constants(self) -> tuple[Array, Array]:
-        """Parameter row of the kernel, noise colours (3, 2 L) by slot; not locked, which would be another type."""
+        """Parameter row of the kernel and noise colours (3, 2 L); writable, since a locked array compiles again."""
         own = self.parameters
-        n = own.order + own.even_terms + 2
-        row = np.zeros(PRIOR + 2 * n)
-        row[:PRIOR] = (
-            own.window + 1, own.transmissions, own.order, own.even_terms, own.memory, own.max_gap, own.torque_noise,
-            own.position_noise, own.deflection_scale, own.minimum_motion, own.range_margin, own.truncation,
-            own.modulating_order,
-        )  # fmt: skip
-        row[PRIOR : PRIOR + 3] = own.inertia_prior, own.damping_prior, own.stiffness_prior
-        row[PRIOR + n :] = own.inertia_deviation, own.damping_deviation, *((n - 2) * (own.stiffness_deviation,))
+        prior = transmissions.prior_rows(own, self._unknowns - 2)
+        row = np.concatenate([row_of(P, own, length=own.window + 1), *prior])
         return row, coloured.mirrored(coloured.colours(own.window, own.modulating_order))
 
     def init(self) -> Array:
         own = self.parameters
-        length, n = own.window + 1, own.order + own.even_terms + 2
-        columns = own.transmissions * n
-        each = N_VISITED + coloured.size(n, length)
-        state = np.zeros(window.HEADER + 2 * len(self.outputs) + length * (1 + columns) + own.transmissions * each)
+        m, n, length, k = own.transmissions, self._unknowns, own.window + 1, len(self.outputs)
+        state = np.zeros(HEADER.size + 2 * k + length * (1 + m * n) + m * _part_size(n, length))
         window.start(state)
-        m, row = own.transmissions, self._constants[0]
-        (B, D, k), (dB, dD, dk) = row[PRIOR : PRIOR + 3], row[PRIOR + n : PRIOR + n + 3]
-        held = (m * k, *(m * (k,)), *(m * (B,)), *(m * (D,)), sqrt(m) * dk, *(m * (dk,)), *(m * (dB,)), *(m * (dD,)))
-        state[window.HEADER : window.HEADER + len(held)] = held
-        for i in range(m):
-            coloured.start(state[len(state) - (i + 1) * each + N_VISITED : len(state) - i * each], n)
+        state[HEADER.size : HEADER.size + 2 * k] = transmissions.prior_outputs(own, "inertia", "damping")
+        for part in _parts(state, m, n, length):
+            coloured.start(part[KEPT.size :], n)
         state.flags.writeable = False
         return state
 
     def condition(self, state: Array) -> float:
-        own = self.parameters
-        n = own.order + own.even_terms + 2
-        each = N_VISITED + coloured.size(n, own.window + 1)
-        found = 1.0
-        for i in range(own.transmissions):
-            R = coloured.factor(state[len(state) - (i + 1) * each + N_VISITED : len(state) - i * each], n)
-            found = max(found, float(np.linalg.cond(R)))
-        return found
+        own, n = self.parameters, self._unknowns
+        parts = _parts(state, own.transmissions, n, own.window + 1)
+        return max(1.0, *(float(np.linalg.cond(coloured.factor(part[KEPT.size :], n))) for part in parts))
 
     @cached_property
     def _advance(self) -> Kernel:
         return partial(_advance, *self._constants)
 
 
-def _terms_for(laws: tuple[SpringLaw, ...]) -> tuple[int, int]:
-    """Odd and even terms that follow the laws to 1 % of their largest torque, and one to spare to tell whether."""
+def _terms_for(springs: tuple[SpringLaw, ...]) -> tuple[int, int]:
+    """Numbers of odd and even terms that fit the spring laws to 1 % of their largest torque, plus one each."""
     share = np.linspace(-1.0, 1.0, 129)
-    torques = np.stack([law.torque(share * law.max_deflection) for law in laws], axis=1)
+    torques = np.stack([each.torque(share * each.max_deflection) for each in springs], axis=1)
     largest = np.abs(torques).max()
     odd = np.abs(torques + torques[::-1]).max() <= 1e-6 * largest
     for order in range(1, MOST_TERMS):
@@ -172,16 +154,16 @@ def _terms_for(laws: tuple[SpringLaw, ...]) -> tuple[int, int]:
 
 @njit(cache=True, error_model="numpy")
 def _power(term: int, order: int) -> int:
-    """The power of phi in a term: odd ones first, then the even ones from 0."""
+    """Power of phi in a term: odd powers first, then even ones from 0."""
     return 2 * term + 1 if term < order else 2 * (term - order)
 
 
 @njit(cache=True, error_model="numpy")
 def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array, work: Array) -> float:
-    """Squared stiffness [N m/rad] that a law this basis cuts off may still hide: the size of the last term there is.
+    """Squared stiffness [(N m/rad)^2] of the terms left out, bounded by the size of the last term without its noise.
 
-    Over the deflections visited, |phi| <= far s, a power n of phi holds 2^(1-n) far^n of the Chebyshev polynomial T_n,
-    and coefficients of a smooth law fall from one to the next. What is noise in the last one does not count twice.
+    Over the deflections visited, |phi| <= far s, a power n of phi contains 2^(1-n) far^n of the Chebyshev polynomial
+    T_n, and the Chebyshev coefficients of a smooth function decrease.
 
     work  as `coloured.blur` leaves it
     """
@@ -193,128 +175,182 @@ def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array
 
 
 @njit(cache=True, error_model="numpy")
+def _part_size(n: int, length: int) -> int:
+    """Numbers in the state of one transmission."""
+    return KEPT.size + coloured.size(n, length)
+
+
+@njit(cache=True, error_model="numpy")
+def _parts(state: Array, m: int, n: int, length: int) -> Array:
+    """The view (m, ..) of each transmission's KEPT and equation, at the end of the state."""
+    each = _part_size(n, length)
+    return state[state.size - m * each :].reshape(m, each)
+
+
+@njit(cache=True, error_model="numpy")
+def _store(par: Array, sample: Array, slot: int, ring: Array, powers: Array) -> None:
+    """Write theta, tau and f_p of each transmission into ring (m, n, L), and (phi/s)^p into powers (m, ..)."""
+    order, scale = int(par[P.order]), par[P.deflection_scale]
+    for i in range(ring.shape[0]):
+        own = ring[i]
+        own[THETA, slot], own[TAU, slot] = sample[2 + 2 * i], sample[3 + 2 * i]
+        ratio = (sample[1] - sample[2 + 2 * i]) / scale
+        for p in range(1, 2 * MOST_TERMS):
+            powers[i, p] = powers[i, p - 1] * ratio
+        for term in range(own.shape[0] - BASIS):
+            p = _power(term, order)
+            own[BASIS + term, slot] = scale * powers[i, p] / max(p, 1)
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_row(par: Array, psi: Array, held: Array, own: Array, row: Array) -> float:
+    """Write the regressors of the modulated equation into row (n,) and return its right side, both scaled."""
+    n, noise = row.size, par[P.torque_noise]
+    y = coloured.dot(held, own[TAU])
+    row[0], row[1] = coloured.dot(psi[2], own[THETA]), -coloured.dot(psi[1], own[THETA])
+    for j in range(2, n):
+        row[j] = -coloured.dot(psi[0], own[j])
+    for j in range(n):
+        y -= row[j] * par[P.size + j]
+        row[j] *= par[P.size + n + j] / noise
+    return y / noise
+
+
+@njit(cache=True, error_model="numpy")
+def _visit(kept: Array, phi: float, even: int) -> None:
+    """Extend the range visited; it always includes 0 on the positive side."""
+    transmissions.visit(kept, phi if even else abs(phi))
+    kept[VISITED.high] = max(kept[VISITED.high], 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _evaluate(par: Array, x: Array, powers: Array, warming: bool, slope: Array) -> tuple[float, float]:
+    """Stiffness [N m/rad] and its derivative by phi at the deflection of `powers`; slope (n,) = d stiffness / dx."""
+    order, scale, n = int(par[P.order]), par[P.deflection_scale], x.size
+    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    stiffness, bend = 0.0, 0.0
+    for j in range(2, n):
+        p = _power(j - 2, order)
+        share = mean[j] + (0.0 if warming else width[j] * x[j])
+        rise = powers[p - 1] if p > 0 else 0.0
+        slope[j] = width[j] * rise
+        stiffness += share * rise
+        bend += share * (p - 1) * powers[p - 2] / scale if p > 1 else 0.0
+    return stiffness, bend
+
+
+@njit(cache=True, error_model="numpy")
+def _truncation(par: Array, kept: Array, x: Array, work: Array) -> float:
+    """Variance of stiffness [(N m/rad)^2] due to the terms left out, of either parity."""
+    order, even, n = int(par[P.order]), int(par[P.even_terms]), x.size
+    if not par[P.truncation] > 0.0:
+        return 0.0
+    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    far = max(abs(kept[VISITED.low]), abs(kept[VISITED.high])) / par[P.deflection_scale]
+    tail = _tail(order - 1, order, far, mean, width, x, work)
+    if even > 1:
+        tail += _tail(order + even - 1, order, far, mean, width, x, work)
+    return par[P.truncation] ** 2 * tail
+
+
+@njit(cache=True, error_model="numpy")
+def _set_covariance(par: Array, r: Array, kept: Array, equation: Array, span: float, work: Array) -> None:
+    """Leave the covariance of the unknowns in `work`: torque noise as measured, position noise as declared."""
+    n = (par.size - P.size) // 2
+    x, mean, width = coloured.unknowns(equation, n), par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    B, D = mean[0] + width[0] * x[0], mean[1] + width[1] * x[1]
+    gain = (par[P.position_noise] / par[P.torque_noise]) ** 2
+    through = 2.0 * gain * kept[KEPT.squared_stiffness]  # noise of both angles acts as torque through the spring
+    first, second = gain * (D / span) ** 2, gain * (B / span**2) ** 2
+    found = coloured.noise(equation, n, r, first, second, through, work)
+    coloured.blur(equation, n, found, first, second, work)
+
+
+@njit(cache=True, error_model="numpy")
+def _learn(
+    par: Array, slot: int, psi: Array, held: Array, lagged: Array, own: Array, part: Array, row: Array, work: Array
+) -> None:
+    """Add the equation of the present window, and its middle to the deflections visited."""
+    n, length = row.size, own.shape[1]
+    y = _fill_row(par, psi, held, own, row)
+    coloured.take(part[KEPT.size :], n, slot, row, y, lagged, work)
+    middle = slot + length // 2 + 1
+    _visit(part[: KEPT.size], own[BASIS, middle if middle < length else middle - length], int(par[P.even_terms]))
+
+
+@njit(cache=True, error_model="numpy")
+def _report(
+    par: Array, r: Array, span: float, powers: Array, part: Array, i: int, moving: bool,
+    value: Array, sd: Array, joint: Array, slope: Array, work: Array,
+) -> bool:  # fmt: skip
+    """Write the outputs of transmission i and add it to the joint; returns whether it is still warming up."""
+    n, m, length = slope.size, int(par[P.transmissions]), int(par[P.length])
+    mean, width, blur = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n], par[P.position_noise]
+    kept, equation = part[: KEPT.size], part[KEPT.size :]
+    x = coloured.unknowns(equation, n)
+    warming = equation[coloured.HEAD.taken] < length
+    stiffness, bend = _evaluate(par, x, powers, warming, slope)
+    B, D = mean[0], mean[1]
+    uncertain, of_B, of_D = 2.0 * (bend * blur) ** 2, 1.0, 1.0  # the deflection of this very sample is noisy
+    if warming:
+        for j in range(2, n):
+            uncertain += slope[j] * slope[j]
+    else:
+        B, D = mean[0] + width[0] * x[0], mean[1] + width[1] * x[1]
+        _set_covariance(par, r, kept, equation, span, work)
+        of_B, of_D = coloured.variance_of(n, 0, work), coloured.variance_of(n, 1, work)
+        uncertain += coloured.variance(n, slope, work)
+        uncertain += _truncation(par, kept, x, work)
+    if moving and not warming:
+        counted = min(equation[coloured.HEAD.taken] - length + 1.0, equation[coloured.HEAD.weight])
+        kept[KEPT.squared_stiffness] += (stiffness * stiffness - kept[KEPT.squared_stiffness]) / counted
+    transmissions.update(value, sd, 1 + i, stiffness, sqrt(uncertain), warming or moving)
+    transmissions.update(value, sd, 1 + m + i, B, width[0] * sqrt(of_B), warming or moving)
+    transmissions.update(value, sd, 1 + 2 * m + i, D, width[1] * sqrt(of_D), warming or moving)
+    transmissions.add(joint, stiffness, sd[1 + i], bend, blur**2)
+    return warming
+
+
+@njit(cache=True, error_model="numpy")
 def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int:
-    length, m, order = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[ORDER])
-    even = int(par[EVEN])
-    n, outputs = order + even + 2, 1 + 3 * m
-    columns = m * n
-    scale, noise, blur = par[SCALE], par[TORQUE_NOISE], par[POSITION_NOISE]
-    mean, width = par[PRIOR : PRIOR + n], par[PRIOR + n : PRIOR + 2 * n]
-    at = window.HEADER
-    now, spread = state[at : at + outputs], state[at + outputs : at + 2 * outputs]
-    at += 2 * outputs
-    times = state[at : at + length]
-    at += length
-    ring = state[at : at + length * columns].reshape(columns, length)  # theta, tau, f_1.. per transmission
-    at += length * columns
-    each = N_VISITED + coloured.size(n, length)
+    length, m, even = int(par[P.length]), int(par[P.transmissions]), int(par[P.even_terms])
+    n, outputs = int(par[P.order]) + even + 2, 1 + 3 * m
+    value, sd = window.outputs(state, outputs)
+    times, columns = window.rings(state, HEADER.size + 2 * outputs, length, m * n)
+    ring, parts = columns.reshape(m, n, length), _parts(state, m, n, length)
     psi, lagged, held = np.empty((3, length)), np.empty((3, length)), np.empty(length)
     row, slope, work = np.empty(n), np.zeros(n), coloured.scratch(n)
-    powers = np.ones((m, 2 * MOST_TERMS))
+    powers, joint = np.ones((m, 2 * MOST_TERMS)), np.empty(JOINT.size)
     for k in range(rows.shape[0]):
-        before = state[window.LAST]
-        entered = transmissions.enter(state, times, rows[k], m, BEYOND * scale, par[MAX_GAP])
+        before = state[HEADER.last]
+        entered = transmissions.enter(state, times, rows[k], 2, FURTHEST * par[P.deflection_scale], par[P.max_gap])
         if entered == window.SKIPPED:
             window.answer(state, BAD_SAMPLE, out[k])
             continue
-        slot, q = int(state[window.SLOT]), rows[k, 1]
-        for i in range(m):
-            own = ring[i * n : (i + 1) * n]
-            own[0, slot], own[1, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
-            ratio = (q - rows[k, 2 + 2 * i]) / scale
-            for p in range(1, 2 * MOST_TERMS):
-                powers[i, p] = powers[i, p - 1] * ratio
-            for term in range(order + even):
-                p = _power(term, order)
-                own[2 + term, slot] = scale * powers[i, p] / max(p, 1)
-        full, span = state[window.FILLED] == length, 1.0
-        elapsed = rows[k, 0] - before if state[window.SAMPLES] > 1.0 else 0.0
-        keep = exp(-max(elapsed, 0.0) / par[MEMORY])  # time in a gap, or until a window is full, counts like any other
+        slot = int(state[HEADER.slot])
+        _store(par, rows[k], slot, ring, powers)
+        full, span = state[HEADER.filled] == length, 1.0
+        elapsed = rows[k, 0] - before if state[HEADER.samples] > 1.0 else 0.0
+        keep = exp(-max(elapsed, 0.0) / par[P.memory])  # also for the time in a gap or before the window is full
         if full:
-            span = window.weigh(int(par[MODULATING]), times, slot, psi, held)
+            span = window.weigh(int(par[P.modulating_order]), times, slot, psi, held)
             coloured.lags(r, slot, keep, lagged)
-        middle = slot + length // 2 + 1
-        middle = middle if middle < length else middle - length
-        worst, motion, total, variance, bends = OK, np.inf, 0.0, 0.0, 0.0
+        transmissions.begin(joint)
         for i in range(m):
-            visited = state[at + i * each : at + i * each + N_VISITED]
-            equation = state[at + i * each + N_VISITED : at + (i + 1) * each]
-            x = coloured.unknowns(equation, n)
-            own = ring[i * n : (i + 1) * n]
+            own, part = ring[i], parts[i]
+            equation = part[KEPT.size :]
             if entered == window.RESTARTED:
                 coloured.forget_rows(equation, n)
-            moved = window.spread(own[2]) if full else 0.0
-            motion = min(motion, moved)
-            moving = full and moved >= par[MINIMUM_MOTION]
+            moved = window.span_of(own[BASIS]) if full else 0.0
+            joint[JOINT.motion] = min(joint[JOINT.motion], moved)
+            moving = full and moved >= par[P.minimum_motion]
             coloured.forget(equation, n, keep, work)
             if moving:
-                y = coloured.dot(held, own[1])
-                row[0], row[1] = coloured.dot(psi[2], own[0]), -coloured.dot(psi[1], own[0])
-                for p in range(order + even):
-                    row[2 + p] = -coloured.dot(psi[0], own[2 + p])
-                for j in range(n):
-                    y -= row[j] * mean[j]
-                    row[j] *= width[j] / noise
-                coloured.take(equation, n, slot, row, y / noise, lagged, work)
-                reached = abs(own[2, middle]) if even == 0 else own[2, middle]
-                visited[LOW] = min(visited[LOW], reached) if visited[ANY] > 0.0 else reached
-                visited[HIGH] = max(visited[HIGH], reached)
-                visited[ANY] = 1.0
+                _learn(par, slot, psi, held, lagged, own, part, row, work)
             elif full:
                 coloured.skip(equation, n, slot, length)
-
-            warming = equation[coloured.TAKEN] < length
-            B, D = (mean[0], mean[1]) if warming else (mean[0] + width[0] * x[0], mean[1] + width[1] * x[1])
-            stiffness, bend = 0.0, 0.0
-            for term in range(order + even):
-                p, j = _power(term, order), 2 + term
-                share = mean[j] + (0.0 if warming else width[j] * x[j])
-                rise = powers[i, p - 1] if p > 0 else 0.0
-                slope[j] = width[j] * rise
-                stiffness += share * rise
-                bend += share * (p - 1) * powers[i, p - 2] / scale if p > 1 else 0.0
-            uncertain = 2.0 * (bend * blur) ** 2  # the deflection of this very sample is noisy
-            of_B = of_D = 1.0
-            if warming:
-                for j in range(2, n):
-                    uncertain += slope[j] * slope[j]
-            else:
-                gain = (blur / noise) ** 2
-                through = 2.0 * gain * visited[SQUARED]  # noise of both angles, a torque by way of the spring
-                first, second = gain * (D / span) ** 2, gain * (B / span**2) ** 2
-                found = coloured.noise(equation, n, r, first, second, through, work)
-                coloured.blur(equation, n, found, first, second, work)
-                of_B, of_D = coloured.variance_of(n, 0, work), coloured.variance_of(n, 1, work)
-                uncertain += coloured.variance(n, slope, work)
-                if par[TRUNCATION] > 0.0:
-                    far = max(abs(visited[LOW]), abs(visited[HIGH])) / scale
-                    tail = _tail(order - 1, order, far, mean, width, x, work)
-                    if even > 1:
-                        tail += _tail(order + even - 1, order, far, mean, width, x, work)
-                    uncertain += par[TRUNCATION] ** 2 * tail
-            if moving and not warming:
-                counted = min(equation[coloured.TAKEN] - length + 1.0, equation[coloured.WEIGHT])
-                visited[SQUARED] += (stiffness * stiffness - visited[SQUARED]) / counted
-            # Forgetting without motion trades data for the leak, which knows no more than they did: never narrower.
-            floor = 0.0 if warming or moving else 1.0
-            at_i, at_B, at_D = 1 + i, 1 + m + i, 1 + 2 * m + i
-            now[at_i], now[at_B], now[at_D] = stiffness, B, D
-            spread[at_i] = max(sqrt(uncertain), floor * spread[at_i])
-            spread[at_B] = max(width[0] * sqrt(of_B), floor * spread[at_B])
-            spread[at_D] = max(width[1] * sqrt(of_D), floor * spread[at_D])
-            total += stiffness
-            variance += spread[at_i] ** 2 + 2.0 * bends * bend * blur**2  # both share the noise of q
-            bends += bend
-
-            reached = abs(own[2, slot]) if even == 0 else own[2, slot]
-            margin = par[MARGIN] * (visited[HIGH] - visited[LOW])
-            if warming:
-                worst = WARMING_UP
-            elif worst != WARMING_UP and not moving:
-                worst = NOT_EXCITED
-            elif worst == OK and not visited[LOW] - margin <= reached <= visited[HIGH] + margin:
-                worst = OUTSIDE_RANGE
-        now[0], spread[0] = total, sqrt(max(variance, 0.0))
-        state[window.MOTION], state[window.STATUS] = motion, worst
-        window.answer(state, worst, out[k])
+            warming = _report(par, r, span, powers[i], part, i, moving, value, sd, joint, slope, work)
+            reached = own[BASIS, slot] if even else abs(own[BASIS, slot])
+            transmissions.grade(joint, warming, moving, transmissions.inside(part, reached, par[P.range_margin]))
+        transmissions.finish(joint, state, value, sd, out[k])
     return int(out[-1, 1])

@@ -1,8 +1,8 @@
-"""Recursive least squares on the triangular factor: one row in by Givens rotations, nothing inverted on the way.
+"""Recursive least squares on the triangular factor: rows are added by Givens rotations, without inversion.
 
 Source: SAPHARI deliverable, eqs. (44)-(49) (QR-RLS). Departures: the forgetting factor there multiplies R and p, which
-forgets lambda^2 per sample; here the caller multiplies by sqrt(lambda), the usual meaning. R carries a small prior from
-the start, so no n rows are needed 'to set up a complete R'.
+forgets lambda^2 per sample; here the caller multiplies by sqrt(lambda), the usual meaning. R starts with a small prior,
+so no n rows are needed 'to set up a complete R'.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from math import sqrt
 from numba import njit
 from via_core.signals import Array
 
-NEGLIGIBLE = 1e-6  # a step of forgetting that takes less than this of what is known may wait for the next ones
+NEGLIGIBLE = 1e-6  # steps that forget less than this share of the information are accumulated
 
 
 @njit(cache=True, error_model="numpy")
 def rotate_in(R: Array, p: Array, row: Array, y: float, first: int) -> float:
-    """Take the equation row' x = y into R x = p, both overwritten; returns the residual left over (the star of (48)).
+    """Add the equation row' x = y to R x = p, both overwritten; returns the residual (the star of (48)).
 
-    R      (n, n) upper triangular, or (n, m), m > n, with columns beside it that are only carried along
+    R      (n, n) upper triangular, or (n, m), m > n, with further columns that are transformed alike
     p      (n,)
     row    (n,) or (m,), zero before column `first`; overwritten, with zeros up to n
     """
@@ -40,14 +40,14 @@ def rotate_in(R: Array, p: Array, row: Array, y: float, first: int) -> float:
 
 @njit(cache=True, error_model="numpy")
 def reflect_in(R: Array, p: Array, rows: Array, y: Array, first: int) -> float:
-    """Take k equations rows' x = y at once; returns the sum of squares left over. k calls of `rotate_in` make the same.
+    """Add k equations rows' x = y at once, like k calls of `rotate_in`; returns the residual sum of squares.
 
-    One reflection per column (Householder) instead of a rotation per row and column; as these rows form a staircase,
-    row i beginning in column first + i, it only meets those that have begun.
+    One reflection per column (Householder) instead of a rotation per row and column; since row i begins in
+    column first + i, it involves only the rows that have begun.
 
-    R      (n, m) as there, with a diagonal > 0
+    R      (n, m) as in `rotate_in`, with a diagonal > 0
     p      (n,)
-    rows   (m, k) or more, one equation per column, not all zero in any place first, .., n - 1; overwritten
+    rows   (m, k) or more, one equation per column, no place first, .., n - 1 all zero; overwritten
     y      (k,) overwritten
     """
     for j in range(first, p.size):

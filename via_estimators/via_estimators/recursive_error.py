@@ -1,19 +1,19 @@
-"""How wrong a recursive estimate is: the covariance of w <- w + k e under coloured noise, for whatever gain k.
+"""Covariance of a recursive estimate w <- w + k e under coloured noise, for any gain k.
 
-An estimate that follows w <- w + k (y - v' w) with y = v' w* + xi, whoever chose k, is wrong by e_w = w - w*, and
+The error e_w = w - w* of an estimate w <- w + k (y - v' w) with y = v' w* + xi obeys, for any k,
 
     e_w <- A e_w + k xi,   A = I - k v'.
 
-Forgetting, variable factors and corrections all sit in k, so P of a recursion says nothing about this; the recursion of
-e_w does. If neighbouring xi are correlated, E[xi_i xi_(i-d)] = s^2 r_d, because each is a filter over the same samples,
+Forgetting, variable factors and corrections are all part of k, so P of a recursion is not the covariance of e_w. If
+neighbouring xi are correlated, E[xi_i xi_(i-d)] = s^2 r_d, because each is a filter over the same samples,
 
     C <- A C A' + r_0 k k' + A X k' + k X' A',   X = sum_d r_d g_(i-d),   g_j <- A g_j, g_i = k
 
-is exact for s = 1: C is the sandwich of `coloured`, for gains that are not those of least squares. What the prior was
-wrong by is carried beside it, Q <- A Q A', in units of its own; the covariance is s^2 C + Q. One innovation has the
+is exact for s = 1: C is the sandwich of `coloured`, for gains other than those of least squares. The covariance of the
+prior's error has its own recursion, Q <- A Q A', in physical units; the total is s^2 C + Q. One innovation has the
 variance s^2 (r_0 + v' C v - 2 v' X) + v' Q v, from which s^2 is measured.
 
-A w* that moves by dw per row leaves a bias that takes the same way, b <- A (b + dw) (`bias`).
+A w* that changes by dw per row causes a bias with the same recursion, b <- A (b + dw) (`bias`).
 """
 
 from __future__ import annotations

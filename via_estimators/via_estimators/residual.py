@@ -1,27 +1,26 @@
-"""The baseline that knows its motor: a residual follows the flexibility torque, recursive least squares fit the law.
+"""Baseline with a known motor: a residual observes the flexibility torque, recursive least squares fit the spring law.
 
-Source: F. Flacco, A. De Luca, I. Sardellitti, N. Tsagarakis (2012), the document's reference [9], as the SAPHARI
-deliverable tells it in Sections 4 and 5.1 (stability factor (71)-(73)). With nominal inertia B and damping D
+Source: F. Flacco, A. De Luca, I. Sardellitti, N. Tsagarakis (2012), the document's reference [9], as described in the
+SAPHARI deliverable, Sections 4 and 5.1 (stability factor (71)-(73)). With nominal inertia B and damping D
 
     the residual  r = K (B thd - integral (tau - D thd + r) ds)   obeys   r' = K (tau_e - r)
 
-for tau_e = B thdd + D thd - tau: it is the flexibility torque behind a low pass of bandwidth K, without accelerations.
-The velocity is that of a kinematic Kalman filter of theta, modified for quantised encoders, and so is the deflection
-(`kinematic_kalman`); no velocity sensor is needed. Then r = sum_j a_j f_j(phi), by plain recursive least squares from a
-large P, without forgetting.
+for tau_e = B thdd + D thd - tau: it is the flexibility torque after a low pass of bandwidth K, without accelerations.
+Velocity and deflection come from kinematic Kalman filters, modified for quantised encoders (`kinematic_kalman`); no
+velocity sensor is needed. Then r = sum_j a_j f_j(phi), by plain recursive least squares from a large P, without
+forgetting.
 
-Departure: the f_j pass the same low pass, lest the residual's lag 1/K be an error of the law that has no business in a
+Departure: the f_j pass the same low pass; otherwise the residual's lag 1/K would bias the result and distort a
 comparison of methods. Torques act over the interval that ends at their stamp.
 
-Being linear in its signals the residual is kept in three parts, r = B r_B + D r_D - r_tau, with a solution of its own
-for each: the gains are the same. That tells what a wrong B or D does to the law, and standard deviations hold it for
-the declared tolerances, of one motor regardless of the other's: where B or D are wrong by more, they are too small;
-where a simulated motor is exactly nominal, 2-8 times too large on the qbmoves, which nobody told the estimator. With
-motors wrong by just the tolerances they are up to half too large, probably because what a wrong motor leaves in the
-innovations counts as noise besides. The noise is measured as the
-long-run variance of innovations, by means over windows, for what the Kalman filters leave of the encoders' noise is far
-from white. Left out: what the basis cuts off, drift of the law, and errors in the regressors but for the present
-deflection's own.
+The residual is linear in its signals and is computed in three parts, r = B r_B + D r_D - r_tau, each with its own
+solution and the same gains. This gives the sensitivity of the spring law to errors of B and D. Standard deviations
+include it for the declared tolerances, of one motor independent of the other's. They are too small where B or D have
+larger errors, 2-8 times too large on simulated qbmoves whose motors are exactly nominal, and up to half too large for
+motor errors equal to the tolerances, probably because such errors also increase the noise measured in the innovations.
+That noise is the long-run variance of innovations, from means over windows, since encoder noise after the Kalman
+filters is far from white. Not included: the truncation of the basis, drift of the spring law, and errors in the
+regressors except for that of the present deflection.
 """
 
 from __future__ import annotations
@@ -34,51 +33,57 @@ import numpy as np
 from numba import njit
 from via_core.devices import Device
 from via_core.signals import Array
-from via_core.status import Status
+from via_core.status import BAD_SAMPLE
 
 from via_estimators import kinematic_kalman as kalman
 from via_estimators import rls, transmissions, window
 from via_estimators.basis import BASES, MOST_TERMS, fill_basis
 from via_estimators.contract import Estimator, Kernel, Parameters, choice, expect, parameter
-from via_estimators.signal_based import ANY, BEYOND, SignalBased, visit, visited
+from via_estimators.signal_based import SignalBased
+from via_estimators.slots import row_of, slots
+from via_estimators.transmissions import JOINT, VISITED
+from via_estimators.window import HEADER
 
-SETTLED = 10.0  # time constants 1/K until a low pass has forgotten where it started
-FASTEST = 10.0  # [rad/s] standard deviation of a velocity not known yet
-LENGTH, TRANSMISSIONS, KIND, TERMS, BANDWIDTH, STABILITY, MAX_GAP, SCALE, TORQUE_NOISE, MINIMUM_MOTION = range(10)
-MARGIN, INERTIA, DAMPING, INERTIA_TOLERANCE, DAMPING_TOLERANCE, STIFFNESS, DEVIATION = range(10, 17)
-ACCELERATION, QUANTUM, WHITE, SIZE = range(17, 21)
-# Of a transmission: deflections visited as in signal_based, rows taken, time since the start, last velocity, low-passed
-# velocity and torque, sum and number of innovations in the present mean, means taken and their squares; then, per term,
-# the low-passed f, the last f, and the solutions of the three parts; then P.
-TAKEN, AGE, VELOCITY, SPEED, PUSH, SUM, COUNT, MEANS, POWER, KEPT = range(ANY + 1, ANY + 11)
+FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
+CONVERGED = 10.0  # time constants 1/K until the initial value of a low pass is negligible
+P = slots(
+    "length", "transmissions", "basis", "terms", "bandwidth", "stability", "max_gap", "deflection_scale",
+    "torque_noise", "minimum_motion", "range_margin", "inertia", "damping", "inertia_tolerance", "damping_tolerance",
+    "stiffness_prior", "stiffness_deviation",
+)  # fmt: skip
+# Of a transmission: rows taken; time since the start [s]; last velocity; low-passed velocity and torque; sum and number
+# of innovations in the current mean; means taken and the sum of their squares. Followed, per term, by the low-passed f,
+# the last f, the solutions w of the PARTS and P.
+KEPT = slots(
+    "taken", "age", "velocity", "slow_velocity", "slow_torque", "sum", "count", "means", "power", after=VISITED
+)
 PARTS = 3  # r_B, r_D, r_tau
-OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
 
 
 @dataclass(frozen=True)
 class ResidualParameters(Parameters):
-    """Parameters of `Residual`; inertia and damping are what it believes, not what it finds."""
+    """Parameters of `Residual`; inertia and damping are given, not estimated."""
 
     transmissions: int = parameter(2, "number of motors with a transmission each", "-", 1, 2)
-    window: int = parameter(200, "sampling intervals over which motion is judged and noise averaged", "-", 20, 2000)
-    basis: str = choice("odd_powers", "functions that make up the torque law", tuple(BASES))
-    terms: int = parameter(4, "number of them", "-", 1, MOST_TERMS)
+    window: int = parameter(200, "sampling intervals for range of motion and mean of noise", "-", 20, 2000)
+    basis: str = choice("odd_powers", "basis functions of the spring law", tuple(BASES))
+    terms: int = parameter(4, "number of basis functions", "-", 1, MOST_TERMS)
     bandwidth: float = parameter(100.0, "gain K of the residual", "1/s", 1e-2, 1e5)
     stability: float = parameter(1.0, "stability factor c of the recursion; 1: plain", "-", 1e-6, 1e6)
     max_gap: float = parameter(0.05, "longest step between samples that keeps the residual", "s", 1e-4, 10.0)
-    deflection_scale: float = parameter(1.0, "deflection at which the terms of the law count alike", "rad", 1e-3, 10.0)
+    deflection_scale: float = parameter(1.0, "deflection at which all terms have equal weight", "rad", 1e-3, 10.0)
     stiffness_prior: float = parameter(0.0, "stiffness per transmission before any data", "N m/rad", 0.0, 1e9)
-    stiffness_deviation: float = parameter(300.0, "standard deviation of that", "N m/rad", 1e-6, 1e9)
+    stiffness_deviation: float = parameter(300.0, "standard deviation of the prior stiffness", "N m/rad", 1e-6, 1e9)
     inertia: float = parameter(0.02, "nominal motor inertia B", "kg m^2", 0.0, 1e3)
-    inertia_tolerance: float = parameter(0.0, "standard deviation of that", "kg m^2", 0.0, 1e3)
+    inertia_tolerance: float = parameter(0.0, "standard deviation of the nominal inertia", "kg m^2", 0.0, 1e3)
     damping: float = parameter(0.1, "nominal motor damping D", "N m s/rad", 0.0, 1e4)
-    damping_tolerance: float = parameter(0.0, "standard deviation of that", "N m s/rad", 0.0, 1e4)
-    torque_noise: float = parameter(0.1, "standard deviation of torque noise expected", "N m", 1e-12, 1e9)
+    damping_tolerance: float = parameter(0.0, "standard deviation of the nominal damping", "N m s/rad", 0.0, 1e4)
+    torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-12, 1e9)
     acceleration: float = parameter(20.0, "sqrt(V_a) of the Kalman filters of angles", "rad/s^2", 1e-3, 1e9)
     quantum: float = parameter(0.0, "step of the encoders; 0: plain Kalman filter", "rad", 0.0, 0.1)
-    position_noise: float = parameter(3e-5, "white noise of one angle sample before that", "rad", 1e-12, 0.1)
-    minimum_motion: float = parameter(0.01, "range of deflection below which a window tells nothing", "rad", 0.0, 1.0)
-    range_margin: float = parameter(0.02, "share of the visited range that counts as visited beyond it", "-", 0.0, 1.0)
+    position_noise: float = parameter(3e-5, "standard deviation of angle noise before quantisation", "rad", 1e-12, 0.1)
+    minimum_motion: float = parameter(0.01, "least range of deflection in an informative window", "rad", 0.0, 1.0)
+    range_margin: float = parameter(0.02, "margin beyond the visited range, relative to it", "-", 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -89,26 +94,24 @@ class Residual(Estimator):
 
     @classmethod
     def from_device(cls, device: Device) -> Residual:
-        """Nominal motor and scales from a device file; the motor's numbers are taken to be good to 5 and 10 %."""
+        """Nominal motor and scales from a device file; inertia is assumed good to 5 %, damping to 10 %."""
         like = SignalBased.from_device(device).parameters
         shared = (
             "transmissions", "deflection_scale", "stiffness_prior", "stiffness_deviation", "torque_noise",
             "minimum_motion", "range_margin", "basis", "terms",
         )  # fmt: skip
-        quantum = max(device.sensors.link_quantum or 0.0, device.sensors.motor_quantum or 0.0)
         return cls(
             ResidualParameters(
                 **{name: getattr(like, name) for name in shared},
+                **transmissions.encoders_of(device),
                 inertia=like.inertia_prior,
                 inertia_tolerance=0.05 * like.inertia_prior,
                 damping=like.damping_prior,
                 damping_tolerance=0.1 * like.damping_prior,
-                quantum=quantum,
-                position_noise=max(0.1 * quantum, 1e-9),
             )
         )
 
-    def having(self, parameters: Parameters) -> Residual:
+    def with_parameters(self, parameters: Parameters) -> Residual:
         return replace(self, parameters=expect(parameters, ResidualParameters))
 
     @cached_property
@@ -120,178 +123,173 @@ class Residual(Estimator):
         return transmissions.outputs_of(self.parameters.transmissions)
 
     @cached_property
-    def _constants(self) -> Array:
-        """Parameter row of the kernel; not locked, which would be another type to compile."""
+    def _constants(self) -> tuple[Array, Array]:
+        """Parameter rows of kernel and Kalman filters; writable, since a locked array compiles again."""
         own = self.parameters
-        return np.array([
-            own.window + 1, own.transmissions, BASES[own.basis], own.terms, own.bandwidth, own.stability, own.max_gap,
-            own.deflection_scale, own.torque_noise, own.minimum_motion, own.range_margin, own.inertia, own.damping,
-            own.inertia_tolerance, own.damping_tolerance, own.stiffness_prior, own.stiffness_deviation,
-            own.acceleration**2, own.quantum, own.position_noise**2,
-        ])  # fmt: skip
+        return row_of(P, own, length=own.window + 1, basis=BASES[own.basis]), kalman.parameter_row(own)
 
     @property
     def _each(self) -> int:
-        """Floats in the state of one transmission."""
+        """Numbers in the state of one transmission."""
         terms = self.parameters.terms
-        return KEPT + terms * (2 + PARTS) + terms * terms
+        return KEPT.size + terms * (2 + PARTS) + terms * terms
 
     def init(self) -> Array:
-        own = self.parameters
-        m, length, k = own.transmissions, own.window + 1, len(self.outputs)
-        state = np.zeros(window.HEADER + 2 * k + length * (1 + m) + (1 + m) * kalman.SIZE + m * self._each)
+        own, k = self.parameters, len(self.outputs)
+        m, length = own.transmissions, own.window + 1
+        state = np.zeros(HEADER.size + 2 * k + length * (1 + m) + (1 + m) * kalman.F.size + m * self._each)
         window.start(state)
-        held = (m * own.stiffness_prior, *(m * (own.stiffness_prior,)))
-        doubt = (sqrt(m) * own.stiffness_deviation, *(m * (own.stiffness_deviation,)))
-        state[window.HEADER : window.HEADER + 2 * k] = (*held, *doubt)
-        for i in range(m):
-            self._covariance(state, i)[:, :] = np.eye(own.terms)
+        state[HEADER.size : HEADER.size + 2 * k] = transmissions.prior_outputs(own)
+        for P_i in self._covariances(state):
+            P_i[:, :] = np.eye(own.terms)
         state.flags.writeable = False
         return state
 
     def condition(self, state: Array) -> float:
-        return max(float(np.linalg.cond(self._covariance(state, i))) for i in range(self.parameters.transmissions))
+        return max(float(np.linalg.cond(P_i)) for P_i in self._covariances(state))
 
-    def _covariance(self, state: Array, i: int) -> Array:
-        """The view P (m, m) of transmission i, i from 0."""
-        terms = self.parameters.terms
-        end = len(state) - (self.parameters.transmissions - 1 - i) * self._each
-        return state[end - terms * terms : end].reshape(terms, terms)
+    def _covariances(self, state: Array) -> list[Array]:
+        """The views P (terms, terms) of the transmissions."""
+        m, terms = self.parameters.transmissions, self.parameters.terms
+        parts = state[len(state) - m * self._each :].reshape(m, -1)
+        return [part[-terms * terms :].reshape(terms, terms) for part in parts]
 
     @cached_property
     def _advance(self) -> Kernel:
-        return partial(_advance, self._constants)
+        return partial(_advance, *self._constants)
 
 
 @njit(cache=True, error_model="numpy")
 def _low_pass(x: float) -> tuple[float, float, float]:
-    """Weights of the last output, the last input and this input, which a straight line joins; x = K times the step."""
+    """Weights of the last output, the last input and this input, linear in between; x = K times the step."""
     stays = exp(-x)
     mean = (1.0 - stays) / x if x > 1e-6 else 1.0 - 0.5 * x
     return stays, mean - stays, 1.0 - mean
 
 
 @njit(cache=True, error_model="numpy")
-def _fit(par: Array, kept: Array, w: Array, P: Array, regressors: Array, parts: Array, row: Array, gain: Array) -> None:
-    """One row into the three solutions w (3, m), which share the gain; the innovation of their sum into the noise."""
-    terms, unit = row.size, par[TORQUE_NOISE]
-    B, D = par[INERTIA], par[DAMPING]
-    innovation = 0.0
-    for j in range(terms):
-        row[j] = regressors[j] * par[DEVIATION] / unit
-    for part in range(PARTS):
-        y = parts[part] / unit
-        if part == 0:
-            left = rls.update(P, w[0], row, y, par[STABILITY], gain)
-        else:
-            left = y
-            for j in range(terms):
-                left -= row[j] * w[part, j]
-            for j in range(terms):
-                w[part, j] += gain[j] * left
-        innovation += left * (B if part == 0 else D if part == 1 else -1.0)
-    kept[TAKEN] += 1.0
-    kept[SUM] += innovation
-    kept[COUNT] += 1.0
-    if kept[COUNT] >= par[LENGTH] - 1.0:
-        kept[POWER] += kept[SUM] * kept[SUM] / kept[COUNT]
-        kept[MEANS] += 1.0
-        kept[SUM] = kept[COUNT] = 0.0
+def _views(part: Array, terms: int) -> tuple[Array, Array, Array, Array]:
+    """The views of a transmission's low-passed f (terms,), last f (terms,), w (PARTS, terms) and P (terms, terms)."""
+    at = KEPT.size
+    w = part[at + 2 * terms : at + terms * (2 + PARTS)].reshape(PARTS, terms)
+    P_i = part[at + terms * (2 + PARTS) :].reshape(terms, terms)
+    return part[at : at + terms], part[at + terms : at + 2 * terms], w, P_i
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
-    length, m, kind, terms = int(par[LENGTH]), int(par[TRANSMISSIONS]), int(par[KIND]), int(par[TERMS])
-    outputs, scale = 1 + m, par[SCALE]
-    at = window.HEADER
-    now, spread = state[at : at + outputs], state[at + outputs : at + 2 * outputs]
-    at += 2 * outputs
-    times = state[at : at + length]
-    at += length
-    ring = state[at : at + length * m].reshape(m, length)  # deflections
-    at += length * m
-    filters = state[at : at + (1 + m) * kalman.SIZE].reshape(1 + m, kalman.SIZE)
-    at += (1 + m) * kalman.SIZE
-    each = KEPT + terms * (2 + PARTS) + terms * terms
+def _filter(par: Array, part: Array, f: Array, velocity: float, torque: float, elapsed: float, restarted: bool) -> None:
+    """Advance the low passes of velocity, torque and f (terms,) by `elapsed` [s]."""
+    terms = f.size
+    slow, last = part[KEPT.size : KEPT.size + terms], part[KEPT.size + terms : KEPT.size + 2 * terms]
+    if restarted:
+        part[KEPT.age], part[KEPT.slow_velocity], part[KEPT.slow_torque] = 0.0, velocity, torque
+        slow[:] = f
+    else:
+        stays, earlier, later = _low_pass(par[P.bandwidth] * elapsed)
+        part[KEPT.slow_velocity] = stays * part[KEPT.slow_velocity] + earlier * part[KEPT.velocity] + later * velocity
+        part[KEPT.slow_torque] = stays * part[KEPT.slow_torque] + (earlier + later) * torque
+        for j in range(terms):
+            slow[j] = stays * slow[j] + earlier * last[j] + later * f[j]
+        part[KEPT.age] += elapsed
+    part[KEPT.velocity] = velocity
+    last[:] = f
+
+
+@njit(cache=True, error_model="numpy")
+def _fit(par: Array, part: Array, velocity: float, parts: Array, row: Array, gain: Array) -> None:
+    """Add one row to the three solutions, which share the gain; the innovation of their sum updates the noise.
+
+    parts, row, gain  (PARTS,), (terms,), (terms,) overwritten
+    """
+    terms, unit = row.size, par[P.torque_noise]
+    slow, _, w, P_i = _views(part, terms)
+    parts[0], parts[1] = par[P.bandwidth] * (velocity - part[KEPT.slow_velocity]), part[KEPT.slow_velocity]
+    parts[2] = part[KEPT.slow_torque] + par[P.stiffness_prior] * slow[0]  # the prior spring torque is subtracted
+    innovation = 0.0
+    for j in range(terms):
+        row[j] = slow[j] * par[P.stiffness_deviation] / unit
+    for k in range(PARTS):
+        y = parts[k] / unit
+        if k == 0:
+            left = rls.update(P_i, w[0], row, y, par[P.stability], gain)
+        else:
+            left = y
+            for j in range(terms):
+                left -= row[j] * w[k, j]
+            for j in range(terms):
+                w[k, j] += gain[j] * left
+        innovation += left * (par[P.inertia] if k == 0 else par[P.damping] if k == 1 else -1.0)
+    part[KEPT.taken] += 1.0
+    part[KEPT.sum] += innovation
+    part[KEPT.count] += 1.0
+    if part[KEPT.count] >= par[P.length] - 1.0:
+        part[KEPT.power] += part[KEPT.sum] * part[KEPT.sum] / part[KEPT.count]
+        part[KEPT.means] += 1.0
+        part[KEPT.sum] = part[KEPT.count] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _evaluate(par: Array, part: Array, g: Array, bend: Array, warming: bool) -> tuple[float, float, float]:
+    """Stiffness [N m/rad], its derivative by phi and its variance; g and bend are the basis' first two derivatives."""
+    terms, width = g.size, par[P.stiffness_deviation]
+    _, _, w, P_i = _views(part, terms)
+    noise = (
+        par[P.stability] * (1.0 + part[KEPT.power]) / (1.0 + part[KEPT.means])
+    )  # with c, P is that of c P(0), over c
+    stiffness, slope, uncertain, by_inertia, by_damping = par[P.stiffness_prior], 0.0, 0.0, 0.0, 0.0
+    for j in range(terms):
+        share = 0.0 if warming else par[P.inertia] * w[0, j] + par[P.damping] * w[1, j] - w[2, j]
+        stiffness += width * share * g[j]
+        slope += width * share * bend[j]
+        by_inertia += w[0, j] * g[j]
+        by_damping += w[1, j] * g[j]
+        for o in range(terms):
+            uncertain += g[j] * ((1.0 if j == o else 0.0) if warming else noise * P_i[j, o]) * g[o]
+    if not warming:
+        uncertain += (par[P.inertia_tolerance] * by_inertia) ** 2 + (par[P.damping_tolerance] * by_damping) ** 2
+    return stiffness, slope, width**2 * max(uncertain, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _advance(par: Array, kinematic: Array, state: Array, rows: Array, out: Array) -> int:
+    length, m, terms = int(par[P.length]), int(par[P.transmissions]), int(par[P.terms])
+    value, sd = window.outputs(state, 1 + m)
+    at = HEADER.size + 2 * value.size
+    times, ring = window.rings(state, at, length, m)  # deflections
+    at += length * (1 + m)
+    filters = state[at : at + (1 + m) * kalman.F.size].reshape(1 + m, kalman.F.size)
+    parts = state[at + (1 + m) * kalman.F.size :].reshape(m, -1)
     f, g, bend, row, gain = np.empty(terms), np.empty(terms), np.empty(terms), np.empty(terms), np.empty(terms)
-    parts = np.empty(PARTS)
+    residuals, joint = np.empty(PARTS), np.empty(JOINT.size)
     for k in range(rows.shape[0]):
-        before = state[window.LAST]
-        entered = transmissions.enter(state, times, rows[k], m, BEYOND * scale, par[MAX_GAP])
+        before = state[HEADER.last]
+        entered = transmissions.enter(state, times, rows[k], 2, FURTHEST * par[P.deflection_scale], par[P.max_gap])
         if entered == window.SKIPPED:
             window.answer(state, BAD_SAMPLE, out[k])
             continue
-        slot, q = int(state[window.SLOT]), rows[k, 1]
-        full = state[window.FILLED] == length
-        elapsed = max(rows[k, 0] - before, 0.0)
-        for i in range(1 + m):
-            reading = q if i == 0 else rows[k, 2 * i]
-            if entered == window.RESTARTED:
-                kalman.start(filters[i], reading, par[WHITE] + par[QUANTUM] ** 2 / 12.0, FASTEST)
-                continue
-            kalman.predict(filters[i], elapsed, par[ACCELERATION])
-            if par[QUANTUM] > 0.0:
-                kalman.correct_quantised(filters[i], reading, par[QUANTUM], par[WHITE])
-            else:
-                kalman.correct(filters[i], reading, par[WHITE])
+        slot, full = int(state[HEADER.slot]), state[HEADER.filled] == length
+        elapsed, restarted = max(rows[k, 0] - before, 0.0), entered == window.RESTARTED
+        kalman.follow(kinematic, filters, rows[k], elapsed, restarted)
         link = filters[0]
-        worst, motion, total, doubt, bends = OK, np.inf, 0.0, 0.0, 0.0
+        transmissions.begin(joint)
         for i in range(m):
-            own = state[at + i * each : at + (i + 1) * each]
-            kept, regressors, last = own[:KEPT], own[KEPT : KEPT + terms], own[KEPT + terms : KEPT + 2 * terms]
-            w = own[KEPT + 2 * terms : KEPT + terms * (2 + PARTS)].reshape(PARTS, terms)
-            P = own[KEPT + terms * (2 + PARTS) :].reshape(terms, terms)
-            motor = filters[1 + i]
-            phi, speed = link[kalman.ANGLE] - motor[kalman.ANGLE], motor[kalman.VELOCITY]
+            part, motor = parts[i], filters[1 + i]
+            phi, velocity = link[kalman.F.angle] - motor[kalman.F.angle], motor[kalman.F.velocity]
             ring[i, slot] = phi
-            swing = window.spread(ring[i]) if full else 0.0
-            motion = min(motion, swing)
-            fill_basis(kind, phi, scale, f, g, bend)
-            if entered == window.RESTARTED:
-                kept[AGE], kept[SPEED], kept[PUSH] = 0.0, speed, rows[k, 3 + 2 * i]
-                regressors[:] = f
-            else:
-                stays, earlier, later = _low_pass(par[BANDWIDTH] * elapsed)
-                kept[SPEED] = stays * kept[SPEED] + earlier * kept[VELOCITY] + later * speed
-                kept[PUSH] = stays * kept[PUSH] + (earlier + later) * rows[k, 3 + 2 * i]
-                for j in range(terms):
-                    regressors[j] = stays * regressors[j] + earlier * last[j] + later * f[j]
-                kept[AGE] += elapsed
-            kept[VELOCITY] = speed
-            last[:] = f
-            moving = full and swing >= par[MINIMUM_MOTION] and par[BANDWIDTH] * kept[AGE] >= SETTLED
+            swing = window.span_of(ring[i]) if full else 0.0
+            joint[JOINT.motion] = min(joint[JOINT.motion], swing)
+            fill_basis(int(par[P.basis]), phi, par[P.deflection_scale], f, g, bend)
+            _filter(par, part, f, velocity, rows[k, 3 + 2 * i], elapsed, restarted)
+            converged = par[P.bandwidth] * part[KEPT.age] >= CONVERGED
+            moving = full and swing >= par[P.minimum_motion] and converged
             if moving:
-                parts[0], parts[1] = par[BANDWIDTH] * (speed - kept[SPEED]), kept[SPEED]
-                parts[2] = kept[PUSH] + par[STIFFNESS] * regressors[0]  # the prior law's torque is subtracted
-                _fit(par, kept, w, P, regressors, parts, row, gain)
-                visit(kept, phi)
-            warming = kept[TAKEN] < length
-            noise = par[STABILITY] * (1.0 + kept[POWER]) / (1.0 + kept[MEANS])  # with c, P is that of c P(0), over c
-            stiffness, slope, uncertain, by_inertia, by_damping = par[STIFFNESS], 0.0, 0.0, 0.0, 0.0
-            for j in range(terms):
-                share = 0.0 if warming else par[INERTIA] * w[0, j] + par[DAMPING] * w[1, j] - w[2, j]
-                stiffness += par[DEVIATION] * share * g[j]
-                slope += par[DEVIATION] * share * bend[j]
-                by_inertia += w[0, j] * g[j]
-                by_damping += w[1, j] * g[j]
-                for o in range(terms):
-                    uncertain += g[j] * ((1.0 if j == o else 0.0) if warming else noise * P[j, o]) * g[o]
-            if not warming:
-                uncertain += (par[INERTIA_TOLERANCE] * by_inertia) ** 2 + (par[DAMPING_TOLERANCE] * by_damping) ** 2
-            uncertain = par[DEVIATION] ** 2 * max(uncertain, 0.0)
-            now[1 + i] = stiffness
-            blurred = sqrt(uncertain + slope * slope * (link[kalman.P_XX] + motor[kalman.P_XX]))
-            spread[1 + i] = max(blurred, 0.0 if warming or moving else spread[1 + i])
-            total += stiffness
-            doubt += spread[1 + i] ** 2 + 2.0 * bends * slope * link[kalman.P_XX]  # both share the error of q
-            bends += slope
-            if warming:
-                worst = WARMING_UP
-            elif worst != WARMING_UP and not moving:
-                worst = NOT_EXCITED
-            elif worst == OK and not visited(kept, phi, par[MARGIN]):
-                worst = OUTSIDE_RANGE
-        now[0], spread[0] = total, sqrt(max(doubt, 0.0))
-        state[window.MOTION], state[window.STATUS] = motion, worst
-        window.answer(state, worst, out[k])
+                _fit(par, part, velocity, residuals, row, gain)
+                transmissions.visit(part, phi)
+            warming = part[KEPT.taken] < length
+            stiffness, slope, uncertain = _evaluate(par, part, g, bend, warming)
+            found = sqrt(uncertain + slope * slope * (link[kalman.F.p_xx] + motor[kalman.F.p_xx]))
+            transmissions.update(value, sd, 1 + i, stiffness, found, warming or moving)
+            transmissions.add(joint, stiffness, sd[1 + i], slope, link[kalman.F.p_xx])
+            transmissions.grade(joint, warming, moving, transmissions.inside(part, phi, par[P.range_margin]))
+        transmissions.finish(joint, state, value, sd, out[k])
     return int(out[-1, 1])

@@ -4,12 +4,12 @@ Source: SAPHARI deliverable, eqs. (66)-(70), and (71)-(73) for the factor c. Wit
 
     alpha = c (1 + r) / (1 + c r),   w <- w + alpha k e,   P <- P - alpha k v' P,   k = P v / (1 + r),
 
-so that alpha k = P v c / (1 + c r). c = 1 is plain least squares to the last bit. Any other c is plain least squares
-as well, from c P(0) in place of P(0): (73), given there as a cure for poor excitation, protects nothing.
+so that alpha k = P v c / (1 + c r). c = 1 is plain least squares, bit by bit. Any other c is plain least squares with c
+P(0) in place of P(0): (73), proposed there against poor excitation, has no such effect.
 
-The document's baselines are built on this. VIA's own estimators carry the triangular root of P^-1 instead (`qr`), which
-cannot lose its definiteness to rounding. Here P (n x n, not m x m as printed) is written once and mirrored, so it is
-symmetric by construction.
+The document's baselines use this recursion. VIA's own estimators use the triangular root of P^-1 instead (`qr`), which
+rounding cannot make indefinite. Here P (n x n, not m x m as printed) is computed once and mirrored, so it is symmetric
+by construction.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ def start(P: Array, w: Array, prior: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def update(P: Array, w: Array, v: Array, y: float, c: float, gain: Array) -> float:
-    """Take the equation v' w = y into w (n,) and P (n, n), both overwritten; returns the innovation e of (66).
+    """Add the equation v' w = y to w (n,) and P (n, n), both overwritten; returns the innovation e of (66).
 
     v     (n,) regressors
     c     stability factor > 0 of (73); 1 is plain
-    gain  (n,) overwritten with the gain alpha k; the caller's, for an allocation here would cost more than the rest
+    gain  (n,) overwritten with the gain alpha k; allocated by the caller for speed
     """
     n = w.size
     innovation, r = y, 0.0

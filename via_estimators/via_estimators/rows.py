@@ -1,11 +1,11 @@
-"""From a bag to the sample rows a live node would have seen, so that replayed estimates are the live ones bit by bit.
+"""Sample rows of a bag, as a live node forms them, so that replayed estimates equal the live ones bit by bit.
 
-The rules, the same here and in the node:
+Rules, the same as in the node:
   - every message that names the device's link is one sample, in stamp order, bad stamps and NaN included;
-  - its time is counted in whole nanoseconds from the first of them, then divided once;
-  - a command applies to samples whose stamp is not before its own. By stamps, not by arrival: two topics may overtake
-    each other on the way. (A command that arrives after such a sample has already gone through is counted as late.)
-  - commands that cannot be followed (not finite, not of mode EQUILIBRIUM_PRESET) are passed over.
+  - its time is the difference to the first one in whole nanoseconds, then divided once;
+  - a command applies to samples whose stamp is not before its own. Stamps decide, not arrival, since messages of two
+    topics may arrive in any order (the node counts a command that arrives after such a sample as late);
+  - invalid commands (not finite, not of mode EQUILIBRIUM_PRESET) are ignored.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from via_estimators.contract import Estimates, Estimator
 
 
 class SampleRows(NamedTuple):
-    """Samples as an estimator takes them."""
+    """Samples in the form that an estimator processes."""
 
     stamp: NDArray[np.int64]  # (N,) [ns]
-    rows: Array  # (N, 1 + k), time [s] since the first stamp, then the columns asked for
-    damping_command: Array  # (N,) [-] held, NaN before the first command
+    rows: Array  # (N, 1 + k), time [s] since the first stamp, then the requested columns
+    damping_command: Array  # (N,) [-] zero-order hold, NaN before the first command
 
 
 class BagEstimates(NamedTuple):
@@ -42,7 +42,7 @@ class BagEstimates(NamedTuple):
 def sample_rows(bag: Bag, device: Device, inputs: tuple[str, ...], joint_topic: str = "/joint_states") -> SampleRows:
     """The samples of `device` in `bag`, columns `inputs` such as ('q', 'theta_1', 'equilibrium').
 
-    Raises BagError when the topic is not in the bag, is of another type, or never names the device's link.
+    Raises BagError when the topic is not in the bag, is of another type, or never contains the device's link.
     """
     states = bag[joint_topic]
     if states.type_name != JOINT_STATE:
@@ -70,7 +70,7 @@ def sample_rows(bag: Bag, device: Device, inputs: tuple[str, ...], joint_topic: 
 
 
 def _held(bag: Bag, device: Device, stamp: NDArray[np.int64]) -> dict[str, Array]:
-    """The commands (N,) that hold at the stamps, NaN before the first."""
+    """Commands (N,) by zero-order hold at the stamps, NaN before the first."""
     held = {name: np.full(len(stamp), np.nan) for name in REFERENCES}
     if device.command_topic not in bag or not len(bag.topic(device.command_topic)):
         return held
@@ -89,6 +89,6 @@ def _held(bag: Bag, device: Device, stamp: NDArray[np.int64]) -> dict[str, Array
 
 
 def estimate_bag(bag: Bag, device: Device, estimator: Estimator, joint_topic: str = "/joint_states") -> BagEstimates:
-    """Feed a bag through an estimator, sample by sample as its node would."""
+    """Estimates of a bag, computed sample by sample as in the node."""
     samples = sample_rows(bag, device, estimator.inputs, joint_topic)
     return BagEstimates(samples, estimator.run_rows(samples.rows)[1])

@@ -1,7 +1,7 @@
-"""The sliding window at the door: which samples come in, and the ring that keeps the last of them.
+"""Sample validation and ring buffer of a sliding window.
 
-A state of any estimator starts with this header; then follow the values told last and their deviations (2 k,), the
-ring's times (L,) and its columns.
+The state of every estimator starts with the slots HEADER, followed by the last values and their standard deviations
+(2 k,), the times (L,) of the ring buffer and its columns.
 """
 
 from __future__ import annotations
@@ -10,80 +10,104 @@ from math import isfinite
 
 from numba import njit
 from via_core.signals import Array
+from via_core.status import WARMING_UP
 from via_core.weak_form import VECTOR, fill_weights
 
-LAST, FILLED, SLOT, SAMPLES, BAD, GAPS, STATUS, MOTION = range(8)
-HEADER = 8
-LARGEST = 1e9  # a magnitude no joint signal in SI units reaches; beyond it a number is noise on the wire
+from via_estimators.slots import slots
 
-TAKEN, SKIPPED, RESTARTED = range(3)
+# Time of the last sample, samples in the window, newest position in the ring; counters; status; range of motion.
+HEADER = slots("last", "filled", "slot", "samples", "bad", "gaps", "status", "motion")
+LARGEST = 1e9  # no joint signal in SI units is as large: a larger number is a transmission error
+
+TAKEN, SKIPPED, RESTARTED = range(3)  # results of `admit`
 
 
 @njit(cache=True, error_model="numpy")
 def start(state: Array) -> None:
-    """Overwrite the header: nothing seen yet, status WARMING_UP."""
-    state[:HEADER] = 0.0
-    state[SLOT] = -1.0
-    state[STATUS] = 1.0
+    """Overwrite the header: no sample yet, status WARMING_UP."""
+    state[: HEADER.size] = 0.0
+    state[HEADER.slot] = -1.0
+    state[HEADER.status] = WARMING_UP
 
 
 @njit(cache=True, error_model="numpy")
 def sound(value: float) -> bool:
-    """Whether a number can be a signal: finite, and no larger than any joint signal in SI units."""
+    """Whether a number is finite and of a size that a joint signal can have."""
     return isfinite(value) and abs(value) < LARGEST
 
 
 @njit(cache=True, error_model="numpy")
 def refuse(state: Array) -> int:
-    """Count a bad sample; the answer is SKIPPED."""
-    state[BAD] += 1.0
+    """Count a bad sample; returns SKIPPED."""
+    state[HEADER.bad] += 1.0
     return SKIPPED
 
 
 @njit(cache=True, error_model="numpy")
 def answer(state: Array, status: int, out: Array) -> None:
-    """Fill one row of answers (2 + 2 k,): the time of the last sample taken, the status, values and deviations."""
-    out[0], out[1] = state[LAST], status
+    """Write one output row (2 + 2 k,): time of the last valid sample, status, values and standard deviations."""
+    out[0], out[1] = state[HEADER.last], status
     for j in range(2, out.size):
-        out[j] = state[HEADER + j - 2]
+        out[j] = state[HEADER.size + j - 2]
+
+
+@njit(cache=True, error_model="numpy")
+def outputs(state: Array, k: int) -> tuple[Array, Array]:
+    """The views of the last values (k,) and standard deviations (k,)."""
+    at = HEADER.size
+    return state[at : at + k], state[at + k : at + 2 * k]
+
+
+@njit(cache=True, error_model="numpy")
+def rings(state: Array, at: int, length: int, columns: int) -> tuple[Array, Array]:
+    """The views of the times (L,) and columns (columns, L) of the ring buffer, which start at position `at`."""
+    return state[at : at + length], state[at + length : at + length * (1 + columns)].reshape(columns, length)
+
+
+@njit(cache=True, error_model="numpy")
+def oldest_of(newest: int, length: int) -> int:
+    """Position of the oldest sample in a full ring."""
+    return newest + 1 if newest + 1 < length else 0
 
 
 @njit(cache=True, error_model="numpy")
 def admit(state: Array, times: Array, row: Array, required: int, max_gap: float) -> int:
-    """Decide on row = (time, columns...) and, if it comes in, move the ring on by one slot and write its time.
+    """Validate row = (time, columns...); if it is valid, advance the ring by one position and write its time.
 
-    SKIPPED    one of the first `required` numbers is not finite or absurd, or the stamp does not increase
-    RESTARTED  taken as the first sample of a new window: the first of all, after a gap > max_gap [s], or after
-               the clock jumped back by more than that (a bag played again)
-    TAKEN      taken
+    SKIPPED    one of the first `required` numbers is not finite or too large, or the stamp does not increase
+    RESTARTED  first sample of a new window: the first of all, after a gap > max_gap [s], or after the clock
+               jumped back by more than that (a bag played again)
+    TAKEN      next sample of the window
     """
     for j in range(required):
         if not (isfinite(row[0]) if j == 0 else sound(row[j])):
             return refuse(state)
     entered = TAKEN
-    if state[SAMPLES] == 0.0:
+    if state[HEADER.samples] == 0.0:
         entered = RESTARTED
     else:
-        step = row[0] - state[LAST]
+        step = row[0] - state[HEADER.last]
         if abs(step) > max_gap:
             entered = RESTARTED
-            state[GAPS] += 1.0
+            state[HEADER.gaps] += 1.0
         elif step <= 0.0:
             return refuse(state)
-    state[SAMPLES] += 1.0
-    state[LAST] = row[0]
-    state[FILLED] = 1.0 if entered == RESTARTED else min(state[FILLED] + 1.0, times.size)
-    slot = int(state[SLOT]) + 1
-    state[SLOT] = slot if slot < times.size else 0
-    times[int(state[SLOT])] = row[0]
+    state[HEADER.samples] += 1.0
+    state[HEADER.last] = row[0]
+    state[HEADER.filled] = 1.0 if entered == RESTARTED else min(state[HEADER.filled] + 1.0, times.size)
+    slot = int(state[HEADER.slot]) + 1
+    state[HEADER.slot] = slot if slot < times.size else 0
+    times[int(state[HEADER.slot])] = row[0]
     return entered
 
 
 @njit(cache=True, error_model="numpy")
 def densities(times: Array, newest: int, weights: Array, out: Array) -> None:
-    """psi_n / 2 into out (L,), psi_n being the weight (L,) of <f, psi> over what the sample stands for; 0 at both ends.
+    """Half the samples psi_n of the modulating function into out (L,); 0 at both ends of the window.
 
-    All in the order of storage, so that the compiler can make vector instructions of it.
+    weights  (L,) of <f, psi>: psi_n times half the two steps at n
+
+    In storage order, so that the compiler can vectorise the loop.
     """
     last = times.size - 1
     for n in range(1, last):
@@ -95,12 +119,12 @@ def densities(times: Array, newest: int, weights: Array, out: Array) -> None:
 
 @njit(cache=True, error_model="numpy", fastmath=VECTOR)
 def weigh(order: int, times: Array, newest: int, psi: Array, held: Array) -> float:
-    """Weights of the full window that ends in slot `newest`, by slot; returns its span T [s].
+    """Weights of the full window that ends at position `newest`, by ring position; returns its span T [s].
 
     order  h of the modulating function w_hh
-    psi    (3, L) for <f, psi>, <f, psi'>, <f, psi''> of sampled curves
-    held   (L,) for <f, psi> of values held over the interval that ends at their stamp: half of that step times the
-           values of psi at both its ends
+    psi    (3, L) for <f, psi>, <f, psi'>, <f, psi''> of sampled curves, overwritten
+    held   (L,) for <f, psi> of values constant over the interval that ends at their stamp: half of that step times
+           the values of psi at both its ends; overwritten
     """
     last = times.size - 1
     oldest = newest + 1 if newest < last else 0
@@ -115,10 +139,10 @@ def weigh(order: int, times: Array, newest: int, psi: Array, held: Array) -> flo
 
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
-def spread(values: Array) -> float:
-    """Largest minus smallest of values (L,), which hold no NaN: `admit` lets none in.
+def span_of(values: Array) -> float:
+    """Largest minus smallest of values (L,) without NaN, which `admit` has excluded.
 
-    Four abreast, as one comparison after the other would wait for the one before.
+    Four comparisons run in parallel, since a chain of comparisons would be slower.
     """
     low = high = values[0]
     quarter = values.size // 4

@@ -1,1 +1,1 @@
-"""Thin nodes: declare, convert, step, publish. Nobody imports them."""
+"""Thin nodes: declare, convert, step, publish. No other module imports them."""

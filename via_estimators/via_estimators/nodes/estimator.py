@@ -1,18 +1,18 @@
-"""Estimates of any number of devices, live: joint states and commands in, stiffness, damping and motor estimates out.
+"""Estimator nodes: joint states and commands of any number of devices in, stiffness, damping and motor estimates out.
 
 ros2 run via_estimators estimator --ros-args -p device:=cubic_demo
 ros2 run via_estimators estimator --ros-args -p "devices:=[shoulder=qbmove_a, elbow=qbmove_a]"
 ros2 run via_estimators estimator_bank --ros-args -p device:=cubic_demo
 ros2 run via_estimators modulated_torque --ros-args -p device:=cubic_demo
 
-estimator       one method per device, on /<device>/stiffness, /<device>/damping and /<device>/motor
+estimator       one method per device, publishes on /<device>/stiffness, /<device>/damping and /<device>/motor
 estimator_bank  several methods side by side on the same samples, on /<device>/<method>/stiffness and so on
-<method>        the estimator with its method fixed (nodes/single.py)
+<method>        the estimator with a fixed method (nodes/single.py)
 
-Each sample gives one message per topic, stamped as the sample and numbered. What the rows are made of says
-via_estimators.rows; joint states may come as one message for all devices or as one for each. The parameters of a method
-(window, memory, ...) start from what the device file says; where a node runs more than one method or device they are
-called <device>.<method>.<name>.
+Each sample yields one numbered message per topic with the stamp of the sample. via_estimators.rows describes how
+samples are formed; joint states may arrive as one message for all devices or one for each. The defaults of a method's
+parameters (window, memory, ...) come from the device file; in a node with several methods or devices their names are
+<device>.<method>.<name>.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from via_ros.spin import STEADY, run
 
 from via_estimators.contract import Estimator, Parameters
 from via_estimators.methods import METHODS, Pair, estimator_for, pairs_of
-from via_estimators.nodes.line import Line
-from via_estimators.nodes.station import REPORT, Station
+from via_estimators.nodes.channel import EstimatorChannel
+from via_estimators.nodes.pipeline import REPORT, DevicePipeline
 
 DEFAULT_DEVICE = "cubic_demo"
 
@@ -58,7 +58,8 @@ class NodeParameters:
 @dataclass(frozen=True)
 class EstimatorParameters(NodeParameters):
     method: str = field(
-        default="auto", metadata={"description": "which estimator; auto: the best", "choices": ("auto", *METHODS)}
+        default="auto",
+        metadata={"description": "estimator; auto: the default of the device", "choices": ("auto", *METHODS)},
     )
 
 
@@ -66,13 +67,13 @@ class EstimatorParameters(NodeParameters):
 class BankParameters(NodeParameters):
     methods: tuple[str, ...] = field(
         default=("all",),
-        metadata={"description": "which estimators, each where it suits; auto: the best, all: all that suit"},
+        metadata={"description": "estimators, each on the devices it suits; auto: the default, all: all that suit"},
     )
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A sort of node: its name, its parameters, which methods those ask for, and where estimates are published."""
+    """A kind of node: its name, its parameters, the methods they select, and the topic of a pair's estimates."""
 
     name: str
     parameters: type[NodeParameters]
@@ -87,7 +88,7 @@ BANK = Kind(
 
 
 def single(method: str) -> Kind:
-    """A node of that one method."""
+    """The kind of node with one fixed method."""
     return Kind(method, NodeParameters, lambda _: (method,), lambda pair: f"/{pair.device.name}")
 
 
@@ -99,8 +100,9 @@ class EstimatorNode(Node):
         own = declare(self, kind.parameters)
         pairs = pairs_of([load_device(name) for name in _names(own)], kind.methods(own))
         estimators = [self._set_up(pair, several=len(pairs) > 1) for pair in pairs]
-        self._lines = [
-            Line(self, *pair, estimator, kind.topic(pair)) for pair, estimator in zip(pairs, estimators, strict=True)
+        self._channels = [
+            EstimatorChannel(self, *pair, estimator, kind.topic(pair))
+            for pair, estimator in zip(pairs, estimators, strict=True)
         ]
         self._reader = RowReader(
             [(pair.device, estimator.inputs) for pair, estimator in zip(pairs, estimators, strict=True)]
@@ -109,22 +111,26 @@ class EstimatorNode(Node):
         rows: dict[str, list[int]] = {}
         for row, pair in enumerate(pairs):
             rows.setdefault(pair.device.name, []).append(row)
-        self.stations = [Station([self._lines[row] for row in each], each, self._reader) for each in rows.values()]
-        self._station_of = [next(each for each in self.stations if line in each.lines) for line in self._lines]
+        self.pipelines = [
+            DevicePipeline([self._channels[row] for row in each], each, self._reader) for each in rows.values()
+        ]
+        self._pipeline_of = [
+            next(each for each in self.pipelines if channel in each.channels) for channel in self._channels
+        ]
         self._foreign = self._broken = self._turn = 0
         self._share, self._used, self._since = 0.0, time.process_time(), time.monotonic()
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
-        self.create_service(ResetEstimator, "~/reset", partial(_reset, self.stations))
-        for station in self.stations:
-            self.create_service(ResetEstimator, f"~/{station.device.name}/reset", partial(_reset, [station]))
-            if station.commanded:
-                self.create_subscription(VsaCommand, station.device.command_topic, station.hold, qos.SAMPLES)
-        self.create_subscription(JointState, own.joint_topic, self._take, qos.samples_of(len(self.stations)), raw=True)
-        # One device at a time: a report of many would hold up the samples.
-        self.create_timer(REPORT / len(self.stations), self._report, clock=STEADY)
+        self.create_service(ResetEstimator, "~/reset", partial(_reset, self.pipelines))
+        for pipeline in self.pipelines:
+            self.create_service(ResetEstimator, f"~/{pipeline.device.name}/reset", partial(_reset, [pipeline]))
+            if pipeline.commanded:
+                self.create_subscription(VsaCommand, pipeline.device.command_topic, pipeline.hold, qos.SAMPLES)
+        self.create_subscription(JointState, own.joint_topic, self._take, qos.samples_of(len(self.pipelines)), raw=True)
+        # One device at a time, so that diagnostics do not delay samples.
+        self.create_timer(REPORT / len(self.pipelines), self._report, clock=STEADY)
 
     def _set_up(self, pair: Pair, several: bool) -> Estimator:
-        """The estimator with its ROS parameters, whose defaults are the device's values."""
+        """The estimator with its ROS parameters; their defaults come from the device."""
         estimator = estimator_for(*pair)
         suited = estimator.parameters
         entries = [
@@ -133,7 +139,7 @@ class EstimatorNode(Node):
         ]
         kind = make_dataclass(type(suited).__name__, entries, bases=(Parameters,), frozen=True)
         prefix = f"{pair.device.name}.{pair.method}" if several else ""
-        return estimator.having(type(suited)(**vars(declare(self, kind, prefix))))
+        return estimator.with_parameters(type(suited)(**vars(declare(self, kind, prefix))))
 
     def _take(self, data: bytes) -> None:
         joints = self._decoder.decode(data)
@@ -142,11 +148,11 @@ class EstimatorNode(Node):
             return
         rows = self._reader.read(joints)
         for row in rows:
-            self._station_of[row].reach(joints.stamp)
-            self._lines[row].take(self._reader.rows[row], joints.stamp_bytes)
+            self._pipeline_of[row].reach(joints.stamp)
+            self._channels[row].take(self._reader.rows[row], joints.stamp_bytes)
         if not rows:
             if not self._foreign:
-                wanted = ", ".join(f"'{each.device.link_joint}' of '{each.device.name}'" for each in self.stations)
+                wanted = ", ".join(f"'{each.device.link_joint}' of '{each.device.name}'" for each in self.pipelines)
                 self.get_logger().warning(f"no {wanted} among: {', '.join(joints.names.joints)}")
             self._foreign += 1
 
@@ -155,9 +161,9 @@ class EstimatorNode(Node):
             used, now = time.process_time(), time.monotonic()
             self._share = (used - self._used) / max(now - self._since, 1e-9)
             self._used, self._since = used, now
-        station = self.stations[self._turn]
-        self._turn = (self._turn + 1) % len(self.stations)
-        report = DiagnosticArray(status=station.report(self.get_name(), self._foreign, self._broken, self._share))
+        pipeline = self.pipelines[self._turn]
+        self._turn = (self._turn + 1) % len(self.pipelines)
+        report = DiagnosticArray(status=pipeline.report(self.get_name(), self._foreign, self._broken, self._share))
         report.header.stamp = self.get_clock().now().to_msg()
         self._reports.publish(report)
 
@@ -169,9 +175,9 @@ def _names(own: NodeParameters) -> tuple[str, ...]:
 
 
 def _reset(
-    stations: list[Station], _: ResetEstimator.Request, answer: ResetEstimator.Response
+    pipelines: list[DevicePipeline], _: ResetEstimator.Request, answer: ResetEstimator.Response
 ) -> ResetEstimator.Response:
-    forgotten = ", ".join(f"{station.restart()} samples of {station.device.name}" for station in stations)
+    forgotten = ", ".join(f"{pipeline.restart()} samples of {pipeline.device.name}" for pipeline in pipelines)
     answer.success, answer.message = True, f"{forgotten} forgotten"
     return answer
 

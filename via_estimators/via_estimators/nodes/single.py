@@ -1,4 +1,4 @@
-"""One executable per method: the estimator node with its method fixed, e.g.
+"""One executable per method: the estimator node with a fixed method, e.g.
 
 ros2 run via_estimators modulated_torque --ros-args -p device:=cubic_demo
 

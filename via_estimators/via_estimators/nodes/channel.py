@@ -1,4 +1,4 @@
-"""One method on one device as a node runs it: samples in, estimates out as messages, and what that costs."""
+"""Estimator channel: one method on one device, from sample rows to published messages, with its computing time."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ MICROSECOND = 1000  # [ns]
 
 
 class Member(NamedTuple):
-    """Which outputs of an estimator stand in a member of a message, and their standard deviations in another."""
+    """Message members that hold some outputs of an estimator and their standard deviations."""
 
     value: str
-    deviation: str
+    standard_deviation: str
     outputs: str  # pattern of their names
 
 
@@ -46,47 +46,47 @@ MESSAGES: dict[str, tuple[Any, tuple[Member, ...]]] = {
 }
 
 
-class Line:
-    """One method on one device; `topic` is what comes before /stiffness, /damping and /motor."""
+class EstimatorChannel:
+    """One method on one device; publishes on `topic`/stiffness, /damping and /motor, as far as the method has them."""
 
     def __init__(self, node: Node, device: Device, method: str, estimator: Estimator, topic: str) -> None:
         self.device, self.method, self.live = device, method, Live(estimator)
         self.sequence = self._reported = self._spent = 0
-        self._answers = []
+        self._outputs = []
         for name, (kind, members) in MESSAGES.items():
             message = kind(method=method)
             message.header.frame_id = device.name
-            answer = _Answer(message, members, estimator.outputs)
-            if answer.tells:
-                self._answers.append((answer, node.create_publisher(kind, f"{topic}/{name}", qos.SAMPLES)))
-        # A sample that tells nothing: loads the compiled kernel now and not when the first real one waits.
+            output = _Output(message, members, estimator.outputs)
+            if output.used:
+                self._outputs.append((output, node.create_publisher(kind, f"{topic}/{name}", qos.SAMPLES)))
+        # An invalid sample loads the compiled kernel before the first valid one arrives.
         self.live.take(np.full((1, 1 + len(estimator.inputs)), np.nan))
         self.live.restart()
 
     def take(self, row: Array, stamp: bytes) -> None:
-        """Fold one sample row (1, 1 + k) and publish what follows from it, with its stamp (8,)."""
+        """Process one sample row (1, 1 + k) and publish the estimates, with its stamp (8,)."""
         begin = perf_counter_ns()
         status = self.live.take(row)
         self._spent += perf_counter_ns() - begin
-        for answer, publisher in self._answers:
-            publisher.publish(answer.write(stamp, self.sequence, status, self.live.numbers))
+        for output, publisher in self._outputs:
+            publisher.publish(output.write(stamp, self.sequence, status, self.live.numbers))
         self.sequence += 1
 
     def restart(self) -> int:
-        """Forget every sample; returns how many there were. The numbering goes on."""
+        """Forget every sample; returns their number. Messages continue to be numbered."""
         samples = self.live.health().samples
         self.live.restart()
         return samples
 
     def cost(self) -> tuple[int, float]:
-        """Samples since the last call, and the time [us] that folding one of them took."""
+        """Samples since the last call, and the mean computing time [us] per sample."""
         count, spent = self.sequence - self._reported, self._spent
         self._reported, self._spent = self.sequence, 0
         return count, spent / MICROSECOND / max(count, 1)
 
 
-class _Answer:
-    """A message and where in it the numbers of an estimate stand."""
+class _Output:
+    """A serialised message and the positions of an estimate's numbers in it."""
 
     def __init__(self, message: Any, members: tuple[Member, ...], outputs: tuple[str, ...]) -> None:
         found = [
@@ -96,14 +96,14 @@ class _Answer:
         for member, sources in found:
             if not isinstance(getattr(message, member.value), float):
                 setattr(message, member.value, [0.0] * len(sources))
-                setattr(message, member.deviation, [0.0] * len(sources))
+                setattr(message, member.standard_deviation, [0.0] * len(sources))
         self._template = Template(message)
         places, sources = [], []
         for member, each in found:
             if each:
-                places += [*self._template.places(member.value), *self._template.places(member.deviation)]
+                places += [*self._template.places(member.value), *self._template.places(member.standard_deviation)]
                 sources += [*each, *(len(outputs) + at for at in each)]
-        self.tells = bool(places)
+        self.used = bool(places)
         self._places, self._sources = np.array(places), np.array(sources)
 
     def write(self, stamp: bytes, sequence: int, status: int, numbers: Array) -> bytes:

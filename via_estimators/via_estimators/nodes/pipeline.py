@@ -1,4 +1,4 @@
-"""A device in a node: the methods that run on it, the commands that wait for their samples, and what went wrong."""
+"""Device pipeline: the estimator channels of one device, its pending commands and its diagnostics."""
 
 from __future__ import annotations
 
@@ -9,40 +9,40 @@ from via_interfaces.msg import VsaCommand
 from via_ros import qos
 from via_ros.conversions import RowReader, command_of, nanoseconds
 
-from via_estimators.nodes.line import Line
+from via_estimators.nodes.channel import EstimatorChannel
 
 REPORT = 1.0  # [s] between two diagnostics of a device
-MOST_PENDING = 2 * qos.SAMPLES.depth  # commands that wait for a sample as late as they are
+MOST_PENDING = 2 * qos.SAMPLES.depth  # commands that wait for a sample with a later stamp
 COMMANDS = {"equilibrium", "preset", "damping"}
 NEVER = -(2**63)  # [ns] before every stamp
 
 
-class Station:
-    """The lines of one device; `rows` are theirs in `reader`."""
+class DevicePipeline:
+    """The channels of one device; `rows` are their positions in `reader`."""
 
-    def __init__(self, lines: list[Line], rows: list[int], reader: RowReader) -> None:
-        self.device, self.lines = lines[0].device, lines
-        self.commanded = any(COMMANDS & set(line.live.estimator.inputs) for line in lines)
-        self.pending: list[VsaCommand] = []  # by stamp
+    def __init__(self, channels: list[EstimatorChannel], rows: list[int], reader: RowReader) -> None:
+        self.device, self.channels = channels[0].device, channels
+        self.commanded = any(COMMANDS & set(channel.live.estimator.inputs) for channel in channels)
+        self.pending: list[VsaCommand] = []  # in order of stamps
         self._late = self._refused = 0
         self._rows, self._reader = rows, reader
-        self._newest = NEVER  # [ns] latest stamp taken
+        self._newest = NEVER  # [ns] latest stamp of a sample
 
     def hold(self, message: VsaCommand) -> None:
-        """Keep a command for the samples that are not before it."""
+        """Queue a command for the samples that are not before it."""
         if message.mode != VsaCommand.EQUILIBRIUM_PRESET or command_of(message, self.device.n_motors) is None:
             self._refused += 1
             return
         stamp = nanoseconds(message.header.stamp)
         self._late += stamp <= self._newest
-        # By stamp, so that one from a far future does not hold back those that come after it.
+        # Ordered by stamp, so that a command with a stamp in the far future does not delay later messages.
         insort(self.pending, message, key=lambda each: nanoseconds(each.header.stamp))
         if len(self.pending) > MOST_PENDING:
             self.pending.pop()
             self._refused += 1
 
     def reach(self, stamp: int) -> None:
-        """The next sample is stamped so [ns]: commands up to there hold in it."""
+        """Apply the commands up to `stamp` [ns], that of the next sample."""
         while self.pending and nanoseconds(self.pending[0].header.stamp) <= stamp:
             message = self.pending.pop(0)
             for row in self._rows:
@@ -50,8 +50,8 @@ class Station:
         self._newest = max(self._newest, stamp)
 
     def restart(self) -> int:
-        """Forget samples, commands and the origin of time: what comes next may be another log. Returns the samples."""
-        samples = max([line.restart() for line in self.lines])
+        """Forget samples, commands and the origin of time, for another log; returns the number of samples."""
+        samples = max([channel.restart() for channel in self.channels])
         for row in self._rows:
             self._reader.forget(row)
         self.pending.clear()
@@ -59,27 +59,27 @@ class Station:
         return samples
 
     def report(self, node: str, foreign: int, broken: int, share: float) -> list[DiagnosticStatus]:
-        """One status per line.
+        """One status per channel.
 
-        foreign  messages that named no device of the node
-        broken   messages that were none
-        share    of one core that the process used
+        foreign  number of messages without a device of the node
+        broken   number of messages that could not be decoded
+        share    of one core used by the process
         """
         malformed = broken + max(self._reader.malformed[row] for row in self._rows)
         found = []
-        for line in self.lines:
-            health = line.live.health()
-            count, cost = line.cost()
+        for channel in self.channels:
+            health = channel.live.health()
+            count, cost = channel.cost()
             troubles = {
                 "no samples": count == 0,
-                "joints of other devices only": foreign > 0 and line.sequence == 0,
+                "joints of other devices only": foreign > 0 and channel.sequence == 0,
                 "bad samples": health.bad > 0,
                 "gaps": health.gaps > 0,
                 "late commands": self._late > 0,
                 "refused commands": self._refused > 0,
                 "malformed messages": malformed > 0,
             }
-            told = [text for text, holds in troubles.items() if holds]
+            problems = [text for text, present in troubles.items() if present]
             values: dict[str, str | float] = {
                 "status": health.status.name, "rate [Hz]": count / REPORT, "samples": health.samples,
                 "bad samples": health.bad, "gaps": health.gaps, "motion in the window [rad]": health.motion,
@@ -90,9 +90,9 @@ class Station:
             }  # fmt: skip
             found.append(
                 DiagnosticStatus(
-                    level=DiagnosticStatus.WARN if told else DiagnosticStatus.OK,
-                    name=f"{node}: {self.device.name} {line.method}",
-                    message=", ".join(told) or health.status.name,
+                    level=DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
+                    name=f"{node}: {self.device.name} {channel.method}",
+                    message=", ".join(problems) or health.status.name,
                     hardware_id=self.device.name,
                     values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
                 )
