@@ -122,16 +122,16 @@ def test_a_command_from_the_far_future_does_not_block_the_next(graph):
     far.header.stamp.sec = 2**31 - 1
     for message in (far, command(1, damping=np.nan), command(1, equilibrium=1e308), command(0, damping=0.25)):
         commands.publish(message)
-    graph.until(lambda: len(node.stations[0].pending) == 3)
+    graph.until(lambda: len(node.pipelines[0].pending) == 3)
     names = [SERVO.link_joint, *SERVO.motor_joints]
     peer.samples.publish(sample(0, names=names, positions=[0.0] * len(names), efforts=()))
     graph.until(lambda: len(heard) == 1)
-    assert [each.header.stamp.sec for each in node.stations[0].pending] == [0, 2**31 - 1]
+    assert [each.header.stamp.sec for each in node.pipelines[0].pending] == [0, 2**31 - 1]
     graph.until(lambda: peer.reported("refused commands") == "1")
 
 
 def test_commands_without_a_later_sample_are_discarded(graph, monkeypatch):
-    monkeypatch.setattr("via_estimators.nodes.station.MOST_PENDING", 3)
+    monkeypatch.setattr("via_estimators.nodes.pipeline.MOST_PENDING", 3)
     peer = Peer(graph)
     node = graph.add(EstimatorNode, device=SERVO.name)
     commands = peer.node.create_publisher(VsaCommand, SERVO.command_topic, qos.SAMPLES)
@@ -139,7 +139,7 @@ def test_commands_without_a_later_sample_are_discarded(graph, monkeypatch):
     for tick in (5, 4, 3, 2, 1):
         commands.publish(command(tick))
     graph.until(lambda: peer.reported("refused commands") == "2")
-    assert [each.header.stamp.nanosec for each in node.stations[0].pending] == [PERIOD, 2 * PERIOD, 3 * PERIOD]
+    assert [each.header.stamp.nanosec for each in node.pipelines[0].pending] == [PERIOD, 2 * PERIOD, 3 * PERIOD]
 
 
 def test_excitation_answers_invalid_samples_with_zero_torque_and_recovers(graph):

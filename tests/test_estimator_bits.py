@@ -35,7 +35,7 @@ NAMES = ["twin=" + FIRST["modulated_torque"].name, *dict.fromkeys(device.name fo
 DEVICES = [load_device(name) for name in NAMES]
 PAIRS = pairs_of(DEVICES, ["all"])
 KINDS = {"stiffness": StiffnessEstimate, "damping": DampingEstimate, "motor": MotorEstimate}
-# Topic, member, member of the deviations, and which outputs stand there.
+# Topic, members of value and standard deviation, and the outputs they hold.
 MEMBERS = (
     ("stiffness", "value", "standard_deviation", "stiffness"),
     ("stiffness", "transmission_value", "transmission_standard_deviation", "stiffness_"),
@@ -80,7 +80,7 @@ def commands():
 
 
 class Ears:
-    """Hears everything that a bank says."""
+    """Subscriptions to all topics of a bank."""
 
     def __init__(self, graph):
         self.peer = graph.add(lambda **options: rclpy.create_node("peer", **options))
@@ -102,7 +102,7 @@ class Ears:
 
 @pytest.fixture(scope="module")
 def answers(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, dict, Path]:
-    """What a bank said live, what another one said to the bag of it, and the bag."""
+    """Messages of a bank live, of another one in replay, and the bag."""
     bag = tmp_path_factory.mktemp("bits") / "bag"
     stream = list(samples())
     with BagWriter(bag) as out:
@@ -121,7 +121,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, dict, Path]
         states = ears.peer.create_publisher(JointState, "/joint_states", qos.SAMPLES)
         orders = {
             each.device.command_topic: ears.peer.create_publisher(VsaCommand, each.device.command_topic, qos.SAMPLES)
-            for each in node.stations
+            for each in node.pipelines
             if each.commanded
         }
         topics = ears.topics(node)
@@ -137,7 +137,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, dict, Path]
             if topic in orders:
                 orders[topic].publish(message)
         graph.run_until(
-            lambda: all(len(each.pending) == COUNT // 50 for each in node.stations if each.commanded),
+            lambda: all(len(each.pending) == COUNT // 50 for each in node.pipelines if each.commanded),
             PATIENCE,
             "orders",
         )
@@ -165,14 +165,14 @@ def bits(messages, member):
 
 
 @pytest.mark.parametrize("pair", PAIRS, ids=lambda pair: f"{pair.method}-{pair.device.name}")
-def test_live_is_replay_is_the_run_in_process(answers, pair):
+def test_live_replayed_and_in_process_estimates_are_equal(answers, pair):
     live, replayed, bag = answers
     done = estimate_bag(read_bag(bag), pair.device, estimator_for(*pair))
     estimates = done.estimates
     assert len(estimates) == COUNT
-    assert Status.OK in estimates.status, "the samples tell this method nothing"
-    told = set()
-    for topic, member, deviation, output in MEMBERS:
+    assert Status.OK in estimates.status, "the samples are not informative for this method"
+    published = set()
+    for topic, member, sd, output in MEMBERS:
         outputs = [each for each in estimates.outputs if each == output or each.rstrip("0123456789") == output]
         if not outputs:
             continue
@@ -189,20 +189,20 @@ def test_live_is_replay_is_the_run_in_process(answers, pair):
                 bits(messages, member), np.column_stack([value for value, _ in expected]).view(np.uint64)
             )
             np.testing.assert_array_equal(
-                bits(messages, deviation), np.column_stack([sd for _, sd in expected]).view(np.uint64)
+                bits(messages, sd), np.column_stack([sd for _, sd in expected]).view(np.uint64)
             )
-        told.add(topic)
-    assert told
-    silent = KINDS.keys() - told
+        published.add(topic)
+    assert published
+    silent = KINDS.keys() - published
     assert not any(live[f"/{pair.device.name}/{pair.method}/{topic}"] for topic in silent)
 
 
-def test_every_method_is_among_them_and_a_bad_sample_is_only_its_device_s():
+def test_every_method_is_covered():
     assert {pair.method for pair in PAIRS} == set(METHODS)
     assert len({pair.device.name for pair in PAIRS}) == len(DEVICES)
 
 
-def test_the_twin_s_bad_sample_is_its_own(answers):
+def test_a_bad_sample_affects_only_its_device(answers):
     live, _, _ = answers
     for name, status in (("twin", Status.BAD_SAMPLE), (FIRST["modulated_torque"].name, Status.WARMING_UP)):
         messages = decoded(live[f"/{name}/modulated_torque/stiffness"], StiffnessEstimate)

@@ -1,4 +1,4 @@
-"""The estimator node in a graph: every sample answered in order, bit by bit what a replay in process gives."""
+"""The estimator node in a graph: one answer per sample, in order, with the bits of an in-process replay."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def antagonistic_messages(count, device):
         yield serialize_message(writer.stamped(START + PERIOD * k))
 
 
-class Bench:
-    """The node under test with a publisher of samples and ears on everything it says."""
+class Harness:
+    """The node under test with a publisher of samples and subscriptions to all it publishes."""
 
     def __init__(self, graph, **parameters):
         self.graph = graph
@@ -82,7 +82,7 @@ class Bench:
 
 
 def test_live_estimates_are_those_of_the_bag_bit_by_bit(graph, tmp_path):
-    bench = Bench(graph, device="cubic_demo")
+    bench = Harness(graph, device="cubic_demo")
     messages = list(antagonistic_messages(1500, bench.device))
     with BagWriter(tmp_path / "bag") as out:
         out.add_topic("/joint_states", JOINTS)
@@ -117,8 +117,8 @@ def test_live_estimates_are_those_of_the_bag_bit_by_bit(graph, tmp_path):
         np.testing.assert_array_equal(values, estimates.standard_deviation[:, at])
 
 
-def test_commands_apply_by_stamp_whatever_order_they_arrive_in(graph, tmp_path):
-    bench = Bench(graph, device="maccepavd")
+def test_commands_apply_by_stamp_in_any_order_of_arrival(graph, tmp_path):
+    bench = Harness(graph, device="maccepavd")
     graph.until(lambda: bench.commands.get_subscription_count() == 1)
     writer, commander = JointStateWriter(bench.device), CommandWriter(bench.device)
     samples, commands = [], []
@@ -139,7 +139,7 @@ def test_commands_apply_by_stamp_whatever_order_they_arrive_in(graph, tmp_path):
     # All commands come long before the samples they belong to; the node must wait with them.
     for _, message in commands:
         bench.commands.publish(message)
-    graph.until(lambda: len(bench.node.stations[0].pending) == 60)
+    graph.until(lambda: len(bench.node.pipelines[0].pending) == 60)
     bench.send([message for _, message in samples])
     graph.until(lambda: len(bench.heard[DampingEstimate]) == 300)
     replay = estimate_bag(read_bag(tmp_path / "bag"), bench.device, estimator_for(bench.device))
@@ -148,10 +148,10 @@ def test_commands_apply_by_stamp_whatever_order_they_arrive_in(graph, tmp_path):
         [m.value for m in bench.heard[DampingEstimate]], replay.estimates.column("damping")[0]
     )
     np.testing.assert_array_equal([m.value for m in bench.heard[StiffnessEstimate]], replay.estimates.value[:, 0])
-    # A command of the past: it holds from now on, and is told.
+    # A late command: it applies from now on and is reported.
     late = CommandWriter(bench.device).numbered(START, Command(0, 0.0, 0.5, 0.5, np.empty(0)))
     bench.commands.publish(late)
-    graph.until(lambda: any(told(report, "late commands") == "1" for report in bench.heard[DiagnosticArray]))
+    graph.until(lambda: any(diagnostic(report, "late commands") == "1" for report in bench.heard[DiagnosticArray]))
     # After a reset another log may follow: no command of the last one holds in it.
     graph.until(bench.reset.call_async(ResetEstimator.Request()).done)
     bench.send([message for _, message in samples[:50]])
@@ -161,13 +161,13 @@ def test_commands_apply_by_stamp_whatever_order_they_arrive_in(graph, tmp_path):
     np.testing.assert_array_equal([m.value for m in bench.heard[StiffnessEstimate][300:]], expected)
 
 
-def told(report, key):
+def diagnostic(report, key):
     """The value of a key in a diagnostics message."""
     return next((entry.value for entry in report.status[0].values if entry.key == key), None)
 
 
-def test_bad_samples_are_answered_counted_and_never_give_a_nan(graph):
-    bench = Bench(graph, device="cubic_demo")
+def test_bad_samples_are_reported_counted_and_never_give_a_nan(graph):
+    bench = Harness(graph, device="cubic_demo")
     messages = [deserialize_message(message, JointState) for message in antagonistic_messages(600, bench.device)]
     messages[450].position[0] = np.nan
     messages[460].effort[2] = np.inf
@@ -181,25 +181,25 @@ def test_bad_samples_are_answered_counted_and_never_give_a_nan(graph):
     assert live[450].value == live[449].value
     assert live[450].header.stamp == messages[450].header.stamp
     assert all(np.isfinite([m.value, m.standard_deviation]).all() for m in live)
-    graph.until(lambda: any(told(report, "bad samples") == "5" for report in bench.heard[DiagnosticArray]))
+    graph.until(lambda: any(diagnostic(report, "bad samples") == "5" for report in bench.heard[DiagnosticArray]))
     report = bench.heard[DiagnosticArray][-1].status[0]
     assert report.level == report.WARN and "bad samples" in report.message and report.hardware_id == "cubic_demo"
 
 
-def test_renamed_joints_are_told_and_survived(graph):
-    bench = Bench(graph, device="cubic_demo")
-    stranger = JointState(name=["elbow"], position=[0.0])
+def test_unknown_joints_are_reported_and_ignored(graph):
+    bench = Harness(graph, device="cubic_demo")
+    unknown = JointState(name=["elbow"], position=[0.0])
     for _ in range(3):
-        bench.samples.publish(stranger)
-    graph.until(lambda: any(told(report, "foreign messages") == "3" for report in bench.heard[DiagnosticArray]))
+        bench.samples.publish(unknown)
+    graph.until(lambda: any(diagnostic(report, "foreign messages") == "3" for report in bench.heard[DiagnosticArray]))
     assert "joints of other devices only" in bench.heard[DiagnosticArray][-1].status[0].message
     assert bench.heard[StiffnessEstimate] == []
     bench.send(list(antagonistic_messages(10, bench.device)))
     assert len(bench.heard[StiffnessEstimate]) == 10
 
 
-def test_reset_forgets_the_samples_but_not_the_numbering(graph):
-    bench = Bench(graph, device="cubic_demo")
+def test_reset_forgets_samples_and_continues_the_numbering(graph):
+    bench = Harness(graph, device="cubic_demo")
     messages = list(antagonistic_messages(600, bench.device))
     bench.send(messages)
     assert bench.heard[StiffnessEstimate][-1].status == Status.OK
@@ -215,7 +215,7 @@ def test_reset_forgets_the_samples_but_not_the_numbering(graph):
 
 def test_parameters_start_from_the_device_and_are_checked(graph):
     node = graph.add(EstimatorNode, device="maccepavd", memory=0.5)
-    parameters = node.stations[0].lines[0].live.estimator.parameters
+    parameters = node.pipelines[0].channels[0].live.estimator.parameters
     assert parameters.memory == 0.5
     assert parameters.inertia == load_device("maccepavd").link.inertia
     with pytest.raises(ParameterError, match="window"):
@@ -232,7 +232,7 @@ TWINS = ("left=cubic_demo", "right=cubic_demo")
 
 
 class Pair:
-    """Two joints of one kind in one node, with ears on their stiffness."""
+    """Two joints of one kind in one node, with subscriptions to their stiffness."""
 
     def __init__(self, graph, **parameters):
         self.graph = graph
@@ -268,7 +268,7 @@ class Pair:
 
 
 def together(messages):
-    """One JointState that says what several say."""
+    """One JointState with the content of several."""
     whole = JointState(header=messages[0].header)
     for member in ("name", "position", "velocity", "effort"):
         setattr(whole, member, [each for message in messages for each in getattr(message, member)])
@@ -299,7 +299,7 @@ def test_one_message_for_all_joints_or_one_for_each_is_the_same(graph):
     assert [message.value for message in twins.left] != [message.value for message in twins.right]
 
 
-def test_a_message_of_half_the_joints_is_a_sample_of_those_whose_link_it_names(graph):
+def test_a_message_with_some_joints_is_a_sample_of_those_with_their_link(graph):
     twins = Pair(graph)
     pairs = list(of_twins(30))
     twins.send([pair[0] for pair in pairs[:10]], 10, 0)
@@ -319,7 +319,7 @@ def test_a_message_of_half_the_joints_is_a_sample_of_those_whose_link_it_names(g
     assert (twins.left[-1].status, twins.right[-1].status) == (Status.BAD_SAMPLE, Status.WARMING_UP)
 
 
-def test_one_device_is_reset_and_the_other_goes_on(graph):
+def test_reset_of_one_device_does_not_affect_the_other(graph):
     twins = Pair(graph)
     twins.send([together(pair) for pair in of_twins(500)], 500, 500)
     answer = twins.call("/estimator/left/reset")
@@ -329,7 +329,7 @@ def test_one_device_is_reset_and_the_other_goes_on(graph):
     assert (twins.left[-1].sequence, twins.right[-1].sequence) == (500, 500)
 
 
-def test_diagnostics_tell_rate_excitation_condition_and_cost_of_each(graph):
+def test_diagnostics_report_rate_excitation_condition_and_cost_of_each(graph):
     twins = Pair(graph)
     twins.send([together(pair) for pair in of_twins(500)], 500, 500)
 
@@ -350,7 +350,7 @@ def test_diagnostics_tell_rate_excitation_condition_and_cost_of_each(graph):
         assert {"gaps", "bad samples", "samples", "share of a core, whole process [%]"} <= values.keys()
 
 
-def test_a_bank_answers_with_every_method_and_its_parameters_carry_their_names(graph):
+def test_a_bank_publishes_every_method_and_prefixes_its_parameters(graph):
     file = Path(__file__).resolve().parent.parent / "via_bringup" / "config" / "arm.yaml"
     names = [f"j{k}=qbmove_a" for k in range(1, 5)]
     bank = graph.add(
@@ -361,26 +361,26 @@ def test_a_bank_answers_with_every_method_and_its_parameters_carry_their_names(g
     topics = {name for name, _ in bank.get_publisher_names_and_types_by_node("estimator_bank", "/")}
     suited = methods_for(load_device("qbmove_a"))
     assert len(suited) > 1
-    for station in bank.stations:
-        assert [line.method for line in station.lines] == list(suited)
-        assert all(f"/{station.device.name}/{method}/stiffness" in topics for method in suited)
-    first, last = (bank.stations[at].lines[suited.index("modulated_torque")].live.estimator for at in (0, 3))
+    for pipeline in bank.pipelines:
+        assert [channel.method for channel in pipeline.channels] == list(suited)
+        assert all(f"/{pipeline.device.name}/{method}/stiffness" in topics for method in suited)
+    first, last = (bank.pipelines[at].channels[suited.index("modulated_torque")].live.estimator for at in (0, 3))
     assert (first.parameters.window, last.parameters.window) == (150, 200)
     assert last.parameters.memory == 5.0 != first.parameters.memory
     assert bank.describe_parameter("j4.signal_based.window").description
 
 
-def test_a_list_of_methods_gives_every_device_those_that_suit_it(graph):
+def test_each_device_gets_the_listed_methods_that_suit_it(graph):
     methods = ["signal_based", "modulated_torque", "link_impedance"]
     bank = graph.add(partial(EstimatorNode, BANK), devices=["cubic_demo", "maccepavd"], methods=methods)
-    chosen = [[line.method for line in station.lines] for station in bank.stations]
+    chosen = [[channel.method for channel in pipeline.channels] for pipeline in bank.pipelines]
     assert chosen == [["signal_based", "modulated_torque"], ["link_impedance"]]
 
 
-def test_a_node_of_one_method_has_its_name_and_topics_without_it(graph):
+def test_a_single_method_node_has_its_name_and_plain_topics(graph):
     node = graph.add(partial(EstimatorNode, single("signal_based")), device="cubic_demo", window=150)
     assert node.get_name() == "signal_based"
-    assert node.stations[0].lines[0].live.estimator.parameters.window == 150
+    assert node.pipelines[0].channels[0].live.estimator.parameters.window == 150
     assert graph.node("peer").count_publishers("/cubic_demo/stiffness") == 1
     assert not node.has_parameter("method")
 
@@ -399,13 +399,13 @@ def test_a_node_of_one_method_has_its_name_and_topics_without_it(graph):
         (BANK, {"cubic_demo.modulated_torque.window": 1}, r"parameter cubic_demo\.modulated_torque\.window"),
     ],
 )
-def test_what_cannot_be_run_is_refused(graph, kind, parameters, complaint):
+def test_invalid_parameters_raise(graph, kind, parameters, complaint):
     overrides = [parameter(name, value) for name, value in parameters.items()]
     with pytest.raises(ViaError, match=complaint):
         EstimatorNode(kind, context=graph.context, parameter_overrides=overrides)
 
 
-def test_devices_that_share_a_joint_are_refused(graph, tmp_path):
+def test_devices_that_share_a_joint_raise(graph, tmp_path):
     content = yaml.safe_load(load_device("cubic_demo").model_dump_json())
     path = tmp_path / "joint.yaml"
     path.write_text(yaml.safe_dump({**content, "wire": {"link": "elbow"}}))

@@ -34,7 +34,7 @@ def simulated(device, share, duration=20.0):
         ("qbmove_a", 0.25, 0.02),  # motors with dry friction, which the equation does not have
         ("qbmove_b", 0.25, 0.02),
         ("qbmove_alterego", 0.2, 0.01),
-        ("dlr_bavs", 0.25, 0.02),  # a law that is not skew-symmetric
+        ("dlr_bavs", 0.25, 0.02),  # a spring law that is not odd
         ("vsa2", 0.06, 0.03),  # deflections past the stop, towards the dead point of the linkage
     ],
 )
@@ -42,15 +42,15 @@ def test_stiffness_of_a_simulated_device(name, share, median_error):
     device = load_device(name)
     run = simulated(device, share)
     estimates = estimator_for(device).run(run.measured)
-    value, deviation = estimates.column("stiffness")
+    value, sd = estimates.column("stiffness")
     good = estimates.status == Status.OK
     miss = np.abs(value - run.truth["stiffness"])[good]
     assert good.mean() > 0.75
     assert np.median(miss / run.truth["stiffness"][good]) < median_error
-    assert np.mean(miss <= 1.96 * deviation[good]) > 0.9
+    assert np.mean(miss <= 1.96 * sd[good]) > 0.9
 
 
-def test_the_simulator_and_the_estimator_mean_the_same_by_effort():
+def test_simulator_and_estimator_have_the_same_effort_convention():
     """Effort at a stamp acted over the interval that ends there: half a sample off would bias the motor's inertia."""
     device = load_device("cubic_demo")
     run = simulated(device, 0.1)

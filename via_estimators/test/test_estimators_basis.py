@@ -1,4 +1,4 @@
-"""Bases of the torque law against their closed forms, by numpy's polynomials and by finite differences."""
+"""Bases of spring laws against their closed forms, by numpy's polynomials and by finite differences."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_no_term_is_a_constant(name):
     assert g[0] == 1.0
     printed = [Polynomial.basis(i - 1) for i in range(1, 4)]
     assert printed[0](0.0) == 1.0 and printed[0].deriv()(0.3) == 0.0
-    # m = 3 as printed reaches phi^2 at most: the cubic law of eq. (35) is out of its span
+    # m = 3 as printed reaches phi^2 at most: the cubic spring law of eq. (35) is outside its span
     phi = np.linspace(-1.0, 1.0, 41)
     powers = np.stack([p(phi) for p in printed], axis=1)
     left = 10.0 * phi**3 - powers @ np.linalg.lstsq(powers, 10.0 * phi**3, rcond=None)[0]
@@ -63,7 +63,7 @@ def test_legendre_spans_what_powers_span_and_is_better_conditioned(first, second
 
 @pytest.mark.parametrize("name", BASES)
 @pytest.mark.parametrize("back", [0, 1])
-def test_swing_of_the_last_term_is_what_no_lower_power_can_take(name, back):
+def test_swing_of_the_last_term_is_its_chebyshev_coefficient(name, back):
     """Chebyshev: of all polynomials with that leading coefficient the smallest has this size."""
     terms, far = 5, 0.8
     z = far * np.cos(np.pi * (np.arange(400) + 0.5) / 400)

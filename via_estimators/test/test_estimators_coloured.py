@@ -71,7 +71,7 @@ def carried(rows, keep):
 
 
 @pytest.mark.parametrize("size", [1.0, 0.1, 0.02])
-def test_noise_is_carried_along_as_the_leak_holds_it(size):
+def test_forgetting_with_a_leak_preserves_the_noise_of_the_estimate(size):
     """Rows that say much, little and next to nothing in two of three directions; a memory of 500 samples."""
     t = np.arange(2000 + H) * 0.02
     raw = np.column_stack([np.sin(t), size * np.cos(2.3 * t), size * np.sin(3.7 * t + 1.0)])
@@ -116,7 +116,7 @@ def noisy_problem(seed, count=600, sigma=0.7, truth=(1.0, -2.0, 0.5)):
     return rows, rows @ np.array(truth) + np.convolve(noise, KERNEL, "valid")
 
 
-def test_reported_deviation_is_the_one_seen_and_the_naive_one_is_many_times_too_small():
+def test_reported_standard_deviation_matches_the_empirical_one_and_the_naive_one_is_too_small():
     found, reported, naive, noises = [], [], [], []
     covariance = np.empty((N, N))
     for seed in range(100):
@@ -135,7 +135,7 @@ def test_reported_deviation_is_the_one_seen_and_the_naive_one_is_many_times_too_
     assert np.all(np.mean(naive, axis=0) < 0.4 * seen)
 
 
-def test_without_rows_the_prior_comes_back_and_nothing_runs_away():
+def test_without_rows_the_state_returns_to_the_prior_and_stays_bounded():
     rows, y = noisy_problem(1)
     state = folded(rows, y, keep=0.99)
     x = coloured.unknowns(state, N).copy()
@@ -151,7 +151,7 @@ def test_without_rows_the_prior_comes_back_and_nothing_runs_away():
     np.testing.assert_allclose(coloured.factor(state, N), np.eye(N), atol=1e-9)
 
 
-def test_an_estimate_that_stands_still_keeps_the_noise_it_holds():
+def test_a_constant_estimate_keeps_its_noise():
     rows, y = noisy_problem(1)
     state = folded(rows, y, keep=0.99)
     coloured.beliefs(state, N)[:] = 0.0
@@ -164,7 +164,7 @@ def test_an_estimate_that_stands_still_keeps_the_noise_it_holds():
     np.testing.assert_allclose(np.diag(after), np.diag(before), rtol=0.05)
 
 
-def test_noise_is_never_less_than_what_is_known_to_be_there():
+def test_noise_is_at_least_its_lower_bound():
     rows, y = noisy_problem(1, sigma=0.1)
     state, covariance, wider = folded(rows, y), np.empty((N, N)), np.empty((N, N))
     assert covariance_of(state, R_COLOURS, 0.0, 0.0, 0.0, covariance) < 0.05
@@ -173,16 +173,16 @@ def test_noise_is_never_less_than_what_is_known_to_be_there():
 
 
 @pytest.mark.parametrize("keep", [1.0, 0.995])
-def test_the_residual_sum_is_that_of_the_data_alone_whatever_the_prior_cost(keep):
+def test_the_residual_sum_excludes_the_prior(keep):
     rows, y = noisy_problem(5, truth=(4.0, -6.0, 2.0))
     state = folded(rows, y, keep)
-    x, pulled = state[coloured.HEAD : coloured.HEAD + N], state[coloured.HEAD + 2 * N : coloured.HEAD + 3 * N]
+    x, pulled = state[coloured.HEAD.size :][:N], state[coloured.HEAD.size :][2 * N : 3 * N]
     weights = keep ** np.arange(len(y) - 1, -1, -1)
-    found = state[coloured.MISFIT] - state[coloured.SCATTER] - np.sum((x - pulled) ** 2)
+    found = state[coloured.HEAD.misfit] - state[coloured.HEAD.scatter] - np.sum((x - pulled) ** 2)
     assert found == pytest.approx(weights @ (y - rows @ x) ** 2, rel=1e-9)
 
 
-def test_noise_is_found_by_the_residuals_degrees_of_freedom_even_when_windows_are_few():
+def test_noise_accounts_for_degrees_of_freedom_with_few_windows():
     """Three windows' worth of rows and three unknowns: without their share the noise would look a third smaller."""
     found, covariance = [], np.empty((N, N))
     for seed in range(150):
@@ -191,20 +191,20 @@ def test_noise_is_found_by_the_residuals_degrees_of_freedom_even_when_windows_ar
     assert np.mean(found) == pytest.approx(1.0, rel=0.08)
 
 
-def test_position_noise_that_is_declared_is_not_taken_for_torque_noise():
-    bend, covariance, found, blind = window_weights(5, np.linspace(0.0, 1.0, H + 1))[2], np.empty((N, N)), [], []
+def test_declared_position_noise_is_not_counted_as_torque_noise():
+    bend, covariance, found, undeclared = window_weights(5, np.linspace(0.0, 1.0, H + 1))[2], np.empty((N, N)), [], []
     for seed in range(40):
         rows, y = noisy_problem(seed)
         y = y + 0.02 * np.convolve(np.random.default_rng(1000 + seed).normal(size=len(y) + H), bend, "valid")
         state = folded(rows, y)
         found.append(covariance_of(state, R_COLOURS, 0.0, 0.02**2, 0.0, covariance))
-        blind.append(covariance_of(state, R_COLOURS, 0.0, 0.0, 0.0, covariance))
+        undeclared.append(covariance_of(state, R_COLOURS, 0.0, 0.0, 0.0, covariance))
     assert np.mean(found) == pytest.approx(0.7**2, rel=0.25)
-    assert np.mean(blind) > 2.0 * 0.7**2
+    assert np.mean(undeclared) > 2.0 * 0.7**2
 
 
 @pytest.mark.parametrize("keep", [0.9, 0.1, 1e-4])
-def test_noise_is_carried_through_one_large_step_of_forgetting_as_through_many_small_ones(keep):
+def test_one_large_step_of_forgetting_equals_many_small_ones(keep):
     """A gap is one step: A M A', A = lambda + (1 - lambda) P, and never a negative variance."""
     n, rng = 3, np.random.default_rng(5)
     state = np.zeros(coloured.size(n, 10))

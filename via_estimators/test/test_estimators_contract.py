@@ -1,4 +1,4 @@
-"""One suite over every estimator: what all of them promise."""
+"""Contract tests of every estimator."""
 
 from dataclasses import fields, replace
 
@@ -96,7 +96,7 @@ def test_run_reads_signals_by_channel(estimator):
     assert set(estimator.run(without_q).status) == {Status.BAD_SAMPLE}
 
 
-def test_step_leaves_its_state_alone_and_states_are_locked(estimator):
+def test_step_does_not_modify_its_state_and_states_are_locked(estimator):
     rows = moving_rows(estimator)
     state, _ = estimator.run_rows(rows[:200])
     before = state.copy()
@@ -107,21 +107,21 @@ def test_step_leaves_its_state_alone_and_states_are_locked(estimator):
     assert not first[0].flags.writeable and not estimator.init().flags.writeable
 
 
-def test_the_prior_stands_until_there_is_data(estimator):
+def test_estimates_equal_the_prior_until_there_is_data(estimator):
     _, estimates = estimator.run_rows(moving_rows(estimator)[:100])
     assert np.all(estimates.status == Status.WARMING_UP)
     _, nothing = estimator.run_rows(np.full((1, 1 + len(estimator.inputs)), np.nan))
     assert nothing.status[0] == Status.BAD_SAMPLE
     for name in estimator.outputs:
         if name.startswith("stiffness"):
-            continue  # follows the deflection through the prior law
+            continue  # follows the deflection through the prior spring law
         assert estimates.column(name)[0][-1] == nothing.column(name)[0][0]
         assert estimates.column(name)[1][-1] == nothing.column(name)[1][0]
     all_finite(nothing)
 
 
 @pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf, 1e300, -1e12])
-def test_samples_that_are_no_numbers_are_skipped_and_the_last_value_held(estimator, poison):
+def test_samples_that_are_not_finite_are_skipped_and_the_last_value_is_repeated(estimator, poison):
     rows = moving_rows(estimator)
     rows[400, 1] = poison
     state, estimates = estimator.run_rows(rows)
@@ -134,7 +134,7 @@ def test_samples_that_are_no_numbers_are_skipped_and_the_last_value_held(estimat
 
 
 @pytest.mark.parametrize("stamp", [np.nan, np.inf])
-def test_a_stamp_that_is_no_number_is_skipped(estimator, stamp):
+def test_a_stamp_that_is_not_finite_is_skipped(estimator, stamp):
     rows = moving_rows(estimator)
     rows[400, 0] = stamp
     estimates = all_finite(estimator.run_rows(rows)[1])
@@ -152,7 +152,7 @@ def test_stamps_that_do_not_increase_are_skipped(estimator):
         assert np.array_equal(np.delete(estimates.value, 300, axis=0), estimator.run_rows(rows)[1].value)
 
 
-def test_a_gap_or_a_clock_set_back_restarts_the_window_and_keeps_what_was_learnt(estimator):
+def test_a_gap_or_a_clock_reset_restarts_the_window_and_keeps_the_estimate(estimator):
     rows = moving_rows(estimator)
     for shift in (2.0, -1000.0):
         moved = rows.copy()
@@ -165,7 +165,7 @@ def test_a_gap_or_a_clock_set_back_restarts_the_window_and_keeps_what_was_learnt
         all_finite(estimates)
 
 
-def test_standstill_is_told_and_bounded(estimator):
+def test_standstill_is_reported_and_bounded(estimator):
     rows = moving_rows(estimator, count=8000)
     rows[600:, 1:] = rows[599, 1:]
     state, estimates = estimator.run_rows(rows)
@@ -182,7 +182,7 @@ def test_standstill_is_told_and_bounded(estimator):
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), name=st.sampled_from(sorted(ESTIMATORS)))
-def test_whatever_comes_in_no_nan_comes_out(seed, name):
+def test_no_input_produces_nan(seed, name):
     estimator, rng = ESTIMATORS[name], np.random.default_rng(seed)
     rows = moving_rows(estimator, count=400)
     rows[:, 1:] *= 10.0 ** rng.uniform(-3.0, 3.0, size=rows.shape[1] - 1)
@@ -192,7 +192,7 @@ def test_whatever_comes_in_no_nan_comes_out(seed, name):
     all_finite(estimator.run_rows(rows)[1])
 
 
-def test_a_sample_of_the_wrong_width_is_misuse(estimator):
+def test_a_sample_of_the_wrong_width_raises(estimator):
     with pytest.raises(SignalError, match="a sample has time and q"):
         estimator.step(estimator.init(), np.zeros(2 + len(estimator.inputs)))
 
@@ -215,11 +215,11 @@ def test_parameters_are_frozen_and_checked(estimator):
     with pytest.raises(ParameterError, match="whole number"):
         replace(parameters, window=60.0)
     with pytest.raises(ParameterError, match="parameters must be"):
-        estimator.having(Parameters())
-    assert estimator.having(parameters) == estimator
+        estimator.with_parameters(Parameters())
+    assert estimator.with_parameters(parameters) == estimator
 
 
-def test_devices_choose_their_method():
+def test_each_device_has_a_default_method():
     assert isinstance(estimator_for(load_device("cubic_demo")), ModulatedTorque)
     assert isinstance(estimator_for(MACCEPA), LinkImpedance)
     with pytest.raises(ParameterError, match="no method 'guess'; there are: auto, modulated_torque"):
@@ -232,28 +232,28 @@ def test_devices_choose_their_method():
         estimator_for(load_device("edinburgh_vsa"))
 
 
-def test_the_total_is_as_sure_as_some_covariance_of_its_transmissions_allows(estimator):
+def test_variance_of_the_total_is_possible_for_its_transmissions(estimator):
     if "stiffness_1" not in estimator.outputs:
         assert "stiffness_2" not in estimator.outputs
         return
     estimates = estimator.run_rows(moving_rows(estimator))[1]
-    value, deviation = estimates.column("stiffness")
+    value, sd = estimates.column("stiffness")
     each = [estimates.column(name) for name in estimator.outputs if name.startswith("stiffness_")]
     np.testing.assert_allclose(value, sum(one for one, _ in each), rtol=1e-9, atol=1e-9 * np.abs(value).max())
     most = sum(one for _, one in each)
     largest = np.max([one for _, one in each], axis=0)
-    assert np.all(deviation <= most * (1.0 + 1e-9))
-    assert np.all(deviation >= (2.0 * largest - most) * (1.0 - 1e-9))
+    assert np.all(sd <= most * (1.0 + 1e-9))
+    assert np.all(sd >= (2.0 * largest - most) * (1.0 - 1e-9))
 
 
-def test_a_run_is_summarised_by_information(estimator):
+def test_a_run_is_averaged_by_information(estimator):
     _, estimates = estimator.run_rows(moving_rows(estimator))
     output = estimator.outputs[0]
-    value, deviation, weights = summarise(estimates, output)
+    value, sd, weights = summarise(estimates, output)
     good = estimates.status == Status.OK
-    values, deviations = estimates.column(output)
-    assert value == pytest.approx(np.average(values[good], weights=deviations[good] ** -2.0))
-    assert deviation == deviations[good].min()
+    values, sds = estimates.column(output)
+    assert value == pytest.approx(np.average(values[good], weights=sds[good] ** -2.0))
+    assert sd == sds[good].min()
     assert weights.sum() == pytest.approx(1.0) and np.all(weights[~good] == 0.0)
     _, early = estimator.run_rows(moving_rows(estimator)[:50])
     assert summarise(early, output)[:2] == (early.value[-1, 0], early.standard_deviation[-1, 0])

@@ -1,4 +1,4 @@
-"""Damping from the dissipation torque: planted laws, honest deviations, standstill, and least squares beside it."""
+"""Damping from the dissipation torque: known truths, standard errors, standstill, and the least-squares baseline."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ QUANTUM = 2.0 * np.pi / 2**16
 BOTH = [DampingDirectional, DampingRLS]
 
 
-def moved(duration=6.0, law=lambda v, t: 3.0 * v, noise=0.0, seed=0, quantum=0.0, jitter=0.0, rest=None):
+def moved(duration=6.0, torque_of=lambda v, t: 3.0 * v, noise=0.0, seed=0, quantum=0.0, jitter=0.0, rest=None):
     """Rows (N, 3) of time, angle, torque for the hand's velocity; `rest` (from, to) [s] stops time for the motion."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 1e-3)
@@ -30,32 +30,32 @@ def moved(duration=6.0, law=lambda v, t: 3.0 * v, noise=0.0, seed=0, quantum=0.0
     v = 1.5 * np.sin(slow * s) + 0.4 * np.sin(fast * s + 1.0)
     if rest is not None:
         v = np.where((t >= rest[0]) & (t < rest[1]), 0.0, v)
-    torque = law(v, t) + noise * rng.normal(size=len(t))
+    torque = torque_of(v, t) + noise * rng.normal(size=len(t))
     return np.column_stack([t, quantum * np.rint(q / quantum) if quantum else q, torque])
 
 
 def with_terms(method, terms, **changes):
     estimator = method.from_device(VPDA)
-    return estimator.having(replace(estimator.parameters, terms=terms, **changes))
+    return estimator.with_parameters(replace(estimator.parameters, terms=terms, **changes))
 
 
 @pytest.mark.parametrize("method", BOTH)
-def test_planted_constant_damping_comes_back(method):
+def test_constant_damping_is_recovered(method):
     estimates = with_terms(method, 1).run_rows(moved())[1]
     value = estimates.column("damping")[0][estimates.time > 1.0]
     np.testing.assert_allclose(value, 3.0, atol=5e-3)
 
 
-def test_least_squares_with_forgetting_follow_a_jump_however_late_it_comes():
-    rows = moved(duration=20.0, law=lambda v, t: np.where(t < 15.0, 1.0, 4.0) * v)
+def test_least_squares_with_forgetting_follow_a_late_jump():
+    rows = moved(duration=20.0, torque_of=lambda v, t: np.where(t < 15.0, 1.0, 4.0) * v)
     estimates = with_terms(DampingRLS, 1, forgetting=0.99).run_rows(rows)[1]
     value = estimates.column("damping")[0]
     np.testing.assert_allclose(value[(estimates.time > 14.0) & (estimates.time < 15.0)], 1.0, atol=0.01)
     np.testing.assert_allclose(value[estimates.time > 16.0], 4.0, atol=0.04)
 
 
-def test_a_planted_cubic_law_comes_back_at_the_velocity_of_the_moment():
-    rows = moved(duration=20.0, law=lambda v, _: 2.0 * v + 0.3 * v**3)
+def test_cubic_damping_is_recovered_at_the_current_velocity():
+    rows = moved(duration=20.0, torque_of=lambda v, _: 2.0 * v + 0.3 * v**3)
     estimator = with_terms(DampingDirectional, 2, velocity_scale=1.0, dry_friction=0.0)
     estimates = estimator.run_rows(rows)[1]
     middle = rows[:, 0] - 0.020
@@ -66,7 +66,7 @@ def test_a_planted_cubic_law_comes_back_at_the_velocity_of_the_moment():
     np.testing.assert_allclose(estimator.coefficients(state)[:2], [2.0, 0.3], rtol=0.02)
 
 
-def test_jittered_stamps_and_a_shifted_angle_change_nothing_that_matters():
+def test_jittered_stamps_and_a_shifted_angle_have_no_significant_effect():
     estimator = with_terms(DampingDirectional, 1)
     rows = moved(jitter=0.8)
     value = estimator.run_rows(rows)[1].value
@@ -75,7 +75,7 @@ def test_jittered_stamps_and_a_shifted_angle_change_nothing_that_matters():
     np.testing.assert_allclose(estimator.run_rows(shifted)[1].value, value, rtol=1e-9)
 
 
-def test_angle_and_torque_share_one_phase_where_a_filtered_difference_does_not():
+def test_angle_and_torque_have_the_same_phase_unlike_a_filtered_difference():
     """A lag of 20 ms on the velocity alone costs 10 % of the damping; ours is late, and right."""
     rows = moved()
     velocity, share = np.zeros(len(rows)), 1.0 - np.exp(-1e-3 / 0.02)
@@ -92,8 +92,8 @@ def test_angle_and_torque_share_one_phase_where_a_filtered_difference_does_not()
     assert np.abs(ours[1000:] / 3.0 - 1.0).max() < 0.002
 
 
-def test_damping_that_jumps_is_followed_and_least_squares_answers_with_the_mean():
-    rows = moved(law=lambda v, t: np.where(t < 3.3, 2.0, 4.0) * v)
+def test_a_jump_of_damping_is_followed_whereas_least_squares_return_the_mean():
+    rows = moved(torque_of=lambda v, t: np.where(t < 3.3, 2.0, 4.0) * v)
     at = np.searchsorted(rows[:, 0], [3.2, 3.6])
     quick, slow = (with_terms(method, 1).run_rows(rows)[1].value[at, 0] for method in BOTH)
     np.testing.assert_allclose(quick, [2.0, 4.0], rtol=0.02)
@@ -101,26 +101,26 @@ def test_damping_that_jumps_is_followed_and_least_squares_answers_with_the_mean(
 
 
 @pytest.mark.parametrize("varying", [False, True])
-def test_reported_deviations_hold(varying):
-    """20 hands with noise and encoder steps: reported over empirical scatter within .8 to 1.25, most intervals hold."""
+def test_reported_standard_deviations_match_empirical_ones(varying):
+    """20 motions by hand with noise and encoder steps: reported over empirical scatter .8 to 1.25."""
 
     def damping(t):  # eq. (80), or constant
         swing = 1.4 * np.sin(0.05 * np.pi * t) ** 2 + 1.7 * np.sin(0.1 * np.pi * t) ** 2
         return 1.0 + swing if varying else np.full_like(t, 3.0)
 
-    estimator, errors, deviations = with_terms(DampingDirectional, 1), [], []
+    estimator, errors, sds = with_terms(DampingDirectional, 1), [], []
     for seed in range(20):
         rows = moved(14.0, lambda v, t: damping(t) * v, 0.05, seed, QUANTUM)
         estimates = estimator.run_rows(rows)[1]
         truth = damping(rows[:, 0])
         errors.append((estimates.value[:, 0] - truth)[6000:])  # by then friction is known to be none
-        deviations.append(estimates.standard_deviation[6000:, 0])
-    error, deviation = np.array(errors), np.array(deviations)
-    assert 0.8 <= np.sqrt(np.mean(deviation**2) / np.mean(error**2)) <= 1.25
-    assert np.mean(np.abs(error) <= 1.96 * deviation) >= 0.9
+        sds.append(estimates.standard_deviation[6000:, 0])
+    error, sd = np.array(errors), np.array(sds)
+    assert 0.8 <= np.sqrt(np.mean(sd**2) / np.mean(error**2)) <= 1.25
+    assert np.mean(np.abs(error) <= 1.96 * sd) >= 0.9
 
 
-def test_least_squares_reports_its_deviation_too():
+def test_least_squares_report_their_standard_deviation():
     ratio = []
     for seed in range(30):
         estimates = with_terms(DampingRLS, 1).run_rows(moved(2.0, noise=0.05, seed=seed, quantum=QUANTUM))[1]
@@ -128,19 +128,19 @@ def test_least_squares_reports_its_deviation_too():
     assert 0.6 <= np.sqrt(np.mean(np.square(ratio))) <= 1.4
 
 
-def test_dry_friction_reads_as_damping_unless_it_is_an_unknown_of_its_own():
-    rows = moved(8.0, law=lambda v, _: 3.0 * v + 0.1 * np.sign(v), noise=0.05, quantum=QUANTUM)
+def test_dry_friction_appears_as_damping_unless_it_is_an_unknown():
+    rows = moved(8.0, torque_of=lambda v, _: 3.0 * v + 0.1 * np.sign(v), noise=0.05, quantum=QUANTUM)
     for expected, bias in ((0.0, 0.13), (0.05, 0.0)):
         estimator = with_terms(DampingDirectional, 1, dry_friction=expected)
         state, estimates = estimator.run_rows(rows)
-        value, deviation = estimates.value[2000:, 0], estimates.standard_deviation[2000:, 0]
+        value, sd = estimates.value[2000:, 0], estimates.standard_deviation[2000:, 0]
         assert np.mean(value) - 3.0 == pytest.approx(bias, abs=0.025)
-        assert bool(np.mean(np.abs(value - 3.0) <= 1.96 * deviation) > 0.7) is (expected > 0.0)
+        assert bool(np.mean(np.abs(value - 3.0) <= 1.96 * sd) > 0.7) is (expected > 0.0)
         friction = expected * estimator.coefficients(state)[-1]
         assert friction == pytest.approx(0.1 if expected else 0.0, abs=0.02)
 
 
-def test_an_unknown_for_friction_that_is_not_there_costs_little():
+def test_an_unknown_for_absent_friction_costs_little():
     rows = moved(8.0, noise=0.05, quantum=QUANTUM)
     errors = [
         np.abs(with_terms(DampingDirectional, 1, dry_friction=each).run_rows(rows)[1].value[2000:, 0] - 3.0).mean()
@@ -149,23 +149,25 @@ def test_an_unknown_for_friction_that_is_not_there_costs_little():
     assert errors[1] < 1.5 * errors[0]
 
 
-def test_an_unknown_no_row_can_tell_does_not_stop_the_others():
-    """With no friction expected its column is zero and P fills up there: the damping is followed as on day one."""
+def test_an_unobservable_unknown_does_not_stop_the_others():
+    """Without expected friction its column is zero and P becomes full there; the damping is still followed."""
     estimator = with_terms(DampingDirectional, 1, dry_friction=0.0, covariance_limit=0.2)
-    rows = moved(12.0, law=lambda v, t: np.where(t < 11.3, 2.0, 4.0) * v)
+    rows = moved(12.0, torque_of=lambda v, t: np.where(t < 11.3, 2.0, 4.0) * v)
     estimates = estimator.run_rows(rows)[1]
     assert estimates.value[np.searchsorted(rows[:, 0], 11.6), 0] == pytest.approx(4.0, rel=0.03)
 
 
-def test_six_seconds_of_rest_are_told_forgotten_slowly_and_survived():
-    rows = moved(16.0, noise=0.05, quantum=QUANTUM, rest=(4.0, 10.0), law=lambda v, t: np.where(t < 7.0, 3.0, 2.0) * v)
+def test_six_seconds_of_rest_are_reported_and_forgotten_slowly():
+    rows = moved(
+        16.0, noise=0.05, quantum=QUANTUM, rest=(4.0, 10.0), torque_of=lambda v, t: np.where(t < 7.0, 3.0, 2.0) * v
+    )
     for terms in (1, 2):
         estimator = with_terms(DampingDirectional, terms)
         estimates = estimator.run_rows(rows)[1]
-        value, deviation = estimates.value[:, 0], estimates.standard_deviation[:, 0]
+        value, sd = estimates.value[:, 0], estimates.standard_deviation[:, 0]
         assert np.all(estimates.status[4050:9990] == Status.NOT_EXCITED)
-        assert np.all(np.diff(deviation[4060:9990]) >= 0.0)
-        assert 0.5 < deviation[9980] < VPDA.damping_of(1.0)  # it may well have been changed meanwhile
+        assert np.all(np.diff(sd[4060:9990]) >= 0.0)
+        assert 0.5 < sd[9980] < VPDA.damping_of(1.0)  # damping may have changed meanwhile
         assert np.ptp(value[4060:9990]) == 0.0
         np.testing.assert_allclose(value[10_500:], 2.0, rtol=0.05)
         state = estimator.run_rows(rows[:9990])[0]
@@ -173,8 +175,8 @@ def test_six_seconds_of_rest_are_told_forgotten_slowly_and_survived():
         assert np.linalg.eigvalsh(P)[0] > 0.0 and np.diag(P).max() <= estimator.parameters.covariance_limit
 
 
-def test_after_a_long_rest_the_deviation_is_no_wider_than_the_prior_s():
-    """What may have changed meanwhile counts once, as the prior's width, and not as a lag of all that time besides."""
+def test_after_a_long_rest_the_standard_deviation_is_at_most_the_prior_s():
+    """Possible changes during the rest are included once, by the prior's variance, and not also as a lag."""
     t = np.arange(0.0, 38.0, 1e-3)
     fade = np.clip(np.maximum(4.0 - t, t - 34.0), 0.0, 1.0)
     v = fade**2 * (3.0 - 2.0 * fade) * (1.5 * np.sin(np.pi * t) + 0.4 * np.sin(2.6 * np.pi * t + 1.0))
@@ -184,15 +186,15 @@ def test_after_a_long_rest_the_deviation_is_no_wider_than_the_prior_s():
         q = QUANTUM * np.rint(1e-3 * np.cumsum(v) / QUANTUM)
         damping = np.where(t < 20.0, 3.0, 2.0)  # changed at rest, to make it worth the while
         estimates = estimator.run_rows(np.column_stack([t, q, damping * v + 0.05 * rng.normal(size=len(t))]))[1]
-        value, deviation = estimates.value[:, 0], estimates.standard_deviation[:, 0]
-        widest.append(deviation[10_000:].max())
-        missed.append(np.abs(value - damping)[34_000:] / deviation[34_000:])
+        value, sd = estimates.value[:, 0], estimates.standard_deviation[:, 0]
+        widest.append(sd[10_000:].max())
+        missed.append(np.abs(value - damping)[34_000:] / sd[34_000:])
     assert np.min(widest) / estimator.parameters.damping_deviation > 0.9
     assert np.max(widest) / estimator.parameters.damping_deviation < 1.02
     assert np.mean(np.array(missed) <= 1.96) >= 0.9
 
 
-def test_motion_and_rest_in_turn_leave_the_state_as_large_and_finite():
+def test_alternating_motion_and_rest_keep_the_state_bounded():
     rows = moved(8.0, noise=0.05, quantum=QUANTUM, rest=(4.0, 6.0))
     for method in BOTH:
         estimator = with_terms(method, 3)
@@ -206,7 +208,7 @@ def test_motion_and_rest_in_turn_leave_the_state_as_large_and_finite():
         assert np.isfinite(estimator.condition(state))
 
 
-def test_velocities_never_visited_are_told():
+def test_velocities_never_visited_are_reported():
     growing = moved()
     growing[:, 1] = 0.5 * np.sin(6.0 * growing[:, 0]) * np.clip(growing[:, 0] / 3.0, 0.0, 1.0)
     estimates = with_terms(DampingDirectional, 2).run_rows(growing)[1]
@@ -233,7 +235,7 @@ def test_recursive_least_squares_is_the_batch_solution_for_its_prior():
     assert estimates.value[-1, 0] == pytest.approx(expected, rel=1e-8)
 
 
-def test_errata_73_the_stability_factor_is_another_start_and_protects_nothing():
+def test_errata_73_the_stability_factor_is_only_a_different_prior():
     rows = moved(noise=0.05)
     free = {"covariance_limit": 1e9}
     stabilised = (
@@ -268,8 +270,8 @@ def test_errata_70_p_has_one_row_per_unknown_and_not_per_sample():
     np.testing.assert_allclose(P[:2, :2], right, rtol=1e-8)
 
 
-def test_the_prior_s_error_is_not_taken_for_noise():
-    """A prior 2.5 deviations off: innovations of the first rows are its error and tell nothing of the noise."""
+def test_the_prior_s_error_is_not_counted_as_noise():
+    """Prior off by 2.5 standard errors: innovations of the first rows are its error, not noise."""
     rows = moved(3.0, noise=0.05)
     off, on = (
         with_terms(DampingRLS, 1, damping_prior=prior, damping_deviation=2.0).run_rows(rows)[1] for prior in (8.0, 3.0)
@@ -278,7 +280,7 @@ def test_the_prior_s_error_is_not_taken_for_noise():
 
 
 @pytest.mark.parametrize("declared", [0.02, 0.2])
-def test_noise_is_measured_where_it_is_not_what_was_declared(declared):
+def test_noise_is_measured_if_it_differs_from_the_declared_one(declared):
     rows = moved(4.0, noise=0.05)
     found, right = (
         with_terms(DampingRLS, 1, torque_noise=noise).run_rows(rows)[1].standard_deviation[-1, 0]
@@ -318,7 +320,7 @@ def test_the_error_recursion_is_the_covariance_of_the_estimate_as_a_function_of_
         np.testing.assert_allclose(Q, transition @ transition.T, rtol=1e-8, atol=1e-12)
 
 
-def test_the_damping_actuator_gets_it_and_others_do_not():
+def test_only_damping_actuators_get_this_method():
     assert methods_for(VPDA) == ("damping_directional", "damping_rls")
     estimator = estimator_for(VPDA)
     assert isinstance(estimator, DampingDirectional)
@@ -333,8 +335,8 @@ def test_the_damping_actuator_gets_it_and_others_do_not():
 
 
 def test_errata_78_79_without_any_torque_the_forgetting_factor_is_that_of_a_perfect_fit():
-    """eta of (79) is 0 then and (78) is 0/0: the floor says 'no error', nothing is forgotten in haste."""
+    """eta of (79) is 0 then and (78) is 0/0; with the lower bound, nothing is forgotten."""
     estimator = with_terms(DampingDirectional, 1, damping_prior=0.0)
-    estimates = estimator.run_rows(moved(law=lambda v, _: 0.0 * v))[1]
+    estimates = estimator.run_rows(moved(torque_of=lambda v, _: 0.0 * v))[1]
     assert np.all(estimates.value == 0.0)
     assert estimates.standard_deviation[-1, 0] < 0.015

@@ -1,4 +1,4 @@
-"""Algorithm 1's recursion: the printed one wherever that works, and whole where that falls apart."""
+"""Algorithm 1's recursion: equal to the printed one under excitation, stable at standstill."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def safe(rows, torque, forgetting, delta, start=1.0, limit=1e12, floor=1e-12):
 
 
 def excited(n, count=400, seed=0):
-    """Rows of odd powers of a lively velocity, and the torque of some law with noise."""
+    """Rows of odd powers of a random velocity, and a torque with noise."""
     rng = np.random.default_rng(seed)
     velocity = 1.5 * np.sin(0.05 * np.arange(count)) + 0.4 * np.sin(0.13 * np.arange(count) + 1.0)
     rows = velocity[:, None] ** (2 * np.arange(n) + 1)
@@ -64,7 +64,7 @@ def test_on_excited_data_it_is_the_printed_algorithm(n, forgetting):
         assert ours[2].min() < 0.95  # it did forget
 
 
-def test_errata_76_beta_overflows_as_the_motion_dies_and_the_written_out_form_does_not():
+def test_errata_76_beta_overflows_at_standstill_and_the_expanded_form_does_not():
     rows, torque = excited(2, count=9000)
     dying = np.exp(-np.maximum(np.arange(9000) - 400, 0) / 50.0)
     noise, velocity = torque - rows @ [3.0, -0.4], rows[:, 0] * dying
@@ -81,7 +81,7 @@ def test_errata_76_beta_overflows_as_the_motion_dies_and_the_written_out_form_do
     assert np.abs(w).max() < 10.0
 
 
-def test_errata_75_delta_adds_up_without_end_in_a_direction_no_row_visits():
+def test_errata_75_delta_accumulates_in_a_direction_without_excitation():
     rows = np.tile([1.0, 0.0], (40_000, 1))
     torque = np.ones(len(rows))
     _, P, _ = printed(rows, torque, (0.99, 1.0, 0.0), 0.01)
@@ -97,7 +97,7 @@ def test_errata_78_79_the_first_row_at_rest_is_0_over_0_without_a_floor():
     assert np.all(safe(rest, none, RESTLESS, 0.0)[2] == 1.0)
 
 
-def test_forgetting_works_along_the_row_and_nowhere_else():
+def test_forgetting_acts_only_along_the_row():
     R, gain, spare = np.linalg.cholesky(np.array([[2.0, 0.3], [0.3, 1.0]])).T.copy(), np.zeros(2), np.zeros((2, 2))
     before = R.T @ R
     v = np.array([0.01, 0.0])
@@ -108,7 +108,7 @@ def test_forgetting_works_along_the_row_and_nowhere_else():
     np.testing.assert_allclose(gain, before @ v / (1.0 + v @ before @ v), rtol=1e-12)
 
 
-def test_in_one_dimension_it_settles_where_a_row_brings_what_is_forgotten():
+def test_in_one_dimension_p_converges_to_the_gain_of_exponential_forgetting():
     """r = (1 - lambda) / lambda: the gain of exponential forgetting."""
     R, gain, spare = np.ones((1, 1)), np.zeros(1), np.zeros((2, 1))
     for _ in range(3000):
@@ -119,7 +119,7 @@ def test_in_one_dimension_it_settles_where_a_row_brings_what_is_forgotten():
 
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
-def test_whatever_rows_come_p_stays_definite_and_bounded(data):
+def test_p_stays_definite_and_bounded_for_all_rows(data):
     n = data.draw(st.integers(1, 3))
     limit = 10.0 ** data.draw(st.floats(-3, 6))
     delta = data.draw(st.floats(0.0, 0.01))

@@ -1,4 +1,4 @@
-"""The smoothed signal-based estimator: planted truths without a velocity sensor, late parameters, gaps, deviations."""
+"""The smoothed signal-based estimator: known truths without a velocity sensor, delay, gaps, standard errors."""
 
 from dataclasses import replace
 
@@ -34,18 +34,18 @@ def planted(count=4000, period=1e-3):
 
 
 @pytest.mark.parametrize(("window", "order"), [(200, 8), (1000, 20)])
-def test_planted_parameters_come_back_without_a_velocity(window, order):
+def test_parameters_are_recovered_without_a_velocity(window, order):
     rows, truth = planted()
     _, estimates = FilteredSignalBased(replace(ONE, window=window, order=order)).run_rows(rows)
-    settled = estimates.status == Status.OK
-    assert settled.mean() > 0.4
-    assert np.abs(estimates.value[:, 0] / truth - 1.0)[settled].max() < 5e-3
+    converged = estimates.status == Status.OK
+    assert converged.mean() > 0.4
+    assert np.abs(estimates.value[:, 0] / truth - 1.0)[converged].max() < 5e-3
     assert estimates.column("motor_inertia_1")[0][-1] == pytest.approx(INERTIA, rel=2e-3)
     assert estimates.column("motor_damping_1")[0][-1] == pytest.approx(DAMPING, rel=2e-3)
 
 
 def test_errata_53_to_55_stiffness_is_that_of_the_present_deflection():
-    """Evaluated at the window's centre, (W - 1)/2 samples ago, the same law would be far off."""
+    """Evaluated at the window's centre, (W - 1)/2 samples ago, stiffness would be far off."""
     rows, truth = planted()
     value = FilteredSignalBased(ONE).run_rows(rows)[1].value[:, 0]
     now = np.abs(value - truth)[2000:].max()
@@ -70,8 +70,8 @@ def test_a_step_off_by_more_than_half_an_interval_is_a_gap(share):
     assert FilteredSignalBased(ONE).health(FilteredSignalBased(ONE).run_rows(rows)[0]).gaps == 0
 
 
-def test_deviations_hold():
-    """Reported over empirical on 60 seeds: quantised encoders and torque noise, an odd law within the basis."""
+def test_standard_deviations_match_empirical_ones():
+    """Reported over empirical on 60 seeds: quantised encoders and torque noise, an odd spring law within the basis."""
     clean, truth = planted(5000)
     estimator = FilteredSignalBased(
         replace(ONE, window=400, order=12, torque_noise=0.05, quantum=QUANTUM, position_noise=1e-5, acceleration=60.0)
@@ -82,9 +82,9 @@ def test_deviations_hold():
         zero = rng.uniform(-0.5, 0.5, size=2)
         rows[:, 1:3] = QUANTUM * (np.round(rows[:, 1:3] / QUANTUM + zero) - zero)
         rows[:, 3] += 0.05 * rng.normal(size=len(rows))
-        value, deviation = estimator.run_rows(rows)[1].column("stiffness")
+        value, sd = estimator.run_rows(rows)[1].column("stiffness")
         errors.append((value - truth)[1500::50])
-        promised.append(deviation[1500::50])
+        promised.append(sd[1500::50])
     ratio = np.sqrt(np.mean(np.square(promised)) / np.mean(np.square(errors)))
     assert 0.8 <= ratio <= 1.25, ratio
 
@@ -94,21 +94,21 @@ def test_colour_is_that_of_the_smoothing(window, order):
     """In all, and in what integrals of 50 and 100 samples make of it: k (T - k) from reset to reset."""
     weights = savitzky_golay(window + 1, order)[0]
     found = colour(weights[window // 2])
-    true, told, state = np.correlate(weights, weights, "full")[window:], [found[0, 0]], found[1:, 0]
+    true, found, state = np.correlate(weights, weights, "full")[window:], [found[0, 0]], found[1:, 0]
     for _ in range(10 * window):
-        told.append(found[0, 1:] @ state)
+        found.append(found[0, 1:] @ state)
         state = found[1:, 1:] @ state
-    assert 2.0 * sum(told) - told[0] == pytest.approx(1.0, rel=1e-3)
+    assert 2.0 * sum(found) - found[0] == pytest.approx(1.0, rel=1e-3)
     for span in (50, 100):
         kernel = np.tile(np.arange(span) * (span - np.arange(span)), 10 * window // span)
         lags = np.correlate(kernel, kernel, "full")[kernel.size - 1 :][: window + 1]
-        white, smooth, ours = lags[0], *(2.0 * r @ lags - r[0] * lags[0] for r in (true, np.array(told)[: window + 1]))
+        white, smooth, ours = lags[0], *(2.0 * r @ lags - r[0] * lags[0] for r in (true, np.array(found)[: window + 1]))
         assert smooth < 0.87 * white
         assert ours == pytest.approx(smooth, rel=0.03)
 
 
-def test_deviation_is_what_each_error_of_the_torque_does_to_the_stiffness():
-    """Errors at every 10th sample tell all of it, their effect being as smooth as the filter makes it."""
+def test_variance_of_stiffness_is_the_sum_over_single_torque_errors():
+    """Errors at every 10th sample suffice, since the filter makes their effect smooth."""
     rows, _ = planted(1500)
     estimator = FilteredSignalBased(replace(ONE, horizon=0.05))
     state, last = estimator.run_rows(rows)
@@ -124,17 +124,17 @@ def test_deviation_is_what_each_error_of_the_torque_does_to_the_stiffness():
         (3, [0.0, 0.0, 1.0, 0.0, 0.0]),
     ):
         widths = np.array([0.0, own.inertia_deviation, own.damping_deviation, *(2 * [own.stiffness_deviation])])
-        equation = estimator._equation(state, 0).copy()
-        inverted, told = np.empty((n, n)), np.empty(1)
+        equation = state[-integral.size(n, 1, 2) :].copy()
+        inverted, found = np.empty((n, n)), np.empty(1)
         integral.inverse(equation, n, inverted)
         slopes = (widths * slope)[None, :]
-        integral.variances(equation, n, slopes, 1.0, 0.0, np.zeros(n), inverted, np.empty((n + 2, n)), told)
-        assert np.sqrt(told[0]) == pytest.approx(np.sqrt(10.0 * np.sum(np.square(effect), axis=0)[at]), rel=0.03)
+        integral.variances(equation, n, slopes, 1.0, 0.0, np.zeros(n), inverted, np.empty((n + 2, n)), found)
+        assert np.sqrt(found[0]) == pytest.approx(np.sqrt(10.0 * np.sum(np.square(effect), axis=0)[at]), rel=0.03)
 
 
 @pytest.mark.parametrize(
     ("change", "message"), [({"window": 201}, "must be even"), ({"window": 20, "order": 30}, "order must")]
 )
-def test_windows_without_a_centre_are_refused(change, message):
+def test_even_windows_raise(change, message):
     with pytest.raises(ParameterError, match=message):
         replace(ONE, **change)

@@ -31,7 +31,7 @@ def middles(state):
     return coloured.middles(state[len(state) - coloured.size(UNKNOWNS, WINDOW + 1) :], UNKNOWNS)
 
 
-def test_rows_on_both_sides_of_a_gap_share_no_sample_so_their_covariances_add():
+def test_covariances_of_rows_on_both_sides_of_a_gap_add():
     first, second = log(0.0, 120, 8.0, 1), log(1.0, 120, 8.0, 2)
     estimator = ModulatedTorque(PLAIN)
     both, one, other = (
@@ -41,7 +41,7 @@ def test_rows_on_both_sides_of_a_gap_share_no_sample_so_their_covariances_add():
 
 
 @pytest.mark.parametrize(("gap", "share"), [(0.1, 0.35), (20.0, 0.0)])
-def test_time_in_a_gap_is_forgotten_like_any_other(gap, share):
+def test_forgetting_continues_during_a_gap(gap, share):
     """A spring exchanged during the gap: after 20 s with a memory of 1 s nothing of the old one is left."""
     first = log(0.0, 1500, 20.0, 1)
     second = log(first[-1, 0] + gap, 500, 8.0, 2)

@@ -11,7 +11,7 @@ QUANTUM = 2.0 * np.pi / 2**14
 
 
 def wandering(seed, count=4000, interval=1e-3, acceleration=20.0):
-    """Angle (N,) and velocity (N,) of exactly the filter's model (53), slow enough to flip readings one by one."""
+    """Angle (N,) and velocity (N,) of exactly the filter's model (53), slow enough for changes by single quanta."""
     rng = np.random.default_rng(seed)
     x, v = np.zeros(count), np.zeros(count)
     for k in range(1, count):
@@ -38,7 +38,7 @@ def test_the_plain_filter_is_the_textbook_one():
 
 @pytest.mark.parametrize("away", [-0.7, -0.6, -0.2, 0.0, 0.3, 0.5, 0.7])
 @pytest.mark.parametrize("width", [0.05, 0.3, 1.0, 20.0])
-def test_a_quantised_reading_cuts_the_prediction_off_at_the_interval(away, width):
+def test_a_quantised_measurement_truncates_the_prediction_to_its_interval(away, width):
     """Moments of the truncated Gaussian by scipy; velocity follows by its regression on the angle."""
     state = np.array([0.2, -0.5, (width * QUANTUM) ** 2, 0.3 * width * QUANTUM, 0.7, 9.0])
     before, z = state.copy(), 0.2 + away * QUANTUM
@@ -52,7 +52,7 @@ def test_a_quantised_reading_cuts_the_prediction_off_at_the_interval(away, width
     assert state[4] == pytest.approx(0.7 - slope**2 * (before[2] - cut.var()), rel=1e-6)
 
 
-def test_a_reading_says_nothing_inside_its_interval_and_d_square_over_12_to_one_who_knows_nothing():
+def test_a_quantised_measurement_has_no_information_inside_its_interval_and_d_square_over_12_for_a_flat_prior():
     sure = np.array([1.0, 0.0, (1e-3 * QUANTUM) ** 2, 0.0, 1.0, 9.0])
     kalman.correct_quantised(sure, 1.0 + 0.2 * QUANTUM, QUANTUM, 0.0)
     np.testing.assert_allclose(sure[[0, 2]], [1.0, (1e-3 * QUANTUM) ** 2], rtol=1e-12)
@@ -62,7 +62,7 @@ def test_a_reading_says_nothing_inside_its_interval_and_d_square_over_12_to_one_
     assert lost[2] == pytest.approx(QUANTUM**2 / 12.0, rel=1e-3)
 
 
-def test_a_failed_prediction_comes_back():
+def test_a_wrong_prediction_recovers():
     state = np.array([0.0, 0.0, (0.01 * QUANTUM) ** 2, 0.0, 1.0, 9.0])
     for _ in range(200):
         kalman.predict(state, 1e-3, 20.0**2)
@@ -71,8 +71,8 @@ def test_a_failed_prediction_comes_back():
 
 
 @pytest.mark.parametrize(("acceleration", "too_much"), [(0.3, 0.4), (3.0, 0.8)])
-def test_modified_filter_is_consistent_where_the_plain_one_promises_too_much(acceleration, too_much):
-    """Motion of a hundredth and a tenth of a quantum per sample: samples of one reading are not independent."""
+def test_modified_filter_is_consistent_and_the_plain_one_overconfident(acceleration, too_much):
+    """Motion of a hundredth and a tenth of a quantum per sample: equal measurements are not independent."""
     ratio, error = {}, {}
     for name, noise, quantum in (("modified", 1e-7, QUANTUM), ("plain", QUANTUM / np.sqrt(12.0), 0.0)):
         squares, promised = [], []
@@ -89,8 +89,8 @@ def test_modified_filter_is_consistent_where_the_plain_one_promises_too_much(acc
     assert error["modified"] < 0.27 * QUANTUM
 
 
-def test_a_reading_that_repeats_itself_is_no_second_measurement():
-    state = np.zeros(kalman.SIZE)
+def test_a_repeated_measurement_contains_no_information():
+    state = np.zeros(kalman.F.size)
     kalman.start(state, 0.0, QUANTUM**2 / 12.0, 0.1)
     kalman.correct_quantised(state, QUANTUM, QUANTUM, 0.0)
     once = state.copy()
@@ -98,7 +98,7 @@ def test_a_reading_that_repeats_itself_is_no_second_measurement():
     assert np.array_equal(state, once)
 
 
-def test_standing_still_for_long_stays_bounded():
+def test_covariance_stays_bounded_at_standstill():
     states, covariances = kinematic_kalman(np.zeros(100_000), 1e-3, 20.0, 0.0, QUANTUM)
     assert np.abs(states[-1]).max() < 1e-9
     assert covariances[-1, 0] < QUANTUM**2 / 12.0
@@ -108,6 +108,6 @@ def test_standing_still_for_long_stays_bounded():
 @pytest.mark.parametrize(
     "arguments", [([np.nan], 1e-3, 1.0, 1.0), ([0.0], 0.0, 1.0, 1.0), ([0.0], 1e-3, 1.0, 0.0), ([], 1e-3, 1.0, 1.0)]
 )
-def test_misuse_is_refused(arguments):
+def test_invalid_arguments_raise(arguments):
     with pytest.raises(ParameterError):
         kinematic_kalman(*arguments)

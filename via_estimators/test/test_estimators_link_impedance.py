@@ -60,7 +60,7 @@ def constant():
     return swing(lambda _: 0.012, step_command, gain=1.2)
 
 
-def test_planted_damping_and_gain_come_back(constant):
+def test_damping_and_gain_are_recovered(constant):
     _, estimates = LinkImpedance(LAW, replace(EXACT, memory=1e9)).run_rows(constant)
     excited = estimates.status == Status.OK
     assert excited.mean() > 0.3
@@ -79,28 +79,28 @@ def test_damping_that_changes_is_followed():
     assert damping[rows[:, 0] > 2.0].mean() == pytest.approx(0.02, abs=0.003)
 
 
-def test_motion_alone_has_no_scale_but_the_inertia(constant):
+def test_estimates_scale_with_the_inertia(constant):
     heavy = replace(EXACT, inertia=2.0 * INERTIA, memory=1e9, damping_deviation=10.0, gain_deviation=50.0)
     light = replace(heavy, inertia=INERTIA)
     double, single = (LinkImpedance(LAW, each).run_rows(constant)[1] for each in (heavy, light))
     for name in ("damping", "gain"):
         assert double.column(name)[0][-1] == pytest.approx(2.0 * single.column(name)[0][-1], rel=0.02)
     unsure = LinkImpedance(LAW, replace(light, inertia_tolerance=0.2)).run_rows(constant)[1]
-    value, deviation = unsure.column("damping")
-    assert deviation[-1] == pytest.approx(np.hypot(0.2 * value[-1], single.column("damping")[1][-1]), rel=1e-9)
+    value, sd = unsure.column("damping")
+    assert sd[-1] == pytest.approx(np.hypot(0.2 * value[-1], single.column("damping")[1][-1]), rel=1e-9)
 
 
-def test_the_published_lag_alone_misjudges_a_servo_with_dead_time_and_speed_limit(constant):
+def test_the_published_lag_alone_is_wrong_for_a_servo_with_dead_time_and_speed_limit(constant):
     right = summarise(LinkImpedance(LAW, EXACT).run_rows(constant)[1], "gain").value
     ideal = replace(EXACT, servo_dead_time=0.0, servo_speed_limit=1e4)
     wrong = summarise(LinkImpedance(LAW, ideal).run_rows(constant)[1], "gain").value
     assert abs(right - 1.2) < 0.1 and abs(wrong - 1.2) > 0.3
 
 
-def test_reported_deviations_hold_with_an_encoder_step_and_torque_disturbance():
+def test_reported_standard_deviations_match_empirical_ones_with_quantisation_and_disturbance():
     """40 swings with quantised angle and correlated torque disturbance: interval coverage and sd ratio."""
     parameters = replace(EXACT, position_noise=QUANTUM / np.sqrt(12.0), disturbance_memory=0.03, torque_noise=0.02)
-    estimator, misses, deviations = LinkImpedance(LAW, parameters), [], []
+    estimator, misses, sds = LinkImpedance(LAW, parameters), [], []
     for seed in range(40):
         rng = np.random.default_rng(seed)
         drive = np.zeros(400)
@@ -110,12 +110,12 @@ def test_reported_deviations_hold_with_an_encoder_step_and_torque_disturbance():
         rows = disturbed_swing(drive, times, phase=rng.uniform(0.0, 6.0))
         rows[:, 1] = QUANTUM * np.round(rows[:, 1] / QUANTUM)
         _, estimates = estimator.run_rows(rows)
-        value, deviation = estimates.column("damping")
+        value, sd = estimates.column("damping")
         misses.append(value[-1] - 0.015)
-        deviations.append(deviation[-1])
-    ratio = np.sqrt(np.mean(np.square(deviations)) / np.mean(np.square(misses)))
+        sds.append(sd[-1])
+    ratio = np.sqrt(np.mean(np.square(sds)) / np.mean(np.square(misses)))
     assert 0.7 <= ratio <= 1.5
-    assert np.mean(np.abs(misses) <= 1.96 * np.array(deviations)) >= 0.85
+    assert np.mean(np.abs(misses) <= 1.96 * np.array(sds)) >= 0.85
 
 
 def disturbed_swing(drive, times, phase):
@@ -137,18 +137,18 @@ def disturbed_swing(drive, times, phase):
     return np.column_stack([t, q, np.full_like(t, np.nan), command(t), np.full_like(t, 0.5)])
 
 
-def test_when_motion_has_died_the_estimate_is_held_and_its_deviation_grows(constant):
+def test_at_standstill_the_estimate_is_constant_and_its_standard_deviation_grows(constant):
     rows = np.concatenate([constant, np.repeat(constant[-1:], 400, axis=0)])
     rows[len(constant) :, 0] += 4.6e-3 * np.arange(1, 401)
     _, estimates = LinkImpedance(LAW, replace(EXACT, torque_noise=0.02)).run_rows(rows)
-    value, deviation = estimates.column("damping")
+    value, sd = estimates.column("damping")
     still = len(constant) + 30
     assert np.all(estimates.status[still:] == Status.NOT_EXCITED)
-    assert np.ptp(value[still:]) < 1e-12 and np.all(np.diff(deviation[still:]) >= -1e-12)
-    assert deviation[-1] > 3.0 * deviation[still]
+    assert np.ptp(value[still:]) < 1e-12 and np.all(np.diff(sd[still:]) >= -1e-12)
+    assert sd[-1] > 3.0 * sd[still]
 
 
-def test_without_commands_the_servo_is_taken_to_stand(constant):
+def test_without_commands_the_servo_model_stays_at_rest(constant):
     rows = constant.copy()
     rows[:, 3:] = np.nan
     _, estimates = LinkImpedance(LAW, EXACT).run_rows(rows)
@@ -156,14 +156,14 @@ def test_without_commands_the_servo_is_taken_to_stand(constant):
 
 
 @pytest.mark.parametrize("logged", [0.9, 2.5, np.nan])
-def test_the_servo_starts_where_it_is_logged_unless_that_cannot_be(constant, logged):
+def test_the_servo_model_starts_at_the_logged_angle_if_plausible(constant, logged):
     rows = constant.copy()
     rows[:, 2] = logged
     _, estimates = LinkImpedance(LAW, EXACT).run_rows(rows)
     np.testing.assert_array_equal(estimates.value, LinkImpedance(LAW, EXACT).run_rows(constant)[1].value)
 
 
-def test_gravity_is_known_and_taken_away():
+def test_gravity_is_compensated():
     parameters = replace(EXACT, gravity_torque=0.1, gravity_angle=0.3, memory=1e9)
 
     def rates(_, x):
@@ -172,24 +172,24 @@ def test_gravity_is_known_and_taken_away():
     t = np.arange(0.0, 1.2, 2e-3)
     q = solve_ivp(rates, (0.0, 1.2), [-0.6, 0.0], "RK45", t, rtol=1e-8, atol=1e-9).y[0]
     rows = np.column_stack([t, q, np.full_like(t, 0.4), np.full_like(t, 0.4), np.full_like(t, 0.5)])
-    rows[0, 1] = 0.4  # the first sample only tells where the servo stands
+    rows[0, 1] = 0.4  # the first sample only initialises the servo
     _, estimates = LinkImpedance(LAW, replace(parameters, window=40)).run_rows(rows)
     assert estimates.column("damping")[0][-1] == pytest.approx(0.01, rel=0.03)
     assert estimates.column("gain")[0][-1] == pytest.approx(1.0, rel=0.01)
 
 
-def test_a_joint_at_rest_where_the_law_is_flat_is_not_certain_of_no_stiffness():
+def test_zero_stiffness_at_rest_keeps_a_standard_deviation():
     """MACCEPA without pretension has no stiffness at zero deflection; that is the prior's value, not knowledge."""
     estimator = LinkImpedance.from_device(DEVICE)
     time = np.arange(400) * 4.6e-3
     rows = np.column_stack([time, np.zeros(400), np.zeros(400), np.full(400, np.nan), np.full(400, np.nan)])
-    value, deviation = estimator.run_rows(rows)[1].column("stiffness")
+    value, sd = estimator.run_rows(rows)[1].column("stiffness")
     assert np.all(value == 0.0)
-    assert np.all(deviation > 0.05)
+    assert np.all(sd > 0.05)
 
 
-def test_time_in_a_gap_is_forgotten_like_any_other():
-    """A damper opened during a gap of many memories: nothing of the time before is left, and the deviation says so."""
+def test_forgetting_continues_during_a_gap():
+    """A damper opened during a gap of many memories: all earlier data is forgotten, and the standard error is large."""
     before = swing(lambda _: 0.03, step_command)
     after = swing(lambda _: 0.005, lambda t: -0.7 if t < 0.05 else 0.8, start=-0.7)  # from where the servo was left
     after[:, 0] += before[-1, 0] + 20.0

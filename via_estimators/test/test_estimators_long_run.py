@@ -1,4 +1,4 @@
-"""Time in float64: what a day or a month of it does to an estimate, and that `Live` gives the bits of `run`."""
+"""Rounding of time after a day or a month, and equal bits of `Live` and `run`."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def rows_from(estimator, first):
 
 
 @pytest.mark.parametrize("days", [1, 30])
-def test_a_time_is_wrong_by_the_rounding_of_a_float_and_no_more(days):
+def test_time_error_is_one_rounding_of_a_float(days):
     stamps = days * DAY + PERIOD * np.arange(1000, dtype=np.int64) + 1
     steps = np.diff(seconds(stamps))
     bound = 2.0**-52 * days * DAY / SECOND  # [s] two roundings of 2^-53 of the time
@@ -54,12 +54,12 @@ def test_estimates_after_a_month_are_those_of_the_first_second(name, days):
     np.testing.assert_array_equal(late.status, early.status)
     miss = np.abs(late.value - early.value) / early.standard_deviation
     assert miss.max() < 1e-3
-    # A deviation that is the small difference of large sums feels rounding more than any value does.
+    # A standard error is a small difference of large sums and more sensitive to rounding than a value.
     np.testing.assert_allclose(late.standard_deviation, early.standard_deviation, rtol=0.2)
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_fed_in_place_it_gives_the_bits_of_a_run(name):
+def test_live_gives_the_bits_of_a_run(name):
     estimator = ESTIMATORS[name]
     rows = rows_from(estimator, 0)
     rows[300, 1] = np.nan

@@ -1,4 +1,4 @@
-"""Section 3's estimator: planted truths, the corrected equations in plain numpy, the printed ones, and Table 2.
+"""Section 3's estimator: known truths, the corrected equations in plain numpy, the printed ones, and Table 2.
 
 Each erratum shows on a joint in prescribed motion whose torque follows from the motor equation itself.
 """
@@ -95,9 +95,9 @@ def test_planted_stiffness_comes_back(jitter, order):
     rows, truth = planted(jitter=jitter)
     estimator = ModulatedStiffness(replace(ONE.parameters, modulating_order=order))
     state, estimates = estimator.run_rows(rows)
-    settled = estimates.status == Status.OK
-    assert settled.mean() > 0.7
-    assert np.abs(estimates.value[:, 0] - truth)[settled].max() < 2e-3 * truth.max()
+    converged = estimates.status == Status.OK
+    assert converged.mean() > 0.7
+    assert np.abs(estimates.value[:, 0] - truth)[converged].max() < 2e-3 * truth.max()
     np.testing.assert_allclose(estimator.coefficients(state)[0], ALPHA, atol=0.02)
 
 
@@ -105,8 +105,8 @@ def test_before_a_full_window_nothing_is_taken_for_zero():
     rows, truth = planted(begin=5.0)
     _, estimates = ONE.run_rows(rows)
     assert np.all(estimates.status[: 2 * H] == Status.WARMING_UP)
-    settled = estimates.status == Status.OK
-    assert np.abs(estimates.value[:, 0] - truth)[settled].max() < 2e-3 * truth.max()
+    converged = estimates.status == Status.OK
+    assert np.abs(estimates.value[:, 0] - truth)[converged].max() < 2e-3 * truth.max()
 
 
 def test_k_below_h_filled_with_zeros_as_printed_is_right_only_from_rest():
@@ -154,7 +154,7 @@ def test_equations_26_and_27_as_printed_pair_samples_backwards_and_flip_the_damp
     ours, printed = estimated(planted(2000)[0]), recursion(q, theta, tau, document(backwards=True))[-1]
     assert np.abs(printed - ALPHA).max() > 5.0
     np.testing.assert_allclose(ours, ALPHA, atol=0.02)
-    # it is the D term: told -D, the printed form is right, and ours wrong as the printed one is
+    # it is the D term: with -D, the printed form is right, and ours as wrong as the printed one is with D
     other = document(backwards=True) * np.array([[1.0], [-1.0], [1.0]])
     np.testing.assert_allclose(recursion(q, theta, tau, other)[-1], ours, atol=0.05)
 
@@ -224,14 +224,14 @@ def test_deviations_are_those_seen_and_the_naive_ones_far_too_small():
     """40 runs; sigma^2 P with residuals taken for independent promises many times too much."""
     rows, truth = planted()
     estimator = ModulatedStiffness(replace(ONE.parameters, torque_noise=0.3))
-    errors, deviations = [], []
+    errors, sds = [], []
     for seed in range(40):
         noisy = rows.copy()
         noisy[:, 3] += 0.3 * np.random.default_rng(seed).normal(size=len(rows))
         _, estimates = estimator.run_rows(noisy)
         errors.append((estimates.value[:, 0] - truth)[1000::50])
-        deviations.append(estimates.standard_deviation[1000::50, 0])
-    ratio = np.sqrt(np.mean(np.square(deviations)) / np.mean(np.square(errors)))
+        sds.append(estimates.standard_deviation[1000::50, 0])
+    ratio = np.sqrt(np.mean(np.square(sds)) / np.mean(np.square(errors)))
     assert 0.8 <= ratio <= 1.25
 
 
@@ -260,9 +260,9 @@ def test_deviations_hold_for_noise_on_angles_whichever_way_it_comes_in(inertia, 
         rng, rows = np.random.default_rng(seed), clean.copy()
         rows[:, 1:3] += 1e-3 * rng.normal(size=(len(rows), 2))
         rows[:, 3] += torque * rng.normal(size=len(rows))
-        value, deviation = estimator.run_rows(rows)[1].column("stiffness")
+        value, sd = estimator.run_rows(rows)[1].column("stiffness")
         errors.append((value - stiffness)[1000::100])
-        promised.append(deviation[1000::100])
+        promised.append(sd[1000::100])
     ratio = np.sqrt(np.mean(np.square(promised)) / np.mean(np.square(errors)))
     assert 0.8 <= ratio <= 1.25, ratio
 
@@ -280,10 +280,10 @@ def test_deflections_never_visited_are_outside_the_range():
 
 @pytest.mark.parametrize("prior", [1e6, 1e8, 1e10])
 def test_deviations_tell_what_a_narrow_p0_holds_back_and_no_more(prior):
-    """A law of order 2 with N = 4: P(0) holds the estimate off the truth by far more than noise does."""
+    """Stiffness of order 2 with N = 4: the bias due to P(0) is far larger than the noise."""
     rows, truth = planted(4000)
     rows[:, 3] += 1e-2 * np.random.default_rng(5).normal(size=len(rows))
     estimator = ModulatedStiffness(replace(ONE.parameters, initial_covariance=prior, taylor_order=4))
-    value, deviation = estimator.run_rows(rows)[1].column("stiffness_1")
-    ratio = np.sqrt(np.mean(deviation[2000:] ** 2) / np.mean((value - truth)[2000:] ** 2))
+    value, sd = estimator.run_rows(rows)[1].column("stiffness_1")
+    ratio = np.sqrt(np.mean(sd[2000:] ** 2) / np.mean((value - truth)[2000:] ** 2))
     assert 0.6 < ratio < 2.5

@@ -1,4 +1,4 @@
-"""The default stiffness estimator: planted truths, the document's Table 2 in its set-up, and honest deviations.
+"""The default stiffness estimator: known truths, the document's Table 2 in its set-up, and standard errors.
 
 The cubic joint is integrated here by scipy's Radau with its Jacobian, sharing no code with the simulator.
 """
@@ -90,12 +90,12 @@ ONE = ModulatedTorque(
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.8])
-def test_planted_parameters_come_back(jitter):
+def test_parameters_are_recovered(jitter):
     rows, truth = planted(jitter=jitter)
     _, estimates = ONE.run_rows(rows)
-    settled = estimates.status == Status.OK
-    assert settled.mean() > 0.7
-    assert np.abs(estimates.value[:, 0] - truth)[settled].max() < 2e-3 * truth.max()
+    converged = estimates.status == Status.OK
+    assert converged.mean() > 0.7
+    assert np.abs(estimates.value[:, 0] - truth)[converged].max() < 2e-3 * truth.max()
     assert estimates.column("motor_inertia_1")[0][-1] == pytest.approx(0.02, rel=1e-3)
     assert estimates.column("motor_damping_1")[0][-1] == pytest.approx(0.3, rel=1e-3)
 
@@ -104,9 +104,9 @@ def test_planted_parameters_come_back(jitter):
 def test_any_modulating_function_and_window_will_do(order, intervals):
     rows, truth = planted(jitter=0.8)
     _, estimates = ModulatedTorque(replace(ONE.parameters, modulating_order=order, window=intervals)).run_rows(rows)
-    settled = estimates.status == Status.OK
-    assert settled.mean() > 0.6
-    assert np.abs(estimates.value[:, 0] - truth)[settled].max() < 2e-3 * truth.max()
+    converged = estimates.status == Status.OK
+    assert converged.mean() > 0.6
+    assert np.abs(estimates.value[:, 0] - truth)[converged].max() < 2e-3 * truth.max()
     assert estimates.column("motor_inertia_1")[0][-1] == pytest.approx(0.02, rel=1e-3)
 
 
@@ -116,8 +116,8 @@ def test_effort_is_the_torque_over_the_interval_that_ends_at_the_stamp():
     wrong[:-1, 3] = rows[1:, 3]  # as if the effort at a stamp were the torque from then on
     right = ONE.run_rows(rows)[1]
     late = ONE.run_rows(wrong)[1]
-    settled = right.status == Status.OK
-    rms = [np.sqrt(np.mean((e.value[:, 0] - truth)[settled] ** 2)) for e in (right, late)]
+    converged = right.status == Status.OK
+    rms = [np.sqrt(np.mean((e.value[:, 0] - truth)[converged] ** 2)) for e in (right, late)]
     assert rms[0] < 2e-3 and rms[1] > 20.0 * rms[0]
 
 
@@ -133,8 +133,8 @@ def test_before_a_full_window_nothing_is_taken_for_zero():
     late = rows[500:]  # a log that begins in full motion
     _, estimates = ONE.run_rows(late)
     assert np.all(estimates.status[:400] == Status.WARMING_UP)
-    settled = estimates.status == Status.OK
-    assert np.abs(estimates.value[:, 0] - truth[500:])[settled].max() < 2e-3 * truth.max()
+    converged = estimates.status == Status.OK
+    assert np.abs(estimates.value[:, 0] - truth[500:])[converged].max() < 2e-3 * truth.max()
 
 
 def test_deflections_never_visited_are_extrapolation_and_deviate_more():
@@ -208,28 +208,28 @@ def test_the_device_file_alone_sets_it_up(joints):
 # MSE to reach in the set-up of Table 2, stiffness polynomials of order N = 2 and 4 (two and three odd terms).
 @pytest.mark.parametrize(("case", "terms", "reach"), [("E1", 2, 8.0), ("E2", 2, 8.0), ("E1", 3, 20.0), ("E2", 3, 20.0)])
 def test_table_2_with_torque_noise(joints, case, terms, reach):
-    """'SNR 9' as printed is a variance ratio of 2.82; t in 2..10 s, 60 seeds; deviations and intervals are honest."""
+    """'SNR 9' as printed is a variance ratio of 2.82; t in 2..10 s, 60 seeds; standard errors and intervals match."""
     rows, truth = joints[case]
     sigma = np.sqrt(rows[2000:, [3, 5]].var(axis=0).mean() / 2.82)
-    # two odd terms are exactly the cubic law, three have one to spare
+    # two odd terms are exactly the cubic spring law, three have one extra
     estimator = ModulatedTorque(replace(PLAIN, order=terms, truncation=0.0 if terms == 2 else 1.0))
-    errors, deviations = [], []
+    errors, sds = [], []
     for seed in range(60):
         noisy = rows.copy()
         noisy[:, [3, 5]] += sigma * np.random.default_rng(seed).normal(size=(len(rows), 2))
-        value, deviation = estimator.run_rows(noisy)[1].column("stiffness")
+        value, sd = estimator.run_rows(noisy)[1].column("stiffness")
         errors.append((value - truth)[2000::100])
-        deviations.append(deviation[2000::100])
-    errors, deviations = np.array(errors), np.array(deviations)
+        sds.append(sd[2000::100])
+    errors, sds = np.array(errors), np.array(sds)
     assert np.mean(errors**2) <= reach
     seen = np.sqrt(np.mean(errors**2, axis=0))
-    ratio = np.sqrt(np.mean(deviations**2, axis=0)) / seen
+    ratio = np.sqrt(np.mean(sds**2, axis=0)) / seen
     assert 0.8 <= np.median(ratio) <= 1.25
-    assert 0.8 <= np.sqrt(np.mean(deviations**2) / np.mean(errors**2)) <= 1.25
-    assert 0.88 <= np.mean(np.abs(errors) <= 1.96 * deviations) <= 0.99
+    assert 0.8 <= np.sqrt(np.mean(sds**2) / np.mean(errors**2)) <= 1.25
+    assert 0.88 <= np.mean(np.abs(errors) <= 1.96 * sds) <= 0.99
 
 
-def test_a_law_that_is_not_skew_symmetric_gets_even_terms_and_is_found():
+def test_a_spring_law_that_is_not_odd_gets_even_terms_and_is_recovered():
     """Springs pretensioned against each other: exponentials of different size on both sides."""
     device = load_device("dlr_bavs")
     estimator = ModulatedTorque.from_device(device)
@@ -250,15 +250,15 @@ def test_a_law_that_is_not_skew_symmetric_gets_even_terms_and_is_found():
     rows[1:, 3] = 0.5 * (at_stamps[1:] + at_stamps[:-1])
     _, estimates = ModulatedTorque(parameters).run_rows(rows[3:-3])
     truth = device.spring_laws[0].stiffness(phi[3:-3])
-    settled = (estimates.status == Status.OK) & (rows[3:-3, 0] > 2.0)
-    assert settled.mean() > 0.5
-    assert np.median(np.abs(estimates.value[:, 0] / truth - 1.0)[settled]) < 0.01
+    converged = (estimates.status == Status.OK) & (rows[3:-3, 0] > 2.0)
+    assert converged.mean() > 0.5
+    assert np.median(np.abs(estimates.value[:, 0] / truth - 1.0)[converged]) < 0.01
     _, odd = ModulatedTorque(replace(parameters, even_terms=0)).run_rows(rows[3:-3])
-    assert np.median(np.abs(odd.value[:, 0] / truth - 1.0)[settled]) > 0.05
+    assert np.median(np.abs(odd.value[:, 0] / truth - 1.0)[converged]) > 0.05
 
 
-def test_a_law_beyond_the_basis_is_told_by_the_deviation():
-    """sinh(6 phi) with three odd terms: noise alone is far too small a reason for doubt."""
+def test_standard_deviation_includes_truncation():
+    """sinh(6 phi) with three odd terms: noise alone explains far less than the error."""
     rows, _ = planted(count=6000)
     phi = rows[:, 1] - rows[:, 2]
     rows[:, 3] += 8.0 * phi + 5.0 * phi**3 - 0.05 * np.sinh(6.0 * phi)
@@ -273,31 +273,31 @@ def test_a_law_beyond_the_basis_is_told_by_the_deviation():
     assert coverage[0.0] < 0.5 < 0.9 < coverage[1.0]
 
 
-def test_deviations_hold_for_noise_on_angles_too(joints):
-    """Encoders as bad as 1 mrad, declared: stiffness and damping; not declared, the deviation is far too small."""
+def test_standard_deviations_match_empirical_ones_with_noise_on_angles(joints):
+    """Encoders as bad as 1 mrad, declared: stiffness and damping; not declared, the standard error is far too small."""
     rows, truth = joints["E2"]
     ratios = {}
     for declared in (1e-3, 0.0):
         estimator = ModulatedTorque(replace(PLAIN, truncation=0.0, torque_noise=0.1, position_noise=declared))
-        errors, deviations = [], []
+        errors, sds = [], []
         for seed in range(40):
             rng, noisy = np.random.default_rng(seed), rows.copy()
             noisy[:, [3, 5]] += 0.05 * rng.normal(size=(len(rows), 2))
             noisy[:, [1, 2, 4]] += 1e-3 * rng.normal(size=(len(rows), 3))
             _, estimates = estimator.run_rows(noisy)
-            value, deviation = estimates.column("stiffness")
+            value, sd = estimates.column("stiffness")
             drag, drag_deviation = estimates.column("motor_damping_1")
             errors.append([*(value - truth)[2000::200], drag[-1] - DAMPING])
-            deviations.append([*deviation[2000::200], drag_deviation[-1]])
-        errors, deviations = np.array(errors), np.array(deviations)
-        ratios[declared] = np.sqrt(np.mean(deviations[:, :-1] ** 2) / np.mean(errors[:, :-1] ** 2))
+            sds.append([*sd[2000::200], drag_deviation[-1]])
+        errors, sds = np.array(errors), np.array(sds)
+        ratios[declared] = np.sqrt(np.mean(sds[:, :-1] ** 2) / np.mean(errors[:, :-1] ** 2))
         if declared:
-            assert 0.7 <= deviations[:, -1].mean() / errors[:, -1].std() <= 1.4
+            assert 0.7 <= sds[:, -1].mean() / errors[:, -1].std() <= 1.4
     assert 0.8 <= ratios[1e-3] <= 1.25
     assert ratios[0.0] < 0.5
 
 
-def test_noise_of_encoders_that_comes_in_through_the_spring_counts():
+def test_encoder_noise_through_the_spring_is_included():
     """Most of the residuals is psi''; what B and D suffer from is sigma(phi) n through psi, which they do not show."""
     rows, _ = planted()
     estimator = ModulatedTorque(replace(ONE.parameters, truncation=0.0, torque_noise=0.01, position_noise=1e-3))

@@ -1,4 +1,4 @@
-"""Noise on angles reaches a row through psi' times the motor's damping and psi'' times its inertia: two colours."""
+"""Noise on angles enters a row through psi' times the motor's damping and psi'' times its inertia: two colours."""
 
 import numpy as np
 import pytest
@@ -25,8 +25,8 @@ def log(inertia, damping):
 
 
 @pytest.mark.parametrize(("inertia", "damping", "torque_noise"), [(0.2, 0.0, 0.1), (1e-3, 2.0, 0.03)])
-def test_deviations_hold_where_the_encoder_is_most_of_the_noise(inertia, damping, torque_noise):
-    """60 runs: heavy motors hear psi'', viscous ones psi'."""
+def test_standard_deviations_match_empirical_ones_with_encoder_noise(inertia, damping, torque_noise):
+    """60 runs: psi'' dominates for heavy motors, psi' for viscous ones."""
     rows = log(inertia, damping)
     estimator = ModulatedTorque(
         ModulatedTorqueParameters(
@@ -40,13 +40,13 @@ def test_deviations_hold_where_the_encoder_is_most_of_the_noise(inertia, damping
             position_noise=NOISE,
         )
     )
-    errors, deviations = [], []
+    errors, sds = [], []
     for seed in range(60):
         rng, noisy = np.random.default_rng(seed), rows.copy()
         noisy[:, 2] += NOISE * rng.normal(size=COUNT)
         noisy[:, 3] += torque_noise * rng.normal(size=COUNT)
         _, estimates = estimator.run_rows(noisy)
         errors.append(estimates.value[-1, 1:] - [STIFFNESS, inertia, damping])
-        deviations.append(estimates.standard_deviation[-1, 1:])
-    ratio = np.sqrt(np.mean(np.square(deviations), axis=0)) / np.std(errors, axis=0)
+        sds.append(estimates.standard_deviation[-1, 1:])
+    ratio = np.sqrt(np.mean(np.square(sds), axis=0)) / np.std(errors, axis=0)
     assert np.all((ratio > 0.75) & (ratio < 1.3))

@@ -26,7 +26,7 @@ def regularised(rows, y, weights, prior_weight):
     return np.linalg.solve(left, (rows * weights[:, None]).T @ y)
 
 
-def test_folded_rows_solve_the_least_squares_problem():
+def test_successive_rows_solve_the_least_squares_problem():
     rng = np.random.default_rng(1)
     rows, y = rng.normal(size=(60, 5)), rng.normal(size=60)
     R, _, x, left = folded(rows, y)
@@ -59,7 +59,7 @@ def test_the_factor_stays_triangular_and_its_inverse_is_the_inverse(n, count, se
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(1, 6), st.integers(0, 2), st.integers(0, 2), st.floats(1e-4, 10.0), st.integers(0, 2**32 - 1))
-def test_a_staircase_of_rows_reflected_in_at_once_is_each_of_them_rotated_in(n, beside, first, size, seed):
+def test_reflecting_a_staircase_of_rows_equals_rotating_in_each(n, beside, first, size, seed):
     rng, first = np.random.default_rng(seed), min(first, n - 1)
     k, m = n - first, n + beside
     R = np.triu(rng.normal(size=(n, m)))

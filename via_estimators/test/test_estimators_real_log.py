@@ -35,7 +35,7 @@ def rows_of_run(strategy, run):
     return np.column_stack([record[:, 1], record[:, 2], record[:, 4], held])
 
 
-def test_every_strategy_is_there():
+def test_every_strategy_is_present():
     assert {strategy for strategy, _ in RUNS} == {"constant", "fixdamp", "optimal", "vardamp"} and len(RUNS) >= 8
 
 
@@ -45,8 +45,8 @@ def test_every_good_run_gives_an_estimate_of_the_right_size(strategy, run):
     _, estimates = estimator_for(DEVICE).run_rows(rows)
     assert np.isfinite(estimates.value).all() and np.isfinite(estimates.standard_deviation).all()
     assert 40 <= (estimates.status == Status.OK).sum() <= 250
-    damping, deviation, _ = summarise(estimates, "damping")
+    damping, sd, _ = summarise(estimates, "damping")
     assert 0.004 <= damping <= 0.04
-    assert 0.002 <= deviation <= 0.012
+    assert 0.002 <= sd <= 0.012
     gain = summarise(estimates, "gain")
     assert 0.5 <= gain.value <= 2.0 and gain.standard_deviation <= 0.5

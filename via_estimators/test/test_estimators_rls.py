@@ -47,7 +47,7 @@ def test_equations_66_to_73_as_printed(c):
     assert ours[2][-1] == pytest.approx(epsilon)
 
 
-def test_the_stability_factor_is_nothing_but_another_prior():
+def test_the_stability_factor_is_only_a_different_prior():
     """(73) as a cure for poor excitation equals P(0) -> c P(0): P is not held back in the direction at rest."""
     rows, y = problem(3)
     rows[:, 3] = 0.0  # never excited

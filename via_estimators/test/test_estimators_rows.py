@@ -51,7 +51,7 @@ def test_samples_come_in_stamp_order_with_exact_times_bad_ones_included(tmp_path
     assert np.flatnonzero(estimates.status == Status.BAD_SAMPLE).tolist() == [3]
 
 
-def test_a_command_holds_from_its_own_stamp_on(tmp_path):
+def test_a_command_applies_from_its_stamp(tmp_path):
     samples = [(EPOCH + 10 * MS * k, 0.0, 0.0) for k in range(6)]
     commands = [
         (EPOCH + 10 * MS, EQUILIBRIUM_PRESET, 1.0, 0.5, 0.1),
@@ -67,7 +67,7 @@ def test_a_command_holds_from_its_own_stamp_on(tmp_path):
     np.testing.assert_array_equal(damping, [np.nan, 0.1, 0.1, 0.2, 0.2, 0.5])
 
 
-def test_a_bag_that_is_not_about_the_device_is_refused(tmp_path):
+def test_a_bag_without_the_device_raises(tmp_path):
     other = written(tmp_path / "other", [(EPOCH, 0.0, 0.0)], link="elbow")
     with pytest.raises(BagError, match="no joint 'maccepavd_shaft_joint' of device 'maccepavd' on /joint_states"):
         sample_rows(other, DEVICE, ("q",))

@@ -26,7 +26,7 @@ def test_equal_to_scipy_at_low_orders(window, order):
 
 @settings(max_examples=40, deadline=None)
 @given(half=st.integers(2, 300), order=st.integers(1, 20), seed=st.integers(0, 2**32 - 1))
-def test_polynomials_up_to_the_order_come_back_with_their_slope(half, order, seed):
+def test_polynomials_up_to_the_order_are_recovered_with_their_slope(half, order, seed):
     order = min(order, 2 * half)
     value, slope = savitzky_golay(2 * half + 1, order)
     u = np.arange(-half, half + 1) / half
@@ -68,6 +68,6 @@ def test_errata_53_to_55_the_delay_is_half_of_one_less_than_the_window():
         ((11, 2, np.nan), "interval"),
     ],
 )
-def test_misuse_is_refused(arguments, message):
+def test_invalid_arguments_raise(arguments, message):
     with pytest.raises(ParameterError, match=message):
         savitzky_golay(*arguments)

@@ -1,4 +1,4 @@
-"""The signal-based estimator: planted truths, a base that moves, holds, honest deviations, and the printed forms."""
+"""The signal-based estimator: known truths, the moving base, rest, standard errors, and the printed forms."""
 
 from dataclasses import replace
 
@@ -9,8 +9,8 @@ from scipy.linalg import toeplitz
 from via_core.devices import load_device
 from via_core.status import Status
 from via_estimators import integral
-from via_estimators.batch import integral_rows
-from via_estimators.signal_based import HIGH, LOW, N_KEPT, SignalBased, SignalBasedParameters, first_cut
+from via_estimators.integrated_equation import KEPT, first_omitted
+from via_estimators.signal_based import SignalBased, SignalBasedParameters
 
 INERTIA, DAMPING = 0.02, 0.3
 ONE = SignalBasedParameters(
@@ -19,8 +19,18 @@ ONE = SignalBasedParameters(
 )  # fmt: skip
 
 
+def integral_rows(record):
+    """Rows (N, 5) for (c, B, D, a_1, a_2) and right sides (N,) of the integrated equation; basis phi, phi^3 / 3."""
+    time, q, theta, theta_velocity, tau = record.T
+    phi, step = q - theta, np.diff(time)
+    f = np.column_stack([phi, phi**3 / 3.0])
+    integrals = np.vstack([np.zeros(2), np.cumsum(0.5 * step[:, None] * (f[1:] + f[:-1]), axis=0)])
+    right = np.concatenate([[0.0], np.cumsum(step * tau[1:])])
+    return np.column_stack([np.ones(len(time)), theta_velocity, theta - theta[0], -integrals]), right
+
+
 def planted(count=4000, period=1e-3, stop=np.inf):
-    """Rows (count, 5) of time, q, theta, theta velocity, effort of one motor; law 8 phi + 5 phi^3; its stiffness.
+    """Rows (count, 5) of time, q, theta, theta velocity, effort of one motor; spring law 8 phi + 5 phi^3; stiffness.
 
     From `stop` [s] on it slows down and stands still, held by the torque of its spring.
     """
@@ -44,12 +54,12 @@ def planted(count=4000, period=1e-3, stop=np.inf):
 
 
 @pytest.mark.parametrize("basis", ["powers", "odd_powers", "legendre", "odd_legendre"])
-def test_planted_parameters_come_back(basis):
+def test_parameters_are_recovered(basis):
     rows, truth = planted()
     _, estimates = SignalBased(replace(ONE, basis=basis, terms=4)).run_rows(rows)
-    settled = (estimates.status == Status.OK) & (rows[:, 0] > 1.0)
-    assert settled.mean() > 0.6
-    assert np.abs(estimates.value[:, 0] / truth - 1.0)[settled].max() < 2e-3
+    converged = (estimates.status == Status.OK) & (rows[:, 0] > 1.0)
+    assert converged.mean() > 0.6
+    assert np.abs(estimates.value[:, 0] / truth - 1.0)[converged].max() < 2e-3
     assert estimates.column("motor_inertia_1")[0][-1] == pytest.approx(INERTIA, rel=1e-3)
     assert estimates.column("motor_damping_1")[0][-1] == pytest.approx(DAMPING, rel=1e-3)
 
@@ -61,7 +71,7 @@ def test_the_moving_base_is_least_squares_from_a_fixed_one():
     estimator = SignalBased(parameters)
     state, estimates = estimator.run_rows(rows)
     used = rows[parameters.window :]
-    columns, right = integral_rows(used, "odd_powers", 2, 1.0)
+    columns, right = integral_rows(used)
     widths = np.array([1.0, parameters.inertia_deviation, parameters.damping_deviation, 1.0, 1.0])
     scaled = columns * widths / (1.0 * 1e-3 * np.sqrt(60.0))
     weights = np.exp(-1e-3 / 0.5) ** np.arange(len(used) - 1, -1, -1)
@@ -84,17 +94,17 @@ def test_the_moving_base_is_least_squares_from_a_fixed_one():
     np.testing.assert_allclose(R.T @ R, units @ moved.T @ A @ moved @ units, rtol=1e-6, atol=1e-6 * np.abs(A).max())
 
 
-def test_steps_that_forget_next_to_nothing_wait_and_none_is_lost():
+def test_small_steps_of_forgetting_are_accumulated():
     state, work = np.zeros(integral.size(4, 0, 0)), np.empty((5, 4))
     integral.start(state, 4, 0, 0)
-    state[integral.WEIGHT] = 1.0
+    state[integral.HEAD.weight] = 1.0
     seen = []
     for _ in range(1000):
         integral.forget(state, 4, 1.0 - 1e-8, work)
-        seen.append(state[integral.WEIGHT])
+        seen.append(state[integral.HEAD.weight])
     np.testing.assert_allclose(seen, (1.0 - 1e-8) ** np.arange(1, 1001), rtol=1.1e-6)
     assert 8 <= len(set(seen)) <= 12  # a millionth at a time
-    assert seen[-1] * state[integral.PENDING] == pytest.approx((1.0 - 1e-8) ** 1000, rel=1e-12)
+    assert seen[-1] * state[integral.HEAD.pending] == pytest.approx((1.0 - 1e-8) ** 1000, rel=1e-12)
 
 
 def variance_of(equation, n, slope, torque, velocity, prior):
@@ -109,7 +119,7 @@ SWINGING = np.array([[0.3, 1.0, 1.0], [0.2, 0.8, -0.3], [0.1, 0.3, 0.8]])  # [[r
 
 
 @pytest.mark.parametrize("colour", [np.ones((1, 1)), SWINGING])
-def test_eliminating_the_constant_keeps_what_is_known_of_the_rest(colour):
+def test_eliminating_the_constant_preserves_the_other_unknowns(colour):
     rng, poles = np.random.default_rng(5), len(colour) - 1
     n, state = 4, np.zeros(integral.size(4, 0, poles))
     integral.start(state, n, 0, poles)
@@ -124,12 +134,12 @@ def test_eliminating_the_constant_keeps_what_is_known_of_the_rest(colour):
     before = variance_of(state, n, slope, 1.3, velocity, np.full(n, 0.6))
     integral.eliminate(state, n)
     assert variance_of(state, n, slope, 1.3, velocity, np.full(n, 0.6)) == pytest.approx(before, rel=1e-9)
-    integral.take(state, n, np.array([1.0, 0.0, 0.0, 0.0]), 5.0)  # a row that only tells the new constant
+    integral.take(state, n, np.array([1.0, 0.0, 0.0, 0.0]), 5.0)  # a row that determines only the new constant
     np.testing.assert_allclose(integral.unknowns(state, n), [5.0, *x[1:]], rtol=1e-9)
 
 
 @pytest.mark.parametrize("colour", [np.ones((1, 1)), SWINGING])
-def test_variance_is_what_each_error_of_the_torque_does_to_the_unknowns(colour):
+def test_variance_is_the_sum_over_single_torque_errors(colour):
     """h'Gh with h by unit errors, one at a time, and G the noise's covariance; integrals of 17 steps."""
     steps, n, poles = 60, 4, len(colour) - 1
 
@@ -158,14 +168,14 @@ def test_errata_36_a_base_in_motion_needs_the_constant():
     late = rows[300:]
     estimator = SignalBased(replace(ONE, horizon=1e9))
     value = estimator.run_rows(late)[1].value[:, 0]
-    columns, right = integral_rows(late[:1000], "odd_powers", 2, 1.0)
+    columns, right = integral_rows(late[:1000])
     printed = np.linalg.lstsq(np.column_stack([columns[:, 1], late[:1000, 2], columns[:, 3:]]), right, rcond=None)[0]
     phi = late[:1000, 1] - late[:1000, 2]
     wrong = np.column_stack([np.ones_like(phi), phi**2]) @ printed[2:]
     assert np.mean((wrong - truth[300:1300]) ** 2) > 100.0 * np.mean((value - truth[300:])[700:1000] ** 2)
 
 
-def test_deviations_hold():
+def test_standard_deviations_match_empirical_ones():
     """Reported over empirical on 60 seeds: stiffness, inertia, damping; torque noise, and velocity noise beside it."""
     clean, truth = planted(3000)
     right = np.column_stack([truth, truth, np.full_like(truth, INERTIA), np.full_like(truth, DAMPING)])
@@ -184,7 +194,7 @@ def test_deviations_hold():
 
 
 @pytest.mark.parametrize("forgetting", [0.98, 0.995])
-def test_a_hold_of_seven_seconds_changes_nothing(forgetting):
+def test_seven_seconds_at_rest_do_not_change_the_estimate(forgetting):
     """Rows of a hold are left out, and the leak keeps what plain forgetting would lose: doubt ends at the prior's."""
     rows, truth = planted(11000, stop=3.0)
     rows[:, 4] += 1e-4 * np.random.default_rng(2).normal(size=len(rows))
@@ -197,7 +207,7 @@ def test_a_hold_of_seven_seconds_changes_nothing(forgetting):
     assert np.all(estimates.standard_deviation[:, 3] <= 1.5 * parameters.damping_deviation)
 
 
-def test_a_day_of_motion_leaves_the_state_where_a_minute_left_it():
+def test_the_state_stays_bounded_over_a_day_of_motion():
     """Turning without end: integrals, angles and time grow, the state does not. 24 h in strides."""
     t = 1e-2 * np.arange(2000)
     theta, rate = 3.0 * t + 0.3 * np.sin(5.0 * t), 3.0 + 1.5 * np.cos(5.0 * t)
@@ -215,7 +225,7 @@ def test_a_day_of_motion_leaves_the_state_where_a_minute_left_it():
 
 def joint(device, velocity, seconds=8, seed=0):
     """Rows of a joint of two motors with such springs, moved by tones, its total stiffness (count,)."""
-    law, motor = device.spring_laws[0], device.motors[0]
+    spring, motor = device.spring_laws[0], device.motors[0]
     t, sub = 1e-3 * np.arange(1000 * seconds), 8
     fine = np.arange(-sub, sub * (len(t) - 1) + 1) * (1e-3 / sub)
 
@@ -227,17 +237,17 @@ def joint(device, velocity, seconds=8, seed=0):
     for sign in (1.0, -1.0):
         theta, rate, bend = multisine([(0.08, 1.7, 0.3), (0.02, 7.0, 2.0), (0.01, 17.0, sign)])
         phi = q - sign * 0.33 - theta
-        torque = motor.inertia * bend + motor.viscous_friction * rate - law.torque(phi)
+        torque = motor.inertia * bend + motor.viscous_friction * rate - spring.torque(phi)
         effort = np.array([0.0, *(0.5 * (torque[1:] + torque[:-1])).reshape(-1, sub).mean(axis=1)[1:]])
         effort += device.sensors.torque_noise * rng.normal(size=len(t))
         columns += [(sign * 0.33 + theta)[sub::sub], rate[sub::sub] + velocity * rng.normal(size=len(t)), effort]
-        truth = truth + law.stiffness(phi[sub::sub])
+        truth = truth + spring.stiffness(phi[sub::sub])
     return np.column_stack(columns), truth
 
 
 @pytest.mark.parametrize("name", ["qbmove_a", "qbmove_alterego"])
-def test_deviations_are_the_true_error_on_a_qbmove_with_velocity_noise_nobody_declared(name):
-    """Noise of the velocity counts as such, not as 20 times the torque noise; a law cut off by what is cut off."""
+def test_standard_deviations_match_the_error_of_a_qbmove_with_undeclared_velocity_noise(name):
+    """Velocity noise is not counted as 20 times the torque noise; truncation is included."""
     device = load_device(name)
     device = device.model_copy(update={"sensors": device.sensors.model_copy(update={"torque_noise": 0.03})})
     estimator, promised, missed = SignalBased.from_device(device), [], []
@@ -253,7 +263,7 @@ def test_deviations_are_the_true_error_on_a_qbmove_with_velocity_noise_nobody_de
     assert 0.6 < ratio < 2.0
 
 
-def test_stamps_rounded_to_ten_picoseconds_change_nothing():
+def test_rounding_of_stamps_has_no_effect():
     """An integral ends at the sample nearest to the horizon, not one later where a sum of steps fell short of it."""
     rows, _ = planted()
     rows[:, 4] += 0.01 * np.random.default_rng(1).normal(size=len(rows))
@@ -266,46 +276,46 @@ def test_stamps_rounded_to_ten_picoseconds_change_nothing():
 
 
 @pytest.mark.parametrize("memory", [1e9, 0.5])
-def test_what_a_term_cut_off_does_to_the_others_is_known(memory):
-    """5 phi^3 of the law left to one term: the column considered tells what that puts inertia, damping and k off."""
+def test_the_effect_of_an_omitted_term_on_the_others_is_known(memory):
+    """5 phi^3 fitted by one term: the column considered gives the errors of inertia, damping and k."""
     rows, _ = planted()
     estimator = SignalBased(replace(ONE, terms=1, memory=memory, horizon=0.05))
     own = estimator.parameters
     state, estimates = estimator.run_rows(rows)
     off = integral.considered(state[len(state) - integral.size(4, 1, 0) :], 4)[0]
     widths = np.array([own.inertia_deviation, own.damping_deviation, own.stiffness_deviation])
-    told = off[1:] * widths * 15.0 / own.stiffness_deviation  # g_2 = phi^2 at scale 1, of which the law has 15
+    predicted = off[1:] * widths * 15.0 / own.stiffness_deviation  # g_2 = phi^2 at scale 1, with coefficient 15
     found = np.array([estimates.value[-1, 2], estimates.value[-1, 3], estimates.value[-1, 1]])
     found -= (INERTIA, DAMPING, 8.0)
     assert abs(found[2]) > 0.3
-    np.testing.assert_allclose(told, found, rtol=0.02, atol=1e-5)
+    np.testing.assert_allclose(predicted, found, rtol=0.02, atol=1e-5)
 
 
-def expected_of(law, far, noise, draws=400):
-    """First term cut off as expected over what it is, (draws,), of an even stiffness law(z) over |z| <= far.
+def expected_of(curve, far, noise, draws=400):
+    """Expected over actual size (draws,) of the first omitted term, for an even stiffness curve(z) over |z| <= far.
 
     Fitted by four powers, the last Chebyshev coefficient of the fit being off by `noise` times itself.
     """
-    series = chebyshev.chebinterpolate(lambda u: law(far * u), 40)
+    series = chebyshev.chebinterpolate(lambda u: curve(far * u), 40)
     shrunk = far ** np.arange(0.0, 8.0, 2.0)
     lower = -chebyshev.cheb2poly([0.0] * 8 + [1.0])[:7:2] / 128.0 * far**8 / shrunk  # of z^8 without its T_8
     estimator = SignalBased(replace(ONE, terms=4, truncation=1.0, stiffness_deviation=1.0))
-    kept, doubt = np.zeros(N_KEPT + 5), (32.0 * noise * series[6] / far**6) ** 2
-    kept[LOW], kept[HIGH] = -far, far
+    kept, doubt = np.zeros(KEPT.size + 5), (32.0 * noise * series[6] / far**6) ** 2
+    kept[KEPT.low], kept[KEPT.high] = -far, far
     found = []
     for wrong in noise * series[6] * np.random.default_rng(4).normal(size=draws):
         fitted = chebyshev.cheb2poly([*series[:6], series[6] + wrong])[::2] / shrunk
         x, off = (np.concatenate([np.zeros(3), part]) for part in (fitted, lower))
-        found.append(first_cut(estimator._constants, kept, x, off, 0, doubt))
+        found.append(first_omitted(estimator._constants, kept, x, off, 0, doubt))
     return np.abs(found) / abs(128.0 * series[8] / far**8)
 
 
 @pytest.mark.parametrize("far", [0.6, 1.0])
 @pytest.mark.parametrize(
-    "law", [lambda z: np.cosh(3.0 * z), lambda z: 1.0 / np.cos(1.2 * z) ** 2, lambda z: 1.0 / (1.0 + 4.0 * z * z)]
+    "curve", [lambda z: np.cosh(3.0 * z), lambda z: 1.0 / np.cos(1.2 * z) ** 2, lambda z: 1.0 / (1.0 + 4.0 * z * z)]
 )
-def test_noise_of_the_last_term_does_not_make_much_of_what_is_cut_off(law, far):
-    """Root mean squares over noise up to twice that term: an entire law and two with poles off the range."""
+def test_noise_of_the_last_term_does_not_inflate_the_truncation_error(curve, far):
+    """Root mean squares for noise up to twice that term: an entire function and two with poles outside the range."""
     for noise in (1e-3, 0.3, 1.0, 2.0):
-        found = np.sqrt(np.mean(expected_of(law, far, noise) ** 2))
+        found = np.sqrt(np.mean(expected_of(curve, far, noise) ** 2))
         assert 0.7 < found < 2.2, (noise, found)

@@ -22,14 +22,14 @@ TOTAL, FIRST, SECOND = range(3)
 def columns():
     """Columns of a noiseless log of the planted joint, and the torque as a sampled curve and as held."""
     t = PERIOD * np.arange(COUNT)
-    motor, law = DEVICE.motors[0], DEVICE.spring_laws[0]
+    motor, spring = DEVICE.motors[0], DEVICE.spring_laws[0]
     theta, velocity, acceleration = np.zeros((3, COUNT))
     for size, pace in ((0.35, 2.0 * np.pi * 0.7), (0.12, 2.0 * np.pi * 1.9)):
         theta += size * np.sin(pace * t)
         velocity += size * pace * np.cos(pace * t)
         acceleration -= size * pace**2 * np.sin(pace * t)
     q = -0.3 * np.sin(2.0 * np.pi * 1.1 * t + 0.5)
-    tau = motor.inertia * acceleration + motor.viscous_friction * velocity - law.torque(q - theta)
+    tau = motor.inertia * acceleration + motor.viscous_friction * velocity - spring.torque(q - theta)
     return t, q, theta, velocity, tau, np.concatenate([tau[:1], 0.5 * (tau[1:] + tau[:-1])])
 
 
@@ -38,37 +38,37 @@ def scatter(name):
     estimator = estimator_for(DEVICE, name)
     known = {"position_noise": BLUR, "quantum": BLUR * np.sqrt(12.0), "torque_noise": TORQUE_NOISE, "truncation": 0.0}
     parameters = estimator.parameters
-    estimator = estimator.having(
+    estimator = estimator.with_parameters(
         replace(parameters, **{key: value for key, value in known.items() if hasattr(parameters, key)})
     )
     t, q, theta, velocity, sampled, held = columns()
     tau = held if name == "modulated_torque" else sampled
-    values, deviations, good = [], [], []
+    values, sds, good = [], [], []
     for seed in range(SEEDS):
         rng = np.random.default_rng(seed)
-        told = {"q": q + BLUR * rng.normal(size=COUNT)}
+        sample = {"q": q + BLUR * rng.normal(size=COUNT)}
         for i in (1, 2):
-            told[f"theta_{i}"] = theta + BLUR * rng.normal(size=COUNT)
-            told[f"theta_velocity_{i}"] = velocity
-            told[f"tau_{i}"] = tau + TORQUE_NOISE * rng.normal(size=COUNT)
-        _, estimates = estimator.run_rows(np.column_stack([t, *(told[each] for each in estimator.inputs)]))
+            sample[f"theta_{i}"] = theta + BLUR * rng.normal(size=COUNT)
+            sample[f"theta_velocity_{i}"] = velocity
+            sample[f"tau_{i}"] = tau + TORQUE_NOISE * rng.normal(size=COUNT)
+        _, estimates = estimator.run_rows(np.column_stack([t, *(sample[each] for each in estimator.inputs)]))
         pairs = [estimates.column(output) for output in ("stiffness", "stiffness_1", "stiffness_2")]
         values.append([value[LOOKS] for value, _ in pairs])
-        deviations.append([deviation[LOOKS] for _, deviation in pairs])
+        sds.append([sd[LOOKS] for _, sd in pairs])
         good.append(estimates.status[LOOKS] == Status.OK)
     kept = np.all(good, axis=0)
     assert kept.sum() > 5
-    return np.mean(deviations, axis=0)[:, kept], np.std(values, axis=0, ddof=1)[:, kept], np.array(values)[:, :, kept]
+    return np.mean(sds, axis=0)[:, kept], np.std(values, axis=0, ddof=1)[:, kept], np.array(values)[:, :, kept]
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_the_total_is_no_surer_than_it_can_be(name):
+def test_standard_deviation_of_the_total_matches_the_empirical_one(name):
     reported, empirical, values = scatter(name)
     np.testing.assert_allclose(values[:, TOTAL], values[:, FIRST] + values[:, SECOND], rtol=1e-9, atol=1e-9)
     assert np.median(reported[TOTAL] / empirical[TOTAL]) > 0.9
 
 
-def test_the_default_knows_what_its_transmissions_share():
+def test_the_default_includes_the_common_noise_of_the_transmissions():
     """Taking their errors for independent would report .84 of the scatter."""
     reported, empirical, _ = scatter("modulated_torque")
     ratio = np.median(reported / empirical, axis=1)

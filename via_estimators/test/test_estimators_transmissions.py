@@ -1,4 +1,4 @@
-"""What estimators of the motors' torque equation share: columns, what devices tell, and the door."""
+"""Shared parts of estimators on the motors' torque equation: columns, device parameters, sample validation."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from via_core.errors import ParameterError
 from via_estimators import transmissions, window
 
 
-def test_columns_go_by_transmission():
+def test_columns_are_ordered_by_transmission():
     assert transmissions.inputs_of(2) == ("q", "theta_1", "tau_1", "theta_2", "tau_2")
     assert transmissions.outputs_of(1) == ("stiffness", "stiffness_1")
     assert transmissions.outputs_of(2, "b", "d") == (
@@ -21,7 +21,7 @@ def test_columns_go_by_transmission():
     )
 
 
-def test_devices_tell_scales_and_sensors():
+def test_scales_and_sensor_noise_come_from_the_device():
     device = load_device("vsa2")
     known = transmissions.known_of(device)
     quantum = max(device.sensors.link_quantum, device.sensors.motor_quantum)
@@ -32,13 +32,13 @@ def test_devices_tell_scales_and_sensors():
 
 
 @pytest.mark.parametrize("name", ["maccepavd", "compact_vpda"])
-def test_motors_that_are_not_driven_by_torque_are_refused(name):
+def test_motors_that_are_not_torque_driven_raise(name):
     with pytest.raises(ParameterError, match="no torque-driven transmission"):
         transmissions.motors_of(load_device(name))
 
 
-def test_the_door_refuses_a_deflection_beyond_the_furthest_of_either_transmission():
-    state, times = np.zeros(window.HEADER), np.zeros(5)
+def test_a_sample_with_too_large_a_deflection_of_any_transmission_is_refused():
+    state, times = np.zeros(window.HEADER.size), np.zeros(5)
     window.start(state)
     good = np.array([0.0, 0.5, 0.0, 1.0, 0.2, 1.0])
     answers = []
@@ -49,5 +49,6 @@ def test_the_door_refuses_a_deflection_beyond_the_furthest_of_either_transmissio
         answers.append(transmissions.enter(state, times, row, 2, 2.0, 0.05))
     taken, skipped = window.TAKEN, window.SKIPPED
     assert answers == [window.RESTARTED, skipped, skipped, taken, skipped, taken]
-    assert state[window.BAD] == 3.0 and state[window.SAMPLES] == 3.0 and state[window.GAPS] == 0.0
+    header = window.HEADER
+    assert state[header.bad] == 3.0 and state[header.samples] == 3.0 and state[header.gaps] == 0.0
     np.testing.assert_allclose(times[:3], [0.0, 3e-3, 5e-3])
