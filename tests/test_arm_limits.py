@@ -1,4 +1,4 @@
-"""Limits of an arm kept in closed loop, an arm held still, and who decides when."""
+"""Limits of an arm in closed loop, the holding controller, and the supervisor."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def test_limits_hold_in_random_courses():
     assert len(rows) == 12 and all(row.ok for row in rows if row.limit is not None), rows
 
 
-def test_without_limits_a_wild_law_bends_springs_to_their_stops():
+def test_without_limits_a_faulty_controller_bends_springs_to_their_stops():
     class Loose(ArmLimits):
         def kept(self, sample, torque):
             return np.clip(torque, -ARM.torque_limit, ARM.torque_limit), Limit.NONE
@@ -45,7 +45,7 @@ def test_without_limits_a_wild_law_bends_springs_to_their_stops():
     assert all(disturbed_run(seed, supervisor_of(seed)).within for seed in seeds)
 
 
-def test_nothing_is_changed_where_no_limit_is_near():
+def test_torques_are_unchanged_far_from_limits():
     wanted = ARM.gravity(EQUILIBRIUM) + np.array([1.0, -2.0, 0.5, 0.2])
     torque, changed = ArmLimits(ARM).kept(sample_of(at_rest()), wanted)
     assert np.array_equal(torque, wanted) and changed == Limit.NONE
@@ -62,8 +62,8 @@ def test_nothing_is_changed_where_no_limit_is_near():
         ),
     ],
 )
-def test_each_limit_is_told(motion, limit):
-    """The first joint, which carries no weight: driven on to a limit it is driven less, or back."""
+def test_each_limit_is_reported(motion, limit):
+    """The first joint, which carries no weight: near a limit its torque is reduced or reversed."""
     push = np.array([140.0 if limit is not Limit.TORQUE else 160.0, 0.0, 0.0, 0.0])
     if limit is Limit.DEFLECTION:
         push = -push
@@ -71,38 +71,38 @@ def test_each_limit_is_told(motion, limit):
     assert limit in changed and torque[0] * np.sign(push[0]) < abs(push[0])
 
 
-def test_a_law_that_says_nothing_sensible_leaves_motors_passive():
+def test_torques_that_are_not_finite_leave_motors_passive():
     torque, changed = ArmLimits(ARM).kept(sample_of(at_rest()), np.array([np.nan, 0.0, 0.0, 0.0]))
     assert np.array_equal(torque, STILL) and changed
 
 
 @pytest.mark.parametrize("change", [{"drive_share": 1.1}, {"speed_time": 0.0}, {"deflection_rate": np.nan}])
-def test_silly_limits_are_refused(change):
+def test_invalid_limits_are_refused(change):
     with pytest.raises(ParameterError):
         ArmLimits(ARM, **change)
 
 
-# ---- held still
+# ---- holding
 
 
 def test_an_arm_in_motion_comes_to_rest_where_it_was():
-    law, body = HoldStill(ARM), replace(at_rest(), velocity=np.array([0.5, -0.5, 1.0, 1.0]))
-    state = law.init(sample_of(body))
+    controller, body = HoldStill(ARM), replace(at_rest(), velocity=np.array([0.5, -0.5, 1.0, 1.0]))
+    state = controller.init(sample_of(body))
     for _ in range(3000):
-        state, out = law.step(state, sample_of(body))
+        state, out = controller.step(state, sample_of(body))
         body = arm_step(ARM, body, out.torque, 1e-3, substeps=2)
     assert body.q == pytest.approx(EQUILIBRIUM, abs=0.02)
     assert np.abs(body.velocity).max() < 0.05
 
 
-def test_what_springs_cannot_carry_is_held_as_far_as_they_can():
-    heavy = replace(ARM, springs=tuple(replace(law, max_deflection=0.05) for law in ARM.springs))
+def test_a_load_beyond_the_springs_is_compensated_as_far_as_possible():
+    heavy = replace(ARM, springs=tuple(replace(spring, max_deflection=0.05) for spring in ARM.springs))
     q = np.array([0.0, np.pi / 2, 0.0, 0.0])
     state = HoldStill(heavy).init(sample_of(ArmState(q, STILL, q, STILL)))
     assert np.abs(q - state.theta).max() <= 0.05
 
 
-# ---- who decides
+# ---- supervision
 
 
 class Constant(ArmController[int]):
@@ -110,7 +110,7 @@ class Constant(ArmController[int]):
 
     quantities = ()
 
-    def told(self, state):
+    def observe(self, state):
         return np.empty(0)
 
     def init(self, sample):
@@ -120,7 +120,7 @@ class Constant(ArmController[int]):
         return state + 1, Torques(np.full(4, 1e-3 * (state + 1)), False)
 
 
-def test_laws_start_anew_where_what_they_knew_is_wrong():
+def test_controllers_restart_when_their_state_is_outdated():
     supervisor, body = Supervisor(Constant(), HoldStill(ARM), ArmLimits(ARM)), at_rest()
     state, counted = supervisor.init(), []
 
@@ -131,9 +131,9 @@ def test_laws_start_anew_where_what_they_knew_is_wrong():
 
     for time in (0.0, 0.001, 0.002):
         at(time)
-    at(0.003, q=UNKNOWN)  # nothing is known
-    at(0.004, theta=np.full(4, 1e3))  # nothing sensible is said
-    at(0.005)  # and goes on
+    at(0.003, q=UNKNOWN)  # no values
+    at(0.004, theta=np.full(4, 1e3))  # implausible values
+    at(0.005)  # continues
     at(0.006, active=False)
     at(0.007)
     at(0.003)  # backward
@@ -145,19 +145,19 @@ def test_laws_start_anew_where_what_they_knew_is_wrong():
     ]  # fmt: skip
 
 
-def test_the_supervised_law_is_the_law():
-    """In the middle of its motion no limit changes anything."""
-    law = limit_cycle_controller(0)
-    supervisor = Supervisor(law, HoldStill(ARM), ArmLimits(ARM))
+def test_supervision_does_not_change_the_controller():
+    """Away from the limits, torques and quantities are the same."""
+    controller = limit_cycle_controller(0)
+    supervisor = Supervisor(controller, HoldStill(ARM), ArmLimits(ARM))
     body = replace(at_rest(), velocity=np.array([0.1, 0.2, 0.1, 0.3]))
     state, answer = supervisor.step(supervisor.init(), sample_of(body), True)
-    motion, out = law.step(law.init(sample_of(body)), sample_of(body))
+    motion, out = controller.step(controller.init(sample_of(body)), sample_of(body))
     assert np.array_equal(answer.torque, out.torque) and answer.limited == Limit.NONE
-    assert np.array_equal(supervisor.told(state), law.told(motion))
+    assert np.array_equal(supervisor.observe(state), controller.observe(motion))
     held, _ = supervisor.step(state, sample_of(body, 1e-3), False)
-    assert np.isnan(supervisor.told(held)).all()
+    assert np.isnan(supervisor.observe(held)).all()
 
 
-def test_a_wild_law_is_the_same_twice():
+def test_the_faulty_controller_is_reproducible():
     wild, sample = FaultyController(ARM, 3), sample_of(at_rest(), 0.5)
     assert np.array_equal(wild.step(STILL, sample)[0], wild.step(STILL, sample)[0])

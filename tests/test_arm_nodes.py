@@ -14,8 +14,7 @@ from sensor_msgs.msg import JointState
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
 from via_controllers.modal_limit_cycle import least_share
 from via_controllers.modal_transform import first_basis
-from via_controllers.nodes.bang_bang import BangBangNode
-from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleNode
+from via_controllers.nodes.single import NODES
 from via_core.errors import ViaError
 from via_interfaces.msg import ControlState, VsaCommand
 from via_interfaces.srv import Hold, Push
@@ -38,7 +37,7 @@ def pushed_into(mode, share=0.5):
 @pytest.mark.parametrize("mode", [0, 1])
 def test_the_cycle_after_a_push(graph, mode):
     """Number 2 over DDS: H within 2e-3, leak below 1e-4, 2 % after 1.2 s, frequency within .5 %."""
-    bench = ArmBench(graph, ModalLimitCycleNode, {"mode": mode + 1}, posture=REST, mode="lockstep", duration=2.4)
+    bench = ArmBench(graph, NODES["modal_limit_cycle"], {"mode": mode + 1}, posture=REST, mode="lockstep", duration=2.4)
     answer = bench.call(bench.push, Push.Request(deflection=pushed_into(mode).tolist()))
     assert answer.success
     begin = int(answer.message.split()[-1])
@@ -70,9 +69,9 @@ def through_the_middle(before, now):
 def test_held_and_released_the_cycle_comes_back(graph, mode, taken):
     """Number 3 over DDS: within 10 % in one period after the release, 2 % in one and a half.
 
-    Through the middle: there the law without its start would not have come in time.
+    Released at the middle, where the controller without its start would not converge in time.
     """
-    bench = ArmBench(graph, ModalLimitCycleNode, {"mode": mode + 1}, posture=REST, mode="lockstep", duration=3.2)
+    bench = ArmBench(graph, NODES["modal_limit_cycle"], {"mode": mode + 1}, posture=REST, mode="lockstep", duration=3.2)
     assert bench.call(bench.push, Push.Request(deflection=pushed_into(mode, 1.0).tolist())).success
 
     def taking():
@@ -96,17 +95,17 @@ def test_held_and_released_the_cycle_comes_back(graph, mode, taken):
 
 
 @pytest.mark.parametrize(("start", "least", "most"), [(0.5, 0.2, 1.0), (0.0, 0.0, 1e-9)])
-def test_activated_at_rest_it_swings_unless_told_to_wait(graph, start, least, most):
-    """After 200 ms, a third of a period, and no limit touched."""
-    bench = ArmBench(graph, ModalLimitCycleNode, {"start": start}, posture=REST, mode="lockstep", duration=0.2)
+def test_activated_at_rest_it_starts_unless_start_is_zero(graph, start, least, most):
+    """After 200 ms, a third of a period, without reaching a limit."""
+    bench = ArmBench(graph, NODES["modal_limit_cycle"], {"start": start}, posture=REST, mode="lockstep", duration=0.2)
     graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 200)
     assert least <= bench.quantity("H")[-1] / LEVEL <= most
     assert not any(limits for _, limits, _ in bench.states)
 
 
-def test_a_node_lives_through_its_states(graph):
-    """Silent, holding still, swinging, holding still, silent, and once more; within its limits all along."""
-    bench = ArmBench(graph, ModalLimitCycleNode, {"autostart": False}, posture=REST, mode="lockstep")
+def test_a_node_passes_all_its_states(graph):
+    """No commands, holding, oscillating, holding, no commands, and again; always within its limits."""
+    bench = ArmBench(graph, NODES["modal_limit_cycle"], {"autostart": False}, posture=REST, mode="lockstep")
     bench.transition(Transition.TRANSITION_CONFIGURE)
     graph.until(lambda: bench.states and bench.states[-1][0] == ControlState.HOLDING)
     bench.transition(Transition.TRANSITION_ACTIVATE)
@@ -119,23 +118,23 @@ def test_a_node_lives_through_its_states(graph):
     bench.transition(Transition.TRANSITION_CLEANUP)
     stopped = bench.simulator.ticks
     bench.transition(Transition.TRANSITION_CONFIGURE)
-    graph.until(lambda: bench.simulator.ticks > stopped)  # the sample that nobody answered is said again
+    graph.until(lambda: bench.simulator.ticks > stopped)  # the sample without an answer is repeated
     assert bench.states[-1][0] == ControlState.HOLDING
     assert all((np.abs(torque) <= ARM.torque_limit).all() for _, torque in bench.commands)
     graph.until(lambda: len(bench.reports) > 2)
-    told = {each.key: each.value for report in bench.reports for each in report.status[0].values}
-    assert told["torque_limit"] == "150 150 100 100"
+    reported = {each.key: each.value for report in bench.reports for each in report.status[0].values}
+    assert reported["torque_limit"] == "150 150 100 100"
 
 
-def test_samples_that_stop_are_answered_with_nothing(graph):
-    """The simulator ends; 20 ms later a zero is sent, in simulated time: no later than the sample that was the last."""
-    bench = ArmBench(graph, ModalLimitCycleNode, posture=REST, mode="free", duration=0.05)
+def test_zero_torque_is_sent_when_samples_stop(graph):
+    """The simulator ends; 20 ms later zero torque is sent, stamped in simulated time not after the last sample."""
+    bench = ArmBench(graph, NODES["modal_limit_cycle"], posture=REST, mode="free", duration=0.05)
     graph.until(lambda: bench.simulator.finished.done() and not bench.commands[-1][1].any())
     assert bench.commands[0][1].any() and bench.commands[-1][0] == bench.commands[-2][0] < 2 * 10**9
 
 
-def test_what_is_not_about_the_arm_or_cannot_be_used_moves_nothing(graph):
-    controller = graph.add(ModalLimitCycleNode)
+def test_foreign_and_invalid_messages_have_no_effect(graph):
+    controller = graph.add(NODES["modal_limit_cycle"])
     peer, commands, states = graph.node("peer"), [], []
     samples = peer.create_publisher(JointState, "/joint_states", qos.SAMPLES)
     peer.create_subscription(VsaCommand, f"/{ARM.name}/command", commands.append, qos.SAMPLES)
@@ -143,7 +142,7 @@ def test_what_is_not_about_the_arm_or_cannot_be_used_moves_nothing(graph):
     graph.until(lambda: samples.get_subscription_count() == 1 and controller.count_subscribers(f"/{ARM.name}/command"))
     writer = ArmStateWriter(ARM.name, ARM.joints)
     samples.publish(b"\x00\x01\x00\x00no joint state")
-    samples.publish(JointState(name=["stranger"], position=[1.0]))
+    samples.publish(JointState(name=["other"], position=[1.0]))
     for position in (np.nan, 1e9, 0.1):
         writer.position[:], writer.velocity[:] = position, 0.0
         samples.publish(writer.stamped(10**9))
@@ -157,10 +156,10 @@ def test_what_is_not_about_the_arm_or_cannot_be_used_moves_nothing(graph):
 @pytest.mark.parametrize(
     ("node", "parameters", "complaint"),
     [
-        (ModalLimitCycleNode, {"arm": "none"}, "no arm 'none'"),
-        (ModalLimitCycleNode, {"mode": 5}, "mode must be 0 to 3"),
-        (ModalLimitCycleNode, {"equilibrium": [0.1]}, "equilibrium must hold 4 numbers"),
-        (ModalLimitCycleNode, {"damping_ratio": 0.0}, "damping_ratio must lie in"),
+        (NODES["modal_limit_cycle"], {"arm": "none"}, "no arm 'none'"),
+        (NODES["modal_limit_cycle"], {"mode": 5}, "mode must be 0 to 3"),
+        (NODES["modal_limit_cycle"], {"equilibrium": [0.1]}, "equilibrium must hold 4 numbers"),
+        (NODES["modal_limit_cycle"], {"damping_ratio": 0.0}, "damping_ratio must lie in"),
         (ArmSimulatorNode, {"posture": [0.1]}, "posture must hold 4 angles"),
         (ArmSimulatorNode, {"walls": [0.1]}, "6 numbers per wall"),
         (ArmSimulatorNode, {"arm": "none"}, "no arm 'none'"),
@@ -171,8 +170,8 @@ def test_wrong_parameters_are_refused_with_the_reason(graph, node, parameters, c
         graph.add(node, **parameters)
 
 
-def test_configuring_with_wrong_parameters_fails_and_says_so(graph):
-    graph.add(ModalLimitCycleNode, arm="none", autostart=False)
+def test_configuring_with_wrong_parameters_fails_with_an_error(graph):
+    graph.add(NODES["modal_limit_cycle"], arm="none", autostart=False)
     peer = graph.node("peer")
     change = peer.create_client(ChangeState, "/modal_limit_cycle/change_state")
     graph.until(change.service_is_ready)
@@ -185,26 +184,26 @@ def test_configuring_with_wrong_parameters_fails_and_says_so(graph):
 def test_the_simulator_of_a_scene_starts_with_its_shipped_parameters(graph, scene):
     """A normal of four digits is a direction."""
     file = Path(__file__).parents[1] / "via_bringup" / "config" / f"{scene}.yaml"
-    told = yaml.safe_load(file.read_text(encoding="utf-8"))
-    for name, kind in (("arm_simulator", ArmSimulatorNode), ("bang_bang", BangBangNode)):
-        if name in told:
-            graph.add(kind, **told[name]["ros__parameters"])
+    shipped = yaml.safe_load(file.read_text(encoding="utf-8"))
+    for name, kind in (("arm_simulator", ArmSimulatorNode), ("bang_bang", NODES["bang_bang"])):
+        if name in shipped:
+            graph.add(kind, **shipped[name]["ros__parameters"])
 
 
-def test_transitions_that_do_not_fit_are_refused_and_the_law_lives_on(graph):
-    graph.add(ModalLimitCycleNode, autostart=False)
+def test_invalid_transitions_are_refused_and_the_controller_continues(graph):
+    graph.add(NODES["modal_limit_cycle"], autostart=False)
     peer = graph.node("peer")
     change = peer.create_client(ChangeState, "/modal_limit_cycle/change_state")
     graph.until(change.service_is_ready)
 
-    def asked(number):
+    def requested(number):
         answer = change.call_async(ChangeState.Request(transition=Transition(id=number)))
         graph.until(answer.done)
         return answer.result().success
 
     configure, activate = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
     wanted = [(activate, False), (99, False), (configure, True), (configure, False), (activate, True)]
-    assert [(number, asked(number)) for number, _ in wanted] == wanted
+    assert [(number, requested(number)) for number, _ in wanted] == wanted
 
 
 @pytest.mark.parametrize(
@@ -222,7 +221,7 @@ def test_impossible_disturbances_are_refused(graph, request_, complaint):
     assert not answer.success and complaint in answer.message
 
 
-def test_a_held_arm_is_let_go_when_asked(graph):
+def test_a_held_arm_is_released_on_request(graph):
     bench = ArmBench(graph, posture=REST, mode="free", rate=250.0)
     assert bench.call(bench.hold, Hold.Request(duration=1e6)).success
     graph.until(lambda: bench.contacts and np.linalg.norm(bench.contacts[-1]) > 1.0)  # it hangs on the hand

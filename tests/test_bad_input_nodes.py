@@ -14,7 +14,7 @@ from mcap.writer import Writer
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from via_controllers.nodes.excitation import ExcitationNode
+from via_controllers.nodes.single import NODES
 from via_core.bags.definitions import definition_of
 from via_core.bags.reader import read_bag
 from via_core.bags.writer import BagWriter
@@ -144,7 +144,7 @@ def test_commands_without_a_later_sample_are_discarded(graph, monkeypatch):
 
 def test_excitation_answers_invalid_samples_with_zero_torque_and_recovers(graph):
     peer = Peer(graph)
-    graph.add(ExcitationNode, device=DEVICE.name)
+    graph.add(NODES["excitation"], device=DEVICE.name)
     heard = peer.hear(VsaCommand, DEVICE.command_topic)
     graph.until(lambda: peer.samples.get_subscription_count() == 1 and peer.node.count_publishers(DEVICE.command_topic))
     good = [sample(tick) for tick in range(22, 30)]

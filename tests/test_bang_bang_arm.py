@@ -1,4 +1,4 @@
-"""Numbers 5 and 6: the modal bang-bang law on the simulated 4-dof arm, free and against a wall; misprints stop it."""
+"""Numbers 5 and 6: modal bang-bang control of the simulated 4-dof arm, free and against a wall; printing errors."""
 
 from dataclasses import replace
 
@@ -18,8 +18,8 @@ ARM = damped_arm()
 
 
 @pytest.mark.parametrize("mode", [1, 2])
-def test_the_law_finds_a_mode_and_swings_regularly(mode):
-    """Number 5, from a w_1(0) that names joints and knows no mode."""
+def test_it_finds_a_mode_and_oscillates_regularly(mode):
+    """Number 5, from a w_1(0) that selects joints without a mode of the model."""
     found = free_motion(mode, 9.0)
     assert found.angle < 3.0
     assert found.period_sd < 1e-3
@@ -59,7 +59,7 @@ def returned(start, period):
 
 
 @pytest.mark.parametrize("mode", [1, 4])
-def test_a_nonlinear_mode_comes_back_and_begins_as_a_linear_one(mode):
+def test_a_nonlinear_mode_is_periodic_and_starts_as_a_linear_one(mode):
     motors, linear = np.array(MOTORS), linear_modes(ARM, np.array(MOTORS))
     little = nonlinear_mode(ARM, motors, mode, 0.01)
     assert degrees_between(little.direction, linear.directions[:, mode - 1]) < 0.05
@@ -73,7 +73,7 @@ def test_a_nonlinear_mode_comes_back_and_begins_as_a_linear_one(mode):
 
 
 def test_at_this_swing_no_free_motion_is_along_linear_mode_4():
-    """What number 5 asks of w_1 is true of the arm's own motions 1 to 3 only."""
+    """The criterion of number 5 for w_1 holds only for the arm's free motions 1 to 3."""
     linear = linear_modes(ARM, np.array(MOTORS)).directions
     bent = [
         degrees_between(nonlinear_mode(ARM, np.array(MOTORS), mode, 0.28).direction, linear[:, mode - 1])
@@ -82,13 +82,13 @@ def test_at_this_swing_no_free_motion_is_along_linear_mode_4():
     assert max(bent[:3]) < 3.0 and 10.0 < bent[3] < 20.0
 
 
-def test_a_swing_without_a_motion_in_step_is_refused():
+def test_an_amplitude_without_a_periodic_motion_is_refused():
     with pytest.raises(ParameterError, match="no motion in step"):
         nonlinear_mode(ARM, np.array(MOTORS), 1, 6.0)
 
 
 def test_with_the_printed_force_the_motion_dies(monkeypatch):
-    """(122) with both terms at the same q; about the static equilibrium it lives."""
+    """(122) with both terms at the same q; about the static equilibrium the motion persists."""
     whole = ModalBangBang._after
 
     def printed(self, sample, time, direction):
@@ -105,8 +105,8 @@ def test_with_the_printed_force_the_motion_dies(monkeypatch):
         return BangBangState(here.time, here.direction, here.y, torque, switch)
 
     def swing(duration):
-        law = reference_controller(ARM, np.array([0.0, 1.0, 0.0, 1.0]))
-        late = run_arm(ARM, law, pushed(law), (Phase(duration),)).since(duration - 0.6)
+        controller = reference_controller(ARM, np.array([0.0, 1.0, 0.0, 1.0]))
+        late = run_arm(ARM, controller, pushed(controller), (Phase(duration),)).since(duration - 0.6)
         return np.ptp(late.values[:, 0])
 
     assert swing(2.0) > 0.2
@@ -115,10 +115,10 @@ def test_with_the_printed_force_the_motion_dies(monkeypatch):
 
 
 def test_an_offset_turns_the_direction():
-    """C of q about another point than the static equilibrium: its first component is none of the motion."""
-    law = reference_controller(ARM, np.array([0.0, 1.0, 0.0, 1.0]))
-    run = run_arm(ARM, law, pushed(law), (Phase(4.0),))
-    motion = run.since(2.0).q - law.motors.equilibrium
+    """C of q about a point beside the static equilibrium: its first component is not that of the motion."""
+    controller = reference_controller(ARM, np.array([0.0, 1.0, 0.0, 1.0]))
+    run = run_arm(ARM, controller, pushed(controller), (Phase(4.0),))
+    motion = run.since(2.0).q - controller.motors.equilibrium
 
     def first(offset):
         data = motion + offset
@@ -127,7 +127,7 @@ def test_an_offset_turns_the_direction():
     def turned(a, b):
         return np.degrees(np.arccos(min(1.0, abs(a @ b))))
 
-    about_rest, mode = first(np.zeros(4)), linear_modes(ARM, law.motors.motors).directions[:, 0]
+    about_rest, mode = first(np.zeros(4)), linear_modes(ARM, controller.motors.motors).directions[:, 0]
     assert turned(about_rest, mode) < 5.0
     assert turned(first(np.array([0.1, 0.0, 0.0, 0.0])), about_rest) > 20.0
 

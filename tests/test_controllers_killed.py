@@ -1,4 +1,4 @@
-"""A controller killed at any moment leaves arm or joint passive within 20 ms: really killed, by its process id."""
+"""A killed controller process leaves the arm or joint passive within 20 ms."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from via_sim.nodes.arm_simulator import ArmSimulatorNode
 from via_sim.nodes.simulator import SimulatorNode
 
 WITHIN = 20_000_000  # [ns]
-COMPILED = 600.0  # [s] within which the controller has started, its kernels compiled anew where need be
-CONTROLLER = "from via_controllers.nodes.{} import main; raise SystemExit(main())"
+COMPILED = 600.0  # [s] for the controller to start, including compilation of its kernels
+CONTROLLER = "from via_controllers.nodes.single import {} as main; raise SystemExit(main())"
 ARGUMENTS = {"excitation": ("--ros-args", "-p", "device:=qbmove_a")}
-ROBOTS = {  # name as in topics, how it is simulated, which entries of an effort are motors
+ROBOTS = {  # name in topics, simulator node and its parameters, motors among the entries of an effort
     "modal_limit_cycle": (ARM.name, ArmSimulatorNode, {"posture": EQUILIBRIUM.tolist()}, slice(1, None, 2)),
     **dict.fromkeys(
         ("equilibrium_preset", "excitation"), ("qbmove_a", SimulatorNode, {"device": "qbmove_a"}, slice(1, None))
@@ -31,13 +31,13 @@ ROBOTS = {  # name as in topics, how it is simulated, which entries of an effort
 
 
 @pytest.mark.parametrize(
-    ("law", "after"),
+    ("method", "after"),
     [("modal_limit_cycle", 40), ("modal_limit_cycle", 71), ("equilibrium_preset", 55), ("excitation", 62)],
 )
-def test_a_controller_that_is_killed_leaves_its_motors_passive_within_20_ms(graph, law, after):
-    """Killed after so many samples; stamps are this machine's clock, and so is the time of the kill."""
+def test_a_killed_controller_leaves_its_motors_passive_within_20_ms(graph, method, after):
+    """Killed after this many samples; stamps and the time of the kill are from the same clock."""
     listener, samples, states = graph.node("listener"), [], []
-    name, simulator, parameters, motors = ROBOTS[law]
+    name, simulator, parameters, motors = ROBOTS[method]
 
     def hear(message):
         samples.append((nanoseconds(message.header.stamp), np.abs(message.effort[motors]).max()))
@@ -45,10 +45,10 @@ def test_a_controller_that_is_killed_leaves_its_motors_passive_within_20_ms(grap
     listener.create_subscription(JointState, "/joint_states", hear, qos.SAMPLES)
     listener.create_subscription(ControlState, f"/{name}/control", states.append, qos.SAMPLES)
     with subprocess.Popen(
-        [sys.executable, "-c", CONTROLLER.format(law), *ARGUMENTS.get(law, ())], stdin=subprocess.DEVNULL
+        [sys.executable, "-c", CONTROLLER.format(method), *ARGUMENTS.get(method, ())], stdin=subprocess.DEVNULL
     ) as controller:
         try:
-            # Nobody but the listener is waited for: an arm falls until the controller has started.
+            # The simulator waits for the listener only: an arm falls until the controller has started.
             graph.add(simulator, mode="realtime", rate=250.0, **parameters)
             graph.until(lambda: len(states) >= after and samples[-1][1] > 0.0, COMPILED)
             os.kill(controller.pid, signal.SIGKILL)
@@ -58,5 +58,5 @@ def test_a_controller_that_is_killed_leaves_its_motors_passive_within_20_ms(grap
             controller.kill()
     graph.until(lambda: samples[-1][0] > killed + 10 * WITHIN)
     driven = [stamp for stamp, torque in samples if torque > 0.0]
-    # Effort of a sample is that of the tick before it. Up to the kill it was driven.
+    # The effort of a sample belongs to the tick before it. Until the kill the motors were driven.
     assert killed - 2 * WITHIN < max(driven) <= killed + WITHIN

@@ -1,4 +1,4 @@
-"""Number 9: what cycles cost, against closed forms and against rigid joints."""
+"""Number 9: energy of cycles, compared with closed forms and with rigid joints."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from via_validation.control.limit_cycle import limit_cycle_controller
 
 
 def test_positive_work_of_a_harmonic():
-    """A damper takes pi A B in a cycle; a spring takes A B and gives it back, which does not count."""
+    """A damper dissipates pi A B in a cycle; a spring takes A B and returns it, which does not count."""
     at = np.linspace(0.0, 2.0 * np.pi, 4001)
     angles = 0.3 * np.sin(at)[:, None]
     middle = 0.5 * (at[1:] + at[:-1])[:, None]
@@ -30,7 +30,7 @@ def test_bang_bang_costs_less_than_half_of_rigid_joints():
     motion, arm = free_motion(1, 6.0), damped_arm()
     spent = bang_bang_energy(motion)
     assert spent.ratio < 0.45 and spent.ratio_links_only < 0.45 and spent.saturated == 0.0
-    # what friction of the links takes is put in by the motors, and in a cycle nothing else
+    # in a cycle the motors supply exactly the energy that the links' friction dissipates
     late = motion.run.since(3.0)
     taken = float((late.velocity**2 @ arm.link_friction).mean()) / motion.frequency
     assert taken < spent.flexible < 2.0 * taken

@@ -10,7 +10,7 @@ from rclpy.action import ActionClient
 from rclpy.serialization import deserialize_message
 from ros_messages import CommandWriter
 from sensor_msgs.msg import JointState
-from via_controllers.nodes.excitation import ExcitationNode
+from via_controllers.nodes.single import NODES
 from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import ParameterError
@@ -91,7 +91,7 @@ def simulate(graph, bench, folder, duration, effects=()):
         bench.peer.create_subscription(
             kind, topic, lambda data, topic=topic: heard.append((topic, data)), qos.SAMPLES, raw=True
         )
-    graph.add(ExcitationNode, device=DEVICE.name)
+    graph.add(NODES["excitation"], device=DEVICE.name)
     simulator = graph.add(
         SimulatorNode, device=DEVICE.name, mode="lockstep", rate=RATE, duration=duration, listeners=3,
         effects=str(folder / "effects.yaml"),

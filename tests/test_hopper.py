@@ -1,4 +1,4 @@
-"""Number 7: the modal bang-bang law on the hopper finds its rhythm and keeps its height under a load."""
+"""Number 7: with modal bang-bang control the hopper finds its rhythm and keeps its height under a load."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def test_it_hops_regularly_and_mostly_in_the_air(found):
 
 
 def test_a_payload_costs_it_little_height_and_a_sinusoid_much(found):
-    """Sixty percent of the trunk, told to neither."""
+    """Sixty percent of the trunk's mass, which neither model includes."""
     loaded = hop(reference_controller(), PAYLOAD, 5.0)
     assert 1.0 - loaded.amplitude / found.amplitude < 0.08
     assert loaded.apex_sd < 1e-2 and loaded.frequency < 0.95 * found.frequency
@@ -29,6 +29,6 @@ def test_a_payload_costs_it_little_height_and_a_sinusoid_much(found):
 
 
 def test_nothing_holds_the_trunk_level():
-    """Told, not hidden: the mirrored motion is unstable, and more so with the load."""
+    """A known limitation: the symmetric motion is unstable, and more so with the load."""
     assert 1.5 < toppling() < 4.0
     assert toppling(PAYLOAD) > 5.0

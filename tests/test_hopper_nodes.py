@@ -1,9 +1,9 @@
-"""Number 7 over DDS: the bang-bang law on the hopper in lockstep finds its rhythm, under a payload untold as well."""
+"""Number 7 over DDS in lockstep: the hopper finds its rhythm, also with a payload that the model does not include."""
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, WrenchStamped
-from via_controllers.nodes.hopping import HoppingNode
+from via_controllers.nodes.single import NODES
 from via_core.hopper import Hopper
 from via_interfaces.srv import Hold, Push
 from via_ros import qos
@@ -16,13 +16,13 @@ PERIOD, TICKS = 1e-3, 6000
 
 @pytest.mark.parametrize("payload", [0.0, PAYLOAD])
 def test_the_hopper_finds_its_rhythm(graph, payload):
-    """What height a payload costs is counted from the offline run without it."""
+    """The height lost with a payload is relative to the offline run without it."""
     listener, height, force = graph.node("listener"), [], []
     listener.create_subscription(PoseStamped, "/hopper/base", lambda m: height.append(m.pose.position.z), qos.SAMPLES)
     listener.create_subscription(
         WrenchStamped, "/hopper/contact", lambda m: force.append(m.wrench.force.z), qos.SAMPLES
     )
-    graph.add(HoppingNode)
+    graph.add(NODES["hopping"])
     simulator = graph.add(
         HopperSimulatorNode, mode="lockstep", duration=TICKS * PERIOD, payload=payload * Hopper().trunk_mass
     )

@@ -1,4 +1,4 @@
-"""A joint's supervisor: limits kept in closed loop, a joint held still, who decides when; its axes are true."""
+"""Supervisor of a joint: limits in closed loop, holding, restarts; axes against the device and the simulator."""
 
 from dataclasses import replace
 
@@ -23,11 +23,11 @@ QBMOVE, ELASTIC, CUBIC = (load_device(name) for name in ("qbmove_a", "visco_elas
 
 
 class Loose(JointSupervisor):
-    """Torques within their limits, nothing else."""
+    """Torque limits only."""
 
     def step(self, state, sample, active):
         after, answer = super().step(state, sample, active)
-        _, out = self.law.law.step(round(sample.time / TICK), sample)
+        _, out = self.controller.controller.step(round(sample.time / TICK), sample)
         limit = self.limits.arm.torque_limit
         return after, replace(answer, torque=np.clip(out.torque, -limit, limit))
 
@@ -74,18 +74,18 @@ def test_limits_hold_in_random_courses():
 
 
 @pytest.mark.parametrize("device", [QBMOVE, ELASTIC], ids=lambda device: device.name)
-def test_limits_hold_where_a_law_may_drive_motors_nearly_as_fast_as_they_can_be(device):
+def test_limits_hold_with_a_large_drive_share(device):
     for seed in range(2):
         supervisor = faulty_supervisor(device, seed, drive=0.9)
         assert disturbed_run(device, seed, supervisor).within
         assert not disturbed_run(device, seed, Loose(supervisor.supervisor)).within
 
 
-def test_springs_are_kept_from_their_stops_where_nothing_else_limits():
-    """A motor as fast as it likes, turned as far as its law can reach."""
+def test_the_deflection_limit_holds_without_other_limits():
+    """A motor without a speed limit, driven as far as its controller can."""
     axes = JointAxes(CUBIC)
     supervisor = faulty_supervisor(CUBIC, 1)
-    supervisor = JointSupervisor.of(replace(supervisor.law.law, limit=5.0 * axes.torque_limit), axes)
+    supervisor = JointSupervisor.of(replace(supervisor.controller.controller, limit=5.0 * axes.torque_limit), axes)
     torque, _, deflection = shares(supervisor, CUBIC, sensors=Sensors.of_device(CUBIC))
     assert torque <= 1.0 and 0.7 < deflection <= 1.0
     assert shares(Loose(supervisor.supervisor), CUBIC)[2] > 1.0
@@ -93,7 +93,7 @@ def test_springs_are_kept_from_their_stops_where_nothing_else_limits():
 
 @pytest.mark.parametrize(("device", "damping"), [(QBMOVE, 0.0), (ELASTIC, 0.5), (load_device("vsa2"), 0.0)])
 def test_loads_are_those_of_the_simulator(device, damping):
-    """Its accelerations over a hundredth of a millisecond, with motors that are driven."""
+    """Accelerations over a hundredth of a millisecond, with motors running."""
     quick = 1e-5
     axes, simulator = JointAxes(device, damping), Simulator(JointPlant.from_device(device), 1.0 / quick, IDEAL)
     m = device.n_motors
@@ -112,11 +112,11 @@ def test_loads_are_those_of_the_simulator(device, damping):
 
 @pytest.mark.parametrize("name", ["qbmove_a", "visco_elastic_demo", "vsa2", "edinburgh_vsa", "maccepavd"])
 def test_springs_of_axes_are_those_of_the_device(name):
-    """Also of laws that ask for a motor's angle beside the deflection, with torque motors in place of servos."""
+    """Also for spring laws that depend on a motor angle, with torque motors in place of servos."""
     device, motor = load_device(name), ELASTIC.motors[0]
     device = device.model_copy(update={"drive": "torque", "motors": (motor,) * device.n_motors})
     axes, random = JointAxes(device), np.random.default_rng(0)
-    k, stop = device.n_transmissions, min(law.max_deflection for law in device.spring_laws)
+    k, stop = device.n_transmissions, min(spring.max_deflection for spring in device.spring_laws)
     for q in random.uniform(-0.5, 0.5, 20):
         theta = q + random.uniform(-stop, stop, axes.n)
         for each, expected in (
@@ -132,7 +132,7 @@ def test_springs_of_axes_are_those_of_the_device(name):
 
 @pytest.mark.parametrize(("device", "preset"), [(QBMOVE, 0.4), (ELASTIC, 0.0), (CUBIC, 0.5)])
 def test_a_joint_in_motion_comes_to_rest_where_it_was(device, preset):
-    """With the preset that it had, though its motors stood for another angle."""
+    """With its preset, although its motors were at another equilibrium."""
     theta = device.motor_angles(0.3, preset)
     start = np.array([0.2, *theta, *np.zeros(2 - len(theta)), 1.0])
     _, q, motors, velocity, _, _ = course(held(device), device, 4.0, start=start, active=False)
@@ -140,7 +140,7 @@ def test_a_joint_in_motion_comes_to_rest_where_it_was(device, preset):
     assert np.ptp(motors[-1]) == pytest.approx(np.ptp(theta), abs=0.02)
 
 
-def test_gravity_is_carried_while_a_joint_is_held():
+def test_gravity_is_compensated_while_a_joint_is_held():
     device = load_device("vsa2")
     theta = device.motor_angles(resting(device, 0.5, 0.4), 0.4)
     assert abs(theta.mean() - 0.5) > 0.1
@@ -149,8 +149,8 @@ def test_gravity_is_carried_while_a_joint_is_held():
     assert motors[-1] == pytest.approx(theta, abs=1e-3)
 
 
-def test_a_joint_that_cannot_rest_where_it_is_has_its_motors_held():
-    """Beyond what its springs carry: the motors stay where they are."""
+def test_without_a_rest_angle_the_motors_are_held():
+    """Beyond the springs' load: the motors hold their angles."""
     heavy = load_device("vsa2").model_copy(
         update={"link": load_device("vsa2").link.model_copy(update={"gravity_torque": 1e3})}
     )
@@ -165,7 +165,7 @@ class Counting(Controller[int]):
 
     quantities = ()
 
-    def told(self, state):
+    def observe(self, state):
         return np.empty(0)
 
     def init(self):
@@ -175,9 +175,9 @@ class Counting(Controller[int]):
         return state + 1, Torques(np.full(2, 1e-3), False)
 
 
-def test_laws_and_velocities_start_anew_where_what_they_knew_is_wrong():
+def test_controllers_and_velocities_restart_when_their_state_is_outdated():
     begun = [10]
-    supervisor = JointSupervisor.of(Counting(), JointAxes(QBMOVE), begin=lambda: begun[0])
+    supervisor = JointSupervisor.of(Counting(), JointAxes(QBMOVE), start=lambda: begun[0])
     state, seen = supervisor.init(), []
 
     def at(time, q, active=True):
@@ -189,15 +189,15 @@ def test_laws_and_velocities_start_anew_where_what_they_knew_is_wrong():
     at(0.001, 0.001)
     assert 0.0 < state.velocities[0] < 1.0 and not state.velocities[1:].any()
     at(0.002, np.nan)
-    assert state.time == 0.001  # as if it had not been
+    assert state.time == 0.001  # unchanged
     at(0.003, 0.003)
     begun[0] = 20
-    state = supervisor.informed(state, lambda inner: inner + 100)
+    state = supervisor.updated(state, lambda inner: inner + 100)
     at(0.004, 0.004)
     at(0.050, 0.004)  # a gap
     assert not state.velocities.any()
     at(0.051, 0.004, active=False)
-    state = supervisor.informed(state, lambda inner: inner + 100)  # nobody is there to be told
+    state = supervisor.updated(state, lambda inner: inner + 100)  # no effect: the controller is not active
     at(0.052, 0.004)
     at(0.040, 0.004)  # backward
     active, passive, holding = Activity.ACTIVE, Activity.PASSIVE, Activity.HOLDING
@@ -207,8 +207,8 @@ def test_laws_and_velocities_start_anew_where_what_they_knew_is_wrong():
     ]  # fmt: skip
 
 
-def test_the_supervised_law_is_the_law():
-    """In the middle of its motion no limit changes anything."""
+def test_supervision_does_not_change_the_controller():
+    """Away from the limits, torques and quantities are the same."""
     supervisor = JointSupervisor.of(Counting(), JointAxes(QBMOVE))
     _state, answer = supervisor.step(supervisor.init(), JointSample(0.0, 0.1, np.array([0.1, 0.1])), True)
     assert answer.torque.tolist() == [1e-3, 1e-3] and answer.limited == Limit.NONE
@@ -224,6 +224,6 @@ def test_the_supervised_law_is_the_law():
         lambda: JointSupervisor(JointSupervisor.of(Counting(), JointAxes(QBMOVE)).supervisor, 0.0),
     ],
 )
-def test_what_cannot_be_is_refused(silly):
+def test_invalid_arguments_are_refused(silly):
     with pytest.raises(ParameterError):
         silly()

@@ -1,4 +1,4 @@
-"""Joints over DDS in lockstep: every law of a joint on its node, the estimator in the loop, lifecycle, bad input."""
+"""Joints over DDS in lockstep: the node of every joint controller, the estimator in the loop, lifecycle, bad input."""
 
 from __future__ import annotations
 
@@ -14,11 +14,8 @@ from sensor_msgs.msg import JointState
 from via_bringup.demo.reference import throwing_controller
 from via_controllers.contract import JointSample
 from via_controllers.joint_axes import JointAxes
-from via_controllers.nodes.bang_bang_joint import BangBangJointNode
-from via_controllers.nodes.equilibrium_preset import EquilibriumPresetNode
-from via_controllers.nodes.excitation import ExcitationNode, ExcitationParameters, driven
-from via_controllers.nodes.excitation import law_of as excitation_of
-from via_controllers.nodes.max_velocity import MaxVelocityNode, MaxVelocityParameters
+from via_controllers.joint_methods import ExcitationParameters, MaxVelocityParameters
+from via_controllers.nodes.single import NODES
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_estimators.nodes.estimator import EstimatorNode
@@ -32,9 +29,9 @@ TICK = 1e-3  # [s]
 
 
 class JointBench:
-    """A simulated joint in lockstep, its controller (class and parameters), and ears on what they say.
+    """A simulated joint in lockstep, its controller (node and parameters), and records of their messages.
 
-    real  the device that is simulated, if not the one that the controller knows
+    real  the simulated device, if it differs from the controller's model
     """
 
     def __init__(self, graph, device, kind, parameters=None, real=None, **simulator):
@@ -50,8 +47,7 @@ class JointBench:
         self.simulator = graph.add(SimulatorNode, device=real or device, mode="lockstep", truth=True, **simulator)
 
     def _sample(self, message):
-        told = np.array([message.position, message.velocity, message.effort])
-        self.samples.append(told)
+        self.samples.append(np.array([message.position, message.velocity, message.effort]))
 
     def _state(self, message):
         self.states.append((message.activity, message.limited, np.array(message.value)))
@@ -64,12 +60,12 @@ class JointBench:
         self.truth.append(message.value)
 
     def finish(self):
-        """Wait for the end of a run, and for what was told of all of it."""
+        """Wait for the end of a run and for all its messages."""
         done = self.simulator.finished.done
         self.graph.until(lambda: done() and min(len(self.states), len(self.truth)) >= self.simulator.ticks)
 
     def quantity(self, name):
-        """(N,) what the law told."""
+        """(N,) values of a quantity of the controller."""
         return np.array([value[self.names.index(name)] for _, _, value in self.states])
 
     def transition(self, number):
@@ -93,7 +89,7 @@ def written(folder, described):
 
 
 def stiffer(folder, name, factor):
-    """The device with springs that are stiffer than the shipped file says, under the same name."""
+    """The device with stiffer springs than in the shipped file, under the same name."""
     described = load_device(name).model_dump(mode="json", exclude_none=True)
     for spring in described["springs"]:
         spring["k"] *= factor
@@ -108,13 +104,13 @@ def serial(folder):
     return written(folder, described)
 
 
-def test_stiffness_feedback_takes_the_error_out(graph, tmp_path):
-    """Estimator -> law -> simulator, springs 15 % stiffer than both think, the equilibrium in motion."""
+def test_stiffness_feedback_removes_the_error(graph, tmp_path):
+    """Estimator -> controller -> simulator, springs 15 % stiffer than in both models, the equilibrium in motion."""
     name, wanted = "qbmove_a", 6.0
     graph.add(EstimatorNode, device=name)
     parameters = {"stiffness": wanted, "feedback": True, "correction_time": 0.4}
     real = stiffer(tmp_path, name, 1.15)
-    bench = JointBench(graph, name, EquilibriumPresetNode, parameters, real, duration=4.0, listeners=4)
+    bench = JointBench(graph, name, NODES["equilibrium_preset"], parameters, real, duration=4.0, listeners=4)
 
     def move(message):
         """Fifty references a second, each stamped as the sample that it follows."""
@@ -137,10 +133,10 @@ def test_stiffness_feedback_takes_the_error_out(graph, tmp_path):
     assert not any(limited for _, limited, _ in bench.states) and bench.quantity("reached").all()
 
 
-def test_a_serial_joint_swings_by_switching(graph, tmp_path):
-    """It begins at zero, away from its equilibrium, and with a slack spring."""
+def test_a_serial_joint_oscillates_by_switching(graph, tmp_path):
+    """It starts at zero, away from its equilibrium, with a slack spring."""
     parameters = {"equilibrium": 0.2, "preset": 3.0, "amplitude": 0.05, "threshold": 0.01}
-    bench = JointBench(graph, serial(tmp_path), BangBangJointNode, parameters, duration=4.0)
+    bench = JointBench(graph, serial(tmp_path), NODES["bang_bang_joint"], parameters, duration=4.0)
     bench.finish()
     late = bench.joint[2000:, 0, 0]
     cycles = Cycles(TICK * np.arange(len(late)), late, 0.2)
@@ -150,31 +146,31 @@ def test_a_serial_joint_swings_by_switching(graph, tmp_path):
     device = bench.device
     stiffness = float(device.stiffness(0.2, device.motor_angles(0.2, 3.0)))
     assert 0.95 < 2.0 * np.pi * np.sqrt(device.link.inertia / stiffness) / cycles.periods.mean() < 1.25
-    # The preset motor is led there no faster than half its limit allows, later nothing is near one.
+    # The preset motor moves at most at half its speed limit; later nothing is near a limit.
     assert ControlState.SPEED_LIMIT in {limited for _, limited, _ in bench.states[:1000]}
     assert np.abs(np.diff(bench.joint[::10, 0, 1:], axis=0)).max() / (10.0 * TICK) < 8.0
     assert not any(limited for _, limited, _ in bench.states[2000:])
 
 
-def test_a_throw_is_as_fast_as_the_closed_form_says(graph):
-    bench = JointBench(graph, "visco_elastic_demo", MaxVelocityNode, {"turns": 2, "damping": 0.25}, duration=1.2)
-    law, ideal = throwing_controller(bench.device, 0.25, 2)
+def test_a_throw_is_as_fast_as_the_closed_form(graph):
+    bench = JointBench(graph, "visco_elastic_demo", NODES["max_velocity"], {"turns": 2, "damping": 0.25}, duration=1.2)
+    controller, ideal = throwing_controller(bench.device, 0.25, 2)
     bench.finish()
-    position, end, around = bench.joint[:, 0], round(law.horizon / TICK), 3
+    position, end, around = bench.joint[:, 0], round(controller.horizon / TICK), 3
     reached = (position[end + around, 0] - position[end - around, 0]) / (2.0 * around * TICK)
     assert reached == pytest.approx(MaxVelocityParameters().speed_share * ideal, rel=1e-2)
-    assert np.abs(np.diff(position[::5, 1])).max() / (5.0 * TICK) <= law.velocity  # not the least beyond its limit
+    assert np.abs(np.diff(position[::5, 1])).max() / (5.0 * TICK) <= controller.velocity
     assert {damping for _, damping, _ in bench.commands} == {0.25}
-    assert bench.quantity("left")[0] == pytest.approx(law.horizon) and bench.quantity("left")[-1] < 0.0
+    assert bench.quantity("left")[0] == pytest.approx(controller.horizon) and bench.quantity("left")[-1] < 0.0
 
 
-def test_a_joint_lives_through_its_states(graph):
-    """Silent, holding still, standing as told, refusing what cannot be, holding still, silent, and once more."""
-    bench = JointBench(graph, "qbmove_a", EquilibriumPresetNode, {"autostart": False, "stiffness": 3.0})
+def test_a_joint_passes_all_its_states(graph):
+    """No commands, holding, tracking, refusing an unreachable reference, holding, no commands, and again."""
+    bench = JointBench(graph, "qbmove_a", NODES["equilibrium_preset"], {"autostart": False, "stiffness": 3.0})
     bench.transition(Transition.TRANSITION_CONFIGURE)
     graph.until(lambda: bench.states and bench.states[-1][0] == ControlState.HOLDING)
     graph.until(lambda: bench.references.get_subscription_count() == 1)
-    bench.references.publish(JointReference(equilibrium=0.2, stiffness=4.0))  # kept for when it is asked to
+    bench.references.publish(JointReference(equilibrium=0.2, stiffness=4.0))  # kept until activation
     bench.references.publish(JointReference(equilibrium=0.2, stiffness=1e9))
     bench.references.publish(JointReference(equilibrium=np.nan, stiffness=4.0))
     bench.transition(Transition.TRANSITION_ACTIVATE)
@@ -192,15 +188,15 @@ def test_a_joint_lives_through_its_states(graph):
     bench.transition(Transition.TRANSITION_CLEANUP)
     stopped = bench.simulator.ticks
     bench.transition(Transition.TRANSITION_CONFIGURE)
-    graph.until(lambda: bench.simulator.ticks > stopped)  # the sample that nobody answered is said again
+    graph.until(lambda: bench.simulator.ticks > stopped)  # the sample without an answer is repeated
     assert bench.states[-1][0] == ControlState.HOLDING
     assert max(np.abs(torque).max() for _, _, torque in bench.commands) <= 6.0
 
 
-def test_an_excited_joint_lives_through_its_states_and_moves_as_its_law_alone_says(graph):
-    """Bit by bit: supervision changes no torque that keeps the limits."""
+def test_an_excited_joint_passes_all_its_states_with_the_torques_of_its_controller(graph):
+    """Bit by bit: supervision does not change torques within the limits."""
     device = "cubic_demo"
-    bench = JointBench(graph, device, ExcitationNode, {"autostart": False})
+    bench = JointBench(graph, device, NODES["excitation"], {"autostart": False})
     bench.transition(Transition.TRANSITION_CONFIGURE)
     graph.until(lambda: len(bench.states) > 50)
     assert {activity for activity, _, _ in bench.states} == {ControlState.HOLDING}
@@ -215,34 +211,35 @@ def test_an_excited_joint_lives_through_its_states_and_moves_as_its_law_alone_sa
     activities = np.array([activity for activity, _, _ in bench.states])
     active = np.flatnonzero(activities == ControlState.ACTIVE)
     assert np.array_equal(active, np.arange(active[0], active[-1] + 1)) and len(active) > 100
-    law = excitation_of(ExcitationParameters(), JointAxes(bench.device))
-    state, answers = law.init(), {stamp: torque for stamp, _, torque in reversed(bench.commands)}  # the first to each
+    controller = ExcitationParameters().build().supervisor.controller.controller
+    answers = {stamp: torque for stamp, _, torque in reversed(bench.commands)}  # the first to each stamp
+    state = controller.init()
     first = min(answers)
     for tick in active:
         angles = bench.joint[tick, 0]
-        state, out = law.step(state, JointSample(tick * 10**6 / 10**9, angles[0], angles[1:]))
+        state, out = controller.step(state, JointSample(tick * 10**6 / 10**9, angles[0], angles[1:]))
         assert np.array_equal(answers[first + tick * 10**6], out.torque)
     assert not any(limited for _, limited, _ in bench.states)
-    assert bench.quantity("preset")[active[-1]] == pytest.approx(law.told(state)[1])
+    assert bench.quantity("preset")[active[-1]] == pytest.approx(controller.observe(state)[1])
     bench.transition(Transition.TRANSITION_CLEANUP)
 
 
-def test_an_excited_joint_without_limits_in_its_file_has_those_of_the_parameter(graph):
+def test_an_excited_joint_without_limits_in_its_file_has_the_limit_parameter(graph):
     device, states = load_device("cubic_aa_vsa"), []
     assert JointAxes(device).torque_limit.tolist() == [np.inf, np.inf]
     graph.node("peer").create_subscription(ControlState, f"/{device.name}/control", states.append, qos.SAMPLES)
-    graph.add(ExcitationNode, device=device.name, torque_limit=0.5)
+    graph.add(NODES["excitation"], device=device.name, torque_limit=0.5)
     graph.add(SimulatorNode, device=device.name, mode="lockstep", duration=0.3, listeners=1)
     graph.until(lambda: len(states) >= 300)
     assert list(states[0].torque_limit) == [0.5, 0.5]
     assert {state.limited for state in states} >= {ControlState.TORQUE_LIMIT}
-    kept = JointAxes(driven(ExcitationParameters(device="qbmove_a", torque_limit=0.5))).torque_limit
-    assert kept.tolist() == [6.0, 6.0]  # its file knows
+    kept = ExcitationParameters(device="qbmove_a", torque_limit=0.5).build().axes.torque_limit
+    assert kept.tolist() == [6.0, 6.0]  # from its file
 
 
-def test_samples_too_slow_for_a_law_are_told_in_one_line_with_the_remedy(graph, capfd):
+def test_slow_samples_are_reported_in_one_line_with_the_remedy(graph, capfd):
     device, reports = load_device("cubic_demo"), []
-    controller, peer = graph.add(ExcitationNode, device=device.name), graph.node("peer")
+    controller, peer = graph.add(NODES["excitation"], device=device.name), graph.node("peer")
     samples = peer.create_publisher(JointState, "/joint_states", qos.SAMPLES)
     peer.create_subscription(DiagnosticArray, "/diagnostics", lambda each: reports.extend(each.status), qos.SAMPLES)
     graph.until(lambda: samples.get_subscription_count() and controller.count_subscribers("/diagnostics"))
@@ -261,16 +258,17 @@ def test_samples_too_slow_for_a_law_are_told_in_one_line_with_the_remedy(graph, 
         return reports[seen].message
 
     say.stamp = 10**9
-    remedy = "samples more than 20 ms apart, the law starts anew at each: publish /joint_states at 100 Hz or more"
+    remedy = "samples more than 20 ms apart restart the controller: publish /joint_states at 100 Hz or more"
     assert remedy in say(25, 5)
     say(1, 1)  # the one after the last of these
     assert remedy not in say(19, 5)
     assert capfd.readouterr().err.count(remedy) == 1
 
 
-def test_samples_that_stop_or_cannot_be_used_are_answered_with_nothing(graph):
+def test_zero_torque_is_sent_for_unusable_samples_and_when_samples_stop(graph):
     device = load_device("qbmove_a")
-    controller, peer, commands, states = graph.add(EquilibriumPresetNode, stiffness=6.0), graph.node("peer"), [], []
+    controller, peer = graph.add(NODES["equilibrium_preset"], stiffness=6.0), graph.node("peer")
+    commands, states = [], []
     samples = peer.create_publisher(JointState, "/joint_states", qos.SAMPLES)
     peer.create_subscription(VsaCommand, device.command_topic, commands.append, qos.SAMPLES)
     peer.create_subscription(ControlState, f"/{device.name}/control", states.append, qos.SAMPLES)
@@ -280,7 +278,7 @@ def test_samples_that_stop_or_cannot_be_used_are_answered_with_nothing(graph):
     for tick, position in enumerate((0.1, np.nan, 1e9, 0.1)):
         writer.position[:] = position
         samples.publish(writer.stamped(begin + tick * 10**6))
-    # Nobody tells for 20 ms where the joint is: a zero, stamped with its making.
+    # After 20 ms without a sample: zero torque, stamped with the time now.
     graph.until(lambda: len(states) == 4 and len(commands) >= 5 and not any(commands[-1].motor))
     passive, active = ControlState.PASSIVE, ControlState.ACTIVE
     assert [state.activity for state in states] == [active, passive, passive, active]
@@ -293,17 +291,17 @@ def test_samples_that_stop_or_cannot_be_used_are_answered_with_nothing(graph):
 @pytest.mark.parametrize(
     ("node", "parameters", "complaint"),
     [
-        (EquilibriumPresetNode, {"device": "none"}, "no device 'none'"),
-        (EquilibriumPresetNode, {"device": "maccepavd"}, "no two motors that take torques"),
-        (EquilibriumPresetNode, {"device": "visco_elastic_demo"}, "no two motors"),
-        (EquilibriumPresetNode, {"stiffness": 1e6}, "has no stiffness 1e"),
-        (BangBangJointNode, {"device": "maccepavd"}, "take no torques"),
-        (BangBangJointNode, {"device": "compact_vpda"}, "has no springs"),
-        (BangBangJointNode, {"bandwidth": 0.0}, "bandwidth must lie in"),
-        (MaxVelocityNode, {"device": "cubic_demo"}, "one spring and one motor"),
-        (ExcitationNode, {"device": "maccepavd"}, "needs an antagonistic device with torque drive"),
-        (ExcitationNode, {"preset_frequencies": [0.0]}, "frequencies must be > 0 Hz"),
-        (MaxVelocityNode, {"speed_share": 2.0}, "speed_share must lie in"),
+        (NODES["equilibrium_preset"], {"device": "none"}, "no device 'none'"),
+        (NODES["equilibrium_preset"], {"device": "maccepavd"}, "no two motors that take torques"),
+        (NODES["equilibrium_preset"], {"device": "visco_elastic_demo"}, "no two motors"),
+        (NODES["equilibrium_preset"], {"stiffness": 1e6}, "has no stiffness 1e"),
+        (NODES["bang_bang_joint"], {"device": "maccepavd"}, "take no torques"),
+        (NODES["bang_bang_joint"], {"device": "compact_vpda"}, "has no springs"),
+        (NODES["bang_bang_joint"], {"bandwidth": 0.0}, "bandwidth must lie in"),
+        (NODES["max_velocity"], {"device": "cubic_demo"}, "one spring and one motor"),
+        (NODES["excitation"], {"device": "maccepavd"}, "needs an antagonistic device with torque drive"),
+        (NODES["excitation"], {"preset_frequencies": [0.0]}, "frequencies must be > 0 Hz"),
+        (NODES["max_velocity"], {"speed_share": 2.0}, "speed_share must lie in"),
     ],
 )
 def test_wrong_parameters_are_refused_with_the_reason(graph, node, parameters, complaint):

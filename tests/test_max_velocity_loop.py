@@ -1,4 +1,4 @@
-"""Section 7's policy on the simulated joint: as fast as the closed form says, less what a real motor costs."""
+"""Section 7's policy on the simulated joint: as fast as the closed form, less the loss of a real motor."""
 
 from dataclasses import replace
 
@@ -16,49 +16,49 @@ DEVICE = load_device("visco_elastic_demo")
 
 
 @pytest.mark.parametrize(("damper", "turns"), [(0.0, 0), (0.0, 3), (0.5, 2), (1.0, 1)])
-def test_the_link_is_as_fast_as_the_closed_form_says(damper, turns):
-    law, ideal = throwing_controller(DEVICE, damper, turns)
+def test_the_link_is_as_fast_as_the_closed_form(damper, turns):
+    controller, ideal = throwing_controller(DEVICE, damper, turns)
     for sensors in (IDEAL, Sensors.of_device(DEVICE)):
-        assert throw(DEVICE, law, damper, sensors).velocity[-1] == pytest.approx(ideal, rel=5e-3)
+        assert throw(DEVICE, controller, damper, sensors).velocity[-1] == pytest.approx(ideal, rel=5e-3)
 
 
 @pytest.mark.parametrize(("damper", "turns"), [(0.0, 3), (1.0, 1)])
-def test_the_motor_keeps_to_its_speed(damper, turns):
-    law, _ = throwing_controller(DEVICE, damper, turns)
-    seen = throw(DEVICE, law, damper, Sensors.of_device(DEVICE), more=0.3)
-    assert np.abs(seen.motor_velocity).max() < 1.02 * law.velocity
+def test_the_motor_respects_its_speed_limit(damper, turns):
+    controller, _ = throwing_controller(DEVICE, damper, turns)
+    seen = throw(DEVICE, controller, damper, Sensors.of_device(DEVICE), more=0.3)
+    assert np.abs(seen.motor_velocity).max() < 1.02 * controller.velocity
 
 
-def test_turning_uniformly_is_slower_on_the_joint_too():
-    """The printed 'period of omega_d' for the last stretch as well, on the simulated joint with D = .4."""
-    law, ideal = throwing_controller(DEVICE, 1.0, 2)
+def test_uniform_reversals_are_slower_on_the_joint_too():
+    """The printed 'period of omega_d' also for the last interval, on the simulated joint with D = .4."""
+    controller, ideal = throwing_controller(DEVICE, 1.0, 2)
     between = joint_of(DEVICE, 1.0).between_turns
-    uniform = replace(law, turns=tuple(law.horizon - between * np.arange(2, 0, -1)))
+    uniform = replace(controller, turns=tuple(controller.horizon - between * np.arange(2, 0, -1)))
     assert throw(DEVICE, uniform, 1.0).velocity[-1] < 0.9 * ideal
 
 
 def test_after_the_horizon_the_motor_holds_still():
-    law, _ = throwing_controller(DEVICE, 1.0, 2)
-    after = throw(DEVICE, law, 1.0, more=3.0)
-    there, rate = law.reference(law.horizon + 3.0)
+    controller, _ = throwing_controller(DEVICE, 1.0, 2)
+    after = throw(DEVICE, controller, 1.0, more=3.0)
+    there, rate = controller.reference(controller.horizon + 3.0)
     assert after.theta[-1] == pytest.approx(there, abs=1e-3)
     assert rate == 0.0 and abs(after.velocity[-1]) < 0.01
 
 
 def test_the_motor_never_gets_more_than_its_torque():
-    law, _ = throwing_controller(DEVICE, 0.0, 3)
-    law = replace(law, torque_limit=3.0)
-    state = law.init()
+    controller, _ = throwing_controller(DEVICE, 0.0, 3)
+    controller = replace(controller, torque_limit=3.0)
+    state = controller.init()
     for tick in range(500):
-        state, out = law.step(state, JointSample(tick / RATE, 0.3 * np.sin(tick / 20.0), np.array([0.0])))
+        state, out = controller.step(state, JointSample(tick / RATE, 0.3 * np.sin(tick / 20.0), np.array([0.0])))
         assert abs(out.torque[0]) <= 3.0
     assert out.saturated
 
 
-def test_blind_samples_are_answered_with_nothing():
-    law, _ = throwing_controller(DEVICE, 0.0, 1)
-    state, _ = law.step(law.init(), JointSample(0.0, 0.0, np.zeros(1)))
-    after, out = law.step(state, JointSample(1e-3, np.nan, np.zeros(1)))
+def test_invalid_samples_give_zero_torque():
+    controller, _ = throwing_controller(DEVICE, 0.0, 1)
+    state, _ = controller.step(controller.init(), JointSample(0.0, 0.0, np.zeros(1)))
+    after, out = controller.step(state, JointSample(1e-3, np.nan, np.zeros(1)))
     assert after is state and out.torque == [0.0]
 
 

@@ -1,4 +1,4 @@
-"""Limit cycle on one mode of a rigid arm in closed loop: what must be reached, and forms that do not reach it."""
+"""Limit cycle on one mode of a rigid arm in closed loop: convergence, and printed forms that do not converge."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from via_validation.control.limit_cycle import limit_cycle_controller, rigid
 
 
 @pytest.mark.parametrize("mode", [0, 1])
-def test_the_cycle_is_reached_and_nothing_leaks(mode):
+def test_the_cycle_converges_without_leaking_into_other_modes(mode):
     """Number 1: after a start beside the mode, H within 1e-4 and the other modes within 1e-6."""
     course = rigid(limit_cycle_controller(mode).cycle, 3.0)
     late = len(course.H) * 2 // 3
@@ -17,7 +17,7 @@ def test_the_cycle_is_reached_and_nothing_leaks(mode):
 
 
 @pytest.mark.parametrize(("mode", "left"), [(0, 0.09), (1, 0.07)])
-def test_the_printed_input_leaves_h_swinging(mode, left, monkeypatch):
+def test_with_the_printed_input_h_oscillates(mode, left, monkeypatch):
     """(102) as printed, with zd^2 for zd."""
 
     def printed(eigenvalue, rate, pull, z_velocity):
@@ -30,11 +30,11 @@ def test_the_printed_input_leaves_h_swinging(mode, left, monkeypatch):
 
 @pytest.mark.parametrize("mode", [0, 1])
 def test_without_the_algebraic_loop_the_modes_leak(mode, monkeypatch):
-    """Wdd taken at qdd = 0: the acceleration's own share of it is no detail."""
+    """Wdd at qdd = 0: the share of the acceleration is not negligible."""
     modal = modal_limit_cycle._modal
 
     def open_loop(*args):
-        return *modal(*args)[:-1], np.eye(4)
+        return modal(*args)._replace(loop=np.eye(4))
 
     monkeypatch.setattr(modal_limit_cycle, "_modal", open_loop)
     course = rigid(limit_cycle_controller(mode).cycle, 3.0)

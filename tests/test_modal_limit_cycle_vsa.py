@@ -1,4 +1,4 @@
-"""The modal limit cycle on the simulated 4-dof arm of flexible joints, torques held for a millisecond."""
+"""The modal limit cycle on the simulated 4-dof arm of flexible joints at 1 kHz."""
 
 from dataclasses import replace
 
@@ -21,11 +21,11 @@ def sample_of(body: ArmState) -> ArmSample:
     return ArmSample(0.0, body.q, body.velocity, body.theta, body.motor_velocity, NO_SENSOR)
 
 
-def run(law: VsaModalLimitCycle, duration: float, noise: TorqueNoise | None = None) -> CycleCourse:
+def run(controller: VsaModalLimitCycle, duration: float, noise: TorqueNoise | None = None) -> CycleCourse:
     """Modal quantities of a run of the controller on the arm."""
-    course = cycling(law, duration, noise=noise)
+    course = cycling(controller, duration, noise=noise)
     assert course.saturated == 0.0
-    return in_modes(law, course)
+    return in_modes(controller, course)
 
 
 @pytest.mark.parametrize("mode", [0, 1])
@@ -47,31 +47,30 @@ def test_noise_of_torque_sensors_stays_small(mode):
 
 
 def test_without_feed_forward_the_cycle_is_missed(monkeypatch):
-    """(107) with tau_ed' = tau_ed'' = 0: the springs lag behind."""
-    law = limit_cycle_controller(0)
+    """(107) with tau_ed' = tau_ed'' = 0: the spring torques lag."""
+    controller = limit_cycle_controller(0)
     whole = VsaModalLimitCycle.reference
 
     def held(self, *args):
-        found = whole(self, *args)
-        return replace(found, rate=STILL, second=STILL)
+        return whole(self, *args)._replace(rate=STILL, second=STILL)
 
     monkeypatch.setattr(VsaModalLimitCycle, "reference", held)
-    course = run(law, 3.0)
+    course = run(controller, 3.0)
     assert np.abs(course.H[course.late]).max() > 0.02
 
 
 @pytest.mark.parametrize("direction", [0.0, -0.4])
 def test_derivatives_of_the_reference_are_those_along_the_motion(direction):
-    """Against the reference itself, followed along the simulated motion and the start's direction.
+    """Compared with the reference along the simulated motion and the direction of the start.
 
-    What the spread of 2 ms leaves of the start's third derivative is a matter of its own, hence a narrower one.
+    The step is smaller than the default 2 ms, which leaves an error from the third derivative of the start.
     """
-    law, h = replace(limit_cycle_controller(0), spread=5e-4), 1e-4
+    controller, h = replace(limit_cycle_controller(0), difference_step=5e-4), 1e-4
 
     def seen(body, direction):
-        return sample_of(body), law.cycle.at(law.cycle.init(body.q), body.q, body.velocity, direction)
+        return sample_of(body), controller.cycle.at(controller.cycle.init(body.q), body.q, body.velocity, direction)
 
-    bodies = [start(law)]
+    bodies = [start(controller)]
     for _ in range(2):
         bodies.append(arm_step(ARM, bodies[-1], ARM.gravity(REST), h))
     rate = seen(bodies[1], direction)[1].turning
@@ -79,15 +78,15 @@ def test_derivatives_of_the_reference_are_those_along_the_motion(direction):
     torques = [-seen(body, each)[1].torque for body, each in zip(bodies, directions, strict=True)]
     sample, motion = seen(bodies[1], direction)
     assert (motion.push != 0.0) == (direction != 0.0) and rate != 0.0
-    reference = law.reference(motion, sample, law.tracking.observed(sample))
+    reference = controller.reference(motion, sample, controller.tracking.observed(sample))
     assert reference.torque == pytest.approx(torques[1])
     rate, second = (torques[2] - torques[0]) / (2 * h), (torques[2] - 2 * torques[1] + torques[0]) / h**2
     assert reference.rate == pytest.approx(rate, abs=2e-3 * np.abs(rate).max())
     assert reference.second == pytest.approx(second, abs=2e-3 * np.abs(second).max())
 
 
-def test_at_rest_it_starts_by_itself_and_within_limits():
-    """Within 10 % after one period and 2 % after a period and a half; noise does not turn the push."""
+def test_it_starts_from_rest_within_limits():
+    """Within 10 % after one period and 2 % after a period and a half; noise does not reverse the push."""
     for mode, period in ((0, 0.586), (1, 0.472)):
         course = cycling(
             limit_cycle_controller(mode), 1.6 * period, share=0.0, noise=TorqueNoise(0.05) if mode else None
@@ -102,52 +101,54 @@ def test_at_rest_it_starts_by_itself_and_within_limits():
 
 
 def test_held_at_rest_and_released_it_starts():
-    """Number 3 where it is hardest, held at z = 0: the hand bears a steady force, and the cycle comes in time."""
-    law = limit_cycle_controller(0)
+    """Number 3 in the hardest case, held at z = 0: the hand bears a steady force, and the cycle converges in time."""
+    controller = limit_cycle_controller(0)
     hand = Hand(ARM.tip_position(REST))
-    held = run_arm(ARM, law, start(law, 0.0), (Phase(0.5, (hand,), 4),))
+    held = run_arm(ARM, controller, start(controller, 0.0), (Phase(0.5, (hand,), 4),))
     force = np.linalg.norm(held.force[-100:], axis=1)
     assert force.min() > 10.0 and force.max() < 1.05 * force.min() and held.quantity("H")[-1] < 0.01 * LEVEL
-    H = run_arm(ARM, law, held.body, (Phase(1.1),), state=held.state).quantity("H") / LEVEL
+    H = run_arm(ARM, controller, held.body, (Phase(1.1),), state=held.state).quantity("H") / LEVEL
     assert np.abs(H[586:] - 1.0).max() < 0.1 and np.abs(H[879:] - 1.0).max() < 0.02
 
 
-def test_without_its_start_it_stays_at_rest_and_on_the_cycle_nothing_differs():
+def test_the_start_only_matters_away_from_the_cycle():
     printed = limit_cycle_controller(0, start=0.0)
     assert cycling(printed, 0.2, share=0.0).quantity("H").max() < 1e-20
-    theirs, ours = (cycling(law, 0.3, share=1.0) for law in (printed, limit_cycle_controller(0)))
+    theirs, ours = (cycling(controller, 0.3, share=1.0) for controller in (printed, limit_cycle_controller(0)))
     assert np.array_equal(theirs.torque, ours.torque) and np.array_equal(theirs.values, ours.values)
 
 
-def test_a_direction_does_not_turn_further_than_samples_tell():
-    """After a pause the push goes on from where it was."""
-    law = limit_cycle_controller(0)
-    sample = sample_of(start(law))
-    state = law.init(sample)
-    short, long = (law.step(state, replace(sample, time=time))[0].motion for time in (0.01, 0.5))
+def test_the_direction_turns_a_bounded_step_between_samples():
+    """After a pause the push continues from its last value."""
+    controller = limit_cycle_controller(0)
+    sample = sample_of(start(controller))
+    state = controller.init(sample)
+    short, long = (controller.step(state, replace(sample, time=time))[0].motion for time in (0.01, 0.5))
     assert short.direction == long.direction != 0.0
-    assert law.step(state, replace(sample, time=-1.0))[0].motion.direction == 0.0
+    assert controller.step(state, replace(sample, time=-1.0))[0].motion.direction == 0.0
 
 
-def test_blind_samples_are_answered_with_nothing():
-    law = limit_cycle_controller(0)
+def test_invalid_samples_give_zero_torque():
+    controller = limit_cycle_controller(0)
     sample = ArmSample(0.0, REST, STILL, REST, STILL, NO_SENSOR)
-    state = law.init(sample)
+    state = controller.init(sample)
     for broken in ({"theta": np.array([0.2, np.nan, 0.3, 1.2])}, {"time": np.nan}):
-        after, out = law.step(state, replace(sample, **broken))
+        after, out = controller.step(state, replace(sample, **broken))
         assert after is state and np.array_equal(out.torque, STILL)
 
 
-def test_what_the_law_tells_has_names():
-    law = limit_cycle_controller(1)
-    state = law.init(sample_of(start(law)))
-    told = dict(zip([each.name for each in law.quantities], law.told(state), strict=True))
-    assert told["z_2"] == pytest.approx(0.1, rel=0.02) and told["H"] == pytest.approx(0.5 * told["z_2"] ** 2)
-    assert told["V"] == pytest.approx(0.5 * (told["H"] - LEVEL) ** 2)
-    assert told["frequency_2"] > told["frequency_1"] > 0.3
+def test_observed_quantities_have_names():
+    controller = limit_cycle_controller(1)
+    state = controller.init(sample_of(start(controller)))
+    observed = dict(zip([each.name for each in controller.quantities], controller.observe(state), strict=True))
+    assert observed["z_2"] == pytest.approx(0.1, rel=0.02) and observed["H"] == pytest.approx(
+        0.5 * observed["z_2"] ** 2
+    )
+    assert observed["V"] == pytest.approx(0.5 * (observed["H"] - LEVEL) ** 2)
+    assert observed["frequency_2"] > observed["frequency_1"] > 0.3
 
 
-@pytest.mark.parametrize("change", [{"spread": 0.0}, {"bandwidth": 0.0}])
-def test_silly_parameters_are_refused(change):
+@pytest.mark.parametrize("change", [{"difference_step": 0.0}, {"bandwidth": 0.0}])
+def test_invalid_parameters_are_refused(change):
     with pytest.raises(ParameterError):
         replace(limit_cycle_controller(0), **change)

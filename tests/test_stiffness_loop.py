@@ -1,4 +1,4 @@
-"""Base control with the estimator in the loop, on a joint whose springs are not what the law thinks."""
+"""equilibrium_preset with the estimator in the loop, on a joint whose springs differ from the model."""
 
 import numpy as np
 import pytest
@@ -10,18 +10,18 @@ NOMINAL, WANTED = load_device("qbmove_a"), 6.0  # [N m/rad]
 
 
 def course(feedback: bool) -> StiffnessCourse:
-    """Springs 15 % stiffer than nominal, the equilibrium in motion so that the estimator learns."""
+    """Springs 15 % stiffer than nominal, the equilibrium in motion so that the estimator converges."""
     stiffer = tuple(spring.model_copy(update={"k": 1.15 * spring.k}) for spring in NOMINAL.springs)
     real = NOMINAL.model_copy(update={"springs": stiffer})
-    law = EquilibriumPreset.from_device(NOMINAL)
+    controller = EquilibriumPreset.from_device(NOMINAL)
 
     def targets(time):
         return 0.15 * np.sin(2.0 * np.pi * time) + 0.05 * np.sin(5.4 * np.pi * time), WANTED
 
-    return run_joint(NOMINAL, real, law, targets, 5.0, feedback)
+    return run_joint(NOMINAL, real, controller, targets, 5.0, feedback)
 
 
-def test_stiffness_feedback_takes_the_error_out():
+def test_stiffness_feedback_removes_the_error():
     with_it, without = course(True), course(False)
     late = with_it.time > 4.0
     error, uncorrected = (np.abs(run.truth[late] / WANTED - 1.0).mean() for run in (with_it, without))

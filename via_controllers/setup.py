@@ -1,11 +1,22 @@
+import ast
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 package = "via_controllers"
 
+
+def controllers():
+    """Names in CONTROLLERS of methods.py, parsed instead of imported: its dependencies may not be installed yet."""
+    tree = ast.parse(Path(package, "methods.py").read_text(encoding="utf-8"))
+    tables = [node.value for node in tree.body if isinstance(node, ast.AnnAssign) and node.target.id == "CONTROLLERS"]
+    return [ast.literal_eval(key) for key in tables[0].keys]
+
+
 setup(
     name=package,
     version="0.1.0",
-    description="Control and excitation laws, one per file, and their nodes.",
+    description="Controllers of joints and arms, one per file, and their nodes.",
     license="Apache-2.0",
     maintainer="VIA maintainers",
     maintainer_email="maintainers@via.example.org",
@@ -18,15 +29,6 @@ setup(
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     entry_points={
-        "console_scripts": [
-            "excitation = via_controllers.nodes.excitation:main",
-            "modal_limit_cycle = via_controllers.nodes.modal_limit_cycle:main",
-            "bang_bang = via_controllers.nodes.bang_bang:main",
-            "bang_bang_joint = via_controllers.nodes.bang_bang_joint:main",
-            "equilibrium_preset = via_controllers.nodes.equilibrium_preset:main",
-            "max_velocity = via_controllers.nodes.max_velocity:main",
-            # X_controllers.nodes.bang_bang:main",
-            "hopping = via_controllers.nodes.hopping:main",
-        ]
+        "console_scripts": [f"{name} = via_controllers.nodes.single:{name}" for name in controllers()],
     },
 )

@@ -15,11 +15,8 @@ import pytest
 import yaml
 from via_bringup.demo.reference import MOTORS, damped_arm, wall_scene
 from via_bringup.demo.scenes import START_AT, WALL_AT
-from via_controllers.nodes.bang_bang import BangBangParameters
-from via_controllers.nodes.excitation import ExcitationParameters
-from via_controllers.nodes.hopping import HoppingParameters
-from via_controllers.nodes.max_velocity import MaxVelocityParameters
-from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleParameters
+from via_controllers.arm_methods import BangBangParameters, HoppingParameters, ModalLimitCycleParameters
+from via_controllers.joint_methods import ExcitationParameters, MaxVelocityParameters
 from via_estimators.nodes.estimator import BankParameters, EstimatorParameters
 from via_gap.run.monitor import MonitorParameters
 from via_ros.nodes.player import Parameters as PlayerParameters
@@ -134,6 +131,16 @@ def of(parts: list[Part], kind: type[Part]) -> list[Part]:
     return [each for each in parts if isinstance(each, kind)]
 
 
+def console_scripts(package: str) -> list[str]:
+    """Entry points in the setup.py of a package."""
+    given: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("setuptools.setup", given.update)
+        patch.chdir(ROOT / package)
+        runpy.run_path("setup.py")
+    return list(given["entry_points"]["console_scripts"])
+
+
 def test_there_are_launch_files():
     assert {file.name for file in LAUNCH_FILES} >= {"arm.launch.py", "joint.launch.py", "estimate.launch.py"}
 
@@ -144,7 +151,7 @@ def test_every_node_is_an_installed_executable(file, described):
     assert len(nodes) > 1
     for node in nodes:
         package, executable = node.options["package"], node.options["executable"]
-        assert f'"{executable} = {package}.nodes.' in (ROOT / package / "setup.py").read_text(encoding="utf-8")
+        assert any(script.startswith(f"{executable} = {package}.nodes.") for script in console_scripts(package))
         assert node.options["output"] == "screen"
 
 

@@ -1,4 +1,4 @@
-"""Motors held by a PD law and the modal bang-bang law on it: signs, statics, limits, what a blind sample does."""
+"""PD control of motors and the modal bang-bang controller: signs, statics, limits, invalid samples."""
 
 from dataclasses import replace
 
@@ -14,8 +14,8 @@ ARM = load_vsa_arm("reference_4dof")
 MOTORS = np.array([0.2, 0.5, 0.3, 1.3])
 REST, STILL, NO_SENSOR = ARM.hanging(MOTORS), np.zeros(4), np.full(4, np.nan)
 HOLD = MotorPd(ARM, MOTORS, REST, 60.0)
-LAW = ModalBangBang(HOLD, np.array([0.0, 2.0, 0.0, 1.0]), amplitude=0.03, threshold=0.5, adaptation=50.0)
-DIRECTION = LAW.direction
+CONTROLLER = ModalBangBang(HOLD, np.array([0.0, 2.0, 0.0, 1.0]), amplitude=0.03, threshold=0.5, adaptation=50.0)
+DIRECTION = CONTROLLER.direction
 
 
 def sample(q=REST, theta=MOTORS, theta_velocity=STILL, time=0.0, torque=NO_SENSOR) -> ArmSample:
@@ -23,7 +23,7 @@ def sample(q=REST, theta=MOTORS, theta_velocity=STILL, time=0.0, torque=NO_SENSO
 
 
 def motors_after(static: np.ndarray, duration: float = 0.5, step: float = 1e-3) -> np.ndarray:
-    """Motor angles (4,) [rad] with the links held at rest: B thdd = tau + tau_e; `static` is added to the law."""
+    """Motor angles (4,) [rad] with the links at rest: B thdd = tau + tau_e; `static` is added to the torque."""
     theta, velocity = MOTORS.copy(), STILL
     for _ in range(round(duration / step)):
         torque = HOLD.torques(sample(theta=theta, theta_velocity=velocity), MOTORS).torque + static
@@ -37,8 +37,8 @@ def test_motors_stay_on_their_reference():
     assert motors_after(STILL) == pytest.approx(MOTORS, abs=1e-9)
 
 
-def test_the_printed_law_is_off_by_the_static_torque():
-    """(120) as printed: K_P^-1 tau_e, less what the springs give way."""
+def test_the_printed_form_is_off_by_the_static_torque():
+    """(120) as printed: offset K_P^-1 tau_e, reduced by the deflection of the springs."""
     off = motors_after(-HOLD.static_torque) - MOTORS
     _, stiffness, _ = ARM.spring_state(REST - MOTORS)
     expected = -HOLD.static_torque / (ARM.motor_inertia * 60.0**2 + stiffness)
@@ -52,7 +52,7 @@ def test_static_torque_is_gravity():
 
 def test_a_motor_follows_like_a_critically_damped_one():
     theta, velocity, step = MOTORS + 0.05, STILL, 1e-4
-    for _ in range(500):  # the springs' load is taken off: the motor alone
+    for _ in range(500):  # the spring load is compensated: the motor alone
         torque = HOLD.torques(sample(theta=theta, theta_velocity=velocity), MOTORS).torque
         velocity = velocity + step * (torque - HOLD.static_torque) / ARM.motor_inertia
         theta = theta + step * velocity
@@ -65,57 +65,59 @@ def test_torques_are_limited():
 
 
 def test_a_stretched_arm_is_pulled_further():
-    """Links behind q_0: the springs pull them up, and the motors go ahead to where the links are driven."""
+    """Links below q_0: the springs pull them up, and the motors move ahead in the same direction."""
     for side in (1.0, -1.0):
-        state = LAW.init(sample(REST - side * 0.1 * DIRECTION))
+        state = CONTROLLER.init(sample(REST - side * 0.1 * DIRECTION))
         assert state.switch == side and state.torque * side > 0.5
-        assert LAW.references(state) == pytest.approx(MOTORS + side * 0.03 * DIRECTION)
+        assert CONTROLLER.references(state) == pytest.approx(MOTORS + side * 0.03 * DIRECTION)
         assert state.y == pytest.approx(-side * 0.1)
 
 
 def test_at_rest_nothing_switches():
-    """Though gravity loads the springs by 14 N m: the force counts from there."""
-    state, out = LAW.step(LAW.init(sample()), sample(time=1e-3))
+    """Gravity loads the springs by 14 N m: the force is relative to this load."""
+    state, out = CONTROLLER.step(CONTROLLER.init(sample()), sample(time=1e-3))
     assert state.switch == 0 and state.torque == pytest.approx(0.0, abs=1e-9)
     assert out.torque == pytest.approx(ARM.gravity(REST), abs=1e-9) and not out.saturated
 
 
-def test_a_torque_sensor_is_believed():
-    state = LAW.init(sample(torque=-ARM.gravity(REST) - 2.0 * DIRECTION))
+def test_a_torque_sensor_replaces_the_spring_model():
+    state = CONTROLLER.init(sample(torque=-ARM.gravity(REST) - 2.0 * DIRECTION))
     assert state.torque == pytest.approx(2.0) and state.switch == 1
 
 
 def test_the_direction_follows_the_motion():
-    state, w = LAW.init(sample()), np.array([0.8, 0.0, 0.6, 0.0])
-    law = replace(LAW, direction=np.array([1.0, 0.0, 0.0, 0.0]))
-    state = law.init(sample())
+    state, w = CONTROLLER.init(sample()), np.array([0.8, 0.0, 0.6, 0.0])
+    controller = replace(CONTROLLER, direction=np.array([1.0, 0.0, 0.0, 0.0]))
+    state = controller.init(sample())
     for tick in range(1, 4000):
-        state, _ = law.step(state, sample(REST + 0.3 * np.sin(0.013 * tick) * w, time=1e-3 * tick))
+        state, _ = controller.step(state, sample(REST + 0.3 * np.sin(0.013 * tick) * w, time=1e-3 * tick))
     assert state.direction == pytest.approx(w, abs=0.01)
 
 
 @pytest.mark.parametrize("step", [5e-4, 2e-3])
 def test_adaptation_does_not_depend_on_the_rate_of_samples(step):
     def after(step: float) -> np.ndarray:
-        state = LAW.init(sample())
+        state = CONTROLLER.init(sample())
         for tick in range(1, round(0.4 / step) + 1):
             time = tick * step
-            state, _ = LAW.step(state, sample(REST + 0.2 * np.sin(13.0 * time) * np.array([1, 0, 0, 1]), time=time))
+            swing = 0.2 * np.sin(13.0 * time) * np.array([1, 0, 0, 1])
+            state, _ = CONTROLLER.step(state, sample(REST + swing, time=time))
         return state.direction
 
     assert after(step) == pytest.approx(after(1e-3), abs=5e-3)
 
 
-def test_blind_samples_are_answered_with_nothing():
-    state = LAW.init(sample())
-    after, out = LAW.step(state, sample(np.array([0.2, np.nan, 0.3, 1.2]), time=1e-3))
+def test_invalid_samples_give_zero_torque():
+    state = CONTROLLER.init(sample())
+    after, out = CONTROLLER.step(state, sample(np.array([0.2, np.nan, 0.3, 1.2]), time=1e-3))
     assert after is state and np.array_equal(out.torque, STILL)
 
 
-def test_what_it_tells_has_names():
-    state = LAW.init(sample(REST + 0.1 * DIRECTION))
-    told = dict(zip([quantity.name for quantity in LAW.quantities], LAW.told(state), strict=True))
-    assert told["y"] == pytest.approx(0.1) and told["switch"] == -1.0 and told["w_2"] == pytest.approx(2.0 / 5.0**0.5)
+def test_observed_quantities_have_names():
+    state = CONTROLLER.init(sample(REST + 0.1 * DIRECTION))
+    observed = dict(zip([quantity.name for quantity in CONTROLLER.quantities], CONTROLLER.observe(state), strict=True))
+    assert observed["y"] == pytest.approx(0.1) and observed["switch"] == -1.0
+    assert observed["w_2"] == pytest.approx(2.0 / 5.0**0.5)
 
 
 @pytest.mark.parametrize(
@@ -128,20 +130,20 @@ def test_what_it_tells_has_names():
         {"adaptation": np.inf},
     ],
 )
-def test_silly_parameters_are_refused(change):
+def test_invalid_parameters_are_refused(change):
     with pytest.raises(ParameterError):
-        replace(LAW, **change)
+        replace(CONTROLLER, **change)
 
 
 @pytest.mark.parametrize("change", [{"bandwidth": 0.0}, {"motors": np.ones(3)}, {"equilibrium": NO_SENSOR}])
-def test_silly_motor_loops_are_refused(change):
+def test_invalid_motor_control_is_refused(change):
     with pytest.raises(ParameterError):
         replace(HOLD, **change)
 
 
-def test_locked_samples_are_read_like_others():
-    """Arrays that nobody may write to are another type to what is compiled."""
+def test_read_only_samples_are_accepted():
+    """Read-only arrays have another type in compiled functions."""
     locked = MOTORS.copy()
     locked.flags.writeable = False
-    _, out = LAW.step(LAW.init(sample(theta=locked)), sample(theta=locked, time=1e-3))
+    _, out = CONTROLLER.step(CONTROLLER.init(sample(theta=locked)), sample(theta=locked, time=1e-3))
     assert out.torque == pytest.approx(ARM.gravity(REST), abs=1e-9)

@@ -1,4 +1,4 @@
-"""Tracking of the springs' torques: (108) to the last digits, limits, and what the printed law would need."""
+"""Tracking of spring torques: (108) to the last digits, limits, and the effect of a linear spring model."""
 
 from dataclasses import replace
 
@@ -29,11 +29,11 @@ def case(seed: int) -> tuple[ArmSample, TorqueReference]:
 
 
 def residual(arm: VsaArm, seed: int, drop_slope: bool = False) -> float:
-    """Of (108), over its largest term, when the motors obey (107) and links and motors their equations of motion."""
-    law, (sample, wanted) = FlexibilityTorque(arm, OMEGA), case(seed)
-    seen = law.observed(sample)
-    used = replace(seen, stiffness_slope=0.0 * seen.stiffness_slope) if drop_slope else seen
-    torque = law.wanted(sample, used, wanted)
+    """Residual of (108) over its largest term, with torques of (107) and the equations of motion of the arm."""
+    controller, (sample, wanted) = FlexibilityTorque(arm, OMEGA), case(seed)
+    seen = controller.observed(sample)
+    used = seen._replace(stiffness_slope=0.0 * seen.stiffness_slope) if drop_slope else seen
+    torque = controller.unlimited(sample, used, wanted)
     args = sample.q, sample.q_velocity, sample.theta, sample.theta_velocity
     qdd, thdd = arm.accelerations(*args, torque, np.zeros(4))
     phi_rate = sample.q_velocity - sample.theta_velocity
@@ -50,17 +50,17 @@ def test_the_error_obeys_108(seed):
     assert residual(MIXED, seed) < 1e-10
 
 
-def test_a_spring_taken_for_linear_breaks_108():
+def test_a_linear_spring_model_violates_108():
     assert max(residual(ARM, seed, drop_slope=True) for seed in range(1, 20)) > 1e-4
 
 
-def test_a_torque_sensor_is_believed():
+def test_a_torque_sensor_replaces_the_spring_model():
     sample, _ = case(1)
-    law = FlexibilityTorque(ARM, OMEGA)
-    told = np.array([1.0, np.nan, 3.0, np.nan])
-    seen = law.observed(replace(sample, spring_torque=told))
-    by_law = law.observed(sample).torque
-    assert seen.torque == pytest.approx([1.0, by_law[1], 3.0, by_law[3]])
+    controller = FlexibilityTorque(ARM, OMEGA)
+    measured = np.array([1.0, np.nan, 3.0, np.nan])
+    seen = controller.observed(replace(sample, spring_torque=measured))
+    nominal = controller.observed(sample).torque
+    assert seen.torque == pytest.approx([1.0, nominal[1], 3.0, nominal[3]])
     expected = ARM.link_acceleration(sample.q, sample.q_velocity, -seen.torque)
     assert seen.acceleration == pytest.approx(expected)
 
@@ -70,26 +70,26 @@ def test_a_torque_sensor_is_believed():
 def test_limits_hold_everywhere(seed):
     sample, wanted = case(seed)
     arm = replace(ARM, torque_limit=np.full(4, 5.0), speed_limit=np.full(4, 1.0))
-    law = FlexibilityTorque(arm, OMEGA)
-    out = law.torques(sample, law.observed(sample), wanted)
+    controller = FlexibilityTorque(arm, OMEGA)
+    out = controller.torques(sample, controller.observed(sample), wanted)
     assert np.all(np.abs(out.torque) <= 5.0)
     fast = np.abs(sample.theta_velocity) >= 1.0
     assert np.all((out.torque * sample.theta_velocity)[fast] <= 0.0)
-    asked = law.wanted(sample, law.observed(sample), wanted)
-    assert out.saturated == bool(np.any(out.torque != asked))
+    unlimited = controller.unlimited(sample, controller.observed(sample), wanted)
+    assert out.saturated == bool(np.any(out.torque != unlimited))
 
 
 @pytest.mark.parametrize("bandwidth", [0.0, -1.0, float("nan"), float("inf")])
-def test_silly_bandwidths_are_refused(bandwidth):
+def test_invalid_bandwidths_are_refused(bandwidth):
     with pytest.raises(ParameterError):
         FlexibilityTorque(ARM, bandwidth)
 
 
 def test_a_spring_without_stiffness_gives_no_infinite_torque():
-    """A cubic spring at zero deflection cannot be led: the motor stays passive instead."""
+    """The torque of a cubic spring at zero deflection cannot be controlled: the motor stays passive."""
     arm = replace(ARM, springs=(cubic_spring(10.0, 0.6), *ARM.springs[1:]))
-    law, (sample, wanted) = FlexibilityTorque(arm, OMEGA), case(2)
+    controller, (sample, wanted) = FlexibilityTorque(arm, OMEGA), case(2)
     sample = replace(sample, theta=np.array([sample.q[0], *sample.theta[1:]]))
     with np.errstate(divide="ignore", invalid="ignore"):
-        out = law.torques(sample, law.observed(sample), wanted)
+        out = controller.torques(sample, controller.observed(sample), wanted)
     assert np.isfinite(out.torque).all() and np.all(np.abs(out.torque) <= arm.torque_limit)

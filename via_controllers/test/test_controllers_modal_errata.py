@@ -1,4 +1,4 @@
-"""Section 6.1's claims that do not hold: (82) tracks every smooth q_d, (93) is stable for all q."""
+"""Claims of Section 6.1 that do not hold: (82) tracks every smooth q_d, (93) is stable for all q."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ XI, FAST = 0.01, 22.0  # [-], [rad/s] of q_d: about twice the softest mode's
 
 
 def wanted(t: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """q_d and its derivatives: the elbow swings."""
+    """q_d and its derivatives: an oscillation of the elbow."""
     return (
         REST + SWING * np.sin(rate * t),
         SWING * rate * np.cos(rate * t),
@@ -29,7 +29,7 @@ def damping(q: np.ndarray) -> np.ndarray:
 
 
 def largest_multiplier(rate: float, cancelled: bool, steps: int = 100) -> float:
-    """Of (83) about q_d, u_q = 0: Runge-Kutta over one period. `cancelled`: C qd as printed, else C qd_d."""
+    """Of (83) about q_d, u_q = 0, by Runge-Kutta over one period. `cancelled`: C qd as printed, else C qd_d."""
     h = 2.0 * np.pi / rate / steps
 
     def system(t):
@@ -50,19 +50,19 @@ def largest_multiplier(rate: float, cancelled: bool, steps: int = 100) -> float:
 
 
 def test_a_fast_smooth_motion_is_not_tracked():
-    """'Able to asymptotically track any smooth q_d' when u_q = 0: nothing offsets Mdot / 2 once C qd is cancelled."""
+    """'Able to asymptotically track any smooth q_d' when u_q = 0: with C qd cancelled nothing compensates Mdot / 2."""
     assert largest_multiplier(FAST, cancelled=True) > 1.8
     assert largest_multiplier(6.0, cancelled=True) < 1.0
 
 
 @pytest.mark.parametrize("rate", [6.0, 16.0, FAST, 26.0, 32.0])
-def test_with_the_errors_own_coriolis_term_left_in_it_is_tracked(rate):
-    """C (qd - qd_d) in the error equation makes Mdot - 2 C skew again: every multiplier is within the unit circle."""
+def test_with_the_coriolis_term_of_the_error_it_is_tracked(rate):
+    """C (qd - qd_d) in the error equation makes Mdot - 2 C skew-symmetric: every multiplier is below 1."""
     assert largest_multiplier(rate, cancelled=False) < 1.0
 
 
-def test_the_arm_itself_leaves_the_motion():
-    """The law (82) on the arm's equation of motion, a tenth of a milliradian beside q_d."""
+def test_the_arm_departs_from_the_motion():
+    """The controller (82) on the arm's equation of motion, started a tenth of a milliradian from q_d."""
     steps, periods = 100, 6
     h = 2.0 * np.pi / FAST / steps
 
@@ -89,9 +89,9 @@ def test_the_arm_itself_leaves_the_motion():
     assert errors[-1] / errors[-2] == pytest.approx(largest_multiplier(FAST, cancelled=True), rel=0.05)
 
 
-def constants_exist(xi: float, spread: float) -> bool:
-    """Whether some c_1, c_2 of (94) make (96) positive definite for every lambda in [1, spread]."""
-    values = np.geomspace(1.0, spread, 200)
+def constants_exist(xi: float, largest: float) -> bool:
+    """Whether some c_1, c_2 of (94) make (96) positive definite for every lambda in [1, largest]."""
+    values = np.geomspace(1.0, largest, 200)
     roots = np.sqrt(values)
     for c1 in np.linspace(0.0, 4.0 * xi, 82)[1:-1]:
         # (98): |lambda + c_1 xi sqrt(lambda) - c_2| < sqrt(c_1 lambda (4 xi sqrt(lambda) - c_1)), an interval of c_2
@@ -103,7 +103,7 @@ def constants_exist(xi: float, spread: float) -> bool:
 
 
 def swinging_multiplier(xi: float, depth: float) -> float:
-    """Of (93) with lambda = 1 + depth cos(2 t), over its period."""
+    """Multipliers of (93) with lambda = 1 + depth cos(2 t), over its period."""
     h, X = np.pi / 400, np.eye(2)
 
     def system(t):
@@ -120,7 +120,7 @@ def swinging_multiplier(xi: float, depth: float) -> float:
     return float(np.abs(np.linalg.eigvals(X)).max())
 
 
-def test_the_lyapunov_function_wants_lambda_to_vary_little():
+def test_the_lyapunov_function_needs_a_small_variation_of_lambda():
     """(95)-(98) 'for all q': there are constants for a bounded variation, and none for a wide one."""
     assert constants_exist(0.1, 1.3) and constants_exist(0.7, 3.0)
     assert not constants_exist(0.1, 3.0) and not constants_exist(0.7, 100.0)
@@ -128,6 +128,6 @@ def test_the_lyapunov_function_wants_lambda_to_vary_little():
 
 
 def test_a_damped_mode_can_be_unstable():
-    """It is no weakness of the proof: xi > 0, lambda > 0, and the motion grows; a bounded variation is stable."""
+    """Not only the proof fails: xi > 0, lambda > 0, and the motion grows; a bounded variation is stable."""
     assert swinging_multiplier(0.1, 0.8) > 1.1 and not constants_exist(0.1, 1.8 / 0.2)
     assert swinging_multiplier(0.1, 0.1) < 1.0 and constants_exist(0.1, 1.1 / 0.9)

@@ -1,4 +1,4 @@
-"""Limit cycle on one mode of a rigid arm: its torque term by term, its equations, and how fast it gets there."""
+"""Limit cycle on one mode of a rigid arm: torque term by term, equations, and time to converge."""
 
 from dataclasses import replace
 
@@ -28,10 +28,10 @@ def states(count: int):
 
 @pytest.mark.parametrize("mode", [0, 1, 3])
 def test_torque_is_that_of_82_90_and_91(mode):
-    """Every matrix of the document assembled, Wdd differenced along the motion that the torque brings about."""
-    law = cycle(mode)
+    """Every matrix of the document assembled, Wdd differenced along the motion that the torque causes."""
+    controller = cycle(mode)
     for q, v in states(5):
-        motion = law.at(law.init(q), q, v)
+        motion = controller.at(controller.init(q), q, v)
         W, values, M = motion.basis.W, motion.basis.eigenvalues, ARM.inertia(q)
         along, near = motion.acceleration, motion.basis
 
@@ -57,13 +57,13 @@ def test_torque_is_that_of_82_90_and_91(mode):
 
 
 @pytest.mark.parametrize(("direction", "level"), [(0.0, LEVEL), (0.7, 0.3), (-1.0, 0.3)])
-def test_h_changes_as_103_says_and_by_the_power_of_the_start(direction, level):
-    law = replace(cycle(0), level=level)
+def test_h_changes_by_103_and_by_the_power_of_the_start(direction, level):
+    controller = replace(cycle(0), level=level)
     for q, v in states(5):
-        motion = law.at(law.init(q), q, v, direction)
+        motion = controller.at(controller.init(q), q, v, direction)
         h = 1e-5
         ahead, behind = (
-            law.at(motion.basis, q + s * v + 0.5 * s * s * motion.acceleration, v + s * motion.acceleration).H
+            controller.at(motion.basis, q + s * v + 0.5 * s * s * motion.acceleration, v + s * motion.acceleration).H
             for s in (h, -h)
         )
         speed = motion.z_velocity[0]
@@ -101,8 +101,8 @@ def test_second_derivative_of_v_is_the_corrected_one():
     assert found != pytest.approx(common * (GAIN * speed + speed * change), rel=0.1)
 
 
-def test_the_way_to_the_cycle_is_the_one_of_103_averaged():
-    """A mode of constant lambda, integrated: within a hundredth of the level at whole half cycles, from any start."""
+def test_the_cycle_is_approached_as_by_103_averaged():
+    """A mode of constant lambda, integrated from any start: within a hundredth of the level at half cycles."""
     value, gain, level, h = 100.0, 1.5, 0.02, 1e-4
     x, found = np.array([0.1 * np.sqrt(2.0 * level), 0.0]), []
 
@@ -122,26 +122,26 @@ def test_the_way_to_the_cycle_is_the_one_of_103_averaged():
     assert approach(least_share(0.9, gain, level, value, 0.7), gain, level, value, 0.7) == pytest.approx(0.9)
 
 
-def test_at_the_equilibrium_the_printed_law_stays_and_ours_does_not():
-    law = replace(cycle(0), start=0.0)
+def test_at_the_equilibrium_only_the_printed_controller_stays_at_rest():
+    controller = replace(cycle(0), start=0.0)
     for direction in (0.0, 1.0):
-        motion = law.at(law.init(REST), REST, np.zeros(4), direction)
+        motion = controller.at(controller.init(REST), REST, np.zeros(4), direction)
         assert motion.torque == pytest.approx(ARM.gravity(REST), abs=1e-12)
         assert motion.H == motion.push == 0.0 and motion.V == 0.5 * LEVEL**2
-    motion = cycle(0).at(law.init(REST), REST, np.zeros(4), -1.0)
+    motion = cycle(0).at(controller.init(REST), REST, np.zeros(4), -1.0)
     basis = motion.basis
     push = -0.5 * np.sqrt(2.0 * LEVEL) * basis.eigenvalues[0]
     assert motion.torque == pytest.approx(ARM.gravity(REST) + ARM.inertia(REST) @ basis.W[:, 0] * push)
 
 
-def test_modes_are_named_at_the_equilibrium_and_followed_from_there():
-    law = cycle(2)
+def test_modes_are_numbered_at_the_equilibrium_and_tracked_from_there():
+    controller = cycle(2)
     far = REST + np.array([0.3, -0.5, -1.2, -1.0])
     slow = first_basis(ARM.inertia(REST), K)
     for share in np.linspace(0.0, 1.0, 400):
         slow = next_basis(slow, ARM.inertia(REST + share * (far - REST)), K)
-    assert_allclose(law.init(far).W, slow.W, atol=1e-12)
-    assert_allclose(law.init(REST).W, first_basis(ARM.inertia(REST), K).W, atol=1e-12)
+    assert_allclose(controller.init(far).W, slow.W, atol=1e-12)
+    assert_allclose(controller.init(REST).W, first_basis(ARM.inertia(REST), K).W, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -160,6 +160,6 @@ def test_modes_are_named_at_the_equilibrium_and_followed_from_there():
         {"stiffness": K + np.triu(np.ones((4, 4)), 1)},
     ],
 )
-def test_silly_parameters_are_refused(change):
+def test_invalid_parameters_are_refused(change):
     with pytest.raises(ParameterError):
         replace(cycle(0), **change)

@@ -1,4 +1,4 @@
-"""Modal coordinates: closed-form rates against finite differences, and names that survive crossings."""
+"""Modal coordinates: closed-form rates against finite differences, and mode numbers through crossings."""
 
 from itertools import pairwise
 
@@ -23,7 +23,7 @@ def path(seed: int):
 
 
 def apart(basis: ModalBasis) -> bool:
-    """Whether vectors turn slowly enough for differences over 2 H to be good to a millionth."""
+    """Whether vectors turn slowly enough for differences over 2 H to be accurate to a millionth."""
     return bool(np.diff(np.sort(basis.eigenvalues)).min() > 30.0)
 
 
@@ -99,14 +99,14 @@ def test_sorting_by_eigenvalue_jumps_at_a_true_crossing():
     assert walk(0.0, printed_order=True)[1] > 0.5
 
 
-def test_a_near_crossing_that_steps_resolve_is_turned_through():
+def test_modes_rotate_through_a_resolved_near_crossing():
     """Modes that repel each other exchange their directions, not their order."""
     bases, largest = walk(0.05)
     assert largest < 0.02
     assert np.argsort(bases[0].eigenvalues).tolist() == np.argsort(bases[-1].eigenvalues).tolist()
 
 
-def test_equal_eigenvalues_keep_the_basis_known_before():
+def test_equal_eigenvalues_keep_the_previous_basis():
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     found = next_basis(ModalBasis(turn, np.ones(3)), np.eye(3), np.eye(3))
     assert_allclose(found.W.T @ found.W, np.eye(3), atol=1e-12)

@@ -1,4 +1,4 @@
-"""Motor position control: reaches its references, respects its limits, goes passive when blind."""
+"""Motor position control: tracks its references, respects its limits, is passive for invalid samples."""
 
 from dataclasses import FrozenInstanceError, replace
 
@@ -21,7 +21,7 @@ def still(mean: float) -> Multisine:
 
 
 @pytest.fixture
-def law() -> MotorPositionControl:
+def controller() -> MotorPositionControl:
     spring = cubic_spring(10.0, 3.0)
     return MotorPositionControl(
         springs=(spring, spring),
@@ -35,82 +35,82 @@ def law() -> MotorPositionControl:
     )
 
 
-def settled(law: MotorPositionControl, duration: float, drop_static: bool = False) -> np.ndarray:
+def converged(controller: MotorPositionControl, duration: float, drop_static: bool = False) -> np.ndarray:
     """Motor angles (2,) [rad] after `duration` [s]: link held at the equilibrium, motors D thd = tau + tau_e."""
-    q, theta, state = 0.2, np.array([0.2, 0.2]), law.init()
+    q, theta, state = 0.2, np.array([0.2, 0.2]), controller.init()
     for n in range(round(duration / STEP)):
-        state, out = law.step(state, JointSample(n * STEP, q, theta))
+        state, out = controller.step(state, JointSample(n * STEP, q, theta))
         torque = out.torque.copy()
         if drop_static:
             torque += [
-                float(law.springs[i].torque(0.2 - d))
-                for i, d in enumerate(law.references(n * STEP, np.array([0.2, 0.2])))
+                float(controller.springs[i].torque(0.2 - d))
+                for i, d in enumerate(controller.references(n * STEP, np.array([0.2, 0.2])))
             ]
-        pull = np.array([float(spring.torque(q - t)) for spring, t in zip(law.springs, theta, strict=True)])
+        pull = np.array([float(spring.torque(q - t)) for spring, t in zip(controller.springs, theta, strict=True)])
         theta = theta + STEP / MOTOR_FRICTION * (torque + pull)
     return theta
 
 
-def test_motors_reach_their_references_under_spring_load(law):
-    assert settled(law, 1.0) == pytest.approx([1.2, -0.8], abs=1e-6)
+def test_motors_reach_their_references_under_spring_load(controller):
+    assert converged(controller, 1.0) == pytest.approx([1.2, -0.8], abs=1e-6)
 
 
-def test_the_printed_law_stays_off_by_the_spring_torque(law):
-    """(120) as printed: the springs pull the motors off by about tau_e / (K_P + sigma)."""
-    offset = abs(settled(law, 1.0, drop_static=True) - [1.2, -0.8])
+def test_the_printed_form_is_off_by_the_spring_torque(controller):
+    """(120) as printed: the springs shift the motors by about tau_e / (K_P + sigma)."""
+    offset = abs(converged(controller, 1.0, drop_static=True) - [1.2, -0.8])
     assert np.all(offset > 0.1)
 
 
-def test_derivative_gain_opposes_motion(law):
-    state = law.init()
-    law = replace(law, fade_in=1e-6)
-    reference = law.references(1.0, np.zeros(2))
+def test_derivative_gain_opposes_motion(controller):
+    state = controller.init()
+    controller = replace(controller, fade_in=1e-6)
+    reference = controller.references(1.0, np.zeros(2))
     for n in range(2):
-        state, at_rest = law.step(state, JointSample(n * STEP, 0.2, reference))
+        state, at_rest = controller.step(state, JointSample(n * STEP, 0.2, reference))
     for n in range(1, 200):  # both motors pass their references at +1 rad/s
-        state, moving = law.step(state, JointSample((1 + n) * STEP, 0.2, reference + n * STEP))
-    expected = at_rest.torque - law.derivative_gain * 1.0 - law.proportional_gain * 199 * STEP
+        state, moving = controller.step(state, JointSample((1 + n) * STEP, 0.2, reference + n * STEP))
+    expected = at_rest.torque - controller.derivative_gain * 1.0 - controller.proportional_gain * 199 * STEP
     assert moving.torque == pytest.approx(expected, rel=1e-9)
 
 
-def test_velocity_passes_a_first_order_low_pass(law):
-    """Motors that move off at 1 rad/s: after n samples the law knows 1 - exp(-w_f n h) of that speed."""
-    law = replace(law, velocity_bandwidth=100.0)
-    state, _ = law.step(law.init(), JointSample(0.0, 0.2, np.zeros(2)))
+def test_velocity_passes_a_first_order_low_pass(controller):
+    """Motors start at 1 rad/s: after n samples the estimated speed is 1 - exp(-w_f n h)."""
+    controller = replace(controller, velocity_bandwidth=100.0)
+    state, _ = controller.step(controller.init(), JointSample(0.0, 0.2, np.zeros(2)))
     for n in range(1, 6):
-        state, _ = law.step(state, JointSample(n * STEP, 0.2, np.full(2, n * STEP)))
+        state, _ = controller.step(state, JointSample(n * STEP, 0.2, np.full(2, n * STEP)))
         assert state.velocity == pytest.approx(np.full(2, 1.0 - np.exp(-100.0 * n * STEP)), rel=1e-9)
 
 
-def test_static_torque_of_each_motor_is_that_of_its_own_spring(law):
-    law = replace(law, springs=(cubic_spring(10.0, 3.0), cubic_spring(40.0, 3.0)), fade_in=1e-6)
-    reference = law.references(1.0, np.zeros(2))
-    state, _ = law.step(law.init(), JointSample(0.0, 0.2, reference))
-    _, out = law.step(state, JointSample(1.0, 0.2, reference))
+def test_static_torque_of_each_motor_is_that_of_its_own_spring(controller):
+    controller = replace(controller, springs=(cubic_spring(10.0, 3.0), cubic_spring(40.0, 3.0)), fade_in=1e-6)
+    reference = controller.references(1.0, np.zeros(2))
+    state, _ = controller.step(controller.init(), JointSample(0.0, 0.2, reference))
+    _, out = controller.step(state, JointSample(1.0, 0.2, reference))
     assert out.torque == pytest.approx([10.0, -40.0])  # deflections of -1 and 1 rad, held against
 
 
 @given(q=st.floats(-10, 10), one=st.floats(-100, 100), two=st.floats(-100, 100))
 def test_limits_hold_everywhere(q, one, two):
     spring = cubic_spring(10.0, 3.0)
-    law = MotorPositionControl((spring, spring), still(0.0), still(0.5), 500.0, 1.0, 300.0, (6.0, 2.0), 0.1)
-    state, _ = law.step(law.init(), JointSample(0.0, 0.0, np.zeros(2)))
-    _, out = law.step(state, JointSample(STEP, q, np.array([one, two])))
+    controller = MotorPositionControl((spring, spring), still(0.0), still(0.5), 500.0, 1.0, 300.0, (6.0, 2.0), 0.1)
+    state, _ = controller.step(controller.init(), JointSample(0.0, 0.0, np.zeros(2)))
+    _, out = controller.step(state, JointSample(STEP, q, np.array([one, two])))
     assert np.all(np.abs(out.torque) <= [6.0, 2.0])
 
 
 @pytest.mark.parametrize("theta", [[np.nan, 0.0], [0.0, np.inf]])
-def test_blind_means_passive_and_keeps_the_state(law, theta):
-    state, _ = law.step(law.init(), JointSample(0.0, 0.2, np.zeros(2)))
-    after, out = law.step(state, JointSample(STEP, 0.2, np.array(theta)))
+def test_an_invalid_sample_gives_zero_torque_and_keeps_the_state(controller, theta):
+    state, _ = controller.step(controller.init(), JointSample(0.0, 0.2, np.zeros(2)))
+    after, out = controller.step(state, JointSample(STEP, 0.2, np.array(theta)))
     assert after is state
     assert np.array_equal(out.torque, [0.0, 0.0])
 
 
-def test_a_step_leaves_the_old_state_alone(law):
-    before, _ = law.step(law.init(), JointSample(0.0, 0.2, np.array([0.1, 0.2])))
+def test_a_step_does_not_modify_the_state(controller):
+    before, _ = controller.step(controller.init(), JointSample(0.0, 0.2, np.array([0.1, 0.2])))
     kept = before.theta.copy()
-    law.step(before, JointSample(STEP, 0.2, np.array([0.3, 0.4])))
+    controller.step(before, JointSample(STEP, 0.2, np.array([0.3, 0.4])))
     assert np.array_equal(before.theta, kept)
     with pytest.raises(FrozenInstanceError):
         before.time = 1.0
@@ -127,21 +127,21 @@ def test_a_step_leaves_the_old_state_alone(law):
         {"fade_in": 0.0},
     ],
 )
-def test_silly_parameters_are_refused(law, change):
+def test_invalid_parameters_are_refused(controller, change):
     with pytest.raises(ParameterError):
-        replace(law, **change)
+        replace(controller, **change)
 
 
-def test_references_leave_the_motors_where_they_are_and_fade_in(law):
+def test_references_start_at_the_motor_angles_and_fade_in(controller):
     origin = np.array([-0.4, 0.9])
-    _, out = law.step(law.init(), JointSample(5.0, 0.2, origin))
-    held = [-float(spring.torque(0.25 - angle)) for spring, angle in zip(law.springs, origin, strict=True)]
-    assert out.torque == pytest.approx(held)  # only what the springs ask for at rest
-    slope = (law.references(1e-6, origin) - law.references(0.0, origin)) / 1e-6
+    _, out = controller.step(controller.init(), JointSample(5.0, 0.2, origin))
+    held = [-float(spring.torque(0.25 - angle)) for spring, angle in zip(controller.springs, origin, strict=True)]
+    assert out.torque == pytest.approx(held)  # only the static torque of the springs
+    slope = (controller.references(1e-6, origin) - controller.references(0.0, origin)) / 1e-6
     assert slope == pytest.approx([0.0, 0.0], abs=1e-3)
-    assert law.references(0.1, origin) == pytest.approx(0.5 * (origin + np.array([1.2, -0.8])))
-    assert law.references(0.2, origin) == pytest.approx([1.2, -0.8])
-    slope = (law.references(0.2, origin) - law.references(0.2 - 1e-6, origin)) / 1e-6
+    assert controller.references(0.1, origin) == pytest.approx(0.5 * (origin + np.array([1.2, -0.8])))
+    assert controller.references(0.2, origin) == pytest.approx([1.2, -0.8])
+    slope = (controller.references(0.2, origin) - controller.references(0.2 - 1e-6, origin)) / 1e-6
     assert slope == pytest.approx([0.0, 0.0], abs=1e-3)
 
 
@@ -156,6 +156,6 @@ def test_multisine_is_the_sum_of_its_tones():
     "arguments",
     [(0.0, (0.1,), ()), (0.0, (0.1,), (0.0,)), (float("inf"), (), ()), (0.0, (float("nan"),), (1.0,))],
 )
-def test_silly_multisines_are_refused(arguments):
+def test_invalid_multisines_are_refused(arguments):
     with pytest.raises(ParameterError):
         Multisine(*arguments)

@@ -1,4 +1,4 @@
-"""Principal components sample by sample: planted covariances, gradients by differences, and what was misprinted."""
+"""Principal components sample by sample: known covariances, gradients by differences, and printing errors."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def orthonormal(n: int, seed: int) -> np.ndarray:
 
 
 def printed_step(w: np.ndarray, gain: float, motion: np.ndarray) -> np.ndarray:
-    """(119) as printed: twice the directions before."""
+    """(119) as printed: twice the preceding directions."""
     y = w.T @ motion
     steps = [y[i] * (motion - y[i] * w[:, i] - 2.0 * w[:, :i] @ y[:i]) for i in range(w.shape[1])]
     return w + gain * np.stack(steps, axis=1)
@@ -41,7 +41,7 @@ def gram_schmidt(w: np.ndarray, gain: float, motion: np.ndarray) -> np.ndarray:
     return out
 
 
-def test_it_finds_planted_directions_in_their_order():
+def test_it_finds_known_directions_in_their_order():
     """Covariance U diag(1, .3, .05, .01) U': two directions, of unit length, the most dominant first."""
     U, random = orthonormal(4, 1), np.random.default_rng(2)
     motion = random.normal(size=(20000, 4)) * np.sqrt([1.0, 0.3, 0.05, 0.01]) @ U.T
@@ -77,7 +77,7 @@ def test_the_factor_is_one_with_directions_from_before():
 
 
 def test_a_mean_is_no_motion():
-    """Swings of .15 rad about q_0; an offset of .1 rad in each joint turns what is learned from q itself."""
+    """Swings of .15 rad about q_0; an offset of .1 rad in each joint rotates the result from q itself."""
     w = np.array([0.2, 0.8, -0.1, 0.5]) / np.linalg.norm([0.2, 0.8, -0.1, 0.5])
     motion = 0.15 * np.sin(0.013 * np.arange(60000))[:, None] * w
     right, wrong = (learned(motion + offset, w[:, None], 0.05)[:, 0] for offset in (0.0, np.array([0.1, 0, -0.1, 0])))
@@ -86,7 +86,7 @@ def test_a_mean_is_no_motion():
 
 
 def test_gamma_much_less_than_one_is_not_enough():
-    """gamma = .1, but angles are large: the printed step throws the direction away, ours keeps it."""
+    """gamma = .1, but angles are large: the printed step loses the direction, the corrected one keeps it."""
     w, motion = np.array([1.0, 0.0]), np.array([9.0, 4.0])
     thrown = w
     for _ in range(4):

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from via_controllers.self_start import BAND, ENOUGH, START, push, turned, turning
 
 PULL = 0.642  # k_V H_d w of mode 1 in the reference set-up
-SOFTER = np.sqrt(ENOUGH)  # |z| at rest from which on nothing is added
+SOFTER = np.sqrt(ENOUGH)  # |z| at rest from which nothing is added
 
 
 def course(z, speed, direction, periods, start=START, pull=PULL, steps=300):
@@ -28,8 +28,8 @@ def course(z, speed, direction, periods, start=START, pull=PULL, steps=300):
     return np.array(found)
 
 
-def settled(z, start=START):
-    """What p may be where the mode is held at `z` for long, found by waiting."""
+def final_directions(z, start=START):
+    """Final values of p with the mode held at `z`, by simulation."""
     ends = set()
     for direction in (-1.0, 0.0, 1.0):
         for _ in range(200):
@@ -38,10 +38,10 @@ def settled(z, start=START):
     return ends
 
 
-def test_let_go_anywhere_the_cycle_is_back_in_one_period_and_a_half():
-    """Number 3 between the turning points, whichever way was remembered; without the start it is missed."""
+def test_released_anywhere_the_cycle_is_back_in_one_period_and_a_half():
+    """Number 3 between the turning points, for either direction; without the start it is missed."""
     for z in np.linspace(-1.0, 1.0, 41):
-        for direction in settled(z):
+        for direction in final_directions(z):
             off = np.abs(course(z, 0.0, direction, 2.5)[:, 0] - 1.0)
             assert off[300:].max() < 0.1 and off[450:].max() < 0.02
     off = np.abs(course(0.1, 0.0, 0.0, 2.5, start=0.0)[:, 0] - 1.0)
@@ -49,17 +49,17 @@ def test_let_go_anywhere_the_cycle_is_back_in_one_period_and_a_half():
 
 
 @pytest.mark.parametrize("start", [0.05, START, 1.0])
-def test_nowhere_at_rest_does_it_stay(start):
-    """z = s has no solution; without memory, p = 1 all over, it would have one."""
+def test_there_is_no_equilibrium(start):
+    """z = s has no solution; with a constant p = 1 it would have one."""
 
     def least(ways):
         return min(abs(z - push(start, way, z * z)) for z in np.linspace(-1.0, 1.0, 2001) for way in ways(z))
 
-    assert least(lambda z: settled(z, start)) > 0.5 * start
+    assert least(lambda z: final_directions(z, start)) > 0.5 * start
     assert least(lambda z: {1.0}) < 0.01
 
 
-def test_from_rest_it_starts_to_the_side_it_leans_away_from_and_mirrored():
+def test_from_rest_it_starts_away_from_its_offset_and_mirrored():
     for lean in (1e-3, -1e-3):
         found = course(lean, 0.0, 0.0, 1.5)
         away = np.sign(lean)
@@ -79,7 +79,7 @@ def test_from_rest_h_rises_all_the_way(pull):
     assert_allclose(free, 2.0 * START**2 * (1.0 - np.cos(early)), rtol=0.01, atol=1e-12)
 
 
-def test_swinging_wide_the_push_goes_with_the_motion():
+def test_in_wide_oscillations_the_push_supports_the_motion():
     """Along z = .8 cos t p changes sign within the band's share of a turning point."""
     direction, given = 0.0, []
     for phase in np.arange(0.0, 6.0 * np.pi, 0.002):
@@ -91,7 +91,7 @@ def test_swinging_wide_the_push_goes_with_the_motion():
     assert np.mean(s * speed) > 0.5 * push(START, 1.0, 0.25) * np.mean(np.abs(speed))
 
 
-def test_a_way_taken_is_kept_within_the_band():
+def test_the_direction_is_kept_within_the_band():
     for way in (1.0, -1.0):
         inside, beyond = 0.99 * BAND * START, 1.01 * BAND * START
         assert turning(START, way, way * inside, 0.0, 3.0) == 0.0
@@ -100,15 +100,15 @@ def test_a_way_taken_is_kept_within_the_band():
     assert turned(0.9, 10.0, 1.0) == 1.0 and turned(0.9, -1.0, 0.5) == pytest.approx(0.4)
 
 
-def test_who_holds_the_mode_bears_no_more_than_at_a_turning_point():
+def test_the_holding_force_is_at_most_that_of_a_turning_point():
     def most(start):
         z = np.linspace(0.0, SOFTER, 400)
-        return max(abs(each - push(start, way, each * each)) for each in z for way in settled(each, start))
+        return max(abs(each - push(start, way, each * each)) for each in z for way in final_directions(each, start))
 
     assert most(START) <= most(0.6) <= 1.0 < most(0.65)
 
 
-def test_enough_is_enough_and_all_is_smooth():
+def test_nothing_is_added_from_enough_on_and_all_is_smooth():
     assert push(START, 1.0, ENOUGH) == 0.0 == push(START, -1.0, 1.7) == push(0.0, 1.0, 0.0) == push(START, 0.0, 0.0)
     assert push(START, 1.0, 0.0) == START == -push(START, -1.0, 0.0)
     for along in (lambda x: push(START, 1.0, x), lambda x: push(START, x - 0.2, 0.1)):

@@ -1,4 +1,4 @@
-"""Section 7: closed forms against quadrature, a linear program and collocation; printed forms that lose."""
+"""Section 7: closed forms against quadrature, a linear program and collocation; slower printed forms."""
 
 from itertools import pairwise
 from math import acos, inf, pi, sin, sqrt
@@ -18,12 +18,12 @@ RATIOS = (0.0, 1e-9, 0.1, 0.4, 0.9, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.5, 20.0)
 
 
 def beyond(joint: ViscoElasticJoint, swings: float) -> float:
-    """A horizon [s] that many swings after the first turn."""
+    """A horizon [s] this many half swings after the first reversal."""
     return joint.first_turn + swings * min(joint.between_turns, 2.0)
 
 
 @pytest.mark.parametrize("D", RATIOS)
-def test_response_is_what_the_equation_of_motion_does(D):
+def test_response_agrees_with_the_equation_of_motion(D):
     """A step of motor velocity, integrated slowly: qd is the integral of g, for every damping."""
     joint = ViscoElasticJoint(OMEGA, D)
 
@@ -32,9 +32,9 @@ def test_response_is_what_the_equation_of_motion_does(D):
 
     times = np.linspace(0.0, 3.0, 31)
     slow = solve_ivp(right_hand_side, (0.0, 3.0), [0.0, 0.0], t_eval=times, rtol=1e-10, atol=1e-12, method="LSODA").y[1]
-    assert joint.reached(times) == pytest.approx(slow, abs=2e-8)
+    assert joint.step_response(times) == pytest.approx(slow, abs=2e-8)
     middle = 0.5 * (times[1:] + times[:-1])
-    slopes = (joint.reached(middle + 1e-5) - joint.reached(middle - 1e-5)) / 2e-5
+    slopes = (joint.step_response(middle + 1e-5) - joint.step_response(middle - 1e-5)) / 2e-5
     assert joint.response(middle) == pytest.approx(slopes, abs=1e-6)
 
 
@@ -82,8 +82,8 @@ def test_bound_is_continuous_through_critical_damping():
     assert bound(1.0 - 1e-9) == pytest.approx(bound(1.0 + 1e-9), abs=1e-8)
 
 
-def test_turning_uniformly_as_printed_loses_more_than_a_tenth():
-    """'Period of omega_d' holds but for the last stretch; every pi / omega_d from the end loses 15 % at D = .4."""
+def test_uniform_reversals_as_printed_lose_more_than_a_tenth():
+    """'Period of omega_d' is wrong for the last interval: reversals every pi / omega_d lose 15 % at D = .4."""
     joint = ViscoElasticJoint(OMEGA, 0.4)
     horizon = joint.first_turn + 4.0 * joint.between_turns
     uniform = horizon - joint.between_turns * np.arange(1, 5)
@@ -110,7 +110,7 @@ def test_linear_program_finds_the_closed_form(D):
     assert found.velocity == pytest.approx(2.0 * joint.fastest(horizon), rel=1e-6)
     turned = found.time[1:-1][np.diff(np.sign(found.control)) != 0]
     expected = joint.turns(horizon)
-    # A switch inside a step shows as one step of another height: one of its ends is the nearest node.
+    # A switch within a step gives this step another height: one of its ends is the nearest node.
     assert all(np.abs(turned - t).min() < 2e-4 * horizon for t in expected)
 
 
@@ -131,7 +131,7 @@ def test_collocation_finds_the_closed_form(D):
     ids=lambda driven: driven.drive,
 )
 def test_programs_agree_and_obey_125_with_every_motor(driven):
-    """Two methods that share nothing agree, a real motor is slower than an ideal one, and (125) holds for both."""
+    """Two independent methods agree, a real motor is slower than an ideal one, and (125) holds for both."""
     horizon = beyond(driven.joint, 1.3)
     program = switching_program.largest_velocity(driven, horizon, steps=400, finest=1e-3)
     second = switching_collocation.largest_velocity(driven, horizon, intervals=400)
@@ -146,7 +146,7 @@ def test_programs_agree_and_obey_125_with_every_motor(driven):
 
 @pytest.mark.parametrize("D", [0.0, 0.3, 1.5])
 def test_125_holds_with_the_co_states_that_end_at_t_f(D):
-    """sigma* is printed as a combination of co-states and no more: of those of (124), counted back from the end.
+    """sigma* is printed as a combination of co-states without details: those of (124), counted back from the end.
 
     For any motion of the motor. Read as the response since the start, or as co-states of qd(t_f) instead of
     J = -qd(t_f), (125) is wrong.
@@ -186,7 +186,7 @@ def test_fast_motors_approach_the_velocity_drive():
     assert found[-1] == pytest.approx(joint.fastest(horizon), rel=1e-4)
 
 
-def test_motor_velocity_turns_at_the_turns():
+def test_motor_velocity_changes_sign_at_the_reversals():
     joint = ViscoElasticJoint(OMEGA, 0.2)
     horizon = beyond(joint, 1.5)
     first, second = joint.turns(horizon)

@@ -1,1 +1,1 @@
-"""Controllers and excitations: one law per file; the nodes live in via_controllers.nodes."""
+"""Controllers of joints and arms, one per file; their nodes are in via_controllers.nodes."""

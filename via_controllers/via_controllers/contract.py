@@ -1,7 +1,7 @@
-"""What every control law of this package looks like: frozen parameters, pure `init` and `step`, limited torque out.
+"""Interfaces of the controllers: frozen parameters, pure `init` and `step`, torques within the limits.
 
-Controller     a law of one joint
-ArmController  a law of an arm of n flexible joints: all of them in one sample, all torques in one answer
+Controller     controls one joint
+ArmController  controls an arm of n flexible joints: one sample of all joints in, all motor torques out
 """
 
 from __future__ import annotations
@@ -21,56 +21,66 @@ State = TypeVar("State")
 
 @dataclass(frozen=True)
 class JointSample:
-    """What a joint's sensors said at one stamp; NaN where nothing was measured."""
+    """Measurements of a joint at one time; NaN where a value is missing."""
 
     time: float  # [s]
     q: float  # [rad] link angle
     theta: Array  # (m,) [rad] motor angles
 
+    @property
+    def valid(self) -> bool:
+        """Whether all values are finite."""
+        return math.isfinite(self.time) and math.isfinite(self.q) and bool(np.isfinite(self.theta).all())
+
 
 @dataclass(frozen=True)
 class ArmSample:
-    """What the sensors of an arm of n flexible joints said at one stamp; NaN where nothing was measured."""
+    """Measurements of an arm of n flexible joints at one time; NaN where a value is missing."""
 
     time: float  # [s]
     q: Array  # (n,) [rad] link angles
     q_velocity: Array  # (n,) [rad/s]
     theta: Array  # (n,) [rad] motor angles
     theta_velocity: Array  # (n,) [rad/s]
-    spring_torque: Array  # (n,) [N m] tau_e of a torque sensor; NaN where there is none
+    spring_torque: Array  # (n,) [N m] tau_e of torque sensors; NaN without sensors
+
+    @property
+    def valid(self) -> bool:
+        """Whether time, angles and velocities are finite; torque sensors are optional."""
+        return math.isfinite(self.time) and _finite(self.q, self.q_velocity, self.theta, self.theta_velocity)
 
 
 @dataclass(frozen=True)
 class Torques:
-    """What a law commands: motor torques that already respect the limits."""
+    """Output of a controller: motor torques within the limits."""
 
     torque: Array  # (m,) [N m]
-    saturated: bool  # some motor would have been asked for more
+    saturated: bool  # whether a torque was cut to its limit
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """Something that a law knows and others want to see."""
+    """An internal quantity of a controller that is published and plotted."""
 
-    name: str  # what plots and messages call it: H, z_1
+    name: str  # e.g. H, z_1
     unit: str  # SI, '-' for none
 
 
-class Telling(ABC, Generic[State]):
-    """What every law tells of its state."""
+class Observable(ABC, Generic[State]):
+    """Access to the internal quantities of a controller."""
 
     @property
     @abstractmethod
     def quantities(self) -> tuple[Quantity, ...]:
-        """What `told` tells, always the same k quantities in the same order."""
+        """Names and units of the k values of `observe`; constant."""
 
     @abstractmethod
-    def told(self, state: State) -> Array:
-        """Values (k,) of `quantities` at the last sample that was not blind."""
+    def observe(self, state: State) -> Array:
+        """Values (k,) of `quantities` at the last valid sample."""
 
 
-class Controller(Telling[State]):
-    """A control law of a joint; its parameters are its fields."""
+class Controller(Observable[State]):
+    """A controller of a joint; its parameters are its fields."""
 
     @abstractmethod
     def init(self) -> State:
@@ -78,39 +88,40 @@ class Controller(Telling[State]):
 
     @abstractmethod
     def step(self, state: State, sample: JointSample) -> tuple[State, Torques]:
-        """The torques that answer `sample`, and the next state; `state` stays as it was."""
+        """The next state and the torques for `sample`; `state` is not modified.
 
-
-class ArmController(Telling[State]):
-    """A control law of a whole arm; its parameters are its fields."""
-
-    @abstractmethod
-    def init(self, sample: ArmSample) -> State:
-        """The state before the first sample, which is this one and not `blind`."""
-
-    @abstractmethod
-    def step(self, state: State, sample: ArmSample) -> tuple[State, Torques]:
-        """The torques that answer `sample`, and the next state; `state` stays as it was.
-
-        A `blind` sample leaves motors passive and the state as it is.
+        For an invalid sample torques are zero and the state is unchanged.
         """
 
 
-def blind(sample: ArmSample) -> bool:
-    """Whether an angle or a velocity of the arm is unknown; a torque sensor may be missing."""
-    return not (
-        math.isfinite(sample.time) and _finite(sample.q, sample.q_velocity, sample.theta, sample.theta_velocity)
-    )
+class ArmController(Observable[State]):
+    """A controller of an arm; its parameters are its fields."""
+
+    @abstractmethod
+    def init(self, sample: ArmSample) -> State:
+        """The state before the first sample; `sample` is this first sample and valid."""
+
+    @abstractmethod
+    def step(self, state: State, sample: ArmSample) -> tuple[State, Torques]:
+        """The next state and the torques for `sample`; `state` is not modified.
+
+        For an invalid sample torques are zero and the state is unchanged.
+        """
+
+
+def passive(motors: int) -> Torques:
+    """Zero torque for this number of motors."""
+    return Torques(np.zeros(motors), False)
 
 
 def limited(torque: Array, limit: Array) -> Torques:
-    """`torque` (m,) clipped to +-`limit` (m,), both [N m]; what is not finite becomes zero: a passive motor."""
+    """`torque` (m,) clipped to +-`limit` (m,), both [N m]; entries that are not finite become zero."""
     return Torques(*_limited(torque, limit))
 
 
 @njit(cache=True, error_model="numpy")
 def _finite(first: Array, second: Array, third: Array, fourth: Array) -> bool:
-    # array by array: locked ones are another type, and a compiled loop runs over one type only
+    # Array by array: a compiled loop needs arrays of one type, and read-only arrays have another type.
     return bool(
         np.isfinite(first).all()
         and np.isfinite(second).all()
@@ -121,7 +132,7 @@ def _finite(first: Array, second: Array, third: Array, fourth: Array) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def _limited(torque: Array, limit: Array) -> tuple[Array, bool]:
-    """Clipped torques (m,), and whether one of them was more."""
+    """Clipped torques (m,), and whether one of them was changed."""
     out, saturated = np.zeros(torque.size), False
     for i in range(torque.size):
         if np.isfinite(torque[i]):
@@ -141,3 +152,10 @@ def require_positive(owner: object, *names: str) -> None:
     for name in names:
         value = getattr(owner, name)
         require(math.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
+
+
+def require_not_negative(owner: object, *names: str) -> None:
+    """Raise ParameterError for the first of these fields of `owner` that is not finite and >= 0."""
+    for name in names:
+        value = getattr(owner, name)
+        require(math.isfinite(value) and value >= 0.0, f"{name} must be >= 0, got {value}")

@@ -1,4 +1,4 @@
-"""Torques of flexible joints made to follow a reference: eqs. (105)-(108), with tau_e of q - theta as everywhere here.
+"""Torque control of flexible joints: eqs. (105)-(108), with tau_e of q - theta.
 
 With phi = q - theta and sigma' = dsigma/dphi
 
@@ -8,18 +8,19 @@ so that the motor torque, e = tau_ed - tau_e,
 
     tau = -tau_ed + D thd + B [qdd - (tau_ed'' + D_tau e' + K_tau e - sigma' phid^2) / sigma]            (107)
 
-leaves, at constant preset,
+results, at constant preset, in
 
     e'' + D_tau e' + (K_tau + sigma / B) e = 0                                                           (108)
 
-The acceleration of the links comes from their own equation, (9): no sensor of it is needed. Where a motor is at its
-torque or speed limit, (108) does not hold.
+The acceleration of the links follows from their equation of motion, (9), without a sensor. (108) does not hold while a
+motor is at its torque or speed limit.
 Source: the document's Section 6.1; there psi(theta - q) = -tau_e.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -29,18 +30,16 @@ from via_core.vsa_arms import VsaArm
 from via_controllers.contract import ArmSample, Torques, limited, require_positive
 
 
-@dataclass(frozen=True)
-class TorqueReference:
-    """tau_ed (n,) [N m] and its first two derivatives by time."""
+class TorqueReference(NamedTuple):
+    """tau_ed (n,) [N m] and its first two time derivatives."""
 
     torque: Array
     rate: Array
     second: Array
 
 
-@dataclass(frozen=True)
-class FlexibilityState:
-    """What springs and links do at one instant, (n,) each."""
+class FlexibilityState(NamedTuple):
+    """State of springs and links at one time, (n,) each."""
 
     torque: Array  # tau_e [N m]
     rate: Array  # [N m/s]
@@ -49,9 +48,16 @@ class FlexibilityState:
     acceleration: Array  # qdd [rad/s^2]
 
 
+class _Motors(NamedTuple):
+    """Constants of the motors, (n,) each."""
+
+    inertia: Array  # B [kg m^2]
+    friction: Array  # D [N m s/rad]
+
+
 @dataclass(frozen=True, eq=False)
 class FlexibilityTorque:
-    """The law of this file: K_tau = bandwidth^2, D_tau = 2 bandwidth. Raises ParameterError for a bandwidth <= 0."""
+    """Torque control, K_tau = bandwidth^2, D_tau = 2 bandwidth. Raises ParameterError for a bandwidth <= 0."""
 
     arm: VsaArm
     bandwidth: float  # omega_tau [rad/s]
@@ -60,54 +66,48 @@ class FlexibilityTorque:
         require_positive(self, "bandwidth")
 
     def observed(self, sample: ArmSample) -> FlexibilityState:
-        """tau_e, measured or by the springs' laws, and the qdd that follows without a load on the links."""
-        by_law, stiffness, slope = self.arm.spring_state(sample.q - sample.theta)
-        torque, rate = _measured(by_law, sample.spring_torque, stiffness, sample.q_velocity - sample.theta_velocity)
+        """tau_e, measured or from the spring laws, and the resulting qdd without a load on the links."""
+        nominal, stiffness, slope = self.arm.spring_state(sample.q - sample.theta)
+        torque, rate = _measured(nominal, sample.spring_torque, stiffness, sample.q_velocity - sample.theta_velocity)
         acceleration = self.arm.link_acceleration(sample.q, sample.q_velocity, -torque)
         return FlexibilityState(torque, rate, stiffness, slope, acceleration)
 
-    def wanted(self, sample: ArmSample, seen: FlexibilityState, reference: TorqueReference) -> Array:
-        """Motor torques (n,) [N m] of (107), not yet limited."""
-        arm = self.arm
-        return np.asarray(
-            _wanted(
-                reference.torque, reference.rate, reference.second, seen.torque, seen.rate, seen.stiffness,
-                seen.stiffness_slope, seen.acceleration, sample.q_velocity, sample.theta_velocity,
-                arm.motor_inertia, arm.motor_friction, self.bandwidth,
-            )
-        )  # fmt: skip
+    def unlimited(self, sample: ArmSample, seen: FlexibilityState, reference: TorqueReference) -> Array:
+        """Motor torques (n,) [N m] of (107)."""
+        motors = _Motors(self.arm.motor_inertia, self.arm.motor_friction)
+        return np.asarray(_unlimited(reference, seen, motors, sample.q_velocity, sample.theta_velocity, self.bandwidth))
 
     def torques(self, sample: ArmSample, seen: FlexibilityState, reference: TorqueReference) -> Torques:
-        """Motor torques of (107) within the limits; a motor at its speed limit is driven no further."""
-        torque = self.wanted(sample, seen, reference)
-        too_fast = _slowed(torque, sample.theta_velocity, self.arm.speed_limit)
+        """Motor torques of (107) within the limits; a motor at its speed limit is not accelerated further."""
+        torque = self.unlimited(sample, seen, reference)
+        too_fast = _slow_down(torque, sample.theta_velocity, self.arm.speed_limit)
         within = limited(torque, self.arm.torque_limit)
         return Torques(within.torque, within.saturated or too_fast)
 
 
 @njit(cache=True, error_model="numpy")
-def _measured(by_law: Array, measured: Array, stiffness: Array, deflection_rate: Array) -> tuple[Array, Array]:
-    """tau_e (n,), measured where it is, and its rate (n,)."""
-    return np.where(np.isfinite(measured), measured, by_law), stiffness * deflection_rate
+def _measured(nominal: Array, measured: Array, stiffness: Array, deflection_rate: Array) -> tuple[Array, Array]:
+    """tau_e (n,), measured or else nominal, and its rate (n,)."""
+    return np.where(np.isfinite(measured), measured, nominal), stiffness * deflection_rate
 
 
 @njit(cache=True, error_model="numpy")
-def _wanted(
-    torque: Array, rate: Array, second: Array, tau_e: Array, tau_e_rate: Array, stiffness: Array, slope: Array,
-    acceleration: Array, velocity: Array, motor_velocity: Array, inertia: Array, friction: Array, omega: float,
-) -> Array:  # fmt: skip
-    out = np.empty(torque.size)
-    for i in range(torque.size):
-        asked = second[i] + 2.0 * omega * (rate[i] - tau_e_rate[i]) + omega**2 * (torque[i] - tau_e[i])
-        bending = slope[i] * (velocity[i] - motor_velocity[i]) ** 2
-        motor = acceleration[i] - (asked - bending) / stiffness[i]
-        out[i] = inertia[i] * motor + friction[i] * motor_velocity[i] - torque[i]
+def _unlimited(
+    reference: TorqueReference, seen: FlexibilityState, motors: _Motors, velocity: Array, speed: Array, omega: float
+) -> Array:
+    out = np.empty(speed.size)
+    for i in range(speed.size):
+        error, error_rate = reference.torque[i] - seen.torque[i], reference.rate[i] - seen.rate[i]
+        command = reference.second[i] + 2.0 * omega * error_rate + omega**2 * error
+        bending = seen.stiffness_slope[i] * (velocity[i] - speed[i]) ** 2
+        motor = seen.acceleration[i] - (command - bending) / seen.stiffness[i]
+        out[i] = motors.inertia[i] * motor + motors.friction[i] * speed[i] - reference.torque[i]
     return out
 
 
 @njit(cache=True, error_model="numpy")
-def _slowed(torque: Array, speed: Array, limit: Array) -> bool:
-    """Takes the torques away that drive motors beyond their speed; whether there were any."""
+def _slow_down(torque: Array, speed: Array, limit: Array) -> bool:
+    """Set torques that accelerate a motor beyond its speed limit to zero; returns whether there were any."""
     found = False
     for i in range(torque.size):
         if abs(speed[i]) >= limit[i] and torque[i] * speed[i] > 0.0:

@@ -1,10 +1,10 @@
-"""A joint held where it is: motors on springs and dampers, as `hold_still` does it for arms.
+"""Holds a joint where it is: springs and dampers on the motors, as `hold_still` for arms.
 
     tau_i = K_P,i (theta_0,i - theta_i) - K_D,i thd_i - tau_e,i(q_0 - theta_0,i)
 
-q_0 is where the link is when it begins, theta_0 where it rests there with the preset that the motors then have; where
-it cannot rest there the motors stay. K_P,i is the stiffness of spring i at rest: a link that swings is braked through
-its springs. A slack spring, and a preset motor, which has none, are held as softly as `bandwidth` says.
+q_0 is the link angle at the first sample; theta_0 are the motor angles that balance the link there with the present
+preset, or the present angles if there is no balance. K_P,i is the stiffness of spring i at rest: the motors damp a
+swinging link through its springs. `bandwidth` sets K_P of a slack spring and of a preset motor, which has no spring.
 Source: as `hold_still`.
 """
 
@@ -23,10 +23,10 @@ from via_controllers.motor_references import UnreachableError, resting
 
 @dataclass(frozen=True, eq=False)
 class HoldJoint(Holding):
-    """The law of this file. Raises ParameterError for a damping or bandwidth that is not positive."""
+    """Holding controller of a joint. Raises ParameterError for a damping or bandwidth that is not positive."""
 
     axes: JointAxes
-    damping: float = 1.0  # K_D over sqrt(K_P (B + M)) [-]; about where swings die out fastest
+    damping: float = 1.0  # K_D over sqrt(K_P (B + M)) [-]; about 1 damps oscillations fastest
     bandwidth: float = 10.0  # [rad/s]: K_P is at least B bandwidth^2
 
     def __post_init__(self) -> None:

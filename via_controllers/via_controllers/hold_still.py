@@ -1,9 +1,9 @@
-"""An arm of flexible joints held where it is: motors on springs and dampers, the static torques known.
+"""Holds an arm of flexible joints where it is: springs and dampers on the motors, static torques from the model.
 
-    tau = g(q_0) + K_P (theta_0 - theta) - K_D thd,   theta_0 = q_0 + what the springs give way under g(q_0)
+    tau = g(q_0) + K_P (theta_0 - theta) - K_D thd,   theta_0 = q_0 + spring deflection under g(q_0)
 
-q_0 is where the links are when it begins. Nothing but motors is fed back: links that swing are braked through their
-springs, so that K_P is not larger than the springs' stiffness. Passive, and stable about q_0 however far that is wrong.
+q_0 are the link angles at the first sample. Only motors are fed back: they damp swinging links through the springs, so
+that K_P is not larger than the spring stiffness. The control is passive and stable even with a wrong model.
 Source: Tomei, A simple PD controller for robots with elastic joints, IEEE Trans. Automatic Control 36 (1991).
 """
 
@@ -18,16 +18,16 @@ from via_core.vsa_arms import VsaArm
 from via_controllers.contract import ArmSample, require_positive
 from via_controllers.holding import Held, Holding
 
-REACH = 0.9  # of a spring's deflection to its stop: gravity beyond that is not carried
+REACH = 0.9  # largest static deflection over the spring's stop; a larger gravity load is not compensated
 
 
 @dataclass(frozen=True, eq=False)
 class HoldStill(Holding):
-    """The law of this file. Raises ParameterError for gains that are not positive."""
+    """Holding controller of an arm. Raises ParameterError for gains that are not positive."""
 
     arm: VsaArm
-    stiffness: float = 1.0  # K_P over the springs' stiffness at theta_0 [-]
-    damping: float = 2.0  # K_D over sqrt(stiffness inertia) of motor and spring [-]; swings die out fastest so
+    stiffness: float = 1.0  # K_P over the spring stiffness at theta_0 [-]
+    damping: float = 2.0  # K_D over sqrt(stiffness inertia) of motor and spring [-]; 2 damps oscillations fastest
 
     def __post_init__(self) -> None:
         require_positive(self, "stiffness", "damping")

@@ -1,4 +1,4 @@
-"""What holds motors where they are, of an arm or a joint: springs and dampers about the angles found at the start.
+"""Base of the holding controllers: springs and dampers hold the motors of an arm or a joint at their initial angles.
 
 tau_i = tau_0,i + K_P,i (theta_0,i - theta_i) - K_D,i thd_i
 """
@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.signals import Array
 
-from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind, limited
+from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, limited, passive
 
 
 @dataclass(frozen=True)
 class Held:
-    """What is held, (n,) each."""
+    """Reference and gains, (n,) each."""
 
     theta: Array  # theta_0 [rad]
     torque: Array  # tau_0 [N m]
@@ -25,7 +25,7 @@ class Held:
 
 
 class Holding(ArmController[Held]):
-    """A law that says in `init` what it holds, and how stiffly."""
+    """A holding controller; `init` determines reference and gains."""
 
     @property
     @abstractmethod
@@ -36,12 +36,12 @@ class Holding(ArmController[Held]):
     def quantities(self) -> tuple[Quantity, ...]:
         return ()
 
-    def told(self, state: Held) -> Array:
+    def observe(self, state: Held) -> Array:
         return np.empty(0)
 
     def step(self, state: Held, sample: ArmSample) -> tuple[Held, Torques]:
-        if blind(sample):
-            return state, Torques(np.zeros(len(state.theta)), False)
+        if not sample.valid:
+            return state, passive(len(state.theta))
         torque = (
             state.torque + state.proportional * (state.theta - sample.theta) - state.derivative * sample.theta_velocity
         )

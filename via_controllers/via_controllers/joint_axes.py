@@ -1,9 +1,9 @@
-"""A joint seen as an arm: one axis per motor, behind each of them the same link.
+"""A joint represented as an arm: one axis per motor, each with the same link.
 
     q -> (q, .., q),   theta -> (theta_1, .., theta_m),   M qdd = -sum_i tau_e,i - Dq qd - g(q)
 
-What keeps limits, holds still and decides for arms then serves joints as well. The preset motor of a serial joint is an
-axis without a spring: what the preset costs no device file tells. A transmission's damper stands beside spring 1.
+With it the limits, holding controllers and supervision of arms also work for joints. The preset motor of a serial joint
+is an axis without a spring: device files have no load of the preset. A transmission's damper acts beside spring 1.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf, sin
-from typing import Generic
+from typing import Generic, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -28,44 +28,51 @@ from via_controllers.contract import (
     Quantity,
     State,
     Torques,
-    blind,
+    passive,
     require,
 )
 
 
+class _Springs(NamedTuple):
+    """The k springs of a joint."""
+
+    kinds: Array  # (k,)
+    coefficients: Array  # (k, 8)
+    serial: bool  # whether motor 2 is the preset of spring 1
+    stops: Array  # (m,) [rad] largest deflections
+
+
 @dataclass(frozen=True, eq=False)
 class JointAxes:
-    """The m axes of a device. Raises ParameterError for one without springs or without motors that take torques."""
+    """The m axes of a device. Raises ParameterError for a device without springs or without torque motors."""
 
     device: Device
-    damping: float = 0.0  # command of the damper [0..1]
+    damping: float = 0.0  # damper command [0..1]
     motor_inertia: Array = field(init=False, repr=False)  # B (m,) [kg m^2]
     motor_friction: Array = field(init=False, repr=False)  # D (m,) [N m s/rad]
-    torque_limit: Array = field(
-        init=False, repr=False
-    )  # (m,) [N m], infinite where there is none, as those that follow
+    torque_limit: Array = field(init=False, repr=False)  # (m,) [N m], infinite without a limit, like the next two
     speed_limit: Array = field(init=False, repr=False)  # (m,) [rad/s]
     deflection_limit: Array = field(init=False, repr=False)  # (m,) [rad]
-    _springs: tuple[Array, Array, bool] = field(init=False, repr=False)  # kinds, coefficients, whether serial
+    _springs: _Springs = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         device = self.device
         require(bool(device.springs), f"device: '{device.name}' has no springs")
         require(device.drive == "torque", f"device: the motors of '{device.name}' take no torques")
         motors = [motor for motor in device.motors if isinstance(motor, TorqueMotor)]
-        stops = [law.max_deflection for law in device.spring_laws]
-        known = {
+        springs = device.spring_laws
+        derived = {
             "motor_inertia": [motor.inertia for motor in motors],
             "motor_friction": [motor.viscous_friction for motor in motors],
             "torque_limit": [motor.torque_limit or inf for motor in motors],
             "speed_limit": [motor.speed_limit or inf for motor in motors],
-            "deflection_limit": [*stops, *[inf] * (len(motors) - len(stops))],
+            "deflection_limit": [each.max_deflection for each in springs] + [inf] * (len(motors) - len(springs)),
         }
-        for name, values in known.items():
+        for name, values in derived.items():
             object.__setattr__(self, name, locked(np.array(values), name))
-        laws = device.spring_laws
-        compiled = np.array([law.kind for law in laws]), np.array([law.coefficients() for law in laws])
-        object.__setattr__(self, "_springs", (*compiled, device.arrangement == "serial"))
+        kinds, coefficients = (np.array(each) for each in zip(*((s.kind, s.coefficients()) for s in springs)))
+        serial = device.arrangement == "serial"
+        object.__setattr__(self, "_springs", _Springs(kinds, coefficients, serial, self.deflection_limit))
 
     @property
     def n(self) -> int:
@@ -73,15 +80,15 @@ class JointAxes:
         return self.device.n_motors
 
     def spring_torque(self, q: float, theta: Array) -> Array:
-        """tau_e (m,) [N m] at `q` [rad] and `theta` (m,) [rad]; beyond a stop that of the stop, without a spring 0."""
-        return np.asarray(_springs(*self._springs, q, theta, self.deflection_limit)[0])
+        """tau_e (m,) [N m] at `q` [rad] and `theta` (m,) [rad]; constant beyond a stop, 0 without a spring."""
+        return np.asarray(_spring_state(self._springs, q, theta)[0])
 
     def spring_stiffness(self, q: float, theta: Array) -> Array:
         """sigma (m,) [N m/rad], as `spring_torque`."""
-        return np.asarray(_springs(*self._springs, q, theta, self.deflection_limit)[1])
+        return np.asarray(_spring_state(self._springs, q, theta)[1])
 
     def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
-        """tau_e [N m], damper included, and qdd [rad/s^2] under it, (m,) each."""
+        """tau_e [N m], damper included, and the resulting qdd [rad/s^2], (m,) each."""
         device, link = self.device, self.device.link
         torque, friction = self.spring_torque(q[0], theta), link.viscous_friction
         if device.damper is not None:
@@ -95,38 +102,38 @@ class JointAxes:
 
 
 @njit(cache=True, error_model="numpy")
-def _springs(kinds: Array, rows: Array, serial: bool, q: float, theta: Array, stops: Array) -> Array:
-    """tau_e and sigma (2, m): what `Device.torque_each` and `stiffness_each` say, within the stops."""
+def _spring_state(springs: _Springs, q: float, theta: Array) -> Array:
+    """tau_e and sigma (2, m) as `Device.torque_each` and `stiffness_each`, deflections clipped to the stops."""
     out = np.zeros((2, theta.size))
-    for i in range(kinds.size):
-        phi = min(max(q - theta[i], -stops[i]), stops[i])
-        own = theta[1] if serial else q - phi
-        out[0, i] = spring_torque(kinds[i], rows[i], phi, own)
-        out[1, i] = spring_stiffness(kinds[i], rows[i], phi, own)
+    for i in range(springs.kinds.size):
+        phi = min(max(q - theta[i], -springs.stops[i]), springs.stops[i])
+        own = theta[1] if springs.serial else q - phi
+        out[0, i] = spring_torque(springs.kinds[i], springs.coefficients[i], phi, own)
+        out[1, i] = spring_stiffness(springs.kinds[i], springs.coefficients[i], phi, own)
     return out
 
 
 @dataclass(frozen=True, eq=False)
 class OnAxes(ArmController[State], Generic[State]):
-    """A joint's law as one of its axes.
+    """A joint's controller applied to its axes.
 
-    begin  where the law starts from, if not from its `init`
+    start  returns the initial state; None: the controller's `init`
     """
 
-    law: Controller[State]
-    begin: Callable[[], State] | None = None
+    controller: Controller[State]
+    start: Callable[[], State] | None = None
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        return self.law.quantities
+        return self.controller.quantities
 
-    def told(self, state: State) -> Array:
-        return self.law.told(state)
+    def observe(self, state: State) -> Array:
+        return self.controller.observe(state)
 
     def init(self, sample: ArmSample) -> State:
-        return self.law.init() if self.begin is None else self.begin()
+        return self.controller.init() if self.start is None else self.start()
 
     def step(self, state: State, sample: ArmSample) -> tuple[State, Torques]:
-        if blind(sample):
-            return state, Torques(np.zeros(len(sample.theta)), False)
-        return self.law.step(state, JointSample(sample.time, float(sample.q[0]), sample.theta))
+        if not sample.valid:
+            return state, passive(len(sample.theta))
+        return self.controller.step(state, JointSample(sample.time, float(sample.q[0]), sample.theta))

@@ -1,4 +1,4 @@
-"""Velocities of joints without a sensor for them: the angle's derivative behind a first-order low pass."""
+"""Estimates of joint velocities from angles: their derivative behind a first-order low pass."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from via_core.signals import Array
 
 
 def low_passed(velocity: Array, before: Array, now: Array, step: float, bandwidth: float) -> Array:
-    """Velocities (n,) [rad/s] `step` [s] after `velocity`, angles (n,) [rad] having gone from `before` to `now`.
+    """Velocities (n,) [rad/s] `step` [s] after `velocity`, while the angles (n,) [rad] went from `before` to `now`.
 
-    bandwidth  [rad/s]; a step that is not positive changes nothing
+    bandwidth  [rad/s]; a step <= 0 returns `velocity`
     """
     if step <= 0.0:
         return velocity

@@ -1,21 +1,20 @@
-"""The fastest link at a given time, on a joint whose motor takes torques: Section 7's policy, run in closed loop.
+"""Largest link velocity at a given time for a flexible joint with a torque motor: Section 7's policy in closed loop.
 
-The motor follows theta_d(t) = theta(0) + integral of v s(t), s = +-1 as `visco_elastic` has it for an ideal motor:
+The motor follows theta_d(t) = theta(0) + integral of v s(t), with s = +-1 of the ideal motor (`visco_elastic`):
 
     tau = K_D (w_d - thd) - tau_e,    w_d = v s + K_P / K_D (theta_d - theta) within +-v,
     tau_e = tau_e(q - theta) + d (qd - thd)
 
-The last term takes the load of spring and damper off the motor. What a turn costs is made up for afterwards, but never
-faster than v: with K_P = B w^2 and K_D = 2 B w the motor's speed closes up like exp(-2 w t), without overshoot as long
-as 2 w is small beside the rates of samples and of the low passes. The torque is limited, which costs what Figure 21
-shows. After the horizon the motor holds still where it is to be. Velocities are not measured: they are derivatives of
-angles behind low passes.
+The last term compensates the load of spring and damper. The motor catches up after a reversal, but never faster than
+v: with K_P = B w^2 and K_D = 2 B w its speed converges like exp(-2 w t), without overshoot as long as 2 w is small
+compared with the sample rate and the low passes. The torque limit reduces the velocity reached, as Figure 21 shows.
+After the horizon the motor holds its final reference. Velocities are derivatives of angles behind low passes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite, isnan, nan, sqrt
+from math import isnan, nan, sqrt
 
 import numpy as np
 from via_core.device_parts import TorqueMotor
@@ -24,17 +23,17 @@ from via_core.errors import ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw
 
-from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, require
+from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, passive, require_positive
 from via_controllers.low_pass import low_passed
 from via_controllers.visco_elastic import ViscoElasticJoint
 
 
 @dataclass(frozen=True)
 class MaxVelocityState:
-    """`start` is the stamp [s] of the first sample, NaN before it, `origin` [rad] the motor's angle there."""
+    """State after a sample."""
 
-    start: float
-    origin: float
+    start: float  # [s] time of the first sample, NaN before it
+    origin: float  # [rad] motor angle at the first sample
     time: float  # [s] of the last sample
     angles: Array  # (2,) [rad] of link and motor
     velocities: Array  # (2,) [rad/s] low-passed
@@ -42,12 +41,12 @@ class MaxVelocityState:
 
 @dataclass(frozen=True)
 class MaxVelocity(Controller[MaxVelocityState]):
-    """The law of this file. Raises ParameterError for gains, limits or a horizon that are not positive."""
+    """The controller. Raises ParameterError for gains, limits or a horizon that are not positive."""
 
     spring: SpringLaw
     damping: float  # d [N m s/rad] of the transmission
     horizon: float  # t_f [s]
-    turns: tuple[float, ...]  # [s] after the start, rising, at which the motor turns around
+    turns: tuple[float, ...]  # [s] after the start, rising: reversals of the motor
     velocity: float  # v [rad/s] of the motor
     proportional_gain: float  # K_P [N m/rad]
     derivative_gain: float  # K_D [N m s/rad]
@@ -55,19 +54,17 @@ class MaxVelocity(Controller[MaxVelocityState]):
     torque_limit: float  # [N m]
 
     def __post_init__(self) -> None:
-        for name in ("horizon", "velocity", "proportional_gain", "velocity_bandwidth", "torque_limit"):
-            value = getattr(self, name)
-            require(isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
+        require_positive(self, "horizon", "velocity", "proportional_gain", "velocity_bandwidth", "torque_limit")
 
     @classmethod
     def from_device(
         cls, device: Device, horizon: float, damping_command: float = 0.0, bandwidth: float = 100.0
     ) -> MaxVelocity:
-        """For a flexible device with a torque motor whose torque and speed limits are known.
+        """For a flexible device whose torque motor has torque and speed limits.
 
         horizon          t_f [s]
-        damping_command  [0..1] under which the damper stands meanwhile
-        bandwidth        w [rad/s] of the motor's loop
+        damping_command  [0..1] of the damper during the motion
+        bandwidth        w [rad/s] of the motor control
         """
         joint, motor = joint_of(device, damping_command), device.motors[0]
         if not isinstance(motor, TorqueMotor) or motor.torque_limit is None or motor.speed_limit is None:
@@ -97,25 +94,25 @@ class MaxVelocity(Controller[MaxVelocityState]):
     def quantities(self) -> tuple[Quantity, ...]:
         return Quantity("left", "s"), Quantity("link_velocity", "rad/s"), Quantity("motor_velocity", "rad/s")
 
-    def told(self, state: MaxVelocityState) -> Array:
-        """How long it is to t_f, below 0 after it, and the velocities behind their low passes."""
+    def observe(self, state: MaxVelocityState) -> Array:
+        """Time left to t_f, negative after it, and the low-passed velocities."""
         return np.array([self.horizon - (state.time - state.start), *state.velocities])
 
     def init(self) -> MaxVelocityState:
-        nothing = locked(np.zeros(2), "angles")
-        return MaxVelocityState(nan, 0.0, 0.0, nothing, nothing)
+        zeros = locked(np.zeros(2), "angles")
+        return MaxVelocityState(nan, 0.0, 0.0, zeros, zeros)
 
     def step(self, state: MaxVelocityState, sample: JointSample) -> tuple[MaxVelocityState, Torques]:
         angles = np.array([sample.q, sample.theta[0]])
-        if not (isfinite(sample.time) and np.isfinite(angles).all()):
-            return state, Torques(np.zeros(1), False)  # blind: passive
+        if not sample.valid:
+            return state, passive(1)
         if isnan(state.start):
             state = MaxVelocityState(sample.time, angles[1], sample.time, angles, np.zeros(2))
         step = sample.time - state.time
         velocities = low_passed(state.velocities, state.angles, angles, step, self.velocity_bandwidth)
-        wanted, rate = self.reference(sample.time - state.start)
+        target, rate = self.reference(sample.time - state.start)
         load = float(self.spring.torque(angles[0] - angles[1])) + self.damping * (velocities[0] - velocities[1])
-        catching_up = self.proportional_gain / self.derivative_gain * (state.origin + wanted - angles[1])
+        catching_up = self.proportional_gain / self.derivative_gain * (state.origin + target - angles[1])
         speed = min(max(rate + catching_up, -self.velocity), self.velocity)
         torque = self.derivative_gain * (speed - velocities[1]) - load
         after = MaxVelocityState(
@@ -125,10 +122,12 @@ class MaxVelocity(Controller[MaxVelocityState]):
 
 
 def joint_of(device: Device, damping_command: float = 0.0) -> ViscoElasticJoint:
-    """omega and D of a flexible device at rest; raises ParameterError where it is not flexible."""
+    """omega and D of a flexible device at rest; raises ParameterError if it is not flexible."""
     if device.arrangement != "flexible":
-        raise ParameterError(f"device: fastest motions need one spring and one motor, '{device.name}' has not")
+        raise ParameterError(
+            f"device: max_velocity needs one spring and one motor, '{device.name}' is {device.arrangement}"
+        )
     M, K = device.link.inertia, float(device.spring_laws[0].stiffness(0.0))
-    beside = device.damper is not None and device.damper.site == "transmission"
-    d = float(device.damping_of(damping_command)) if beside else 0.0
+    parallel = device.damper is not None and device.damper.site == "transmission"
+    d = float(device.damping_of(damping_command)) if parallel else 0.0
     return ViscoElasticJoint(sqrt(K / M), d / (2.0 * sqrt(K * M)))

@@ -1,20 +1,20 @@
-"""A limit cycle on one mode of an arm, the other modes damped out: eqs. (81)-(104), for a rigid arm.
+"""Limit cycle of an arm on one mode, with the other modes damped: eqs. (81)-(104), for a rigid arm.
 
-In modal coordinates of M(q) and a constant K_d the closed loop is to be, mode by mode,
+In modal coordinates of M(q) and a constant K_d the desired closed loop is, mode by mode,
 
     i != k   zdd_i + 2 xi sqrt(lambda_i) zd_i + lambda_i z_i = 0                                      (93), D_d by (86)
     i == k   zdd_k + lambda_k z_k = u_k,   H = zd_k^2 / (2 lambda_k) + z_k^2 / 2                      (99), (100)
              u_k = lambda_k (-k_V (H - H_d) zd_k + lambdad_k / (2 lambda_k^2) zd_k)                   (102) corrected
              Hd = -k_V (H - H_d) zd_k^2,   V = (H - H_d)^2 / 2                                        (103), (104)
 
-(102) is printed with zd_k^2 in its last term, which does not cancel (101)'s: H then swings by a tenth of H_d and more.
-The torque is that of (82), (90) and (91). Its gamma holds Wdd and with it the acceleration that the torque is to bring
-about; this loop is closed by solving for the acceleration first, A_k = W^-1 dW/dq_k:
+(102) is printed with zd_k^2 in its last term, which does not cancel the term of (101): H then oscillates by a tenth of
+H_d and more. The torque is that of (82), (90) and (91). Its gamma contains Wdd and with it the acceleration that the
+torque causes. Solving for the acceleration first removes this loop, A_k = W^-1 dW/dq_k:
 
     (I - W [A_1 z ... A_n z]) qdd = (Wdd z at qdd = 0) + 2 Wdot zd + W zdd,   tau = M qdd + C qd + g
 
-z = 0 is an equilibrium, if an unstable one: somebody must push, or `self_start` does, which adds lambda_k s to u_k
-while H is well below H_d. How long the way is without follows from (103): over a cycle zd_k^2 is lambda_k H on average,
+z = 0 is an unstable equilibrium: the motion starts with a push, or with `self_start`, which adds lambda_k s to u_k
+while H is well below H_d. The time to converge without it follows from (103): zd_k^2 averages lambda_k H over a cycle,
 so that with h = H / H_d
 
     hd = k_V lambda_k H_d h (1 - h),   1 / h(t) - 1 = (1 / h(0) - 1) exp(-k_V lambda_k H_d t)
@@ -34,14 +34,14 @@ from via_core.signals import Array, locked
 from via_core.vsa_arms import VsaArm, inertia_of
 
 from via_controllers import self_start
-from via_controllers.contract import require
+from via_controllers.contract import require, require_positive
 from via_controllers.modal_transform import ModalBasis, basis_near, first_basis, next_basis, rates_along, second_along
 
-WALK = 0.02  # [rad] between configurations on the way along which modes get their names
+WALK = 0.02  # [rad] step between configurations along which modes are tracked
 
 
 class ModalMotion(NamedTuple):
-    """What the law saw and wants at one instant."""
+    """Modal state and desired torque at one time."""
 
     basis: ModalBasis
     z: Array  # (n,) modal coordinates [sqrt(kg m^2) rad]
@@ -49,7 +49,7 @@ class ModalMotion(NamedTuple):
     eigenvalue_rates: Array  # (n,) lambdad [1/s^3]
     H: float  # of mode k, (100)
     V: float  # (104)
-    acceleration: Array  # qdd (n,) [rad/s^2] that it brings about
+    acceleration: Array  # desired qdd (n,) [rad/s^2]
     torque: Array  # (n,) [N m] on the links
     direction: float  # p of `self_start` [-]
     turning: float  # pd [1/s]
@@ -58,16 +58,16 @@ class ModalMotion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ModalLimitCycle:
-    """The law of this file. Raises ParameterError for parameters outside of what is said here."""
+    """The controller. Raises ParameterError for values outside the stated ranges."""
 
     arm: VsaArm
     equilibrium: Array  # q_d (n,) [rad]
     stiffness: Array  # K_d (n, n) [N m/rad], symmetric and positive definite
-    mode: int  # k, 0 the softest at the equilibrium
+    mode: int  # k, 0 is the softest at the equilibrium
     damping_ratio: float  # xi > 0 of the other modes
     gain: float  # k_V > 0 [s/(kg m^2)]
     level: float  # H_d > 0 [kg m^2]: half the squared amplitude of z_k
-    start: float = self_start.START  # a of `self_start`, 0 to 1 [-]; 0: at rest at z = 0 it stays at rest
+    start: float = self_start.START  # a of `self_start`, 0 to 1 [-]; 0: the arm stays at rest at z = 0
 
     def __post_init__(self) -> None:
         n = self.arm.n
@@ -79,9 +79,7 @@ class ModalLimitCycle:
         definite = np.array_equal(K, K.T) and np.linalg.eigvalsh(K).min() > 0.0
         require(definite, "stiffness must be symmetric and positive definite")
         require(0 <= self.mode < n, f"mode must be 0 to {n - 1}, got {self.mode}")
-        for name in ("damping_ratio", "gain", "level"):
-            value = getattr(self, name)
-            require(np.isfinite(value) and value > 0.0, f"{name} must be > 0, got {value}")
+        require_positive(self, "damping_ratio", "gain", "level")
         require(0.0 <= self.start <= 1.0, f"start must lie in 0 to 1, got {self.start}")
 
     @cached_property
@@ -90,44 +88,45 @@ class ModalLimitCycle:
         return sqrt(2.0 * self.level)
 
     def init(self, q: Array) -> ModalBasis:
-        """The basis at `q` (n,) [rad], whose modes have the order that they have at the equilibrium."""
-        way = q - self.equilibrium
+        """The basis at `q` (n,) [rad], with modes in the order of the equilibrium."""
+        distance = q - self.equilibrium
         basis = first_basis(self.arm.inertia(self.equilibrium), self.stiffness)
-        for share in np.linspace(0.0, 1.0, 2 + int(np.abs(way).max() / WALK))[1:]:
-            basis = next_basis(basis, self.arm.inertia(self.equilibrium + share * way), self.stiffness)
+        for share in np.linspace(0.0, 1.0, 2 + int(np.abs(distance).max() / WALK))[1:]:
+            basis = next_basis(basis, self.arm.inertia(self.equilibrium + share * distance), self.stiffness)
         return basis
 
     def at(self, near: ModalBasis, q: Array, velocity: Array, direction: float = 0.0) -> ModalMotion:
-        """What the law wants at `q`, `velocity` (n,) [rad, rad/s].
+        """The desired motion at `q`, `velocity` (n,) [rad, rad/s].
 
-        near       the basis of the instant before
-        direction  p of `self_start` at this instant; it turns at the rate that is answered; 0: the law without it
+        near       the basis just before
+        direction  p of `self_start` now; `turning` of the result is its rate; 0: without `self_start`
         """
         arm, k = self.arm, self.mode
-        W, values, z, zd, rates, drift, loop = _modal(
-            near.W, *arm.inertia_terms(q, velocity), self.stiffness, self.equilibrium, q, velocity
-        )
-        value, speed = float(values[k]), float(zd[k])
-        H = 0.5 * (speed**2 / value + float(z[k]) ** 2)
-        u = orbit_input(value, float(rates[k]), self.gain * (H - self.level), speed)
+        modal = _modal(near.W, *arm.inertia_terms(q, velocity), self.stiffness, self.equilibrium, q, velocity)
+        value, z, speed = float(modal.values[k]), float(modal.z[k]), float(modal.zd[k])
+        H = 0.5 * (speed**2 / value + z**2)
+        u = orbit_input(value, float(modal.rates[k]), self.gain * (H - self.level), speed)
         A, w = self.amplitude, sqrt(value)
         s = A * self_start.push(self.start, direction, H / self.level)
         if s != 0.0:
             u += value * s
-        turning = self_start.turning(self.start, direction, float(z[k]) / A, speed / (w * A), w)
-        acceleration = _accelerated(W, values, z, zd, drift, loop, k, self.damping_ratio, u)
+        turning = self_start.turning(self.start, direction, z / A, speed / (w * A), w)
+        acceleration = _accelerated(modal, k, self.damping_ratio, u)
         torque = arm.link_torque(q, velocity, acceleration)
         V = 0.5 * (H - self.level) ** 2
-        return ModalMotion(ModalBasis(W, values), z, zd, rates, H, V, acceleration, torque, direction, turning, s)
+        return ModalMotion(
+            ModalBasis(modal.W, modal.values), modal.z, modal.zd, modal.rates, H, V, acceleration, torque, direction,
+            turning, s,
+        )  # fmt: skip
 
 
 def approach(share: float, gain: float, level: float, eigenvalue: float, time: float) -> float:
-    """h = H / H_d [-], averaged over a cycle, `time` [s] after it was `share` > 0 (head of this file)."""
+    """h = H / H_d [-], averaged over a cycle, `time` [s] after the value `share` > 0 (equation above)."""
     return 1.0 / (1.0 + (1.0 / share - 1.0) * exp(-gain * eigenvalue * level * time))
 
 
 def least_share(after: float, gain: float, level: float, eigenvalue: float, time: float) -> float:
-    """The least h(0) [-] from which h is `after` within `time` [s]: `approach` backwards in time."""
+    """The least h(0) [-] from which h reaches `after` within `time` [s]: `approach` backwards in time."""
     return approach(after, gain, level, eigenvalue, -time)
 
 
@@ -136,12 +135,21 @@ def orbit_input(eigenvalue: float, rate: float, pull: float, z_velocity: float) 
     return eigenvalue * (-pull * z_velocity + rate / (2.0 * eigenvalue**2) * z_velocity)
 
 
+class _Modal(NamedTuple):
+    """Modal quantities of a motion of n joints."""
+
+    W: Array  # (n, n), modes in the order of the basis before
+    values: Array  # lambda (n,)
+    z: Array  # (n,)
+    zd: Array  # (n,)
+    rates: Array  # lambdad (n,)
+    drift: Array  # (n,) W (W^-1 Wdd z + 2 A zd) at qdd = 0
+    loop: Array  # (n, n) I - W [A_1 z ... A_n z]
+
+
 @njit(cache=True, error_model="numpy")
-def _modal(
-    near: Array, terms: Array, h: float, K: Array, equilibrium: Array, q: Array, velocity: Array
-) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
-    """W (n, n) named as in `near` and lambda, z, zd and lambdad (n,); W (W^-1 Wdd z + 2 A zd) at qdd = 0 (n,); and
-    I - W [A_1 z ... A_n z] (n, n). `terms` and `h` as of `VsaArm.inertia_terms`."""
+def _modal(near: Array, terms: Array, h: float, K: Array, equilibrium: Array, q: Array, velocity: Array) -> _Modal:
+    """Modal quantities; `near` is W just before, `terms` and `h` are those of `VsaArm.inertia_terms`."""
     M, slopes, Mdd = inertia_of(terms, h)
     W, values = basis_near(near, M, K)
     n = len(values)
@@ -156,14 +164,12 @@ def _modal(
     loop = np.eye(n)
     for k in range(n):
         loop[:, k] -= W @ (rates_along(W, values, slopes[k])[0] @ z)
-    return W, values, z, zd, rates, drift, loop
+    return _Modal(W, values, z, zd, rates, drift, loop)
 
 
 @njit(cache=True, error_model="numpy")
-def _accelerated(
-    W: Array, values: Array, z: Array, zd: Array, drift: Array, loop: Array, k: int, damping_ratio: float, u: float
-) -> Array:
-    """qdd (n,) that brings (93) and, with u_k, (99) about."""
-    zdd = -2.0 * damping_ratio * np.sqrt(values) * zd - values * z
-    zdd[k] = u - values[k] * z[k]
-    return np.linalg.solve(loop, drift + W @ zdd)  # type: ignore[return-value]
+def _accelerated(modal: _Modal, k: int, damping_ratio: float, u: float) -> Array:
+    """qdd (n,) that results in (93) and, with u_k = u, in (99)."""
+    zdd = -2.0 * damping_ratio * np.sqrt(modal.values) * modal.zd - modal.values * modal.z
+    zdd[k] = u - modal.values[k] * modal.z[k]
+    return np.linalg.solve(modal.loop, modal.drift + modal.W @ zdd)  # type: ignore[return-value]

@@ -1,13 +1,13 @@
-"""The modal limit cycle on an arm of flexible joints: the rigid arm's torque is what the springs are made to give.
+"""Modal limit cycle of an arm of flexible joints: the springs provide the torque of the rigid arm's controller.
 
-`modal_limit_cycle` says what must drive the links, tau(q, qd); tau_ed = -tau is the reference of `flexibility_torque`,
-which also needs its derivatives by time. They are those of the law along the motion to come, which is known well:
+`modal_limit_cycle` gives the torque tau(q, qd) on the links; tau_ed = -tau is the reference of `flexibility_torque`,
+which also needs its time derivatives. These are derivatives of the controller along the predicted motion:
 
     M qdd + C qd + g = -tau_e,   M qddd + (d/dt of the left side at constant qdd) = -tau_e',   q(t + s) to third order
 
-with tau_e and its rate measured; the law is evaluated `spread` before and after and differenced, the direction of
-`self_start` turned with it.
-Source: the document's Section 6.1, (107), which leaves the derivatives to the reader.
+with tau_e and its rate measured. The controller is evaluated `difference_step` before and after and differenced; the
+direction of `self_start` turns likewise.
+Source: the document's Section 6.1, (107), which does not state the derivatives.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from numba import njit
 from via_core.signals import Array
 
 from via_controllers import self_start
-from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind, require
+from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, passive, require
 from via_controllers.flexibility_torque import FlexibilityState, FlexibilityTorque, TorqueReference
 from via_controllers.modal_limit_cycle import ModalLimitCycle, ModalMotion
 
-ALONG = 1e-5  # [s] to either side: derivative of the links' equation along the motion
-LONGEST = 0.01  # [s] that a direction turns from one sample to the next, however late that is
+ALONG = 1e-5  # [s] step of the central difference of the links' equation along the motion
+LONGEST = 0.01  # [s] longest time step of the direction; after a longer gap this step is used
 
 
 @dataclass(frozen=True)
 class Swing:
-    """What the law remembers: what it saw and wants, and when."""
+    """State after a sample."""
 
     motion: ModalMotion
     time: float  # [s]
@@ -38,19 +38,19 @@ class Swing:
 
 @dataclass(frozen=True, eq=False)
 class VsaModalLimitCycle(ArmController[Swing]):
-    """The law of this file. Raises ParameterError for a bandwidth or spread <= 0."""
+    """The controller. Raises ParameterError for a bandwidth or difference step <= 0."""
 
     cycle: ModalLimitCycle
-    bandwidth: float  # omega_tau [rad/s] of the springs' torques
-    spread: float = 2e-3  # [s]
+    bandwidth: float  # omega_tau [rad/s] of the spring torque control
+    difference_step: float = 2e-3  # [s]
 
     def __post_init__(self) -> None:
-        require(self.spread > 0.0, f"spread must be > 0 s, got {self.spread}")
+        require(self.difference_step > 0.0, f"difference_step must be > 0 s, got {self.difference_step}")
         _ = self.tracking
 
     @cached_property
     def tracking(self) -> FlexibilityTorque:
-        """The law of the springs' torques."""
+        """The control of the spring torques."""
         return FlexibilityTorque(self.cycle.arm, self.bandwidth)
 
     @property
@@ -64,7 +64,7 @@ class VsaModalLimitCycle(ArmController[Swing]):
             *(Quantity(f"frequency_{mode}", "Hz") for mode in modes),
         )
 
-    def told(self, state: Swing) -> Array:
+    def observe(self, state: Swing) -> Array:
         seen = state.motion
         return np.array([seen.H, seen.V, seen.push, *seen.z, *(np.sqrt(seen.basis.eigenvalues) / (2.0 * np.pi))])
 
@@ -72,8 +72,8 @@ class VsaModalLimitCycle(ArmController[Swing]):
         return Swing(self.cycle.at(self.cycle.init(sample.q), sample.q, sample.q_velocity), sample.time)
 
     def step(self, state: Swing, sample: ArmSample) -> tuple[Swing, Torques]:
-        if blind(sample):
-            return state, Torques(np.zeros(self.cycle.arm.n), False)
+        if not sample.valid:
+            return state, passive(self.cycle.arm.n)
         before, passed = state.motion, min(max(sample.time - state.time, 0.0), LONGEST)
         direction = self_start.turned(before.direction, before.turning, passed)
         motion = self.cycle.at(before.basis, sample.q, sample.q_velocity, direction)
@@ -82,29 +82,29 @@ class VsaModalLimitCycle(ArmController[Swing]):
         return Swing(motion, sample.time), torques
 
     def reference(self, motion: ModalMotion, sample: ArmSample, seen: FlexibilityState) -> TorqueReference:
-        """tau_ed and its derivatives at the sample, where the law wants `motion`."""
+        """tau_ed and its derivatives at the sample with the desired `motion`."""
         q, v, a, jerk = sample.q, sample.q_velocity, seen.acceleration, self.link_jerk(sample, seen)
         around = []
-        for s in (-self.spread, self.spread):
+        for s in (-self.difference_step, self.difference_step):
             direction = self_start.turned(motion.direction, motion.turning, s)
             there, speed = _moved(q, v, a, jerk, s)
             around.append(self.cycle.at(motion.basis, there, speed, direction).torque)
-        return TorqueReference(*_differenced(*around, motion.torque, self.spread))
+        return TorqueReference(*_differenced(*around, motion.torque, self.difference_step))
 
     def link_jerk(self, sample: ArmSample, seen: FlexibilityState) -> Array:
         """qddd (n,) [rad/s^3] of the links."""
         arm, v, a = self.cycle.arm, sample.q_velocity, seen.acceleration
         ahead, behind = (arm.link_torque(sample.q + s * v, v + s * a, a) for s in (ALONG, -ALONG))
         change = -seen.rate - (ahead - behind) / (2.0 * ALONG)
-        # M^-1 of a torque is what it does to the arm at rest, gravity held
+        # M^-1 of a torque: the acceleration of the arm at rest with gravity compensated
         return arm.link_acceleration(sample.q, np.zeros(arm.n), change + arm.gravity(sample.q))
 
 
 @njit(cache=True, error_model="numpy")
-def _differenced(before: Array, after: Array, torque: Array, spread: float) -> tuple[Array, Array, Array]:
-    """tau_ed (n,) and its derivatives, from what is to drive the links `spread` [s] before and after, and now."""
+def _differenced(before: Array, after: Array, torque: Array, step: float) -> tuple[Array, Array, Array]:
+    """tau_ed (n,) and its derivatives, from the desired link torques `step` [s] before, after, and now."""
     ahead, behind = -after, -before
-    return -torque, (ahead - behind) / (2.0 * spread), (ahead + 2.0 * torque + behind) / spread**2
+    return -torque, (ahead - behind) / (2.0 * step), (ahead + 2.0 * torque + behind) / step**2
 
 
 @njit(cache=True, error_model="numpy")

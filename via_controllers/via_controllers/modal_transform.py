@@ -1,19 +1,19 @@
-"""Modal coordinates of an arm: W(q) and lambda(q) of eqs. (84)-(89), and how fast they change, in closed form.
+"""Modal coordinates of an arm: W(q) and lambda(q) of eqs. (84)-(89), and their rates, in closed form.
 
     W' M W = I,   W' K_d W = diag(lambda),   z = W^-1 (q - q_d),   W^-1 = W' M
 
-With K_d constant and N = W' Mdot W the derivatives of both conditions leave one matrix A = W^-1 Wdot and no choice:
+With K_d constant and N = W' Mdot W the derivatives of both conditions determine one matrix A = W^-1 Wdot:
 
     A_ij = lambda_j N_ij / (lambda_i - lambda_j),   A_ii = -N_ii / 2,   lambdad_i = -lambda_i N_ii
     Wdot = W A,   Wdd = W (A A + Ad),   Nd = A' N + N A + W' Mdd W
 
 written below as A = N o (F - 1/2), entry by entry, F_ij = m g / (g^2 + (TINY m)^2) with g = lambda_i - lambda_j and
-m their mean: F is what the formula says until two eigenvalues agree to a millionth, where nothing says which way to
-turn and F = 0 turns not at all. W is never differenced in time.
+m their mean. F equals the formula until two eigenvalues agree to a millionth. There the rotation of the eigenvectors is
+undetermined, and F = 0 means no rotation. W is never differenced in time.
 
-Eigenvectors know neither order nor sign: each is the one closest, by the inner product of M, to one of a basis known
-from just before, so that modes keep their names through crossings. Where eigenvalues agree so well that the
-decomposition may mix their vectors at will, the mixture closest to that basis is taken, pair by pair.
+Eigenvectors have no natural order or sign: each is assigned to the closest one, by the inner product of M, of a basis
+just before, so that modes keep their numbers through crossings. Where eigenvalues are so close that the decomposition
+returns arbitrary mixtures of their vectors, the mixture closest to that basis is taken, pair by pair.
 Source: the document's Section 6.1; the derivatives follow from (88) and (89).
 """
 
@@ -25,8 +25,8 @@ import numpy as np
 from numba import njit
 from via_core.signals import Array
 
-TINY = 1e-6  # of an eigenvalue: a gap that tells nothing about the way eigenvectors turn
-MIXED = 1e-8  # of an eigenvalue: a gap at which the decomposition's choice of vectors is one among many
+TINY = 1e-6  # relative gap of eigenvalues below which the rotation of their vectors is undetermined
+MIXED = 1e-8  # relative gap of eigenvalues below which the decomposition mixes their vectors
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class ModalRates:
 
 @njit(cache=True, error_model="numpy")
 def _basis(M: Array, K: Array) -> tuple[Array, Array]:
-    """W and lambda in rising order, by Cholesky: M = L L', L^-1 K L^-T = U diag(lambda) U', W = L^-T U."""
+    """W and lambda in ascending order, by Cholesky: M = L L', L^-1 K L^-T = U diag(lambda) U', W = L^-T U."""
     L = np.linalg.cholesky(M)
     inner = np.linalg.solve(L, np.ascontiguousarray(np.linalg.solve(L, K).T))
     values, U = np.linalg.eigh(0.5 * (inner + inner.T))
@@ -56,12 +56,12 @@ def _basis(M: Array, K: Array) -> tuple[Array, Array]:
 
 @njit(cache=True, error_model="numpy")
 def _tracked(W: Array, values: Array, near: Array, M: Array) -> tuple[Array, Array]:
-    """The columns of W and lambda in the order, with the signs, and where values agree in the mixture, of `near`."""
+    """W and lambda with the order and signs of `near`, and its mixture of vectors where eigenvalues agree."""
     n = len(values)
     product = W.T @ (M @ near)
     free = np.abs(product)
     out, order = np.empty_like(W), np.empty_like(values)
-    for _ in range(n):  # the surest pair first
+    for _ in range(n):  # best match first
         best = np.argmax(free)
         row, column = best // n, best % n
         sign = 1.0 if product[row, column] >= 0.0 else -1.0
@@ -84,7 +84,7 @@ def _tracked(W: Array, values: Array, near: Array, M: Array) -> tuple[Array, Arr
 
 @njit(cache=True, error_model="numpy")
 def basis_near(near: Array, M: Array, K: Array) -> tuple[Array, Array]:
-    """W (n, n) and lambda (n,) named as in `near` (n, n): compiled form of `next_basis`."""
+    """W (n, n) and lambda (n,), modes as in `near` (n, n): compiled form of `next_basis`."""
     W, values = _basis(M, K)
     return _tracked(W, values, near, M)
 
@@ -144,12 +144,12 @@ def first_basis(inertia: Array, stiffness: Array) -> ModalBasis:
 
 
 def next_basis(near: ModalBasis, inertia: Array, stiffness: Array) -> ModalBasis:
-    """W and lambda whose modes are named as in `near`, a basis from just before; arguments as for `first_basis`."""
+    """W and lambda with modes in the order of `near`, the basis just before; arguments as for `first_basis`."""
     return ModalBasis(*basis_near(near.W, np.ascontiguousarray(inertia), np.ascontiguousarray(stiffness)))
 
 
 def modal_rates(basis: ModalBasis, inertia_rate: Array) -> ModalRates:
-    """A and lambdad of a motion under which M changes at `inertia_rate` Mdot (n, n) [kg m^2/s]."""
+    """A and lambdad of a motion that changes M at the rate `inertia_rate` Mdot (n, n) [kg m^2/s]."""
     return ModalRates(*rates_along(basis.W, basis.eigenvalues, np.ascontiguousarray(inertia_rate)))
 
 

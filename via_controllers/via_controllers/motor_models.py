@@ -1,6 +1,6 @@
-"""What drives a visco-elastic joint in Section 7: a motor commanded by its velocity, its acceleration or its torque.
+"""Motor models of a visco-elastic joint in Section 7: commanded velocity, acceleration or torque.
 
-With phi = theta - q, nu = qd and mu = thetad the link obeys, whatever drives the motor,
+With phi = theta - q, nu = qd and mu = thetad the link's equations are, with any motor,
 
     nud = omega^2 phi + 2 D omega (mu - nu),   phid = mu - nu
 
@@ -8,7 +8,7 @@ and the motor        velocity      mu = u,                                      
                      acceleration  mud = u,                                                    |u| <= a, |mu| <= v
                      torque        B mud = u - M (omega^2 phi + 2 D omega (mu - nu)),          |u| <= tau, |mu| <= v
 
-so that every one of them is a linear system xd = A x + b u with x = (phi, nu[, mu]), x(0) = 0.
+so that each model is a linear system xd = A x + b u with x = (phi, nu[, mu]), x(0) = 0.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ Drive = Literal["velocity", "acceleration", "torque"]
 
 @dataclass(frozen=True)
 class DrivenJoint:
-    """A joint with its motor. Raises ParameterError for limits that are not positive."""
+    """A joint with its motor. Raises ParameterError for limits or inertias that are not positive."""
 
     joint: ViscoElasticJoint
     drive: Drive
     limit: float  # of |u| [rad/s, rad/s^2 or N m]
-    velocity_limit: float = inf  # v [rad/s] of |mu|; the velocity drive has `limit`
+    velocity_limit: float = inf  # v [rad/s] of |mu|; `limit` for the velocity drive
     motor_inertia: float = 1.0  # B [kg m^2], torque drive
     link_inertia: float = 1.0  # M [kg m^2], torque drive
 
@@ -57,16 +57,16 @@ class DrivenJoint:
 
 @dataclass(frozen=True)
 class Optimum:
-    """The fastest motion that a numerical method found."""
+    """The optimal motion found by a numerical method."""
 
     time: Array  # (N + 1,) [s], nodes; the last is t_f
-    control: Array  # (N,) u, held from node to node
+    control: Array  # (N,) u, constant between nodes
     state: Array  # (N + 1, n), x at the nodes
     velocity: float  # qd(t_f) [rad/s]
 
     @property
     def motor_velocity(self) -> Array:
-        """mu [rad/s] at the nodes (N + 1,); of the velocity drive what begins there, the last held."""
+        """mu [rad/s] at the nodes (N + 1,); velocity drive: that of the next interval, the last one repeated."""
         if self.state.shape[1] == 2:
             return np.append(self.control, self.control[-1])
         return self.state[:, 2]

@@ -1,10 +1,9 @@
-"""Motors of an arm held at a reference by a PD law: eq. (120) with the static torque that the printed form lacks.
+"""PD position control of the motors of an arm: eq. (120) with the static torque that the printed form lacks.
 
     tau = tau_0 - K_D thd - K_P (theta - theta_d),   tau_0 = -tau_e(q_0 - theta_0)
 
-q_0 is where the links rest with the motors at theta_0. Without tau_0 the springs' load, -tau_e = g(q_0), pulls the
-motors off their reference by K_P^-1 tau_e. The gains are those of a motor alone, of frequency omega_m and damping
-ratio one:
+q_0 are the link angles at rest with the motors at theta_0. Without tau_0 the spring load, -tau_e = g(q_0), shifts the
+motors from their reference by K_P^-1 tau_e. The gains give a motor alone the frequency omega_m and damping ratio one:
 
     K_P = B omega_m^2,   K_D = 2 B omega_m
 
@@ -14,6 +13,7 @@ Source: the document's Section 6.2.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -23,7 +23,7 @@ from via_controllers.contract import ArmSample, Torques, limited, require, requi
 
 
 class Drives(Protocol):
-    """What these laws must know of n flexible joints; `via_core.vsa_arms.VsaArm` knows it."""
+    """Data of n flexible joints, e.g. `via_core.vsa_arms.VsaArm`."""
 
     @property
     def n(self) -> int:
@@ -43,7 +43,7 @@ class Drives(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class MotorPd:
-    """The law of this file. Raises ParameterError for a bandwidth <= 0 or angles that are not (n,) and finite."""
+    """The PD control. Raises ParameterError for a bandwidth <= 0 or angles that are not (n,) and finite."""
 
     drives: Drives
     motors: Array  # theta_0 (n,) [rad]
@@ -57,16 +57,15 @@ class MotorPd:
             require(good, f"{name} must be ({self.drives.n},) and finite, got {values}")
             object.__setattr__(self, name, values)
         require_positive(self, "bandwidth")
-        tau_e, _, _ = self.drives.spring_state(self.equilibrium - self.motors)
-        object.__setattr__(self, "_static", -tau_e)
 
-    @property
+    @cached_property
     def static_torque(self) -> Array:
-        """tau_0 (n,) [N m]: what holds the springs' load at rest."""
-        return self._static  # type: ignore[attr-defined, no-any-return]
+        """tau_0 (n,) [N m], which balances the spring load at rest."""
+        tau_e, _, _ = self.drives.spring_state(self.equilibrium - self.motors)
+        return -tau_e
 
     def torques(self, sample: ArmSample, motors: Array) -> Torques:
-        """Motor torques within the limits that bring the motors to theta_d `motors` (n,) [rad]."""
+        """Motor torques within the limits that drive the motors to theta_d = `motors` (n,) [rad]."""
         B, omega = self.drives.motor_inertia, self.bandwidth
-        pull = omega * (sample.theta - motors) + 2.0 * sample.theta_velocity
-        return limited(self.static_torque - omega * B * pull, self.drives.torque_limit)
+        feedback = omega * (sample.theta - motors) + 2.0 * sample.theta_velocity
+        return limited(self.static_torque - omega * B * feedback, self.drives.torque_limit)

@@ -2,11 +2,11 @@
 
     tau = -K_D thd - K_P (theta - theta_d) + tau_0,        tau_0,i = -tau_e,i(x - theta_d,i)
 
-theta_d = (x + s, x - s) for an equilibrium x and a preset s. Without tau_0 the springs pull the motors off their
-reference by K_P^-1 tau_e. x(t) and s(t) are multisines, so that the law excites deflection and stiffness on purpose.
-The references fade in from where the first sample finds the motors, so that nothing jerks:
+theta_d = (x + s, x - s) for an equilibrium x and a preset s. Without tau_0 the springs shift the motors from their
+reference by K_P^-1 tau_e. x(t) and s(t) are multisines, which excite deflection and stiffness for identification.
+The references fade in from the motor angles of the first sample, without a jump:
 theta_d = (1 - f) theta(0) + f (x + s, x - s) with f = u^2 (3 - 2u), u = t / fade_in.
-The motor velocity is not measured; it is the angle's derivative behind a first-order low pass of bandwidth w_f.
+Motor velocities are not measured: they are derivatives of the angles behind a first-order low pass of bandwidth w_f.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ import numpy as np
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw
 
-from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, require
+from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, passive, require
 from via_controllers.low_pass import low_passed
 from via_controllers.multisine import Multisine
 
-LARGEST = 1e6  # [rad] an angle no motor reaches: noise on the wire, which the velocity would remember
+LARGEST = 1e6  # [rad] larger motor angles are transmission errors, which would corrupt the velocity estimate
 
 
 @dataclass(frozen=True)
 class MotorPositionState:
-    """Where the law stands; `start` is the stamp [s] from which the references count, NaN before the first sample."""
+    """State after a sample."""
 
-    start: float
+    start: float  # [s] time of the first sample, NaN before it
     origin: Array  # (2,) [rad] motor angles of the first sample
-    time: float  # [s] stamp of the last sample
+    time: float  # [s] of the last sample
     theta: Array  # (2,) [rad]
     velocity: Array  # (2,) [rad/s] low-passed
 
 
 @dataclass(frozen=True)
 class MotorPositionControl(Controller[MotorPositionState]):
-    """The law of this file. Raises ParameterError for gains or limits that are not positive."""
+    """The controller. Raises ParameterError for gains or limits that are not positive."""
 
-    springs: tuple[SpringLaw, SpringLaw]  # nominal laws of the two transmissions
+    springs: tuple[SpringLaw, SpringLaw]  # nominal spring laws of the two transmissions
     equilibrium: Multisine  # x(t) [rad]
     preset: Multisine  # s(t) [rad]
     proportional_gain: float  # K_P [N m/rad]
@@ -65,7 +65,7 @@ class MotorPositionControl(Controller[MotorPositionState]):
     def quantities(self) -> tuple[Quantity, ...]:
         return Quantity("equilibrium", "rad"), Quantity("preset", "rad")
 
-    def told(self, state: MotorPositionState) -> Array:
+    def observe(self, state: MotorPositionState) -> Array:
         """x and s of the references; NaN before the first sample."""
         if isnan(state.start):
             return np.full(2, nan)
@@ -73,8 +73,8 @@ class MotorPositionControl(Controller[MotorPositionState]):
         return np.array([0.5 * (first + second), 0.5 * (first - second)])
 
     def init(self) -> MotorPositionState:
-        nothing = locked(np.zeros(2), "theta")
-        return MotorPositionState(nan, nothing, 0.0, nothing, nothing)
+        zeros = locked(np.zeros(2), "theta")
+        return MotorPositionState(nan, zeros, 0.0, zeros, zeros)
 
     def references(self, time: float, origin: Array) -> Array:
         """theta_d (2,) [rad] at `time` [s] since the start at the motor angles `origin` (2,) [rad]."""
@@ -84,17 +84,17 @@ class MotorPositionControl(Controller[MotorPositionState]):
         return (1.0 - fade) * origin + fade * np.array([x + s, x - s])
 
     def step(self, state: MotorPositionState, sample: JointSample) -> tuple[MotorPositionState, Torques]:
-        if not (isfinite(sample.time) and np.all(np.abs(sample.theta) < LARGEST)):
-            return state, Torques(np.zeros(2), False)  # blind: passive, and the velocity stays what it was
+        if not (isfinite(sample.time) and np.all(np.abs(sample.theta) < LARGEST)):  # the link angle is not used
+            return state, passive(2)
         if isnan(state.start):
-            here = locked(sample.theta, "origin")
-            state = MotorPositionState(sample.time, here, sample.time, here, np.zeros(2))
+            theta = locked(sample.theta, "origin")
+            state = MotorPositionState(sample.time, theta, sample.time, theta, np.zeros(2))
         step = sample.time - state.time
         velocity = low_passed(state.velocity, state.theta, sample.theta, step, self.velocity_bandwidth)
 
         theta_d = self.references(sample.time - state.start, state.origin)
         x = 0.5 * (theta_d[0] + theta_d[1])
-        tau_0 = -np.array([float(law.torque(x - d)) for law, d in zip(self.springs, theta_d, strict=True)])
+        tau_0 = -np.array([float(spring.torque(x - d)) for spring, d in zip(self.springs, theta_d, strict=True)])
         torque = tau_0 - self.derivative_gain * velocity - self.proportional_gain * (sample.theta - theta_d)
         after = replace(
             state, time=sample.time, theta=locked(sample.theta, "theta"), velocity=locked(velocity, "velocity")

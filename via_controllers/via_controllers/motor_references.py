@@ -1,19 +1,21 @@
-"""Where the motors of a joint of variable stiffness must stand, for a link at rest at q with stiffness sigma.
+"""Motor angles at which a joint of variable stiffness rests at a link angle q with stiffness sigma.
 
     sum_i tau_e,i(q - theta_i) + g(q) = 0,      sum_i sigma_i(q - theta_i) = sigma
 
-With theta = (x + s, x - s) of an antagonistic joint, theta = (x, s) of a serial one, there is one x for every preset s
-as long as the joint's stiffness is positive; s is then a root of the second equation: two searches, one unknown each.
-Levers may balance at several x, or at none: where the search meets a jump between them, it looks elsewhere.
-Both searches are compiled, so that a reference can be followed at 1 kHz.
+With theta = (x + s, x - s) for an antagonistic joint, theta = (x, s) for a serial one, there is one x for every preset
+s as long as the joint's stiffness is positive. s is a root of the second equation: two nested scalar searches.
+Lever mechanisms may balance at several x, or at none: where a search encounters a jump between them, other presets are
+tried. Both searches are compiled, so that a reference can be tracked at 1 kHz.
 Source of the search: T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a nonlinear
 function without using derivatives, Advances in Engineering Software 28 (1997).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from math import isfinite, isnan, nan, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,28 +26,46 @@ from via_core.springs import spring_stiffness, spring_torque
 
 from via_controllers.contract import require
 
-WITHIN = 1e-12  # [rad] of motor angles
-BALANCED = 1e-12  # [N m] that rounding leaves of two springs against each other
-NEAR = 1e-6  # of a stiffness, at least 1 N m/rad
-CANDIDATES = 33  # presets that are tried where stiffness is not between those of the ends
-STEPS = 200  # of a search; bisection alone needs 50
+WITHIN = 1e-12  # [rad] tolerance of motor angles
+BALANCED = 1e-12  # [N m] rounding error of two opposing springs
+NEAR = 1e-6  # tolerance of a stiffness, relative above 1 N m/rad
+CANDIDATES = 33  # presets tried where the stiffness is not between those of the end presets
+STEPS = 200  # limit of a search; bisection alone needs 50
 
-# What the kernels know of a joint: kinds (k,) and coefficients (k, 8) of its springs, by how many presets their motors
-# stand off x (k,), whether the preset is a motor of its own, the stop [rad], gravity's torque [N m] and angle [rad].
-Joint = tuple[Array, Array, Array, bool, float, float, float]
+
+class _Joint(NamedTuple):
+    """Constants of a joint with k springs."""
+
+    kinds: Array  # (k,) of the spring laws
+    coefficients: Array  # (k, 8) of the spring laws
+    signs: Array  # (k,) motor angles are x + signs * preset
+    serial: bool  # whether the preset is the angle of a second motor
+    stop: float  # [rad] smallest deflection limit
+    gravity: float  # [N m]
+    gravity_angle: float  # [rad]
+
+
+class _Search(NamedTuple):
+    """Three points of a root search: the latest, the one beyond the root, and the one discarded last."""
+
+    x1: float
+    x2: float
+    x3: float
+    y1: float
+    y2: float
+    y3: float
 
 
 class UnreachableError(ViaError):
-    """No motor angles give this stiffness at this angle; the message has what there is."""
+    """No motor angles give this stiffness at this angle; the message states the reachable range."""
 
 
 @dataclass(frozen=True)
 class MotorReferences:
-    """References of one device. Raises ParameterError for a joint whose stiffness no motor varies."""
+    """Motor references of a device. Raises ParameterError for a joint whose stiffness no motor varies."""
 
     device: Device
-    presets: tuple[float, float]  # [rad] the range of s to use
-    _joint: Joint = field(init=False, repr=False, compare=False)
+    presets: tuple[float, float]  # [rad] range of s
 
     def __post_init__(self) -> None:
         varies = self.device.arrangement in ("antagonistic", "serial")
@@ -53,13 +73,16 @@ class MotorReferences:
         low, high = self.presets
         require(isfinite(low) and isfinite(high) and low < high, f"presets must be a range, got {self.presets}")
         object.__setattr__(self, "presets", (float(low), float(high)))
-        object.__setattr__(self, "_joint", _joint_of(self.device))
+
+    @cached_property
+    def _joint(self) -> _Joint:
+        return _joint_of(self.device)
 
     @classmethod
     def from_device(cls, device: Device, share: float = 0.95) -> MotorReferences:
-        """Presets from 0 to a `share` of the springs' stop, beyond which a link that moves would meet it at once."""
+        """Presets from 0 to a `share` of the springs' stop; closer to it any motion would reach the stop."""
         require(0.0 < share < 1.0, f"share must lie between 0 and 1, got {share}")
-        stops = [law.max_deflection for law in device.spring_laws]
+        stops = [spring.max_deflection for spring in device.spring_laws]
         return cls(device, (0.0, share * min(stops, default=1.0)))
 
     def at(self, q: float, stiffness: float) -> Array:
@@ -74,30 +97,30 @@ class MotorReferences:
         raise UnreachableError(f"'{self.device.name}' at {q:.4g} rad has no stiffness {stiffness:.4g} N m/rad: {there}")
 
     def stiffness_range(self, q: float) -> tuple[float, float]:
-        """Least and largest stiffness [N m/rad] at `q` [rad]; raises UnreachableError where no rest is."""
+        """Least and largest stiffness [N m/rad] at `q` [rad]; raises UnreachableError if there is no rest."""
         values = self._stiffnesses(q)
         if not values:
             raise UnreachableError(f"'{self.device.name}' cannot rest at {q:.4g} rad")
         return min(values), max(values)
 
     def stiffness(self, q: float, preset: float) -> float:
-        """Of the joint at rest at `q` [rad] with `preset` [rad] [N m/rad]; raises UnreachableError beyond a stop."""
+        """Stiffness [N m/rad] at rest at `q` [rad] with `preset` [rad]; raises UnreachableError beyond a stop."""
         value = float(_stiffness(self._joint, float(q), float(preset)))
         if isnan(value):
             raise _no_rest(self.device, q, preset)
         return value
 
     def _stiffnesses(self, q: float) -> list[float]:
-        """Those [N m/rad] with the presets to try, as far as the link can rest there."""
+        """Stiffnesses [N m/rad] with those candidate presets at which the link can rest at `q`."""
         low, high = self.presets
         values = (float(_stiffness(self._joint, float(q), _candidate(low, high, k))) for k in range(CANDIDATES))
         return [value for value in values if not isnan(value)]
 
 
 def resting(device: Device, q: float, preset: float) -> float:
-    """x [rad] with which a link rests at `q` [rad] while the motors stand at `device.motor_angles(x, preset)`.
+    """x [rad] for which the link rests at `q` [rad] with the motors at `device.motor_angles(x, preset)`.
 
-    Raises UnreachableError where there is none within the springs' stops.
+    Raises UnreachableError if there is none within the springs' stops.
     """
     x = float(_rest(_joint_of(device), float(q), float(preset)))
     if isnan(x):
@@ -109,16 +132,16 @@ def _no_rest(device: Device, q: float, preset: float) -> UnreachableError:
     return UnreachableError(f"'{device.name}' cannot rest at {q:.4g} rad with preset {preset:.4g} rad")
 
 
-def _joint_of(device: Device) -> Joint:
-    laws, link = device.spring_laws, device.link
-    return (
-        np.array([law.kind for law in laws]),
-        np.array([law.coefficients() for law in laws]),
-        np.array([1.0, -1.0] if device.arrangement == "antagonistic" else [0.0]),
-        device.arrangement == "serial",
-        float(min(law.max_deflection for law in laws)),
-        float(link.gravity_torque),
-        float(link.gravity_angle),
+def _joint_of(device: Device) -> _Joint:
+    springs, link = device.spring_laws, device.link
+    return _Joint(
+        kinds=np.array([spring.kind for spring in springs]),
+        coefficients=np.array([spring.coefficients() for spring in springs]),
+        signs=np.array([1.0, -1.0] if device.arrangement == "antagonistic" else [0.0]),
+        serial=device.arrangement == "serial",
+        stop=float(min(spring.max_deflection for spring in springs)),
+        gravity=float(link.gravity_torque),
+        gravity_angle=float(link.gravity_angle),
     )
 
 
@@ -129,8 +152,8 @@ def _candidate(low: float, high: float, k: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _preset(joint: Joint, q: float, stiffness: float, low: float, high: float) -> float:
-    """s [rad] with which the joint is so stiff [N m/rad] at rest at q [rad]; NaN where none is found."""
+def _preset(joint: _Joint, q: float, stiffness: float, low: float, high: float) -> float:
+    """s [rad] that gives this stiffness [N m/rad] at rest at q [rad]; NaN if none is found."""
     found = _preset_between(joint, q, stiffness, low, high)
     before = nan
     for k in range(CANDIDATES):
@@ -146,80 +169,76 @@ def _preset(joint: Joint, q: float, stiffness: float, low: float, high: float) -
 
 
 @njit(cache=True, error_model="numpy")
-def _preset_between(joint: Joint, q: float, stiffness: float, low: float, high: float) -> float:
-    """As `_preset`; NaN where the ends do not enclose one, where a jump does, or where the link cannot rest."""
+def _preset_between(joint: _Joint, q: float, stiffness: float, low: float, high: float) -> float:
+    """As `_preset`; NaN if the ends enclose no root, if they enclose a jump, or if the link cannot rest."""
     y_low, y_high = _stiffness(joint, q, low) - stiffness, _stiffness(joint, q, high) - stiffness
     if not y_low * y_high <= 0.0:
         return nan
-    search = _begun(low, high, y_low, y_high)
+    search = _started(low, high, y_low, y_high)
     for _ in range(STEPS):
         preset = _next(search)
-        if preset == search[0]:
+        if preset == search.x1:
             break
-        _look(search, preset, _stiffness(joint, q, preset) - stiffness)
-    if not abs(search[3]) <= NEAR * max(1.0, abs(stiffness)):
-        return nan  # rest jumps from one angle of the motors to another
-    return float(search[0])
+        search = _updated(search, preset, _stiffness(joint, q, preset) - stiffness)
+    if not abs(search.y1) <= NEAR * max(1.0, abs(stiffness)):
+        return nan  # the motor angles at rest jump here
+    return search.x1
 
 
 @njit(cache=True, error_model="numpy")
-def _stiffness(joint: Joint, q: float, preset: float) -> float:
-    """sigma [N m/rad] at rest at q [rad] with this preset [rad]; NaN where it cannot rest."""
-    kinds, rows, signs, serial = joint[:4]
+def _stiffness(joint: _Joint, q: float, preset: float) -> float:
+    """sigma [N m/rad] at rest at q [rad] with this preset [rad]; NaN if the link cannot rest."""
     x, total = _rest(joint, q, preset), 0.0
-    for i in range(kinds.size):
-        theta = x + signs[i] * preset
-        total += spring_stiffness(kinds[i], rows[i], q - theta, preset if serial else theta)
+    for i in range(joint.kinds.size):
+        theta = x + joint.signs[i] * preset
+        total += spring_stiffness(joint.kinds[i], joint.coefficients[i], q - theta, preset if joint.serial else theta)
     return total
 
 
 @njit(cache=True, error_model="numpy")
-def _rest(joint: Joint, q: float, preset: float) -> float:
-    """x [rad] of rest at q [rad] with this preset [rad]; NaN where there is none within the stops."""
-    signs, stop = joint[2], joint[4]
+def _rest(joint: _Joint, q: float, preset: float) -> float:
+    """x [rad] of rest at q [rad] with this preset [rad]; NaN if there is none within the stops."""
     if abs(_torque(joint, q, q, preset)) < BALANCED:  # equal springs without a load
         return q
-    reach = stop - abs(signs[0] * preset)
+    reach = joint.stop - abs(joint.signs[0] * preset)
     y_low, y_high = _torque(joint, q, q - reach, preset), _torque(joint, q, q + reach, preset)
     if reach <= 0.0 or not y_low * y_high <= 0.0:
         return nan
-    search = _begun(q - reach, q + reach, y_low, y_high)
+    search = _started(q - reach, q + reach, y_low, y_high)
     for _ in range(STEPS):
         x = _next(search)
-        if x == search[0]:
+        if x == search.x1:
             break
-        _look(search, x, _torque(joint, q, x, preset))
-    return float(search[0])
+        search = _updated(search, x, _torque(joint, q, x, preset))
+    return search.x1
 
 
 @njit(cache=True, error_model="numpy")
-def _torque(joint: Joint, q: float, x: float, preset: float) -> float:
-    """What turns the link at q [rad] back [N m] while motors stand about x [rad]."""
-    kinds, rows, signs, serial, _, gravity, angle = joint
-    total = gravity * sin(q - angle)
-    for i in range(kinds.size):
-        theta = x + signs[i] * preset
-        total += spring_torque(kinds[i], rows[i], q - theta, preset if serial else theta)
+def _torque(joint: _Joint, q: float, x: float, preset: float) -> float:
+    """Restoring torque [N m] of the link at q [rad] with the motors about x [rad]."""
+    total = joint.gravity * sin(q - joint.gravity_angle)
+    for i in range(joint.kinds.size):
+        theta = x + joint.signs[i] * preset
+        total += spring_torque(joint.kinds[i], joint.coefficients[i], q - theta, preset if joint.serial else theta)
     return total
 
 
-# A search keeps x1, x2, x3, y1, y2, y3 (6,): the newest point, the one across the root, the last one thrown out.
-# Compiled functions that take functions are not kept from one process to the next: hence two loops around these three.
+# numba does not cache compiled functions that take functions as arguments: hence two loops around these three.
 
 
 @njit(cache=True, error_model="numpy")
-def _begun(low: float, high: float, y_low: float, y_high: float) -> Array:
-    """A search between two points, from the better one."""
+def _started(low: float, high: float, y_low: float, y_high: float) -> _Search:
+    """A search between two points, starting from the better one."""
     if abs(y_low) < abs(y_high):
-        return np.array([low, high, high, y_low, y_high, y_high])
-    return np.array([high, low, low, y_high, y_low, y_low])
+        return _Search(low, high, high, y_low, y_high, y_high)
+    return _Search(high, low, low, y_high, y_low, y_low)
 
 
 @njit(cache=True, error_model="numpy")
-def _next(search: Array) -> float:
-    """Where to look next; where it looked last when that is the root to WITHIN.
+def _next(search: _Search) -> float:
+    """The next point to evaluate; the latest one if it is the root to WITHIN.
 
-    The inverse parabola of the three points is trusted where it is monotonic in between, else the interval is halved.
+    Inverse parabola of the three points where it is monotonic between them, otherwise bisection.
     """
     x1, x2, x3, y1, y2, y3 = search
     width = abs(x2 - x1)
@@ -233,11 +252,9 @@ def _next(search: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _look(search: Array, x: float, y: float) -> None:
-    """Take in what is at x."""
-    x1, x2, y1, y2 = search[0], search[1], search[3], search[4]
+def _updated(search: _Search, x: float, y: float) -> _Search:
+    """The search with the value `y` at `x`."""
+    x1, x2, _, y1, y2, _ = search
     if (y > 0.0) == (y1 > 0.0):
-        search[2], search[5] = x1, y1
-    else:
-        search[1], search[2], search[4], search[5] = x1, x2, y1, y2
-    search[0], search[3] = x, y
+        return _Search(x, x2, x1, y, y2, y1)
+    return _Search(x, x1, x2, y, y1, y2)

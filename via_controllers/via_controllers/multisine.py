@@ -1,4 +1,4 @@
-"""A multisine: the plain reference that keeps a joint excited at a few known frequencies."""
+"""A multisine reference, which excites a joint at a few known frequencies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from via_controllers.contract import require
 
 @dataclass(frozen=True)
 class Multisine:
-    """r(t) = mean + sum_i amplitude_i sin(2 pi frequency_i t)."""
+    """r(t) = mean + sum_i amplitude_i sin(2 pi frequency_i t). Raises ParameterError for frequencies <= 0."""
 
     mean: float  # [rad]
     amplitudes: tuple[float, ...]  # [rad]

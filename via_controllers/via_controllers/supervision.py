@@ -1,11 +1,11 @@
-"""What stands between a law and an arm's motors: when the law decides, when the arm is held, when nothing drives it.
+"""Selects what drives an arm's motors: the controller, the holding controller, or nothing.
 
-    active, usable sample      the law                       ACTIVE
-    inactive, usable sample    the arm held where it was     HOLDING
-    anything else              no torque                     PASSIVE
+    active, usable sample      the controller                        ACTIVE
+    inactive, usable sample    the holding controller                HOLDING
+    unusable sample            no torque                             PASSIVE
 
-Limits are kept in every case. A law starts anew with its first sample, when it becomes active, after stamps that go
-backward and after a gap: what it knew of the motion is then wrong. For joints see `joint_supervision`.
+Limits are enforced in every case. A controller restarts with the first sample after it is selected, after a stamp that
+goes backward, and after a gap, because its state no longer fits the motion. For joints see `joint_supervision`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from numba import njit
 from via_core.signals import Array
 
 from via_controllers.arm_limits import ArmLimits, Limit
-from via_controllers.contract import ArmController, ArmSample, blind
+from via_controllers.contract import ArmController, ArmSample
 
-GAP = 0.02  # [s] between two samples after which a law starts anew
-Change = Callable[[Any], Any]  # of a law's state
-FURTHEST, FASTEST = 1e2, 1e3  # [rad], [rad/s]: no joint is there, a sample that says so is wrong
+GAP = 0.02  # [s] between two samples after which a controller restarts
+Change = Callable[[Any], Any]  # of a controller's state
+FURTHEST, FASTEST = 1e2, 1e3  # [rad], [rad/s]: larger values are measurement faults
 
 
 class Activity(IntEnum):
-    """Who decides."""
+    """What drives the motors."""
 
     PASSIVE = 0
     HOLDING = 1
@@ -37,7 +37,7 @@ class Activity(IntEnum):
 
 @dataclass(frozen=True)
 class Answer:
-    """What goes to the motors after a sample."""
+    """Motor torques for one sample."""
 
     torque: Array  # (n,) [N m]
     activity: Activity
@@ -46,58 +46,57 @@ class Answer:
 
 @dataclass(frozen=True)
 class Supervised:
-    """`deciding` is who decided last, `inner` that law's state."""
+    """State of a Supervisor."""
 
-    deciding: Activity = Activity.PASSIVE
-    inner: Any = None
+    deciding: Activity = Activity.PASSIVE  # at the last usable sample
+    inner: Any = None  # state of the controller that ran then
     time: float = -np.inf  # [s] of the last usable sample
 
 
 @dataclass(frozen=True, eq=False)
 class Supervisor:
-    """A law, what holds the arm in its place, and the limits."""
+    """A controller, a holding controller and the limits of an arm."""
 
-    law: ArmController[Any]
-    still: ArmController[Any]
+    controller: ArmController[Any]
+    holding: ArmController[Any]
     limits: ArmLimits
 
     def init(self) -> Supervised:
-        """Before the first sample."""
+        """The state before the first sample."""
         return Supervised()
 
     def step(self, state: Supervised, sample: ArmSample, active: bool) -> tuple[Supervised, Answer]:
-        """The answer to `sample`, and the next state."""
-        nothing = np.zeros(len(sample.q))
+        """The next state and the torques for `sample`."""
         if not _usable(sample):
-            return state, Answer(nothing, Activity.PASSIVE, Limit.NONE)
-        deciding, law = (Activity.ACTIVE, self.law) if active else (Activity.HOLDING, self.still)
-        goes_on = state.deciding is deciding and 0.0 <= sample.time - state.time <= GAP
-        inner = state.inner if goes_on else law.init(sample)
-        inner, out = law.step(inner, sample)
+            return state, Answer(np.zeros(len(sample.q)), Activity.PASSIVE, Limit.NONE)
+        deciding, controller = (Activity.ACTIVE, self.controller) if active else (Activity.HOLDING, self.holding)
+        continued = state.deciding is deciding and 0.0 <= sample.time - state.time <= GAP
+        inner, out = controller.step(state.inner if continued else controller.init(sample), sample)
         torque, changed = self.limits.kept(sample, out.torque)
         if out.saturated:
             changed |= Limit.TORQUE
         return Supervised(deciding, inner, sample.time), Answer(torque, deciding, changed)
 
-    def informed(self, state: Supervised, change: Change) -> Supervised:
-        """The state in which the law knows something that no sample says; as it was where the law does not decide."""
+    def updated(self, state: Supervised, change: Change) -> Supervised:
+        """`state` with `change` applied to the controller's state; unchanged while the controller is not active."""
         return replace(state, inner=change(state.inner)) if state.deciding is Activity.ACTIVE else state
 
-    def told(self, state: Supervised) -> Array:
-        """What the law tells (k,), NaN while it does not decide."""
+    def observe(self, state: Supervised) -> Array:
+        """Quantities (k,) of the controller, NaN while it is not active."""
         if state.deciding is Activity.ACTIVE:
-            return self.law.told(state.inner)
-        return np.full(len(self.law.quantities), np.nan)
+            return self.controller.observe(state.inner)
+        return np.full(len(self.controller.quantities), np.nan)
 
 
 def _usable(sample: ArmSample) -> bool:
-    if blind(sample):
+    if not sample.valid:
         return False
     return _near(sample.q, sample.theta, FURTHEST) and _near(sample.q_velocity, sample.theta_velocity, FASTEST)
 
 
 @njit(cache=True, error_model="numpy")
 def _near(first: Array, second: Array, most: float) -> bool:
+    """Whether no entry of either array exceeds `most`."""
     furthest = 0.0
     for i in range(first.size):
         furthest = max(furthest, abs(first[i]), abs(second[i]))

@@ -1,8 +1,8 @@
-"""Section 7 by direct collocation: the same problem as `switching_program`, by other means, as a second opinion.
+"""Section 7 by direct collocation: the problem of `switching_program` solved by an independent method.
 
-On every one of N intervals the state is a polynomial of degree `degree` that obeys the joint's equations at Radau
-points, the control is held, and IPOPT maximises the link velocity at the end. Neither an exact discretisation nor
-linearity is used.
+On each of N intervals the control is constant and the state is a polynomial of degree `degree` that satisfies the
+joint's equations at Radau points. IPOPT maximises the link velocity at the end. The method uses neither an exact
+discretisation nor linearity.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from via_controllers.motor_models import DrivenJoint, Optimum
 
 
 def largest_velocity(driven: DrivenJoint, horizon: float, intervals: int = 200, degree: int = 3) -> Optimum:
-    """The fastest link at t_f = `horizon` [s]; ViaError where IPOPT does not converge."""
+    """The optimum at t_f = `horizon` [s]; raises ViaError if IPOPT does not converge."""
     require(horizon > 0.0, f"a horizon must be > 0 s, got {horizon}")
     A, b = driven.system
     n, h = len(b), horizon / intervals
@@ -27,7 +27,7 @@ def largest_velocity(driven: DrivenJoint, horizon: float, intervals: int = 200, 
     x = casadi.MX.sym("x", n)
     inner = casadi.MX.sym("inner", n, degree)
     u = casadi.MX.sym("u")
-    # Every interval: its polynomial obeys the equations at the points, and ends where the next begins.
+    # Each interval: its polynomial satisfies the equations at the points and ends where the next one begins.
     rates = casadi.horzcat(x, inner) @ slopes
     defects = h * (casadi.DM(A) @ inner + casadi.repmat(casadi.DM(b) * u, 1, degree)) - rates
     interval = casadi.Function("interval", [x, inner, u], [casadi.vec(defects), casadi.horzcat(x, inner) @ ends])
@@ -49,7 +49,7 @@ def largest_velocity(driven: DrivenJoint, horizon: float, intervals: int = 200, 
     solver = casadi.nlpsol("fastest", "ipopt", problem, quiet)
     found = solver(x0=0.0, lbx=-high, ubx=high, lbg=0.0, ubg=0.0)
     if not solver.stats()["success"]:
-        raise ViaError(f"no optimum over {horizon:g} s: IPOPT says {solver.stats()['return_status']}")
+        raise ViaError(f"no optimum over {horizon:g} s: IPOPT returned {solver.stats()['return_status']}")
     solution = np.asarray(found["x"]).ravel()
     state = solution[: n * (intervals + 1)].reshape(intervals + 1, n)
     return Optimum(

@@ -1,12 +1,12 @@
-"""Section 7 as a linear program: the largest link velocity over controls that are held from node to node.
+"""Section 7 as a linear program: the largest link velocity over piecewise constant controls.
 
-Between nodes the joint's answer to a held control is exact (matrix exponential), so that the program
+Between nodes the joint's response to a constant control is exact (matrix exponential). The program
 
     max nu_N   over u_k, x_k   with x_{k+1} = F_k x_k + f_k u_k, x_0 = 0, |u_k| <= limit, |mu_k| <= v
 
-is wrong in one thing: a switch cannot happen within a step. Steps at which the control jumps are halved and the program
-is solved again, until the switch is known well enough. Nothing of the closed form is used: this checks it.
-The motor's velocity is limited at the nodes, between which a torque drive may exceed it by the square of a step.
+makes one error: a switch cannot happen within a step. Steps at which the control jumps are halved and the program is
+solved again, until the switch is accurate enough. It checks the closed form and uses nothing of it.
+The motor's velocity is limited at the nodes; between them a torque drive may exceed it by the square of a step.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from via_core.signals import Array
 from via_controllers.contract import require
 from via_controllers.motor_models import DrivenJoint, Optimum
 
-JUMP = 0.1  # of the largest control: a change of control from step to step that is a switch, or the way to one
+JUMP = 0.1  # change of control between steps, over the largest control, that counts as a switch
 
 
 def largest_velocity(driven: DrivenJoint, horizon: float, steps: int = 100, finest: float = 1e-4) -> Optimum:
-    """The fastest link at t_f = `horizon` [s], beginning with `steps` equal steps; ViaError where HiGHS finds nothing.
+    """The optimum at t_f = `horizon` [s], starting with `steps` equal steps; raises ViaError if HiGHS finds none.
 
-    finest   share of the horizon below which a step beside a switch is not halved any more: the switch is known to it,
-             the velocity to about its square
+    finest   steps at a switch are halved down to this share of the horizon: the error of the switch; the error of the
+             velocity is about its square
     """
     require(horizon > 0.0, f"a horizon must be > 0 s, got {horizon}")
     found = _solve(driven, np.linspace(0.0, horizon, steps + 1))
@@ -38,7 +38,7 @@ def largest_velocity(driven: DrivenJoint, horizon: float, steps: int = 100, fine
 
 
 def _halved(found: Optimum, finest: float) -> Array:
-    """The nodes, with one more in the middle of every step longer than `finest` beside which the control jumps."""
+    """The nodes, with one more in the middle of every step longer than `finest` at which the control jumps."""
     jumps = np.abs(np.diff(found.control)) > JUMP * np.abs(found.control).max()
     touched = np.append(jumps, False) | np.insert(jumps, 0, False)
     middles = 0.5 * (found.time[:-1] + found.time[1:])[touched & (np.diff(found.time) > finest)]
@@ -49,22 +49,22 @@ def _solve(driven: DrivenJoint, time: Array) -> Optimum:
     A, b = driven.system
     n, N = len(b), len(time) - 1
     steps = np.diff(time)
-    # exp([[A, b], [0, 0]] h) holds F and f at once; equal steps share it.
-    held: dict[float, Array] = {}
+    # exp([[A, b], [0, 0]] h) contains F and f; equal steps share it.
+    discrete: dict[float, Array] = {}
     rows, columns, values = [], [], []
-    states = N + np.arange(n * N).reshape(N, n)  # where x_1 .. x_N stand among the variables, after u
+    states = N + np.arange(n * N).reshape(N, n)  # indices of x_1 .. x_N among the variables, after u
     for k, h in enumerate(steps):
         key = float(np.round(h, 15))
-        if key not in held:
-            held[key] = expm(np.block([[A, b[:, None]], [np.zeros((1, n + 1))]]) * h)[:n]
+        if key not in discrete:
+            discrete[key] = expm(np.block([[A, b[:, None]], [np.zeros((1, n + 1))]]) * h)[:n]
         line = n * k + np.arange(n)
         rows += [*line, *line]
         columns += [*states[k], *([k] * n)]
-        values += [*np.ones(n), *(-held[key][:, n])]
+        values += [*np.ones(n), *(-discrete[key][:, n])]
         if k:
             rows += list(np.repeat(line, n))
             columns += list(np.tile(states[k - 1], n))
-            values += list(-held[key][:, :n].ravel())
+            values += list(-discrete[key][:, :n].ravel())
     equal = coo_array((values, (rows, columns)), shape=(n * N, N + n * N)).tocsr()
     low = np.full(N + n * N, -np.inf)
     low[:N] = -driven.limit

@@ -1,4 +1,4 @@
-"""Largest link velocity of a visco-elastic joint whose motor velocity is commanded: Section 7, in closed form.
+"""Largest link velocity of a visco-elastic joint with commanded motor velocity: Section 7, in closed form.
 
     M qdd = K (theta - q) + 2 D omega M (thetad - qd),   |thetad| <= v,   omega = sqrt(K / M),   all at rest at t = 0
 
@@ -7,14 +7,14 @@ switching function sigma*(xi) = -g(t_f - xi). With beta = arccos D and omega_d =
 
     g(t) = omega exp(-D omega t) sin(2 beta - omega_d t) / sin(beta)
 
-so that max qd(t_f) = v integral of |g| over [0, t_f], reached by thetad(xi) = v sign g(t_f - xi). Counted back from t_f
-the motor turns around at
+so that max qd(t_f) = v integral of |g| over [0, t_f], reached by thetad(xi) = v sign g(t_f - xi). The motor
+reverses at these times before t_f:
 
     t_k = (2 beta + k pi) / omega_d,   k = 0, 1, ...
 
-The time between two turns is pi / omega_d; the last stretch of the motion, 2 beta / omega_d, is shorter as soon as
-there is damping, and a motor that turns every pi / omega_d loses by it. Critical damping turns once, at 2 / omega;
-stronger damping once, at 2 eta / (omega sinh eta), eta = arccosh D. With c = cot(beta), E_0 = exp(-2 beta c),
+The time between two reversals is pi / omega_d. With damping the last interval, 2 beta / omega_d, is shorter: reversing
+every pi / omega_d is not optimal. With critical damping there is one reversal, at 2 / omega; with stronger damping one,
+at 2 eta / (omega sinh eta), eta = arccosh D. With c = cot(beta), E_0 = exp(-2 beta c),
 r = exp(-pi c)
 
     epsilon(n, D) = max qd(t_n) / v = 1 + E_0 + E_0 (1 + r) (1 - r^n) / (1 - r),   epsilon(n, 0) = 2 (n + 1)
@@ -35,7 +35,7 @@ from via_controllers.contract import require
 
 @dataclass(frozen=True)
 class ViscoElasticJoint:
-    """The joint of this file. Raises ParameterError for a frequency <= 0 or a negative damping ratio."""
+    """The joint model. Raises ParameterError for a frequency <= 0 or a negative damping ratio."""
 
     frequency: float  # omega [rad/s], undamped
     damping_ratio: float  # D [-]
@@ -47,7 +47,7 @@ class ViscoElasticJoint:
 
     @property
     def first_turn(self) -> float:
-        """t_0 [s] before the end, at which the motor turns around for the last time."""
+        """t_0 [s], time from the last reversal of the motor to the end."""
         omega, D = self.frequency, self.damping_ratio
         if D < 1.0:
             beta = acos(D)
@@ -57,12 +57,12 @@ class ViscoElasticJoint:
 
     @property
     def between_turns(self) -> float:
-        """pi / omega_d [s]; infinite from critical damping on."""
+        """Time between reversals, pi / omega_d [s]; infinite from critical damping on."""
         D = self.damping_ratio
         return pi / (self.frequency * sqrt((1.0 - D) * (1.0 + D))) if D < 1.0 else inf
 
     def turns(self, horizon: float) -> Array:
-        """Times (n,) [s] after the start, rising, at which the motor turns around on the way to t_f = `horizon` [s]."""
+        """Times (n,) [s] after the start, rising, at which the motor reverses before t_f = `horizon` [s]."""
         if horizon <= self.first_turn:
             return np.zeros(0)
         more = 0 if self.between_turns == inf else ceil((horizon - self.first_turn) / self.between_turns) - 1
@@ -70,31 +70,31 @@ class ViscoElasticJoint:
         return np.asarray(horizon - back[::-1], dtype=float)
 
     def motor_velocity(self, time: float, horizon: float) -> float:
-        """thetad / v at `time` [s] since the start: +-1 up to `horizon` [s], 0 outside of [0, horizon)."""
+        """thetad / v at `time` [s] since the start: +-1 in [0, horizon) [s], 0 outside."""
         if not 0.0 <= time < horizon:
             return 0.0
         left = int(np.count_nonzero(self.turns(horizon) > time))
         return -1.0 if left % 2 else 1.0
 
     def response(self, time: Array) -> Array:
-        """g(t) [1/s], shape of `time` [s] >= 0: link velocity that a unit impulse of motor velocity leaves behind."""
+        """g(t) [1/s], shape of `time` [s] >= 0: response of the link velocity to a unit impulse of motor velocity."""
         t, omega, D = np.asarray(time, dtype=float), self.frequency, self.damping_ratio
         a = omega * t
         if D < 1.0:
             rate = sqrt((1.0 - D) * (1.0 + D))
-            # sin(rate a) / rate stays what it is where rate vanishes.
+            # sinc has the limit of sin(rate a) / rate for rate 0.
             share = a * np.sinc(rate * a / pi)
             value = np.exp(-D * a) * (2.0 * D * np.cos(rate * a) + (1.0 - 2.0 * D * D) * share)
         else:
-            # In decaying exponentials, which cannot overflow.
+            # Decaying exponentials cannot overflow.
             rate = sqrt((D - 1.0) * (D + 1.0))
             slow, fast = np.exp(-a / (D + rate)), np.exp(-(D + rate) * a)
             share = 0.5 * (slow - fast) / rate if rate > 1e-6 else a * np.exp(-D * a)
             value = D * (slow + fast) + (1.0 - 2.0 * D * D) * share
         return omega * value
 
-    def reached(self, time: Array) -> Array:
-        """Integral of g over [0, t] [-], shape of `time` [s]: link velocity per motor velocity after a step of it."""
+    def step_response(self, time: Array) -> Array:
+        """Integral of g over [0, t] [-], shape of `time` [s]: step response of the link velocity to the motor's."""
         t, omega, D = np.asarray(time, dtype=float), self.frequency, self.damping_ratio
         a = omega * t
         if D < 1.0:
@@ -109,19 +109,19 @@ class ViscoElasticJoint:
         """max qd(t_f) / v [-] for t_f = `horizon` [s] >= 0: integral of |g| over [0, t_f]."""
         require(horizon >= 0.0, f"a horizon must be >= 0 s, got {horizon}")
         ends = np.concatenate([[0.0], (horizon - self.turns(horizon))[::-1], [horizon]])
-        return float(np.abs(np.diff(self.reached(ends))).sum())
+        return float(np.abs(np.diff(self.step_response(ends))).sum())
 
     def velocity_with(self, turns: Array, horizon: float) -> float:
-        """qd(t_f) / v [-] when the motor, +v at the end, turns around at `turns` (n,) [s] after the start instead."""
+        """qd(t_f) / v [-] if the motor, +v at the end, reverses at `turns` (n,) [s] after the start instead."""
         ends = np.concatenate([[0.0], np.sort(horizon - np.asarray(turns))[: len(turns)], [horizon]])
         signs = np.where(np.arange(len(ends) - 1) % 2, -1.0, 1.0)
-        return float(signs @ np.diff(self.reached(ends)))
+        return float(signs @ np.diff(self.step_response(ends)))
 
 
 def performance(turns: int, damping_ratio: float) -> float:
-    """epsilon(n, D) [-]: link over motor velocity with t_f = t_n, that is, after n = `turns` >= 0 turns of the motor.
+    """epsilon(n, D) [-]: link over motor velocity with t_f = t_n, after n = `turns` >= 0 reversals of the motor.
 
-    From critical damping on there is one turn to make and t_n does not exist for n > 0: the supremum over t_f.
+    From critical damping on there is at most one reversal, and t_n does not exist for n > 0: the supremum over t_f.
     """
     require(turns >= 0, f"a number of turns must be >= 0, got {turns}")
     require(damping_ratio >= 0.0, f"damping_ratio must be >= 0, got {damping_ratio}")
@@ -135,7 +135,7 @@ def performance(turns: int, damping_ratio: float) -> float:
 
 
 def bound(damping_ratio: float) -> float:
-    """epsilon(inf, D) [-]: what no time allows to exceed; infinite without damping."""
+    """epsilon(inf, D) [-], the bound for any t_f; infinite without damping."""
     require(damping_ratio >= 0.0, f"damping_ratio must be >= 0, got {damping_ratio}")
     D = damping_ratio
     if D == 0.0:
@@ -146,7 +146,7 @@ def bound(damping_ratio: float) -> float:
 
 
 def _first(D: float) -> float:
-    """E_0: how far the link is ahead of the motor, over v, after its first swing."""
+    """E_0: excess of the link velocity over the motor velocity, over v, after the first half swing."""
     if D < 1.0:
         beta = atan2(sqrt((1.0 - D) * (1.0 + D)), D)
         return exp(-2.0 * beta * cos(beta) / sin(beta)) if beta > 0.0 else exp(-2.0)

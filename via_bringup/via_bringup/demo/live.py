@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from via_controllers.nodes.excitation import ExcitationNode
+from via_controllers.nodes.single import NODES
 from via_core.bags.joints import joint_signals
 from via_core.bags.reader import Bag, read_bag
 from via_core.devices import Device, load_device
@@ -57,7 +57,7 @@ def _run_live(device: Device, bag: Path, duration: float, progress: Progress) ->
     every_tick = ("/joint_states", f"/{name}/stiffness", f"/{name}/motor", f"/{name}/truth/stiffness")
     with Composition() as graph:
         graph.add(EstimatorNode, device=name)
-        graph.add(ExcitationNode, device=name, told_every=100)  # its ControlState has no subscriber here
+        graph.add(NODES["excitation"], device=name, told_every=100)  # its ControlState has no subscriber here
         recorder = graph.add(Recorder, bag=str(bag), topics=topics)
         simulator = graph.add(
             SimulatorNode,

@@ -19,11 +19,9 @@ import numpy as np
 import pinocchio
 from matplotlib.animation import FuncAnimation, PillowWriter
 from scipy.signal import savgol_filter
+from via_controllers.joint_methods import MaxVelocityParameters
 from via_controllers.modal_transform import first_basis
-from via_controllers.nodes.bang_bang import BangBangNode
-from via_controllers.nodes.hopping import HoppingNode
-from via_controllers.nodes.max_velocity import MaxVelocityNode, MaxVelocityParameters
-from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleNode
+from via_controllers.nodes.single import NODES
 from via_core.bags.reader import Columns, read_bag
 from via_core.devices import load_device
 from via_core.errors import ParameterError
@@ -98,7 +96,7 @@ def _limit_cycle(out: Path, duration: float) -> list[Path]:
     z = np.zeros(ARM.n)
     z[0] = 0.3 * np.sqrt(2.0 * LEVEL)
     start = EQUILIBRIUM + first_basis(ARM.inertia(EQUILIBRIUM), STIFFNESS).W @ z
-    seen = _record(out / "bag", SIMULATED_ARM, ModalLimitCycleNode, duration, posture=start.tolist())
+    seen = _record(out / "bag", SIMULATED_ARM, NODES["modal_limit_cycle"], duration, posture=start.tolist())
     figure, (modal, joints, level) = plt.subplots(1, 3, figsize=(14, 4.6), constrained_layout=True)
     step = float(np.diff(seen.time).mean())
     for i, colour in enumerate(COLOURS):
@@ -118,7 +116,7 @@ def _hitting(out: Path, duration: float) -> list[Path]:
     arm, scene = damped_arm(), wall_scene(WALL_AT, START_AT)
     point, normal = scene.face, -scene.along
     seen = _record(
-        out / "bag", SIMULATED_ARM, BangBangNode, duration, posture=scene.start.tolist(),
+        out / "bag", SIMULATED_ARM, NODES["bang_bang"], duration, posture=scene.start.tolist(),
         walls=[*point.tolist(), *normal.tolist()], link_friction=arm.link_friction.tolist(),
     )  # fmt: skip
     figure, (tip, joints) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
@@ -135,7 +133,7 @@ def _throw(out: Path, duration: float) -> list[Path]:
     device, parameters = load_device("visco_elastic_demo"), MaxVelocityParameters()
     controller, ideal = throwing_controller(device, parameters.damping, parameters.turns)
     robot = Robot(device.name, SimulatorNode)
-    seen = _record(out / "bag", robot, MaxVelocityNode, controller.horizon + 0.4, device=device.name)
+    seen = _record(out / "bag", robot, NODES["max_velocity"], controller.horizon + 0.4, device=device.name)
     q, theta = seen.position[:, 0], seen.position[:, 1]
     # Velocities are not measured, so they are estimated over 11 ms, in which the link hardly turns.
     velocity, motor = savgol_filter(seen.position, 11, 2, deriv=1, delta=1e-3, axis=0).T
@@ -171,7 +169,7 @@ def _throw(out: Path, duration: float) -> list[Path]:
 def _hopper(out: Path, duration: float) -> list[Path]:
     robot = Hopper()
     simulated = Robot("hopper", HopperSimulatorNode, SIMULATED_ARM.contact, base="geometry_msgs/msg/PoseStamped")
-    seen = _record(out / "bag", simulated, HoppingNode, duration)
+    seen = _record(out / "bag", simulated, NODES["hopping"], duration)
     figure, (height, phase) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
     height.plot(seen.time, seen.trunk[:, 1], color=REAL)
     height.set_xlabel("time [s]")

@@ -1,20 +1,19 @@
-"""What every node of a law shares: its lifecycle, samples in, limited torques out, and what is told.
+"""The node that all controllers share: lifecycle, samples in, limited torques out, state and diagnostics.
 
-subscribes  /joint_states     sensor_msgs/JointState with all links and motors of the arm, or of the joint
-publishes   /<name>/command   via_interfaces/VsaCommand, motor torques, stamped with the sample they answer
-            /<name>/control   via_interfaces/ControlState, what the law sees, and the limits
+subscribes  /joint_states     sensor_msgs/JointState with all links and motors of the arm or joint
+publishes   /<name>/command   via_interfaces/VsaCommand, motor torques with the stamp of the sample they answer
+            /<name>/control   via_interfaces/ControlState, internal quantities of the controller, and the limits
             /diagnostics      once per second of wall time
 
-<name> is that of the arm or the device.
+<name> is the name of the arm or the device.
 
-unconfigured  silent: nothing drives the motors
-inactive      holds arm or joint still where it was
-active        the law decides
+unconfigured  no commands, no torque on the motors
+inactive      the arm or joint is held where it was
+active        the controller runs
 
-With `autostart` the node configures and activates itself, so that `ros2 run` alone does. Samples that are missing for
-20 ms are answered with zero torque, once; drivers and simulators have a watchdog of their own for when it is gone.
-In lockstep that zero changes nothing: it bears a stamp that is answered already.
-A new node is a dataclass of parameters and a function that makes a law of them: see `modal_limit_cycle`.
+With `autostart` the node configures and activates itself, so that `ros2 run` alone suffices. After 20 ms without a
+sample the node sends zero torque once. Drivers and simulators have watchdogs in case the node itself is gone. In
+lockstep the zero has no effect: its stamp belongs to a sample that is already answered.
 """
 
 from __future__ import annotations
@@ -22,7 +21,8 @@ from __future__ import annotations
 import array
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -40,55 +40,64 @@ from via_ros.serialised import CommandBytes, JointStateDecoder
 from via_ros.spin import STEADY
 
 from via_controllers.arm_limits import Limit
-from via_controllers.nodes.equipment import Equipment, StartParameters
+from via_controllers.methods import CONTROLLERS
+from via_controllers.nodes.samples import sample_reader
+from via_controllers.robot import ControlledArm, ControlledJoint
 from via_controllers.supervision import GAP, Activity, Answer, Change
 
 REPORT = 1.0  # [s] between two diagnostics
-SILENCE = 0.02  # [s] without a sample before a zero is sent
-LOOK = 0.004  # [s] between two looks for it
-SAME_CLOCK = 1_000_000_000  # [ns] after a sample's stamp at most that it is missed, by the clock that stamped it
-SLOW = f"samples more than {1e3 * GAP:g} ms apart, the law starts anew at each: publish /joint_states at 100 Hz or more"
-WARM_UP = 3  # steps before anybody waits for one: what is compiled is loaded
+SILENCE = 0.02  # [s] without a sample after which zero torque is sent
+LOOK = 0.004  # [s] period of the check for silence
+SAME_CLOCK = 1_000_000_000  # [ns] largest age of a stamp from this machine's clock when silence is noticed
+SLOW = f"samples more than {1e3 * GAP:g} ms apart restart the controller: publish /joint_states at 100 Hz or more"
+WARM_UP = 3  # steps before the first sample, to load compiled functions
 
 
-Parameters = TypeVar("Parameters", bound=StartParameters)
+@dataclass(frozen=True, eq=False)
+class Input:
+    """A subscription beside the samples."""
+
+    kind: Any  # class of its messages
+    topic: str
+    qos: Any
+    callback: Callable[[Any], None]
+
+
+Connect = Callable[[Any], tuple[ControlledArm | ControlledJoint, tuple[Input, ...]]]
 
 
 class ControllerNode(LifecycleNode):
-    """A law of an arm or a joint in ROS.
+    """A controller of an arm or a joint.
 
-    name   of the node, and `method` of what it tells
-    kind   the dataclass of its parameters
-    make   what such parameters mean; raises ParameterError
+    name     of the node and, in CONTROLLERS, of its controller
+    connect  makes the robot and further inputs from the parameters; by default `build`, without inputs
     """
 
     def __init__(
-        self,
-        name: str,
-        kind: type[Parameters],
-        make: Callable[[Parameters], Equipment],
-        **options: Any,
+        self, name: str, connect: Connect = lambda parameters: (parameters.build(), ()), **options: Any
     ) -> None:
         super().__init__(name, **options)
-        self._change = self._service_change_state.callback
-        self._service_change_state.callback = self._changed
-        self._chosen = declare(self, kind)
-        self._make: Callable[[Any], Equipment] = make
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self._checked_change_state
+        self._settings = declare(self, CONTROLLERS[name].parameters)
+        self._connect = connect
         self._active = False
-        self._entities: list[tuple[Callable[[Any], Any], Any]] = []  # how to destroy what configuring made
-        if self._chosen.autostart:
-            self._set_up()  # raises what is wrong, in one line
+        self._entities: list[tuple[Callable[[Any], Any], Any]] = []  # created on configuration, with their destructors
+        if self._settings.autostart:
+            self._set_up()  # raises errors that the transitions below would only log
             self._tear_down()
             self.trigger_configure()
             self.trigger_activate()
 
     # ---- lifecycle
 
-    def _changed(self, request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
-        """A transition that the state does not allow is refused; rclpy would raise it out of the executor."""
+    def _checked_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> ChangeState.Response:
+        """Refuse an invalid transition; rclpy would raise an error that ends the executor."""
         _, state = self._state_machine.current_state
         try:
-            return self._change(request, response)
+            return self._change_state(request, response)
         except rclpy_implementation.RCLError:
             self.get_logger().error(f"no transition {request.transition.id} from '{state}'")
             response.success = False
@@ -124,42 +133,37 @@ class ControllerNode(LifecycleNode):
         return self.on_shutdown(state)
 
     def _set_up(self) -> None:
-        equipment = self._make(self._chosen)
-        self._equipment, self._supervisor = equipment, equipment.supervisor
+        self._robot, inputs = self._connect(self._settings)
+        self._supervisor: Any = self._robot.supervisor
         self._state = self._supervisor.init()
-        _warm_up(equipment)
-        self._writer = CommandBytes(equipment)
-        self._told = _Told(equipment, self.get_name())
-        self._decoder = JointStateDecoder()
+        _warm_up(self._robot)
+        self._writer = CommandBytes(self._robot)
+        self._control_state = _ControlStateWriter(self._robot, self.get_name())
+        self._decoder, self._reader = JointStateDecoder(), sample_reader(self._robot)
         self._answered = self._unusable = self._reported = self._silences = self._broken = 0
         self._limited, self._gaps = Limit.NONE, 0  # since the last report
-        self._warned = False  # of the gaps that there are
+        self._warned = False  # of the present gaps
         self._time = np.inf  # [s] of the last usable sample
-        self._heard: float | None = None  # [s] steady clock; None: nothing to miss
+        self._received: float | None = None  # [s] steady clock at the last sample; None: silence is handled already
         self._last = 0  # [ns] stamp of the last sample
-        self._commands = self._made(self.create_publisher, self.destroy_publisher)(
-            VsaCommand, equipment.command_topic, qos.CONTROL
-        )
-        self._states = self._made(self.create_publisher, self.destroy_publisher)(
-            ControlState, f"/{equipment.name}/control", qos.SAMPLES
-        )
-        self._reports = self._made(self.create_publisher, self.destroy_publisher)(
-            DiagnosticArray, "/diagnostics", qos.CONTROL
-        )
-        timer = self._made(self.create_timer, self.destroy_timer)
+        publisher = self._creator(self.create_publisher, self.destroy_publisher)
+        self._commands = publisher(VsaCommand, self._robot.command_topic, qos.CONTROL)
+        self._states = publisher(ControlState, f"/{self._robot.name}/control", qos.SAMPLES)
+        self._reports = publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
+        timer = self._creator(self.create_timer, self.destroy_timer)
         timer(REPORT, self._report, clock=STEADY)
-        timer(LOOK, self._look, clock=STEADY)
-        subscription = self._made(self.create_subscription, self.destroy_subscription)
-        for each in equipment.inputs:
-            subscription(each.kind, each.topic, each.heard, each.qos)
+        timer(LOOK, self._check_silence, clock=STEADY)
+        subscription = self._creator(self.create_subscription, self.destroy_subscription)
+        for each in inputs:
+            subscription(each.kind, each.topic, each.callback, each.qos)
         subscription(JointState, "/joint_states", self._answer, qos.CONTROL, raw=True)
 
-    def _made(self, create: Callable[..., Any], destroy: Callable[[Any], Any]) -> Callable[..., Any]:
-        def made(*args: Any, **options: Any) -> Any:
+    def _creator(self, create: Callable[..., Any], destroy: Callable[[Any], Any]) -> Callable[..., Any]:
+        def created(*args: Any, **options: Any) -> Any:
             self._entities.append((destroy, create(*args, **options)))
             return self._entities[-1][1]
 
-        return made
+        return created
 
     def _tear_down(self) -> None:
         while self._entities:
@@ -170,21 +174,25 @@ class ControllerNode(LifecycleNode):
 
     @property
     def answered(self) -> int:
-        """Samples answered since it was configured."""
+        """Number of samples answered since configuration."""
         return self._answered
+
+    def update(self, change: Change) -> None:
+        """Apply `change` to the controller's state if the controller is active."""
+        self._state = self._supervisor.updated(self._state, change)
 
     def _answer(self, data: bytes) -> None:
         joints = self._decoder.decode(data)
         if joints is None:
             self._broken += 1
             return
-        heard = self._equipment.ears.heard(joints)
-        if heard is None:
+        found = self._reader.read(joints)
+        if found is None:
             return
-        stamp, sample = heard
+        stamp, sample = found
         self._state, answer = self._supervisor.step(self._state, sample, self._active)
         self._send(stamp, answer.torque)
-        self._heard, self._last = time.monotonic(), stamp
+        self._received, self._last = time.monotonic(), stamp
         self._answered += 1
         if answer.activity is Activity.PASSIVE:
             self._unusable += 1
@@ -192,50 +200,47 @@ class ControllerNode(LifecycleNode):
             self._gaps += sample.time - self._time > GAP
             self._time = sample.time
         self._limited |= answer.limited
-        if self._answered % self._chosen.told_every == 0:
-            self._states.publish(self._told.at(stamp, answer, self._supervisor.told(self._state)))
-
-    def inform(self, change: Change) -> None:
-        """Tell the law something that no sample says, where it decides."""
-        self._state = self._supervisor.informed(self._state, change)
+        if self._answered % self._settings.told_every == 0:
+            values = self._supervisor.observe(self._state)
+            self._states.publish(self._control_state.message(stamp, answer, values))
 
     def _send(self, stamp: int, torque: Array) -> None:
-        command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, self._equipment.damping, torque)
+        command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, self._robot.damping, torque)
         self._commands.publish(self._writer.numbered(stamp, command))
 
-    def _look(self) -> None:
-        """Nobody tells where the arm is: whatever it was told last is no good any more."""
-        if self._heard is not None and time.monotonic() - self._heard > SILENCE - LOOK:
-            self._heard = None
+    def _check_silence(self) -> None:
+        """Send zero torque once when samples stop: the last torque then no longer fits the motion."""
+        if self._received is not None and time.monotonic() - self._received > SILENCE - LOOK:
+            self._received = None
             self._silences += 1
             self._send(_stamp_now(self._last), np.zeros(self._supervisor.limits.arm.n))
 
     def _report(self) -> None:
-        if not self._entities:  # a timer that was due already when what it speaks through was given back
+        if not self._entities:  # the timer was due already when its publisher was destroyed
             return
-        malformed, silent = self._broken + self._equipment.ears.malformed, self._answered == self._reported
+        malformed, silent = self._broken + self._reader.malformed, self._answered == self._reported
         rate, self._reported = (self._answered - self._reported) / REPORT, self._answered
-        troubles = {
+        conditions = {
             "no samples": silent,
             SLOW: self._gaps > 0,
             "unusable samples": self._unusable > 0,
             "malformed messages": malformed > 0,
             "at a limit": self._limited != Limit.NONE,
         }
-        told = [text for text, holds in troubles.items() if holds]
+        warnings = [text for text, present in conditions.items() if present]
         values = {
             "samples": self._answered, "rate [Hz]": f"{rate:g}", "unusable samples": self._unusable,
             "malformed messages": malformed, "gaps": self._gaps, "silences": self._silences,
-            "limits": _names(self._limited), **self._told.limits,
+            "limits": _names(self._limited), **self._control_state.limits,
         }  # fmt: skip
         if self._gaps and not self._warned:
             self.get_logger().warning(SLOW)
         self._limited, self._gaps, self._warned = Limit.NONE, 0, self._gaps > 0
         status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if told else DiagnosticStatus.OK,
+            level=DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK,
             name=f"{self.get_name()}: {'active' if self._active else 'holding still'}",
-            message=", ".join(told) or "running",
-            hardware_id=self._equipment.name,
+            message=", ".join(warnings) or "running",
+            hardware_id=self._robot.name,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
         report = DiagnosticArray(status=[status])
@@ -243,11 +248,11 @@ class ControllerNode(LifecycleNode):
         self._reports.publish(report)
 
 
-class _Told:
-    """One reused ControlState of a law, numbered from 0."""
+class _ControlStateWriter:
+    """One reused ControlState message, numbered from 0."""
 
-    def __init__(self, equipment: Equipment, method: str) -> None:
-        arm, law = equipment.supervisor.limits.arm, equipment.supervisor.law
+    def __init__(self, robot: ControlledArm | ControlledJoint, method: str) -> None:
+        arm, quantities = robot.supervisor.limits.arm, robot.supervisor.controller.quantities
         limits = {
             "torque_limit": arm.torque_limit,
             "speed_limit": arm.speed_limit,
@@ -256,30 +261,30 @@ class _Told:
         self.limits = {name: " ".join(f"{value:g}" for value in values) for name, values in limits.items()}
         self._message = ControlState(
             method=method,
-            name=[each.name for each in law.quantities],
-            unit=[each.unit for each in law.quantities],
-            value=array.array("d", [np.nan] * len(law.quantities)),
+            name=[each.name for each in quantities],
+            unit=[each.unit for each in quantities],
+            value=array.array("d", [np.nan] * len(quantities)),
             **{name: array.array("d", values) for name, values in limits.items()},
         )
-        self._message.header.frame_id = equipment.name
+        self._message.header.frame_id = robot.name
         self._value: Array = np.frombuffer(self._message.value)
         self._sequence = 0
 
-    def at(self, stamp: int, answer: Answer, told: Array) -> ControlState:
-        """The message about the sample of this stamp [ns]."""
+    def message(self, stamp: int, answer: Answer, values: Array) -> ControlState:
+        """The message about the sample with this stamp [ns]."""
         message = self._message
         set_stamp(message.header.stamp, stamp)
         message.sequence, self._sequence = self._sequence, self._sequence + 1
         message.activity, message.limited = int(answer.activity), int(answer.limited)
-        self._value[:] = told
+        self._value[:] = values
         return message
 
 
 def _stamp_now(last: int) -> int:
-    """[ns] now, if samples bear this machine's time; else the stamp of the `last` one.
+    """Time now [ns] if stamps are from this machine's clock, else the `last` stamp.
 
-    Simulated time may stand still between two samples: whatever is later is then too late for the commands to come,
-    which logs drop behind it.
+    Simulated time may stop between two samples: commands stamped later than simulated time would come after the next
+    ones, which logs then drop.
     """
     now = time.time_ns()
     return now if 0 <= now - last <= SAME_CLOCK else last
@@ -289,12 +294,13 @@ def _names(limits: Limit) -> str:
     return ", ".join(each.name.lower() for each in Limit if each and each in limits and each.name) or "none"
 
 
-def _warm_up(equipment: Equipment) -> None:
-    """Raises ParameterError where a law cannot live with what it is to control."""
-    supervisor, n = equipment.supervisor, equipment.supervisor.limits.arm.n
+def _warm_up(robot: ControlledArm | ControlledJoint) -> None:
+    """Load compiled functions; raises ParameterError where the controller does not fit the robot's motors."""
+    supervisor: Any = robot.supervisor
+    n = supervisor.limits.arm.n
     for active in (False, True):
         state = supervisor.init()
         for step in range(WARM_UP):
-            state, answer = supervisor.step(state, equipment.still(1e-3 * step), active)
+            state, answer = supervisor.step(state, robot.zero_sample(1e-3 * step), active)
             if len(answer.torque) != n:
-                raise ParameterError(f"the law answers {len(answer.torque)} torques to {n} motors")
+                raise ParameterError(f"the controller returns {len(answer.torque)} torques for {n} motors")

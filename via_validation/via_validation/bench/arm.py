@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from via_bringup.demo import reference
 from via_controllers.modal_transform import first_basis
-from via_controllers.nodes.bang_bang import BangBangNode
-from via_controllers.nodes.modal_limit_cycle import ModalLimitCycleNode
+from via_controllers.nodes.single import NODES
 from via_core.errors import ViaError
 from via_core.signals import Array
 from via_interfaces.msg import ControlState
@@ -98,7 +97,9 @@ def _modal(seconds: float) -> Iterator[Row]:
     z = np.zeros(reference.ARM.n)
     z[k] = 0.5 * np.sqrt(2.0 * level)
     W = first_basis(reference.ARM.inertia(reference.EQUILIBRIUM), reference.STIFFNESS).W
-    found = live(ModalLimitCycleNode, {"mode": k + 1}, {"posture": reference.EQUILIBRIUM.tolist()}, W @ z, seconds)
+    found = live(
+        NODES["modal_limit_cycle"], {"mode": k + 1}, {"posture": reference.EQUILIBRIUM.tolist()}, W @ z, seconds
+    )
     what = "limit cycle, mode 1"
     yield from _shares("arm.limit_cycle", what, found)
     error = float(np.abs(found.late("H") / level - 1.0).max())
@@ -114,7 +115,7 @@ def _bang_bang(seconds: float) -> Iterator[Row]:
     linear = reference.linear_modes(arm, np.array(reference.MOTORS))
     controller = bang_bang.reference_controller(arm, direction)
     found = live(
-        BangBangNode,
+        NODES["bang_bang"],
         {"direction": direction.tolist()},
         {"posture": linear.rest.tolist(), "link_friction": arm.link_friction.tolist()},
         bang_bang.PUSH * controller.direction,

@@ -125,7 +125,7 @@ def _same_answers(samples: list[ArmSample]) -> None:
 
 
 def _joint(controller: EquilibriumPreset) -> Callable[[], None]:
-    first = controller.towards(controller.init(), 0.1, 5.0)
+    first = controller.with_reference(controller.init(), 0.1, 5.0)
 
     def run() -> None:
         state = first
@@ -144,7 +144,7 @@ def _aim(controller: EquilibriumPreset) -> Callable[[], None]:
     def run() -> None:
         state = controller.init()
         for q, stiffness in targets:
-            state = controller.towards(state, q, stiffness)
+            state = controller.with_reference(state, q, stiffness)
 
     return run
 

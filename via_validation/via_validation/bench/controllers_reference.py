@@ -53,7 +53,7 @@ def link_torque(cycle: ModalLimitCycle, near: Array, q: Array, velocity: Array) 
 
 def step(controller: VsaModalLimitCycle, near: Array, sample: ArmSample) -> tuple[Array, Array]:
     """Motor torques (n,) [N m] before limits, and W."""
-    cycle, s = controller.cycle, controller.spread
+    cycle, s = controller.cycle, controller.difference_step
     q, v = sample.q, sample.q_velocity
     torque, W = link_torque(cycle, near, q, v)
     seen = controller.tracking.observed(sample)

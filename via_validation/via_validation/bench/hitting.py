@@ -11,7 +11,7 @@ import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 from via_bringup.demo.reference import DIRECTIONS, HITTING_MODE, MOTORS, damped_arm, wall_scene
-from via_controllers.nodes.bang_bang import BangBangNode
+from via_controllers.nodes.single import NODES
 from via_core.errors import ViaError
 from via_core.signals import Array
 from via_interfaces.srv import Hold, Push
@@ -44,7 +44,7 @@ def hitting_over_dds(wall: float, hold: float, duration: float = DURATION) -> Im
     links: list[Array] = []
     forces: list[tuple[float, float, float]] = []
     with Composition() as graph:
-        graph.add(BangBangNode, motors=list(MOTORS), direction=list(DIRECTIONS[HITTING_MODE]), told_every=1000)
+        graph.add(NODES["bang_bang"], motors=list(MOTORS), direction=list(DIRECTIONS[HITTING_MODE]), told_every=1000)
         body = graph.add(
             ArmSimulatorNode, mode="lockstep", rate=RATE, duration=HELD + duration + 0.1, listeners=2,
             posture=scene.rest.tolist(), walls=[*scene.face.tolist(), *(-scene.along).tolist()],

@@ -43,7 +43,7 @@ class FaultyJointController(Controller[int]):
     def quantities(self) -> tuple[Quantity, ...]:
         return ()
 
-    def told(self, state: int) -> Array:
+    def observe(self, state: int) -> Array:
         return np.empty(0)
 
     def init(self) -> int:

@@ -61,7 +61,7 @@ class FaultyController(ArmController[Array]):
     def quantities(self) -> tuple[Quantity, ...]:
         return ()
 
-    def told(self, state: Array) -> Array:
+    def observe(self, state: Array) -> Array:
         return np.empty(0)
 
     def init(self, sample: ArmSample) -> Array:

@@ -90,7 +90,7 @@ def run_arm(
         sample = ArmSample(tick * PERIOD, body.q, body.velocity, body.theta, body.motor_velocity, measured)
         state, out = controller.step(controller.init(sample) if state is None else state, sample)
         states[tick] = body.q, body.velocity, body.theta, body.motor_velocity
-        torque[tick], values[tick] = out.torque, controller.told(state)
+        torque[tick], values[tick] = out.torque, controller.observe(state)
         saturated += out.saturated
         contacts = at[tick].contacts
         if contacts:

@@ -19,7 +19,7 @@ from typing import TypeVar
 
 import numpy as np
 from via_controllers.bang_bang import ModalBangBang
-from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, blind
+from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, passive
 from via_controllers.motor_pd import MotorPd
 from via_core.hopper import Hopper
 from via_core.signals import Array
@@ -52,15 +52,15 @@ class Sinusoid(ArmController[float]):
     def quantities(self) -> tuple[Quantity, ...]:
         return ()
 
-    def told(self, state: float) -> Array:
+    def observe(self, state: float) -> Array:
         return np.zeros(0)
 
     def init(self, sample: ArmSample) -> float:
         return sample.time
 
     def step(self, state: float, sample: ArmSample) -> tuple[float, Torques]:
-        if blind(sample):
-            return state, Torques(np.zeros(self.motors.drives.n), False)
+        if not sample.valid:
+            return state, passive(self.motors.drives.n)
         swing = self.amplitude * np.sin(2.0 * pi * self.frequency * sample.time)
         return sample.time, self.motors.torques(sample, self.motors.motors + swing * self.direction)
 
@@ -114,7 +114,7 @@ def hop(controller: ArmController[State], payload: float = 0.0, duration: float 
             state = controller.init(sample)
         state, out = controller.step(state, sample)
         q[tick], theta[tick], trunk[tick], force[tick], values[tick] = (
-            body.q, body.theta, body.trunk, body.force, controller.told(state)
+            body.q, body.theta, body.trunk, body.force, controller.observe(state)
         )  # fmt: skip
         body = plant.step(body, out.torque, PERIOD)
     run = HopperRun(np.arange(total, dtype=float) * PERIOD, q, theta, trunk, force, values)

@@ -59,12 +59,12 @@ def run_joint(
         time, seen = tick / RATE, dict(zip(MEASURED._fields, measured, strict=True))
         angle, wanted = targets(time)
         if tick % TARGET_EVERY == 0:
-            state = controller.towards(state, angle, wanted)
+            state = controller.with_reference(state, angle, wanted)
         state, out = controller.step(state, JointSample(time, seen["q"], np.array([seen["theta_1"], seen["theta_2"]])))
         status = estimator.take(np.array([[time, *(seen[name] for name in estimator.estimator.inputs)]]))
         value, sd = float(estimator.value[at]), float(estimator.standard_deviation[at])
         if feedback:
-            state = controller.estimated(state, time, Status(status), value, sd)
+            state = controller.with_estimate(state, time, Status(status), value, sd)
         good = status == Status.OK
         rows.append((time, seen["q"], truth[TRUTH.stiffness], wanted, value if good else np.nan, state.factor))
         saturated |= out.saturated

@@ -237,7 +237,7 @@ def _residual(random: np.random.Generator) -> float:
     )
     tracking = FlexibilityTorque(ARM, BANDWIDTH)
     seen = tracking.observed(sample)
-    qdd, thdd = ARM.accelerations(q, v, sample.theta, w, tracking.wanted(sample, seen, wanted), np.zeros(4))
+    qdd, thdd = ARM.accelerations(q, v, sample.theta, w, tracking.unlimited(sample, seen, wanted), np.zeros(4))
     second = seen.stiffness * (qdd - thdd) + seen.stiffness_slope * (v - w) ** 2
     error, rate = wanted.torque - seen.torque, wanted.rate - seen.rate
     pull = (BANDWIDTH**2 + seen.stiffness / ARM.motor_inertia) * error

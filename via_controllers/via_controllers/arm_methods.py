@@ -1,0 +1,116 @@
+"""Parameters of the controllers of arms, each declared once, and the controllers built from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from via_core.hopper import JOINTS, Hopper
+from via_core.signals import Array
+from via_core.vsa_arms import load_vsa_arm
+
+from via_controllers.arm_limits import ArmLimits
+from via_controllers.bang_bang import ModalBangBang
+from via_controllers.modal_limit_cycle import ModalLimitCycle
+from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
+from via_controllers.motor_pd import MotorPd
+from via_controllers.robot import ControlledArm, ControllerParameters, joint_values, parameter
+from via_controllers.self_start import START
+from via_controllers.supervision import Supervisor
+
+
+@dataclass(frozen=True)
+class ModalLimitCycleParameters(ControllerParameters):
+    """Of `modal_limit_cycle_vsa`.
+
+    The default `level` suits the soft modes of reference_4dof. Modes 3 and 4 need a tenth of it or less: otherwise the
+    motors stay at their limits and no limit cycle develops.
+    """
+
+    arm: str = parameter("reference_4dof", "arm name or path to its YAML")
+    equilibrium: tuple[float, ...] = parameter((0.2, 0.4, 0.3, 1.2), "q_d, link angles at the equilibrium", "rad")
+    stiffness: tuple[float, ...] = parameter((), "diagonal of K_d; empty: stiffness of the springs at rest", "N m/rad")
+    mode: int = parameter(1, "mode that swings, 1 is the softest", "", (1, 64))
+    damping_ratio: float = parameter(0.7, "xi of the other modes", "-", (1e-3, 10.0))
+    gain: float = parameter(3.0, "k_V, rate at which H converges to H_d", "s/(kg m^2)", (1e-6, 1e6))
+    level: float = parameter(0.02, "H_d, half the squared amplitude of z", "kg m^2", (1e-9, 1e3))
+    start: float = parameter(
+        START, "shift of the rest position that starts the motion, over the amplitude; 0: wait for a push", "-", (0, 1)
+    )
+    bandwidth: float = parameter(100.0, "omega_tau of the spring torque control", "rad/s", (1.0, 1e4))
+
+    def build(self) -> ControlledArm:
+        arm = load_vsa_arm(self.arm)
+        equilibrium = joint_values("equilibrium", self.equilibrium, arm)
+        stiffness = self.stiffness or tuple(arm.spring_state(np.zeros(arm.n))[1])
+        cycle = ModalLimitCycle(
+            arm=arm,
+            equilibrium=equilibrium,
+            stiffness=np.diag(joint_values("stiffness", stiffness, arm)),
+            mode=self.mode - 1,
+            damping_ratio=self.damping_ratio,
+            gain=self.gain,
+            level=self.level,
+            start=self.start,
+        )
+        return ControlledArm.with_holding(arm, VsaModalLimitCycle(cycle, self.bandwidth))
+
+
+@dataclass(frozen=True)
+class BangBangParameters(ControllerParameters):
+    """Of `bang_bang` on an arm."""
+
+    arm: str = parameter("reference_4dof", "arm name or path to its YAML")
+    motors: tuple[float, ...] = parameter((0.2, 0.5, 0.3, 1.3), "theta_0, motor angles at the equilibrium", "rad")
+    direction: tuple[float, ...] = parameter((0.0, 1.0, 0.0, 1.0), "w_1(0), initial direction of the swing", "-")
+    bandwidth: float = parameter(60.0, "omega_m of the motor control", "rad/s", (1.0, 1e4))
+    amplitude: float = parameter(0.03, "theta_hat, switching amplitude of the motors", "rad", (0.0, 10.0))
+    threshold: float = parameter(0.5, "epsilon, least |tau_z| at which the motors switch", "N m", (0.0, 1e6))
+    adaptation: float = parameter(50.0, "gamma, adaptation rate of w_1", "1/(rad^2 s)", (0.0, 1e6))
+
+    def build(self) -> ControlledArm:
+        arm = load_vsa_arm(self.arm)
+        motors, direction = joint_values("motors", self.motors, arm), joint_values("direction", self.direction, arm)
+        hold = MotorPd(arm, motors, arm.hanging(motors), self.bandwidth)
+        controller = ModalBangBang(hold, direction, self.amplitude, self.threshold, self.adaptation)
+        return ControlledArm.with_holding(arm, controller)
+
+
+@dataclass(frozen=True)
+class HoppingParameters(ControllerParameters):
+    """Of `bang_bang` on the hopper; while inactive the hopper stands on its springs."""
+
+    crouch: float = parameter(0.6, "a_0, angle of the thighs from the vertical", "rad", (0.01, 1.5))
+    bandwidth: float = parameter(120.0, "omega_m of the motor control", "rad/s", (1.0, 1e4))
+    amplitude: float = parameter(0.1, "theta_hat, switching amplitude of the motors", "rad", (0.0, 10.0))
+    threshold: float = parameter(1.0, "epsilon, least |tau_z| at which the motors switch", "N m", (0.0, 1e6))
+    adaptation: float = parameter(50.0, "gamma, adaptation rate of w_1", "1/(rad^2 s)", (0.0, 1e6))
+
+    def build(self) -> ControlledArm:
+        legs = HopperWithLimits()
+        motors = legs.crouched(self.crouch)
+        hold = MotorPd(legs, motors, legs.standing(self.crouch), self.bandwidth)
+        controller = ModalBangBang(hold, np.sign(motors), self.amplitude, self.threshold, self.adaptation)
+        holding = replace(controller, amplitude=0.0)
+        return ControlledArm("hopper", JOINTS, Supervisor(controller, holding, ArmLimits(legs)))
+
+
+@dataclass(frozen=True)
+class HopperWithLimits(Hopper):
+    """The hopper as a `LimitedArm` whose only limits are motor torques."""
+
+    @property
+    def motor_friction(self) -> Array:
+        return np.zeros(self.n)
+
+    @property
+    def speed_limit(self) -> Array:
+        return np.full(self.n, np.inf)
+
+    @property
+    def deflection_limit(self) -> Array:
+        return np.full(self.n, np.inf)
+
+    def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
+        """Spring torques and zero accelerations: these matter only for deflection limits."""
+        return self.spring_state(q - theta)[0], np.zeros(self.n)

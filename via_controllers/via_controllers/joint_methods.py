@@ -1,0 +1,152 @@
+"""Parameters of the controllers of joints, each declared once, and the controllers built from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device, load_device
+from via_core.errors import ParameterError
+
+from via_controllers.bang_bang_joint import JointBangBang
+from via_controllers.equilibrium_preset import EquilibriumPreset, EquilibriumPresetState
+from via_controllers.joint_axes import JointAxes
+from via_controllers.max_velocity import MaxVelocity, joint_of
+from via_controllers.motor_position import MotorPositionControl
+from via_controllers.multisine import Multisine
+from via_controllers.robot import ControlledJoint, ControllerParameters, parameter
+
+DEVICE = "device name or path to its YAML"
+
+
+@dataclass(frozen=True)
+class ExcitationParameters(ControllerParameters):
+    """Of `motor_position` with multisine references."""
+
+    device: str = parameter("cubic_demo", DEVICE)
+    equilibrium_mean: float = parameter(0.0, "mean of the equilibrium angle", "rad", (-10.0, 10.0))
+    equilibrium_amplitudes: tuple[float, ...] = parameter((0.2, 0.1), "amplitudes of its tones", "rad")
+    equilibrium_frequencies: tuple[float, ...] = parameter((0.7, 1.9), "frequencies of its tones", "Hz")
+    preset_mean: float = parameter(0.6, "mean of the stiffness preset", "rad", (-10.0, 10.0))
+    preset_amplitudes: tuple[float, ...] = parameter((0.2,), "amplitudes of its tones", "rad")
+    preset_frequencies: tuple[float, ...] = parameter((0.3,), "frequencies of its tones", "Hz")
+    fade_in: float = parameter(0.3, "time over which the references fade in", "s", (1e-3, 100.0))
+    proportional_gain: float = parameter(20.0, "K_P", "N m/rad", (1e-9, 1e6))
+    derivative_gain: float = parameter(0.6, "K_D", "N m s/rad", (0.0, 1e6))
+    velocity_bandwidth: float = parameter(300.0, "low pass of the motor velocity", "rad/s", (1e-3, 1e5))
+    torque_limit: float = parameter(10.0, "limit of each motor where the device file has none", "N m", (1e-9, 1e6))
+
+    def build(self) -> ControlledJoint:
+        axes = JointAxes(self.limited_device())
+        first, second = axes.device.spring_laws
+        controller = MotorPositionControl(
+            springs=(first, second),
+            equilibrium=Multisine(self.equilibrium_mean, self.equilibrium_amplitudes, self.equilibrium_frequencies),
+            preset=Multisine(self.preset_mean, self.preset_amplitudes, self.preset_frequencies),
+            proportional_gain=self.proportional_gain,
+            derivative_gain=self.derivative_gain,
+            velocity_bandwidth=self.velocity_bandwidth,
+            torque_limit=(float(axes.torque_limit[0]), float(axes.torque_limit[1])),
+            fade_in=self.fade_in,
+        )
+        return ControlledJoint.with_holding(axes, controller)
+
+    def limited_device(self) -> Device:
+        """The device, its motors with torque limits; raises ParameterError unless antagonistic with torque drive."""
+        device = load_device(self.device)
+        if device.arrangement != "antagonistic" or device.drive != "torque":
+            raise ParameterError(
+                f"device: excitation needs an antagonistic device with torque drive, "
+                f"'{device.name}' is {device.arrangement} with {device.drive} drive"
+            )
+        motors = tuple(
+            motor.model_copy(update={"torque_limit": motor.torque_limit or self.torque_limit})
+            for motor in device.motors
+            if isinstance(motor, TorqueMotor)
+        )
+        return device.model_copy(update={"motors": motors})
+
+
+@dataclass(frozen=True)
+class EquilibriumPresetParameters(ControllerParameters):
+    """Of `equilibrium_preset`; the node also subscribes to references and estimates."""
+
+    device: str = parameter("qbmove_a", DEVICE)
+    equilibrium: float = parameter(0.0, "initial reference of the link angle", "rad", (-10.0, 10.0))
+    stiffness: float = parameter(
+        0.0, "initial reference of the stiffness; 0: that of the middle preset", "N m/rad", (0.0, 1e9)
+    )
+    feedback: bool = parameter(False, "correct the spring laws with the estimated stiffness")
+    bandwidth: float = parameter(60.0, "w of the motor control", "rad/s", (1.0, 1e4))
+    speed: float = parameter(2.0, "largest rate of the motor references", "rad/s", (1e-3, 1e3))
+    correction_time: float = parameter(1.0, "T, time constant of the correction", "s", (1e-2, 1e4))
+    trusted_deviation: float = parameter(
+        0.1, "S, relative standard deviation at which an estimate has half weight", "-", (1e-3, 10.0)
+    )
+
+    def controller(self) -> EquilibriumPreset:
+        """The controller; raises ParameterError or DeviceError."""
+        return replace(
+            EquilibriumPreset.from_device(load_device(self.device), self.bandwidth),
+            speed=self.speed,
+            correction_time=self.correction_time,
+            trusted_deviation=self.trusted_deviation,
+        )
+
+    def initial(self, controller: EquilibriumPreset) -> EquilibriumPresetState:
+        """The controller's state with the initial references; raises UnreachableError."""
+        references = controller.references
+        stiffness = self.stiffness or references.stiffness(self.equilibrium, 0.5 * sum(references.presets))
+        return controller.with_reference(controller.init(), self.equilibrium, stiffness)
+
+    def build(self) -> ControlledJoint:
+        controller = self.controller()
+        start = self.initial(controller)
+        return ControlledJoint.with_holding(JointAxes(controller.references.device), controller, lambda: start)
+
+
+@dataclass(frozen=True)
+class BangBangJointParameters(ControllerParameters):
+    """Of `bang_bang_joint`."""
+
+    device: str = parameter("visco_elastic_demo", DEVICE)
+    equilibrium: float = parameter(0.0, "equilibrium of theta_0", "rad", (-10.0, 10.0))
+    preset: float = parameter(0.0, "stiffness preset of theta_0", "rad", (-10.0, 10.0))
+    amplitude: float = parameter(0.03, "theta_hat, switching amplitude of the motors", "rad", (0.0, 10.0))
+    threshold: float = parameter(0.1, "epsilon, least |tau_z| at which the motors switch", "N m", (0.0, 1e6))
+    bandwidth: float = parameter(60.0, "omega_m of the motor control", "rad/s", (1.0, 1e4))
+    velocity_bandwidth: float = parameter(500.0, "low pass of the motor velocities", "rad/s", (1e-3, 1e5))
+
+    def build(self) -> ControlledJoint:
+        device = load_device(self.device)
+        controller = JointBangBang(
+            device=device,
+            equilibrium=self.equilibrium,
+            preset=self.preset,
+            amplitude=self.amplitude,
+            threshold=self.threshold,
+            bandwidth=self.bandwidth,
+            velocity_bandwidth=self.velocity_bandwidth,
+        )
+        return ControlledJoint.with_holding(JointAxes(device), controller)
+
+
+@dataclass(frozen=True)
+class MaxVelocityParameters(ControllerParameters):
+    """Of `max_velocity`."""
+
+    device: str = parameter("visco_elastic_demo", DEVICE)
+    turns: int = parameter(3, "number of half swings before the last stretch", "", (0, 1000))
+    damping: float = parameter(0.0, "damper command during the motion", "-", (0.0, 1.0))
+    bandwidth: float = parameter(100.0, "w of the motor control", "rad/s", (1.0, 1e4))
+    # Above 0.9 the speed limit is exceeded whatever the controller does: filtered velocities are delayed.
+    speed_share: float = parameter(0.9, "used share of the motor's speed limit", "-", (0.01, 0.9))
+
+    def build(self) -> ControlledJoint:
+        device = load_device(self.device)
+        joint = joint_of(device, self.damping)
+        horizon = joint.first_turn + self.turns * joint.between_turns
+        controller = MaxVelocity.from_device(device, horizon, self.damping, self.bandwidth)
+        controller = replace(controller, velocity=self.speed_share * controller.velocity)
+        # The optimum runs the motor at full speed: no speed is reserved for following the link.
+        return ControlledJoint.with_holding(JointAxes(device, self.damping), controller, drive=self.speed_share)

@@ -1,0 +1,36 @@
+"""One executable per controller, e.g. `ros2 run via_controllers bang_bang --ros-args -p arm:=reference_4dof`.
+
+excitation          moves an antagonistic joint so that estimators can identify its stiffness
+equilibrium_preset  tracks an equilibrium and a stiffness of a joint: see nodes/equilibrium_preset.py
+bang_bang_joint     limit cycle of a joint by switching motors; starts with a push
+max_velocity        accelerates the link of a flexible joint to its largest velocity; reactivate it to repeat
+modal_limit_cycle   limit cycle of an arm on one of its modes; with `start` 0 it waits for a push
+bang_bang           limit cycle of an arm by switching motors, adapts to the mode; starts with a push
+hopping             bang_bang on the hopper
+
+Topics and lifecycle: nodes/controller.py. Parameters: arm_methods.py and joint_methods.py. setup.py defines the
+executables as `<name> = via_controllers.nodes.single:<name>` for every name in CONTROLLERS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from via_ros.spin import run
+
+from via_controllers.methods import CONTROLLERS
+from via_controllers.nodes.controller import ControllerNode
+from via_controllers.nodes.equilibrium_preset import EquilibriumPresetNode
+
+# How to make the node of each controller.
+NODES: dict[str, Callable[..., ControllerNode]] = {
+    **{name: partial(ControllerNode, name) for name in CONTROLLERS},
+    "equilibrium_preset": EquilibriumPresetNode,
+}
+
+
+def __getattr__(name: str) -> Callable[[], int]:
+    if name not in NODES:
+        raise AttributeError(f"no controller '{name}'; available: {', '.join(NODES)}")
+    return partial(run, NODES[name])

@@ -1,0 +1,109 @@
+"""An arm or a joint together with its controller, limits and holding controller: what one controller node drives."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from via_core.errors import ParameterError
+from via_core.signals import Array
+from via_core.vsa_arms import VsaArm
+from via_core.wire import command_topic
+
+from via_controllers.arm_limits import ArmLimits
+from via_controllers.contract import ArmController, ArmSample, Controller, JointSample
+from via_controllers.hold_still import HoldStill
+from via_controllers.joint_axes import JointAxes
+from via_controllers.joint_supervision import JointSupervisor
+from via_controllers.supervision import Supervisor
+
+
+@dataclass(frozen=True, eq=False)
+class ControlledArm:
+    """An arm under its supervisor; `joints` are named base first."""
+
+    name: str  # in topics
+    joints: tuple[str, ...]
+    supervisor: Supervisor
+
+    damping = 0.0  # an arm has no dampers
+
+    @property
+    def command_topic(self) -> str:
+        """Topic of the arm's commands."""
+        return command_topic(self.name)
+
+    def zero_sample(self, time: float) -> ArmSample:
+        """A sample at `time` [s] with every value zero, to load compiled functions with."""
+        return ArmSample(time, *(np.zeros(len(self.joints)) for _ in range(5)))
+
+    @classmethod
+    def with_holding(cls, arm: VsaArm, controller: ArmController[Any]) -> ControlledArm:
+        """The arm with this controller, the default limits and `HoldStill`."""
+        return cls(arm.name, arm.joints, Supervisor(controller, HoldStill(arm), ArmLimits(arm)))
+
+
+@dataclass(frozen=True, eq=False)
+class ControlledJoint:
+    """A joint under its supervisor."""
+
+    axes: JointAxes
+    supervisor: JointSupervisor
+
+    @property
+    def name(self) -> str:
+        """Of the device, as in topics."""
+        return self.axes.device.name
+
+    @property
+    def damping(self) -> float:
+        """Damper command [0..1] of every message."""
+        return self.axes.damping
+
+    @property
+    def command_topic(self) -> str:
+        """Topic of the device's commands."""
+        return self.axes.device.command_topic
+
+    def zero_sample(self, time: float) -> JointSample:
+        """A sample at `time` [s] with every angle zero, to load compiled functions with."""
+        return JointSample(time, 0.0, np.zeros(self.axes.n))
+
+    @classmethod
+    def with_holding(
+        cls, axes: JointAxes, controller: Controller[Any], start: Callable[[], Any] | None = None, drive: float = 0.5
+    ) -> ControlledJoint:
+        """The joint with this controller, its limits and `HoldJoint`; further arguments as in `JointSupervisor.of`."""
+        return cls(axes, JointSupervisor.of(controller, axes, start, drive))
+
+
+def parameter(default: Any, description: str, unit: str = "", limits: tuple[float, float] | None = None) -> Any:
+    """A dataclass field that `via_ros.parameters.declare` makes a ROS parameter of; `limits` are inclusive."""
+    metadata: dict[str, Any] = {"description": description}
+    if unit:
+        metadata["unit"] = unit
+    if limits is not None:
+        metadata["range"] = limits
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class ControllerParameters(ABC):
+    """Parameters of every controller node."""
+
+    autostart: bool = parameter(True, "configure and activate at start-up")
+    told_every: int = parameter(1, "number of samples per ControlState message", "", (1, 1_000_000))
+
+    @abstractmethod
+    def build(self) -> ControlledArm | ControlledJoint:
+        """The robot with its controller; raises ParameterError or DeviceError."""
+
+
+def joint_values(name: str, values: tuple[float, ...], arm: VsaArm) -> Array:
+    """Parameter `name` as an array (n,), one number per joint; raises ParameterError for another count."""
+    if len(values) != arm.n:
+        raise ParameterError(f"parameter {name} must hold {arm.n} numbers, got {list(values)}")
+    return np.array(values, dtype=float)
