@@ -155,7 +155,7 @@ def test_a_straight_line_leaves_half_the_acceleration_times_time_squared():
     off = replace(segments, measured=binned(line + parabola[None, :, None], segments.every, segments.averaged))
     view = Rollout.of(off, chosen)
     expected = binned(np.tile(parabola[None, :, None], (len(chosen), 1, 1)), segments.every, segments.averaged)
-    whitened = view._less_starts((expected / segments.noise).reshape(1, len(chosen), -1))[0]
+    whitened = view._without_starts((expected / segments.noise).reshape(1, len(chosen), -1))[0]
     assert view.baseline() == pytest.approx(whitened, rel=1e-6, abs=1e-6)
     assert np.mean(view.baseline() ** 2) > 100.0
 

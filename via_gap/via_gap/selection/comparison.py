@@ -77,13 +77,17 @@ def _searched(
     folds = experiment.folds
     if folds is not None:
         evaluate = lambda fits: folds.evaluate(fits, candidates.scales)  # noqa: E731
+    search = Search.of(experiment.fitted, evaluate, _supported(experiment, candidates), experiment.tuned, candidates)
+    return search.run(progress, enough)
+
+
+def _supported(experiment: Experiment, candidates: CandidateSet) -> Callable[[Evaluation], bool]:
+    """Test whether a model may be named: plausible, clearly better than no model, not vetoed by the other view."""
     contradicts = experiment.contradicts
 
     def supported(each: Evaluation) -> bool:
-        """Whether a model may be named: plausible, clearly better than no model, not vetoed by the other view."""
         if doubt(each.fit, candidates.scales) or not clearly_worse(experiment.baseline, each):
             return False
         return not (contradicts and vetoed(each, experiment.tuned))
 
-    search = Search.of(experiment.fitted, evaluate, supported, experiment.tuned, candidates)
-    return search.run(progress, enough)
+    return supported
