@@ -12,12 +12,12 @@ from via_core.metrics import mse, msrep
 from via_core.signals import Array
 from via_core.springs import SinhSpring
 from via_core.weak_form import modulating
-from via_validation.tables import modulating_errors as errors
 from via_estimators import rls
 from via_estimators.contract import Estimator
 from via_estimators.modulated_stiffness import ModulatedStiffness, ModulatedStiffnessParameters
 from via_estimators.modulated_torque import ModulatedTorque, ModulatedTorqueParameters
 
+from via_validation.tables import modulating_errors as errors
 from via_validation.tables.cubic_joint import DAMPING, INERTIA, TAU, THETA, TORQUE_RATIO, Log, cubic_log
 
 

@@ -11,13 +11,13 @@ from numba import njit
 from via_core.metrics import mse, msrep
 from via_core.signals import Array
 from via_core.status import Status
-from via_validation.tables.batch import BatchLaw, batch_law, integral_rows
 from via_estimators.contract import Estimator
 from via_estimators.filtered_signal_based import FilteredSignalBased, FilteredSignalBasedParameters
 from via_estimators.qr import rotate_in, solve_triangular
 from via_estimators.residual import Residual, ResidualParameters
 from via_estimators.signal_based import SignalBased, SignalBasedParameters
 
+from via_validation.tables.batch import BatchLaw, batch_law, integral_rows
 from via_validation.tables.cubic_joint import POSITION_RATIO, TAU, THETA, TORQUE_RATIO, cubic_log
 from via_validation.tables.vsa2 import DAMPING, INERTIA, PERIOD, QUANTUM, TORQUE_NOISE, Motion, held, motion, nominal
 

@@ -21,13 +21,13 @@ PERCENT = 100.0
 def directional(terms: int, **changes: Any) -> DampingDirectional:
     """The directional-forgetting estimator with n = `terms`, and with these parameters changed."""
     base = DampingDirectional.from_device(load_device(DEVICE))
-    return base.having(replace(base.parameters, terms=terms, **changes))
+    return base.with_parameters(replace(base.parameters, terms=terms, **changes))
 
 
 def least_squares(**changes: Any) -> DampingRLS:
     """The RLS estimator with these parameters changed."""
     base = DampingRLS.from_device(load_device(DEVICE))
-    return base.having(replace(base.parameters, **changes))
+    return base.with_parameters(replace(base.parameters, **changes))
 
 
 def methods() -> dict[str, tuple[str, Estimator]]:
