@@ -46,7 +46,7 @@ MEMBERS = (
 
 
 def samples():
-    """(stamp, JointStates of that stamp): smooth motion, a dropout and a NaN; by turns as one message or one each."""
+    """(stamp, JointStates of that stamp): smooth motion, a dropout and a NaN; alternately one message or one each."""
     rng = np.random.default_rng(7)
     writers = [JointStateWriter(device) for device in DEVICES]
     for k in range(COUNT):

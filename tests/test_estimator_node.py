@@ -32,7 +32,7 @@ JOINTS, COMMANDS = "sensor_msgs/msg/JointState", "via_interfaces/msg/VsaCommand"
 
 
 def antagonistic_messages(count, device):
-    """Serialised samples of smooth motion with a torque in every one; the content does not matter here, the bits do."""
+    """Serialised samples of smooth motion with a torque in every one; only the bits matter here."""
     writer = JointStateWriter(device)
     rng = np.random.default_rng(3)
     for k in range(count):

@@ -1,4 +1,4 @@
-"""Simulated devices, set up by their files alone, measured with their own sensors: stiffness and interval hold."""
+"""Simulated devices, parameters and sensors from their files: errors of stiffness, coverage."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from via_sim.simulate import InitialConditions, simulate
 
 
 def simulated(device, share, duration=20.0):
-    """Measured and true signals under two-tone torques up to `share` of what the spring bears at its stop."""
+    """Measured and true signals under two-tone torques up to `share` of the spring torque at the stop."""
     t = np.arange(int(1e3 * duration) + 1) * 1e-3
     u = np.clip(t / 0.5, 0.0, 1.0)
     size = u * u * (3.0 - 2.0 * u) * share * float(device.spring_laws[0].torque(device.springs[0].max_deflection))

@@ -72,7 +72,7 @@ def carried(rows, keep):
 
 @pytest.mark.parametrize("size", [1.0, 0.1, 0.02])
 def test_forgetting_with_a_leak_preserves_the_noise_of_the_estimate(size):
-    """Rows that say much, little and next to nothing in two of three directions; a memory of 500 samples."""
+    """Rows with much, little and almost no information in three directions; a memory of 500 samples."""
     t = np.arange(2000 + H) * 0.02
     raw = np.column_stack([np.sin(t), size * np.cos(2.3 * t), size * np.sin(3.7 * t + 1.0)])
     rows = np.column_stack([np.convolve(column, KERNEL, "valid") for column in raw.T])
@@ -183,7 +183,7 @@ def test_the_residual_sum_excludes_the_prior(keep):
 
 
 def test_noise_accounts_for_degrees_of_freedom_with_few_windows():
-    """Three windows' worth of rows and three unknowns: without their share the noise would look a third smaller."""
+    """Three windows' worth of rows and three unknowns: without degrees of freedom, noise would be a third too small."""
     found, covariance = [], np.empty((N, N))
     for seed in range(150):
         rows, y = noisy_problem(seed, count=90, sigma=1.0)
@@ -205,7 +205,7 @@ def test_declared_position_noise_is_not_counted_as_torque_noise():
 
 @pytest.mark.parametrize("keep", [0.9, 0.1, 1e-4])
 def test_one_large_step_of_forgetting_equals_many_small_ones(keep):
-    """A gap is one step: A M A', A = lambda + (1 - lambda) P, and never a negative variance."""
+    """A gap is one step: A M A', A = lambda + (1 - lambda) P, without negative variances."""
     n, rng = 3, np.random.default_rng(5)
     state = np.zeros(coloured.size(n, 10))
     coloured.start(state, n)

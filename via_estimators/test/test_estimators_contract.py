@@ -56,7 +56,7 @@ def _estimator(request):
 
 
 def all_finite(estimates):
-    """Nothing an estimate holds may be NaN or infinite, and no standard deviation negative."""
+    """Assert finite estimates and non-negative standard deviations."""
     assert np.isfinite(estimates.value).all() and np.isfinite(estimates.time).all()
     assert np.isfinite(estimates.standard_deviation).all() and np.all(estimates.standard_deviation >= 0.0)
     return estimates

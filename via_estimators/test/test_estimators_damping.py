@@ -76,7 +76,7 @@ def test_jittered_stamps_and_a_shifted_angle_have_no_significant_effect():
 
 
 def test_angle_and_torque_have_the_same_phase_unlike_a_filtered_difference():
-    """A lag of 20 ms on the velocity alone costs 10 % of the damping; ours is late, and right."""
+    """A lag of 20 ms on the velocity alone causes an error of 10 %; here both signals have the same delay."""
     rows = moved()
     velocity, share = np.zeros(len(rows)), 1.0 - np.exp(-1e-3 / 0.02)
     for k in range(1, len(rows)):

@@ -1,4 +1,4 @@
-"""Rows before and after a gap: they share no sample, and time in a gap is time forgotten."""
+"""Rows before and after a gap: no common sample, and forgetting during the gap."""
 
 from dataclasses import replace
 
@@ -42,7 +42,7 @@ def test_covariances_of_rows_on_both_sides_of_a_gap_add():
 
 @pytest.mark.parametrize(("gap", "share"), [(0.1, 0.35), (20.0, 0.0)])
 def test_forgetting_continues_during_a_gap(gap, share):
-    """A spring exchanged during the gap: after 20 s with a memory of 1 s nothing of the old one is left."""
+    """A spring exchanged during the gap: after 20 s with a memory of 1 s the old one is forgotten."""
     first = log(0.0, 1500, 20.0, 1)
     second = log(first[-1, 0] + gap, 500, 8.0, 2)
     estimator = ModulatedTorque(replace(PLAIN, memory=1.0))

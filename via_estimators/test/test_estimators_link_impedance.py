@@ -1,4 +1,4 @@
-"""The link-side estimator on a joint integrated here by scipy, with the servo of the robot: late, limited, lagging."""
+"""The link-side estimator on a joint integrated here by scipy, with the robot's servo: dead time, speed limit, lag."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ EXACT = LinkImpedanceParameters(
 
 
 def servo_angle(time, command, start, bandwidth, dead_time, speed_limit, fine=5e-5):
-    """Angle (N,) at the times of a servo that answers command(t) late and no faster than it can; small Euler steps."""
+    """Angle (N,) at the times of a servo with dead time and speed limit under command(t); small Euler steps."""
     steps = np.arange(time[0], time[-1] + fine, fine)
     angle, rate, out = start, 0.0, np.empty(len(steps))
     for k, t in enumerate(steps):
@@ -119,7 +119,7 @@ def test_reported_standard_deviations_match_empirical_ones_with_quantisation_and
 
 
 def disturbed_swing(drive, times, phase):
-    """A swing under a torque disturbance given at times; equilibrium moves all the while, slow enough for the servo."""
+    """A swing under a torque disturbance given at times; equilibrium moves slowly enough for the servo."""
 
     def command(t):
         return 0.7 * np.sin(7.0 * t + phase)
@@ -179,7 +179,7 @@ def test_gravity_is_compensated():
 
 
 def test_zero_stiffness_at_rest_keeps_a_standard_deviation():
-    """MACCEPA without pretension has no stiffness at zero deflection; that is the prior's value, not knowledge."""
+    """MACCEPA without pretension has no stiffness at zero deflection; that is the prior, not an estimate."""
     estimator = LinkImpedance.from_device(DEVICE)
     time = np.arange(400) * 4.6e-3
     rows = np.column_stack([time, np.zeros(400), np.zeros(400), np.full(400, np.nan), np.full(400, np.nan)])

@@ -1,6 +1,6 @@
 """Section 3's estimator: known truths, the corrected equations in plain numpy, the printed ones, and Table 2.
 
-Each erratum shows on a joint in prescribed motion whose torque follows from the motor equation itself.
+Each erratum is shown on a joint in prescribed motion whose torque follows from the motor equation itself.
 """
 
 from dataclasses import replace
@@ -30,7 +30,7 @@ ONE = ModulatedStiffness(
 
 
 def motion(t):
-    """q, theta and the motor torque that goes with them."""
+    """q, theta and the corresponding motor torque."""
     theta = 0.3 * np.sin(7.0 * t) + 0.2 * np.sin(13.0 * t + 1.0)
     rate = 2.1 * np.cos(7.0 * t) + 2.6 * np.cos(13.0 * t + 1.0)
     acceleration = -14.7 * np.sin(7.0 * t) - 33.8 * np.sin(13.0 * t + 1.0)
@@ -39,7 +39,7 @@ def motion(t):
 
 
 def planted(count=3000, jitter=0.0, begin=0.0):
-    """Rows (count, 4) with the torque held over the interval that ends at its stamp, and the true stiffness."""
+    """Rows (count, 4) with the torque constant over the interval that ends at its stamp, and the true stiffness."""
     t = begin + PERIOD * (np.arange(count) + jitter * np.random.default_rng(0).uniform(-0.5, 0.5, count))
     q, theta, _ = motion(t)
     step = np.diff(t, prepend=t[0] - PERIOD)
@@ -65,7 +65,7 @@ def fir(weights, signal):
 
 
 def recursion(q, theta, tau, weights, terms=3, prior=1e14):
-    """alpha (k, terms) by (25)-(27) and RLS on P, torque taken for a sampled curve."""
+    """alpha (k, terms) by (25)-(27) and RLS on P, torque treated as a sampled curve."""
     first, second, third = weights
     phi = q - theta
     C = fir(INERTIA * third - DAMPING * second, theta) - fir(first, tau)
@@ -84,14 +84,14 @@ def sampled(count=2000, offset=0.0, begin=0.0):
 
 
 def estimated(rows, **changes):
-    """alpha (3,) that the estimator itself finds, its parameters changed as said."""
+    """alpha (3,) of the estimator with changed parameters."""
     estimator = ModulatedStiffness(replace(ONE.parameters, **changes))
     return estimator.coefficients(estimator.run_rows(rows)[0])[0]
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.8])
 @pytest.mark.parametrize("order", [3, 4, 5])
-def test_planted_stiffness_comes_back(jitter, order):
+def test_stiffness_is_recovered(jitter, order):
     rows, truth = planted(jitter=jitter)
     estimator = ModulatedStiffness(replace(ONE.parameters, modulating_order=order))
     state, estimates = estimator.run_rows(rows)
@@ -101,7 +101,7 @@ def test_planted_stiffness_comes_back(jitter, order):
     np.testing.assert_allclose(estimator.coefficients(state)[0], ALPHA, atol=0.02)
 
 
-def test_before_a_full_window_nothing_is_taken_for_zero():
+def test_before_a_full_window_missing_samples_are_not_zeros():
     rows, truth = planted(begin=5.0)
     _, estimates = ONE.run_rows(rows)
     assert np.all(estimates.status[: 2 * H] == Status.WARMING_UP)
@@ -110,7 +110,7 @@ def test_before_a_full_window_nothing_is_taken_for_zero():
 
 
 def test_k_below_h_filled_with_zeros_as_printed_is_right_only_from_rest():
-    """A log that begins in motion: the step from zero to its first sample is taken for data, forever."""
+    """A log that begins in motion: the step from zero to its first sample is permanently treated as data."""
     signals = sampled(begin=5.0)
     filled = recursion(*(np.concatenate([np.zeros(H), signal]) for signal in signals), document())[-1]
     waiting = recursion(*signals, document())[-1]
@@ -119,7 +119,7 @@ def test_k_below_h_filled_with_zeros_as_printed_is_right_only_from_rest():
 
 
 def test_equal_to_rls_on_rows_in_the_document_scale_with_its_own_p0():
-    """The triangular factor with the prior P(0) and RLS on P are one estimate, on the very same weights."""
+    """The triangular factor with the prior P(0) and RLS on P give the same estimate, with the same weights."""
     rows, _ = planted()
     state, _ = ONE.run_rows(rows)
     psi = window_weights(3, SPAN * np.arange(H + 1) / H, 4) * SPAN**3 / 140.0  # c_3 = 140
@@ -159,8 +159,8 @@ def test_equations_26_and_27_as_printed_pair_samples_backwards_and_flip_the_damp
     np.testing.assert_allclose(recursion(q, theta, tau, other)[-1], ours, atol=0.05)
 
 
-def test_equation_30_as_printed_makes_ten_radians_of_offset_stiffness():
-    """Both angles turned by 10 rad: nothing has changed, so nothing may change."""
+def test_equation_30_as_printed_depends_on_an_offset_of_the_angles():
+    """An offset of 10 rad on both angles must not change the estimate."""
     printed = recursion(*sampled(offset=10.0), document(sign=1.0))[-1]
     assert np.abs(printed - ALPHA).max() > 100.0
     rows, _ = planted(2000)
@@ -171,7 +171,7 @@ def test_equation_30_as_printed_makes_ten_radians_of_offset_stiffness():
 
 
 def test_equations_19_to_26_hold_the_motor_torque_and_not_the_flexibility_torque():
-    """The estimator's column is the motor torque; the printed equations would be answered by tau_e in its place."""
+    """The estimator uses the motor torque; the printed equations use tau_e instead."""
     rows, _ = planted(2000)
     q, theta, _ = sampled()
     flexibility = 8.0 * (q - theta) + 5.0 * (q - theta) ** 3
@@ -185,7 +185,7 @@ def test_equations_19_to_26_hold_the_motor_torque_and_not_the_flexibility_torque
 
 @pytest.mark.parametrize("size", [150, 300])
 def test_equation_23_is_equation_22_divided_by_the_fourth_power(size):
-    """(22) by quadrature, psi(s) = (s - t + T)^3 (t - s)^3, over T^4: a small P(0) weighs that scale of the rows.
+    """(22) by quadrature, psi(s) = (s - t + T)^3 (t - s)^3, over T^4: with a small P(0), the scale of the rows matters.
 
     With T^3 as printed the prior would count T^2 times as much, and the estimator would say something else.
     """
@@ -209,8 +209,8 @@ def test_equation_23_is_equation_22_divided_by_the_fourth_power(size):
     assert np.abs(found[3] - found[4]).max() > 0.5
 
 
-def test_equation_24_as_printed_weakens_every_row_by_the_window_against_p0():
-    """With W = T_s in place of 1/H the prior would count 1/T^2 = 25 times as much, and ours does not."""
+def test_equation_24_as_printed_reduces_the_weight_of_rows_relative_to_p0():
+    """With W = T_s in place of 1/H the prior would have 1/T^2 = 25 times the weight; here it has not."""
     q, theta, tau = sampled()
     prior = 1e6
     right, printed = (recursion(q, theta, tau, scale * document(), prior=prior)[-1] for scale in (1.0, SPAN))
@@ -220,8 +220,8 @@ def test_equation_24_as_printed_weakens_every_row_by_the_window_against_p0():
     assert np.abs(ours - right).max() < 0.1 * away
 
 
-def test_deviations_are_those_seen_and_the_naive_ones_far_too_small():
-    """40 runs; sigma^2 P with residuals taken for independent promises many times too much."""
+def test_standard_deviations_match_empirical_ones_and_the_naive_ones_are_too_small():
+    """40 runs; sigma^2 P assumes independent residuals and is far too small."""
     rows, truth = planted()
     estimator = ModulatedStiffness(replace(ONE.parameters, torque_noise=0.3))
     errors, sds = [], []
@@ -241,7 +241,7 @@ def test_deviations_are_those_seen_and_the_naive_ones_far_too_small():
     [(0.3, 0.0, 1.0, 0.3), (0.0, 20.0, 1.0, 0.3), (0.3, 0.0, 300.0, 1e-3)],
     ids=["B", "D", "spring"],
 )
-def test_deviations_hold_for_noise_on_angles_whichever_way_it_comes_in(inertia, damping, stiffness, torque):
+def test_standard_deviations_match_empirical_ones_with_noise_on_angles(inertia, damping, stiffness, torque):
     """Linear springs, encoders as bad as 1 mrad: reported over empirical on 60 seeds."""
     clean, _ = planted(2500)
     t = clean[:, 0]
@@ -279,7 +279,7 @@ def test_deflections_never_visited_are_outside_the_range():
 
 
 @pytest.mark.parametrize("prior", [1e6, 1e8, 1e10])
-def test_deviations_tell_what_a_narrow_p0_holds_back_and_no_more(prior):
+def test_standard_deviations_include_the_bias_of_a_narrow_p0(prior):
     """Stiffness of order 2 with N = 4: the bias due to P(0) is far larger than the noise."""
     rows, truth = planted(4000)
     rows[:, 3] += 1e-2 * np.random.default_rng(5).normal(size=len(rows))

@@ -101,7 +101,7 @@ def test_parameters_are_recovered(jitter):
 
 
 @pytest.mark.parametrize(("order", "intervals"), [(2, 150), (3, 300), (9, 200)])
-def test_any_modulating_function_and_window_will_do(order, intervals):
+def test_several_modulating_functions_and_windows_work(order, intervals):
     rows, truth = planted(jitter=0.8)
     _, estimates = ModulatedTorque(replace(ONE.parameters, modulating_order=order, window=intervals)).run_rows(rows)
     converged = estimates.status == Status.OK
@@ -121,14 +121,14 @@ def test_effort_is_the_torque_over_the_interval_that_ends_at_the_stamp():
     assert rms[0] < 2e-3 and rms[1] > 20.0 * rms[0]
 
 
-def test_an_offset_of_both_angles_changes_nothing():
+def test_an_offset_of_both_angles_has_no_effect():
     rows, _ = planted()
     moved = rows.copy()
     moved[:, 1:3] += 10.0
     np.testing.assert_allclose(ONE.run_rows(moved)[1].value, ONE.run_rows(rows)[1].value, rtol=1e-6, atol=1e-8)
 
 
-def test_before_a_full_window_nothing_is_taken_for_zero():
+def test_before_a_full_window_missing_samples_are_not_zeros():
     rows, truth = planted()
     late = rows[500:]  # a log that begins in full motion
     _, estimates = ONE.run_rows(late)
@@ -137,7 +137,7 @@ def test_before_a_full_window_nothing_is_taken_for_zero():
     assert np.abs(estimates.value[:, 0] - truth[500:])[converged].max() < 2e-3 * truth.max()
 
 
-def test_deflections_never_visited_are_extrapolation_and_deviate_more():
+def test_deflections_never_visited_have_a_larger_standard_deviation():
     rows, _ = planted()
     rows[:, 3] += 0.05 * np.random.default_rng(1).normal(size=len(rows))
     estimator = ModulatedTorque(replace(ONE.parameters, order=4, torque_noise=0.05))
@@ -152,8 +152,8 @@ def test_deflections_never_visited_are_extrapolation_and_deviate_more():
     assert estimate.standard_deviation[0] > 20.0 * np.median(estimates.standard_deviation[1000:, 0])
 
 
-def test_a_law_with_even_terms_ends_below_and_above_what_was_visited():
-    """Deflections on one side only: their mirror images were not visited, and without skew symmetry they count."""
+def test_with_even_terms_the_visited_range_has_two_ends():
+    """Deflections on one side only; their mirror images count as not visited unless the spring law is odd."""
     rows, _ = planted()
     rows[:, 1] += 1.5
     estimator = ModulatedTorque(replace(ONE.parameters, even_terms=1))
@@ -175,8 +175,8 @@ def test_a_law_with_even_terms_ends_below_and_above_what_was_visited():
 
 
 @pytest.mark.parametrize("idle", [1, 2])
-def test_a_joint_warms_up_as_long_as_one_of_its_transmissions_does(idle):
-    """One spring is never deflected; that the other one rests in the end must not hide it."""
+def test_a_joint_warms_up_until_all_transmissions_have(idle):
+    """One spring is never deflected; standstill of the other one at the end must not hide that."""
     rows, _ = planted(count=2000)
     still = rows[1000:, 1:3] - rows[1000, 1:3]
     rows[1000:, 1:3] -= still
@@ -188,7 +188,7 @@ def test_a_joint_warms_up_as_long_as_one_of_its_transmissions_does(idle):
     assert np.all(estimates.status == Status.WARMING_UP)
 
 
-def test_clean_data_of_the_cubic_joint(joints):
+def test_noise_free_data_of_the_cubic_joint(joints):
     for rows, truth in joints.values():
         _, estimates = ModulatedTorque(PLAIN).run_rows(rows)
         later = rows[:, 0] >= 2.0
@@ -196,7 +196,7 @@ def test_clean_data_of_the_cubic_joint(joints):
         assert estimates.column("motor_damping_1")[0][-1] == pytest.approx(DAMPING, rel=1e-4)
 
 
-def test_the_device_file_alone_sets_it_up(joints):
+def test_parameters_from_the_device_file_suffice(joints):
     estimator = ModulatedTorque.from_device(load_device("cubic_aa_vsa"))
     rows, truth = joints["E2"]
     _, estimates = estimator.run_rows(rows)
@@ -298,7 +298,7 @@ def test_standard_deviations_match_empirical_ones_with_noise_on_angles(joints):
 
 
 def test_encoder_noise_through_the_spring_is_included():
-    """Most of the residuals is psi''; what B and D suffer from is sigma(phi) n through psi, which they do not show."""
+    """Residuals are mostly noise through psi''; errors of B and D come from sigma(phi) n through psi."""
     rows, _ = planted()
     estimator = ModulatedTorque(replace(ONE.parameters, truncation=0.0, torque_noise=0.01, position_noise=1e-3))
     found, reported = [], []

@@ -1,4 +1,4 @@
-"""The triangular update against the slow obvious least squares."""
+"""The triangular update compared with batch least squares."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The link-side estimator on the real runs this project carries (repeat 3, four strategies).
+"""The link-side estimator on the real runs in this repository (repeat 3, four strategies).
 
 No truth is known there. What is held: motion decides when there is an estimate, and its size is that of a damper whose
 published range is .0077 to .0362 N m s/rad and of a spring within a factor of two of the published one.

@@ -97,7 +97,7 @@ def test_devices_give_the_nominal_motor():
 
 
 def test_standard_deviations_match_empirical_ones_for_motor_errors_as_declared():
-    """Tolerances as qbmove_a's device file gives them; inertia and damping off by one of them each, all four ways."""
+    """Tolerances as qbmove_a's device file gives them; inertia, damping wrong by one each, all four signs."""
     rows, truth = planted(2500)
     nominal = Residual.from_device(load_device("qbmove_a")).parameters
     inertia = INERTIA * nominal.inertia_tolerance / nominal.inertia
@@ -115,7 +115,7 @@ def test_standard_deviations_match_empirical_ones_for_motor_errors_as_declared()
 
 @pytest.mark.parametrize("which", ["inertia", "damping"])
 def test_each_tolerance_contributes_the_effect_of_its_error(which):
-    """The estimate is linear in what the motor is believed to be, so the tolerance's share is that difference."""
+    """The estimate is linear in the motor's parameters, so the tolerance contributes that difference."""
     rows, _ = planted(2000)
     off = 0.1 * getattr(ONE, which)
     declared = Residual(replace(ONE, **{f"{which}_tolerance": off})).run_rows(rows)[1]
@@ -134,14 +134,14 @@ def test_default_tolerances_are_5_and_10_percent():
 
 
 def test_the_prior_does_not_bias_the_result():
-    """A prior far off changes nothing: its torque is taken off the residual and its stiffness put back."""
+    """A wrong prior has no effect: its torque is subtracted from the residual and its stiffness added again."""
     rows, truth = planted()
     value, _ = Residual(replace(ONE, stiffness_prior=40.0)).run_rows(rows)[1].column("stiffness")
     assert np.abs(value / truth - 1.0)[1500:].max() < 2e-3
 
 
 def test_after_a_gap_the_low_pass_starts_at_the_current_deflection():
-    """Ten time constants later exp(-10) of a deflection before the gap is left, and would be most of a small one."""
+    """Ten time constants later exp(-10) of a deflection before the gap remains, which would dominate a small one."""
     rows, _ = planted(2500)
     rows[:, 1:] *= 1e-4
     late = rows[1000:] + np.array([10.0, 0.0, 0.0, 0.0])

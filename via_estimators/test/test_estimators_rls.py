@@ -1,4 +1,4 @@
-"""Recursive least squares on P: the normal equations, the printed recursion, and what the factor c really does."""
+"""Recursive least squares on P: the normal equations, the printed recursion, and the effect of the factor c."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_equations_66_to_73_as_printed(c):
 
 
 def test_the_stability_factor_is_only_a_different_prior():
-    """(73) as a cure for poor excitation equals P(0) -> c P(0): P is not held back in the direction at rest."""
+    """(73) as a cure for poor excitation equals P(0) -> c P(0): P grows in the direction at rest all the same."""
     rows, y = problem(3)
     rows[:, 3] = 0.0  # never excited
     for c in (0.1, 20.0):
@@ -69,7 +69,7 @@ def test_gain_and_innovation_are_those_of_the_step():
 
 
 def test_equal_to_rotations_with_the_root_of_the_prior():
-    """P(0) = prior I is R(0) = I / sqrt(prior): the same estimate and the same covariance by two roads."""
+    """P(0) = prior I is R(0) = I / sqrt(prior): the same estimate and the same covariance."""
     rows, y = problem(5)
     P, w, _ = folded(rows, y, prior=1e4)
     R, p, x, inverse, other = 1e-2 * np.eye(4), np.zeros(4), np.empty(4), np.empty((4, 4)), np.empty((4, 4))

@@ -1,4 +1,4 @@
-"""From a bag to sample rows: stamp order, exact times, commands by stamp, clear refusals."""
+"""From a bag to sample rows: stamp order, exact times, commands by stamp, errors."""
 
 import numpy as np
 import pytest

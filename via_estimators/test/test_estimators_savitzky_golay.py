@@ -1,4 +1,4 @@
-"""Savitzky-Golay weights: closed forms, scipy where scipy can, and the order at which it cannot."""
+"""Savitzky-Golay weights: closed forms, scipy at low orders, and the order at which scipy fails."""
 
 import warnings
 
@@ -39,7 +39,7 @@ def test_polynomials_up_to_the_order_are_recovered_with_their_slope(half, order,
 
 
 def test_errata_section_4_4_order_20_over_1001_samples():
-    """A constant must come back as itself; scipy returns next to nothing, and the printed W = 1000 has no centre."""
+    """A constant must be preserved; scipy returns almost zero, and the printed W = 1000 has no centre."""
     value, slope = savitzky_golay(1001, 20)
     assert value.sum() == pytest.approx(1.0, abs=1e-12) and abs(slope.sum()) < 1e-12
     with warnings.catch_warnings():
@@ -50,7 +50,7 @@ def test_errata_section_4_4_order_20_over_1001_samples():
 
 
 def test_errata_53_to_55_the_delay_is_half_of_one_less_than_the_window():
-    """Of a ramp k Ts the filter shows the value (W - 1)/2 samples ago, not W/2."""
+    """For a ramp k Ts the filter returns the value (W - 1)/2 samples ago, not W/2."""
     window = 21
     value, _ = savitzky_golay(window, 4)
     ramp = np.arange(100.0)

@@ -65,7 +65,7 @@ def test_parameters_are_recovered(basis):
 
 
 def test_the_moving_base_is_least_squares_from_a_fixed_one():
-    """The slow obvious version: all rows from one fixed base, weighted, with the prior, by the normal equations."""
+    """Reference: all rows from one fixed base, weighted, with the prior, by the normal equations."""
     rows, _ = planted(800)
     parameters = replace(ONE, memory=0.5, horizon=1e9, torque_noise=1.0, stiffness_deviation=1.0, minimum_motion=0.0)
     estimator = SignalBased(parameters)
@@ -163,7 +163,7 @@ def test_variance_is_the_sum_over_single_torque_errors(colour):
 
 
 def test_errata_36_a_base_in_motion_needs_the_constant():
-    """A record that begins in motion: with the constant fixed at 0, as printed, the estimate is off."""
+    """A record that begins in motion: with the constant fixed at 0, as printed, the estimate is wrong."""
     rows, truth = planted()
     late = rows[300:]
     estimator = SignalBased(replace(ONE, horizon=1e9))
@@ -195,7 +195,7 @@ def test_standard_deviations_match_empirical_ones():
 
 @pytest.mark.parametrize("forgetting", [0.98, 0.995])
 def test_seven_seconds_at_rest_do_not_change_the_estimate(forgetting):
-    """Rows of a hold are left out, and the leak keeps what plain forgetting would lose: doubt ends at the prior's."""
+    """Rows at rest are left out; the leak keeps the estimate, and its variance is at most the prior's."""
     rows, truth = planted(11000, stop=3.0)
     rows[:, 4] += 1e-4 * np.random.default_rng(2).normal(size=len(rows))
     parameters = replace(ONE, memory=-1e-3 / np.log(forgetting), torque_noise=1e-4)
@@ -208,7 +208,7 @@ def test_seven_seconds_at_rest_do_not_change_the_estimate(forgetting):
 
 
 def test_the_state_stays_bounded_over_a_day_of_motion():
-    """Turning without end: integrals, angles and time grow, the state does not. 24 h in strides."""
+    """Continuous rotation: integrals, angles and time grow, the state does not; 24 h in steps."""
     t = 1e-2 * np.arange(2000)
     theta, rate = 3.0 * t + 0.3 * np.sin(5.0 * t), 3.0 + 1.5 * np.cos(5.0 * t)
     q = theta + 0.4 + 0.3 * np.sin(3.0 * t)
@@ -224,7 +224,7 @@ def test_the_state_stays_bounded_over_a_day_of_motion():
 
 
 def joint(device, velocity, seconds=8, seed=0):
-    """Rows of a joint of two motors with such springs, moved by tones, its total stiffness (count,)."""
+    """Rows of a joint with two motors in multi-tone motion, and its total stiffness (count,)."""
     spring, motor = device.spring_laws[0], device.motors[0]
     t, sub = 1e-3 * np.arange(1000 * seconds), 8
     fine = np.arange(-sub, sub * (len(t) - 1) + 1) * (1e-3 / sub)
@@ -264,7 +264,7 @@ def test_standard_deviations_match_the_error_of_a_qbmove_with_undeclared_velocit
 
 
 def test_rounding_of_stamps_has_no_effect():
-    """An integral ends at the sample nearest to the horizon, not one later where a sum of steps fell short of it."""
+    """An integral ends at the sample nearest to the horizon, independent of rounding in the sum of steps."""
     rows, _ = planted()
     rows[:, 4] += 0.01 * np.random.default_rng(1).normal(size=len(rows))
     estimator = SignalBased(replace(ONE, torque_noise=0.01, horizon=0.5))

@@ -1,4 +1,4 @@
-"""The stiffness of a device is the sum over its transmissions, and they share the noise of the link's angle.
+"""The stiffness of a device is the sum over its transmissions, which share the noise of the link's angle.
 
 Two like transmissions whose motors move alike are where that counts most: their errors add up and do not average.
 """
@@ -69,7 +69,7 @@ def test_standard_deviation_of_the_total_matches_the_empirical_one(name):
 
 
 def test_the_default_includes_the_common_noise_of_the_transmissions():
-    """Taking their errors for independent would report .84 of the scatter."""
+    """Assuming independent errors would report .84 of the empirical standard error."""
     reported, empirical, _ = scatter("modulated_torque")
     ratio = np.median(reported / empirical, axis=1)
     assert np.all((ratio > 0.9) & (ratio < 1.15))

@@ -174,7 +174,7 @@ def _swing(phi: Array) -> float:
     return high - low
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _enter(par: Array, state: Array, times: Array, sample: Array, elapsed_before: float) -> int:
     """`transmissions.enter`; in addition a step that is too short or too long restarts the window."""
     interval = par[P.sampling]
@@ -186,7 +186,7 @@ def _enter(par: Array, state: Array, times: Array, sample: Array, elapsed_before
     return entered
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _store(par: Array, sample: Array, slot: int, ring: Array, basis: Array) -> None:
     """Write theta, tau and f_j(phi) of each transmission into ring (m, channels, L)."""
     for i in range(ring.shape[0]):
@@ -196,7 +196,7 @@ def _store(par: Array, sample: Array, slot: int, ring: Array, basis: Array) -> N
         ring[i, BASIS:, slot] = basis[0]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _smooth_all(weights: Array, own: Array, oldest: int, step: float, motor: Array, f: Array, noise: Array) -> None:
     """Smoothed motor signals (MOTOR.size,) and basis f (functions,); adds what the smoothing removed to `noise`.
 

@@ -191,7 +191,7 @@ def evaluate(
         _add_truncation(par, kept, equation, g, work[4], result[E.variances :])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _set_variances(equation: Array, slopes: Array, torque: float, blur: float, work: Array) -> None:
     """Variances of slopes' x into work[4]; slopes (k, n + cut)."""
     n = slopes.shape[1] - int(equation[integral.HEAD.cut])
@@ -202,7 +202,7 @@ def _set_variances(equation: Array, slopes: Array, torque: float, blur: float, w
     integral.variances(equation, n, slopes, torque, blur, prior, inverted, spare, work[4])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _add_truncation(par: Array, kept: Array, equation: Array, g: Array, found: Array, variances: Array) -> None:
     """Add the squared error that each omitted term causes in stiffness, B and D to variances (3,).
 
@@ -305,7 +305,7 @@ def first_omitted(par: Array, visited: Array, x: Array, off: Array, c: int, doub
     return tail * min(abs(t), abs(a)) / next_size
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def report(
     found: Array, i: int, blur: float, q_variance: float, learning: bool, value: Array, sd: Array, joint: Array
 ) -> None:

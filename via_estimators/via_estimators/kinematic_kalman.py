@@ -107,7 +107,7 @@ def parameter_row(parameters: Any) -> Array:
     return np.array([parameters.acceleration**2, parameters.quantum, parameters.position_noise**2])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def follow(par: Array, filters: Array, sample: Array, elapsed: float, restarted: bool) -> None:
     """Advance filters (1 + m, F.size) of q and thetas by `elapsed` [s] to sample (time, q, theta_1, tau_1, ..)."""
     for i in range(filters.shape[0]):

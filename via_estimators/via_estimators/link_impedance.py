@@ -182,7 +182,7 @@ def _follow(par: Array, servo: Array, times: Array, commands: Array, newest: int
     servo[SERVO.velocity] = min(max(v, -limit), limit)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _store(
     par: Array, servo: Array, times: Array, ring: Array, sample: Array, slot: int, filled: int, step: float, first: bool
 ) -> float:
@@ -205,10 +205,12 @@ def _store(
     return phi
 
 
-@njit(cache=True, error_model="numpy")
-def _learn(par: Array, equation: Array, slot: int, psi: Array, ring: Array, lagged: Array, work: Array) -> None:
-    """Add the equation of the present window, in scaled unknowns."""
-    row, noise = np.empty(UNKNOWNS), par[P.torque_noise]
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _learn(
+    par: Array, equation: Array, slot: int, psi: Array, ring: Array, lagged: Array, row: Array, work: Array
+) -> None:
+    """Add the equation of the present window, in scaled unknowns; row (2,) is overwritten."""
+    noise = par[P.torque_noise]
     y = -par[P.inertia] * coloured.dot(psi[2], ring[RING.q]) - coloured.dot(psi[0], ring[RING.gravity])
     row[0], row[1] = -coloured.dot(psi[1], ring[RING.q]), coloured.dot(psi[0], ring[RING.torque])
     for j in range(UNKNOWNS):
@@ -217,12 +219,15 @@ def _learn(par: Array, equation: Array, slot: int, psi: Array, ring: Array, lagg
     coloured.take(equation, UNKNOWNS, slot, row, y / noise, lagged, work)
 
 
-@njit(cache=True, error_model="numpy")
-def _evaluate(par: Array, r: Array, equation: Array, span: float, warming: bool, work: Array) -> tuple[Array, Array]:
-    """Damping and gain (2,) and their standard deviations (2,)."""
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _evaluate(
+    par: Array, r: Array, equation: Array, span: float, warming: bool, found: Array, half: Array, work: Array
+) -> None:
+    """Write damping and gain into found (2,), their standard deviations into half (2,)."""
     mean, width = par[P.damping_prior : P.damping_prior + 2], par[P.damping_deviation : P.damping_deviation + 2]
-    found, half = mean.copy(), width.copy()
-    if not warming:
+    if warming:
+        found[:], half[:] = mean, width
+    else:
         x = coloured.unknowns(equation, UNKNOWNS)
         for j in range(UNKNOWNS):
             found[j] = mean[j] + width[j] * x[j]
@@ -233,10 +238,9 @@ def _evaluate(par: Array, r: Array, equation: Array, span: float, warming: bool,
         for j in range(UNKNOWNS):
             variance = width[j] ** 2 * coloured.variance_of(UNKNOWNS, j, work)
             half[j] = sqrt(variance + (par[P.inertia_tolerance] * found[j]) ** 2)
-    return found, half
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _report(
     par: Array,
     servo: Array,
@@ -270,7 +274,7 @@ def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int
     times, ring = window.rings(state, at + SERVO.size, length, RING.size)
     equation = state[at + SERVO.size + length * (1 + RING.size) :]
     psi, lagged, held = np.empty((3, length)), np.empty((3, length)), np.empty(length)
-    work = coloured.scratch(n)
+    row, found, half, work = np.empty(n), np.empty(n), np.empty(n), coloured.scratch(n)
     for k in range(rows.shape[0]):
         before, first = state[HEADER.last], state[HEADER.samples] == 0.0
         entered = window.admit(state, times, rows[k], 2, par[P.max_gap])
@@ -290,12 +294,12 @@ def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int
             moving = moved >= par[P.minimum_motion]
             if moving:
                 coloured.lags(r, slot, keep, lagged)
-                _learn(par, equation, slot, psi, ring, lagged, work)
+                _learn(par, equation, slot, psi, ring, lagged, row, work)
                 servo[SERVO.reached] = max(servo[SERVO.reached], abs(phi))
             else:
                 coloured.skip(equation, n, slot, length)
         warming = equation[coloured.HEAD.taken] < length
-        found, half = _evaluate(par, r, equation, span, warming, work)
+        _evaluate(par, r, equation, span, warming, found, half, work)
         status = _report(par, servo, phi, found, half, warming, moving, value, sd)
         state[HEADER.motion], state[HEADER.status] = moved, status
         window.answer(state, status, out[k])

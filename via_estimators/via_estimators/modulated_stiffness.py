@@ -232,7 +232,7 @@ def _uncertainty(
     return apart * apart + max(variance, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _store(sample: Array, slot: int, ring: Array, powers: Array) -> None:
     """Write theta, tau, phi^j / j! of each transmission into ring (m, 2 + n, L), the last into powers (m, 1 + n)."""
     for i in range(ring.shape[0]):
@@ -243,7 +243,7 @@ def _store(sample: Array, slot: int, ring: Array, powers: Array) -> None:
             own[POWERS + j, slot] = powers[i, j + 1]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _weigh(par: Array, times: Array, slot: int, psi: Array, held: Array) -> float:
     """Weights of the full window into psi (4, L) and held (L,); returns its span T [s]."""
     order, oldest = int(par[P.modulating_order]), window.oldest_of(slot, times.size)
@@ -253,7 +253,7 @@ def _weigh(par: Array, times: Array, slot: int, psi: Array, held: Array) -> floa
     return times[slot] - times[oldest]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _learn(
     par: Array, slot: int, span: float, i: int, psi: Array, held: Array, lagged: Array, own: Array, part: Array,
     row: Array, work: Array,
@@ -272,7 +272,7 @@ def _learn(
     transmissions.visit(part, own[POWERS, middle if middle < length else middle - length])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _evaluate(
     par: Array, r: Array, span: float, i: int, powers: Array, part: Array, slope: Array, work: Array
 ) -> tuple[float, float, float]:

@@ -187,22 +187,21 @@ def _parts(state: Array, m: int, n: int, length: int) -> Array:
     return state[state.size - m * each :].reshape(m, each)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _store(par: Array, sample: Array, slot: int, ring: Array, powers: Array) -> None:
     """Write theta, tau and f_p of each transmission into ring (m, n, L), and (phi/s)^p into powers (m, ..)."""
     order, scale = int(par[P.order]), par[P.deflection_scale]
     for i in range(ring.shape[0]):
-        own = ring[i]
-        own[THETA, slot], own[TAU, slot] = sample[2 + 2 * i], sample[3 + 2 * i]
+        ring[i, THETA, slot], ring[i, TAU, slot] = sample[2 + 2 * i], sample[3 + 2 * i]
         ratio = (sample[1] - sample[2 + 2 * i]) / scale
         for p in range(1, 2 * MOST_TERMS):
             powers[i, p] = powers[i, p - 1] * ratio
-        for term in range(own.shape[0] - BASIS):
+        for term in range(ring.shape[1] - BASIS):
             p = _power(term, order)
-            own[BASIS + term, slot] = scale * powers[i, p] / max(p, 1)
+            ring[i, BASIS + term, slot] = scale * powers[i, p] / max(p, 1)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _fill_row(par: Array, psi: Array, held: Array, own: Array, row: Array) -> float:
     """Write the regressors of the modulated equation into row (n,) and return its right side, both scaled."""
     n, noise = row.size, par[P.torque_noise]
@@ -216,20 +215,21 @@ def _fill_row(par: Array, psi: Array, held: Array, own: Array, row: Array) -> fl
     return y / noise
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _visit(kept: Array, phi: float, even: int) -> None:
     """Extend the range visited; it always includes 0 on the positive side."""
     transmissions.visit(kept, phi if even else abs(phi))
     kept[VISITED.high] = max(kept[VISITED.high], 0.0)
 
 
-@njit(cache=True, error_model="numpy")
-def _evaluate(par: Array, x: Array, powers: Array, warming: bool, slope: Array) -> tuple[float, float]:
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _evaluate(
+    par: Array, mean: Array, width: Array, x: Array, powers: Array, warming: bool, slope: Array
+) -> tuple[float, float]:
     """Stiffness [N m/rad] and its derivative by phi at the deflection of `powers`; slope (n,) = d stiffness / dx."""
-    order, scale, n = int(par[P.order]), par[P.deflection_scale], x.size
-    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    order, scale = int(par[P.order]), par[P.deflection_scale]
     stiffness, bend = 0.0, 0.0
-    for j in range(2, n):
+    for j in range(2, x.size):
         p = _power(j - 2, order)
         share = mean[j] + (0.0 if warming else width[j] * x[j])
         rise = powers[p - 1] if p > 0 else 0.0
@@ -239,13 +239,12 @@ def _evaluate(par: Array, x: Array, powers: Array, warming: bool, slope: Array) 
     return stiffness, bend
 
 
-@njit(cache=True, error_model="numpy")
-def _truncation(par: Array, kept: Array, x: Array, work: Array) -> float:
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _truncation(par: Array, mean: Array, width: Array, kept: Array, x: Array, work: Array) -> float:
     """Variance of stiffness [(N m/rad)^2] due to the terms left out, of either parity."""
-    order, even, n = int(par[P.order]), int(par[P.even_terms]), x.size
+    order, even = int(par[P.order]), int(par[P.even_terms])
     if not par[P.truncation] > 0.0:
         return 0.0
-    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
     far = max(abs(kept[VISITED.low]), abs(kept[VISITED.high])) / par[P.deflection_scale]
     tail = _tail(order - 1, order, far, mean, width, x, work)
     if even > 1:
@@ -253,12 +252,12 @@ def _truncation(par: Array, kept: Array, x: Array, work: Array) -> float:
     return par[P.truncation] ** 2 * tail
 
 
-@njit(cache=True, error_model="numpy")
-def _set_covariance(par: Array, r: Array, kept: Array, equation: Array, span: float, work: Array) -> None:
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _set_covariance(
+    par: Array, r: Array, B: float, D: float, span: float, kept: Array, equation: Array, work: Array
+) -> None:
     """Leave the covariance of the unknowns in `work`: torque noise as measured, position noise as declared."""
     n = (par.size - P.size) // 2
-    x, mean, width = coloured.unknowns(equation, n), par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
-    B, D = mean[0] + width[0] * x[0], mean[1] + width[1] * x[1]
     gain = (par[P.position_noise] / par[P.torque_noise]) ** 2
     through = 2.0 * gain * kept[KEPT.squared_stiffness]  # noise of both angles acts as torque through the spring
     first, second = gain * (D / span) ** 2, gain * (B / span**2) ** 2
@@ -266,30 +265,30 @@ def _set_covariance(par: Array, r: Array, kept: Array, equation: Array, span: fl
     coloured.blur(equation, n, found, first, second, work)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _learn(
-    par: Array, slot: int, psi: Array, held: Array, lagged: Array, own: Array, part: Array, row: Array, work: Array
-) -> None:
+    par: Array, slot: int, psi: Array, held: Array, lagged: Array, own: Array, kept: Array, equation: Array,
+    row: Array, work: Array,
+) -> None:  # fmt: skip
     """Add the equation of the present window, and its middle to the deflections visited."""
     n, length = row.size, own.shape[1]
     y = _fill_row(par, psi, held, own, row)
-    coloured.take(part[KEPT.size :], n, slot, row, y, lagged, work)
+    coloured.take(equation, n, slot, row, y, lagged, work)
     middle = slot + length // 2 + 1
-    _visit(part[: KEPT.size], own[BASIS, middle if middle < length else middle - length], int(par[P.even_terms]))
+    _visit(kept, own[BASIS, middle if middle < length else middle - length], int(par[P.even_terms]))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _report(
-    par: Array, r: Array, span: float, powers: Array, part: Array, i: int, moving: bool,
+    par: Array, r: Array, span: float, powers: Array, kept: Array, equation: Array, i: int, moving: bool,
     value: Array, sd: Array, joint: Array, slope: Array, work: Array,
 ) -> bool:  # fmt: skip
     """Write the outputs of transmission i and add it to the joint; returns whether it is still warming up."""
     n, m, length = slope.size, int(par[P.transmissions]), int(par[P.length])
     mean, width, blur = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n], par[P.position_noise]
-    kept, equation = part[: KEPT.size], part[KEPT.size :]
     x = coloured.unknowns(equation, n)
     warming = equation[coloured.HEAD.taken] < length
-    stiffness, bend = _evaluate(par, x, powers, warming, slope)
+    stiffness, bend = _evaluate(par, mean, width, x, powers, warming, slope)
     B, D = mean[0], mean[1]
     uncertain, of_B, of_D = 2.0 * (bend * blur) ** 2, 1.0, 1.0  # the deflection of this very sample is noisy
     if warming:
@@ -297,10 +296,10 @@ def _report(
             uncertain += slope[j] * slope[j]
     else:
         B, D = mean[0] + width[0] * x[0], mean[1] + width[1] * x[1]
-        _set_covariance(par, r, kept, equation, span, work)
+        _set_covariance(par, r, B, D, span, kept, equation, work)
         of_B, of_D = coloured.variance_of(n, 0, work), coloured.variance_of(n, 1, work)
         uncertain += coloured.variance(n, slope, work)
-        uncertain += _truncation(par, kept, x, work)
+        uncertain += _truncation(par, mean, width, kept, x, work)
     if moving and not warming:
         counted = min(equation[coloured.HEAD.taken] - length + 1.0, equation[coloured.HEAD.weight])
         kept[KEPT.squared_stiffness] += (stiffness * stiffness - kept[KEPT.squared_stiffness]) / counted
@@ -338,7 +337,7 @@ def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int
         transmissions.begin(joint)
         for i in range(m):
             own, part = ring[i], parts[i]
-            equation = part[KEPT.size :]
+            kept, equation = part[: KEPT.size], part[KEPT.size :]
             if entered == window.RESTARTED:
                 coloured.forget_rows(equation, n)
             moved = window.span_of(own[BASIS]) if full else 0.0
@@ -346,11 +345,11 @@ def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int
             moving = full and moved >= par[P.minimum_motion]
             coloured.forget(equation, n, keep, work)
             if moving:
-                _learn(par, slot, psi, held, lagged, own, part, row, work)
+                _learn(par, slot, psi, held, lagged, own, kept, equation, row, work)
             elif full:
                 coloured.skip(equation, n, slot, length)
-            warming = _report(par, r, span, powers[i], part, i, moving, value, sd, joint, slope, work)
+            warming = _report(par, r, span, powers[i], kept, equation, i, moving, value, sd, joint, slope, work)
             reached = own[BASIS, slot] if even else abs(own[BASIS, slot])
-            transmissions.grade(joint, warming, moving, transmissions.inside(part, reached, par[P.range_margin]))
+            transmissions.grade(joint, warming, moving, transmissions.inside(kept, reached, par[P.range_margin]))
         transmissions.finish(joint, state, value, sd, out[k])
     return int(out[-1, 1])

@@ -167,7 +167,7 @@ def _low_pass(x: float) -> tuple[float, float, float]:
     return stays, mean - stays, 1.0 - mean
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _views(part: Array, terms: int) -> tuple[Array, Array, Array, Array]:
     """The views of a transmission's low-passed f (terms,), last f (terms,), w (PARTS, terms) and P (terms, terms)."""
     at = KEPT.size
@@ -176,7 +176,7 @@ def _views(part: Array, terms: int) -> tuple[Array, Array, Array, Array]:
     return part[at : at + terms], part[at + terms : at + 2 * terms], w, P_i
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _filter(par: Array, part: Array, f: Array, velocity: float, torque: float, elapsed: float, restarted: bool) -> None:
     """Advance the low passes of velocity, torque and f (terms,) by `elapsed` [s]."""
     terms = f.size
@@ -195,7 +195,7 @@ def _filter(par: Array, part: Array, f: Array, velocity: float, torque: float, e
     last[:] = f
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _fit(par: Array, part: Array, velocity: float, parts: Array, row: Array, gain: Array) -> None:
     """Add one row to the three solutions, which share the gain; the innovation of their sum updates the noise.
 
@@ -228,7 +228,7 @@ def _fit(par: Array, part: Array, velocity: float, parts: Array, row: Array, gai
         part[KEPT.sum] = part[KEPT.count] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _evaluate(par: Array, part: Array, g: Array, bend: Array, warming: bool) -> tuple[float, float, float]:
     """Stiffness [N m/rad], its derivative by phi and its variance; g and bend are the basis' first two derivatives."""
     terms, width = g.size, par[P.stiffness_deviation]

@@ -114,7 +114,7 @@ class SignalBased(Estimator):
         return partial(_advance, self._constants)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _learn(
     par: Array, colour: Array, part: Array, equation: Array, elapsed: float, keep: float, moving: bool,
     phi: float, motor: Array, basis: Array, work: Array,
@@ -129,7 +129,7 @@ def _learn(
         transmissions.visit(part, phi)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _evaluate(par: Array, part: Array, equation: Array, phi: float, warming: bool, found: Array, work: Array) -> None:
     """Estimates at the deflection phi [rad] into found (N_ESTIMATE,), with the noise measured so far."""
     n = int(par[P.terms]) + 3

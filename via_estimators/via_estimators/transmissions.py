@@ -94,7 +94,7 @@ def prior_outputs(parameters: Any, *names: str) -> Array:
     return np.array([m * means[0], *means, sqrt(m) * widths[0], *widths])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def enter(state: Array, times: Array, row: Array, columns: int, furthest: float, max_gap: float) -> int:
     """`window.admit` for row (time, q, theta_1, .., theta_2, ..); also refuses deflections beyond `furthest` [rad].
 
@@ -106,7 +106,7 @@ def enter(state: Array, times: Array, row: Array, columns: int, furthest: float,
     return window.admit(state, times, row, row.size, max_gap)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def visit(visited: Array, phi: float) -> None:
     """Extend the range of deflections visited."""
     visited[VISITED.low] = min(visited[VISITED.low], phi) if visited[VISITED.any] > 0.0 else phi
@@ -114,21 +114,21 @@ def visit(visited: Array, phi: float) -> None:
     visited[VISITED.any] = 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def inside(visited: Array, phi: float, margin: float) -> bool:
     """Whether phi lies in the range visited, widened by the share `margin` of it."""
     room = margin * (visited[VISITED.high] - visited[VISITED.low])
     return visited[VISITED.low] - room <= phi <= visited[VISITED.high] + room
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def begin(joint: Array) -> None:
     """Overwrite the sums JOINT of the last sample."""
     joint[:] = 0.0
     joint[JOINT.status], joint[JOINT.motion] = OK, np.inf
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def update(value: Array, sd: Array, at: int, new_value: float, new_sd: float, learning: bool) -> None:
     """Write output `at`.
 
@@ -138,7 +138,7 @@ def update(value: Array, sd: Array, at: int, new_value: float, new_sd: float, le
     value[at], sd[at] = new_value, max(new_sd, (0.0 if learning else 1.0) * sd[at])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def add(joint: Array, stiffness: float, sd: float, slope: float, q_variance: float) -> None:
     """Add one transmission's stiffness [N m/rad] to the joint's; the transmissions share the noise of q.
 
@@ -150,7 +150,7 @@ def add(joint: Array, stiffness: float, sd: float, slope: float, q_variance: flo
     joint[JOINT.slope] += slope
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def grade(joint: Array, warming: bool, moving: bool, visited: bool) -> None:
     """Lower the joint's status to that of one transmission, if that is worse."""
     if warming:
@@ -161,7 +161,7 @@ def grade(joint: Array, warming: bool, moving: bool, visited: bool) -> None:
         joint[JOINT.status] = OUTSIDE_RANGE
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def finish(joint: Array, state: Array, value: Array, sd: Array, out: Array) -> None:
     """Write the joint's stiffness, motion and status into the state and the output row."""
     value[0], sd[0] = joint[JOINT.stiffness], sqrt(max(joint[JOINT.variance], 0.0))

@@ -51,14 +51,14 @@ def answer(state: Array, status: int, out: Array) -> None:
         out[j] = state[HEADER.size + j - 2]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def outputs(state: Array, k: int) -> tuple[Array, Array]:
     """The views of the last values (k,) and standard deviations (k,)."""
     at = HEADER.size
     return state[at : at + k], state[at + k : at + 2 * k]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def rings(state: Array, at: int, length: int, columns: int) -> tuple[Array, Array]:
     """The views of the times (L,) and columns (columns, L) of the ring buffer, which start at position `at`."""
     return state[at : at + length], state[at + length : at + length * (1 + columns)].reshape(columns, length)
