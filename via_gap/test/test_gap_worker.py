@@ -17,7 +17,7 @@ from via_gap.run.monitor import fitted_device
 from via_gap.run.worker import Failed, Finished, Job, Progress, Worker
 from via_sim.effects import Effect
 
-DEADLINE = 60.0  # [s]
+DEADLINE = 600.0  # [s]
 LINK = Effect("coulomb_friction", "link", {"torque": 0.02})
 
 
