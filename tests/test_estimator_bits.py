@@ -27,7 +27,7 @@ from via_ros.nodes.player import Player
 START = 1_700_000_000_123_456_789  # [ns]
 PERIOD = 1_000_000  # [ns]
 COUNT, BAD, GAP = 2600, 100, 2300  # samples; a bad one of the twin; the first after a gap
-WINDOW, PATIENCE = 200, 60.0  # samples on their way at a time, [s]
+WINDOW, PATIENCE = 200, 600.0  # samples on their way at a time, [s]
 SHIPPED = [load_device(name) for name in device_names()]
 FIRST = {method: next(each for each in SHIPPED if method in methods_for(each)) for method in METHODS}
 # Each of these once, and the first one twice: a node of several devices.

@@ -64,7 +64,7 @@ class MonitorBench:
     def result(self, handle):
         """(status, result) of a goal."""
         asked = handle.get_result_async()
-        self.graph.until(asked.done, 90.0)
+        self.graph.until(asked.done)
         return asked.result().status, asked.result().result
 
     def play(self, count, start=START):
@@ -111,7 +111,7 @@ def simulate(graph, bench, folder, duration, effects=()):
             and not any(deserialize_message(last, VsaCommand).motor)
         )
 
-    graph.until(all_heard, 90.0)
+    graph.until(all_heard)
     with BagWriter(folder / "live") as out:
         out.add_topic("/joint_states", JOINTS)
         out.add_topic(DEVICE.command_topic, COMMANDS)
@@ -153,7 +153,7 @@ def test_friction_of_a_simulated_joint_is_named_and_the_report_is_that_of_a_bag(
 def test_a_nominal_joint_has_no_gap_and_ticks_go_on_while_that_is_found_out(graph, tmp_path):
     bench = MonitorBench(graph, window=8.0, least=3.0, recent=1.0)
     simulate(graph, bench, tmp_path, 5.0)
-    graph.until(lambda: bench.gaps[-1].verdict != "", 90.0)
+    graph.until(lambda: bench.gaps[-1].verdict != "")
     assert bench.gaps[-1].verdict == "no_gap" and bench.gaps[-1].hypotheses == []
     assert bench.gaps[-1].method == "tuned model"
     assert sum(bool(each["diagnosing"]) for each in bench.reports) > 3
