@@ -63,7 +63,7 @@ def demo(
         for file in robot.refused:
             refused.add_row(file.file, "; ".join(file.reasons))
         answers.print(refused)
-    gap = table("Error of the simulated joint angle", "damping strategy", "runs", "NRMSE")
+    gap = table("Error of the simulated angle", "damping strategy", "runs", "NRMSE")
     for strategy, value in robot.nrmse_by_strategy.items():
         gap.add_row(strategy, str(sum(run.strategy == strategy for run in robot.runs)), f"{value:.3f}")
     gap.add_row("all", str(len(robot.runs)), f"{robot.nrmse:.3f}")
