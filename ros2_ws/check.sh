@@ -19,6 +19,11 @@ no_machine_paths() {
     ! git grep -nIE '(^|[^[:alnum:]_.$}-])/([w]ork|[r]oot|[h]ome|[t]mp)/' -- . ':!*.svg'
 }
 
+plain_terms() {
+    # Words that the project replaced by terms of the field; CHANGELOG and published results may name what was.
+    ! git grep -nP -f ros2_ws/terms.txt -- . ':!ros2_ws/terms.txt' ':!CHANGELOG.md' ':!docs/results' ':!*LICENSE'
+}
+
 import_rules() {
     # The linter finds packages through PYTHONPATH; each package is one folder below its project folder.
     local each path=
@@ -31,4 +36,5 @@ check "format" ruff format --check --quiet .
 check "types" mypy
 check "import rules" import_rules
 check "machine paths" no_machine_paths
+check "plain terms" plain_terms
 [ ${#failed[@]} -eq 0 ] || exit 1

@@ -41,8 +41,8 @@ class ArmBench:
         graph.until(lambda: all(each.service_is_ready() for each in clients))
 
     def _sample(self, message):
-        told = np.array([message.position, message.velocity, message.effort])
-        self.samples.append((nanoseconds(message.header.stamp), told))
+        measured = np.array([message.position, message.velocity, message.effort])
+        self.samples.append((nanoseconds(message.header.stamp), measured))
 
     def _state(self, message):
         self.states.append((message.activity, message.limited, np.array(message.value)))
@@ -64,14 +64,14 @@ class ArmBench:
         assert self.call(self.change, ChangeState.Request(transition=Transition(id=number))).success
 
     def quantity(self, name):
-        """(N,) what the law told so far."""
+        """(N,) what the controller reported so far."""
         return np.array([value[self.names.index(name)] for _, _, value in self.states])
 
     def now(self, name, ago=0):
-        """What it told last, or so many samples ago."""
+        """What it reported last, or so many samples ago."""
         return self.states[-1 - ago][2][self.names.index(name)]
 
     @property
     def joints(self):
         """(N, 3, 8) positions, velocities and efforts of links and motors by turns."""
-        return np.array([told for _, told in self.samples])
+        return np.array([measured for _, measured in self.samples])

@@ -1,4 +1,4 @@
-"""Batch least squares on the integrated motor equation: planted truths, honest deviations, and the printed forms."""
+"""Batch least squares on the integrated motor equation: planted truths, honest standard deviations, and the printed forms."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ INERTIA, DAMPING = 0.02, 0.3
 
 
 def record(count=3000, start=0.0):
-    """Rows (count, 5) of time, q, theta, theta velocity, effort; law 8 phi + 5 phi^3; and its stiffness (count,)."""
+    """Rows (count, 5) of time, q, theta, theta velocity, effort; spring law 8 phi + 5 phi^3; and its stiffness (count,)."""
     t = start + 1e-3 * np.arange(count)
 
     def motion(t):
@@ -28,10 +28,10 @@ def record(count=3000, start=0.0):
 @pytest.mark.parametrize("basis", ["powers", "legendre", "odd_powers"])
 def test_planted_parameters_come_back(basis):
     rows, truth = record()
-    law = batch_law(rows.T, basis, 4)
-    assert law.inertia == pytest.approx(INERTIA, rel=1e-4)
-    assert law.damping == pytest.approx(DAMPING, rel=1e-4)
-    value, _ = law.stiffness(rows[:, 1] - rows[:, 2])
+    fitted = batch_law(rows.T, basis, 4)
+    assert fitted.inertia == pytest.approx(INERTIA, rel=1e-4)
+    assert fitted.damping == pytest.approx(DAMPING, rel=1e-4)
+    value, _ = fitted.stiffness(rows[:, 1] - rows[:, 2])
     np.testing.assert_allclose(value, truth, rtol=2e-4)
 
 
@@ -68,14 +68,14 @@ def test_deviations_hold():
     for seed in range(60):
         rows = clean.copy()
         rows[:, 4] += 0.05 * np.random.default_rng(seed).normal(size=len(rows))
-        law = batch_law(rows.T, "odd_powers", 2)
-        value, deviation = law.stiffness(phi[::50])
-        errors.append([*(value - truth[::50]), law.inertia - INERTIA, law.damping - DAMPING])
-        promised.append([*deviation, *np.sqrt(np.diag(law.covariance)[:2])])
+        fitted = batch_law(rows.T, "odd_powers", 2)
+        value, sd = fitted.stiffness(phi[::50])
+        errors.append([*(value - truth[::50]), fitted.inertia - INERTIA, fitted.damping - DAMPING])
+        promised.append([*sd, *np.sqrt(np.diag(fitted.covariance)[:2])])
         columns, right = integral_rows(rows, "odd_powers", 2, 1.0)
         left = right - columns @ np.linalg.lstsq(columns, right, rcond=None)[0]
         naive.append(left.std() * np.sqrt(np.linalg.inv(columns.T @ columns)[1, 1]))
-        assert law.torque_noise == pytest.approx(0.05, rel=0.06)
+        assert fitted.torque_noise == pytest.approx(0.05, rel=0.06)
     errors, promised = np.array(errors), np.array(promised)
     ratio = np.sqrt(np.mean(promised**2, axis=0) / np.mean(errors**2, axis=0))
     assert 0.8 <= np.median(ratio[:-2]) <= 1.25 and ratio[-2:].min() >= 0.75 and ratio[-2:].max() <= 1.3
@@ -87,13 +87,13 @@ def test_covariance_is_that_of_an_estimate_linear_in_every_torque_sample():
     rows, _ = record(160)
     rows = rows[np.sort(np.random.default_rng(4).choice(160, 60, replace=False))]
     rows[:, 4] += 0.05 * np.random.default_rng(5).normal(size=len(rows))
-    law = batch_law(rows.T, "odd_powers", 2)
+    fitted = batch_law(rows.T, "odd_powers", 2)
     J = np.empty((4, len(rows)))
     for n in range(len(rows)):
         pushed = rows.copy()
         pushed[n, 4] += 1.0
-        J[:, n] = batch_law(pushed.T, "odd_powers", 2).coefficients - law.coefficients
-    np.testing.assert_allclose(law.covariance, law.torque_noise**2 * J @ J.T, rtol=1e-5)
+        J[:, n] = batch_law(pushed.T, "odd_powers", 2).coefficients - fitted.coefficients
+    np.testing.assert_allclose(fitted.covariance, fitted.torque_noise**2 * J @ J.T, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -40,13 +40,13 @@ def test_table_1_noise_grows_with_the_sampling_period_and_falls_with_the_window(
     assert by_window[1] / by_window[2] == pytest.approx(4.0**1.5, rel=1e-2)
 
 
-def clean_row_errors(law, alpha, phi_of, count=1500, period=1e-3):
+def clean_row_errors(spring, alpha, phi_of, count=1500, period=1e-3):
     """A' Gamma - C of (25)-(27) on a joint with a massless, frictionless motor: tau = -tau_e(phi)."""
     size = round(SPAN / period)
     phi = phi_of(period * np.arange(count))
     u = np.arange(size + 1) / size
     weights = np.where((u == 0.0) | (u == 1.0), 0.5, 1.0) / size * SPAN**2 * modulating(3, 1, u)
-    fir = [np.convolve(f, weights[::-1], "valid") for f in (phi, phi**2 / 2.0, phi**3 / 6.0, -law.torque(phi))]
+    fir = [np.convolve(f, weights[::-1], "valid") for f in (phi, phi**2 / 2.0, phi**3 / 6.0, -spring.torque(phi))]
     return fir[0] * alpha[0] + fir[1] * alpha[1] + fir[2] * alpha[2] + fir[3], phi
 
 
@@ -76,13 +76,13 @@ def test_samples_k_minus_m_turn_the_sign_of_what_truncation_does():
 
 def test_the_bound_is_reached_by_a_step_and_the_printed_one_broken_by_slow_motion():
     """(33) prints T 5/8 sup |sigma - sigma_N|: another unit. phi jumps from -1 to 1 in the middle of 100 s."""
-    law, span, intervals = cubic_spring(1.0, 2.0), 100.0, 1000
+    spring, span, intervals = cubic_spring(1.0, 2.0), 100.0, 1000
     phi = np.where(np.arange(intervals + 1) < intervals // 2, -1.0, 1.0)
-    rho = errors.remainder(law, [0.0], phi)  # N = 0: all of phi^3
+    rho = errors.remainder(spring, [0.0], phi)  # N = 0: all of phi^3
     found = np.abs(errors.truncation_errors(rho, intervals, span)).max()
     assert found == pytest.approx(errors.truncation_bound(1.0, span), rel=1e-2)
     assert errors.truncation_bound(1.0, span) == pytest.approx(span**2 / 32.0)
-    assert found > 1.5 * span * 5.0 / 8.0 * np.abs(law.stiffness(phi)).max()
+    assert found > 1.5 * span * 5.0 / 8.0 * np.abs(spring.stiffness(phi)).max()
 
 
 def test_table_1_truncation_falls_with_the_order_of_the_polynomial():

@@ -1,8 +1,8 @@
 """Endurance test: an estimator on one joint for simulated hours at 1 kHz, with its state carried from chunk to chunk.
 
 The joint's motion, ten minutes with two stops and two minutes of rest at the end, is simulated once and repeated;
-noise, encoder steps, dropouts and gaps are new in every repetition. Required are finite numbers, bounded standard
-deviations, an error in the last hour not much larger than in the first, and constant memory of the process.
+noise, encoder steps, dropouts and gaps are new in every repetition. Required are finite numbers, bounded
+standard deviations, an error in the last hour not much larger than in the first, and constant memory of the process.
 """
 
 from __future__ import annotations
