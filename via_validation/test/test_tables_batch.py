@@ -1,4 +1,4 @@
-"""Batch least squares on the integrated motor equation: planted truths, honest standard deviations, and the printed forms."""
+"""Batch least squares on the integrated motor equation: planted truths, standard deviations, the printed forms."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ INERTIA, DAMPING = 0.02, 0.3
 
 
 def record(count=3000, start=0.0):
-    """Rows (count, 5) of time, q, theta, theta velocity, effort; spring law 8 phi + 5 phi^3; and its stiffness (count,)."""
+    """Rows (count, 5) of time, q, theta, theta velocity, effort, and stiffness (count,) of 8 phi + 5 phi^3."""
     t = start + 1e-3 * np.arange(count)
 
     def motion(t):
