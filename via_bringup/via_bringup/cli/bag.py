@@ -57,10 +57,7 @@ def info(bag: BagPath) -> None:
     listing.columns[1].justify = "left"
     for topic in found.topics:
         listing.add_row(
-            topic.name,
-            topic.type_name,
-            str(topic.messages),
-            f"{topic.rate:.1f}" if isfinite(topic.rate) else "-",
+            topic.name, topic.type_name, str(topic.messages), f"{topic.rate:.1f}" if isfinite(topic.rate) else "-"
         )
     answers.print(listing)
     for name, value in found.metadata.items():
@@ -88,10 +85,7 @@ def check(
         raise typer.Exit(1)
 
 
-def recover(
-    bag: BagPath,
-    out: Annotated[Path, typer.Argument(help="New bag folder.")],
-) -> None:
+def recover(bag: BagPath, out: Annotated[Path, typer.Argument(help="New bag folder.")]) -> None:
     """Write all readable messages of a damaged bag to a new bag."""
     recovered = recover_bag(bag, out)
     for remark in recovered.remarks:

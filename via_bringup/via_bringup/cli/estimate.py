@@ -51,9 +51,8 @@ def estimate(
     by_status = table("samples by status", "device", "method", "samples", *(status.name for status in Status))
     for pair, (_, estimates) in results:
         shares = [float(np.mean(estimates.status == status)) if len(estimates) else 0.0 for status in Status]
-        by_status.add_row(
-            pair.device.name, pair.method, str(len(estimates)), *(f"{100.0 * share:.1f} %" for share in shares)
-        )
+        percentages = (f"{100.0 * share:.1f} %" for share in shares)
+        by_status.add_row(pair.device.name, pair.method, str(len(estimates)), *percentages)
     answers.print(_texts_left(by_status, 2))
     if out is not None:
         for pair, each in results:
@@ -118,10 +117,8 @@ def _write(path: Path, result: BagEstimates) -> None:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(["stamp_ns", "status", *names])
-            for k in range(len(estimates)):
+            for k, stamp in enumerate(result.samples.stamp):
                 pairs = np.stack([estimates.value[k], estimates.standard_deviation[k]], axis=1).ravel()
-                writer.writerow(
-                    [int(result.samples.stamp[k]), Status(int(estimates.status[k])).name, *map(repr, pairs.tolist())]
-                )
+                writer.writerow([int(stamp), Status(int(estimates.status[k])).name, *map(repr, pairs.tolist())])
     except OSError as error:
         raise ViaError(f"cannot write {path}: {error.strerror}") from None

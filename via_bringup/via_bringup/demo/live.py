@@ -98,13 +98,7 @@ def _replay(device: Device, bag: Path, replayed: Path, progress: Progress) -> No
         graph.add(EstimatorNode, device=name)
         recorder = graph.add(Recorder, bag=str(replayed), topics=topics)
         player = graph.add(
-            Player,
-            bag=str(bag),
-            topics=["/joint_states"],
-            rate=0.0,
-            subscribers=2,
-            answers=answers,
-            window=WINDOW,
+            Player, bag=str(bag), topics=["/joint_states"], rate=0.0, subscribers=2, answers=answers, window=WINDOW
         )
 
         def done() -> bool:

@@ -56,10 +56,8 @@ class Stream:
 
     @property
     def band(self) -> Band:
-        each = self.estimates
-        return Band(
-            each.time, each.value[:, 0], each.standard_deviation[:, 0], self.reference, each.status == Status.OK
-        )
+        each, trusted = self.estimates, self.estimates.status == Status.OK
+        return Band(each.time, each.value[:, 0], each.standard_deviation[:, 0], self.reference, trusted)
 
 
 @dataclass(frozen=True)
@@ -170,14 +168,10 @@ def _evaluate(device: Device, recorded: Path, traffic: Traffic) -> EvaluatedRun:
 def _stream(bag: Bag, topic: str, reference: Array) -> Stream:
     """Recorded estimates of a topic, one per sample."""
     columns = bag[topic]
-    estimates = Estimates(
-        (columns.stamp - columns.stamp[0]) / 1e9,
-        columns["status"],
-        columns["value"][:, None],
-        columns["standard_deviation"][:, None],
-        (topic.rpartition("/")[2],),
-    )
-    return Stream(estimates, reference)
+    time = (columns.stamp - columns.stamp[0]) / 1e9
+    value, standard_deviation = columns["value"][:, None], columns["standard_deviation"][:, None]
+    output = topic.rpartition("/")[2]
+    return Stream(Estimates(time, columns["status"], value, standard_deviation, (output,)), reference)
 
 
 def _draw(runs: Sequence[EvaluatedRun], pictures: Path) -> None:
