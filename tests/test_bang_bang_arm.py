@@ -83,7 +83,7 @@ def test_at_this_swing_no_free_motion_is_along_linear_mode_4():
 
 
 def test_an_amplitude_without_a_periodic_motion_is_refused():
-    with pytest.raises(ParameterError, match="no motion in step"):
+    with pytest.raises(ParameterError, match="no nonlinear mode of"):
         nonlinear_mode(ARM, np.array(MOTORS), 1, 6.0)
 
 

@@ -121,7 +121,7 @@ def _same_answers(samples: list[ArmSample]) -> None:
         plain, W = controllers_reference.step(controller, W, sample)
         state, out = controller.step(state, sample)
         if not np.abs(plain - out.torque).max() < SAME * np.abs(plain).max():
-            raise ViaError(f"the limit cycle in numpy differs: {plain} N m, compiled {out.torque} N m")
+            raise ViaError(f"the limit cycle in numpy disagrees: {plain} N m, compiled {out.torque} N m")
 
 
 def _joint(controller: EquilibriumPreset) -> Callable[[], None]:
