@@ -123,7 +123,7 @@ def publish(
         peer.count_publishers(topic) < 1 or peer.count_subscribers(topic) < 1 for topic in topics
     ):
         if time.monotonic() > deadline or node.poll() is not None or listener.poll() is not None:
-            raise ViaError(f"the node and its listener were not connected within {CONNECT:g} s")
+            raise ViaError(f"the node or its listener ended, or was not connected within {CONNECT:g} s")
         time.sleep(0.05)
     time.sleep(2.0)  # this process has discovered both others; they need to discover each other as well
     writers: list[tuple[Any, bytearray, np.ndarray, np.ndarray]] = []
