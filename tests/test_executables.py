@@ -118,6 +118,7 @@ warm_up(load_device("{DEVICE.name}"))
 """
 
 ARM_LOADED = """
+from via_bringup.demo.reference import ARM
 from via_validation.control.arm_run import Phase, run_arm
 from via_validation.control.limit_cycle import limit_cycle_controller, start
 run_arm(ARM, limit_cycle_controller(0), start(limit_cycle_controller(0)), (Phase(0.002),))

@@ -93,11 +93,11 @@ def test_standard_deviations_match_empirical_ones():
 def test_colour_is_that_of_the_smoothing(window, order):
     """In all, and in what integrals of 50 and 100 samples make of it: k (T - k) from reset to reset."""
     weights = savitzky_golay(window + 1, order)[0]
-    found = colour(weights[window // 2])
-    true, found, state = np.correlate(weights, weights, "full")[window:], [found[0, 0]], found[1:, 0]
+    model = colour(weights[window // 2])
+    true, found, state = np.correlate(weights, weights, "full")[window:], [model[0, 0]], model[1:, 0]
     for _ in range(10 * window):
-        found.append(found[0, 1:] @ state)
-        state = found[1:, 1:] @ state
+        found.append(model[0, 1:] @ state)
+        state = model[1:, 1:] @ state
     assert 2.0 * sum(found) - found[0] == pytest.approx(1.0, rel=1e-3)
     for span in (50, 100):
         kernel = np.tile(np.arange(span) * (span - np.arange(span)), 10 * window // span)

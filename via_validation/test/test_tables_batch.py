@@ -111,5 +111,6 @@ def test_misuse_is_refused(change, error, message):
     arguments |= change
     if arguments["q"] is None:
         arguments["q"] = arguments["theta"]
+    basis = arguments.pop("basis", "powers")
     with pytest.raises(error, match=message):
-        batch_law(list(arguments.values()))
+        batch_law(list(arguments.values()), basis)
