@@ -17,7 +17,7 @@ from launch.substitutions import LaunchConfiguration, PythonExpression
 from via_bringup.launching import if_equal, node, simulation, string
 
 CONTROLLERS = ("modal_limit_cycle", "bang_bang")
-ARGUMENT, _, DEFAULT = "law:=modal_limit_cycle".partition(":=")  # chooses the controller
+ARGUMENT, DEFAULT = "law", CONTROLLERS[0]  # chooses the controller
 
 
 def generate_launch_description() -> LaunchDescription:
