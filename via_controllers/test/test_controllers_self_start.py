@@ -5,19 +5,20 @@ import pytest
 from numpy.testing import assert_allclose
 from via_controllers.self_start import BAND, ENOUGH, START, push, turned, turning
 
+STEPS = 300  # of a period
 PULL = 0.642  # k_V H_d w of mode 1 in the reference set-up
 SOFTER = np.sqrt(ENOUGH)  # |z| at rest from which nothing is added
 
 
-def course(z, speed, direction, periods, start=START, pull=PULL, steps=300):
-    """(steps periods, 4): h, z, zd and s; midpoint rule."""
-    step, found = 2.0 * np.pi / steps, []
+def course(z, speed, direction, periods, start=START, pull=PULL):
+    """(STEPS periods, 4): h, z, zd and s; midpoint rule."""
+    step, found = 2.0 * np.pi / STEPS, []
 
     def slope(z, speed, direction):
         h = z * z + speed * speed
         return speed, -z + pull * (1.0 - h) * speed + push(start, direction, h)
 
-    for _ in range(round(steps * periods)):
+    for _ in range(round(STEPS * periods)):
         h = z * z + speed * speed
         found.append((h, z, speed, push(start, direction, h)))
         rate = turning(start, direction, z, speed, 1.0)
