@@ -21,5 +21,5 @@ def test_every_law_is_timed_and_the_whole_one_judged(monkeypatch):
 def test_contenders_that_disagree_are_not_timed(monkeypatch):
     step = controllers_reference.step
     monkeypatch.setattr(controllers_reference, "step", lambda *args: (1.001 * step(*args)[0], step(*args)[1]))
-    with pytest.raises(ViaError, match="differs"):
+    with pytest.raises(ViaError, match="disagrees"):
         controllers.controller_rows(1)
