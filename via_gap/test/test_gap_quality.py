@@ -86,15 +86,17 @@ def test_a_log_with_half_its_ticks_late_is_downgraded(clean):
     assert checks(changed(clean, keep))["late"] == "downgrade"
 
 
-def test_missing_commands_are_measured_and_cut_out(clean):
+@pytest.mark.parametrize(("missing", "apart", "used", "short"), [(19, 20.0, 8.0, 1), (39, 40.0, 7.96, 0)])
+def test_missing_commands_are_noise_and_cut_out_where_they_are_long(clean, missing, apart, used, short):
     commands = clean.commands
     keep = np.ones(len(commands), bool)
-    keep[2001:2020] = False  # 20 ms from one to the next
+    keep[2001 : 2001 + missing] = False
     less = Signals(commands.time[keep], {"motor": commands["motor"][keep]}, commands.units, commands.held)
     found = quality(changed(clean, commands=less))
     (gap,) = (f for f in found.findings if f.check == "command gaps")
-    assert gap.value == pytest.approx(20.0, abs=0.5)
-    assert found.seconds == pytest.approx(7.98, abs=0.005)
+    assert gap.value == pytest.approx(apart, abs=0.5)
+    assert found.seconds == pytest.approx(used, abs=0.005)
+    assert len(found.command_gaps) == short
 
 
 def test_wrong_stamps_are_weighed_against_the_noise():

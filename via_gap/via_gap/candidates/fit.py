@@ -37,6 +37,7 @@ MOST_DAMPED = 1.0  # of the curvature of each parameter: a step that is damped m
 WIDEST = 10.0  # times the typical size in a log: largest plausible effect
 SCALED = ("N m", "N m s/rad", "N m s^2/rad^2", "kg m^2")  # units whose bounds depend on the device
 OWN = 6  # rounds for the device parameters alone
+ENCODER = "encoder_eccentricity"
 GIVE_UP = 4.0  # times the best loss so far
 
 
@@ -158,6 +159,7 @@ class _Axes:
     size   (p,) typical sizes of the parameters, in their units
     low    (p,) ends of their ranges over `size`; high likewise
     times  (p,) whether a parameter is a time of the run, for which the gradient is useless
+    fixed  (p,) whether a parameter keeps its initial value: the orders of an encoder error, whole periods per turn
     """
 
     problem: ResidualModel
@@ -166,6 +168,7 @@ class _Axes:
     low: Array
     high: Array
     times: NDArray[np.bool_]
+    fixed: NDArray[np.bool_]
 
     @staticmethod
     def of(problem: ResidualModel, locations: Sequence[Location], scales: Scales) -> _Axes:
@@ -173,7 +176,8 @@ class _Axes:
         size = np.array([size_of(p, location, scales) for location, p in parameters])
         low, high = (np.concatenate(ends) / size for ends in zip(*(bounds_of(each, scales) for each in locations)))
         times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
-        return _Axes(problem, tuple(locations), size, low, high, times)
+        fixed = np.array([each.name == ENCODER and p.unit == "-" for each, p in parameters], dtype=np.bool_)
+        return _Axes(problem, tuple(locations), size, low, high, times, fixed)
 
     @property
     def count(self) -> int:
@@ -253,7 +257,7 @@ def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:
     """(R, k) derivatives of the residual by those effect parameters of a fit on which it depends smoothly."""
     axes = _Axes.of(problem, fit.locations, scales)
     slopes = axes.slopes(_Point(axes.coordinates(fit.offsets, fit.values), fit.loss, fit.residual))
-    return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0) & ~axes.times]
+    return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0) & ~(axes.times | axes.fixed)]
 
 
 def refine(
@@ -290,7 +294,7 @@ def refine(
             slopes = axes.slopes(here)
             apart = ~np.isfinite(slopes[0])  # no valid neighbour: a side, or a parameter at its bound
             slopes[~np.isfinite(slopes)] = 0.0
-            slopes[:, axes.times] = 0.0
+            slopes[:, axes.times | axes.fixed] = 0.0
             sloped = here.loss
         at, pull = here.at, problem.weights(here.residual)
         whole = np.hstack([side, slopes]) * pull[:, None]
@@ -317,7 +321,7 @@ def refine(
             side, fresh, since = axes.nuisance_jacobian(here), True, here.loss
     covariance = covariance_of(normal, high - low, count) * _excess(problem, here.residual)
     sd = np.minimum(np.sqrt(np.diag(covariance)), high - low)
-    sd = np.where(axes.times, TIME_STEPS[-1], np.where(apart, 0.0, sd))
+    sd = np.where(axes.times, TIME_STEPS[-1], np.where(apart | axes.fixed, 0.0, sd))
     covariance = in_units(covariance, sd, axes.size)
     return Fit(axes.effects(here.at), here.at[:count].copy(), here.loss, here.residual, covariance)
 
@@ -348,7 +352,7 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
         around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
         ahead, behind = (axes.losses([*(at + np.diag(each - at))])[1] for each in around)
         slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
-        known = np.isfinite(slopes[0]) & np.append(np.full(count, True), ~axes.times)
+        known = np.isfinite(slopes[0]) & np.append(np.full(count, True), ~(axes.times | axes.fixed))
         slopes[:, ~known] = 0.0
         pull = problem.weights(here.residual)
         slopes *= pull[:, None]

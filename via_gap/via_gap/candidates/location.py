@@ -72,6 +72,7 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
     """All locations of all effects that this device can have and that change the simulation of this log."""
     seen = (0, *(1 + i for i, each in enumerate(log.motors_seen) if each))
     neighbour = log.commands is not None and "neighbour" in log.commands
+    alone = len(seen) == 1 and (device.n_motors > 0 or not log.torque_seen)
     found = []
     for kind in EFFECTS.values():
         if kind.name in MEASUREMENT_ONLY or (kind.name == "joint_coupling" and not neighbour):
@@ -81,6 +82,8 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
                 continue  # torque sensors: found in the measurements
             if site in ("sensor", "timing") and motor not in seen:
                 continue
+            if site == "timing" and alone:
+                continue  # late beside which other angle? A late command gives the same record
             found.append(Location(kind.name, site, motor))
     return tuple(found)
 

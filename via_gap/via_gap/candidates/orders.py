@@ -1,7 +1,9 @@
-"""Orders of a periodic torque, selected from the missing torque of an equation over its angle.
+"""Orders of a periodic effect: of a torque, from the missing torque of an equation over its angle; of an encoder error,
+from the error of the simulation.
 
     missing(angle) = sum_k amplitude_k sin(order_k angle + phase_k) + rest
 
+An encoder error also changes the start of every segment, so its sine and cosine of each order are simulated once.
 Orders are added one by one: the one whose sine and cosine explain most of the rest, then all amplitudes are fitted
 again (orthogonal matching pursuit). The selection ends if the next order explains less than MATERIAL of the rest.
 
@@ -10,19 +12,76 @@ Source: Y. C. Pati, R. Rezaiifar, P. S. Krishnaprasad, Orthogonal matching pursu
 
 from __future__ import annotations
 
-from math import atan2, hypot
+from dataclasses import replace
+from math import atan2, hypot, pi
 
 import numpy as np
 from via_core.signals import Array
 
+from via_gap.candidates.fit import Fit
 from via_gap.candidates.scales import APART, ORDERS
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 
 MATERIAL = 0.05  # share of the rest that one more order must explain
+ENCODER_ORDERS = range(1, 41)  # periods per turn of the encoder
+SMALL = 0.1  # of the fitted amplitude: change that is simulated
+
+Wave = tuple[float, float, float]  # amplitude, order, phase [rad]
 
 
-def harmonics(equations: ResidualModel, row: Array, axis: int, most: int) -> list[tuple[float, float, float]]:
+def encoder_waves(problem: ResidualModel, fit: Fit, number: int, most: int) -> list[Wave]:
+    """At most `most` orders of the encoder error `fit.effects[number]`, amplitudes in rad, from the error of `fit`."""
+    effect = fit.effects[number]
+    size = SMALL * abs(effect.parameters["amplitude"])
+    if size == 0.0:
+        return []
+    rows = [
+        problem.row_or_none(
+            [
+                replace(effect, parameters={**effect.parameters, "amplitude_2": size, "order_2": o, "phase_2": phase})
+                if each is effect else each
+                for each in fit.effects
+            ],
+            fit.offsets,
+        )
+        for o in map(float, ENCODER_ORDERS) for phase in (0.0, 0.5 * pi)
+    ]  # fmt: skip
+    if any(row is None for row in rows):
+        return []
+    pull = problem.weights(fit.residual)
+    rest = fit.residual * pull
+    columns = ((problem.residual([row for row in rows if row is not None]) - fit.residual) / size * pull).T
+    beside = problem.nuisance_jacobian(fit.effects, fit.offsets, fit.residual) * pull[:, None]
+    known, kept = np.linalg.qr(beside)[0], [0]
+    while True:
+        taken = np.column_stack([known, *(columns[:, 2 * k : 2 * k + 2] for k in kept)])
+        basis = np.linalg.qr(taken)[0]
+        left = rest - basis @ (basis.T @ rest)
+        if len(kept) == most:
+            break
+        free = columns - basis @ (basis.T @ columns)
+        gains = np.array([_gain(free[:, 2 * k : 2 * k + 2], left) for k in range(len(ENCODER_ORDERS))])
+        gains[kept] = 0.0
+        best = int(np.argmax(gains))
+        if gains[best] < MATERIAL * float(left @ left):
+            break
+        kept.append(best)
+    amounts = np.linalg.lstsq(taken, -rest, rcond=None)[0][beside.shape[1] :].reshape(-1, 2)
+    amounts[0] += effect.parameters["amplitude"] * np.array(
+        [np.cos(effect.parameters["phase"]), np.sin(effect.parameters["phase"])]
+    )
+    found = [(hypot(s, c), float(ENCODER_ORDERS[k]), atan2(c, s)) for k, (s, c) in zip(kept, amounts.tolist(), strict=True)]
+    return sorted(found, key=lambda each: -each[0])
+
+
+def _gain(pair: Array, left: Array) -> float:
+    """Squares of `left` (R,) that two columns (R, 2) explain."""
+    basis = np.linalg.qr(pair)[0]
+    return float(np.sum((basis.T @ left) ** 2))
+
+
+def torque_waves(equations: ResidualModel, row: Array, axis: int, most: int) -> list[Wave]:
     """(amplitude [N m], order, phase [rad]) of at most `most` orders of the missing torque of a row on an axis."""
     angle, torque = _missing(equations, row, axis)
     if not len(torque):

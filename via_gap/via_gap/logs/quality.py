@@ -27,6 +27,7 @@ SEGMENT = 0.25  # [s] length of a segment
 TOLERANCE = 0.05  # relative error of device parameters that the motion has to show
 MISSED = 1.5  # periods from which an interval contains a missed sample or command
 REGULAR = 0.5  # share of command intervals near the median from which commands are periodic
+SHORT = 0.1 * SEGMENT  # [s] longest gap in the commands whose effect on a segment is linear in the commands it lacks
 MUCH = 0.1  # share of the time: standard errors grow by 5 % without it
 HALF = 0.5
 WORTH = 1.0  # jitter error over noise: from here jitter is the larger part of the variance
@@ -40,12 +41,14 @@ class Quality:
     usable       (begin, end) [s] on the log's clock of the intervals that may be compared
     cannot_tell  why the log cannot be diagnosed and what to record instead; empty: it can
     noise        of its channels
+    command_gaps (begin, end) [s] of the commands before and after each short gap: unknown commands, part of the noise
     """
 
     findings: tuple[Finding, ...]
     usable: tuple[Interval, ...]
     noise: LogNoise
     cannot_tell: str = ""
+    command_gaps: tuple[Interval, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -57,6 +60,7 @@ class Quality:
 class _Found:
     finding: Finding
     cut: tuple[Interval, ...] = ()
+    command_gaps: tuple[Interval, ...] = ()
 
 
 def assess(log: JointLog, noise: LogNoise) -> Quality:
@@ -78,7 +82,8 @@ def assess(log: JointLog, noise: LogNoise) -> Quality:
     refused = [f.text for f in findings if f.severity == "refuse"]
     if not refused and sum(end - begin for begin, end in usable) < SEGMENT:
         refused = ["no usable interval of the log is long enough: record it again on a machine with less load"]
-    return Quality(tuple(findings), tuple(usable), noise, " ".join(f"{text}." for text in refused))
+    gaps = tuple(gap for each in found for gap in each.command_gaps)
+    return Quality(tuple(findings), tuple(usable), noise, " ".join(f"{text}." for text in refused), gaps)
 
 
 def _without(whole: Interval, cuts: Sequence[Interval]) -> list[Interval]:
@@ -153,14 +158,18 @@ def _commands(log: JointLog) -> Iterator[_Found]:
     if not gone.size:
         return
     longest, share = float(steps[gone].max()), float(steps[gone].sum() / max(log.duration, period))
+    long = gone[steps[gone] > SHORT]
+    lost = float(steps[long].sum() / max(log.duration, period))
     text = (
         f"{gone.size} times a command is missing for longer than {1e3 * MISSED * period:.3g} ms while commands change, "
-        f"the longest for {1e3 * longest:.3g} ms; the commands in this time are unknown, "
-        f"{100 * share:.2g} % of the time is left out: record commands where they are sent, with less load"
+        f"the longest for {1e3 * longest:.3g} ms; the commands in {100 * share:.2g} % of the time are unknown, which "
+        f"counts as noise, and {100 * lost:.2g} % of the time is left out because the gap is longer than "
+        f"{1e3 * SHORT:.3g} ms: record commands where they are sent, with less load"
     )
-    severity: Severity = "downgrade" if share > MUCH else "note"
-    cut = tuple((float(time[i]), float(time[i + 1])) for i in gone)
-    yield _Found(log.finding("command gaps", "commands", severity, 1e3 * longest, text), cut)
+    severity: Severity = "downgrade" if lost > MUCH else "note"
+    cut = tuple((float(time[i]), float(time[i + 1])) for i in long)
+    short = tuple((float(time[i]), float(time[i + 1])) for i in gone if steps[i] <= SHORT)
+    yield _Found(log.finding("command gaps", "commands", severity, 1e3 * longest, text), cut, short)
 
 
 def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:

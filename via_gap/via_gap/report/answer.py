@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from via_core.devices import Device
 from via_sim.effects import spots
 
@@ -35,13 +36,17 @@ class Answer:
 
 
 def answer(level: Level, comparison: ModelComparison, decision: Decision, sensors: Sequence[SensorError]) -> Answer:
-    """The answer; sensor errors are added to the named effects unless the verdict is `unknown` or `cannot_tell`."""
+    """The answer; sensor errors are added to the named effects.
+
+    If nothing explains the motion, a sensor error is the main effect if it exceeds the torque that is missing there.
+    """
     experiment, candidates = comparison.experiment, comparison.candidates
     device = experiment.evaluated.device
     causes = compared_causes(device, decision, candidates.scales, experiment.tuned)
     named = tuple(_place(device, each) for each in decision.named)
     equivalent = tuple(_place(device, each) for each in decision.equivalent)
-    if not sensors or decision.verdict in ("unknown", "cannot_tell"):
+    unnamed = decision.verdict in ("unknown", "cannot_tell")
+    if not sensors or (unnamed and not any(_outweighs(each, candidates) for each in sensors)):
         where = _where(device, candidates, decision, ())
         return Answer(decision.verdict, where, causes, equivalent, conformal_set(level, causes), named)
     wrong = sensor_causes(device.name, sensors)
@@ -49,11 +54,21 @@ def answer(level: Level, comparison: ModelComparison, decision: Decision, sensor
     first = sorted((*causes[: len(named)], *wrong), key=lambda each: -each.probability)
     causes = (*first, *causes[len(named) :])
     verdict = decision.verdict
-    if verdict != "main_effect":
+    if unnamed:
+        verdict = "main_effect"
+    elif verdict != "main_effect":
         verdict = "effect" if len(named) + len(wrong) == 1 else "several_effects"
     where = _where(device, candidates, decision, wrong)
     effects, equivalent = (*named, *places), (*equivalent, *places)
     return Answer(verdict, where, causes, equivalent, conformal_set(level, causes), effects)
+
+
+def _outweighs(error: SensorError, candidates: CandidateSet) -> bool:
+    """Whether the error of a torque sensor exceeds the torque that is missing on its motor."""
+    missing = [r.torque for each in candidates.residuals for r in each if r.axis == error.effect.motor]
+    if not missing or not error.size:
+        return False
+    return error.size > float(np.sqrt(np.mean(np.concatenate(missing) ** 2)))
 
 
 def _place(device: Device, location: Location) -> EffectLocation:

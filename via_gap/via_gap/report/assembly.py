@@ -41,9 +41,10 @@ def full_report(
     experiment = comparison.experiment
     sensors = sensor_errors(recordings.logs)
     lines = [lines_finding(each.log) for each in experiment.segments if each.log.lined is not None]
+    said = answer(recordings.first.level, comparison, decision, sensors)
     report = GapReport(
         joint=recordings.device.name, level=recordings.first.level, logs=recordings.names,
-        holdout=context.holdout_names(recordings), reason=decision.reason,
+        holdout=context.holdout_names(recordings), reason=decision.reason if said.verdict == "cannot_tell" else "",
         explained=float(np.clip(decision.explained, 0.0, 1.0)), gap=gap,
         nuisance=context.fitted_parameters(experiment.fitted, decision.chosen.fit.offsets),
         lined=experiment.segments[0].log.lined,
@@ -51,6 +52,6 @@ def full_report(
         not_evaluated=context.not_evaluated(recordings.first),
         figures=evidence_figures(comparison, decision, gap.by),
         held_out=context.held_out_intervals(experiment.segments, experiment.held),
-        **vars(answer(recordings.first.level, comparison, decision, sensors)),
+        **vars(said),
     )  # fmt: skip
     return GapReport.model_validate(report.model_dump())

@@ -15,7 +15,7 @@ from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.recordings import follows
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.rollout import Rollout, without_transient
+from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Indices, Segments, cut_log
 
 
@@ -46,7 +46,7 @@ def before_and_after(
 
 def _chosen(logs: Sequence[JointLog], held_out: Sequence[HeldOutInterval]) -> tuple[list[Segments], list[Indices]]:
     """The logs cut into segments, and which of them are compared."""
-    segments = [without_transient(cut_log(log)) for log in believed(logs)]
+    segments = [cut_log(log) for log in believed(logs)]
     chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in segments]
     if not any(map(len, chosen)):
         reason = "none of the intervals that the report held out" if held_out else "too short to compare"

@@ -14,7 +14,6 @@ from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog, believed
 from via_gap.logs.noise import LogNoise, log_noise
 from via_gap.logs.quality import Quality, assess
-from via_gap.residual.rollout import without_transient
 from via_gap.residual.segments import Segments, cut_log, whole_log
 
 FEWEST = 8  # segments: with fewer, none can be held out
@@ -89,7 +88,7 @@ def _cut(
     segments, findings = [], []
     for log in logs:
         try:
-            segments.append(without_transient(cut(log, quality=quality[log.name])))
+            segments.append(cut(log, quality=quality[log.name]))
         except SignalError as error:
             findings.append(log.finding("usable", "all", "refuse", 0.0, str(error)))
     return segments, findings

@@ -9,7 +9,8 @@ segment. All errors are whitened by its covariance,
     e' (1 + A S A')^-1 e = |w|^2,   w = e - U (1 - 1 / sqrt(1 + s^2)) U' e,   U s V' = A S^1/2
 
 with the error e in units of the noise, A the sensitivities to the start by finite differences, S the variances of the
-start. An unknown start would be projected out, an exact one has no effect.
+start. An unknown start would be projected out, an exact one has no effect. Commands that the log lacks for a moment
+add columns to A in the same way (command_gaps.py).
 """
 
 from __future__ import annotations
@@ -28,11 +29,15 @@ from via_sim.parameters import DYNAMIC, SERVO, P
 from via_sim.plants import JointPlant
 from via_sim.torques import HISTORY, QUEUED, X
 
+from via_gap.residual.command_gaps import pulses
 from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal, with_memory
-from via_gap.residual.segments import Indices, Segments, binned
+from via_gap.residual.segments import START, Indices, Segments, binned
 from via_gap.residual.threads import THREADS, together
 from via_gap.residual.unseen import MeasuredPath, UnseenMotors
 
+STEP = 0.02  # standard deviations: finite difference of the start of an unseen motor
+SETTLING, SETTLED = 6, 1e-3  # steps to this start at most; share of the loss from which one more is not worth it
+HUGE = 1e6  # in place of an overflow
 LEAD = 0.06  # [s] longer than any lag between channels
 
 
@@ -61,7 +66,7 @@ class Rollout:
     chosen       indices of segments, ascending
     basis        orthonormal (C, b a, k): errors of each segment by a wrong start, in units of the noise
     shrink       (C, k) fraction of a residual along each of them that is attributed to the start
-    motor_start  [rad] added to the initial angle of motors without an encoder
+    motor_start  (6,) [rad], [rad/s] added to the state of motors without an encoder when the log begins
     """
 
     segments: Segments
@@ -70,14 +75,16 @@ class Rollout:
     basis: Array
     shrink: Array
     lead: int  # ticks that are simulated before the first segment of a chain
-    motor_start: float = 0.0
+    motor_start: Array
 
     @staticmethod
     def of(segments: Segments, chosen: Indices) -> Rollout:
         nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
-        unknown = Rollout(segments, chosen, nominal, np.empty(0), np.empty(0), segments.ticks)
-        basis, shrink = unknown._sensitivity(nominal)
-        return replace(unknown, basis=basis, shrink=shrink)
+        unknown = Rollout(segments, chosen, nominal, np.empty(0), np.empty(0), segments.ticks, np.zeros(6))
+        made = unknown._whitened(nominal)
+        if segments.rests or not made._unseen(nominal):
+            return made
+        return made._settled(nominal)._whitened(nominal)
 
     def part(self, which: Indices) -> Rollout:
         """Some of the segments, by their indices into `chosen`; with all axes measured, a short lead is enough."""
@@ -141,8 +148,52 @@ class Rollout:
     def _at_rest(self, sent: Array, under: Indices) -> Array:
         """State rows at tick 0."""
         states = self._initial(np.zeros(len(under), dtype=np.intp), sent, under)
-        states[:, [axis for axis in (1, 2) if axis not in self.segments.axes]] += self.motor_start
+        states[:, :6] += self.motor_start
         return states
+
+    def _unseen(self, row: Array) -> list[int]:
+        """Motors without an encoder whose state is integrated."""
+        return [axis for axis in (1, 2) if axis not in self.segments.axes and row[P.axis_kind + axis] == DYNAMIC]
+
+    def _start_spread(self, row: Array) -> Array:
+        """(k, 6) prior standard deviations of the angle of each unseen motor when the log begins, and of its velocity.
+
+        Nothing is known but that a motor moves about as much as the link, and rests if the link does.
+        """
+        travel, speed = np.nanstd(self.segments.start[:, [0, 3]], axis=0)
+        unit = np.eye(6)
+        slots = [(k, travel) for k in self._unseen(row)]
+        if not self.segments.rests:
+            slots += [(3 + k, speed) for k in self._unseen(row)]
+        return np.array([size * unit[slot] for slot, size in slots])
+
+    def _settled(self, row: Array) -> Rollout:
+        """The same with the most likely start of the unseen motors: Gauss-Newton on the errors of all segments."""
+        spread, here = self._start_spread(row), self
+        at, loss = np.zeros(len(spread)), np.inf
+
+        def errors(amounts: Array) -> Array:
+            moved = replace(self, motor_start=amounts @ spread)
+            return np.nan_to_num(moved.residual(row[None])[0], posinf=HUGE, neginf=-HUGE)
+
+        now = errors(at)
+        for _ in range(SETTLING):
+            squares = np.mean(now**2, axis=1)
+            pull = np.sqrt(np.minimum(2.0 / (1.0 + squares), 1.0))[:, None]
+            slopes = np.stack([(errors(at + STEP * e) - now) / STEP for e in np.eye(len(at))], axis=-1)
+            flat, weighed = (slopes * pull[..., None]).reshape(-1, len(at)), (now * pull).ravel()
+            step = np.linalg.solve(flat.T @ flat + np.eye(len(at)), flat.T @ weighed + at)
+            tries = [at - share * step for share in (1.0, 0.3, 0.1)]
+            found = [errors(each) for each in tries]
+            losses = [float(np.sum(np.log1p(np.mean(e**2, axis=1))) * self.size + a @ a) for a, e in zip(tries, found, strict=True)]
+            best = int(np.argmin(losses))
+            if not losses[best] < loss:
+                break
+            at, now, done = tries[best], found[best], loss - losses[best] < SETTLED * losses[best]
+            loss, here = losses[best], replace(self, motor_start=at @ spread)
+            if done:
+                break
+        return here
 
     def _run(self, inputs: _Inputs, chains: Indices, runs: Indices, out: Array) -> None:
         """Simulate `runs` (n, 2), pairs of row and chain, longest chains first, and write angles into `out`."""
@@ -252,20 +303,43 @@ class Rollout:
             history[np.arange(len(late))[:, None], (which % HISTORY)[:, None], known] = there[:, known]
         states[late, X.history : X.queue] = history.reshape(len(late), -1)
 
-    def _sensitivity(self, row: Array) -> tuple[Array, Array]:
-        """`basis` and `shrink`, from runs whose start is one standard deviation beside the measured state."""
+    def _unseen_noise(self, row: Array) -> dict[int, Array]:
+        """[rad], [rad/s] standard deviation (2,) of the start of each motor without an encoder.
+
+        Noise of the measured axes excites the motor behind its spring. It is found by a run along a motion with as much
+        noise again; as for measured axes, the bias of smoothing is included (`START`).
+        """
+        unseen = self._unseen(row)
+        if not unseen:
+            return {}
+        segments, motors = self.segments, self._unseen_motors
+        noisy = replace(motors.path, measured=segments.start + segments.smoothed_noise(np.random.default_rng(0)))
+        shaken = noisy.states(row[None], motors.start[None].copy(), segments.commands[None])[0]
+        moved = shaken - motors.path.states(row[None], motors.start[None].copy(), segments.commands[None])[0]
+        sizes = START * np.sqrt(np.mean(np.nan_to_num(moved[:, :6]) ** 2, axis=0))
+        least = segments.start_noise[0]  # a motor is known from the link, at best as well as the link itself
+        return {axis: np.maximum(sizes[[axis, 3 + axis]], least) for axis in unseen}
+
+    def _whitened(self, row: Array) -> Rollout:
+        """The same with `basis` and `shrink`, from runs that start one standard deviation beside what is known."""
+        known = dict(zip(self.segments.axes, self.segments.start_noise, strict=True)) | self._unseen_noise(row)
         steps = []
-        for axis, noise in zip(self.segments.axes, self.segments.start_noise, strict=True):
+        for axis, noise in known.items():
             for slot, size in ((axis, noise[0]), (3 + axis, noise[1])):
                 offset = np.zeros(6)
                 offset[slot] = size
                 steps.append(offset)
         plain = self.motion(row[None])[0]
-        columns = np.stack([self.motion(row[None], offset)[0] - plain for offset in steps], axis=-1)
+        moved = [self.motion(row[None], offset)[0] for offset in steps]
+        moved += [self.motion(row[None], commands=(self.segments.commands + p)[None])[0] for p in pulses(self.segments)]
+        changes = [each - plain for each in moved]
+        for start in self._start_spread(row):
+            changes.append((replace(self, motor_start=self.motor_start + STEP * start).motion(row[None])[0] - plain) / STEP)
+        columns = np.stack(changes, axis=-1)
         columns = columns * (self.segments.weight[self.chosen] / self.segments.noise)[..., None]
-        flat = columns.reshape(len(self.chosen), self.size, len(steps))
+        flat = columns.reshape(len(self.chosen), self.size, len(changes))
         basis, sizes, _ = np.linalg.svd(np.clip(np.nan_to_num(flat), -1e9, 1e9), full_matrices=False)
-        return basis, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2)
+        return replace(self, basis=basis, shrink=1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
         """Whitened measured minus simulated (K, C, b a), commands as in `motion`; overflow gives a huge value."""
@@ -290,22 +364,3 @@ class Rollout:
         flat = np.clip(np.nan_to_num(error, nan=1e8, posinf=1e8, neginf=-1e8), -1e8, 1e8)
         along = self.shrink * np.einsum("crk,Kcr->Kck", self.basis, flat)
         return flat - np.einsum("crk,Kck->Kcr", self.basis, along)
-
-
-def without_transient(segments: Segments) -> Segments:
-    """The segments, those marked invalid on which the unknown initial angle of a motor without encoder has influence.
-
-    That angle is moved by the standard deviation of the link angle. Segments up to the last one that changes by more
-    than the noise are invalid. If that is all of them, all stay valid.
-    """
-    if all(segments.log.motors_seen) or segments.log.device.drive == "servo":
-        return segments
-    nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
-    every = np.arange(len(segments))
-    known = Rollout(segments, every, nominal, np.empty(0), np.empty(0), 0)
-    travel = float(np.nanstd(segments.angles[:, 0]))
-    moved = replace(known, motor_start=travel).motion(nominal[None]) - known.motion(nominal[None])
-    shows = np.sqrt(np.mean((moved[0] / segments.noise) ** 2, axis=(1, 2))) > 1.0
-    first = int(np.flatnonzero(shows)[-1]) + 1 if shows.any() else 0
-    valid = np.logical_and(segments.valid, every >= first)
-    return replace(segments, valid=valid) if valid.any() else segments

@@ -60,7 +60,10 @@ class Segments:
     weight        (S, b, a) in comparisons: 0 where samples were lost; above 1 elsewhere in the segment, so that mean
                   squares are those of the measured values
     rest          (3,) [rad] angles when the log began; NaN: unknown
+    rests         whether the measured axes were at rest then
     valid         (S,) whether the segment can be used
+    gaps          (g, 2) ticks of the last command before and the first after each short gap in the commands
+    command_ticks ticks from command to command
     sample_noise  (a,) [rad] standard deviation of one sample
     noise         (a,) [rad] standard deviation of one value of `measured`
     start_noise   (a, 2) [rad], [rad/s] standard deviation of a smoothed state
@@ -80,13 +83,28 @@ class Segments:
     measured: Array
     weight: Array
     rest: Array
+    rests: bool
     valid: Array
+    gaps: Indices
+    command_ticks: int
     sample_noise: Array
     noise: Array
     start_noise: Array
 
     def __len__(self) -> int:
         return len(self.begin)
+
+    def smoothed_noise(self, rng: np.random.Generator) -> Array:
+        """(T, 6) a draw of the error of `start` by sensor noise; 0 for axes without an encoder."""
+        every = max(1, round(self.rate * float(np.median(np.diff(self.log.measured.time)))))
+        window = _window(max(2, round(max(SMOOTHING, 4.0 * every / self.rate) * self.rate)), len(self.start))
+        drawn = np.zeros_like(self.start)
+        for axis, sd in zip(self.axes, self.sample_noise, strict=True):
+            samples = sd * rng.standard_normal(len(self.start) // every + 2)
+            noise = np.interp(np.arange(len(self.start)) / every, np.arange(len(samples)), samples)
+            drawn[:, axis] = savgol_filter(noise, window, 2)
+            drawn[:, 3 + axis] = savgol_filter(noise, window, 3, deriv=1, delta=1.0 / self.rate)
+        return drawn
 
     @property
     def time(self) -> Array:
@@ -142,7 +160,9 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     start_noise = np.stack([START * sample_noise, START * sample_noise / reach + START_SPEED], axis=1)
     cut = np.stack([angles[b : b + ticks + 1] for b in begin])
     valid = np.array([missing[b : b + ticks + 1].mean() < 0.02 for b in begin])
-    if len(begin) > 1 and np.any(np.ptp(angles[: max(2, round(reach * rate)) + 1], axis=0) >= RESTS):
+    moved = np.ptp(angles[: max(2, round(reach * rate)) + 1], axis=0)
+    rests = bool(np.all(moved < START_SPEED * reach + 4.0 * sample_noise))
+    if len(begin) > 1 and np.any(moved >= RESTS):
         valid[0] = False  # the log begins in motion: a one-sided fit of the velocity is too uncertain
     if quality is not None:
         valid &= _inside(origin + begin / rate, ticks / rate, quality.usable)
@@ -150,10 +170,27 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     lost = np.stack([bridged[b : b + ticks + 1].astype(np.float64) for b in begin])
     read = (binned(lost, every, averaged) == 0.0) | (not uniform)  # without a period, no sample counts as lost
     weight = read * np.sqrt(read[0].size / np.maximum(np.sum(read, axis=(1, 2), keepdims=True), 1))
+    gaps, apart = _command_gaps(log, quality, origin, rate, len(grid))
     return Segments(
         log, rate, origin, ticks, every, averaged, axes, _drive(log, grid), begin, angles, states, measured, weight,
-        _rest(log), valid, sample_noise, noise, start_noise,
+        _rest(log), rests, valid, gaps, apart, sample_noise, noise, start_noise,
     )  # fmt: skip
+
+
+def _command_gaps(
+    log: JointLog, quality: Quality | None, origin: float, rate: float, ticks: int
+) -> tuple[Indices, int]:
+    """Short gaps (g, 2) in the commands in ticks, and ticks from command to command."""
+    if quality is None or not quality.command_gaps or log.commands is None or not _commanded(log):
+        return np.empty((0, 2), dtype=np.intp), 1
+    apart = max(1, round(float(np.median(np.diff(log.commands.time))) * rate))
+    gaps = np.round((np.array(quality.command_gaps) - origin) * rate).astype(np.intp)
+    return gaps[(gaps[:, 0] >= 0) & (gaps[:, 1] + apart < ticks) & (gaps[:, 1] > gaps[:, 0])], apart
+
+
+def _commanded(log: JointLog) -> bool:
+    """Whether commands drive the simulation, and not measured torques."""
+    return log.motors_commanded if log.device.n_motors else True
 
 
 def lined(segments: Segments, late: float) -> Segments:

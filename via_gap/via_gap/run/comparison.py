@@ -20,7 +20,6 @@ from via_gap.logs.quality import Quality
 from via_gap.residual.equations import weak_residuals
 from via_gap.residual.errors import segment_errors
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.rollout import without_transient
 from via_gap.residual.segments import cut_log
 
 STILL = 1e-3  # [rad] travel of the link below which nothing can be compared
@@ -73,7 +72,7 @@ def compare(log: JointLog, device: Device, noise: LogNoise | None = None) -> Com
     """
     (log,) = believed([log])
     whole = (float(log.measured.time[0]), float(log.measured.time[-1]))
-    segments = without_transient(cut_log(log, quality=Quality((), (whole,), noise or log_noise(log))))
+    segments = cut_log(log, quality=Quality((), (whole,), noise or log_noise(log)))
     known = segments.valid if segments.valid.any() else np.ones(len(segments), dtype=np.bool_)
     problem = ResidualModel.of([segments], [np.flatnonzero(known)])
     errors = segment_errors(problem, problem.residual([JointPlant.from_device(device).parameters])[0])

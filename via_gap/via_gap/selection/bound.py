@@ -93,15 +93,15 @@ def flexible(fitted: ResidualModel, start: Fit) -> Flexible:
     functions = model.functions(fitted)
     model = replace(model, weights=np.zeros((len(columns), functions[0].shape[1])))
     residual = model.residual(fitted, functions)
-    pulses = _all_pulses(fitted, model, residual)
-    folded = _Folded.of(fitted, pulses, functions, residual, model.weights)
+    pulses, pull = _all_pulses(fitted, model, residual), fitted.weights(residual)
+    folded = _Folded.of(fitted, pulses, functions, residual, model.weights, pull)
     model, residual = _descended(fitted, model, functions, pulses, residual, folded)
     waves = _waves(fitted, pulses, residual)
     richer = replace(model, basis=replace(basis, waves=waves))
     richer = replace(richer, weights=np.pad(model.weights, ((0, 0), (0, 2 * len(waves)))))
     more = richer.functions(fitted)
     without = folded.moved(fitted, pulses, functions, residual, model.weights).ridge()[1]
-    folded = _Folded.of(fitted, pulses, more, residual, richer.weights)
+    folded = _Folded.of(fitted, pulses, more, residual, richer.weights, pull)
     if folded.ridge()[1] < without:
         model, _ = _descended(fitted, richer, more, pulses, residual, folded)
     return model
@@ -113,7 +113,7 @@ def _descended(
 ) -> tuple[Flexible, Array]:  # fmt: skip
     """Gauss-Newton steps on the weights -> model, residual (R,). `folded` belongs to the given `residual`."""
     ridge, _ = folded.ridge()
-    loss = float(residual @ residual)
+    loss = float(fitted.loss(residual))
     for round_ in range(ROUNDS):
         if round_:
             folded = folded.moved(fitted, pulses, functions, residual, model.weights)
@@ -122,7 +122,7 @@ def _descended(
         for share in SHARES:
             trial = replace(model, weights=model.weights + share * (wanted - model.weights))
             rest = trial.residual(fitted, functions)
-            tries.append((float(rest @ rest), trial, rest))
+            tries.append((float(fitted.loss(rest)), trial, rest))
             if tries[-1][0] < loss:
                 break
         value, trial, rest = min(tries, key=lambda each: each[0])
@@ -157,21 +157,26 @@ def _run(rollout: Rollout, row: Array, commands: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Folded:
-    """Normal equations of every fold: matrices normals (F, K, K), right-hand sides pulls (F, K) at one residual."""
+    """Normal equations of every fold: matrices normals (F, K, K), right-hand sides pulls (F, K) at one residual.
+
+    weight  (R,) of the residual's values, as in the robust loss of the fits
+    """
 
     normals: Array
     pulls: Array
+    weight: Array
 
     @staticmethod
     def of(
-        problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weights: Array
-    ) -> _Folded:
+        problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weights: Array,
+        weight: Array,
+    ) -> _Folded:  # fmt: skip
         """At the residual of a model with `weights`; the unknowns are the total weights."""
         normals, pulls = np.zeros((FOLDS, weights.size, weights.size)), np.zeros((FOLDS, weights.size))
-        for fold, matrix, rest in _blocks(problem, pulses, functions, residual):
+        for fold, matrix, rest in _blocks(problem, pulses, functions, residual, weight):
             normals[fold] += matrix.T @ matrix
             pulls[fold] -= matrix.T @ rest
-        return _Folded(normals, pulls + normals @ weights.reshape(-1))
+        return _Folded(normals, pulls + normals @ weights.reshape(-1), weight)
 
     def moved(
         self,
@@ -183,7 +188,7 @@ class _Folded:
     ) -> _Folded:
         """The same pulses at another residual."""
         pulls = self.normals @ weights.reshape(-1)
-        for fold, matrix, rest in _blocks(problem, pulses, functions, residual):
+        for fold, matrix, rest in _blocks(problem, pulses, functions, residual, self.weight):
             pulls[fold] -= matrix.T @ rest
         return replace(self, pulls=pulls)
 
@@ -203,19 +208,20 @@ class _Folded:
 
 
 def _blocks(
-    problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], residual: Array
+    problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weight: Array
 ) -> Iterator[tuple[int, Array, Array]]:
     """Fold, design matrix (r, columns K) and residual (r,) of each block of neighbouring segments."""
     begin = 0
     for rollout, values, each in zip(_simulated(problem), functions, pulses, strict=True):
         size = len(rollout.chosen) * rollout.size
-        rest = residual[begin : begin + size].reshape(len(rollout.chosen), -1)
+        pull = weight[begin : begin + size].reshape(len(rollout.chosen), -1)
+        rest = residual[begin : begin + size].reshape(len(rollout.chosen), -1) * pull
         begin += size
         for first in range(0, len(rollout.chosen), BLOCK):
             block = slice(first, first + BLOCK)
             there = each[:, :, block].transpose(0, 2, 3, 1) @ _pieces(rollout, values, block)  # (columns, C, values, K)
             count = there.shape[0] * there.shape[3]
-            matrix = there.transpose(1, 2, 0, 3).reshape(-1, count)
+            matrix = there.transpose(1, 2, 0, 3).reshape(-1, count) * pull[block].reshape(-1, 1)
             yield (first // BLOCK) % FOLDS, matrix, rest[block].reshape(-1)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, Budget, Fit, Members, fit_on, member_slopes, members_of, refine
 from via_gap.candidates.location import PLAINER, Location
-from via_gap.candidates.ripple import with_harmonics
+from via_gap.candidates.periodic import with_harmonics
 from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, ranked, ranked_pairs
 from via_gap.candidates.subset import subset

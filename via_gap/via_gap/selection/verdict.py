@@ -1,9 +1,12 @@
 """One decision, from which verdict, named effects, ranking, shares and ties follow.
 
 Steps lead from the fitted device parameters (`tuned`) to larger sets of effects, each clearly and materially better
-than the one before. With E the root mean squared whitened held-out error, and the bound that of a flexible model,
+than the one before. With E the whitened held-out error, and the bound that of a flexible model,
 
     explained = (E(tuned) - E(step)) / (E(tuned) - E(bound))
+
+E is the root mean square, to which rare large errors contribute most, or the error of a typical segment, to which they
+contribute little. An effect may act rarely (a contact), and so may what disturbs: the larger of the two fractions counts.
 
 The last step that matters is the answer. If it explains everything above the noise, it is the cause (`effect`,
 `several_effects`); if most of the explainable error, the main cause (`main_effect`); if less, nothing is named
@@ -22,10 +25,11 @@ from via_gap.candidates.fit import converged
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.selection.confidence_set import confidence_set
-from via_gap.selection.evidence import Evaluation, block_means, clearly_worse, freedom, losses, resamples
+from via_gap.selection.evidence import Evaluation, block_means, clearly_worse, freedom, losses, refuted_beside, resamples
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
 
+SAME = 0.1  # of the margin: two models whose losses differ by less in a mean segment are one model under two names
 Verdict = Literal["effect", "several_effects", "main_effect", "unknown", "no_gap", "cannot_tell"]
 Locations = tuple[Location, ...]
 
@@ -89,28 +93,34 @@ def decide(
     flexible = flexible_beside(last)
     if not noise_only(last) and last is not tuned:  # beside a wrong cause it may explain less than alone
         flexible = min(flexible, flexible_beside(tuned), key=lambda each: each.score)
-    bound = min(flexible.rms, last.rms)
-    explained = fraction(tuned, last, bound)
+    bound, reached = min(flexible.rms, last.rms), fractions(tuned, last, flexible)
+    explained = max(reached)
     if last is tuned:
         if matters(flexible, tuned, tuned):
             return _unnamed("unknown", tuned, models, bound, "")
         return _unnamed("cannot_tell", tuned, models, bound, "the remaining error does not repeat with the motion")
     if explained < NUMBERS.most:
         return _unnamed("unknown", tuned, models, bound, "")
-    if fraction(tuned, last, 1.0) < NUMBERS.substantial:
+    of_all = fractions(tuned, last)
+    if max(of_all) < NUMBERS.substantial:
         reason = f"error that does not repeat with the motion exceeds the part that {last.fit.locations[0]} explains"
         return _unnamed("cannot_tell", tuned, models, bound, reason)
     rivals = without_needless([each for each in models if len(each.fit.effects) == len(last.fit.effects)])
     tied = _tied(last, rivals)
     verdict: Verdict = "main_effect"
-    if min(explained, fraction(tuned, last, 1.0)) >= NUMBERS.complete:
+    if min(*reached, *of_all) >= NUMBERS.complete:
         verdict = "effect" if len(last.fit.effects) == 1 else "several_effects"
     equivalent = tuple(dict.fromkeys(place for each in (last, *tied) for place in each.fit.locations))
-    if len(tied) > NUMBERS.largest_set:
-        reason = f"{len(tied)} causes explain these data equally well"
-        return replace(_unnamed("cannot_tell", tuned, models, bound, reason), equivalent=equivalent)
+    if (count := _different(tied)) > NUMBERS.largest_set:
+        common = _common(tied, models)
+        if common is None or not _main(tuned, common, flexible):
+            reason = f"{count} causes explain these data equally well"
+            return replace(_unnamed("cannot_tell", tuned, models, bound, reason), equivalent=equivalent)
+        verdict, last, equivalent = "main_effect", common, common.fit.locations  # which other effect acts is not certain
+        explained, bound = max(fractions(tuned, last, flexible)), min(flexible.rms, last.rms)
+        rivals = [each for each in models if len(each.fit.effects) == len(last.fit.effects)]
     shares, spoken = _shares(rivals)
-    alone = {each.fit.locations[0]: each.score for each in models if len(each.fit.effects) == 1}
+    alone = {each.fit.locations[0]: each.rms for each in models if len(each.fit.effects) == 1}
     ranked = sorted(
         ((p, round(share, 9), model) for (p, share), model in zip(shares, spoken, strict=True)),
         key=lambda each: (-each[1], alone.get(each[0], np.inf)),
@@ -125,10 +135,32 @@ def noise_only(each: Evaluation) -> bool:
     return each.mean_square <= NUMBERS.no_gap
 
 
-def fraction(tuned: Evaluation, model: Evaluation, bound: float) -> float:
-    """Fraction of the explainable error that a model explains, at most 1."""
-    possible = tuned.rms - max(bound, 1.0)
-    return 1.0 if possible <= 0.0 else min((tuned.rms - max(model.rms, 1.0)) / possible, 1.0)
+def fractions(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None = None) -> tuple[float, float]:
+    """Fractions of the explainable error that a model explains, at most 1: of root mean square and typical error.
+
+    flexible  reaches the explainable error; None: all error above the noise is explainable
+    """
+    found = []
+    for error in (_rms, _typical):
+        bound = max(1.0, min(error(flexible), error(model)) if flexible else 1.0)
+        possible = error(tuned) - bound
+        found.append(1.0 if possible <= 0.0 else min((error(tuned) - max(error(model), 1.0)) / possible, 1.0))
+    return found[0], found[1]
+
+
+def _main(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> bool:
+    """Whether the effects of a model are the main cause."""
+    return (
+        max(fractions(tuned, model, flexible)) >= NUMBERS.most and max(fractions(tuned, model)) >= NUMBERS.substantial
+    )
+
+
+def _rms(each: Evaluation) -> float:
+    return each.rms
+
+
+def _typical(each: Evaluation) -> float:
+    return each.typical
 
 
 def matters(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
@@ -137,13 +169,16 @@ def matters(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
 
 
 def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
-    """Whether a model with more effects is materially better, clearly or not.
+    """Whether a model with more effects is materially better, clearly or not, by one of the two errors.
 
     It has to explain a material share of the error, or half of the remaining error above the noise.
     """
-    gain = fewer.rms - max(more.rms, 1.0)
-    remaining = not noise_only(fewer) and gain > NUMBERS.remaining * (fewer.rms - 1.0)
-    return remaining or gain > NUMBERS.material * (tuned.rms - 1.0)
+    for error in (_rms, _typical):
+        gain = error(fewer) - max(error(more), 1.0)
+        remaining = not noise_only(fewer) and gain > NUMBERS.remaining * (error(fewer) - 1.0) > 0.0
+        if remaining or gain > NUMBERS.material * max(error(tuned) - 1.0, 0.0) > 0.0:
+            return True
+    return False
 
 
 def ladder(tuned: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
@@ -180,8 +215,24 @@ def _tied(chosen: Evaluation, rivals: Sequence[Evaluation]) -> list[Evaluation]:
     """The models in the confidence set of all models as large as the chosen one, the chosen one first."""
     stacked = block_means(np.stack([losses(each, chosen) for each in rivals]), chosen.block)
     kept, _ = confidence_set(stacked, resamples(stacked.shape[1]), NUMBERS.margin, NUMBERS.significance)
-    others = [rivals[k] for k in kept if rivals[k] is not chosen]
+    others = [rivals[k] for k in kept if rivals[k] is not chosen and not refuted_beside(rivals[k], chosen)]
     return [chosen, *others]
+
+
+def _different(tied: Sequence[Evaluation]) -> int:
+    """Number of the models without those that agree with an earlier one: the same error under another name."""
+    found: list[Evaluation] = []
+    for each in tied:
+        apart = (float(np.mean(np.abs(losses(each, other) - losses(other, each)))) for other in found)
+        if all(gap > SAME * NUMBERS.margin for gap in apart):
+            found.append(each)
+    return len(found)
+
+
+def _common(tied: Sequence[Evaluation], models: Sequence[Evaluation]) -> Evaluation | None:
+    """The model of the effects that all tied models have in common; None if there is none."""
+    common = frozenset.intersection(*(frozenset(each.fit.locations) for each in tied))
+    return next((each for each in models if common and frozenset(each.fit.locations) == common), None)
 
 
 def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:

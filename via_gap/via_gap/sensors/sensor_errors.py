@@ -31,11 +31,13 @@ class SensorError:
 
     sd    standard deviation of each parameter, for white sensor noise
     left  share of the squared measurement error that remains after the correction
+    size  [N m] root mean square of the measurement error of a torque sensor; 0: an angle
     """
 
     effect: Effect
     sd: dict[str, float]
     left: float
+    size: float = 0.0
 
 
 def sensor_errors(logs: Sequence[JointLog]) -> tuple[SensorError, ...]:
@@ -87,7 +89,7 @@ def _scaled(logs: Sequence[JointLog]) -> list[SensorError]:
             named.append(("torque_bias", "torque", float(bias), float(sd_bias)))
         for name, parameter, value, sd in named:
             effect = Effect(name, "sensor", {parameter: value}, motor + 1)
-            found.append(SensorError(effect, {parameter: sd}, min(left / before, 1.0)))
+            found.append(SensorError(effect, {parameter: sd}, min(left / before, 1.0), float(np.sqrt(before))))
     return found
 
 

@@ -1,0 +1,59 @@
+"""Fits with a periodic effect of one order, repeated with all orders that the residual shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from via_sim.catalogue import EFFECTS
+from via_sim.parameters import ENCODER_HARMONICS, RIPPLE_HARMONICS
+
+from via_gap.candidates.fit import ENCODER, FINISHING, Fit, members_of, refine
+from via_gap.candidates.orders import Wave, encoder_waves, torque_waves
+from via_gap.candidates.scales import Scales
+from via_gap.residual.residual_model import ResidualModel
+
+RIPPLE = "torque_ripple"
+REPEATED = 2  # best fits of each periodic effect that are repeated, as two encoders may show nearly the same error
+
+
+def with_harmonics(
+    whole: ResidualModel, fits: Sequence[Fit], equations: ResidualModel | None, scales: Scales
+) -> list[Fit]:
+    """The best of `fits` with a periodic effect, with all its orders fitted together."""
+    found: list[Fit | None] = []
+    for name in (RIPPLE, ENCODER):
+        periodic = [each for each in fits if any(place.name == name for place in each.locations)]
+        for fit in sorted(periodic, key=lambda each: each.loss)[:REPEATED]:
+            for number, place in enumerate(fit.locations):
+                if place.name == name:
+                    found.append(_richer(whole, fit, number, _waves(whole, equations, fit, number), scales))
+    return [each for each in found if each is not None]
+
+
+def _waves(whole: ResidualModel, equations: ResidualModel | None, fit: Fit, number: int) -> list[Wave]:
+    """All orders of a periodic effect of `fit`."""
+    place = fit.locations[number]
+    if place.name == ENCODER:
+        return encoder_waves(whole, fit, number, ENCODER_HARMONICS)
+    if equations is None:
+        return []
+    others = [effect for i, effect in enumerate(fit.effects) if i != number]
+    axis = place.axis if equations.device.n_motors else 0
+    return torque_waves(equations, equations.row(others, fit.offsets), axis, RIPPLE_HARMONICS)
+
+
+def _richer(whole: ResidualModel, fit: Fit, number: int, waves: Sequence[Wave], scales: Scales) -> Fit | None:
+    """The fit with an effect of several orders; None if there is only one, or if they contradict one another."""
+    if len(waves) < 2:
+        return None
+    given = {
+        f"{name}{'' if k == 0 else f'_{k + 1}'}": value
+        for k, wave in enumerate(waves)
+        for name, value in zip(("amplitude", "order", "phase"), wave, strict=True)
+    }
+    members = members_of(fit)
+    place = members[number][0]
+    place = replace(place, optional=tuple(p.name for p in EFFECTS[place.name].optional if p.name in given))
+    members[number] = (place, [given[p.name] for p in place.parameters])
+    return refine(whole, fit, members, scales, FINISHING)
