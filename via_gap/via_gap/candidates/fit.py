@@ -37,7 +37,6 @@ MOST_DAMPED = 1.0  # of the curvature of each parameter: a step that is damped m
 WIDEST = 10.0  # times the typical size in a log: largest plausible effect
 SCALED = ("N m", "N m s/rad", "N m s^2/rad^2", "kg m^2")  # units whose bounds depend on the device
 OWN = 6  # rounds for the device parameters alone
-ENCODER = "encoder_eccentricity"
 GIVE_UP = 4.0  # times the best loss so far
 
 
@@ -94,6 +93,10 @@ Members = list[tuple[Location, list[float]]]  # locations of effects with their 
 def members_of(fit: Fit) -> Members:
     """The locations of a fit's effects with their values."""
     return [(p, list(e.parameters.values())) for p, e in zip(fit.locations, fit.effects, strict=True)]
+
+
+def _is_order(name: str) -> bool:
+    return name == "order" or name.startswith("order_")
 
 
 def fit_on(problem: ResidualModel, fit: Fit) -> Fit:
@@ -159,7 +162,7 @@ class _Axes:
     size   (p,) typical sizes of the parameters, in their units
     low    (p,) ends of their ranges over `size`; high likewise
     times  (p,) whether a parameter is a time of the run, for which the gradient is useless
-    fixed  (p,) whether a parameter keeps its initial value: the orders of an encoder error, whole periods per turn
+    fixed  (p,) whether a parameter keeps its initial value: an order of whole periods per turn
     """
 
     problem: ResidualModel
@@ -171,13 +174,15 @@ class _Axes:
     fixed: NDArray[np.bool_]
 
     @staticmethod
-    def of(problem: ResidualModel, locations: Sequence[Location], scales: Scales) -> _Axes:
+    def of(problem: ResidualModel, members: Sequence[tuple[Location, Sequence[float]]], scales: Scales) -> _Axes:
+        locations, starts = [place for place, _ in members], [value for _, values in members for value in values]
         parameters = [(location, p) for location in locations for p in location.parameters]
         size = np.array([size_of(p, location, scales) for location, p in parameters])
         low, high = (np.concatenate(ends) / size for ends in zip(*(bounds_of(each, scales) for each in locations)))
         times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
-        fixed = np.array([each.name == ENCODER and p.unit == "-" for each, p in parameters], dtype=np.bool_)
-        return _Axes(problem, tuple(locations), size, low, high, times, fixed)
+        whole = [float(value).is_integer() for value in starts]
+        fixed = [_is_order(p.name) and each for (_, p), each in zip(parameters, whole, strict=True)]
+        return _Axes(problem, tuple(locations), size, low, high, times, np.array(fixed, dtype=np.bool_))
 
     @property
     def count(self) -> int:
@@ -255,7 +260,7 @@ class _Axes:
 
 def member_slopes(problem: ResidualModel, fit: Fit, scales: Scales) -> Array:
     """(R, k) derivatives of the residual by those effect parameters of a fit on which it depends smoothly."""
-    axes = _Axes.of(problem, fit.locations, scales)
+    axes = _Axes.of(problem, members_of(fit), scales)
     slopes = axes.slopes(_Point(axes.coordinates(fit.offsets, fit.values), fit.loss, fit.residual))
     return slopes[:, np.isfinite(slopes[0]) & np.any(slopes != 0.0, axis=0) & ~(axes.times | axes.fixed)]
 
@@ -275,7 +280,7 @@ def refine(
 
     None if the initial values are not valid together.
     """
-    axes = _Axes.of(problem, [location for location, _ in members], scales)
+    axes = _Axes.of(problem, members, scales)
     low, high, count, many = axes.low, axes.high, axes.count, len(axes.size)
     here = axes.best([axes.coordinates(base.offsets, [value for _, values in members for value in values])])
     if not np.isfinite(here.loss):
@@ -339,7 +344,7 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
     the line, so that it seems well determined. Central differences do not, and one step with them is nearly exact. From
     the end of a tolerance differences are one-sided, and a second step is needed.
     """
-    axes = _Axes.of(problem, fit.locations, scales)
+    axes = _Axes.of(problem, members_of(fit), scales)
     count, (low, high) = axes.count, axes.box
     here = axes.best([axes.coordinates(fit.offsets, fit.values)])
     steps = FINE * np.append(

@@ -13,6 +13,7 @@ Source: Y. C. Pati, R. Rezaiifar, P. S. Krishnaprasad, Orthogonal matching pursu
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from math import atan2, hypot, pi
 
 import numpy as np
@@ -32,47 +33,44 @@ Wave = tuple[float, float, float]  # amplitude, order, phase [rad]
 
 def encoder_waves(problem: ResidualModel, fit: Fit, number: int, most: int) -> list[Wave]:
     """At most `most` orders of the encoder error `fit.effects[number]`, amplitudes in rad, from the error of `fit`."""
-    effect = fit.effects[number]
-    size = SMALL * abs(effect.parameters["amplitude"])
-    if size == 0.0:
-        return []
-    rows = [
-        problem.row_or_none(
-            [
-                replace(effect, parameters={**effect.parameters, "amplitude_2": size, "order_2": o, "phase_2": phase})
-                if each is effect else each
-                for each in fit.effects
-            ],
-            fit.offsets,
-        )
-        for o in map(float, ENCODER_ORDERS) for phase in (0.0, 0.5 * pi)
-    ]  # fmt: skip
-    if any(row is None for row in rows):
-        return []
     pull = problem.weights(fit.residual)
-    rest = fit.residual * pull
-    columns = ((problem.residual([row for row in rows if row is not None]) - fit.residual) / size * pull).T
+    columns = _encoder_columns(problem, fit, number) * pull[:, None]
+    if not columns.any():
+        return []
     beside = problem.nuisance_jacobian(fit.effects, fit.offsets, fit.residual) * pull[:, None]
-    known, kept = np.linalg.qr(beside)[0], [0]
+    rest, kept = fit.residual * pull, [0]  # order 1 is in the fit
     while True:
-        taken = np.column_stack([known, *(columns[:, 2 * k : 2 * k + 2] for k in kept)])
+        taken = np.column_stack([beside, *(columns[:, 2 * k : 2 * k + 2] for k in kept)])
         basis = np.linalg.qr(taken)[0]
         left = rest - basis @ (basis.T @ rest)
-        if len(kept) == most:
-            break
         free = columns - basis @ (basis.T @ columns)
         gains = np.array([_gain(free[:, 2 * k : 2 * k + 2], left) for k in range(len(ENCODER_ORDERS))])
         gains[kept] = 0.0
         best = int(np.argmax(gains))
-        if gains[best] < MATERIAL * float(left @ left):
+        if len(kept) == most or gains[best] < MATERIAL * float(left @ left):
             break
         kept.append(best)
     amounts = np.linalg.lstsq(taken, -rest, rcond=None)[0][beside.shape[1] :].reshape(-1, 2)
-    amounts[0] += effect.parameters["amplitude"] * np.array(
-        [np.cos(effect.parameters["phase"]), np.sin(effect.parameters["phase"])]
-    )
-    found = [(hypot(s, c), float(ENCODER_ORDERS[k]), atan2(c, s)) for k, (s, c) in zip(kept, amounts.tolist(), strict=True)]
+    own = fit.effects[number].parameters
+    amounts[0] += own["amplitude"] * np.array([np.cos(own["phase"]), np.sin(own["phase"])])
+    orders = [float(ENCODER_ORDERS[k]) for k in kept]
+    found = [(hypot(s, c), order, atan2(c, s)) for order, (s, c) in zip(orders, amounts.tolist(), strict=True)]
     return sorted(found, key=lambda each: -each[0])
+
+
+def _encoder_columns(problem: ResidualModel, fit: Fit, number: int) -> Array:
+    """(R, 2 orders) change of the residual per rad of sine and cosine of each order of an encoder error; 0: invalid."""
+    effect, rows = fit.effects[number], []
+    size = SMALL * abs(effect.parameters["amplitude"])
+    for order, phase in product(map(float, ENCODER_ORDERS), (0.0, 0.5 * pi)):
+        more = {**effect.parameters, "amplitude_2": size, "order_2": order, "phase_2": phase}
+        changed = [replace(effect, parameters=more) if each is effect else each for each in fit.effects]
+        rows.append(problem.row_or_none(changed, fit.offsets))
+    valid = [row for row in rows if row is not None]
+    columns = np.zeros((len(fit.residual), len(rows)))
+    if size > 0.0 and valid:
+        columns[:, [row is not None for row in rows]] = (problem.residual(valid) - fit.residual).T / size
+    return columns
 
 
 def _gain(pair: Array, left: Array) -> float:

@@ -1,4 +1,8 @@
-"""Fits with a periodic effect of one order, repeated with all orders that the residual shows."""
+"""Fits with a periodic effect of one order, repeated with all orders that the residual shows.
+
+An encoder error has whole periods per turn. So has a torque ripple, unless a gear is between the rotor and the angle
+that is measured; it is fitted with whole orders, which stay, and with free ones.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,12 @@ from dataclasses import replace
 from via_sim.catalogue import EFFECTS
 from via_sim.parameters import ENCODER_HARMONICS, RIPPLE_HARMONICS
 
-from via_gap.candidates.fit import ENCODER, FINISHING, Fit, members_of, refine
+from via_gap.candidates.fit import FINISHING, Fit, members_of, refine
 from via_gap.candidates.orders import Wave, encoder_waves, torque_waves
 from via_gap.candidates.scales import Scales
 from via_gap.residual.residual_model import ResidualModel
 
-RIPPLE = "torque_ripple"
+RIPPLE, ENCODER = "torque_ripple", "encoder_eccentricity"
 REPEATED = 2  # best fits of each periodic effect that are repeated, as two encoders may show nearly the same error
 
 
@@ -27,7 +31,11 @@ def with_harmonics(
         for fit in sorted(periodic, key=lambda each: each.loss)[:REPEATED]:
             for number, place in enumerate(fit.locations):
                 if place.name == name:
-                    found.append(_richer(whole, fit, number, _waves(whole, equations, fit, number), scales))
+                    waves = _waves(whole, equations, fit, number)
+                    if len(waves) > 1:
+                        found.append(_richer(whole, fit, number, waves, scales))
+                    if name == RIPPLE:
+                        found.append(_richer(whole, fit, number, _with_whole_orders(waves), scales))
     return [each for each in found if each is not None]
 
 
@@ -43,9 +51,17 @@ def _waves(whole: ResidualModel, equations: ResidualModel | None, fit: Fit, numb
     return torque_waves(equations, equations.row(others, fit.offsets), axis, RIPPLE_HARMONICS)
 
 
+def _with_whole_orders(waves: Sequence[Wave]) -> list[Wave]:
+    """The waves with the nearest whole orders; of two with the same one, the larger."""
+    nearest: dict[float, Wave] = {}
+    for amplitude, order, phase in waves:
+        nearest.setdefault(max(float(round(order)), 1.0), (amplitude, max(float(round(order)), 1.0), phase))
+    return list(nearest.values())
+
+
 def _richer(whole: ResidualModel, fit: Fit, number: int, waves: Sequence[Wave], scales: Scales) -> Fit | None:
-    """The fit with an effect of several orders; None if there is only one, or if they contradict one another."""
-    if len(waves) < 2:
+    """The fit with an effect of these orders; None if there is none, or if they contradict one another."""
+    if not waves:
         return None
     given = {
         f"{name}{'' if k == 0 else f'_{k + 1}'}": value

@@ -13,7 +13,8 @@ from via_sim.torques import EXTERNAL, GOAL, POWER
 from via_gap.residual.equations import Residual
 from via_gap.residual.segments import Segments
 
-ORDERS = np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])  # periods per turn that are screened
+# Periods per turn that are screened; not whole numbers, which a fit would keep.
+ORDERS = 1e-6 + np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])
 APART = 0.6  # least distance of two orders
 KEPT_ORDERS = 2
 FASTEST = 0.995  # quantile of the speed that counts as the largest: above it is encoder noise

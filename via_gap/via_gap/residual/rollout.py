@@ -185,7 +185,10 @@ class Rollout:
             step = np.linalg.solve(flat.T @ flat + np.eye(len(at)), flat.T @ weighed + at)
             tries = [at - share * step for share in (1.0, 0.3, 0.1)]
             found = [errors(each) for each in tries]
-            losses = [float(np.sum(np.log1p(np.mean(e**2, axis=1))) * self.size + a @ a) for a, e in zip(tries, found, strict=True)]
+            losses = [
+                float(np.sum(np.log1p(np.mean(e**2, axis=1))) * self.size + a @ a)
+                for a, e in zip(tries, found, strict=True)
+            ]
             best = int(np.argmin(losses))
             if not losses[best] < loss:
                 break
@@ -334,7 +337,9 @@ class Rollout:
         moved += [self.motion(row[None], commands=(self.segments.commands + p)[None])[0] for p in pulses(self.segments)]
         changes = [each - plain for each in moved]
         for start in self._start_spread(row):
-            changes.append((replace(self, motor_start=self.motor_start + STEP * start).motion(row[None])[0] - plain) / STEP)
+            changes.append(
+                (replace(self, motor_start=self.motor_start + STEP * start).motion(row[None])[0] - plain) / STEP
+            )
         columns = np.stack(changes, axis=-1)
         columns = columns * (self.segments.weight[self.chosen] / self.segments.noise)[..., None]
         flat = columns.reshape(len(self.chosen), self.size, len(changes))

@@ -104,12 +104,13 @@ def clearly_worse(a: Evaluation, b: Evaluation) -> bool:
 
 
 def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
-    """Whether b leaves nothing but noise, and a more than noise can be, even if b is taken as the noise.
+    """Whether b leaves hardly more than noise, and a more than noise can be, even if what b leaves is all noise.
 
     A rare effect (a limit reached twice) is in so few segments that resamples often miss it; but no chance explains
-    what they contain down to the noise.
+    what they contain down to the noise. Noise is known to a factor of `no_gap`, that of each model on its own.
     """
-    return b.mean_square <= NUMBERS.no_gap and a.mean_square > NUMBERS.no_gap**2
+    factor = NUMBERS.no_gap**2
+    return b.mean_square <= factor and a.mean_square > factor * max(b.mean_square, 1.0)
 
 
 def vetoed(candidate: Evaluation, reference: Evaluation) -> bool:

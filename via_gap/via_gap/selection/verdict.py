@@ -6,7 +6,7 @@ than the one before. With E the whitened held-out error, and the bound that of a
     explained = (E(tuned) - E(step)) / (E(tuned) - E(bound))
 
 E is the root mean square, to which rare large errors contribute most, or the error of a typical segment, to which they
-contribute little. An effect may act rarely (a contact), and so may what disturbs: the larger of the two fractions counts.
+contribute little. An effect may act rarely (a contact), and so may what disturbs: the larger of both fractions counts.
 
 The last step that matters is the answer. If it explains everything above the noise, it is the cause (`effect`,
 `several_effects`); if most of the explainable error, the main cause (`main_effect`); if less, nothing is named
@@ -25,7 +25,15 @@ from via_gap.candidates.fit import converged
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales
 from via_gap.selection.confidence_set import confidence_set
-from via_gap.selection.evidence import Evaluation, block_means, clearly_worse, freedom, losses, refuted_beside, resamples
+from via_gap.selection.evidence import (
+    Evaluation,
+    block_means,
+    clearly_worse,
+    freedom,
+    losses,
+    refuted_beside,
+    resamples,
+)
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.numbers import NUMBERS
 
@@ -105,29 +113,40 @@ def decide(
     if max(of_all) < NUMBERS.substantial:
         reason = f"error that does not repeat with the motion exceeds the part that {last.fit.locations[0]} explains"
         return _unnamed("cannot_tell", tuned, models, bound, reason)
-    rivals = without_needless([each for each in models if len(each.fit.effects) == len(last.fit.effects)])
-    tied = _tied(last, rivals)
-    verdict: Verdict = "main_effect"
-    if min(*reached, *of_all) >= NUMBERS.complete:
-        verdict = "effect" if len(last.fit.effects) == 1 else "several_effects"
+    tied = _tied(last, without_needless(_of_size(last, models)))
     equivalent = tuple(dict.fromkeys(place for each in (last, *tied) for place in each.fit.locations))
+    verdict: Verdict = "main_effect"
     if (count := _different(tied)) > NUMBERS.largest_set:
         common = _common(tied, models)
         if common is None or not _main(tuned, common, flexible):
             reason = f"{count} causes explain these data equally well"
             return replace(_unnamed("cannot_tell", tuned, models, bound, reason), equivalent=equivalent)
-        verdict, last, equivalent = "main_effect", common, common.fit.locations  # which other effect acts is not certain
-        explained, bound = max(fractions(tuned, last, flexible)), min(flexible.rms, last.rms)
-        rivals = [each for each in models if len(each.fit.effects) == len(last.fit.effects)]
-    shares, spoken = _shares(rivals)
+        last, equivalent = common, common.fit.locations  # which other effect acts beside it is not certain
+    elif min(*reached, *of_all) >= NUMBERS.complete:
+        verdict = "effect" if len(last.fit.effects) == 1 else "several_effects"
+    shares, spoken = _ranking(last, models)
+    explained = max(fractions(tuned, last, flexible))
+    return Decision(verdict, last, explained, min(flexible.rms, last.rms), shares, spoken, equivalent)
+
+
+def _ranking(
+    named: Evaluation, models: Sequence[Evaluation]
+) -> tuple[tuple[tuple[Location, float], ...], tuple[Evaluation, ...]]:
+    """Causes with their shares and models; of equal shares that first which alone leaves the smaller gap."""
+    rivals = without_needless(_of_size(named, models))
+    rivals = rivals if named in rivals else [named, *rivals]
     alone = {each.fit.locations[0]: each.rms for each in models if len(each.fit.effects) == 1}
     ranked = sorted(
-        ((p, round(share, 9), model) for (p, share), model in zip(shares, spoken, strict=True)),
+        ((place, round(share, 9), model) for (place, share), model in zip(*_shares(rivals), strict=True)),
         key=lambda each: (-each[1], alone.get(each[0], np.inf)),
     )
-    shares, spoken = tuple((p, share) for p, share, _ in ranked), tuple(model for _, _, model in ranked)
-    spoken = tuple(last if p in last.fit.locations else m for (p, _), m in zip(shares, spoken, strict=True))
-    return Decision(verdict, last, explained, bound, shares, spoken, equivalent)
+    spoken = tuple(named if place in named.fit.locations else model for place, _, model in ranked)
+    return tuple((place, share) for place, share, _ in ranked), spoken
+
+
+def _of_size(model: Evaluation, models: Sequence[Evaluation]) -> list[Evaluation]:
+    """The models with as many effects."""
+    return [each for each in models if len(each.fit.effects) == len(model.fit.effects)]
 
 
 def noise_only(each: Evaluation) -> bool:
