@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_bringup.provenance import Provenance
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.status import Status
@@ -25,6 +24,7 @@ from via_validation.bench.soak import (
     soak_rows,
     write_markdown,
 )
+from via_validation.provenance import Provenance
 
 DAY, MONTH = 24.0 * HOUR, 30.0 * 24.0 * HOUR
 SHORT = 40.0  # [s] a period with one stop

@@ -15,7 +15,6 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from via_bringup.provenance import Provenance
 from via_controllers.multisine import Multisine
 from via_core.device_parts import Observed
 from via_core.devices import Device
@@ -29,6 +28,7 @@ from via_sim.sensors import IDEAL
 from via_sim.simulate import simulate
 
 from via_validation.bench.estimators import resident
+from via_validation.provenance import Provenance
 from via_validation.side_by_side import Send
 from via_validation.tables.page import number
 from via_validation.tables.rows import Row

@@ -139,12 +139,12 @@ def soak(
     write: Annotated[Path | None, typer.Option(help="Also write soak.md into this folder.")] = None,
 ) -> None:
     """Simulated hours at 1 kHz: finite numbers, bounded errors and memory. A day takes minutes per method."""
-    from via_bringup.provenance import provenance
     from via_core.devices import load_device
     from via_estimators.methods import METHODS, method_for
 
     from via_validation.bench.estimators import device_for
     from via_validation.bench.soak import soak_rows, work, write_markdown
+    from via_validation.provenance import provenance
     from via_validation.side_by_side import side_by_side
 
     chosen = [method_for(load_device(device), name) if device else name for name in method or METHODS]

@@ -18,9 +18,8 @@ from via_bringup.demo.pictures import FAINT, MODEL, STYLE
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
 from via_controllers.contract import ArmSample
 from via_controllers.flexibility_torque import FlexibilityTorque, TorqueReference
-from via_controllers.modal_limit_cycle import approach, least_share
 from via_controllers.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
-from via_controllers.modal_transform import first_basis, modal_rates, next_basis
+from via_controllers.modal_transform import first_basis, next_basis, rates_along
 from via_controllers.self_start import ENOUGH, START
 from via_core.signals import Array
 from via_core.springs import SinhSpring
@@ -29,7 +28,16 @@ from via_sim.contacts import Hand
 
 from via_validation.control.arm_run import PERIOD, ArmRun, Phase, TorqueNoise, run_arm
 from via_validation.control.hold import Released, held_and_released
-from via_validation.control.limit_cycle import BANDWIDTH, GAIN, cycling, in_modes, limit_cycle_controller, rigid
+from via_validation.control.limit_cycle import (
+    BANDWIDTH,
+    GAIN,
+    approach,
+    cycling,
+    in_modes,
+    least_share,
+    limit_cycle_controller,
+    rigid,
+)
 from via_validation.tables.figures import save_figure
 from via_validation.tables.rows import Row
 
@@ -250,12 +258,12 @@ def _rates_off(random: np.random.Generator, h: float = 1e-5) -> tuple[float, flo
     basis = first_basis(ARM.inertia(q), STIFFNESS)
     if np.diff(np.sort(basis.eigenvalues)).min() < 30.0:
         return None
-    rates = modal_rates(basis, ARM.inertia_rate(q, v))
+    A, eigenvalue_rates = rates_along(basis.W, basis.eigenvalues, ARM.inertia_rate(q, v))
     ahead, behind = (next_basis(basis, ARM.inertia(q + s * v), STIFFNESS) for s in (h, -h))
     Wdot, ldot = (ahead.W - behind.W) / (2.0 * h), (ahead.eigenvalues - behind.eigenvalues) / (2.0 * h)
     return (
-        float(np.abs(basis.W @ rates.A - Wdot).max() / max(1.0, np.abs(Wdot).max())),
-        float(np.abs(rates.eigenvalue_rates - ldot).max() / max(1.0, np.abs(ldot).max())),
+        float(np.abs(basis.W @ A - Wdot).max() / max(1.0, np.abs(Wdot).max())),
+        float(np.abs(eigenvalue_rates - ldot).max() / max(1.0, np.abs(ldot).max())),
     )
 
 
