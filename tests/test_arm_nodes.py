@@ -12,7 +12,6 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
-from via_controllers.modal_limit_cycle import least_share
 from via_controllers.modal_transform import first_basis
 from via_controllers.nodes.single import NODES
 from via_core.errors import ViaError
@@ -21,7 +20,7 @@ from via_interfaces.srv import Hold, Push
 from via_ros import qos
 from via_ros.arms import ArmStateWriter
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
-from via_validation.control.limit_cycle import GAIN, CycleCourse
+from via_validation.control.limit_cycle import GAIN, CycleCourse, least_share
 
 PERIOD = 1_000_000  # [ns]
 REST = EQUILIBRIUM.tolist()

@@ -4,14 +4,18 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
-from via_bringup.demo.live import same_bits
+from via_bringup.demo import live
+from via_bringup.demo.live import same_bits, true_stiffness
+from via_bringup.demo.page import write_page
 from via_bringup.demo.run import MARK, run_demo
 from via_bringup.demo.summary import Quantity, Summary, Traffic
 from via_core.bags.reader import read_bag
 from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
 from via_core.errors import ViaError
+from via_core.status import Status
 from via_gap.report.report import read_report
 
 RUNS = ("constant/record/record_traj2_3.csv", "vardamp/record/record_traj3_3.csv")
@@ -66,10 +70,31 @@ def test_no_message_is_lost(demo):
     assert summary.live.replay.lost == 0
 
 
-def test_live_and_replayed_estimates_are_bit_identical_and_near_the_truth(demo):
+def test_live_and_replayed_estimates_are_bit_identical(demo):
     _, summary = demo
     assert summary.live.bit_identical
-    assert summary.live.stiffness_error < 0.05
+
+
+def test_live_estimates_agree_with_the_truth_within_their_standard_deviations(demo):
+    """Load delays commands: the joint then moves less, and estimates are less certain, but not further off than that.
+
+    Five standard deviations are beyond what noise does to some thousand dependent estimates; 2.7 were seen.
+    """
+    out, summary = demo
+    device, bag = load_device(summary.live.device), read_bag(out / "bags" / "live")
+    estimates, true = bag[f"/{device.name}/stiffness"], true_stiffness(device, bag)
+    assert set(estimates["status"]) <= {Status.OK, Status.WARMING_UP, Status.NOT_EXCITED, Status.OUTSIDE_RANGE}
+    assert np.all(np.abs(estimates["value"] - true) <= 5.0 * estimates["standard_deviation"])
+    assert summary.live.ok == np.mean(estimates["status"] == Status.OK)
+    assert (summary.live.stiffness_error is None) == (summary.live.ok == 0.0)
+
+
+def test_a_run_without_an_estimate_has_no_accuracy_and_a_page_that_states_so(demo, tmp_path):
+    _, summary = demo
+    nothing = summary.live.model_copy(update={"ok": 0.0, "stiffness_error": None, "stiffness_coverage": None})
+    write_page(summary.model_copy(update={"live": nothing}), tmp_path / "index.html")
+    assert "No estimate had status OK" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert live._accuracy(np.zeros(0), np.zeros(0), np.zeros(0)) == (None, None)
 
 
 def test_a_single_changed_bit_is_detected(demo, tmp_path):

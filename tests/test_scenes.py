@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from PIL import Image
-from via_bringup.demo import scenes
+from via_bringup.demo import animations, scenes
 from via_core.bags.reader import read_bag
 from via_core.errors import ParameterError
 from via_core.hopper import Hopper
@@ -17,7 +17,7 @@ def test_an_unknown_scene_is_refused(tmp_path):
 def test_the_hoppers_feet_are_below_its_hips_in_a_crouch():
     robot = Hopper()
     a = 0.6
-    trunk, front, rear = scenes.skeleton(robot, np.array([0.0, 0.5, 0.0]), np.array([a, -2.0 * a, -a, 2.0 * a]))
+    trunk, front, rear = animations.skeleton(robot, np.array([0.0, 0.5, 0.0]), np.array([a, -2.0 * a, -a, 2.0 * a]))
     assert trunk == pytest.approx(np.array([[0.25, 0.5], [-0.25, 0.5]]))
     for leg, side in ((front, 1.0), (rear, -1.0)):
         assert leg[2] == pytest.approx([0.25 * side, 0.5 - 0.5 * np.cos(a)])  # two segments of .25 m
@@ -25,7 +25,7 @@ def test_the_hoppers_feet_are_below_its_hips_in_a_crouch():
 
 
 def test_the_throw_writes_a_bag_a_picture_and_an_animation(tmp_path, monkeypatch):
-    monkeypatch.setattr(scenes, "FRAMES", 2)
+    monkeypatch.setattr(animations, "FRAMES", 2)
     bag, drawn, moving = scenes.run_scene("throw", tmp_path / "throw", 1.0)
     states = read_bag(bag)["/visco_elastic_demo/control"]
     link = np.array(list(states["value"]))[:, list(states["name"][0]).index("link_velocity")]
@@ -36,7 +36,7 @@ def test_the_throw_writes_a_bag_a_picture_and_an_animation(tmp_path, monkeypatch
 
 
 def test_the_limit_cycle_writes_a_bag_a_picture_and_an_animation(tmp_path, monkeypatch):
-    monkeypatch.setattr(scenes, "FRAMES", 5)
+    monkeypatch.setattr(animations, "FRAMES", 5)
     bag, picture, moving = scenes.run_scene("limit-cycle", tmp_path, 0.6)
     assert len(read_bag(bag).topic("/joint_states")) >= 600
     assert picture.stat().st_size > 10_000
@@ -45,7 +45,7 @@ def test_the_limit_cycle_writes_a_bag_a_picture_and_an_animation(tmp_path, monke
 
 
 def test_the_hopper_bag_contains_the_motion_of_the_trunk(tmp_path, monkeypatch):
-    monkeypatch.setattr(scenes, "FRAMES", 5)
+    monkeypatch.setattr(animations, "FRAMES", 5)
     bag, _, moving = scenes.run_scene("hopper", tmp_path, 0.4)
     base = read_bag(bag)["/hopper/base"]
     height = base["pose.position.z"]

@@ -176,7 +176,7 @@ def test_invalid_effects_are_refused_and_change_nothing(graph, effect, message):
     bench = SimulatorBench(graph, device="cubic_demo", mode="lockstep")
     answer = bench.call(bench.set, SetEffects.Request(effects=[effect]))
     assert not answer.success and message in answer.message and "\n" not in answer.message
-    assert bench.node._active() == "nominal model"
+    assert bench.node._effects.active == "nominal model"
 
 
 def test_realtime_with_effects_file_until_the_watchdog_acts(graph, tmp_path):

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import exp, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -118,16 +118,6 @@ class ModalLimitCycle:
             ModalBasis(modal.W, modal.values), modal.z, modal.zd, modal.rates, H, V, acceleration, torque, direction,
             turning, s,
         )  # fmt: skip
-
-
-def approach(share: float, gain: float, level: float, eigenvalue: float, time: float) -> float:
-    """h = H / H_d [-], averaged over a cycle, `time` [s] after the value `share` > 0 (equation above)."""
-    return 1.0 / (1.0 + (1.0 / share - 1.0) * exp(-gain * eigenvalue * level * time))
-
-
-def least_share(after: float, gain: float, level: float, eigenvalue: float, time: float) -> float:
-    """The least h(0) [-] from which h reaches `after` within `time` [s]: `approach` backwards in time."""
-    return approach(after, gain, level, eigenvalue, -time)
 
 
 def orbit_input(eigenvalue: float, rate: float, pull: float, z_velocity: float) -> float:

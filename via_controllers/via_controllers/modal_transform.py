@@ -37,14 +37,6 @@ class ModalBasis:
     eigenvalues: Array
 
 
-@dataclass(frozen=True)
-class ModalRates:
-    """A = W^-1 Wdot (n, n) [1/s] and lambdad (n,) [1/s^3] along one motion."""
-
-    A: Array
-    eigenvalue_rates: Array
-
-
 @njit(cache=True, error_model="numpy")
 def _basis(M: Array, K: Array) -> tuple[Array, Array]:
     """W and lambda in ascending order, by Cholesky: M = L L', L^-1 K L^-T = U diag(lambda) U', W = L^-T U."""
@@ -117,14 +109,14 @@ def _turning_rate(values: Array, rates: Array) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def rates_along(W: Array, values: Array, Mdot: Array) -> tuple[Array, Array]:
-    """A (n, n) and lambdad (n,): compiled form of `modal_rates`."""
+    """A = W^-1 Wdot (n, n) [1/s] and lambdad (n,) [1/s^3] of a motion that changes M at Mdot (n, n) [kg m^2/s]."""
     N = W.T @ (Mdot @ W)
     return N * (turning(values) - 0.5), -values * np.diag(N)
 
 
 @njit(cache=True, error_model="numpy")
 def second_along(W: Array, values: Array, Mdot: Array, Mdd: Array) -> Array:
-    """A A + Ad (n, n): compiled form of `modal_second`."""
+    """W^-1 Wdd = A A + Ad (n, n) [1/s^2] from Mdot [kg m^2/s] and Mdd [kg m^2/s^2], (n, n) each."""
     N = W.T @ (Mdot @ W)
     F = turning(values) - 0.5
     A = N * F
@@ -146,14 +138,3 @@ def first_basis(inertia: Array, stiffness: Array) -> ModalBasis:
 def next_basis(near: ModalBasis, inertia: Array, stiffness: Array) -> ModalBasis:
     """W and lambda with modes in the order of `near`, the basis just before; arguments as for `first_basis`."""
     return ModalBasis(*basis_near(near.W, np.ascontiguousarray(inertia), np.ascontiguousarray(stiffness)))
-
-
-def modal_rates(basis: ModalBasis, inertia_rate: Array) -> ModalRates:
-    """A and lambdad of a motion that changes M at the rate `inertia_rate` Mdot (n, n) [kg m^2/s]."""
-    return ModalRates(*rates_along(basis.W, basis.eigenvalues, np.ascontiguousarray(inertia_rate)))
-
-
-def modal_second(basis: ModalBasis, inertia_rate: Array, inertia_second: Array) -> Array:
-    """W^-1 Wdd (n, n) [1/s^2] from Mdot [kg m^2/s] and Mdd [kg m^2/s^2], (n, n) each."""
-    arrays = np.ascontiguousarray(inertia_rate), np.ascontiguousarray(inertia_second)
-    return second_along(basis.W, basis.eigenvalues, *arrays)

@@ -14,10 +14,7 @@ reverses at these times before t_f:
 
 The time between two reversals is pi / omega_d. With damping the last interval, 2 beta / omega_d, is shorter: reversing
 every pi / omega_d is not optimal. With critical damping there is one reversal, at 2 / omega; with stronger damping one,
-at 2 eta / (omega sinh eta), eta = arccosh D. With c = cot(beta), E_0 = exp(-2 beta c),
-r = exp(-pi c)
-
-    epsilon(n, D) = max qd(t_n) / v = 1 + E_0 + E_0 (1 + r) (1 - r^n) / (1 - r),   epsilon(n, 0) = 2 (n + 1)
+at 2 eta / (omega sinh eta), eta = arccosh D.
 
 Source: the document's Section 7, after M. C. Oezparpucu and S. Haddadin, IROS 2013 (its reference [36]).
 """
@@ -25,7 +22,7 @@ Source: the document's Section 7, after M. C. Oezparpucu and S. Haddadin, IROS 2
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import acos, acosh, atan2, ceil, cos, cosh, exp, expm1, inf, isfinite, pi, sin, sinh, sqrt
+from math import acos, acosh, ceil, inf, isfinite, pi, sin, sinh, sqrt
 
 import numpy as np
 from via_core.signals import Array
@@ -110,45 +107,3 @@ class ViscoElasticJoint:
         require(horizon >= 0.0, f"a horizon must be >= 0 s, got {horizon}")
         ends = np.concatenate([[0.0], (horizon - self.turns(horizon))[::-1], [horizon]])
         return float(np.abs(np.diff(self.step_response(ends))).sum())
-
-    def velocity_with(self, turns: Array, horizon: float) -> float:
-        """qd(t_f) / v [-] if the motor, +v at the end, reverses at `turns` (n,) [s] after the start instead."""
-        ends = np.concatenate([[0.0], np.sort(horizon - np.asarray(turns))[: len(turns)], [horizon]])
-        signs = np.where(np.arange(len(ends) - 1) % 2, -1.0, 1.0)
-        return float(signs @ np.diff(self.step_response(ends)))
-
-
-def performance(turns: int, damping_ratio: float) -> float:
-    """epsilon(n, D) [-]: link over motor velocity with t_f = t_n, after n = `turns` >= 0 reversals of the motor.
-
-    From critical damping on there is at most one reversal, and t_n does not exist for n > 0: the supremum over t_f.
-    """
-    require(turns >= 0, f"a number of turns must be >= 0, got {turns}")
-    require(damping_ratio >= 0.0, f"damping_ratio must be >= 0, got {damping_ratio}")
-    D = damping_ratio
-    if D >= 1.0:
-        return 1.0 + _first(D) if turns == 0 else 1.0 + 2.0 * _first(D)
-    c = D / sqrt((1.0 - D) * (1.0 + D))
-    # (1 + r) (1 - r^n) / (1 - r) with r = exp(-pi c); 2 n where r = 1
-    swings = -expm1(-turns * pi * c) * (1.0 + exp(-pi * c)) / -expm1(-pi * c) if c > 0.0 else 2.0 * turns
-    return 1.0 + _first(D) * (1.0 + swings)
-
-
-def bound(damping_ratio: float) -> float:
-    """epsilon(inf, D) [-], the bound for any t_f; infinite without damping."""
-    require(damping_ratio >= 0.0, f"damping_ratio must be >= 0, got {damping_ratio}")
-    D = damping_ratio
-    if D == 0.0:
-        return inf
-    if D >= 1.0:
-        return 1.0 + 2.0 * _first(D)
-    return 1.0 - 2.0 * _first(D) / expm1(-pi * D / sqrt((1.0 - D) * (1.0 + D)))
-
-
-def _first(D: float) -> float:
-    """E_0: excess of the link velocity over the motor velocity, over v, after the first half swing."""
-    if D < 1.0:
-        beta = atan2(sqrt((1.0 - D) * (1.0 + D)), D)
-        return exp(-2.0 * beta * cos(beta) / sin(beta)) if beta > 0.0 else exp(-2.0)
-    eta = acosh(D)
-    return exp(-2.0 * eta * cosh(eta) / sinh(eta)) if eta > 0.0 else exp(-2.0)

@@ -30,8 +30,6 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
-from via_core.errors import ParameterError
 from via_core.signals import Array
 
 from via_estimators.slots import slots
@@ -120,42 +118,3 @@ def follow(par: Array, filters: Array, sample: Array, elapsed: float, restarted:
             correct_quantised(filters[i], measured, par[P.quantum], par[P.noise])
         else:
             correct(filters[i], measured, par[P.noise])
-
-
-def kinematic_kalman(
-    angles: ArrayLike, interval: float, acceleration: float, noise: float, quantum: float = 0.0, fastest: float = 10.0
-) -> tuple[Array, Array]:
-    """Filter a whole record: states (N, 2) [rad, rad/s] and their covariances (N, 3) P_xx, P_xv, P_vv.
-
-    angles        (N,) [rad] measured
-    interval      T [s]
-    acceleration  sqrt(V_a) [rad/s^2]
-    noise         [rad] standard deviation of white noise on the angles
-    quantum       [rad] of the encoder: the modified filter; 0: the plain one
-    fastest       [rad/s] standard deviation of the velocity at the start
-
-    Raises ParameterError for angles or numbers that are not finite or of the wrong sign.
-    """
-    z = np.array(angles, dtype=np.float64)
-    numbers = (interval, acceleration, noise, quantum, fastest)
-    if z.ndim != 1 or not z.size or not np.all(np.isfinite(z)):
-        raise ParameterError(f"angles must be finite and (N,), got shape {z.shape}")
-    if not np.all(np.isfinite(numbers)) or min(numbers) < 0.0 or not interval > 0.0 or not noise + quantum > 0.0:
-        raise ParameterError(f"interval and noise or quantum must be > 0, the rest >= 0, got {numbers}")
-    out = np.empty((len(z), F.size))
-    _run(z, interval, acceleration**2, noise**2, quantum, fastest, out)
-    return out[:, :2], out[:, 2:5]
-
-
-@njit(cache=True, error_model="numpy")
-def _run(z: Array, T: float, V: float, R: float, quantum: float, fastest: float, out: Array) -> None:
-    state = np.empty(F.size)
-    start(state, z[0], R + quantum * quantum / 12.0, fastest)
-    out[0] = state
-    for k in range(1, z.size):
-        predict(state, T, V)
-        if quantum > 0.0:
-            correct_quantised(state, z[k], quantum, R)
-        else:
-            correct(state, z[k], R)
-        out[k] = state

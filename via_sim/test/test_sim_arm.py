@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad
 from via_core.errors import ParameterError
 from via_core.vsa_arms import load_vsa_arm
-from via_sim.arm import ArmState, arm_step, contact_force, loaded_state
+from via_sim.arm import ArmState, arm_step, contact_force
 from via_sim.contacts import Contact, Hand, Wall
 
 ARM = load_vsa_arm("reference_4dof")
@@ -93,14 +93,6 @@ def test_motor_torque_vanishes_beyond_the_speed_limit():
 def test_spring_beyond_its_stop_raises():
     with pytest.raises(ParameterError, match="stops"):
         arm_step(ARM, start(0.7), STILL, 1e-3)
-
-
-def test_loaded_state_has_the_given_spring_torque_and_rate():
-    torque, rate = np.array([3.0, -12.0, 1.0, -0.5]), np.array([10.0, -20.0, 5.0, 1.0])
-    state = loaded_state(ARM, REST, np.full(4, 0.3), torque, rate)
-    found, stiffness, _ = ARM.spring_state(state.q - state.theta)
-    assert found == pytest.approx(torque, abs=1e-10)
-    assert stiffness * (state.velocity - state.motor_velocity) == pytest.approx(rate)
 
 
 def test_wall_pushes_and_never_pulls():

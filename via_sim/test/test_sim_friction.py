@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from sim_joints import antagonistic, device, flexible, rigid, servo_flexible
+from sim_together import simulate_many
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
@@ -11,7 +12,7 @@ from via_sim.effects import Effect
 from via_sim.measurements import MEASURED
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
-from via_sim.simulate import InitialConditions, Simulator, simulate, simulate_many
+from via_sim.simulate import InitialConditions, Simulator, simulate
 
 RATE = 1000.0
 

@@ -15,6 +15,7 @@ from sim_joints import (
     serial_servo,
     servo_flexible,
 )
+from sim_together import simulate_rows
 from via_core.devices import load_device
 from via_core.signals import Array
 from via_sim.catalogue import EFFECTS
@@ -26,7 +27,7 @@ from via_sim.lockstep.run import LANES, lead_many, run_many
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
-from via_sim.simulate import initial_state, simulate_rows
+from via_sim.simulate import initial_state
 from via_sim.torques import N_COMMANDS, N_INPUTS, N_MODES, X, find_modes, spring_coefficients
 
 RATE = 1000.0

@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from sim_joints import MORE, SIZES, positioned
 from sim_position_drives import EFFECT_SETS, GRAVITY, KD, KP, PLACES, RATE, SERVOS, M, goals, wave
+from sim_together import simulate_rows
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.device_numbers import numbers_of
@@ -14,7 +15,7 @@ from via_sim.measurements import MEASURED, TRUTH
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
-from via_sim.simulate import InitialConditions, Simulator, command_rows, initial_state, simulate, simulate_rows
+from via_sim.simulate import InitialConditions, Simulator, command_rows, initial_state, simulate
 from via_sim.torques import GOAL, POWER, X
 
 

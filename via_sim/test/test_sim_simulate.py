@@ -1,10 +1,11 @@
-"""simulate, Simulator and simulate_many: equal results; sensors; invalid arguments."""
+"""simulate, Simulator and runs in lockstep: equal results; sensors; invalid arguments."""
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sim_joints import antagonistic, device, flexible, rigid, servo_flexible
+from sim_together import simulate_many
 from via_core.devices import device_names, load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
@@ -13,7 +14,7 @@ from via_sim.effects import Effect
 from via_sim.measurements import MEASURED
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
-from via_sim.simulate import InitialConditions, Simulator, command_rows, simulate, simulate_many
+from via_sim.simulate import InitialConditions, Simulator, command_rows, simulate
 from via_sim.torques import N_COMMANDS
 
 RATE = 1000.0
@@ -51,7 +52,7 @@ def test_steps_give_the_bits_of_the_batch(effects):
         assert np.array_equal(batch.measured["tau"][:, i - 1], stepped[f"tau_{i}"])
 
 
-def test_simulate_many_equals_single_runs():
+def test_runs_in_lockstep_equal_single_runs():
     nominal = JointPlant.from_device(antagonistic())
     plants = [nominal, nominal.with_effects(ALL), nominal.with_effects(ALL[:1]), nominal.with_effects(ALL[2:])]
     rows = command_rows(nominal.device, torques(300), np.arange(300) / RATE)
@@ -283,5 +284,5 @@ def test_states_stay_finite_for_random_joints_effects_and_commands(
     rows = np.zeros((len(commands), N_COMMANDS))
     rows[:, 0] = commands
     plant = JointPlant.from_device(joint).with_effects(chosen)
-    motion = simulate_many([plant], rows, RATE, (0.0, 0.0, 0.0, *speeds), threads=1)
+    motion = simulate_many([plant], rows, RATE, (0.0, 0.0, 0.0, *speeds))
     assert np.all(np.isfinite(motion))

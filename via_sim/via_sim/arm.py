@@ -24,13 +24,6 @@ class ArmState:
     motor_velocity: Array
 
 
-def loaded_state(arm: VsaArm, q: Array, velocity: Array, spring_torque: Array, spring_rate: Array) -> ArmState:
-    """State with spring torques tau_e `spring_torque` [N m] that change at `spring_rate` [N m/s], (n,) each."""
-    phi = arm.deflection(spring_torque)
-    _, stiffness, _ = arm.spring_state(phi)
-    return ArmState(q, velocity, q - phi, velocity - spring_rate / stiffness)
-
-
 def arm_step(
     arm: VsaArm,
     state: ArmState,

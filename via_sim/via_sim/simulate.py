@@ -1,6 +1,6 @@
-"""Simulation of one joint: `simulate` runs a batch, `Simulator` single steps, `simulate_many` many variants.
+"""Simulation of one joint: `simulate` runs a batch, `Simulator` single steps, both on one kernel with equal bits.
 
-All three use the same compiled kernel. `simulate` and `Simulator` give equal bits; `simulate_many` differs by rounding.
+`via_sim.lockstep` runs many variants of a joint at once and differs by rounding.
 
 Sample k belongs to the time t_k = start + k / rate. Command k acts during [t_k, t_{k+1}) as a zero-order hold; it is
 the controller's answer to sample k. `tau` of sample k is the torque commanded during the tick that ended at t_k, before
@@ -9,10 +9,7 @@ dead time and gain, as a drive would log it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from itertools import pairwise
 from math import ceil
 
 import numpy as np
@@ -23,7 +20,6 @@ from via_core.signals import Array, Signals
 
 from via_sim.catalogue import MAX_DELAY
 from via_sim.kernel import run
-from via_sim.lockstep.run import LANES, run_many
 from via_sim.measurements import MEASURED, TRUTH
 from via_sim.parameters import ABSENT, SERVO, P
 from via_sim.plants import JointPlant
@@ -220,47 +216,6 @@ def simulate(
         lost = int(np.argmax(~np.isfinite(truth[:, 0])))
         raise ParameterError(f"'{device.name}' overflows at {time[lost]:.6g} s under these commands")
     return Simulation(_measured(device, time[::every], measured[::every]), _truth(device, time, truth))
-
-
-def simulate_many(
-    plants: Sequence[JointPlant],
-    commands: ArrayLike,
-    rate: float,
-    initial: ArrayLike | None = None,
-    threads: int = 2,
-) -> Array:
-    """Motion (K, N+1, 6) of K plants under the same commands (N, 4) or (N, N_COMMANDS); inf or NaN on overflow."""
-    given = np.asarray(commands, dtype=np.float64)
-    if given.ndim != 2 or given.shape[1] not in (NEIGHBOUR, N_COMMANDS) or not np.all(np.isfinite(given)):
-        raise ParameterError(
-            f"commands must be finite and (N, {NEIGHBOUR}) or (N, {N_COMMANDS}), got shape {given.shape}"
-        )
-    inputs = np.zeros((len(given), N_COMMANDS))
-    inputs[:, : given.shape[1]] = given
-    if not plants:
-        raise ParameterError("simulate_many needs at least one plant")
-    rows = np.stack([plant.at_rate(rate) for plant in plants])
-    states = np.stack([initial_state(plant, rate, initial, 0) for plant in plants])
-    return simulate_rows(rows, states, inputs, threads)
-
-
-def simulate_rows(rows: Array, states: Array, commands: Array, threads: int = 2) -> Array:
-    """Motion (K, N+1, 6) of K parameter rows of one joint, as ideal sensors measure it; for fits: nothing is checked.
-
-    rows      (K, N_PARAMETERS) with tick and substeps, from `JointPlant.at_rate`
-    states    (K, n) from `initial_state`, advanced in place
-    commands  (N, N_COMMANDS) of all rows, from `command_rows`
-    """
-    out, begins = np.empty((len(rows), len(commands) + 1, 6)), np.zeros(len(rows), dtype=np.int64)
-    blocks = np.linspace(0, ceil(len(rows) / LANES), max(1, min(threads, ceil(len(rows) / LANES))) + 1).astype(int)
-    edges = np.minimum(blocks * LANES, len(rows))
-    with ThreadPoolExecutor(len(edges) - 1) as pool:  # the kernel releases the GIL
-        jobs = [
-            pool.submit(run_many, rows[a:b], states[a:b], commands, begins[a:b], out[a:b]) for a, b in pairwise(edges)
-        ]
-        for job in jobs:
-            job.result()
-    return out
 
 
 def _ticks(duration: float, rate: float, start: float) -> Array:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from via_validation.bench.gap import CONTENDERS, START, TRUE, beginning, log_of, totals
+from via_validation.bench.gap_contenders import CONTENDERS, START, TRUE, beginning, log_of, totals
 
 
 @pytest.fixture(scope="module")

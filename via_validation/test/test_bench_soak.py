@@ -6,25 +6,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_bringup.provenance import Provenance
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.status import Status
 from via_estimators.contract import Estimates
 from via_estimators.methods import METHODS, estimator_for
 from via_validation.bench import soak as bench
+from via_validation.bench import soak_motion
 from via_validation.bench.estimators import device_for
 from via_validation.bench.soak import (
     HOUR,
     Hour,
     Scenario,
-    measured,
-    motion_of,
-    moving,
     soak,
     soak_rows,
     write_markdown,
 )
+from via_validation.bench.soak_motion import measured, motion_of, moving
+from via_validation.provenance import Provenance
 
 DAY, MONTH = 24.0 * HOUR, 30.0 * 24.0 * HOUR
 SHORT = 40.0  # [s] a period with one stop
@@ -36,8 +35,8 @@ def quiet(*_):
 
 @pytest.fixture(autouse=True)
 def _short_stop(monkeypatch):
-    monkeypatch.setattr(bench, "STOPS", ((20.0, 25.0),))
-    monkeypatch.setattr(bench, "LOST", 0.2)
+    monkeypatch.setattr(soak_motion, "STOPS", ((20.0, 25.0),))
+    monkeypatch.setattr(soak_motion, "LOST", 0.2)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -7,7 +7,6 @@ from math import inf, isnan
 
 import numpy as np
 import pytest
-from via_bringup.provenance import Provenance
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.status import Status
@@ -16,6 +15,7 @@ from via_validation.compare import page
 from via_validation.compare.experiment import LEVELS, RATE, motion_of, seen_by_estimators
 from via_validation.compare.figures import Run, accuracy, convergence, figures
 from via_validation.compare.run import compare, outputs_of
+from via_validation.provenance import Provenance
 
 QBMOVE = load_device("qbmove_b")
 IDEAL, _, REALISTIC, HARSH = LEVELS

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 from via_bringup import cli
-from via_bringup.provenance import Provenance
 from via_core.errors import ParameterError
 from via_validation.commands import tables as command
+from via_validation.provenance import Provenance
 from via_validation.tables.page import PICTURE_BYTES, Report, as_json, number, verdict, write_html, write_markdown
 from via_validation.tables.rows import Row
 from via_validation.tables.run import SECTIONS, Finished, Section, chosen, run_sections

@@ -69,13 +69,18 @@ def demo(
     gap.add_row("all", str(len(robot.runs)), f"{robot.nrmse:.3f}")
     answers.print(gap)
     lost = live.traffic.lost + live.replay.lost
+    stiffness = (
+        "the joint moved too little for an estimate of stiffness, since commands came late"
+        if live.stiffness_error is None
+        else f"median stiffness error {100 * live.stiffness_error:.2g} %"
+    )
     answers.print(
         f"real robot: {robot.accepted} runs replayed, {robot.lost} messages lost; the 95 % interval of the damping "
         f"contains the commanded damping in {100 * robot.damping_coverage:.0f} % of the runs\n"
         f"simulated joint: {live.samples} samples at {live.rate:.0f} Hz, {lost} messages lost, "
         f"{live.late_ticks} late ticks; live and replayed estimates "
-        f"{'are identical bit for bit' if live.bit_identical else 'DIFFER'}; median stiffness error "
-        f"{100 * live.stiffness_error:.2g} %\n"
+        f"{'are identical bit for bit' if live.bit_identical else 'DIFFER'}; "
+        f"{stiffness}\n"
         f"diagnosis of the robot's recordings: {summary.diagnosis.headline}",
         soft_wrap=True,
     )

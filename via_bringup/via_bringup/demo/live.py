@@ -11,6 +11,7 @@ from via_core.bags.joints import joint_signals
 from via_core.bags.reader import Bag, read_bag
 from via_core.devices import Device, load_device
 from via_core.metrics import WIDTH_95, coverage
+from via_core.signals import Array
 from via_core.status import Status
 from via_estimators.nodes.estimator import EstimatorNode
 from via_ros.composition import Composition
@@ -129,13 +130,27 @@ def _traffic(device: Device, bag: Bag, sent: int) -> Traffic:
     )
 
 
+def true_stiffness(device: Device, bag: Bag) -> Array:
+    """True stiffness (N,) [N m/rad] of the joint at the stamps of its estimates."""
+    truth = bag[f"/{device.name}/truth/stiffness"]
+    return np.asarray(truth["value"][np.searchsorted(truth.stamp, bag[f"/{device.name}/stiffness"].stamp)])
+
+
+def _accuracy(true: Array, value: Array, standard_deviation: Array) -> tuple[float | None, float | None]:
+    """Median relative error, and share of 95 % intervals that contain the truth; None without estimates."""
+    if not len(value):
+        return None, None
+    return float(np.median(np.abs(value - true) / true)), coverage(true, value, standard_deviation, WIDTH_95)
+
+
 def _summary(device: Device, first: Bag, second: Bag, late: int, picture: Path) -> LivePart:
     measured, _, _ = joint_signals(first, device)
     estimates, truth = first[f"/{device.name}/stiffness"], first[f"/{device.name}/truth/stiffness"]
     time = (estimates.stamp - estimates.stamp[0]) * 1e-9
     value, standard_deviation = estimates["value"], estimates["standard_deviation"]
     trusted = estimates["status"] == Status.OK
-    true = truth["value"][np.searchsorted(truth.stamp, estimates.stamp)]
+    true = true_stiffness(device, first)
+    error, covered = _accuracy(true[trusted], value[trusted], standard_deviation[trusted])
     live_joint(
         measured.time, measured["q"], measured["theta"], Band(time, value, standard_deviation, true, trusted), picture
     )
@@ -148,7 +163,8 @@ def _summary(device: Device, first: Bag, second: Bag, late: int, picture: Path) 
         traffic=_traffic(device, first, int(truth["sequence"][-1]) + 1),  # the simulator's tick count
         replay=_traffic(device, second, len(measured)),
         bit_identical=same_bits(device, first, second),
-        stiffness_error=float(np.median(np.abs(value - true)[trusted] / true[trusted])),
-        stiffness_coverage=coverage(true[trusted], value[trusted], standard_deviation[trusted], WIDTH_95),
+        ok=float(np.mean(trusted)),
+        stiffness_error=error,
+        stiffness_coverage=covered,
         bag="bags/live",
     )

@@ -11,13 +11,13 @@ from pathlib import Path
 
 from via_core.errors import ViaError
 
+from via_bringup.commit import commit
 from via_bringup.demo.diagnosis import diagnosis
 from via_bringup.demo.live import live
 from via_bringup.demo.page import write_page
 from via_bringup.demo.recordings import recordings as recordings_of
 from via_bringup.demo.robot import real_robot
 from via_bringup.demo.summary import Summary
-from via_bringup.provenance import commit
 
 MARK = ".via-demo"  # marks a folder made by the demo, which may be replaced
 Progress = Callable[[str, float, float, str], None]  # part, done, total, step

@@ -86,8 +86,9 @@ class LivePart(Record):
     traffic: Traffic
     replay: Traffic
     bit_identical: bool
-    stiffness_error: float  # median |estimate - truth| / truth after warm-up [-]
-    stiffness_coverage: float  # share of samples whose 95 % interval contains the truth
+    ok: float  # share of estimates with status OK [-]; a busy computer delays commands, and then the joint hardly moves
+    stiffness_error: float | None  # median |estimate - truth| / truth of these [-]; None if there are none
+    stiffness_coverage: float | None  # share of these whose 95 % interval contains the truth; None if there are none
     bag: str
 
 

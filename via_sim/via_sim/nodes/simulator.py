@@ -6,7 +6,7 @@ publishes   /joint_states       sensor_msgs/JointState, measurements of the devi
             /clock, /diagnostics  see `simulation`, also for the modes of time
             /<device>/truth/... StiffnessEstimate, DampingEstimate with method 'truth', if the parameter `truth` is set
 subscribes  /<device>/command   via_interfaces/VsaCommand
-offers      ~/set_effects, ~/clear_effects; they act from the next tick on
+offers      ~/set_effects, ~/clear_effects, see `effect_services`; they act from the next tick on
 """
 
 from __future__ import annotations
@@ -18,18 +18,16 @@ from typing import Any
 import numpy as np
 from sensor_msgs.msg import JointState
 from via_core.devices import load_device
-from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_interfaces.msg import DampingEstimate, StiffnessEstimate, VsaCommand
-from via_interfaces.srv import ClearEffects, SetEffects
 from via_ros import qos
 from via_ros.conversions import Command, JointStateWriter, followed, set_stamp
 from via_ros.parameters import declare
 from via_ros.spin import run
 
-from via_sim.effects import Effect, place_name
 from via_sim.effects_file import load_effects
 from via_sim.measurements import MEASURED, TRUTH
+from via_sim.nodes.effect_services import EffectServices
 from via_sim.nodes.simulation import SimulationNode, TimeParameters
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
@@ -54,7 +52,8 @@ class SimulatorNode(SimulationNode[Array]):
         super().__init__("simulator", **options)
         self._chosen = own = declare(self, SimulatorParameters)
         self.device = load_device(own.device)
-        self._simulator = self._with(load_effects(own.effects) if own.effects else ())
+        self._effects = EffectServices(self, self._change)
+        self._effects.apply(load_effects(own.effects) if own.effects else ())
         self._state = self._simulator.init(seed=own.seed)
         self._simulator.step(self._state, np.zeros(N_COMMANDS))  # compiles now and not in the first tick
         self._measured, self._truth = self._simulator.sample(self._state)
@@ -64,8 +63,6 @@ class SimulatorNode(SimulationNode[Array]):
         if own.truth:
             self._truths.append(self._offer(StiffnessEstimate, "stiffness"))
             self._truths.append(self._offer(DampingEstimate, "damping"))
-        self.create_service(SetEffects, "~/set_effects", self._set_effects)
-        self.create_service(ClearEffects, "~/clear_effects", self._clear_effects)
         self.start_listening(own, self.device.name, self.device.command_topic)
 
     def _offer(self, kind: Any, what: str) -> tuple[Any, Any]:
@@ -75,10 +72,10 @@ class SimulatorNode(SimulationNode[Array]):
         self._beside.append(publisher)
         return message, publisher
 
-    def _with(self, effects: Any) -> Simulator:
-        """A simulator with these effects; raises ParameterError for one that does not fit."""
+    def _change(self, effects: Any) -> None:
+        """Simulate with these effects from now on; raises ParameterError for one that does not fit."""
         plant = JointPlant.from_device(self.device).with_effects(effects)
-        return Simulator(plant, self._chosen.rate, Sensors.of_device(self.device))
+        self._simulator = Simulator(plant, self._chosen.rate, Sensors.of_device(self.device))
 
     # ---- the robot
 
@@ -140,28 +137,8 @@ class SimulatorNode(SimulationNode[Array]):
         return self._samples.stamped(stamp)
 
     def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:
-        values = {"numerical failures": self._failures, "effects": self._active()}
+        values = {"numerical failures": self._failures, "effects": self._effects.active}
         return {"numerical failures": self._failures > 0}, values
-
-    # ---- effects
-
-    def _set_effects(self, request: SetEffects.Request, answer: SetEffects.Response) -> SetEffects.Response:
-        try:
-            self._simulator = self._with([_effect(message) for message in request.effects])
-        except ParameterError as error:
-            answer.success, answer.message = False, str(error)
-            return answer
-        answer.success, answer.message = True, self._active()
-        return answer
-
-    def _clear_effects(self, _: ClearEffects.Request, answer: ClearEffects.Response) -> ClearEffects.Response:
-        self._simulator = self._with(())
-        answer.success, answer.message = True, self._active()
-        return answer
-
-    def _active(self) -> str:
-        effects = self._simulator.plant.effects
-        return ", ".join(f"{e.name} at {place_name(e.site, e.motor)}" for e in effects) or "nominal model"
 
 
 def _goal_row(command: Command) -> Array | None:
@@ -177,14 +154,6 @@ def _goal_row(command: Command) -> Array | None:
     if np.isfinite(command.equilibrium):
         row[GOAL], row[POWER] = command.equilibrium, 1.0
     return row
-
-
-def _effect(message: Any) -> Effect:
-    """The effect of a message; raises ParameterError."""
-    names, values = list(message.parameter_names), list(message.parameter_values)
-    if len(names) != len(values):
-        raise ParameterError(f"{message.name}: {len(names)} parameter names for {len(values)} values")
-    return Effect(message.name, message.site, dict(zip(names, values)), int(message.motor), message.joint)
 
 
 def main() -> int:

@@ -22,9 +22,9 @@ from via_interfaces.msg import ControlState
 from via_interfaces.srv import Push
 from via_ros import qos
 from via_ros.composition import Composition
-from via_ros.scheduling import real_time
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
 
+from via_validation.bench.scheduling import real_time
 from via_validation.control import bang_bang
 from via_validation.control.cycles import Cycles, relative_sd
 from via_validation.tables.rows import Row

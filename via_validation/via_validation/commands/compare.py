@@ -28,11 +28,10 @@ def compare(
     write: Annotated[Path | None, typer.Option(help=f"Also write {PAGE} and its picture into this folder.")] = None,
 ) -> None:
     """Compare accuracy, convergence, coverage, robustness and cost of all stiffness estimators."""
-    from via_bringup.provenance import provenance
-
     from via_validation.compare import page  # loads matplotlib and every estimator
     from via_validation.compare.experiment import DEVICES
     from via_validation.compare.run import compare as run_comparison
+    from via_validation.provenance import provenance
 
     chosen = [load_device(name) for name in device or DEVICES]
     try:

@@ -12,13 +12,14 @@ import yaml
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 from via_bringup.cli.console import answers, errors, table
-from via_bringup.provenance import provenance
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_gap.logs.log import read_log
 from via_gap.report.report import read_report
 from via_gap.report.withheld import before_and_after
 from via_gap.selection.reliability import Calibrated, calibrated
+
+from via_validation.provenance import provenance
 
 app = typer.Typer(
     help="Evaluate the diagnosis on sealed cases of a second simulator.", no_args_is_help=True, add_completion=False

@@ -62,9 +62,8 @@ def real(
     pairs = [(case, result) for case in CASES if (result := kept(case, results)) is not None]
     _show([(case, result) for case, result in pairs if case in there])
     if write is not None and pairs:
-        from via_bringup.provenance import provenance
-
         from via_validation.gap_real.page import write as write_page  # loads matplotlib
+        from via_validation.provenance import provenance
 
         answers.print(f"wrote {write_page(pairs, provenance('via gap real --write docs/results'), write)}")
 

@@ -10,9 +10,9 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 from via_bringup.cli.console import answers, errors, table
-from via_bringup.provenance import provenance
 from via_core.errors import ViaError
 
+from via_validation.provenance import provenance
 from via_validation.tables.page import Report, as_json, number, verdict, write_html, write_markdown
 from via_validation.tables.run import SECTIONS, Finished, chosen, run_sections
 

@@ -10,12 +10,12 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from via_bringup.demo.pictures import STYLE
-from via_bringup.provenance import Provenance
 from via_controllers.multisine import Multisine
 
 from via_validation.compare.experiment import EQUILIBRIUM, PRESET
 from via_validation.compare.figures import CONVERGED, START, WITHIN
 from via_validation.compare.run import WRONG_LEVEL, Case, Comparison
+from via_validation.provenance import Provenance
 from via_validation.tables.page import small_copy
 from via_validation.template import rendered
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import exp
 
 import numpy as np
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
@@ -11,7 +12,8 @@ from via_controllers.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
 from via_controllers.modal_transform import ModalBasis, first_basis
 from via_controllers.self_start import START, turned
 from via_core.signals import Array
-from via_sim.arm import ArmState, loaded_state
+from via_core.vsa_arms import VsaArm
+from via_sim.arm import ArmState
 
 from via_validation.control.arm_run import PERIOD, ArmRun, Phase, TorqueNoise, run_arm
 
@@ -28,6 +30,13 @@ def limit_cycle_controller(
     return VsaModalLimitCycle(cycle, BANDWIDTH)
 
 
+def loaded_state(arm: VsaArm, q: Array, velocity: Array, spring_torque: Array, spring_rate: Array) -> ArmState:
+    """State with spring torques tau_e `spring_torque` [N m] that change at `spring_rate` [N m/s], (n,) each."""
+    phi = arm.deflection(spring_torque)
+    _, stiffness, _ = arm.spring_state(phi)
+    return ArmState(q, velocity, q - phi, velocity - spring_rate / stiffness)
+
+
 def start(controller: VsaModalLimitCycle, share: float = PUSH) -> ArmState:
     """Initial state at rest, deflected by `share` of the cycle's amplitude, with the spring torques demanded there."""
     cycle, arm = controller.cycle, controller.cycle.arm
@@ -37,6 +46,16 @@ def start(controller: VsaModalLimitCycle, share: float = PUSH) -> ArmState:
     motion = cycle.at(cycle.init(q), q, still)
     ahead, behind = (cycle.at(motion.basis, q, s * motion.acceleration).torque for s in (ALONG, -ALONG))
     return loaded_state(arm, q, still, -motion.torque, -(ahead - behind) / (2.0 * ALONG))
+
+
+def approach(share: float, gain: float, level: float, eigenvalue: float, time: float) -> float:
+    """h = H / H_d [-], averaged over a cycle, `time` [s] after the value `share` > 0 (`modal_limit_cycle`)."""
+    return 1.0 / (1.0 + (1.0 / share - 1.0) * exp(-gain * eigenvalue * level * time))
+
+
+def least_share(after: float, gain: float, level: float, eigenvalue: float, time: float) -> float:
+    """The least h(0) [-] from which h reaches `after` within `time` [s]: `approach` backwards in time."""
+    return approach(after, gain, level, eigenvalue, -time)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from via_bringup.provenance import Provenance
 from via_gap.report.report import Cause, GapReport
 from via_sim.effects import place_name
 
@@ -14,6 +13,7 @@ from via_validation.gap_real.pictures import draw_gaps
 from via_validation.gap_real.run import Elsewhere, Result
 from via_validation.gap_real.summary import Pair, first_cause, gap_words, outcome_of, summary, worse
 from via_validation.gap_real.truth import named_causes, sizes
+from via_validation.provenance import Provenance
 from via_validation.template import rendered
 
 PAGE = "gap-real.md"

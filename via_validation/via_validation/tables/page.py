@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from PIL import Image
-from via_bringup.provenance import Provenance
 
+from via_validation.provenance import Provenance
 from via_validation.tables.rows import Row
 from via_validation.tables.run import Finished
 from via_validation.template import rendered

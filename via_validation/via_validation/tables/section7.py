@@ -15,14 +15,15 @@ import numpy as np
 from scipy.integrate import quad
 from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
 from via_bringup.demo.reference import throwing_controller
-from via_controllers import switching_collocation, switching_program
-from via_controllers.motor_models import DrivenJoint, Optimum
-from via_controllers.visco_elastic import ViscoElasticJoint, bound, performance
+from via_controllers.visco_elastic import ViscoElasticJoint
 from via_core.devices import load_device
 from via_core.signals import Array
 from via_sim.sensors import Sensors
 
 from via_validation.control.throw import throw
+from via_validation.switching import collocation, program
+from via_validation.switching.motor_models import DrivenJoint, Optimum
+from via_validation.switching.performance import bound, performance, velocity_with
 from via_validation.tables.figures import save_figure
 from via_validation.tables.rows import Progress, Row
 
@@ -101,11 +102,11 @@ def _checks() -> list[Row]:
         others = {
             "quadrature": (_by_quadrature(joint, t_f), "integral of |g| between its zeros, adaptive quadrature"),
             "program": (
-                switching_program.largest_velocity(DrivenJoint(joint, "velocity", 1.0), t_f, steps=40).velocity,
+                program.largest_velocity(DrivenJoint(joint, "velocity", 1.0), t_f, steps=40).velocity,
                 "linear program (HiGHS), 40 exact steps, halved near switches down to 1e-4 t_f",
             ),
             "collocation": (
-                switching_collocation.largest_velocity(DrivenJoint(joint, "velocity", 1.0), t_f).velocity,
+                collocation.largest_velocity(DrivenJoint(joint, "velocity", 1.0), t_f).velocity,
                 "collocation (CasADi, IPOPT), 200 intervals, Radau of degree 3; no switch within an interval",
             ),
         }
@@ -132,7 +133,7 @@ def _uniform() -> list[Row]:
         t_f = horizon(joint, 4.0)
         uniform = t_f - joint.between_turns * np.arange(1.0, 5.0)
         found.append(Row(f"7.uniform.D{D:g}", f"turns every pi / omega_d up to the end (printed), D = {D:g}",
-                         "share of the fastest [-]", None, joint.velocity_with(uniform, t_f) / joint.fastest(t_f),
+                         "share of the fastest [-]", None, velocity_with(joint, uniform, t_f) / joint.fastest(t_f),
                          limit, "closed form, t_f = t_4; limit: the loss must exceed a tenth",
                          0, "the last interval is 2 arccos(D) / omega_d"))  # fmt: skip
     return found
@@ -142,8 +143,8 @@ def _motors() -> list[Row]:
     found = []
     for driven in MOTORS[1:]:
         t_f = horizon(driven.joint)
-        program = _optimum(driven)
-        second = switching_collocation.largest_velocity(driven, t_f, intervals=400)
+        optimum = _optimum(driven)
+        second = collocation.largest_velocity(driven, t_f, intervals=400)
         at = f"7.motor.{driven.drive}"
         settings = (
             f"omega {OMEGA:g} rad/s, D {REAL_D:g}, |u| <= {driven.limit:g} {UNITS[driven.drive]}, |thetad| <= 1 rad/s, "
@@ -152,17 +153,17 @@ def _motors() -> list[Row]:
         )
         found += [
             Row(f"{at}.methods", f"{driven.drive} drive: collocation compared with linear program", OFF, None,
-                abs(second.velocity / program.velocity - 1.0), CONTROL_LIMITS["collocation"], settings),
+                abs(second.velocity / optimum.velocity - 1.0), CONTROL_LIMITS["collocation"], settings),
             Row(f"{at}.integral", f"{driven.drive} drive: (125) from its motor velocity", OFF, None,
-                abs(_by_125(driven.joint, program, t_f) / program.velocity - 1.0), 1e-4, settings),
+                abs(_by_125(driven.joint, optimum, t_f) / optimum.velocity - 1.0), 1e-4, settings),
             Row(f"{at}.share", f"{driven.drive} drive: velocity over that with the ideal motor",
-                "share of the fastest [-]", None, program.velocity / driven.joint.fastest(t_f), 1.0, settings),
+                "share of the fastest [-]", None, optimum.velocity / driven.joint.fastest(t_f), 1.0, settings),
         ]  # fmt: skip
     return found
 
 
 def _optimum(driven: DrivenJoint) -> Optimum:
-    return switching_program.largest_velocity(driven, horizon(driven.joint), STEPS, finest=1e-3)
+    return program.largest_velocity(driven, horizon(driven.joint), STEPS, finest=1e-3)
 
 
 def _by_125(joint: ViscoElasticJoint, found: Optimum, t_f: float) -> float:

@@ -1,4 +1,4 @@
-"""Section 7 by direct collocation: the problem of `switching_program` solved by an independent method.
+"""Section 7 by direct collocation: the problem of `program` solved by an independent method.
 
 On each of N intervals the control is constant and the state is a polynomial of degree `degree` that satisfies the
 joint's equations at Radau points. IPOPT maximises the link velocity at the end. The method uses neither an exact
@@ -11,10 +11,10 @@ from typing import Any
 
 import casadi
 import numpy as np
+from via_controllers.contract import require
 from via_core.errors import ViaError
 
-from via_controllers.contract import require
-from via_controllers.motor_models import DrivenJoint, Optimum
+from via_validation.switching.motor_models import DrivenJoint, Optimum
 
 
 def largest_velocity(driven: DrivenJoint, horizon: float, intervals: int = 200, degree: int = 3) -> Optimum:

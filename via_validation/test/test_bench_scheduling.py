@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 import pytest
-from via_ros.scheduling import real_time
+from via_validation.bench.scheduling import real_time
 
 
 class Kernel:

@@ -15,11 +15,11 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
+from via_controllers.contract import require
 from via_core.errors import ViaError
 from via_core.signals import Array
 
-from via_controllers.contract import require
-from via_controllers.motor_models import DrivenJoint, Optimum
+from via_validation.switching.motor_models import DrivenJoint, Optimum
 
 JUMP = 0.1  # change of control between steps, over the largest control, that counts as a switch
 

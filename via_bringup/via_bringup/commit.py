@@ -1,31 +1,9 @@
-"""Provenance of results: commit, command and versions. No dates, so that a repeated run changes nothing."""
+"""Commit of the sources, for results that state what produced them."""
 
 from __future__ import annotations
 
-import platform
 import subprocess
-from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """What is needed to reproduce results."""
-
-    commit: str  # as in `commit`
-    command: str
-    python: str
-    numpy: str
-    numba: str
-
-    def __str__(self) -> str:
-        return f"commit {self.commit}, Python {self.python}, numpy {self.numpy}, numba {self.numba}: {self.command}"
-
-
-def provenance(command: str) -> Provenance:
-    """Provenance of the results of `command`, run now with the current sources."""
-    return Provenance(commit(), command, platform.python_version(), version("numpy"), version("numba"))
 
 
 def commit() -> str:

@@ -18,10 +18,9 @@ from math import inf
 from typing import Literal
 
 import numpy as np
-from via_core.signals import Array
-
 from via_controllers.contract import require
 from via_controllers.visco_elastic import ViscoElasticJoint
+from via_core.signals import Array
 
 Drive = Literal["velocity", "acceleration", "torque"]
 
