@@ -126,7 +126,7 @@ def test_ripple_of_a_motor_that_turns_evenly_is_found_by_the_torque_it_needs():
     log = even_log((RIPPLE,))
     report = diagnose([log], log.device)
     assert report.gap.by == "inverse dynamics"
-    assert (report.verdict, [place.effect for place in report.effects]) == ("main_effect", ["torque_ripple"])
+    assert (report.verdict, [place.effect for place in report.effects]) == ("effect", ["torque_ripple"])
     found = report.causes[0].parameters
     assert found["amplitude"].value == pytest.approx(0.05, rel=0.05)
     assert found["order"].value == pytest.approx(7.0, abs=0.1)

@@ -151,7 +151,7 @@ def test_noise_alone_is_no_gap():
 
 @pytest.mark.parametrize(
     ("left", "bound", "verdict"),
-    [(1.0, 1.0, "effect"), (3.0, 1.0, "main_effect"), (40.0, 1.0, "unknown"), (20.0, 4.4, "main_effect")],
+    [(1.0, 1.0, "effect"), (3.0, 1.0, "main_effect"), (40.0, 1.0, "unknown"), (40.0, 6.2, "main_effect")],
     ids=["all", "most of it", "some of it", "all that can be"],
 )
 def test_how_much_is_explained_of_what_can_be(left, bound, verdict):

@@ -12,6 +12,7 @@ Source: Y. C. Pati, R. Rezaiifar, P. S. Krishnaprasad, Orthogonal matching pursu
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 from math import atan2, hypot, pi
@@ -26,6 +27,7 @@ from via_gap.residual.residual_model import ResidualModel
 
 MATERIAL = 0.05  # share of the rest that one more order must explain
 ENCODER_ORDERS = range(1, 41)  # periods per turn of the encoder
+PASSES = 3  # of exchanges
 SMALL = 0.1  # of the fitted amplitude: change that is simulated
 
 Wave = tuple[float, float, float]  # amplitude, order, phase [rad]
@@ -39,23 +41,42 @@ def encoder_waves(problem: ResidualModel, fit: Fit, number: int, most: int) -> l
         return []
     beside = problem.nuisance_jacobian(fit.effects, fit.offsets, fit.residual) * pull[:, None]
     rest, kept = fit.residual * pull, [0]  # order 1 is in the fit
-    while True:
-        taken = np.column_stack([beside, *(columns[:, 2 * k : 2 * k + 2] for k in kept)])
-        basis = np.linalg.qr(taken)[0]
-        left = rest - basis @ (basis.T @ rest)
-        free = columns - basis @ (basis.T @ columns)
+
+    def best_beside(others: Sequence[int]) -> tuple[int, bool]:
+        """The order that explains most beside others, and whether that is material."""
+        basis = np.linalg.qr(np.column_stack([beside, *(columns[:, 2 * k : 2 * k + 2] for k in others)]))[0]
+        left, free = rest - basis @ (basis.T @ rest), columns - basis @ (basis.T @ columns)
         gains = np.array([_gain(free[:, 2 * k : 2 * k + 2], left) for k in range(len(ENCODER_ORDERS))])
-        gains[kept] = 0.0
+        gains[list(others)] = 0.0
         best = int(np.argmax(gains))
-        if len(kept) == most or gains[best] < MATERIAL * float(left @ left):
+        return best, bool(gains[best] >= MATERIAL * float(left @ left))
+
+    while len(kept) < most:
+        order, material = best_beside(kept)
+        if not material:
             break
-        kept.append(best)
+        kept = _exchanged([*kept, order], lambda others: best_beside(others)[0])
+    taken = np.column_stack([beside, *(columns[:, 2 * k : 2 * k + 2] for k in kept)])
     amounts = np.linalg.lstsq(taken, -rest, rcond=None)[0][beside.shape[1] :].reshape(-1, 2)
     own = fit.effects[number].parameters
     amounts[0] += own["amplitude"] * np.array([np.cos(own["phase"]), np.sin(own["phase"])])
     orders = [float(ENCODER_ORDERS[k]) for k in kept]
     found = [(hypot(s, c), order, atan2(c, s)) for order, (s, c) in zip(orders, amounts.tolist(), strict=True)]
     return sorted(found, key=lambda each: -each[0])
+
+
+def _exchanged(kept: list[int], best_beside: Callable[[list[int]], int]) -> list[int]:
+    """Orders, each but the first replaced by the best one beside the others until none changes.
+
+    Over less than a turn neighbouring orders are alike, and the first choices may be wrong.
+    """
+    for _ in range(PASSES):
+        before = list(kept)
+        for i in range(1, len(kept)):
+            kept[i] = best_beside(kept[:i] + kept[i + 1 :])
+        if kept == before:
+            break
+    return kept
 
 
 def _encoder_columns(problem: ResidualModel, fit: Fit, number: int) -> Array:
