@@ -10,7 +10,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.torques import EXTERNAL, GOAL, POWER
 
-from via_gap.residual.equations import Residual
+from via_gap.residual.weak_residuals import Residual
 from via_gap.residual.segments import Segments
 
 ORDERS = np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])  # periods per turn that are screened
