@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from via_bringup.demo.reference import ARM, EQUILIBRIUM
-from via_controllers.arm_limits import ArmLimits, Limit
 from via_controllers.contract import ArmController, ArmSample, Torques
-from via_controllers.hold_still import HoldStill
-from via_controllers.supervision import Activity, Supervisor
+from via_controllers.supervision.arm_limits import ArmLimits, Limit
+from via_controllers.supervision.arm_supervision import Activity, Supervisor
+from via_controllers.supervision.hold_still import HoldStill
 from via_core.errors import ParameterError
 from via_sim.arm import ArmState, arm_step
 from via_validation.bench.limits import FaultyController, disturbed_run, limit_rows, supervisor_of

@@ -12,7 +12,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
-from via_controllers.modal_transform import first_basis
+from via_controllers.arms.modal_transform import first_basis
 from via_controllers.nodes.single import NODES
 from via_core.errors import ViaError
 from via_interfaces.msg import ControlState, VsaCommand

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from via_bringup.demo.reference import MOTORS, TURNING, damped_arm, linear_modes
-from via_controllers.bang_bang import BangBangState, ModalBangBang
+from via_controllers.arms.bang_bang import BangBangState, ModalBangBang
 from via_core.errors import ParameterError
 from via_validation.control.arm_run import Phase, run_arm
 from via_validation.control.bang_bang import degrees_between, free_motion, pushed, reference_controller

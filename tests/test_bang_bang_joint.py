@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_controllers.bang_bang_joint import JointBangBang, hanging
 from via_controllers.contract import JointSample
+from via_controllers.joints.bang_bang_joint import JointBangBang, hanging
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_sim.plants import JointPlant

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_controllers.arm_limits import Limit
 from via_controllers.contract import Controller, JointSample, Torques
-from via_controllers.hold_joint import HoldJoint
 from via_controllers.joint_axes import JointAxes
-from via_controllers.joint_supervision import JointSupervisor
-from via_controllers.motor_references import resting
-from via_controllers.supervision import Activity
+from via_controllers.joints.motor_references import resting
+from via_controllers.supervision.arm_limits import Limit
+from via_controllers.supervision.arm_supervision import Activity
+from via_controllers.supervision.hold_joint import HoldJoint
+from via_controllers.supervision.joint_supervision import JointSupervisor
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_sim.plants import JointPlant

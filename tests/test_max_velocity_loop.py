@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from via_bringup.demo.reference import throwing_controller
 from via_controllers.contract import JointSample
-from via_controllers.max_velocity import MaxVelocity, joint_of
+from via_controllers.joints.max_velocity import MaxVelocity, joint_of
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_sim.sensors import IDEAL, Sensors

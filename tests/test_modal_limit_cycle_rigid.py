@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from via_controllers import modal_limit_cycle
+from via_controllers.arms import modal_limit_cycle
 from via_validation.control.limit_cycle import limit_cycle_controller, rigid
 
 

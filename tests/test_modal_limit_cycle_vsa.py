@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from via_bringup.demo.reference import ARM, LEVEL
 from via_bringup.demo.reference import EQUILIBRIUM as REST
+from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.contract import ArmSample
-from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_core.errors import ParameterError
 from via_sim.arm import ArmState, arm_step
 from via_sim.contacts import Hand

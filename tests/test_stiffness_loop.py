@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from via_controllers.equilibrium_preset import EquilibriumPreset
+from via_controllers.joints.equilibrium_preset import EquilibriumPreset
 from via_core.devices import load_device
 from via_validation.control.stiffness_loop import StiffnessCourse, run_joint
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from via_controllers.bang_bang import ModalBangBang
+from via_controllers.arms.bang_bang import ModalBangBang
+from via_controllers.arms.motor_pd import MotorPd
 from via_controllers.contract import ArmSample
-from via_controllers.motor_pd import MotorPd
 from via_core.errors import ParameterError
 from via_core.vsa_arms import load_vsa_arm
 

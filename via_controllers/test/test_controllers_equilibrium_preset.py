@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 from via_controllers.contract import JointSample
-from via_controllers.equilibrium_preset import LARGEST_FACTOR, EquilibriumPreset
-from via_controllers.motor_references import MotorReferences, UnreachableError, resting
+from via_controllers.joints.equilibrium_preset import LARGEST_FACTOR, EquilibriumPreset
+from via_controllers.joints.motor_references import MotorReferences, UnreachableError, resting
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.status import Status

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from via_controllers.arms.flexibility_torque import FlexibilityTorque, TorqueReference
 from via_controllers.contract import ArmSample
-from via_controllers.flexibility_torque import FlexibilityTorque, TorqueReference
 from via_core.errors import ParameterError
 from via_core.springs import cubic_spring, linear_spring
 from via_core.vsa_arms import VsaArm, load_vsa_arm

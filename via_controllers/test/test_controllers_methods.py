@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from via_controllers.methods import CONTROLLERS
 from via_controllers.robot import ControlledJoint
-from via_controllers.supervision import Activity
+from via_controllers.supervision.arm_supervision import Activity
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)

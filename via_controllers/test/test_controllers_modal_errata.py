@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from via_controllers.modal_transform import first_basis
+from via_controllers.arms.modal_transform import first_basis
 from via_core.vsa_arms import load_vsa_arm
 
 ARM = load_vsa_arm("reference_4dof")

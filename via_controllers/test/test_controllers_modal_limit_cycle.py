@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from via_controllers.modal_limit_cycle import ModalLimitCycle, orbit_input
-from via_controllers.modal_transform import first_basis, next_basis
+from via_controllers.arms.modal_limit_cycle import ModalLimitCycle, orbit_input
+from via_controllers.arms.modal_transform import first_basis, next_basis
 from via_core.errors import ParameterError
 from via_core.vsa_arms import load_vsa_arm
 

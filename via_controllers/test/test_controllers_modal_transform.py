@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from via_controllers.modal_transform import ModalBasis, first_basis, next_basis, rates_along, second_along
+from via_controllers.arms.modal_transform import ModalBasis, first_basis, next_basis, rates_along, second_along
 from via_core.vsa_arms import load_vsa_arm
 
 ARM = load_vsa_arm("reference_4dof")

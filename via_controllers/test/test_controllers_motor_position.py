@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from via_controllers.contract import JointSample
-from via_controllers.motor_position import MotorPositionControl
-from via_controllers.multisine import Multisine
+from via_controllers.joints.motor_position import MotorPositionControl
+from via_controllers.joints.multisine import Multisine
 from via_core.errors import ParameterError
 from via_core.springs import cubic_spring
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import eigh, sqrtm
-from via_controllers.principal_components import adapted
+from via_controllers.arms.principal_components import adapted
 
 GAIN = 0.02
 

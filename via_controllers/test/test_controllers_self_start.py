@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from via_controllers.self_start import BAND, ENOUGH, START, push, turned, turning
+from via_controllers.arms.self_start import BAND, ENOUGH, START, push, turned, turning
 
 STEPS = 300  # of a period
 PULL = 0.642  # k_V H_d w of mode 1 in the reference set-up

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, simpson, solve_ivp
-from via_controllers.visco_elastic import ViscoElasticJoint
+from via_controllers.joints.visco_elastic import ViscoElasticJoint
 from via_core.errors import ParameterError
 
 OMEGA = 3.0  # [rad/s]

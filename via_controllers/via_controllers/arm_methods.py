@@ -9,14 +9,14 @@ from via_core.hopper import JOINTS, Hopper
 from via_core.signals import Array
 from via_core.vsa_arms import load_vsa_arm
 
-from via_controllers.arm_limits import ArmLimits
-from via_controllers.bang_bang import ModalBangBang
-from via_controllers.modal_limit_cycle import ModalLimitCycle
-from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
-from via_controllers.motor_pd import MotorPd
+from via_controllers.arms.bang_bang import ModalBangBang
+from via_controllers.arms.modal_limit_cycle import ModalLimitCycle
+from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
+from via_controllers.arms.motor_pd import MotorPd
+from via_controllers.arms.self_start import START
 from via_controllers.robot import ControlledArm, ControllerParameters, joint_values, parameter
-from via_controllers.self_start import START
-from via_controllers.supervision import Supervisor
+from via_controllers.supervision.arm_limits import ArmLimits
+from via_controllers.supervision.arm_supervision import Supervisor
 
 
 @dataclass(frozen=True)

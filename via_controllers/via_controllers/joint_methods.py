@@ -8,12 +8,12 @@ from via_core.device_parts import TorqueMotor
 from via_core.devices import Device, load_device
 from via_core.errors import ParameterError
 
-from via_controllers.bang_bang_joint import JointBangBang
-from via_controllers.equilibrium_preset import EquilibriumPreset, EquilibriumPresetState
 from via_controllers.joint_axes import JointAxes
-from via_controllers.max_velocity import MaxVelocity, joint_of
-from via_controllers.motor_position import MotorPositionControl
-from via_controllers.multisine import Multisine
+from via_controllers.joints.bang_bang_joint import JointBangBang
+from via_controllers.joints.equilibrium_preset import EquilibriumPreset, EquilibriumPresetState
+from via_controllers.joints.max_velocity import MaxVelocity, joint_of
+from via_controllers.joints.motor_position import MotorPositionControl
+from via_controllers.joints.multisine import Multisine
 from via_controllers.robot import ControlledJoint, ControllerParameters, parameter
 
 DEVICE = "device name or path to its YAML"

@@ -5,19 +5,19 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from via_controllers.arm_methods import BangBangParameters, HoppingParameters, ModalLimitCycleParameters
-from via_controllers.bang_bang import ModalBangBang
-from via_controllers.bang_bang_joint import JointBangBang
+from via_controllers.arms.bang_bang import ModalBangBang
+from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.contract import ArmController, Controller
-from via_controllers.equilibrium_preset import EquilibriumPreset
 from via_controllers.joint_methods import (
     BangBangJointParameters,
     EquilibriumPresetParameters,
     ExcitationParameters,
     MaxVelocityParameters,
 )
-from via_controllers.max_velocity import MaxVelocity
-from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
-from via_controllers.motor_position import MotorPositionControl
+from via_controllers.joints.bang_bang_joint import JointBangBang
+from via_controllers.joints.equilibrium_preset import EquilibriumPreset
+from via_controllers.joints.max_velocity import MaxVelocity
+from via_controllers.joints.motor_position import MotorPositionControl
 from via_controllers.robot import ControllerParameters
 
 

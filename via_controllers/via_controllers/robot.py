@@ -13,12 +13,12 @@ from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 from via_core.wire import command_topic
 
-from via_controllers.arm_limits import ArmLimits
 from via_controllers.contract import ArmController, ArmSample, Controller, JointSample
-from via_controllers.hold_still import HoldStill
 from via_controllers.joint_axes import JointAxes
-from via_controllers.joint_supervision import JointSupervisor
-from via_controllers.supervision import Supervisor
+from via_controllers.supervision.arm_limits import ArmLimits
+from via_controllers.supervision.arm_supervision import Supervisor
+from via_controllers.supervision.hold_still import HoldStill
+from via_controllers.supervision.joint_supervision import JointSupervisor
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from via_controllers.modal_limit_cycle import orbit_input
+from via_controllers.arms.modal_limit_cycle import orbit_input
 from via_core.vsa_arms import load_vsa_arm
 from via_validation.control.limit_cycle import approach, least_share, loaded_state
 

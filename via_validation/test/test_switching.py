@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from via_controllers.visco_elastic import ViscoElasticJoint
+from via_controllers.joints.visco_elastic import ViscoElasticJoint
 from via_validation.switching import collocation, program
 from via_validation.switching.motor_models import DrivenJoint
 from via_validation.switching.performance import bound, performance, velocity_with

@@ -1,7 +1,7 @@
 """Section 7's table: limits of all rows, and pictures."""
 
 import pytest
-from via_controllers.visco_elastic import ViscoElasticJoint
+from via_controllers.joints.visco_elastic import ViscoElasticJoint
 from via_validation.tables import section7
 
 

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 from scipy.linalg import eigh
-from via_controllers.max_velocity import MaxVelocity, joint_of
+from via_controllers.joints.max_velocity import MaxVelocity, joint_of
 from via_core.devices import Device
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm, load_vsa_arm

@@ -15,8 +15,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.signal import savgol_filter
+from via_controllers.arms.modal_transform import first_basis
 from via_controllers.joint_methods import MaxVelocityParameters
-from via_controllers.modal_transform import first_basis
 from via_controllers.nodes.single import NODES
 from via_core.devices import load_device
 from via_core.errors import ParameterError

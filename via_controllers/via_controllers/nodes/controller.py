@@ -39,11 +39,11 @@ from via_ros.parameters import declare
 from via_ros.serialised import CommandBytes, JointStateDecoder
 from via_ros.spin import STEADY
 
-from via_controllers.arm_limits import Limit
 from via_controllers.methods import CONTROLLERS
 from via_controllers.nodes.samples import sample_reader
 from via_controllers.robot import ControlledArm, ControlledJoint
-from via_controllers.supervision import GAP, Activity, Answer, Change
+from via_controllers.supervision.arm_limits import Limit
+from via_controllers.supervision.arm_supervision import GAP, Activity, Answer, Change
 
 REPORT = 1.0  # [s] between two diagnostics
 SILENCE = 0.02  # [s] without a sample after which zero torque is sent

@@ -23,9 +23,9 @@ from via_interfaces.msg import JointReference, StiffnessEstimate
 from via_ros import qos
 from via_ros.conversions import nanoseconds
 
-from via_controllers.equilibrium_preset import EquilibriumPresetState
 from via_controllers.joint_axes import JointAxes
 from via_controllers.joint_methods import EquilibriumPresetParameters
+from via_controllers.joints.equilibrium_preset import EquilibriumPresetState
 from via_controllers.nodes.controller import ControllerNode, Input
 from via_controllers.robot import ControlledJoint
 

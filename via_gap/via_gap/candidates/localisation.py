@@ -19,7 +19,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 
 from via_gap.logs.findings import Number, Record, Share
-from via_gap.residual.equations import Residual
+from via_gap.residual.weak_residuals import Residual
 from via_gap.residual.segments import Segments
 
 Quantity = Literal["speed", "deflection", "angle", "motor angle", "torque", "time", "reversal"]

@@ -10,7 +10,7 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.torques import EXTERNAL, GOAL, POWER
 
-from via_gap.residual.equations import Residual
+from via_gap.residual.weak_residuals import Residual
 from via_gap.residual.segments import Segments
 
 # Periods per turn that are screened; not whole numbers, which a fit would keep.

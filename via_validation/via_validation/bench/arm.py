@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from via_bringup.demo import reference
-from via_controllers.modal_transform import first_basis
+from via_controllers.arms.modal_transform import first_basis
 from via_controllers.nodes.single import NODES
 from via_core.errors import ViaError
 from via_core.signals import Array

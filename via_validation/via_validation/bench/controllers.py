@@ -10,8 +10,8 @@ from collections.abc import Callable
 import numpy as np
 from via_bringup.demo.reference import DIRECTIONS, damped_arm
 from via_controllers.contract import ArmController, ArmSample, JointSample, State
-from via_controllers.equilibrium_preset import EquilibriumPreset
-from via_controllers.max_velocity import MaxVelocity
+from via_controllers.joints.equilibrium_preset import EquilibriumPreset
+from via_controllers.joints.max_velocity import MaxVelocity
 from via_core.devices import load_device
 from via_core.errors import ViaError
 

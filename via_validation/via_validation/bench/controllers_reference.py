@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import eigh
+from via_controllers.arms.modal_limit_cycle import ModalLimitCycle
+from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.contract import ArmSample
-from via_controllers.modal_limit_cycle import ModalLimitCycle
-from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_core.signals import Array
 
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from via_controllers.contract import Controller, JointSample, Quantity, Torques
 from via_controllers.joint_axes import JointAxes
-from via_controllers.joint_supervision import JointSupervisor
-from via_controllers.motor_references import resting
+from via_controllers.joints.motor_references import resting
+from via_controllers.supervision.joint_supervision import JointSupervisor
 from via_core.devices import Device, load_device
 from via_core.signals import Array
 from via_sim.plants import JointPlant

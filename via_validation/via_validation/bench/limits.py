@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from via_bringup.demo.reference import ARM, EQUILIBRIUM
-from via_controllers.arm_limits import ArmLimits
 from via_controllers.contract import ArmController, ArmSample, Quantity, Torques
-from via_controllers.hold_still import HoldStill
-from via_controllers.supervision import Supervisor
+from via_controllers.supervision.arm_limits import ArmLimits
+from via_controllers.supervision.arm_supervision import Supervisor
+from via_controllers.supervision.hold_still import HoldStill
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm

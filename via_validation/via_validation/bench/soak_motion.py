@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from via_controllers.multisine import Multisine
+from via_controllers.joints.multisine import Multisine
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, Signals

@@ -16,8 +16,8 @@ from math import pi
 
 import numpy as np
 from via_controllers.contract import JointSample
-from via_controllers.motor_position import MotorPositionControl
-from via_controllers.multisine import Multisine
+from via_controllers.joints.motor_position import MotorPositionControl
+from via_controllers.joints.multisine import Multisine
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError

@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from via_bringup.demo.pictures import STYLE
-from via_controllers.multisine import Multisine
+from via_controllers.joints.multisine import Multisine
 
 from via_validation.compare.experiment import EQUILIBRIUM, PRESET
 from via_validation.compare.figures import CONVERGED, START, WITHIN

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from via_bringup.demo.reference import DIRECTIONS, MOTORS, damped_arm, linear_modes
-from via_controllers.bang_bang import ModalBangBang
-from via_controllers.motor_pd import MotorPd
+from via_controllers.arms.bang_bang import ModalBangBang
+from via_controllers.arms.motor_pd import MotorPd
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 from via_sim.arm import ArmState

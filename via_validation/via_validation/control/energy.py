@@ -24,8 +24,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from via_bringup.demo.reference import damped_arm
-from via_controllers.modal_limit_cycle_vsa import VsaModalLimitCycle
-from via_controllers.modal_transform import first_basis
+from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
+from via_controllers.arms.modal_transform import first_basis
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from via_controllers.self_start import START
+from via_controllers.arms.self_start import START
 from via_sim.contacts import Hand
 
 from via_validation.control.arm_run import PERIOD, Phase, run_arm

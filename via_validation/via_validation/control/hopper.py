@@ -18,9 +18,9 @@ from math import pi
 from typing import TypeVar
 
 import numpy as np
-from via_controllers.bang_bang import ModalBangBang
+from via_controllers.arms.bang_bang import ModalBangBang
+from via_controllers.arms.motor_pd import MotorPd
 from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, passive
-from via_controllers.motor_pd import MotorPd
 from via_core.hopper import Hopper
 from via_core.signals import Array
 from via_sim.hopper import HopperPlant

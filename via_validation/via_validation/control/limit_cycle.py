@@ -7,10 +7,10 @@ from math import exp
 
 import numpy as np
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
-from via_controllers.modal_limit_cycle import ModalLimitCycle
-from via_controllers.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
-from via_controllers.modal_transform import ModalBasis, first_basis
-from via_controllers.self_start import START, turned
+from via_controllers.arms.modal_limit_cycle import ModalLimitCycle
+from via_controllers.arms.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
+from via_controllers.arms.modal_transform import ModalBasis, first_basis
+from via_controllers.arms.self_start import START, turned
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 from via_sim.arm import ArmState

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from via_controllers.contract import JointSample
-from via_controllers.equilibrium_preset import EquilibriumPreset
+from via_controllers.joints.equilibrium_preset import EquilibriumPreset
 from via_core.devices import Device
 from via_core.signals import Array
 from via_core.status import Status

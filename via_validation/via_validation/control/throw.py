@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from via_controllers.contract import JointSample
-from via_controllers.max_velocity import MaxVelocity
+from via_controllers.joints.max_velocity import MaxVelocity
 from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.plants import JointPlant

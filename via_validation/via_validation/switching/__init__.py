@@ -1,1 +1,1 @@
-"""Section 7 solved numerically, with any motor: proofs of the closed form in `via_controllers.visco_elastic`."""
+"""Section 7 solved numerically, with any motor: proofs of the closed form in `via_controllers.joints.visco_elastic`."""

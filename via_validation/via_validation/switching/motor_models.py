@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 from via_controllers.contract import require
-from via_controllers.visco_elastic import ViscoElasticJoint
+from via_controllers.joints.visco_elastic import ViscoElasticJoint
 from via_core.signals import Array
 
 Drive = Literal["velocity", "acceleration", "torque"]

@@ -1,7 +1,7 @@
 """Link over motor velocity of Section 7 in closed form: at the reversal times t_n, and with other reversals.
 
 With D the damping ratio, beta = arccos D, c = cot(beta), E_0 = exp(-2 beta c), r = exp(-pi c), and t_n of
-`via_controllers.visco_elastic`
+`via_controllers.joints.visco_elastic`
 
     epsilon(n, D) = max qd(t_n) / v = 1 + E_0 + E_0 (1 + r) (1 - r^n) / (1 - r),   epsilon(n, 0) = 2 (n + 1)
 
@@ -14,7 +14,7 @@ from math import acosh, atan2, cos, cosh, exp, expm1, inf, pi, sin, sinh, sqrt
 
 import numpy as np
 from via_controllers.contract import require
-from via_controllers.visco_elastic import ViscoElasticJoint
+from via_controllers.joints.visco_elastic import ViscoElasticJoint
 from via_core.signals import Array
 
 

@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 from via_bringup.demo.reference import ARM, STIFFNESS
+from via_controllers.arms.flexibility_torque import FlexibilityTorque, TorqueReference
+from via_controllers.arms.modal_transform import first_basis, next_basis, rates_along
 from via_controllers.contract import ArmSample
-from via_controllers.flexibility_torque import FlexibilityTorque, TorqueReference
-from via_controllers.modal_transform import first_basis, next_basis, rates_along
 
 from via_validation.control.limit_cycle import (
     BANDWIDTH,

@@ -16,8 +16,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from via_bringup.demo.pictures import FAINT, MODEL, STYLE
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
-from via_controllers.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
-from via_controllers.self_start import ENOUGH, START
+from via_controllers.arms.modal_limit_cycle_vsa import Swing, VsaModalLimitCycle
+from via_controllers.arms.self_start import ENOUGH, START
 from via_core.signals import Array
 from via_core.springs import SinhSpring
 from via_core.vsa_arms import VsaArm

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.integrate import quad
 from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
 from via_bringup.demo.reference import throwing_controller
-from via_controllers.visco_elastic import ViscoElasticJoint
+from via_controllers.joints.visco_elastic import ViscoElasticJoint
 from via_core.devices import load_device
 from via_core.signals import Array
 from via_sim.sensors import Sensors

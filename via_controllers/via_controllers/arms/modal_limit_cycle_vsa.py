@@ -19,10 +19,10 @@ import numpy as np
 from numba import njit
 from via_core.signals import Array
 
-from via_controllers import self_start
+from via_controllers.arms import self_start
+from via_controllers.arms.flexibility_torque import FlexibilityState, FlexibilityTorque, TorqueReference
+from via_controllers.arms.modal_limit_cycle import ModalLimitCycle, ModalMotion
 from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, passive, require
-from via_controllers.flexibility_torque import FlexibilityState, FlexibilityTorque, TorqueReference
-from via_controllers.modal_limit_cycle import ModalLimitCycle, ModalMotion
 
 ALONG = 1e-5  # [s] step of the central difference of the links' equation along the motion
 LONGEST = 0.01  # [s] longest time step of the direction; after a longer gap this step is used

@@ -24,8 +24,8 @@ from via_core.signals import Array, locked
 from via_core.springs import SpringLaw
 
 from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, passive, require_positive
+from via_controllers.joints.visco_elastic import ViscoElasticJoint
 from via_controllers.low_pass import low_passed
-from via_controllers.visco_elastic import ViscoElasticJoint
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,16 @@ from numba import njit
 from via_core.signals import Array, locked
 from via_core.vsa_arms import VsaArm, inertia_of
 
-from via_controllers import self_start
+from via_controllers.arms import self_start
+from via_controllers.arms.modal_transform import (
+    ModalBasis,
+    basis_near,
+    first_basis,
+    next_basis,
+    rates_along,
+    second_along,
+)
 from via_controllers.contract import require, require_positive
-from via_controllers.modal_transform import ModalBasis, basis_near, first_basis, next_basis, rates_along, second_along
 
 WALK = 0.02  # [rad] step between configurations along which modes are tracked
 

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.signals import Array, locked
 
+from via_controllers.arms.motor_pd import MotorPd
+from via_controllers.arms.principal_components import adapted
 from via_controllers.contract import (
     ArmController,
     ArmSample,
@@ -27,8 +29,6 @@ from via_controllers.contract import (
     require,
     require_not_negative,
 )
-from via_controllers.motor_pd import MotorPd
-from via_controllers.principal_components import adapted
 
 LONGEST = 0.01  # [s] longest time step of the adaptation; after a longer gap this step is used
 

@@ -27,8 +27,8 @@ from via_core.signals import Array, locked
 from via_core.status import Status
 
 from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, passive, require
+from via_controllers.joints.motor_references import MotorReferences, UnreachableError
 from via_controllers.low_pass import low_passed
-from via_controllers.motor_references import MotorReferences, UnreachableError
 
 LARGEST_FACTOR = 3.0  # bound of r and of 1 / r
 NEAR = 5e-3  # relative change of r below which the motors keep their target

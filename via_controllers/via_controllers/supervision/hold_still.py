@@ -16,7 +16,7 @@ from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 
 from via_controllers.contract import ArmSample, require_positive
-from via_controllers.holding import Held, Holding
+from via_controllers.supervision.holding import Held, Holding
 
 REACH = 0.9  # largest static deflection over the spring's stop; a larger gravity load is not compensated
 

@@ -19,8 +19,8 @@ from via_core.signals import Array, locked
 from via_core.springs import SpringLaw
 
 from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, passive, require
+from via_controllers.joints.multisine import Multisine
 from via_controllers.low_pass import low_passed
-from via_controllers.multisine import Multisine
 
 LARGEST = 1e6  # [rad] larger motor angles are transmission errors, which would corrupt the velocity estimate
 

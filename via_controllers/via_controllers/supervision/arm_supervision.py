@@ -19,8 +19,8 @@ import numpy as np
 from numba import njit
 from via_core.signals import Array
 
-from via_controllers.arm_limits import ArmLimits, Limit
 from via_controllers.contract import ArmController, ArmSample
+from via_controllers.supervision.arm_limits import ArmLimits, Limit
 
 GAP = 0.02  # [s] between two samples after which a controller restarts
 Change = Callable[[Any], Any]  # of a controller's state

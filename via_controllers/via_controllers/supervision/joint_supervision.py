@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from via_core.signals import Array, locked
 
-from via_controllers.arm_limits import ArmLimits
 from via_controllers.contract import ArmController, ArmSample, Controller, JointSample, require_positive
-from via_controllers.hold_joint import HoldJoint
 from via_controllers.joint_axes import JointAxes, OnAxes
 from via_controllers.low_pass import low_passed
-from via_controllers.supervision import FURTHEST, GAP, Answer, Change, Supervised, Supervisor
+from via_controllers.supervision.arm_limits import ArmLimits
+from via_controllers.supervision.arm_supervision import FURTHEST, GAP, Answer, Change, Supervised, Supervisor
+from via_controllers.supervision.hold_joint import HoldJoint
 
 REACH = 0.98  # deflection limit over the springs' stops: presets are close to the stops
 

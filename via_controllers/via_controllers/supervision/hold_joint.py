@@ -16,9 +16,9 @@ import numpy as np
 from via_core.signals import Array
 
 from via_controllers.contract import ArmSample, require_positive
-from via_controllers.holding import Held, Holding
 from via_controllers.joint_axes import JointAxes
-from via_controllers.motor_references import UnreachableError, resting
+from via_controllers.joints.motor_references import UnreachableError, resting
+from via_controllers.supervision.holding import Held, Holding
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,1 @@
+"""Controllers of arms, and what they are made of."""

@@ -1,0 +1,1 @@
+"""Controllers of joints, and what they are made of."""

@@ -1,0 +1,1 @@
+"""What drives the motors: the controller, a holding controller or nothing, always within limits."""
