@@ -11,8 +11,8 @@ from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport, save_repair
 from via_gap.report.withheld import before_and_after
-from via_gap.residual.weak_residuals import weak_residuals
 from via_gap.residual.segments import cut_log
+from via_gap.residual.weak_residuals import weak_residuals
 from via_sim.effects import Effect
 from via_sim.effects_file import load_effects
 

@@ -13,8 +13,8 @@ from gap_models import evaluated
 from via_gap.candidates.fit import Fit, bounds_of
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales, scales_of
-from via_gap.residual.weak_residuals import weak_residuals
 from via_gap.residual.segments import cut_log
+from via_gap.residual.weak_residuals import weak_residuals
 from via_gap.selection.comparison import _supported
 from via_gap.selection.plausibility import absurd, doubt
 from via_sim.catalogue import EFFECTS

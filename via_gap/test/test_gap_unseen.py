@@ -82,9 +82,9 @@ def test_a_log_that_begins_in_motion_leaves_noise_beside_the_true_device():
     segments = cut_log(replace(log, measured=measured))
     assert not segments.rests
     problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
-    blind = replace(problem.views[0], motor_start=np.zeros(6))
+    unfitted = replace(problem.views[0], motor_start=np.zeros(6))
     row = problem.row([])
     assert np.sqrt(np.mean(problem.residual([row]) ** 2)) < 1.3
-    raw = blind.segments.measured[blind.chosen] - blind.motion(row[None])[0]
-    settled = blind.segments.measured[blind.chosen] - problem.views[0].motion(row[None])[0]
+    raw = unfitted.segments.measured[unfitted.chosen] - unfitted.motion(row[None])[0]
+    settled = unfitted.segments.measured[unfitted.chosen] - problem.views[0].motion(row[None])[0]
     assert np.std(settled) < 0.5 * np.std(raw)

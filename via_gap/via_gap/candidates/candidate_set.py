@@ -12,11 +12,11 @@ from via_gap.candidates.fit import Fit
 from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
-from via_gap.residual.weak_residuals import Residual, weak_residuals
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.repaired_device import repaired_device
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices, Segments
+from via_gap.residual.weak_residuals import Residual, weak_residuals
 
 ONE_RUN = ("external_torque",)  # acts at one time of one run, so it cannot be the common cause in several logs
 

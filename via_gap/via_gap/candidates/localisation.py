@@ -19,8 +19,8 @@ from via_core.devices import Device
 from via_core.signals import Array
 
 from via_gap.logs.findings import Number, Record, Share
-from via_gap.residual.weak_residuals import Residual
 from via_gap.residual.segments import Segments
+from via_gap.residual.weak_residuals import Residual
 
 Quantity = Literal["speed", "deflection", "angle", "motor angle", "torque", "time", "reversal"]
 BINS = 5

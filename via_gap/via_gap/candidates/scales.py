@@ -10,8 +10,8 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.torques import EXTERNAL, GOAL, POWER
 
-from via_gap.residual.weak_residuals import Residual
 from via_gap.residual.segments import Segments
+from via_gap.residual.weak_residuals import Residual
 
 # Periods per turn that are screened; not whole numbers, which a fit would keep.
 ORDERS = 1e-6 + np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])

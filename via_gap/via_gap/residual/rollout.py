@@ -155,7 +155,7 @@ class Rollout:
         """Motors without an encoder whose state is integrated."""
         return [axis for axis in (1, 2) if axis not in self.segments.axes and row[P.axis_kind + axis] == DYNAMIC]
 
-    def _start_spread(self, row: Array) -> Array:
+    def _start_sd(self, row: Array) -> Array:
         """(k, 6) prior standard deviations of the angle of each unseen motor when the log begins, and of its velocity.
 
         Nothing is known but that a motor moves about as much as the link, and rests if the link does.
@@ -169,11 +169,11 @@ class Rollout:
 
     def _settled(self, row: Array) -> Rollout:
         """The same with the most likely start of the unseen motors: Gauss-Newton on the errors of all segments."""
-        spread, here = self._start_spread(row), self
-        at, loss = np.zeros(len(spread)), np.inf
+        sizes, here = self._start_sd(row), self
+        at, loss = np.zeros(len(sizes)), np.inf
 
         def errors(amounts: Array) -> Array:
-            moved = replace(self, motor_start=amounts @ spread)
+            moved = replace(self, motor_start=amounts @ sizes)
             return np.nan_to_num(moved.residual(row[None])[0], posinf=HUGE, neginf=-HUGE)
 
         now = errors(at)
@@ -193,7 +193,7 @@ class Rollout:
             if not losses[best] < loss:
                 break
             at, now, done = tries[best], found[best], loss - losses[best] < SETTLED * losses[best]
-            loss, here = losses[best], replace(self, motor_start=at @ spread)
+            loss, here = losses[best], replace(self, motor_start=at @ sizes)
             if done:
                 break
         return here
@@ -336,7 +336,7 @@ class Rollout:
         moved = [self.motion(row[None], offset)[0] for offset in steps]
         moved += [self.motion(row[None], commands=(self.segments.commands + p)[None])[0] for p in pulses(self.segments)]
         changes = [each - plain for each in moved]
-        for start in self._start_spread(row):
+        for start in self._start_sd(row):
             changes.append(
                 (replace(self, motor_start=self.motor_start + STEP * start).motion(row[None])[0] - plain) / STEP
             )

@@ -17,10 +17,10 @@ from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.logs.log import JointLog, believed
 from via_gap.logs.noise import LogNoise, log_noise
 from via_gap.logs.quality import Quality
-from via_gap.residual.weak_residuals import weak_residuals
 from via_gap.residual.errors import segment_errors
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
+from via_gap.residual.weak_residuals import weak_residuals
 
 STILL = 1e-3  # [rad] travel of the link below which nothing can be compared
 

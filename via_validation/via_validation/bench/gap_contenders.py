@@ -16,9 +16,9 @@ from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
 from via_gap.design.commands import following
 from via_gap.logs.log import JointLog
-from via_gap.residual.weak_residuals import weak_residuals
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments, cut_log
+from via_gap.residual.weak_residuals import weak_residuals
 from via_sim.effects import Effect
 from via_sim.parameters import P
 from via_sim.plants import JointPlant
