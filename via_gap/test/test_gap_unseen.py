@@ -86,5 +86,5 @@ def test_a_log_that_begins_in_motion_leaves_noise_beside_the_true_device():
     row = problem.row([])
     assert np.sqrt(np.mean(problem.residual([row]) ** 2)) < 1.3
     raw = unfitted.segments.measured[unfitted.chosen] - unfitted.motion(row[None])[0]
-    settled = unfitted.segments.measured[unfitted.chosen] - problem.views[0].motion(row[None])[0]
-    assert np.std(settled) < 0.5 * np.std(raw)
+    estimated = unfitted.segments.measured[unfitted.chosen] - problem.views[0].motion(row[None])[0]
+    assert np.std(estimated) < 0.5 * np.std(raw)

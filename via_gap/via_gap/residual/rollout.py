@@ -36,7 +36,7 @@ from via_gap.residual.threads import THREADS, together
 from via_gap.residual.unseen import MeasuredPath, UnseenMotors
 
 STEP = 0.02  # standard deviations: finite difference of the start of an unseen motor
-SETTLING, SETTLED = 6, 1e-3  # steps to this start at most; share of the loss from which one more is not worth it
+ROUNDS, ENOUGH = 6, 1e-3  # steps to this start at most; share of the loss from which one more is not worth it
 HUGE = 1e6  # in place of an overflow
 LEAD = 0.06  # [s] longer than any lag between channels
 
@@ -84,7 +84,7 @@ class Rollout:
         made = unknown._whitened(nominal)
         if segments.rests or not made._unseen(nominal):
             return made
-        return made._settled(nominal)._whitened(nominal)
+        return made._with_estimated_start(nominal)._whitened(nominal)
 
     def part(self, which: Indices) -> Rollout:
         """Some of the segments, by their indices into `chosen`; with all axes measured, a short lead is enough."""
@@ -167,7 +167,7 @@ class Rollout:
             slots += [(3 + k, speed) for k in self._unseen(row)]
         return np.array([size * unit[slot] for slot, size in slots])
 
-    def _settled(self, row: Array) -> Rollout:
+    def _with_estimated_start(self, row: Array) -> Rollout:
         """The same with the most likely start of the unseen motors: Gauss-Newton on the errors of all segments."""
         sizes, here = self._start_sd(row), self
         at, loss = np.zeros(len(sizes)), np.inf
@@ -177,7 +177,7 @@ class Rollout:
             return np.nan_to_num(moved.residual(row[None])[0], posinf=HUGE, neginf=-HUGE)
 
         now = errors(at)
-        for _ in range(SETTLING):
+        for _ in range(ROUNDS):
             squares = np.mean(now**2, axis=1)
             pull = np.sqrt(np.minimum(2.0 / (1.0 + squares), 1.0))[:, None]
             slopes = np.stack([(errors(at + STEP * e) - now) / STEP for e in np.eye(len(at))], axis=-1)
@@ -192,7 +192,7 @@ class Rollout:
             best = int(np.argmin(losses))
             if not losses[best] < loss:
                 break
-            at, now, done = tries[best], found[best], loss - losses[best] < SETTLED * losses[best]
+            at, now, done = tries[best], found[best], loss - losses[best] < ENOUGH * losses[best]
             loss, here = losses[best], replace(self, motor_start=at @ sizes)
             if done:
                 break
