@@ -131,3 +131,10 @@ def test_both_motors_are_told_and_drawn_as_both():
     sketch = JointSketch(arrangement="antagonistic", drive="torque", motors_seen=(True, True), torque_seen=True)
     drawn = joint_picture(sketch, {("motor", 0): 0.6, ("motor", 2): 0.2, ("transmission", 0): 0.15})
     assert [drawn.count(f">{share} %<") for share in (60, 80, 15)] == [1, 1, 2]
+
+
+def test_an_effect_and_one_that_contains_it_overlap_at_the_same_site():
+    coulomb, stribeck = (Location(f"{name}_friction", "link", 0) for name in ("coulomb", "stribeck"))
+    assert coulomb.overlaps(stribeck) and stribeck.overlaps(coulomb)
+    assert not coulomb.overlaps(Location("viscous_friction", "link", 0))
+    assert not stribeck.overlaps(Location("coulomb_friction", "motor", 1))

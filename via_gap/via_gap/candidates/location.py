@@ -61,8 +61,13 @@ class Location:
         return self.spots[0][1] if self.site in ("motor", "transmission", "sensor", "timing") else 0
 
     def overlaps(self, other: Location) -> bool:
-        """Whether both are the same effect with a common site, so that a model cannot contain both."""
-        return self.name == other.name and not set(self.spots).isdisjoint(other.spots)
+        """Whether a model cannot contain both: the same effect at a common site, or one that contains the other."""
+        return self.plainest == other.plainest and not set(self.spots).isdisjoint(other.spots)
+
+    @property
+    def plainest(self) -> str:
+        """Name of the simplest effect that this one contains: a Stribeck friction contains a Coulomb friction."""
+        return PLAINER.get(self.name, (self.name,))[0]
 
     def __str__(self) -> str:
         return f"{self.name} at {place_name(self.site, self.motor)}"

@@ -228,7 +228,7 @@ def _distinct(pairs: Sequence[tuple[float, Members]]) -> list[tuple[float, Membe
     """The best pair of every two kinds of effects; an effect that contains a simpler one counts as the simpler one."""
     kinds: dict[frozenset[Location], tuple[float, Members]] = {}
     for loss, members in pairs:
-        kind = frozenset(replace(p, name=PLAINER.get(p.name, (p.name,))[0]) for p, _ in members)
+        kind = frozenset(replace(p, name=p.plainest) for p, _ in members)
         if len(kind) == 2:
             kinds.setdefault(kind, (loss, members))
     return list(kinds.values())
