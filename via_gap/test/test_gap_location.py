@@ -1,8 +1,10 @@
 """Every effect of the catalogue is a candidate, or the report says why it is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from gap_logs import flexible, log_of, servo
+from gap_logs import flexible, log_of, rigid, servo
 from via_core.devices import load_device
 from via_core.signals import Signals
 from via_gap.candidates.fit import Fit, effect_or_none
@@ -138,3 +140,14 @@ def test_an_effect_and_one_that_contains_it_overlap_at_the_same_site():
     assert coulomb.overlaps(stribeck) and stribeck.overlaps(coulomb)
     assert not coulomb.overlaps(Location("viscous_friction", "link", 0))
     assert not stribeck.overlaps(Location("coulomb_friction", "motor", 1))
+
+
+def test_a_late_stamp_of_the_only_angle_is_a_candidate_where_the_drive_can_show_it():
+    both = log_of(flexible(), (), seed=1, duration=1.0)
+    link = replace(both, measured=Signals(both.measured.time, {"q": both.measured["q"]}, {"q": "rad"}))
+
+    def stamps(log):
+        return [each.motor for each in locations(log.device, log) if each.name == "channel_skew"]
+
+    assert stamps(both) == [0, 1] and stamps(link) == []
+    assert stamps(log_of(rigid(), (), seed=2, duration=1.0)) == [0]

@@ -77,7 +77,8 @@ def locations(device: Device, log: JointLog) -> tuple[Location, ...]:
     """All locations of all effects that this device can have and that change the simulation of this log."""
     seen = (0, *(1 + i for i, each in enumerate(log.motors_seen) if each))
     neighbour = log.commands is not None and "neighbour" in log.commands
-    alone = len(seen) == 1 and (device.n_motors > 0 or not log.torque_seen)
+    # Of a rigid joint with a torque drive, sensors/stamps.py separates a late angle from a late command.
+    alone = len(seen) == 1 and (device.n_motors > 0 or device.drive == "position")
     found = []
     for kind in EFFECTS.values():
         if kind.name in MEASUREMENT_ONLY or (kind.name == "joint_coupling" and not neighbour):
