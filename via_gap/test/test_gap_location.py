@@ -13,8 +13,9 @@ from via_gap.candidates.scales import Scales
 from via_gap.candidates.screen import Direction, directions, ranked_pairs
 from via_gap.candidates.starts import _STARTS, Start, size_of, size_parameters, starts
 from via_gap.logs.log import JointLog
-from via_gap.rendering.joint_picture import joint_picture
+from via_gap.rendering.joint_picture import JointPicture
 from via_gap.rendering.names import site_words
+from via_gap.rendering.page import drawing
 from via_gap.report.figures import JointSketch
 from via_sim.catalogue import EFFECTS
 
@@ -131,7 +132,8 @@ def test_both_motors_are_told_and_drawn_as_both():
         and site_words("transmission", 0) == "in both transmissions alike"
     )
     sketch = JointSketch(arrangement="antagonistic", drive="torque", motors_seen=(True, True), torque_seen=True)
-    drawn = joint_picture(sketch, {("motor", 0): 0.6, ("motor", 2): 0.2, ("transmission", 0): 0.15})
+    shares = {("motor", 0): 0.6, ("motor", 2): 0.2, ("transmission", 0): 0.15}
+    drawn = drawing("joint", JointPicture(sketch, shares))
     assert [drawn.count(f">{share} %<") for share in (60, 80, 15)] == [1, 1, 2]
 
 

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeVar
 
 from via_gap.candidates.localisation import Quantity
-from via_gap.rendering.chart import Curve, Panel, Rung, chart, ladder
-from via_gap.rendering.names import SIGNALS, capital, place_words
-from via_gap.rendering.number_lines import Line, number_lines
-from via_gap.rendering.numbers import number
+from via_gap.rendering.chart import Chart, Curve, Panel, Scale, logarithmic
+from via_gap.rendering.joint_picture import figures_of
+from via_gap.rendering.names import SIGNALS, capital
+from via_gap.rendering.number_lines import Line
+from via_gap.rendering.numbers import number, percent
 from via_gap.report.figures import ErrorBin, ErrorFigure, OrderSpectrum, ResidualBin, ResidualFigure, TraceFigure
 from via_gap.report.report import DEVIATIONS, Cause, GapReport
-from via_gap.selection.gap import Gap
+from via_gap.selection.gap import Gap, SignalGap
 
+Figure = TypeVar("Figure")
+Key = TypeVar("Key", bound=Hashable)
 PEAKS = 6  # of a spectrum, named in its caption
 AXES = {
     "q": "the link", "theta_1": "motor 1", "theta_2": "motor 2", "tau": "the joint", "tau_link": "the link",
@@ -23,38 +27,50 @@ AXES = {
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """A chart and its caption."""
-
-    caption: str
-    svg: str
-
-
-@dataclass(frozen=True)
 class Row:
     """Charts that belong together; `leading` ones are shown, the others unfold."""
 
     title: str
-    charts: tuple[Drawn, ...]
+    charts: tuple[Chart, ...]
     leading: bool
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """How far the gap shrinks, over all and per signal, on one logarithmic axis; `after` names the model repaired."""
+
+    gap: Gap
+    after: str
+
+    @property
+    def rungs(self) -> dict[str, Gap | SignalGap]:
+        signals = self.gap.signals if len(self.gap.signals) > 1 else {}
+        return {"all signals": self.gap, **{SIGNALS.get(name, name): each for name, each in signals.items()}}
+
+    @property
+    def tuned(self) -> bool:
+        """Whether the device with fitted parameters is another model than the one after the repair."""
+        return self.after == "repaired"
+
+    @property
+    def looks(self) -> list[tuple[str, str]]:
+        """(marker, model) of the legend."""
+        return [("before", "as filed"), *([("tuned", "fitted")] if self.tuned else []), ("after", self.after)]
+
+    @property
+    def axis(self) -> Scale:
+        shown = [v for each in self.rungs.values() for v in (each.before, each.after, each.floor, each.bound)]
+        shown += [*self.gap.interval, *([self.gap.tuned] if self.tuned else [])]
+        return logarithmic(shown, 1.25, (12.0, 368.0), word=percent)
 
 
 def residual_rows(report: GapReport) -> tuple[Row, ...]:
     """One row per equation; those in which the gap was found lead, else the one with the largest residual."""
-    each: dict[str, list[ResidualFigure]] = {}
-    for figure in report.figures.residuals if report.figures is not None else ():
-        each.setdefault(figure.equation, []).append(figure)
-    if not each:
-        return ()
-    named = report.where[0].equation if report.where else ""
-    leading = {name for name in each if name in named.split(" and ")}
-    leading = leading or {max(each, key=lambda name: max(_excess(figure) for figure in each[name]))}
+    each = _grouped(figures_of(report).residuals, lambda figure: figure.equation)
+    named = report.where[0].equation.split(" and ") if report.where else []
+    leading = each.keys() & set(named) or {max(each, key=lambda name: max(map(_excess, each[name])), default="")}
     rows = [
-        Row(
-            f"Equation of {'the link' if name == 'link' else name}",
-            tuple(_residual(figure, _antagonistic(report), after_words(report)) for figure in group),
-            name in leading,
-        )
+        Row(f"Equation of {_axis_of(name)}", tuple(_residual(figure, report) for figure in group), name in leading)
         for name, group in each.items()
     ]
     return tuple(sorted(rows, key=lambda row: not row.leading))
@@ -65,77 +81,70 @@ def after_words(report: GapReport) -> str:
     return "repaired" if report.effects else "fitted"
 
 
-def spectrum_row(report: GapReport) -> Row | None:
+def spectrum_rows(report: GapReport) -> tuple[Row, ...]:
     """Order spectra of the missing torque; none where no periodic effect was compared or no angle turned far enough."""
-    spectra = report.figures.spectra if report.figures is not None else ()
-    if not spectra:
-        return None
-    return Row("Order spectrum of the missing torque", tuple(_spectrum(each, report) for each in spectra), True)
+    charts = tuple(_spectrum(each, after_words(report)) for each in figures_of(report).spectra)
+    return (Row("Order spectrum of the missing torque", charts, True),) if charts else ()
 
 
-def parameter_lines(cause: Cause) -> str:
+def parameter_lines(cause: Cause) -> list[Line]:
     """The parameters of a cause beside their neutral values and limits."""
-    lines = [
-        Line(name, v.unit, v.value, v.neutral, v.low, v.high, DEVIATIONS * v.sd) for name, v in cause.parameters.items()
-    ]
-    return number_lines(f"Parameters of {place_words(cause)}", lines, "no effect")
+    each = cause.parameters.items()
+    return [Line(name, v.unit, v.value, v.neutral, v.low, v.high, DEVIATIONS * v.sd) for name, v in each]
 
 
-def device_lines(report: GapReport) -> str:
+def device_lines(report: GapReport) -> list[Line]:
     """The fitted parameters of the device beside their filed values and tolerances."""
-    lines = [Line(n.name, n.unit, n.fitted, n.filed, n.low, n.high) for n in report.nuisance]
-    return number_lines("Device parameters", lines, "as filed")
+    return [Line(n.name, n.unit, n.fitted, n.filed, n.low, n.high) for n in report.nuisance]
 
 
 def error_rows(report: GapReport) -> tuple[Row, ...]:
     """One row per simulated signal, the link first and shown."""
-    each: dict[str, list[ErrorFigure]] = {}
-    for figure in report.figures.errors if report.figures is not None else ():
-        each.setdefault(figure.signal, []).append(figure)
     return tuple(
         Row(
             capital(SIGNALS.get(signal, signal)),
-            tuple(_error(figure, _antagonistic(report), after_words(report)) for figure in group),
+            tuple(_error(figure, report) for figure in group),
             signal in ("q", "tau", "tau_link"),
         )
-        for signal, group in each.items()
+        for signal, group in _grouped(figures_of(report).errors, lambda figure: figure.signal).items()
     )
 
 
 def trace_rows(report: GapReport) -> tuple[Row, ...]:
-    """One row per interval, or one of them all where a interval is a single signal: measured, as filed, repaired."""
-    each: dict[tuple[str, str, float], list[TraceFigure]] = {}
-    for figure in report.figures.traces if report.figures is not None else ():
-        each.setdefault((figure.log, figure.worst, figure.time[0] if figure.time else 0.0), []).append(figure)
-    titles = {"before": "largest error as filed", "after": f"largest error {after_words(report)}"}
-    rows, seen = [], set()
-    for count, ((log, worst, begin), group) in enumerate(each.items()):
+    """One row per interval, or one of them all where an interval is a single signal: measured, as filed, repaired."""
+    traces = figures_of(report).traces
+    each = _grouped(traces, lambda figure: (figure.log, figure.worst, figure.time[0] if figure.time else 0.0))
+    after = after_words(report)
+    titles = {"before": "largest error as filed", "after": f"largest error {after}"}
+    rows: list[Row] = []
+    seen = set()
+    for (log, worst, begin), group in each.items():
         title = f"{log}, from {begin:.2f} s: {'second ' if worst in seen else ''}{titles[worst]}"
         seen.add(worst)
-        rows.append(Row(title, tuple(_trace(figure, after_words(report)) for figure in group), count == 0))
+        rows.append(Row(title, tuple(_trace(figure, after) for figure in group), not rows))
     if rows and all(len(row.charts) == 1 for row in rows):
-        return (Row("", tuple(Drawn(row.title, row.charts[0].svg) for row in rows), True),)
+        return (Row("", tuple(replace(row.charts[0], caption=row.title) for row in rows), True),)
     return tuple(rows)
 
 
-def gap_ladder(gap: Gap, repaired: str) -> Drawn:
-    """How far the gap shrinks, over all and per signal."""
-    tuned = gap.tuned if repaired == "repaired" else None
-    rungs = [Rung("all signals", gap.before, gap.after, gap.floor, gap.bound, tuned, gap.interval)]
-    if len(gap.signals) > 1:
-        for name, each in gap.signals.items():
-            rungs.append(Rung(SIGNALS.get(name, name), each.before, each.after, each.floor, each.bound))
-    return Drawn(
-        "The gap on held-out data", ladder("The gap before and after, with sensor noise and bound", rungs, repaired)
-    )
+def _grouped(figures: Iterable[Figure], key: Callable[[Figure], Key]) -> dict[Key, list[Figure]]:
+    """Figures by key, in the order in which the keys first appear."""
+    found: dict[Key, list[Figure]] = {}
+    for figure in figures:
+        found.setdefault(key(figure), []).append(figure)
+    return found
 
 
-def _over(by: Quantity, axis: str, antagonistic: bool) -> str:
+def _axis_of(equation: str) -> str:
+    return "the link" if equation == "link" else equation
+
+
+def _over(by: Quantity, axis: str, report: GapReport) -> str:
     """The quantity of a figure in words."""
-    spring = f" {2 if axis == 'motor 2' else 1}" if antagonistic else ""
+    number = "" if figures_of(report).joint.arrangement != "antagonistic" else " 2" if axis == "motor 2" else " 1"
     known = {
         "speed": f"speed |v| of {axis}",
-        "deflection": f"deflection of transmission{spring}",
+        "deflection": f"deflection of transmission{number}",
         "angle": "link angle q",
         "motor angle": f"angle of {axis}",
     }
@@ -159,25 +168,24 @@ def _columns(bins: Sequence[ResidualBin | ErrorBin], *names: str) -> tuple[list[
     return tuple([getattr(each, name) for each in bins] for name in names)
 
 
-def _residual(figure: ResidualFigure, antagonistic: bool, repaired: str) -> Drawn:
-    x, breaks = [b.centre for b in figure.bins], _gaps(figure.bins)
-    over = _over(figure.by, "the link" if figure.equation == "link" else figure.equation, antagonistic)
-    speed = figure.by == "speed"
+def _residual(figure: ResidualFigure, report: GapReport) -> Chart:
+    (x,), breaks, repaired = _columns(figure.bins, "centre"), _gaps(figure.bins), after_words(report)
+    over, speed = _over(figure.by, _axis_of(figure.equation), report), figure.by == "speed"
     mean = _before_and_after(x, _columns(figure.bins, "floor", "before", "after"), repaired, breaks, mirrored=True)
     rms = _before_and_after(x, _columns(figure.bins, "floor", "before_rms", "after_rms"), repaired, breaks)
     panels = [Panel("mean along v" if speed else "mean", "N m", mean, zero=True), Panel("rms", "N m", rms, zero=True)]
     caption = f"against {over}" + (" (negative: it brakes)" if speed else "")
-    return Drawn(caption, chart(f"Missing torque {caption}", over, figure.unit, panels))
+    return Chart(caption, f"Missing torque {caption}", over, figure.unit, panels)
 
 
-def _spectrum(figure: OrderSpectrum, report: GapReport) -> Drawn:
+def _spectrum(figure: OrderSpectrum, repaired: str) -> Chart:
     noise = [figure.level] * len(figure.orders)
-    curves = _before_and_after(figure.orders, (noise, figure.before, figure.after), after_words(report))
-    axis = "the link" if figure.equation == "link" else figure.equation
+    curves = _before_and_after(figure.orders, (noise, figure.before, figure.after), repaired)
     peaks = ", ".join(number(each) for each in _peaks(figure))
-    caption = f"equation of {axis}: largest at orders {peaks}; the log holds {number(figure.turns)} turns"
+    turns = f"the log holds {number(figure.turns)} turns"
+    caption = f"equation of {_axis_of(figure.equation)}: largest at orders {peaks}; {turns}"
     panel = Panel("amplitude", "N m", curves, zero=True)
-    return Drawn(caption, chart(f"Order spectrum, {caption}", "periods per turn", "1/rev", [panel]))
+    return Chart(caption, f"Order spectrum, {caption}", "periods per turn", "1/rev", [panel])
 
 
 def _peaks(figure: OrderSpectrum) -> list[float]:
@@ -188,13 +196,13 @@ def _peaks(figure: OrderSpectrum) -> list[float]:
     return sorted(figure.orders[k] for k in largest)
 
 
-def _error(figure: ErrorFigure, antagonistic: bool, repaired: str) -> Drawn:
-    x, axis = [b.centre for b in figure.bins], AXES.get(figure.signal, figure.signal)
-    over = _over(figure.by, axis, antagonistic)
+def _error(figure: ErrorFigure, report: GapReport) -> Chart:
+    (x,), axis = _columns(figure.bins, "centre"), AXES.get(figure.signal, figure.signal)
+    over = _over(figure.by, axis, report)
     columns = _columns(figure.bins, "floor", "before", "after")
-    curves = _before_and_after(x, columns, repaired, _gaps(figure.bins))
+    curves = _before_and_after(x, columns, after_words(report), _gaps(figure.bins))
     panel = Panel("rms error", _unit(figure.signal), curves, log=True)
-    return Drawn(f"against {over}", chart(f"Error of {axis} against {over}", over, figure.unit, [panel]))
+    return Chart(f"against {over}", f"Error of {axis} against {over}", over, figure.unit, [panel])
 
 
 def _gaps(bins: Sequence[ResidualBin | ErrorBin]) -> list[int]:
@@ -202,7 +210,7 @@ def _gaps(bins: Sequence[ResidualBin | ErrorBin]) -> list[int]:
     return [i + 1 for i, (a, b) in enumerate(pairwise(bins)) if b.low > a.high + 1e-6 * (b.high - a.low)]
 
 
-def _trace(figure: TraceFigure, repaired: str) -> Drawn:
+def _trace(figure: TraceFigure, repaired: str) -> Chart:
     def two(before: Sequence[float], after: Sequence[float]) -> list[Curve]:
         return [
             Curve("as filed", "before", figure.time, before, figure.restarts),
@@ -213,15 +221,11 @@ def _trace(figure: TraceFigure, repaired: str) -> Drawn:
     name, unit = SIGNALS.get(figure.signal, figure.signal), _unit(figure.signal)
     measured = Curve("measured", "measured", figure.time, figure.measured)
     panels = [Panel(name, unit, [measured, *two(figure.before, figure.after)]), Panel("error", unit, two(*errors))]
-    return Drawn(capital(name), chart(f"{name} measured and simulated", "time", "s", panels))
+    return Chart(capital(name), f"{name} measured and simulated", "time", "s", panels)
 
 
 def _unit(signal: str) -> str:
     return "N m" if signal.startswith("tau") else "rad"
-
-
-def _antagonistic(report: GapReport) -> bool:
-    return report.figures is not None and report.figures.joint.arrangement == "antagonistic"
 
 
 def _excess(figure: ResidualFigure) -> float:
