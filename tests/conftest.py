@@ -23,7 +23,7 @@ except ImportError as error:
 
 from rclpy.parameter import Parameter
 from via_ros import middleware
-from via_ros.domains import Domain
+from via_ros.domains import reserved_domain
 from via_ros.spin import close_all, make_executor, spin_until
 
 middleware.prepare()
@@ -34,10 +34,10 @@ DEADLINE = 600.0  # [s] after which something hangs: how fast it goes is not wha
 @pytest.fixture(scope="session")
 def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """The DDS domain of this test worker, also for the processes it starts."""
-    with Domain() as own:
-        os.environ["ROS_DOMAIN_ID"] = str(own.number)
+    with reserved_domain() as own:
+        os.environ["ROS_DOMAIN_ID"] = str(own)
         os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros_log"))
-        yield own.number
+        yield own
 
 
 class Graph:

@@ -6,7 +6,7 @@ from sensor_msgs.msg import JointState
 from via_core.devices import Device
 from via_core.signals import Array
 from via_interfaces.msg import VsaCommand
-from via_ros.conversions import Command, Named, Names, RowReader, joints_of, set_stamp
+from via_ros.conversions import Command, Names, RowReader, joints_of, set_stamp
 
 
 class SampleReader:
@@ -36,9 +36,9 @@ class SampleReader:
 
 
 class CommandWriter:
-    """Writes the VsaCommands of a device or an arm, numbered from 0, into one reused message object."""
+    """Writes the VsaCommands of a device, numbered from 0, into one reused message object."""
 
-    def __init__(self, device: Named) -> None:
+    def __init__(self, device: Device) -> None:
         self._message = VsaCommand()
         self._message.header.frame_id = device.name
         self._sequence = 0

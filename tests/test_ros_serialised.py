@@ -127,7 +127,7 @@ class Device:
 @given(commands(), STAMPS)
 def test_commands_written_as_bytes_are_those_that_ros_writes(message, stamp):
     device = Device(message.header.frame_id)
-    slow, fast = CommandWriter(device), CommandBytes(device)
+    slow, fast = CommandWriter(device), CommandBytes(device.name)
     command = Command(message.mode, message.equilibrium, message.preset, message.damping, np.array(message.motor))
     for k in range(3):
         expected = deserialize_message(serialize_message(slow.numbered(stamp + k, command)), VsaCommand)

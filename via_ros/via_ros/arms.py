@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
 from via_core.signals import Array
-from via_core.wire import FIELDS, link_name, motor_name, seconds
+from via_core.wire import link_name, motor_name
 
-from via_ros.conversions import Joints, Names, StateWriter
+from via_ros.conversions import JointReader, Joints, StateWriter
 
 
 class ArmRow(NamedTuple):
@@ -35,48 +34,23 @@ class ArmStateWriter(StateWriter):
 
 
 class ArmReader:
-    """Reads the joints of an arm from JointStates, by name.
-
-    malformed  number of arrays so far whose length differs from that of the names
-    """
+    """Reads the joints of an arm from JointStates, by name."""
 
     def __init__(self, joints: Sequence[str]) -> None:
-        self._links = [link_name(joint) for joint in joints]
-        self._motors = [motor_name(joint, 1) for joint in joints]
-        self._names = Names(())
-        self._places: tuple[np.ndarray, np.ndarray] | None = None
-        self._origin: int | None = None
-        self.malformed = 0
+        links, motors = [link_name(joint) for joint in joints], [motor_name(joint, 1) for joint in joints]
+        entries = [(field, link) for field in ("position", "velocity") for link in links]
+        entries += [(field, motor) for field in ("position", "velocity") for motor in motors]
+        entries += [("effort", link) for link in links]
+        self._reader = JointReader([((*links, *motors), entries)])
+
+    @property
+    def malformed(self) -> int:
+        """Number of arrays so far whose length differs from that of the names."""
+        return self._reader.malformed[0]
 
     def read(self, joints: Joints) -> ArmRow | None:
         """State from a message; None unless it names every link and motor of the arm."""
-        if joints.names is not self._names:
-            self._names, self._places = joints.names, self._found(joints.names.joints)
-        if self._places is None:
+        if not self._reader.read(joints):
             return None
-        if self._origin is None:
-            self._origin = joints.stamp
-        links, motors = self._places
-        there = []
-        for field in FIELDS:
-            values = getattr(joints, field)
-            if len(values) != len(joints.names.joints):
-                self.malformed += len(values) > 0
-                values = np.full(len(joints.names.joints), np.nan)
-            there.append(values)
-        position, velocity, effort = there
-        return ArmRow(
-            seconds(joints.stamp, self._origin),
-            joints.stamp,
-            position[links],
-            velocity[links],
-            position[motors],
-            velocity[motors],
-            effort[links],
-        )
-
-    def _found(self, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray] | None:
-        first = {name: at for at, name in reversed(list(enumerate(names)))}
-        if not all(name in first for name in (*self._links, *self._motors)):
-            return None
-        return np.array([first[name] for name in self._links]), np.array([first[name] for name in self._motors])
+        (row,) = self._reader.rows
+        return ArmRow(float(row[0]), joints.stamp, *row[1:].reshape(5, -1).copy())

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from types import TracebackType
+from contextlib import ExitStack
 from typing import Any, Self, TypeVar
 
 import rclpy
@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from via_core.errors import ViaError
 
 from via_ros import middleware, spin
-from via_ros.domains import Domain
+from via_ros.domains import reserved_domain
 
 Node = TypeVar("Node")
 
@@ -29,23 +29,21 @@ class Composition:
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         self.context = Context()
         self._nodes: list[Any] = []
+        self._reservation = ExitStack()
 
     def __enter__(self) -> Self:
         middleware.prepare()
-        self._domain = Domain()
-        rclpy.init(context=self.context, domain_id=self._domain.number)
+        rclpy.init(context=self.context, domain_id=self._reservation.enter_context(reserved_domain()))
         self._executor = spin.make_executor(context=self.context)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         for node in self._nodes:
             self._executor.remove_node(node)
         spin.close_all(reversed(self._nodes), failed=kind is not None)
         self._executor.shutdown()
         rclpy.try_shutdown(context=self.context)
-        self._domain.release()
+        self._reservation.close()
 
     def add(self, make: Callable[..., Node], **parameters: Any) -> Node:
         """Create a node with these parameters and add it to the executor."""

@@ -8,11 +8,10 @@ Missing values are NaN, never 0. Values keep every bit.
 from __future__ import annotations
 
 import array
-import re
 from collections.abc import Sequence
 from math import isfinite
 from struct import Struct
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -37,13 +36,6 @@ def set_stamp(stamp: Time, time: int) -> None:
     stamp.sec, stamp.nanosec = divmod(time, SECOND)
 
 
-class Named(Protocol):
-    """A device or an arm."""
-
-    @property
-    def name(self) -> str: ...
-
-
 class Command(NamedTuple):
     """The numbers of one VsaCommand."""
 
@@ -54,10 +46,15 @@ class Command(NamedTuple):
     motor: Array  # (m,) [rad] or [N m]; (0,) in EQUILIBRIUM_PRESET
 
 
+def unchecked_command(message: VsaCommand) -> Command:
+    """The command of a message, not validated."""
+    motor = np.array(message.motor, dtype=np.float64)
+    return Command(message.mode, message.equilibrium, message.preset, message.damping, motor)
+
+
 def command_of(message: VsaCommand, n_drives: int) -> Command | None:
     """The command of a message, or None for an invalid one, see `followed`."""
-    motor = np.array(message.motor, dtype=np.float64)
-    return followed(Command(message.mode, message.equilibrium, message.preset, message.damping, motor), n_drives)
+    return followed(unchecked_command(message), n_drives)
 
 
 def followed(command: Command, n_drives: int) -> Command | None:
@@ -94,68 +91,27 @@ class Joints(NamedTuple):
     effort: Array
 
 
-class RowReader:
-    """Converts JointStates and VsaCommands to sample rows of several devices at once.
+class JointReader:
+    """Copies numbers of named joints from JointStates into rows.
 
-    wanted     device and columns after time of each row, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
-    rows       (1, 1 + k) each, overwritten by every message that names the link of the device: copy to keep
+    wanted     per row the joints that a message must name, and the (field, joint) of each number; None: set elsewhere
+    rows       (1 + k,) each, time [s] since the first message and the numbers, NaN where missing; overwritten by every
+               message that names the wanted joints: copy to keep
     malformed  per row the number of arrays whose length differs from that of the names; their values become NaN
+    origins    [ns] per row the stamp of the first message
     """
 
-    def __init__(self, wanted: Sequence[tuple[Device, Sequence[str]]]) -> None:
-        self._links = [device.link_joint for device, _ in wanted]
-        self._drives = [device.n_drives for device, _ in wanted]
-        lengths = [1 + len(columns) for _, columns in wanted]
-        self._starts = np.cumsum([0, *lengths]).tolist()
+    def __init__(self, wanted: Sequence[tuple[Sequence[str], Sequence[tuple[str, str] | None]]]) -> None:
+        self._wanted = wanted
+        self._starts = np.cumsum([0, *(1 + len(entries) for _, entries in wanted)]).tolist()
         self._flat = np.full(self._starts[-1], np.nan)
-        self.rows = [self._flat[at : at + n].reshape(1, n) for at, n in zip(self._starts, lengths, strict=False)]
+        self.rows = np.split(self._flat, self._starts[1:-1])
         self.malformed = [0] * len(wanted)
-        self.origins: list[int | None] = [None] * len(wanted)  # [ns] stamp of the first sample
-        self._places: list[list[tuple[str, int, str]]] = []  # per row: field, index in the flat array, joint
-        self._commands: list[list[tuple[int, str]]] = []  # per row: index in the flat array, member of the command
-        for (device, columns), start in zip(wanted, self._starts, strict=False):
-            self._places.append([])
-            self._commands.append([])
-            for at, column in enumerate(columns, start=start + 1):
-                self._place(at, column, device)
+        self.origins: list[int | None] = [None] * len(wanted)
         self._plans: dict[Names, _Plan] = {}
 
-    def _place(self, at: int, column: str, device: Device) -> None:
-        drives = device.drive_joints
-        numbered = re.fullmatch(r"(\w+?)_(\d+)", column)
-        number = int(numbered[2]) if numbered else 0
-        if column in LINK:
-            self._places[-1].append((LINK[column], at, device.link_joint))
-        elif column in REFERENCES:
-            self._commands[-1].append((at, column))
-        elif numbered and numbered[1] in (*device.drive_channels, "motor") and 1 <= number <= len(drives):
-            if numbered[1] == "motor":
-                self._commands[-1].append((at, column))
-            else:
-                self._places[-1].append((MOTOR[numbered[1]], at, drives[number - 1]))
-        else:
-            raise ParameterError(f"device '{device.name}' with {device.n_motors} motors has no column '{column}'")
-
-    def forget(self, row: int) -> None:
-        """Reset the row: no origin of time, no command."""
-        self.origins[row] = None
-        self._flat[[at for at, _ in self._commands[row]]] = np.nan
-
-    def hold(self, row: int, message: VsaCommand) -> bool:
-        """Store a command for the following rows; False for an invalid one, which is ignored."""
-        command = command_of(message, self._drives[row])
-        if command is None:
-            return False
-        for at, column in self._commands[row]:
-            if column in REFERENCES:
-                self._flat[at] = getattr(command, column)
-            else:
-                number = int(column.rpartition("_")[2])
-                self._flat[at] = command.motor[number - 1] if len(command.motor) else np.nan
-        return True
-
     def read(self, joints: Joints) -> list[int]:
-        """Indices of the rows updated: those whose link the message names. Times are [s] since the first message."""
+        """Indices of the rows updated: those whose wanted joints the message names."""
         plan = self._plans.get(joints.names)
         if plan is None:
             if len(self._plans) >= MOST_NAMES:
@@ -184,24 +140,80 @@ class RowReader:
 
     def _planned(self, names: tuple[str, ...]) -> _Plan:
         first = {name: at for at, name in reversed(list(enumerate(names)))}
-        rows = [row for row, link in enumerate(self._links) if link in first]
-        entries = [(row, *entry) for row in rows for entry in self._places[row]]
+        rows = [row for row, (needed, _) in enumerate(self._wanted) if first.keys() >= set(needed)]
+        entries = [
+            (row, at, *entry)
+            for row in rows
+            for at, entry in enumerate(self._wanted[row][1], self._starts[row] + 1)
+            if entry is not None
+        ]
         fields = []
         for field in FIELDS:
-            there = [(row, at, first[joint]) for row, kind, at, joint in entries if kind == field and joint in first]
+            there = [(row, at, first[joint]) for row, at, kind, joint in entries if kind == field and joint in first]
             if there:
                 of, places, indices = zip(*there, strict=True)
                 fields.append((field, np.array(places), np.array(indices), sorted(set(of))))
-        absent = np.array([at for _, _, at, joint in entries if joint not in first], dtype=np.intp)
+        absent = np.array([at for _, at, _, joint in entries if joint not in first], dtype=np.intp)
         return _Plan(rows, fields, absent)
 
 
 class _Plan(NamedTuple):
     """Index tables for messages with the same joint names."""
 
-    rows: list[int]  # rows whose link is named
+    rows: list[int]  # rows whose wanted joints are named
     fields: list[tuple[str, np.ndarray, np.ndarray, list[int]]]  # field, indices in the flat array, in the field, rows
     absent: np.ndarray  # indices in the flat array of joints not named
+
+
+class RowReader:
+    """Converts JointStates and VsaCommands to sample rows of several devices at once.
+
+    wanted     device and columns after time of each row, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
+    rows       (1, 1 + k) each, of a `JointReader` that wants the link of the device
+    malformed  as of `JointReader`
+    """
+
+    def __init__(self, wanted: Sequence[tuple[Device, Sequence[str]]]) -> None:
+        places = [[_place(device, column) for column in columns] for device, columns in wanted]
+        self._joints = JointReader(
+            [((device.link_joint,), each) for (device, _), each in zip(wanted, places, strict=True)]
+        )
+        self._drives = [device.n_drives for device, _ in wanted]
+        self._commands = [
+            [(at, column) for at, (column, place) in enumerate(zip(columns, each, strict=True), 1) if place is None]
+            for (_, columns), each in zip(wanted, places, strict=True)
+        ]
+        self.rows = [row[None] for row in self._joints.rows]
+        self.malformed = self._joints.malformed
+        self.read = self._joints.read  # indices of the rows updated by the contents of a JointState
+
+    def forget(self, row: int) -> None:
+        """Reset the row: no origin of time, no command."""
+        self._joints.origins[row] = None
+        self.rows[row][0, [at for at, _ in self._commands[row]]] = np.nan
+
+    def hold(self, row: int, message: VsaCommand) -> bool:
+        """Store a command for the following rows; False for an invalid one, which is ignored."""
+        command = command_of(message, self._drives[row])
+        if command is None:
+            return False
+        motors = {f"motor_{i}": value for i, value in enumerate(command.motor, 1)}
+        for at, column in self._commands[row]:
+            self.rows[row][0, at] = getattr(command, column) if column in REFERENCES else motors.get(column, np.nan)
+        return True
+
+
+def _place(device: Device, column: str) -> tuple[str, str] | None:
+    """Field and joint of a column; None for one of the command. Raises ParameterError where there is no such column."""
+    if column in LINK:
+        return LINK[column], device.link_joint
+    if column in REFERENCES:
+        return None
+    channel, _, number = column.rpartition("_")
+    for i, joint in enumerate(device.drive_joints, 1):
+        if number == str(i) and channel in (*device.drive_channels, "motor"):
+            return (MOTOR[channel], joint) if channel != "motor" else None
+    raise ParameterError(f"device '{device.name}' with {device.n_motors} motors has no column '{column}'")
 
 
 def joints_of(message: JointState, last: Names) -> Joints:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import socket
-from types import TracebackType
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from via_core.errors import ViaError
 
@@ -11,32 +12,15 @@ DOMAINS = range(1, 100)  # above 101 DDS ports may be ephemeral ports; 0 is the 
 FIRST_PORT = 17400  # reservation port of domain 0
 
 
-class Domain:
-    """A reserved domain: use it in a `with` statement, or call `release` after its nodes.
-
-    Raises ViaError when all are reserved.
-    """
-
-    def __init__(self) -> None:
-        for number in DOMAINS:
-            holder = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+@contextmanager
+def reserved_domain() -> Iterator[int]:
+    """Number of a domain that is reserved inside the `with` statement. Raises ViaError when all are."""
+    for number in DOMAINS:
+        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as holder:
             try:
                 holder.bind(("127.0.0.1", FIRST_PORT + number))
             except OSError:
-                holder.close()
                 continue
-            self.number, self._holder = number, holder
+            yield number
             return
-        raise ViaError(f"all {len(DOMAINS)} ROS domains are reserved by other processes of this machine")
-
-    def release(self) -> None:
-        """Release the domain."""
-        self._holder.close()
-
-    def __enter__(self) -> Domain:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.release()
+    raise ViaError(f"all {len(DOMAINS)} ROS domains are reserved by other processes of this machine")

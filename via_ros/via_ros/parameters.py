@@ -2,8 +2,8 @@
 
     @dataclass(frozen=True)
     class Parameters:
-        rate: float = field(default=1.0, metadata={"description": "playing speed", "unit": "-", "range": (0.0, 1e3)})
-        mode: str = field(default="free", metadata={"description": "time mode", "choices": ("free", "lockstep")})
+        rate: float = parameter(1.0, "playing speed", "-", (0.0, 1e3))  # via_core.parameters
+        mode: str = parameter("free", "time mode", choices=("free", "lockstep"))
 
     parameters = declare(node, Parameters)
 

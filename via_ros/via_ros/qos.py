@@ -8,20 +8,9 @@ import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from via_core.bags.writer import OfferedQos
 
-# Commands and responses: a reader may be ten messages behind without loss.
-CONTROL = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
-# Streams of samples and estimates: a reader may be one second behind at 1 kHz.
-SAMPLES = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1000,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+# The other policies are rclpy's defaults: keep last, reliable, volatile.
+CONTROL = QoSProfile(depth=10)  # commands and responses: a reader may be ten messages behind without loss
+SAMPLES = QoSProfile(depth=1000)  # samples and estimates: a reader may be one second behind at 1 kHz
 MAX_DEPTH = 100_000  # [-] messages
 
 
@@ -39,7 +28,6 @@ def matching(offers: list[QoSProfile], depth: int = SAMPLES.depth) -> QoSProfile
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
     transient = bool(offers) and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if transient else DurabilityPolicy.VOLATILE,
@@ -70,7 +58,6 @@ def from_bag(text: str) -> QoSProfile:
     first = entries[0] if isinstance(entries, list) and entries and isinstance(entries[0], dict) else {}
     depth = first.get("depth")
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
         depth=min(max(depth if isinstance(depth, int) else 0, SAMPLES.depth), MAX_DEPTH),
         reliability=_RELIABILITY.get(str(first.get("reliability")), SAMPLES.reliability),
         durability=_DURABILITY.get(str(first.get("durability")), SAMPLES.durability),

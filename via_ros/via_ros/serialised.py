@@ -21,7 +21,7 @@ from via_core.signals import Array
 from via_core.wire import FIELDS, SECOND
 from via_interfaces.msg import VsaCommand
 
-from via_ros.conversions import MOST_NAMES, STAMP, Command, Joints, Named, Names, joints_of, nanoseconds
+from via_ros.conversions import MOST_NAMES, STAMP, Command, Joints, Names, joints_of, nanoseconds, unchecked_command
 from via_ros.interfaces import ENCAPSULATION
 
 NATIVE = b"\x00\x01"  # plain CDR, little endian
@@ -128,9 +128,7 @@ def decoded_command(data: bytes) -> tuple[int, Command] | None:
     try:
         if not data.startswith(NATIVE):
             message = deserialize_message(data, VsaCommand)
-            motor = np.array(message.motor, dtype=np.float64)
-            command = Command(message.mode, message.equilibrium, message.preset, message.damping, motor)
-            return nanoseconds(message.header.stamp), command
+            return nanoseconds(message.header.stamp), unchecked_command(message)
         seconds, nanosec, length = HEADER.unpack_from(data, ENCAPSULATION)
         at = HEADER.size + length
         at += ENCAPSULATION + -at % 8
@@ -143,12 +141,12 @@ def decoded_command(data: bytes) -> tuple[int, Command] | None:
 
 
 class CommandBytes:
-    """Writes the VsaCommands of a device or an arm, numbered from 0."""
+    """Writes the VsaCommands of the device or arm `name`, numbered from 0."""
 
-    def __init__(self, device: Named) -> None:
+    def __init__(self, name: str) -> None:
         message = VsaCommand()
-        message.header.frame_id = device.name
-        at = HEADER.size + len(device.name.encode()) + 1
+        message.header.frame_id = name
+        at = HEADER.size + len(name.encode()) + 1
         self._at = ENCAPSULATION + at + -at % 8
         self._start = bytearray(serialize_message(message)[: self._at])
         self._sequence = 0

@@ -137,7 +137,7 @@ class ControllerNode(LifecycleNode):
         self._supervisor: Any = self._robot.supervisor
         self._state = self._supervisor.init()
         _warm_up(self._robot)
-        self._writer = CommandBytes(self._robot)
+        self._writer = CommandBytes(self._robot.name)
         self._control_state = _ControlStateWriter(self._robot, self.get_name())
         self._decoder, self._reader = JointStateDecoder(), sample_reader(self._robot)
         self._answered = self._unusable = self._reported = self._silences = self._broken = 0

@@ -15,12 +15,13 @@ Times `now` are seconds of a steady clock. A report's fitted device parameters r
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from via_core.devices import Device
 from via_core.errors import ParameterError, SignalError, ViaError
+from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.status import Status
 from via_sim.plants import JointPlant
@@ -41,30 +42,13 @@ LIVE = "live"  # name of the window in its report
 class MonitorParameters:
     """Parameters of the node `gap_monitor`."""
 
-    device: str = field(default="cubic_demo", metadata={"description": "device name or path to its YAML"})
-    joint_topic: str = field(default="/joint_states", metadata={"description": "topic of the samples"})
-    rate: float = field(
-        default=10.0, metadata={"description": "gap messages and diagnostics", "unit": "Hz", "range": (0.1, 50.0)}
-    )
-    recent: float = field(
-        default=2.0,
-        metadata={"description": "time compared with the model at every tick", "unit": "s", "range": (0.5, 60.0)},
-    )
-    window: float = field(
-        default=20.0, metadata={"description": "time that is diagnosed", "unit": "s", "range": (2.0, 600.0)}
-    )
-    least: float = field(
-        default=8.0,
-        metadata={"description": "time that suffices for a first diagnosis", "unit": "s", "range": (1.0, 600.0)},
-    )
-    every: float = field(
-        default=20.0,
-        metadata={
-            "description": "period of automatic diagnoses; 0: only on request",
-            "unit": "s",
-            "range": (0.0, 86400.0),
-        },
-    )
+    device: str = parameter("cubic_demo", "device name or path to its YAML")
+    joint_topic: str = parameter("/joint_states", "topic of the samples")
+    rate: float = parameter(10.0, "gap messages and diagnostics", "Hz", (0.1, 50.0))
+    recent: float = parameter(2.0, "time compared with the model at every tick", "s", (0.5, 60.0))
+    window: float = parameter(20.0, "time that is diagnosed", "s", (2.0, 600.0))
+    least: float = parameter(8.0, "time that suffices for a first diagnosis", "s", (1.0, 600.0))
+    every: float = parameter(20.0, "period of automatic diagnoses; 0: only on request", "s", (0.0, 86400.0))
 
 
 class Monitor:

@@ -15,7 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.duration import Duration
@@ -24,6 +24,7 @@ from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from via_core.bags.reader import RawMessage, read_bag
 from via_core.errors import BagError, ParameterError
+from via_core.parameters import parameter
 from via_core.wire import JOINT_STATE, SECOND
 
 from via_ros import qos
@@ -41,31 +42,13 @@ SETTLE = 0.1  # [s] for discovery of this player by the subscribers
 
 @dataclass(frozen=True)
 class Parameters:
-    bag: str = field(default="", metadata={"description": "bag to play: folder or .mcap file"})
-    topics: tuple[str, ...] = field(default=(), metadata={"description": "topics to play; empty: all of the bag"})
-    rate: float = field(
-        default=1.0,
-        metadata={
-            "description": "playback speed; 0: as fast as the subscribers process",
-            "unit": "-",
-            "range": (0.0, 1e4),
-        },
-    )
-    subscribers: int = field(
-        default=1,
-        metadata={"description": "subscribers that every sample topic needs before playback starts", "range": (0, 100)},
-    )
-    answers: tuple[str, ...] = field(
-        default=(), metadata={"description": "topics on which subscribers answer each sample with its stamp"}
-    )
-    window: int = field(
-        default=200,
-        metadata={"description": "largest number of unanswered samples at rate 0", "range": (1, qos.SAMPLES.depth)},
-    )
-    patience: float = field(
-        default=20.0,
-        metadata={"description": "longest wait for a subscriber or an answer", "unit": "s", "range": (0.1, 3600.0)},
-    )
+    bag: str = parameter("", "bag to play: folder or .mcap file")
+    topics: tuple[str, ...] = parameter((), "topics to play; empty: all of the bag")
+    rate: float = parameter(1.0, "playback speed; 0: as fast as the subscribers process", "-", (0.0, 1e4))
+    subscribers: int = parameter(1, "subscribers that every sample topic needs before playback starts", limits=(0, 100))
+    answers: tuple[str, ...] = parameter((), "topics on which subscribers answer each sample with its stamp")
+    window: int = parameter(200, "largest number of unanswered samples at rate 0", limits=(1, qos.SAMPLES.depth))
+    patience: float = parameter(20.0, "longest wait for a subscriber or an answer", "s", (0.1, 3600.0))
 
 
 class Player(Node):

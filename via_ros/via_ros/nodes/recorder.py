@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from via_core.bags.writer import BagWriter
 from via_core.errors import BagError, ParameterError
+from via_core.parameters import parameter
 
 from via_ros import qos
 from via_ros.interfaces import ENCAPSULATION, NUMBERED, message_class, opening_of
@@ -31,10 +32,8 @@ REPORT = 1.0  # [s] interval of diagnostics
 
 @dataclass(frozen=True)
 class Parameters:
-    bag: str = field(default="", metadata={"description": "folder of the new bag; must not exist"})
-    topics: tuple[str, ...] = field(
-        default=(), metadata={"description": "topics to record, 'name' or 'name:type'; empty: all"}
-    )
+    bag: str = parameter("", "folder of the new bag; must not exist")
+    topics: tuple[str, ...] = parameter((), "topics to record, 'name' or 'name:type'; empty: all")
 
 
 @dataclass
@@ -136,12 +135,9 @@ class Recorder(Node):
                 level, text = DiagnosticStatus.WARN, "malformed messages are left out"
             status = DiagnosticStatus(level=level, name=f"{self.get_name()}: {name}", message=text)
             if count is not None:
-                status.values = [
-                    KeyValue(key="messages", value=str(count.messages)),
-                    KeyValue(key="lost", value=str(count.lost)),
-                    KeyValue(key="malformed", value=str(count.malformed)),
-                    KeyValue(key="bytes", value=str(count.size)),
-                ]
+                shown = {"messages": count.messages, "lost": count.lost, "malformed": count.malformed}
+                shown["bytes"] = count.size
+                status.values = [KeyValue(key=key, value=str(value)) for key, value in shown.items()]
             report.status.append(status)
         self._reports.publish(report)
 

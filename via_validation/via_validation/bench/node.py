@@ -168,13 +168,13 @@ def publish(
 def node_rows(seconds: float, joints: int, device: str, separate: bool) -> list[Row]:
     """Rows of a run of `seconds`, with one JointState per joint if `separate`. Raises ViaError if a process fails."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    from via_ros.domains import Domain
+    from via_ros.domains import reserved_domain
 
     names = [f"j{k}={device}" for k in range(1, joints + 1)]
     devices = [load_device(name) for name in names]
     listing = json.dumps(names)
-    with Domain() as domain:
-        os.environ["ROS_DOMAIN_ID"] = str(domain.number)
+    with reserved_domain() as domain:
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
         estimator = [sys.executable, "-m", "via_estimators.nodes.estimator", "--ros-args", "-p", f"devices:={listing}"]
         node = subprocess.Popen(estimator)
         listener = subprocess.Popen([sys.executable, "-m", __name__, listing], stdout=subprocess.PIPE, text=True)

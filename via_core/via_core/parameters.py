@@ -1,0 +1,18 @@
+"""Parameters as dataclass fields with all that `via_ros.parameters.declare` needs to make ROS parameters of them."""
+
+from __future__ import annotations
+
+from dataclasses import field
+from typing import Any
+
+
+def parameter(
+    default: Any,
+    description: str,
+    unit: str = "",
+    limits: tuple[float, float] | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """A dataclass field with description, unit, inclusive range and choices; what is not given is not declared."""
+    about = {"description": description, "unit": unit, "range": limits, "choices": choices}
+    return field(default=default, metadata={key: value for key, value in about.items() if value})
