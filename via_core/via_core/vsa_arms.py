@@ -13,17 +13,16 @@ rotors contribute the kinetic energy of their own spin only. Rigid bodies by pin
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import resources
 from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import pinocchio
-import yaml
 from numba import njit
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
+from via_core.arm_files import ArmFile, arm_names, read_arm
 from via_core.device_parts import Number, Spring, Text, TorqueMotor
 from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array, locked
@@ -45,7 +44,7 @@ class VsaJoint(BaseModel):
     link_friction: Annotated[Number, Field(ge=0.0)] = 0.0  # [N m s/rad] viscous
 
 
-class VsaArmFile(BaseModel):
+class VsaArmFile(ArmFile):
     """The YAML file of an arm: its URDF, and its joints, base first."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -306,29 +305,13 @@ class VsaArm:
 
 def vsa_arm_names() -> tuple[str, ...]:
     """Names of the shipped arms, sorted."""
-    return tuple(sorted(file.stem for file in _shipped().glob("*.yaml")))
+    return arm_names("vsa_arms")
 
 
 def load_vsa_arm(name_or_path: str | Path) -> VsaArm:
     """The shipped arm of that name, or the arm of a YAML file. Raises DeviceError."""
-    path = Path(name_or_path)
-    if path.suffix not in (".yaml", ".yml"):
-        path = _shipped() / f"{name_or_path}.yaml"
-        if not path.is_file():
-            raise DeviceError(f"no arm '{name_or_path}'; there are: {', '.join(vsa_arm_names())}")
-    try:
-        file = VsaArmFile.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-        model = pinocchio.buildModelFromXML((path.parent / file.urdf).read_text(encoding="utf-8"))
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise DeviceError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-    except (OSError, yaml.YAMLError, ValueError) as error:
-        raise DeviceError(f"{path.name}: {' '.join(str(error).split())[:120]}") from None
+    path, file, model = read_arm(VsaArmFile, "vsa_arms", name_or_path)
     return _built(path.name, file, model)
-
-
-def _shipped() -> Path:
-    return Path(str(resources.files("via_core").joinpath("vsa_arms")))
 
 
 def _built(shown: str, file: VsaArmFile, model: pinocchio.Model) -> VsaArm:

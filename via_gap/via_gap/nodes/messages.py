@@ -16,23 +16,22 @@ from via_sim.effects import place_name
 from via_gap.candidates.localisation import SiteShare
 from via_gap.rendering.words import headline
 from via_gap.report.report import Cause, GapReport, Where
+from via_gap.run.comparison import Comparison
 from via_gap.run.monitor import Monitor
 
 LEAST = 0.01  # probability from which a cause is published
 UNKNOWN = float("nan")
+NONE = Comparison(0.0, UNKNOWN, UNKNOWN, UNKNOWN, (), moves=False)
 
 
 def fill_status(message: GapStatus, monitor: Monitor, status: Status, text: str) -> None:
     """Write the state of the monitor into a message; `status` and `text` are those of its last comparison."""
     report, newest = monitor.report, monitor.rolling.newest or 0
-    found = monitor.comparison if status != Status.WARMING_UP else None
+    found = NONE if monitor.comparison is None or status == Status.WARMING_UP else monitor.comparison
     set_stamp(message.header.stamp, newest)
     set_stamp(message.diagnosed, 0 if report is None else monitor.diagnosed)
-    message.window = 0.0 if found is None else found.window
-    message.error = UNKNOWN if found is None else found.error
-    message.normalised_error = UNKNOWN if found is None else found.normalised_error
-    message.residual_ratio = UNKNOWN if found is None else found.residual_ratio
-    message.sites = [] if found is None else _sites(found.sites)
+    message.window, message.error, message.normalised_error = found.window, found.error, found.normalised_error
+    message.residual_ratio, message.sites = found.residual_ratio, _sites(found.sites)
     message.hypotheses = [] if report is None else _hypotheses(report)
     message.status = int(status)
     message.method = "nominal model" if monitor.model is monitor.device else "tuned model"
@@ -59,7 +58,7 @@ def diagnostics_of(
         "age of the diagnosis [s]": UNKNOWN if monitor.report is None else _age(monitor),
         "diagnosing": monitor.doing, "trouble of the last diagnosis": monitor.trouble,
         "window [s]": monitor.rolling.duration, "samples": monitor.samples, "foreign messages": monitor.foreign,
-        "clock ran back": monitor.restarts, **counters,
+        "clock ran back": monitor.rolling.restarts, **counters,
     }  # fmt: skip
     return DiagnosticStatus(
         level=level, name=f"{name}: {monitor.device.name}", message=message.message, hardware_id=monitor.device.name,

@@ -17,16 +17,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import pinocchio
-import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field
 from scipy.signal import savgol_filter
+from via_core.arm_files import ArmFile, read_arm
 from via_core.devices import Device, load_device
 from via_core.errors import DeviceError, SignalError
 from via_core.signals import Array, Signals
@@ -39,7 +38,7 @@ SMOOTHING = 0.03  # [s] half width of the cubic smoothing filter for velocity an
 UNITS = {"external_torque": "N m", "neighbour": "rad", "arm_torque": "N m"}
 
 
-class ArmFile(BaseModel):
+class RigidArmFile(ArmFile):
     """One YAML per arm: its joints base first, and the rigid bodies between them."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -88,30 +87,12 @@ class Arm:
 
 def load_arm(name_or_path: str | Path) -> Arm:
     """The shipped arm of that name, or the one a YAML file describes. Raises DeviceError in one line."""
-    shipped = Path(str(resources.files("via_core").joinpath("arms")))
-    path = Path(name_or_path)
-    if path.suffix not in (".yaml", ".yml"):
-        path = shipped / f"{name_or_path}.yaml"
-    if not path.is_file():
-        names = ", ".join(sorted(each.stem for each in shipped.glob("*.yaml")))
-        raise DeviceError(f"no arm '{name_or_path}'; there are: {names}")
-    try:
-        file = ArmFile.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-        model = pinocchio.buildModelFromUrdf(str(path.parent / file.urdf))
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise DeviceError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-    except (OSError, yaml.YAMLError, UnicodeDecodeError, ValueError) as error:
-        raise DeviceError(f"{path.name}: {' '.join(str(error).split())[:120]}") from None
-    beside = [path.parent / joint for joint in file.joints]
-    devices = tuple(
-        load_device(here if here.suffix in (".yaml", ".yml") else joint)
-        for here, joint in zip(beside, file.joints, strict=True)
-    )
-    return _built(path.name, file, devices, model)
+    path, file, model = read_arm(RigidArmFile, "arms", name_or_path)
+    beside = [path.parent / joint if joint.endswith((".yaml", ".yml")) else joint for joint in file.joints]
+    return _built(path.name, file, tuple(map(load_device, beside)), model)
 
 
-def _built(shown: str, file: ArmFile, devices: tuple[Device, ...], model: pinocchio.Model) -> Arm:
+def _built(shown: str, file: RigidArmFile, devices: tuple[Device, ...], model: pinocchio.Model) -> Arm:
     for device in devices:
         if device.arrangement != "rigid":
             raise DeviceError(f"{shown}: joint '{device.name}' is {device.arrangement}, an arm's joints must be rigid")
@@ -148,9 +129,9 @@ def arm_logs(logs: Sequence[JointLog], arm: Arm) -> list[JointLog]:
     for i, log in enumerate(logs):
         link = log.device.link
         own = link.inertia * acceleration[:, i] + link.gravity_torque * np.sin(angle[:, i] - link.gravity_angle)
-        known = {"arm_torque": own - whole[:, i], "neighbour": angle[:, i + 1 if i + 1 < len(logs) else i - 1]}
         assert log.commands is not None
         sent = log.commands.resample(time)
+        known = {"arm_torque": own - whole[:, i], "neighbour": angle[:, i + 1 if i + 1 < len(logs) else i - 1]}
         channels = {**sent.channels, **known}
         commands = Signals(time, channels, {**sent.units, **UNITS}, frozenset(channels))
         made.append(replace(log, commands=commands))
@@ -164,16 +145,14 @@ def _motion(time: Array, angle: Array) -> tuple[Array, Array, Array]:
     if len(time) <= 2 * half + 1:
         raise SignalError(f"{len(time)} samples are too few for velocities")
     grid = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / period) + 1)
-    found = []
-    for derivative in range(3):
-        columns = []
-        for column in angle.T:
-            there = np.isfinite(column)
-            even = np.interp(grid, time[there], column[there])
-            smooth = savgol_filter(even, 2 * half + 1, 3, deriv=derivative, delta=grid[1] - grid[0])
-            columns.append(np.interp(time, grid, smooth))
-        found.append(np.stack(columns, axis=1))
-    return found[0], found[1], found[2]
+    there = np.isfinite(angle)
+    even = [np.interp(grid, time[seen], column[seen]) for column, seen in zip(angle.T, there.T, strict=True)]
+
+    def derivative(order: int) -> Array:
+        smooth = [savgol_filter(each, 2 * half + 1, 3, deriv=order, delta=grid[1] - grid[0]) for each in even]
+        return np.stack([np.interp(time, grid, each) for each in smooth], axis=1)
+
+    return derivative(0), derivative(1), derivative(2)
 
 
 def diagnose_arm(
@@ -184,12 +163,12 @@ def diagnose_arm(
 ) -> tuple[GapReport, ...]:
     """One report per joint, base first, from recordings of the whole arm (each as `read_arm_log` returns it)."""
     notify = progress or (lambda _what, _share: None)
-    reports = []
-    for i, device in enumerate(arm.devices):
 
-        def report_share(what: str, share: float, i: int = i, name: str = device.name) -> None:
-            notify(f"{name}: {what}", (i + share) / len(arm.devices))
+    def diagnosed(i: int, device: Device) -> GapReport:
+        def report_share(what: str, share: float) -> None:
+            notify(f"{device.name}: {what}", (i + share) / len(arm.devices))
 
         own, held = [run[i] for run in logs], [run[i] for run in holdout]
-        reports.append(diagnose(own, device, held or None, report_share, only_equations=True))
-    return tuple(reports)
+        return diagnose(own, device, held or None, report_share, only_equations=True)
+
+    return tuple(diagnosed(i, device) for i, device in enumerate(arm.devices))

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from pathlib import Path
 
 import via_core
@@ -33,8 +33,9 @@ from via_sim.effects import place_name
 
 import via_gap
 from via_gap.report.report import GapReport, read_report
-from via_gap.run.fleet_task import Outcome, OwnKernels, diagnose_file
+from via_gap.run.fleet_task import OwnKernels, diagnose_file
 from via_gap.run.undisturbed import undisturbed
+from via_gap.run.worker import Failed, Finished
 
 OnDone = Callable[[int, int, Path | None], None]  # number of logs done, of all logs, and the log just done
 LOOPBACK = "127.0.0.1"
@@ -94,10 +95,18 @@ def run_fleet(
             (results / folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ViaError(f"{results}: cannot be written: {error.strerror}") from None
-    keys: list[str | Row] = [_key_or_reason(path, device, joint_topic) for path in logs]
-    found = {row.key: row for row in keys if isinstance(row, Row)}
-    found |= {key: row for key in dict.fromkeys(keys) if isinstance(key, str) and (row := _earlier(results, key))}
-    todo = {key: path for key, path in zip(keys, logs, strict=True) if isinstance(key, str) and key not in found}
+    found: dict[str, Row] = {}
+    keys = []
+    for path in logs:
+        try:
+            key = key_of(path, device, joint_topic)
+            row = found.get(key) or _earlier(results, key)
+        except OSError as error:
+            key = f"unreadable: {path}"
+            row = Row(str(path), key, str(error.strerror))
+        keys.append(key)
+        found |= {key: row} if row is not None else {}
+    todo = {key: path for key, path in zip(keys, logs, strict=True) if key not in found}
     every = len(found) + len(todo)
     progress(len(found), every, None)
     if todo:
@@ -105,8 +114,7 @@ def run_fleet(
             for key, row in _diagnosed(client, todo, device, joint_topic, results):
                 found[key] = row
                 progress(len(found), every, todo[key])
-    rows = [found[key if isinstance(key, str) else key.key] for key in keys]
-    return [replace(row, log=str(path)) for row, path in zip(rows, logs, strict=True)]
+    return [replace(found[key], log=str(path)) for key, path in zip(keys, logs, strict=True)]
 
 
 def _diagnosed(
@@ -122,28 +130,28 @@ def _diagnosed(
             key = futures.pop(future)
             path = todo[key]
             try:
-                outcome = future.result()
+                outcome, seconds = future.result()
             except KilledWorker:
                 row = Row(str(path), key, "every process that diagnosed it died")
             except Exception as error:  # an error in the diagnosis itself; not stored, so that the next run tries again
                 row = Row(str(path), key, f"{type(error).__name__}: {' '.join(str(error).split())[:200]}")
             else:
-                row = _keep(results, path, key, outcome)
+                row = _kept(results, Row(str(path), key, seconds=round(seconds, 3)), outcome)
             yield key, row
     finally:
         client.cancel(list(futures))
 
 
-def _keep(results: Path, path: Path, key: str, outcome: Outcome) -> Row:
-    """The row of an outcome; it and its report are written."""
-    seconds = round(outcome.seconds, 3)
-    if outcome.reason:
-        row = Row(str(path), key, outcome.reason.removeprefix(f"{path.resolve()}: "), seconds=seconds)
+def _kept(results: Path, row: Row, outcome: Finished | Failed) -> Row:
+    """The row with an outcome; it and its report are written."""
+    if isinstance(outcome, Failed):
+        row = replace(row, reason=outcome.reason.removeprefix(f"{Path(row.log).resolve()}: "))
     else:
-        name = f"reports/{path.stem}-{key[:SHOWN]}.json"
+        name = f"reports/{Path(row.log).stem}-{row.key[:SHOWN]}.json"
         _write(results / name, outcome.report)
-        row = replace(row_of(read_report(outcome.report, name), str(path), key), seconds=seconds, report=name)
-    _write(results / "rows" / f"{key}.json", json.dumps(asdict(row), indent=1) + "\n")
+        found = row_of(read_report(outcome.report, name), row.log, row.key)
+        row = replace(found, seconds=row.seconds, report=name)
+    _write(results / "rows" / f"{row.key}.json", json.dumps(asdict(row), indent=1) + "\n")
     return row
 
 
@@ -181,8 +189,7 @@ def key_of(log: Path, device: Device, joint_topic: str = "/joint_states") -> str
     for file in files:
         digest.update(str(file.relative_to(log.parent)).encode(errors="surrogateescape") + b"\0")
         with file.open("rb") as content:
-            while block := content.read(1 << 20):
-                digest.update(block)
+            digest.update(file_digest(content, "sha256").digest())
     return digest.hexdigest()
 
 
@@ -195,13 +202,6 @@ def engine() -> str:
         for file in sorted(each for each in folder.rglob("*") if each.suffix in (".py", ".yaml")):
             digest.update(str(file.relative_to(folder)).encode() + file.read_bytes())
     return digest.hexdigest()
-
-
-def _key_or_reason(path: Path, device: Device, joint_topic: str) -> str | Row:
-    try:
-        return key_of(path, device, joint_topic)
-    except OSError as error:
-        return Row(str(path), f"unreadable: {path}", str(error.strerror))
 
 
 # ---- files

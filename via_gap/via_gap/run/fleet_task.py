@@ -10,23 +10,15 @@ import os
 import shutil
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from distributed import WorkerPlugin
 
+if TYPE_CHECKING:
+    from via_gap.run.worker import Failed, Finished
+
 CACHE = "NUMBA_CACHE_DIR"
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The result of one log: a report (JSON), or the reason in one line why there is none."""
-
-    report: str
-    reason: str
-    seconds: float  # duration
-    process: int  # its id
 
 
 class OwnKernels(WorkerPlugin):
@@ -44,21 +36,12 @@ class OwnKernels(WorkerPlugin):
         os.environ[CACHE] = str(own)
 
 
-def diagnose_file(path: str, device: str, joint_topic: str) -> Outcome:
-    """Diagnose the log at `path` against `device` (JSON). A faulty log is an outcome, not an error."""
+def diagnose_file(path: str, device: str, joint_topic: str) -> tuple[Finished | Failed, float]:
+    """Diagnose the log at `path` against `device` (JSON): the outcome, and how long it took [s]."""
     from via_core.devices import Device
-    from via_core.errors import ViaError
 
-    from via_gap.design.proposal import with_proposal
-    from via_gap.diagnose import diagnose
-    from via_gap.logs.log import read_log
+    from via_gap.run.worker import Job, diagnosed
 
     begin = time.perf_counter()
-    described = Device.model_validate_json(device)
-    report = reason = ""
-    try:
-        found = diagnose([read_log(path, described, joint_topic)], described)
-        report = with_proposal(found, described).to_json()
-    except (ViaError, OSError) as error:
-        reason = " ".join(str(error).split())
-    return Outcome(report, reason, time.perf_counter() - begin, os.getpid())
+    outcome = diagnosed(Job(Device.model_validate_json(device), Path(path), joint_topic))
+    return outcome, time.perf_counter() - begin

@@ -89,11 +89,6 @@ class Monitor:
         """End the process of a diagnosis under way."""
         self.worker.close()
 
-    @property
-    def restarts(self) -> int:
-        """How often the clock ran backward."""
-        return self.rolling.restarts
-
     def sample(self, stamp: int, row: Array, now: float) -> None:
         """Take a sample (c,) with its stamp [ns], received at `now` [s]."""
         self.rolling.sample(stamp, row)
@@ -118,7 +113,7 @@ class Monitor:
 
     def poll(self) -> Iterator[Progress | Failed | GapReport]:
         """What a requested diagnosis has sent since the last call; results of automatic ones are kept here."""
-        if self.restarts != self._restarts:
+        if self.rolling.restarts != self._restarts:
             self._restart()
         while (event := self.worker.poll()) is not None:
             requested = self._requested
@@ -139,7 +134,7 @@ class Monitor:
         if self._stale(now):
             return Status.BAD_SAMPLE, f"no samples for {now - self._received:.1f} s on {topic}"
         if self.rolling.duration < recent:
-            why = "the clock ran back, the window restarted" if self.restarts else "warming up"
+            why = "the clock ran back, the window restarted" if self.rolling.restarts else "warming up"
             return Status.WARMING_UP, f"{why}: {self.rolling.duration:.1f} of {recent:g} s"
         if self.samples != self._compared:
             self._compared = self.samples
@@ -209,7 +204,7 @@ class Monitor:
 
     def _restart(self) -> None:
         """The clock ran backward: earlier results belong to another run."""
-        self._restarts = self.restarts
+        self._restarts = self.rolling.restarts
         self.report, self.model, self.comparison, self._due = None, self.device, None, float("-inf")
         self._comparator = Comparator()
         if self.worker.busy and not self._requested:

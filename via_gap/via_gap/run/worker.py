@@ -27,6 +27,7 @@ from via_gap.design.proposal import with_proposal
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.run.undisturbed import undisturbed
+from via_gap.selection.search import Progress as OnProgress
 
 NICE = 10  # niceness of the process
 PATIENCE = 1.0  # [s] wait for a terminated process
@@ -137,17 +138,17 @@ def _work(connection: Connection) -> None:
     os.nice(NICE)
     try:
         while True:
-            connection.send(_done(connection.recv(), connection))
+            connection.send(diagnosed(connection.recv(), lambda doing, share: connection.send(Progress(doing, share))))
     except (EOFError, OSError):
         return
 
 
-def _done(job: Job, connection: Connection) -> Event:
+def diagnosed(job: Job, progress: OnProgress | None = None) -> Finished | Failed:
+    """The report on a job, with a proposed motion; a faulty log is an outcome, not an error."""
     try:
         log = job.source if isinstance(job.source, JointLog) else read_log(job.source, job.device, job.joint_topic)
-        report = diagnose([log], job.device, progress=lambda doing, share: connection.send(Progress(doing, share)))
-        return Finished(with_proposal(report, job.device).to_json())
+        return Finished(with_proposal(diagnose([log], job.device, progress=progress), job.device).to_json())
+    except BrokenPipeError:
+        raise
     except (ViaError, OSError) as error:
-        if isinstance(error, BrokenPipeError):
-            raise
         return Failed(" ".join(str(error).split()))

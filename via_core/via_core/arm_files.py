@@ -1,0 +1,48 @@
+"""Files of arms: a YAML file beside the URDF of its rigid bodies."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+from typing import TypeVar
+
+import pinocchio
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from via_core.errors import DeviceError
+
+
+class ArmFile(BaseModel):
+    """Contents of the YAML file of an arm."""
+
+    urdf: str  # path relative to this file
+
+
+File = TypeVar("File", bound=ArmFile)
+
+
+def arm_names(folder: str) -> tuple[str, ...]:
+    """Names of the arms in a folder of this package, sorted."""
+    return tuple(sorted(file.stem for file in _shipped(folder).glob("*.yaml")))
+
+
+def read_arm(kind: type[File], folder: str, name_or_path: str | Path) -> tuple[Path, File, pinocchio.Model]:
+    """Path, contents and bodies of the shipped arm of that name, or of the arm of a YAML file. Raises DeviceError."""
+    path = Path(name_or_path)
+    if path.suffix not in (".yaml", ".yml"):
+        path = _shipped(folder) / f"{name_or_path}.yaml"
+    if not path.is_file():
+        raise DeviceError(f"no arm '{name_or_path}'; there are: {', '.join(arm_names(folder))}")
+    try:
+        file = kind.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+        return path, file, pinocchio.buildModelFromXML((path.parent / file.urdf).read_text(encoding="utf-8"))
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise DeviceError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    except (OSError, yaml.YAMLError, ValueError) as error:
+        raise DeviceError(f"{path.name}: {' '.join(str(error).split())[:120]}") from None
+
+
+def _shipped(folder: str) -> Path:
+    return Path(str(resources.files("via_core").joinpath(folder)))
