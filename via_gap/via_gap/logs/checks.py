@@ -11,7 +11,7 @@ import numpy as np
 from via_core.device_parts import TorqueMotor
 from via_core.signals import Array
 
-from via_gap.logs.findings import Finding, Severity
+from via_gap.logs.findings import Finding, worst_first
 from via_gap.logs.log import ERRATIC, JointLog, jumps
 
 SHORTEST = 0.5  # [s] two segments; short recordings are fitted together
@@ -24,8 +24,7 @@ DISTINCT = 4096  # measurements from which the step is estimated
 
 def check_log(log: JointLog) -> list[Finding]:
     """All findings on a log, worst first."""
-    found = [*_stamps(log), *_channels(log), *_steps(log), *_torques(log), *_alignment(log)]
-    return sorted(found, key=lambda each: ("refuse", "downgrade", "note").index(each.severity))
+    return worst_first([*_stamps(log), *_channels(log), *_steps(log), *_torques(log), *_alignment(log)])
 
 
 def _stamps(log: JointLog) -> Iterator[Finding]:
@@ -50,7 +49,7 @@ def _channels(log: JointLog) -> Iterator[Finding]:
     if not log.drivable:
         text = "neither commands nor motor torques were recorded, so that nothing can be simulated: record the commands"
         yield log.finding("drive", "commands", "refuse", 0.0, text)
-    for name, values in _angles(log):
+    for name, values, _ in log.angles:
         seen = np.isfinite(values)
         share = float(np.mean(seen))
         if share < 0.9 and name == "q":
@@ -60,23 +59,14 @@ def _channels(log: JointLog) -> Iterator[Finding]:
         if there.size < 2:
             continue
         if np.ptp(there) == 0.0:
-            severity: Severity = "refuse" if name == "q" else "downgrade"
             text = f"{name} never changes: check that the joint moves and that this angle is recorded"
-            yield log.finding("stale", name, severity, 0.0, text)
+            yield log.finding("stale", name, "refuse" if name == "q" else "downgrade", 0.0, text)
             continue
         share = jumps(there)
         if share > 0.0:
             used = "this encoder is not used" if share > ERRATIC and name != "q" else "used as it is"
             text = f"{round(share * there.size)} single samples of {name} jump away and back: {used}"
             yield log.finding("outliers", name, "downgrade", share * there.size, text)
-
-
-def _angles(log: JointLog) -> Iterator[tuple[str, Array]]:
-    yield "q", log.measured["q"]
-    if "theta" in log.measured:
-        for i, column in enumerate(log.measured["theta"].T):
-            if np.isfinite(column).any():
-                yield f"theta_{i + 1}", column
 
 
 def step_of(values: Array) -> float:
@@ -104,8 +94,7 @@ def step_of(values: Array) -> float:
 
 
 def _steps(log: JointLog) -> Iterator[Finding]:
-    for name, values in _angles(log):
-        filed = log.device.sensors.link_quantum if name == "q" else log.device.sensors.motor_quantum
+    for name, values, filed in log.angles:
         step = step_of(values)
         if step > 0.0 and filed is not None and step > COARSE * filed:
             text = f"{name} has encoder steps of {step:.4g} rad, not {filed:.4g} rad as filed"
@@ -134,19 +123,16 @@ def _torques(log: JointLog) -> Iterator[Finding]:
 
 def _alignment(log: JointLog) -> Iterator[Finding]:
     """Measured torques that lag commanded ones."""
-    if log.commands is None or "motor" not in log.commands or not log.torque_seen or log.device.drive != "torque":
+    if not log.torque_seen or log.device.drive != "torque":
         return
-    period = float(np.median(np.diff(log.measured.time)))
-    for i in range(log.device.n_motors):
+    # Samples; the torque of a sample is that of the tick which ended there.
+    sent = {late: commands for late in range(-2, 8) if (commands := log.motor_commands(late)) is not None}
+    for i in range(log.device.n_motors if sent else 0):
         tau = log.measured["tau"][:, i]
         seen = np.isfinite(tau)
-        time = log.measured.time[seen]
-        errors = []
-        for late in range(-2, 8):  # samples; the torque of a sample is that of the tick which ended there
-            at = np.searchsorted(log.commands.time, time - (late + 0.5) * period, side="right") - 1
-            errors.append(float(np.var(tau[seen] - log.commands["motor"][np.clip(at, 0, len(log.commands) - 1), i])))
-        best = int(np.argmin(errors)) - 2
-        variance = float(np.var(tau[seen]))
-        if best != 0 and errors[best + 2] < 0.5 * errors[2] and errors[best + 2] < 0.1 * variance:
-            text = f"tau_{i + 1} follows its command {1e3 * best * period:.3g} ms later than it should"
-            yield log.finding("skew", f"tau_{i + 1}", "note", best * period, text)
+        errors = {late: float(np.var(tau[seen] - commands[seen, i])) for late, commands in sent.items()}
+        best = min(errors, key=lambda late: errors[late])
+        if best != 0 and errors[best] < 0.5 * errors[0] and errors[best] < 0.1 * float(np.var(tau[seen])):
+            late = best * float(np.median(np.diff(log.measured.time)))
+            text = f"tau_{i + 1} follows its command {1e3 * late:.3g} ms later than it should"
+            yield log.finding("skew", f"tau_{i + 1}", "note", late, text)

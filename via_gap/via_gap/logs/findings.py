@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterable
+from typing import Annotated, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -26,3 +27,8 @@ class Finding(Record):
     severity: Severity
     value: Number
     text: str
+
+
+def worst_first(findings: Iterable[Finding]) -> list[Finding]:
+    """Findings by severity; those of one severity in the given order."""
+    return sorted(findings, key=lambda each: get_args(Severity).index(each.severity))

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from via_core.bags.joints import joint_signals
+from via_core.bags.joints import JointRecording, joint_signals
 from via_core.bags.reader import read_bag
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
+from via_core.wire import LINK, MOTOR, REFERENCES, UNITS
 
 from via_gap.logs.findings import Finding, Severity
 from via_gap.logs.neighbour import with_neighbour
@@ -23,24 +24,11 @@ from via_gap.logs.neighbour import with_neighbour
 Level = Literal["full", "no torque", "link only", "commands only", "encoder and command"]
 ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not used
 FAR = 8.0  # times the 90 % quantile of the steps between samples: a jump
-# Columns of a CSV file with their units; '_1', '_2' number the motors. Commands have a zero-order hold.
-_MEASURED = {
-    "q": "rad",
-    "q_velocity": "rad/s",
-    "tau_link": "N m",
-    "theta": "rad",
-    "theta_velocity": "rad/s",
-    "tau": "N m",
-}
-_COMMANDED = {
-    "equilibrium": "rad",
-    "preset": "rad",
-    "damping": "-",
-    "motor": "",
-    "external_torque": "N m",
-    "neighbour": "rad",
-}
-_HEADER = re.compile(rf"({'|'.join((*_MEASURED, *_COMMANDED))})(?:_([12]))?")
+# Columns of a CSV file; '_1', '_2' number the motors. Commands have a zero-order hold.
+_MEASURED = {*LINK, *MOTOR}
+_COMMANDED = {*REFERENCES, "motor", "external_torque", "neighbour"}
+_UNITS = {**UNITS, "motor": "", "external_torque": "N m", "neighbour": "rad"}
+_HEADER = re.compile(rf"({'|'.join(_UNITS)})(?:_([12]))?")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +54,13 @@ class JointLog:
     disbelieved: tuple[int, ...] = ()
     lined: float | None = None
 
+    @staticmethod
+    def of(name: str, device: Device, recording: JointRecording) -> JointLog:
+        """The log of messages."""
+        measured, commands, reports = recording
+        dropped = (sum(report.repeated for report in reports), sum(report.backward for report in reports))
+        return JointLog(name, device, measured, commands, dropped)
+
     def __post_init__(self) -> None:
         if len(self.measured) < 2:
             raise SignalError(f"{self.name}: has {len(self.measured)} samples, at least 2 are needed")
@@ -86,10 +81,24 @@ class JointLog:
         """Per motor: whether its angle was measured in 90 % of the samples or more, without jumps of the encoder."""
         if "theta" not in self.measured:
             return (False,) * self.device.n_motors
-        return tuple(
-            bool(i + 1 not in self.disbelieved and np.mean(np.isfinite(column)) >= 0.9)
-            for i, column in enumerate(self.measured["theta"].T)
-        )
+        shares = np.mean(np.isfinite(self.measured["theta"]), axis=0)
+        return tuple(bool(share >= 0.9) and i not in self.disbelieved for i, share in enumerate(shares, 1))
+
+    @property
+    def angles(self) -> list[tuple[str, Array, float | None]]:
+        """Name, measurements (N,) and filed encoder step [rad] of the link's angle and of each measured motor angle."""
+        sensors = self.device.sensors
+        motors = self.measured["theta"].T if "theta" in self.measured else ()
+        found = [(f"theta_{i}", column, sensors.motor_quantum) for i, column in enumerate(motors, 1)]
+        measured = [each for each in found if np.isfinite(each[1]).sum() >= 2]
+        return [("q", self.measured["q"], sensors.link_quantum), *measured]
+
+    def motor_commands(self, late: float) -> Array | None:
+        """Motor commands (N, m) that act on the samples, if these follow `late` samples after them."""
+        if self.commands is None or "motor" not in self.commands:
+            return None
+        period = float(np.median(np.diff(self.measured.time)))
+        return self.commands.select(["motor"]).resample(self.measured.time - (late + 0.5) * period)["motor"]
 
     @property
     def torque_seen(self) -> bool:
@@ -101,9 +110,9 @@ class JointLog:
         """(N, m) [N m] of the drives at the samples: measured, or for a rigid joint as commanded; None: neither."""
         if "tau" in self.measured:
             return self.measured["tau"]
-        if self.device.n_motors or self.commands is None or "external_torque" not in self.commands:
+        if self.device.n_motors or self.device.drive != "torque":
             return None
-        if self.device.drive != "torque":
+        if self.commands is None or "external_torque" not in self.commands:
             return None
         return self.commands.resample(self.measured.time)["external_torque"][:, None]
 
@@ -164,11 +173,10 @@ def read_log(path: str | Path, device: Device, joint_topic: str = "/joint_states
     if where.suffix.lower() == ".csv":
         return _from_csv(where, device)
     bag = read_bag(where)
-    measured, commands, reports = joint_signals(bag, device, joint_topic)
-    if commands is not None:
-        commands = with_neighbour(commands, bag, device, joint_topic)
-    dropped = (sum(report.repeated for report in reports), sum(report.backward for report in reports))
-    return JointLog(where.name, device, measured, commands, dropped)
+    log = JointLog.of(where.name, device, joint_signals(bag, device, joint_topic))
+    if log.commands is None:
+        return log
+    return replace(log, commands=with_neighbour(log.commands, bag, device, joint_topic))
 
 
 def read_logs(paths: Sequence[str | Path], device: Device) -> list[JointLog]:
@@ -239,7 +247,7 @@ def _from_csv(path: Path, device: Device) -> JointLog:
     try:
         measured = {name: values for name, values in channels.items() if name in _MEASURED}
         sent = {name: values for name, values in channels.items() if name in _COMMANDED}
-        commands = Signals(time, sent, _COMMANDED, frozenset(sent)) if sent else None
-        return JointLog(path.name, device, Signals(time, measured, _MEASURED), commands, dropped)
+        commands = Signals(time, sent, _UNITS, frozenset(sent)) if sent else None
+        return JointLog(path.name, device, Signals(time, measured, _UNITS), commands, dropped)
     except ViaError as error:
         raise SignalError(f"{path}: {error}") from None

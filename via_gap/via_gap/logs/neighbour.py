@@ -31,7 +31,4 @@ def with_neighbour(commands: Signals, bag: Bag, device: Device, joint_topic: str
     if seen.sum() < 2:
         return commands
     angle = np.interp(commands.time, other.time[seen], other["q"][seen])
-    return Signals(
-        commands.time, {**commands.channels, "neighbour": angle}, {**commands.units, "neighbour": "rad"},
-        frozenset({*commands.held, "neighbour"}),
-    )  # fmt: skip
+    return commands.joined(Signals(commands.time, {"neighbour": angle}, {"neighbour": "rad"}, frozenset({"neighbour"})))

@@ -30,53 +30,33 @@ LONGEST = 0.9  # correlation from sample to sample: of a longer one, a stride of
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """Noise of one measured channel, in its unit.
+    """Noise of one measured channel, in its unit."""
 
-    sd                one measurement's standard deviation, rounding included: the floor of any comparison
-    white             the same before rounding; 0 where rounding explains everything
-    quantum           step of the grid on which the values lie, or the declared one; 0: no step
-    ar1               correlation of the noise before rounding from one sample to the next
-    correlation_time  [s] over which it falls to 1/e; 0: white
-    jitter            [s] error of the time stamps, as residuals that grow with speed show it
-    error             standard error of `sd`, relative
-    samples           residuals used
-    how               where `sd` comes from; 'smoothed': values smoother than their step allows, `sd` is the step's
-    """
-
-    sd: float
-    white: float
-    quantum: float
-    ar1: float
-    correlation_time: float
-    jitter: float
-    error: float
-    samples: int
-    how: How
+    sd: float  # standard deviation of one measurement, rounding included: the floor of any comparison
+    white: float  # the same before rounding; 0 where rounding explains everything
+    quantum: float  # step of the grid on which the values lie, or the declared one; 0: no step
+    ar1: float  # correlation of the noise before rounding from one sample to the next
+    correlation_time: float  # [s] over which it falls to 1/e; 0: white
+    jitter: float  # [s] error of the time stamps, as residuals that grow with speed show it
+    error: float  # standard error of `sd`, relative
+    samples: int  # residuals used
+    how: How  # where `sd` comes from; 'smoothed': values smoother than their step allows, `sd` is the step's
 
 
 @dataclass(frozen=True)
 class Clock:
-    """Sampling of a log.
+    """Sampling of a log."""
 
-    period      [s] from sample to sample, the median
-    jitter      [s] standard deviation of stamps about the nearest smooth clock
-    """
-
-    period: float
-    jitter: float
+    period: float  # [s] from sample to sample, the median
+    jitter: float  # [s] standard deviation of stamps about the nearest smooth clock
 
 
 @dataclass(frozen=True)
 class LogNoise:
-    """Noise of all measured channels of a log: q, theta_1, theta_2, tau_1, tau_2.
-
-    channels  name -> estimate
-    declared  name -> standard deviation by the device file: step / sqrt(12), or the torque noise; None: not stated
-    clock     sampling clock
-    """
+    """Noise of all measured channels of a log: q, theta_1, theta_2, tau_1, tau_2."""
 
     channels: Mapping[str, ChannelNoise]
-    declared: Mapping[str, float | None]
+    declared: Mapping[str, float | None]  # by the device file: step / sqrt(12), or the torque noise; None: not stated
     clock: Clock
 
     @property
@@ -92,18 +72,17 @@ class LogNoise:
 
 def log_noise(log: JointLog) -> LogNoise:
     """Noise of every measured channel of a log, beside what the device file declares."""
-    sensors, time = log.device.sensors, log.measured.time
     channels: dict[str, ChannelNoise] = {}
     declared: dict[str, float | None] = {}
-    for name, column, quantum in _angles(log):
-        channels[name] = channel_noise(time, column, quantum)
+    for name, column, quantum in log.angles:
+        channels[name] = channel_noise(log.measured.time, column, quantum)
         declared[name] = None if quantum is None else quantum / sqrt(12.0)
     if log.torque is not None:
         for i, column in enumerate(log.torque.T):
             if np.isfinite(column).sum() >= 2:
                 channels[f"tau_{i + 1}"] = _torque_noise(log, i, column)
-                declared[f"tau_{i + 1}"] = sensors.torque_noise or None
-    return LogNoise(channels, declared, clock_of(time))
+                declared[f"tau_{i + 1}"] = log.device.sensors.torque_noise or None
+    return LogNoise(channels, declared, clock_of(log.measured.time))
 
 
 def clock_of(time: Array) -> Clock:
@@ -172,30 +151,16 @@ def error_correlation(noise: ChannelNoise, angle: Array, lags: int, run: int = 0
     return (white * before + rounded * after) / (white + rounded)
 
 
-def _angles(log: JointLog) -> list[tuple[str, Array, float | None]]:
-    sensors = log.device.sensors
-    found: list[tuple[str, Array, float | None]] = [("q", log.measured["q"], sensors.link_quantum)]
-    for i, column in enumerate(log.measured["theta"].T if "theta" in log.measured else ()):
-        if np.isfinite(column).sum() >= 2:
-            found.append((f"theta_{i + 1}", column, sensors.motor_quantum))
-    return found
-
-
 def _torque_noise(log: JointLog, i: int, column: Array) -> ChannelNoise:
     """Noise of a measured torque, with a known command that of the difference from it, if it is less.
 
     Without the command the estimate is an upper bound, because the torque contains the noise of the controller.
     """
-    time = log.measured.time
-    alone = channel_noise(time, column)
-    if log.commands is None or "motor" not in log.commands or len(log.commands) < 2:
+    alone = channel_noise(log.measured.time, column)
+    if log.commands is None or len(log.commands) < 2 or log.motor_commands(0) is None:
         return alone
-    command, period = log.commands["motor"][:, i], float(np.median(np.diff(time)))
-    left = []
-    for late in range(LATEST):
-        at = np.searchsorted(log.commands.time, time - (late + 0.5) * period, side="right") - 1
-        left.append(column - command[np.clip(at, 0, None)])
-    beside = channel_noise(time, min(left, key=lambda each: float(np.nanvar(each))), alone.quantum)
+    left = [column - commands[:, i] for late in range(LATEST) if (commands := log.motor_commands(late)) is not None]
+    beside = channel_noise(log.measured.time, min(left, key=lambda each: float(np.nanvar(each))), alone.quantum)
     return beside if beside.sd < alone.sd else alone
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import log as ln
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from scipy.signal import savgol_filter
 from via_core.signals import Array
 
 from via_gap.logs.angle_torque import left_by_angles
-from via_gap.logs.findings import Finding, Severity
+from via_gap.logs.findings import Finding, Severity, worst_first
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import STANDARD_ERRORS, LogNoise
 
@@ -35,19 +36,13 @@ WORTH = 1.0  # jitter error over noise: from here jitter is the larger part of t
 
 @dataclass(frozen=True)
 class Quality:
-    """Quality of one log.
+    """Quality of one log."""
 
-    findings     worst first
-    usable       (begin, end) [s] on the log's clock of the intervals that may be compared
-    cannot_tell  why the log cannot be diagnosed and what to record instead; empty: it can
-    noise        of its channels
-    command_gaps (begin, end) [s] of the commands before and after each short gap: unknown commands, part of the noise
-    """
-
-    findings: tuple[Finding, ...]
-    usable: tuple[Interval, ...]
+    findings: tuple[Finding, ...]  # worst first
+    usable: tuple[Interval, ...]  # (begin, end) [s] on the log's clock of the intervals that may be compared
     noise: LogNoise
-    cannot_tell: str = ""
+    cannot_tell: str = ""  # why the log cannot be diagnosed and what to record instead; empty: it can
+    # (begin, end) [s] of the commands before and after each short gap: unknown commands, part of the noise
     command_gaps: tuple[Interval, ...] = ()
 
     @property
@@ -56,8 +51,7 @@ class Quality:
         return float(sum(end - begin for begin, end in self.usable))
 
 
-@dataclass(frozen=True)
-class _Found:
+class _Found(NamedTuple):
     finding: Finding
     cut: tuple[Interval, ...] = ()
     command_gaps: tuple[Interval, ...] = ()
@@ -75,8 +69,7 @@ def assess(log: JointLog, noise: LogNoise) -> Quality:
         *_fast_torque(log, noise),
         *_torque_of_angle(log, noise),
     ]
-    order = ("refuse", "downgrade", "note")
-    findings = sorted((each.finding for each in found), key=lambda f: order.index(f.severity))
+    findings = worst_first(each.finding for each in found)
     whole = (float(log.measured.time[0]), float(log.measured.time[-1]))
     usable = _without(whole, [cut for each in found for cut in each.cut])
     refused = [f.text for f in findings if f.severity == "refuse"]
@@ -104,15 +97,16 @@ def _spans(time: Array, which: NDArray[np.bool_]) -> tuple[Interval, ...]:
     return tuple((float(time[a]), float(time[b - 1])) for a, b in edges.reshape(-1, 2))
 
 
+def _acceleration(log: JointLog, noise: LogNoise, half: int) -> tuple[Array, float]:
+    """Second derivatives of parabolas over `half` samples of the link to either side, and their standard deviation."""
+    q, period, n = log.measured["q"][np.isfinite(log.measured["q"])], noise.clock.period, 2 * half + 1
+    bend = savgol_filter(q, n, 2, deriv=2, delta=period) if len(q) >= n else np.zeros(1)
+    return bend, noise.channels["q"].sd * sqrt(720.0 / n**5) / period**2
+
+
 def _curvature(log: JointLog, noise: LogNoise) -> float:
     """95 % quantile of the link's acceleration, of parabolas over a segment's tenth to either side; without noise."""
-    there = np.isfinite(log.measured["q"])
-    q, half = log.measured["q"][there], max(3, round(0.1 * SEGMENT / noise.clock.period))
-    if len(q) < 2 * half + 1:
-        return 0.0
-    bend = savgol_filter(q, 2 * half + 1, 2, deriv=2, delta=noise.clock.period)
-    n = 2 * half + 1
-    sd = noise.channels["q"].sd * sqrt(720.0 / n**5) / noise.clock.period**2  # of a parabola's second derivative
+    bend, sd = _acceleration(log, noise, max(3, round(0.1 * SEGMENT / noise.clock.period)))
     return max(float(np.quantile(np.abs(bend), 0.95)) - STANDARD_ERRORS * sd, 0.0)
 
 
@@ -135,8 +129,8 @@ def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         f"{1e3 * period:.3g} ms; {100 * lost:.2g} % of the time is left out because gaps above {1e3 * longest:.3g} ms "
         "hide motion: record on a machine with less load, or stamp samples in the driver"
     )
-    severity: Severity = "downgrade" if lost > MUCH or share > MUCH else "note"
-    yield _Found(log.finding("late", "time", severity, share, text), cut)
+    severe = lost > MUCH or share > MUCH
+    yield _Found(log.finding("late", "time", "downgrade" if severe else "note", share, text), cut)
 
 
 def _commands(log: JointLog) -> Iterator[_Found]:
@@ -166,9 +160,9 @@ def _commands(log: JointLog) -> Iterator[_Found]:
         f"counts as noise, and {100 * lost:.2g} % of the time is left out because the gap is longer than "
         f"{1e3 * SHORT:.3g} ms: record commands where they are sent, with less load"
     )
-    severity: Severity = "downgrade" if lost > MUCH else "note"
     cut = tuple((float(time[i]), float(time[i + 1])) for i in long)
     short = tuple((float(time[i]), float(time[i + 1])) for i in gone if steps[i] <= SHORT)
+    severity: Severity = "downgrade" if lost > MUCH else "note"
     yield _Found(log.finding("command gaps", "commands", severity, 1e3 * longest, text), cut, short)
 
 
@@ -186,8 +180,7 @@ def _jitter(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         f"time stamps are wrong by {1e3 * jitter:.2g} ms, at {typical:.2g} rad/s {ratio:.2g} times the noise of the "
         "link angle; it is added to the noise: stamp samples where they are measured"
     )
-    severity: Severity = "downgrade" if ratio > WORTH else "note"
-    yield _Found(log.finding("jitter", "time", severity, 1e3 * jitter, text))
+    yield _Found(log.finding("jitter", "time", "downgrade" if ratio > WORTH else "note", 1e3 * jitter, text))
 
 
 def _drive(log: JointLog) -> Iterator[_Found]:
@@ -203,18 +196,14 @@ def _drive(log: JointLog) -> Iterator[_Found]:
     yield _Found(log.finding("no torque", "tau_1", "refuse", 0.0, text))
 
 
-def _segments(time: Array) -> Indices:
-    """Number of the segment of every sample (N,)."""
-    return ((time - time[0]) / SEGMENT).astype(np.intp)
-
-
 def _moving(log: JointLog, noise: LogNoise) -> tuple[Indices, Indices, NDArray[np.bool_]]:
     """Samples with a link angle (n,), the segment of each (n,), and whether each segment moves (segments,).
 
     A segment moves if its range is twice that of noise, which is about 2 sqrt(2 ln n) sd for n normal values.
     """
     there = np.flatnonzero(np.isfinite(log.measured["q"]))
-    segment = _segments(log.measured.time[there])
+    time = log.measured.time[there]
+    segment = ((time - time[0]) / SEGMENT).astype(np.intp)
     q, own = log.measured["q"][there], noise.channels["q"]
     count = int(segment[-1]) + 1
     low, high = np.full(count, np.inf), np.full(count, -np.inf)
@@ -238,24 +227,18 @@ def _motion(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     shown = TOLERANCE * float(np.sqrt(np.sum(ranges**2))) / own.sd
     share = float(np.mean(moves))
     if shown < STANDARD_ERRORS:
+        drive = noise.channels.get("tau_1")
+        varies = drive and log.torque is not None and float(np.nanstd(log.torque[:, 0])) > STANDARD_ERRORS * drive.sd
         clamped = "its torque varies, so that a stop, a brake or a clamp may hold it: free the joint, and "
         text = (
             f"the link moves by {np.ptp(q):.2g} rad, {np.ptp(q) / own.sd:.2g} times its noise, and "
             f"{100 * share:.0f} % of the time: a change of {100 * TOLERANCE:.0f} % in the device shows by "
-            f"{shown:.2g} standard errors; {clamped if _varies(log, noise) else ''}move it further and for longer"
+            f"{shown:.2g} standard errors; {clamped if varies else ''}move it further and for longer"
         )
         yield _Found(log.finding("too little motion", "q", "refuse", shown, text))
     elif share < HALF:
         text = f"the link moves {100 * share:.0f} % of the time: the rest shows neither inertia nor viscous friction"
         yield _Found(log.finding("still", "q", "note", share, text))
-
-
-def _varies(log: JointLog, noise: LogNoise) -> bool:
-    if "tau_1" not in noise.channels:
-        return False
-    assert log.torque is not None
-    tau = log.torque[:, 0]
-    return float(np.nanstd(tau)) > STANDARD_ERRORS * noise.channels["tau_1"].sd
 
 
 def _pinned(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
@@ -268,8 +251,9 @@ def _pinned(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     q, tau = log.measured["q"][there], log.measured["tau"][there, 0]
     reach = max(STANDARD_ERRORS * noise.channels["q"].sd, noise.channels["q"].quantum)
     moved = _range(tau[moves[segment]])
+    with np.errstate(invalid="ignore"):  # a segment without samples has no mean
+        centre = np.bincount(segment, q) / np.bincount(segment)
     for name, end in (("lowest", float(q.min())), ("highest", float(q.max()))):
-        centre = _means(q, segment)
         rests = ~moves & (np.abs(centre - end) < reach)
         if rests.sum() < 2:
             continue
@@ -282,21 +266,13 @@ def _pinned(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
             f"varies by {varied:.2g} N m, more than the {moved:.2g} N m in motion: a stop or a clamp holds it. That "
             "time is left out: move the joint away from the stop"
         )
-        severity: Severity = "refuse" if share > HALF else "downgrade"
         cut = _spans(log.measured.time[there], rests[segment])
-        yield _Found(log.finding("clamped", "q", severity, share, text), cut)
+        yield _Found(log.finding("clamped", "q", "refuse" if share > HALF else "downgrade", share, text), cut)
 
 
 def _range(values: Array) -> float:
     """Difference of the 90 % and 10 % quantiles, on which reaching and leaving a stop have no influence."""
     return float(np.nanquantile(values, 0.9) - np.nanquantile(values, 0.1))
-
-
-def _means(values: Array, segment: Indices) -> Array:
-    """Mean per segment; NaN without samples."""
-    count = np.bincount(segment)
-    with np.errstate(invalid="ignore"):
-        return np.bincount(segment, np.nan_to_num(values)) / np.where(count > 0, count, np.nan)
 
 
 def _torques(log: JointLog, noise: LogNoise) -> Iterator[tuple[str, Array]]:
@@ -362,11 +338,5 @@ def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
 
 def _inertia_torque(log: JointLog, noise: LogNoise) -> float:
     """Root mean square [N m] of the nominal inertia times the acceleration of a rigid link, without noise."""
-    there = np.isfinite(log.measured["q"])
-    half = max(2, round(0.5 * SEGMENT / noise.clock.period))
-    window, q = 2 * half + 1, log.measured["q"][there]
-    if len(q) < window:
-        return 0.0
-    bend = savgol_filter(q, window, 2, deriv=2, delta=noise.clock.period)
-    sd = noise.channels["q"].sd * sqrt(720.0 / window**5) / noise.clock.period**2
+    bend, sd = _acceleration(log, noise, max(2, round(0.5 * SEGMENT / noise.clock.period)))
     return log.device.link.inertia * sqrt(max(float(np.mean(bend**2)) - sd**2, 0.0))

@@ -94,9 +94,7 @@ class RollingLog:
         for i, channel in enumerate(self.device.drive_channels):
             channels[channel] = rows[:, at + i * drives : at + (i + 1) * drives]
         recording = recorded(states, channels, np.ones(len(stamps), np.bool_), self._columns(stamps[0]), self.device)
-        repeated = sum(report.repeated for report in recording.reports)
-        backward = sum(report.backward for report in recording.reports)
-        return JointLog(name, self.device, recording.measured, recording.commands, (repeated, backward))
+        return JointLog.of(name, self.device, recording)
 
     def _columns(self, begin: int) -> Columns | None:
         """Commands from the one that is active at `begin` [ns] on, as from a bag."""
@@ -117,8 +115,8 @@ class _Tape:
     """Rows (n, c) with stamps (n,) [ns] in the order of arrival, in a buffer that is compacted when full."""
 
     def __init__(self, width: int) -> None:
-        self._stamps = np.empty(1024, dtype=np.int64)
-        self._rows = np.empty((1024, width))
+        self._width = width
+        self._stamps, self._rows = np.empty(1024, dtype=np.int64), np.empty((1024, width))
         self._begin = self._end = 0
         self.newest: int | None = None  # [ns] largest stamp so far
 
@@ -153,9 +151,8 @@ class _Tape:
         self.newest = None
 
     def _make_room(self) -> None:
-        kept = min(self._end - self._begin, MOST - 1)
-        size = min(max(2 * kept, 1024), MOST)
-        stamps, rows = np.empty(size, dtype=np.int64), np.empty((size, self._rows.shape[1]))
-        stays = slice(self._end - kept, self._end)
-        stamps[:kept], rows[:kept] = self._stamps[stays], self._rows[stays]
-        self._stamps, self._rows, self._begin, self._end = stamps, rows, 0, kept
+        kept = slice(max(self._begin, self._end - MOST + 1), self._end)
+        count = kept.stop - kept.start
+        size = min(max(2 * count, 1024), MOST)
+        self._stamps, self._rows = np.resize(self._stamps[kept], size), np.resize(self._rows[kept], (size, self._width))
+        self._begin, self._end = 0, count
