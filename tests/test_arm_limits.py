@@ -10,7 +10,7 @@ from via_controllers.supervision.arm_limits import ArmLimits, Limit
 from via_controllers.supervision.arm_supervision import Activity, Supervisor
 from via_controllers.supervision.hold_still import HoldStill
 from via_core.errors import ParameterError
-from via_sim.arm import ArmState, arm_step
+from via_sim.robots.arm import ArmState, arm_step
 from via_validation.bench.limits import FaultyController, disturbed_run, limit_rows, supervisor_of
 from via_validation.control.limit_cycle import limit_cycle_controller
 

@@ -24,7 +24,7 @@ from via_interfaces.msg import GapStatus, VsaCommand
 from via_ros import qos
 from via_ros.conversions import Command, JointStateWriter, nanoseconds
 from via_sim.effects import Effect
-from via_sim.effects_file import save_effects
+from via_sim.effects.files import save_effects
 from via_sim.nodes.simulator import SimulatorNode
 
 DEVICE = load_device("cubic_demo")

@@ -9,8 +9,8 @@ from via_bringup.demo.reference import EQUILIBRIUM as REST
 from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.contract import ArmSample
 from via_core.errors import ParameterError
-from via_sim.arm import ArmState, arm_step
-from via_sim.contacts import Hand
+from via_sim.robots.arm import ArmState, arm_step
+from via_sim.robots.contacts import Hand
 from via_validation.control.arm_run import PERIOD, Phase, TorqueNoise, run_arm
 from via_validation.control.limit_cycle import CycleCourse, cycling, in_modes, limit_cycle_controller, start
 

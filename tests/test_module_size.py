@@ -29,7 +29,7 @@ def project_imports(file: Path) -> set[str]:
 
 
 def test_the_modules_are_found() -> None:
-    assert {"via_sim.kernel", "via_core.springs", "via_bringup.cli.__init__"} <= MODULES.keys()
+    assert {"via_sim.joint.kernel", "via_core.springs", "via_bringup.cli.__init__"} <= MODULES.keys()
     assert "via_core.signals" in project_imports(MODULES["via_sim.simulate"])
 
 

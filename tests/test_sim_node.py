@@ -22,10 +22,10 @@ from via_interfaces.srv import ClearEffects, SetEffects
 from via_ros import qos
 from via_ros.conversions import Command, nanoseconds
 from via_sim.effects import Effect
-from via_sim.effects_file import save_effects
+from via_sim.effects.files import save_effects
+from via_sim.joint.parameters import P
 from via_sim.nodes.simulation import EPOCH
 from via_sim.nodes.simulator import SimulatorNode
-from via_sim.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, simulate

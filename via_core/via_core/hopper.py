@@ -5,7 +5,7 @@ down; a positive hip angle moves the leg forward, a positive knee angle the shan
 
     thigh at q_hip from the vertical, shank at q_hip + q_knee,   spring  tau_e = K (q - theta)
 
-Springs and motors as in `vsa_arms`. Controllers use this model; `via_sim.hopper` adds the ground in MuJoCo.
+Springs and motors as in `vsa_arms`. Controllers use this model; `via_sim.robots.hopper` adds the ground in MuJoCo.
 Source: set-up of the checks of (12), Section 6.2, after Figure 18.
 """
 

@@ -9,7 +9,7 @@ from via_core.signals import Array
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.selection.evidence import Evaluation
-from via_sim.catalogue import EFFECTS
+from via_sim.effects.catalogue import EFFECTS
 
 NOTHING = np.empty(0)
 COULOMB = Location("coulomb_friction", "motor", 1)

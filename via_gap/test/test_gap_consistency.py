@@ -14,8 +14,8 @@ from via_gap.rendering.text import text
 from via_gap.rendering.words import boxes, cautions, headline, next_steps, repair_words
 from via_gap.report.figures import Figures, JointSketch, Member, Trial
 from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValue, Value, Where
-from via_sim.catalogue import EFFECTS
-from via_sim.effects_file import parse_effects
+from via_sim.effects.catalogue import EFFECTS
+from via_sim.effects.files import parse_effects
 
 PLACES = (
     place("backlash", "transmission", 1),

@@ -14,7 +14,7 @@ from via_gap.report.withheld import before_and_after
 from via_gap.residual.segments import cut_log
 from via_gap.residual.weak_residuals import weak_residuals
 from via_sim.effects import Effect
-from via_sim.effects_file import load_effects
+from via_sim.effects.files import load_effects
 
 COULOMB = Effect("coulomb_friction", "motor", {"torque": 0.03}, 1)
 BACKLASH = Effect("backlash", "transmission", {"gap": 0.02}, 1)

@@ -17,7 +17,7 @@ from via_gap.rendering.joint_picture import JointPicture
 from via_gap.rendering.names import site_words
 from via_gap.rendering.page import drawing
 from via_gap.report.figures import JointSketch
-from via_sim.catalogue import EFFECTS
+from via_sim.effects.catalogue import EFFECTS
 
 
 def beside(log: JointLog, name: str) -> JointLog:

@@ -17,7 +17,7 @@ from via_gap.residual.segments import cut_log
 from via_gap.residual.weak_residuals import weak_residuals
 from via_gap.selection.comparison import _supported
 from via_gap.selection.plausibility import absurd, doubt
-from via_sim.catalogue import EFFECTS
+from via_sim.effects.catalogue import EFFECTS
 
 NOTHING = np.empty(0)
 COULOMB = Location("coulomb_friction", "motor", 1)

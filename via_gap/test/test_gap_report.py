@@ -8,7 +8,7 @@ from via_core.errors import ParameterError
 from via_gap.report.report import Cause, EffectLocation, GapReport, Value, Where, read_report
 from via_gap.selection.gap import Gap, SignalGap
 from via_sim.effects import Effect
-from via_sim.effects_file import load_effects, save_effects
+from via_sim.effects.files import load_effects, save_effects
 
 
 def report() -> GapReport:

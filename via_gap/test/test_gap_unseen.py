@@ -11,7 +11,7 @@ from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Segments, cut_log
 from via_gap.residual.unseen import OF_LINK, MeasuredPath
 from via_sim.effects import Effect
-from via_sim.parameters import P
+from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 
 

@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import quad
 from via_core.errors import ParameterError
 from via_core.vsa_arms import load_vsa_arm
-from via_sim.arm import ArmState, arm_step, contact_force
-from via_sim.contacts import Contact, Hand, Wall
+from via_sim.robots.arm import ArmState, arm_step, contact_force
+from via_sim.robots.contacts import Contact, Hand, Wall
 
 ARM = load_vsa_arm("reference_4dof")
 REST, STILL = np.array([0.2, 0.4, 0.3, 1.2]), np.zeros(4)

@@ -2,7 +2,7 @@
 
 import pytest
 from via_core.errors import ParameterError
-from via_sim.effects_file import parse_effects
+from via_sim.effects.files import parse_effects
 
 HUGE = "1" + "0" * 400  # a whole number beyond all floats
 

@@ -9,7 +9,7 @@ from sim_joints import ENCODER_ERRORS, RIPPLES, SIZES, flexible, rigid, serial_s
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.effects import Effect
-from via_sim.encoders import read_motion, true_angle, true_motions
+from via_sim.joint.encoders import read_motion, true_angle, true_motions
 from via_sim.plants import JointPlant
 from via_sim.simulate import InitialConditions, simulate
 

@@ -9,14 +9,14 @@ from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_core.springs import N_COEFFICIENTS
-from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect, places
-from via_sim.effects_file import effects_text, load_effects, parse_effects, save_effects
-from via_sim.measurements import TRUTH
-from via_sim.parameters import P
+from via_sim.effects.catalogue import EFFECTS
+from via_sim.effects.files import effects_text, load_effects, parse_effects, save_effects
+from via_sim.joint.measurements import TRUTH
+from via_sim.joint.parameters import P
+from via_sim.joint.torques import X
 from via_sim.plants import JointPlant
 from via_sim.simulate import InitialConditions, Simulator, simulate
-from via_sim.torques import X
 
 RATE = 1000.0
 

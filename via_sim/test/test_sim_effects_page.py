@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from via_sim.catalogue import DEVICE_NUMBERS, EFFECTS
+from via_sim.effects.catalogue import DEVICE_NUMBERS, EFFECTS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
 HEAD = """# Effects

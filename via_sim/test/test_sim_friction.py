@@ -9,7 +9,7 @@ from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_sim.effects import Effect
-from via_sim.measurements import MEASURED
+from via_sim.joint.measurements import MEASURED
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, Simulator, simulate

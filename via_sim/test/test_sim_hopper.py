@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from via_core.errors import ParameterError
 from via_core.hopper import Hopper
-from via_sim.hopper import HopperPlant
+from via_sim.robots.hopper import HopperPlant
 
 HOPPER, STILL = Hopper(), np.zeros(4)
 PLANT = HopperPlant(HOPPER)

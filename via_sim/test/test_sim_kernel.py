@@ -7,13 +7,13 @@ from sim_joints import antagonistic, device, flexible, rigid, servo_flexible
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
-from via_sim.kernel import run
-from via_sim.measurements import TRUTH
-from via_sim.parameters import P
+from via_sim.joint.kernel import run
+from via_sim.joint.measurements import TRUTH
+from via_sim.joint.parameters import P
+from via_sim.joint.torques import N_COMMANDS
 from via_sim.plants import JointPlant, substeps_for
 from via_sim.sensors import IDEAL
 from via_sim.simulate import InitialConditions, initial_state, simulate
-from via_sim.torques import N_COMMANDS
 
 RATE = 1000.0
 

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from sim_joints import BOTH_SIDES, antagonistic, flexible, rigid, servo_flexible
 from via_core.signals import Signals
 from via_sim.effects import Effect
-from via_sim.friction import breakaway, dry_friction
-from via_sim.parameters import P
+from via_sim.joint.friction import breakaway, dry_friction
+from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.simulate import InitialConditions, simulate
 

@@ -4,7 +4,7 @@ from fractions import Fraction
 from math import factorial
 
 import pytest
-from via_sim.phi_functions import phi_functions
+from via_sim.joint.phi_functions import phi_functions
 
 
 def exact(k: int, z: float) -> float:

@@ -8,15 +8,15 @@ from sim_position_drives import EFFECT_SETS, GRAVITY, KD, KP, PLACES, RATE, SERV
 from sim_together import simulate_rows
 from via_core.errors import ParameterError
 from via_core.signals import Signals
-from via_sim.device_numbers import numbers_of
 from via_sim.effects import Effect
-from via_sim.kernel import run
-from via_sim.measurements import MEASURED, TRUTH
-from via_sim.parameters import P
+from via_sim.effects.device_numbers import numbers_of
+from via_sim.joint.kernel import run
+from via_sim.joint.measurements import MEASURED, TRUTH
+from via_sim.joint.parameters import P
+from via_sim.joint.torques import GOAL, POWER, X
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL
 from via_sim.simulate import InitialConditions, Simulator, command_rows, initial_state, simulate
-from via_sim.torques import GOAL, POWER, X
 
 
 def step(device, duration: float = 1.0, goal: float = 1.0, effects=()):

@@ -9,13 +9,13 @@ from sim_together import simulate_many
 from via_core.devices import device_names, load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
-from via_sim.catalogue import EFFECTS
 from via_sim.effects import Effect
-from via_sim.measurements import MEASURED
+from via_sim.effects.catalogue import EFFECTS
+from via_sim.joint.measurements import MEASURED
+from via_sim.joint.torques import N_COMMANDS
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
 from via_sim.simulate import InitialConditions, Simulator, command_rows, simulate
-from via_sim.torques import N_COMMANDS
 
 RATE = 1000.0
 NOISY = Sensors(1e-4, 2e-4, 1e-4, 1e-4, velocity_noise=0.1, torque_noise=0.05, link_torque_noise=0.02)

@@ -1,1 +1,9 @@
-"""Simulation: plants, effects, integrators and sensors; the nodes live in via_sim.nodes."""
+"""Simulation of single joints and of robots.
+
+joint     physics of one joint, compiled: parameter row, torques, drives, encoders, integrator, measurements
+effects   unmodelled physics as data: the catalogue, effects files
+plants    a device with effects as a parameter row;  sensors  its sensors
+simulate  runs of one joint;  lockstep  many variants of a joint at once
+robots    arms with contacts, the hopper
+nodes     the simulators as ROS nodes
+"""

@@ -16,9 +16,9 @@ from via_core.signals import Array, locked
 from via_core.springs import MACCEPA, N_COEFFICIENTS, TWO_LEVER, SpringLaw
 
 from via_sim.effects import Effect, write_effects
-from via_sim.friction import viscous_rate
-from via_sim.kernel import derivative
-from via_sim.parameters import (
+from via_sim.joint.friction import viscous_rate
+from via_sim.joint.kernel import derivative
+from via_sim.joint.parameters import (
     AT_LINK,
     AT_TRANSMISSION,
     DYNAMIC,
@@ -33,7 +33,7 @@ from via_sim.parameters import (
     P,
     neutral_row,
 )
-from via_sim.torques import DAMPING, GOAL, N_INPUTS, POWER, U, X, spring_factor
+from via_sim.joint.torques import DAMPING, GOAL, N_INPUTS, POWER, U, X, spring_factor
 
 GRAVITY = 9.80665  # [m/s^2]
 MAX_SUBSTEPS = 4096  # largest number per tick

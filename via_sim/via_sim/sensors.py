@@ -13,7 +13,7 @@ from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
 
-from via_sim.measurements import S
+from via_sim.joint.measurements import S
 
 
 @dataclass(frozen=True)

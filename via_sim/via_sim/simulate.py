@@ -18,13 +18,13 @@ from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, Signals
 
-from via_sim.catalogue import MAX_DELAY
-from via_sim.kernel import run
-from via_sim.measurements import MEASURED, TRUTH
-from via_sim.parameters import ABSENT, SERVO, P
+from via_sim.effects.catalogue import MAX_DELAY
+from via_sim.joint.kernel import run
+from via_sim.joint.measurements import MEASURED, TRUTH
+from via_sim.joint.parameters import ABSENT, SERVO, P
+from via_sim.joint.torques import ARM, DAMPING, EXTERNAL, GOAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, POWER, QUEUED, X
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
-from via_sim.torques import ARM, DAMPING, EXTERNAL, GOAL, HISTORY, M1, N_COMMANDS, NEIGHBOUR, POWER, QUEUED, X
 
 MAX_SEED = 2**53 - 1
 

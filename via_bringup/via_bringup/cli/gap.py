@@ -19,7 +19,7 @@ from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
 from via_gap.report.report import GapReport, read_report, save_repair
 from via_gap.report.withheld import before_and_after
-from via_sim.effects_file import load_effects
+from via_sim.effects.files import load_effects
 
 from via_bringup.cli.console import answers, errors
 from via_bringup.cli.files import read_text, write_text

@@ -11,7 +11,7 @@ import typer
 from via_core.devices import Device, load_device
 from via_gap.design.motion_file import columns_of, read_motion, write_table
 from via_sim.effects import Effect
-from via_sim.effects_file import load_effects
+from via_sim.effects.files import load_effects
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, simulate

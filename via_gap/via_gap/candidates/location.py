@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from via_core.devices import Device
-from via_sim.catalogue import EFFECTS
-from via_sim.effect_kinds import EffectParameter
 from via_sim.effects import Effect, place_name, spots
 from via_sim.effects import places as places_of
+from via_sim.effects.catalogue import EFFECTS
+from via_sim.effects.kinds import EffectParameter
 
 from via_gap.logs.log import JointLog
 

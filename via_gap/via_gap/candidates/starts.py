@@ -12,7 +12,7 @@ from math import atan2, hypot, pi
 
 import numpy as np
 from via_core.devices import Device
-from via_sim.catalogue import EffectParameter
+from via_sim.effects.catalogue import EffectParameter
 
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales

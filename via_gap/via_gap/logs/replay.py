@@ -15,7 +15,7 @@ from via_core.errors import SignalError
 from via_core.metrics import nrmse
 from via_core.signals import Array, Signals
 from via_sim.effects import Effect
-from via_sim.encoders import true_angle
+from via_sim.joint.encoders import true_angle
 from via_sim.plants import JointPlant
 from via_sim.simulate import InitialConditions, simulate
 

@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from via_core.devices import device_names
 from via_core.errors import ViaError
-from via_sim.effects_file import effects_text
+from via_sim.effects.files import effects_text
 
 from via_gap.rendering import evidence_words, joint_picture, names, pictures, words
 from via_gap.rendering.numbers import chance, number, percent, prefixed, raised

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Literal
 
 from via_core.errors import ParameterError
-from via_sim.catalogue import DEVICE_NUMBERS
 from via_sim.effects import Effect
-from via_sim.effects_file import save_effects
+from via_sim.effects.catalogue import DEVICE_NUMBERS
+from via_sim.effects.files import save_effects
 
 from via_gap.candidates.localisation import Region
 from via_gap.logs.between import in_lines

@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 from via_core.errors import ParameterError
 from via_core.servos import servo_acceleration
 from via_core.signals import Array
-from via_sim.actuation import couple, servo_bandwidth
-from via_sim.compiled import bare, inlined
-from via_sim.encoders import read_motion, true_motion
-from via_sim.friction import breakaway, dry_friction, has_friction, viscous_friction
-from via_sim.measurements import hermite
-from via_sim.parameters import (
+from via_sim.joint.actuation import couple, servo_bandwidth
+from via_sim.joint.compiled import bare, inlined
+from via_sim.joint.encoders import read_motion, true_motion
+from via_sim.joint.friction import breakaway, dry_friction, has_friction, viscous_friction
+from via_sim.joint.measurements import hermite
+from via_sim.joint.parameters import (
     ABSENT,
     DYNAMIC,
     N_PARAMETERS,
@@ -42,8 +42,8 @@ from via_sim.parameters import (
     TORQUE_DRIVE,
     P,
 )
-from via_sim.position_drive import followed, mean_followed
-from via_sim.torques import (
+from via_sim.joint.position_drive import followed, mean_followed
+from via_sim.joint.torques import (
     ARM,
     DAMPING,
     EXTERNAL,

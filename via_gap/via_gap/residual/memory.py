@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from via_core.signals import Array
-from via_sim.parameters import POSITION_DRIVE, P
-from via_sim.position_drive import acting_goal, followed
-from via_sim.torques import GOAL, N_MODES, POWER, X, compiled, remember
+from via_sim.joint.parameters import POSITION_DRIVE, P
+from via_sim.joint.position_drive import acting_goal, followed
+from via_sim.joint.torques import GOAL, N_MODES, POWER, X, compiled, remember
 
 HELD = 5  # bristles of link, motor 1, motor 2; Maxwell elements of transmission 1, 2
 ELEMENTS = np.concatenate(  # slots of a row that matter here: most rows of a fit differ in others

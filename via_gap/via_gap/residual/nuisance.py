@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.device_parts import Tolerances
 from via_core.signals import Array
-from via_sim.device_numbers import numbers_of
+from via_sim.effects.device_numbers import numbers_of
 from via_sim.plants import JointPlant
 
 BOUND = 1.3  # [standard deviations of the tolerance] largest offset

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array, Signals, locked
+from via_sim.joint.torques import M1, N_COMMANDS
 from via_sim.simulate import command_rows
-from via_sim.torques import M1, N_COMMANDS
 
 from via_gap.residual.zero_order_hold import ZeroOrderHold
 

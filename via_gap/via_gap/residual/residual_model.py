@@ -13,7 +13,7 @@ from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_sim.effects import Effect, in_order
-from via_sim.parameters import P
+from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 
 from via_gap.residual.inverse_dynamics import InverseDynamics

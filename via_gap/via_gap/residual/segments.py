@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 from via_core.errors import SignalError
 from via_core.signals import Array
+from via_sim.joint.torques import EXTERNAL, N_COMMANDS
 from via_sim.simulate import command_rows
-from via_sim.torques import EXTERNAL, N_COMMANDS
 
 from via_gap.logs.between import acting, along, in_lines
 from via_gap.logs.checks import step_of

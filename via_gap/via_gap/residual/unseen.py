@@ -21,8 +21,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 from via_core.signals import Array
+from via_sim.joint.parameters import P
 from via_sim.lockstep.run import lead_many
-from via_sim.parameters import P
 
 from via_gap.residual.threads import THREADS, together
 

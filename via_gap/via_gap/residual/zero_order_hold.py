@@ -15,9 +15,9 @@ from collections import OrderedDict
 import numpy as np
 from via_core.dampers import N_DAMPER_COEFFICIENTS, damper_value
 from via_core.signals import Array
-from via_sim.actuation import saturated
-from via_sim.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
-from via_sim.torques import DAMPING, EXTERNAL, GOAL, N_COMMANDS, NEIGHBOUR, POWER, bare, compiled
+from via_sim.joint.actuation import saturated
+from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
+from via_sim.joint.torques import DAMPING, EXTERNAL, GOAL, N_COMMANDS, NEIGHBOUR, POWER, bare, compiled
 
 _CACHED = 2  # results: a fit alternates between its parameters and a variation of one of them
 # Slots of the row that the means depend on.

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from via_core.signals import Array
 
-from via_sim.compiled import bare, compiled, inlined
-from via_sim.encoders import true_motion
-from via_sim.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
+from via_sim.joint.compiled import bare, compiled, inlined
+from via_sim.joint.encoders import true_motion
+from via_sim.joint.kernel import N_WEIGHTS, PER_AXIS, advance_tick, begin, weigh
+from via_sim.joint.measurements import record, sense, stride
+from via_sim.joint.parameters import P
+from via_sim.joint.torques import MODE, N_INPUTS, N_MODES, QUEUED, X
 from via_sim.lockstep.block import N_ROWS, Terms, Z
 from via_sim.lockstep.lanes import is_supported, load_inputs, load_parameters, load_state, store_inputs, terms_of
 from via_sim.lockstep.step import step
-from via_sim.measurements import record, sense, stride
-from via_sim.parameters import P
-from via_sim.torques import MODE, N_INPUTS, N_MODES, QUEUED, X
 
 LANES = 32
 _FEWEST = 4  # lanes in lockstep: fewer are as fast one by one

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from via_core.signals import Array
 
-from via_sim.compiled import bare
-from via_sim.kernel import PER_AXIS, W
+from via_sim.joint.compiled import bare
+from via_sim.joint.kernel import PER_AXIS, W
 from via_sim.lockstep.block import R, Terms, Z, add, copy
 from via_sim.lockstep.torques import apply_lag, bristle_torque, maxwell_torque, torques
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL, SINH
 
-from via_sim.compiled import bare
+from via_sim.joint.compiled import bare
+from via_sim.joint.parameters import AT_TRANSMISSION, RIPPLE_HARMONICS, P
+from via_sim.joint.torques import deflection, preset_of, transmission_torque
 from via_sim.lockstep.block import R, Terms, Z, decay, sine
-from via_sim.parameters import AT_TRANSMISSION, RIPPLE_HARMONICS, P
-from via_sim.torques import deflection, preset_of, transmission_torque
 
 _ENOUGH = 1e300  # [N m] margin of an axis that does not stick
 

@@ -16,9 +16,9 @@ from via_core.errors import ParameterError
 from via_core.vsa_arms import load_vsa_arm
 from via_ros.spin import run
 
-from via_sim.bodies import ArmBody
-from via_sim.contacts import Wall
 from via_sim.nodes.robot_simulation import RobotParameters, RobotSimulationNode
+from via_sim.robots.bodies import ArmBody
+from via_sim.robots.contacts import Wall
 
 WALL = 6  # numbers per wall: a point on it [m] and its normal
 

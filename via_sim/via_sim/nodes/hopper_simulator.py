@@ -14,8 +14,8 @@ from typing import Any
 from via_core.hopper import Hopper
 from via_ros.spin import run
 
-from via_sim.hopper_body import HopperBody
 from via_sim.nodes.robot_simulation import RobotParameters, RobotSimulationNode
+from via_sim.robots.hopper_body import HopperBody
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ from via_ros.arms import ArmStateWriter
 from via_ros.conversions import Command, followed, set_stamp
 from via_ros.parameters import declare
 
-from via_sim.bodies import Body
 from via_sim.nodes.simulation import SimulationNode, TimeParameters
+from via_sim.robots.bodies import Body
 from via_sim.simulate import MAX_SEED
 
 

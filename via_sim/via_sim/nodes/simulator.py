@@ -25,14 +25,14 @@ from via_ros.conversions import Command, JointStateWriter, followed, set_stamp
 from via_ros.parameters import declare
 from via_ros.spin import run
 
-from via_sim.effects_file import load_effects
-from via_sim.measurements import MEASURED, TRUTH
+from via_sim.effects.files import load_effects
+from via_sim.joint.measurements import MEASURED, TRUTH
+from via_sim.joint.torques import DAMPING, EXTERNAL, GOAL, M1, N_COMMANDS, POWER
 from via_sim.nodes.effect_services import EffectServices
 from via_sim.nodes.simulation import SimulationNode, TimeParameters
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import MAX_SEED, Simulator, passive_command
-from via_sim.torques import DAMPING, EXTERNAL, GOAL, M1, N_COMMANDS, POWER
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments, cut_log
 from via_gap.residual.weak_residuals import weak_residuals
 from via_sim.effects import Effect
-from via_sim.parameters import P
+from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, simulate

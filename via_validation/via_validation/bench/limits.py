@@ -21,8 +21,8 @@ from via_controllers.supervision.hold_still import HoldStill
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
-from via_sim.arm import ArmState, arm_step
-from via_sim.contacts import Hand
+from via_sim.robots.arm import ArmState, arm_step
+from via_sim.robots.contacts import Hand
 
 from via_validation.control.limit_cycle import limit_cycle_controller
 from via_validation.tables.rows import Row

@@ -11,8 +11,8 @@ from via_controllers.contract import ArmController, ArmSample, State
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
-from via_sim.arm import ArmState, arm_step, contact_force
-from via_sim.contacts import Contact
+from via_sim.robots.arm import ArmState, arm_step, contact_force
+from via_sim.robots.contacts import Contact
 
 PERIOD = 1e-3  # [s] sampling period of the controller
 

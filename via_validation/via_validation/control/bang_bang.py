@@ -20,7 +20,7 @@ from via_controllers.arms.bang_bang import ModalBangBang
 from via_controllers.arms.motor_pd import MotorPd
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
-from via_sim.arm import ArmState
+from via_sim.robots.arm import ArmState
 
 from via_validation.control.arm_run import ArmRun, Phase, run_arm
 from via_validation.control.cycles import Cycles, relative_sd

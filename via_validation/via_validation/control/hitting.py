@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from via_bringup.demo.reference import DIRECTIONS, HITTING_MODE, WallScene, damped_arm, wall_scene
 from via_core.signals import Array
-from via_sim.arm import ArmState
-from via_sim.contacts import Hand, Wall
+from via_sim.robots.arm import ArmState
+from via_sim.robots.contacts import Hand, Wall
 
 from via_validation.control.arm_run import ArmRun, Phase, run_arm
 from via_validation.control.bang_bang import reference_controller

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from via_controllers.arms.self_start import START
-from via_sim.contacts import Hand
+from via_sim.robots.contacts import Hand
 
 from via_validation.control.arm_run import PERIOD, Phase, run_arm
 from via_validation.control.limit_cycle import GAIN, CycleCourse, cycling, in_modes, limit_cycle_controller

@@ -23,7 +23,7 @@ from via_controllers.arms.motor_pd import MotorPd
 from via_controllers.contract import ArmController, ArmSample, Quantity, Torques, passive
 from via_core.hopper import Hopper
 from via_core.signals import Array
-from via_sim.hopper import HopperPlant
+from via_sim.robots.hopper import HopperPlant
 
 from via_validation.control.cycles import Cycles, relative_sd
 

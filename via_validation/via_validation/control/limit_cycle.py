@@ -13,7 +13,7 @@ from via_controllers.arms.modal_transform import ModalBasis, first_basis
 from via_controllers.arms.self_start import START, turned
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
-from via_sim.arm import ArmState
+from via_sim.robots.arm import ArmState
 
 from via_validation.control.arm_run import PERIOD, ArmRun, Phase, TorqueNoise, run_arm
 

@@ -13,7 +13,7 @@ from via_core.signals import Array
 from via_core.status import Status
 from via_estimators.contract import Live
 from via_estimators.methods import estimator_for
-from via_sim.measurements import MEASURED, TRUTH
+from via_sim.joint.measurements import MEASURED, TRUTH
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import Simulator

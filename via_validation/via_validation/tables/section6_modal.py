@@ -21,7 +21,7 @@ from via_controllers.arms.self_start import ENOUGH, START
 from via_core.signals import Array
 from via_core.springs import SinhSpring
 from via_core.vsa_arms import VsaArm
-from via_sim.contacts import Hand
+from via_sim.robots.contacts import Hand
 
 from via_validation.control.arm_run import PERIOD, ArmRun, Phase, TorqueNoise, run_arm
 from via_validation.control.hold import Released, held_and_released

@@ -22,8 +22,8 @@ from math import exp
 
 from via_core.signals import Array
 
-from via_sim.compiled import bare, inlined
-from via_sim.parameters import AT_TRANSMISSION, DYNAMIC, NO_DAMPER, POSITION_DRIVE, P
+from via_sim.joint.compiled import bare, inlined
+from via_sim.joint.parameters import AT_TRANSMISSION, DYNAMIC, NO_DAMPER, POSITION_DRIVE, P
 
 
 @bare

@@ -14,9 +14,9 @@ from math import copysign, exp, inf
 
 from via_core.signals import Array
 
-from via_sim.compiled import bare
-from via_sim.encoders import read_motion
-from via_sim.parameters import P
+from via_sim.joint.compiled import bare
+from via_sim.joint.encoders import read_motion
+from via_sim.joint.parameters import P
 
 
 @bare

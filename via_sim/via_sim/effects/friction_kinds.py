@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from via_sim.effect_kinds import (
+from via_sim.effects.kinds import (
     EffectKind,
     EffectParameter,
     into_slot,
@@ -14,7 +14,7 @@ from via_sim.effect_kinds import (
     write_stribeck,
     write_viscous,
 )
-from via_sim.parameters import P
+from via_sim.joint.parameters import P
 
 _SITES = ("motor", "link")
 _TORQUE = EffectParameter("torque", "N m", 0.0, 1e3, 0.0, "breakaway and kinetic friction", True)

@@ -12,7 +12,7 @@ from math import isfinite
 from via_core.signals import Array
 from via_core.springs import EXPONENTIAL, N_COEFFICIENTS, ODD_POLYNOMIAL
 
-from via_sim.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, P
+from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, P
 
 AXES = ("link", "motor 1", "motor 2")
 NAMES = (

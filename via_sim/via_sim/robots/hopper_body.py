@@ -10,8 +10,8 @@ from via_core.errors import ParameterError
 from via_core.hopper import JOINTS, Hopper
 from via_core.signals import Array
 
-from via_sim.bodies import Body, BodyMeasurement
-from via_sim.hopper import HopperPlant, HopperState
+from via_sim.robots.bodies import Body, BodyMeasurement
+from via_sim.robots.hopper import HopperPlant, HopperState
 
 
 @dataclass(frozen=True, eq=False)

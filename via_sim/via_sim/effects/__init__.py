@@ -23,8 +23,8 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.springs import MACCEPA, TWO_LEVER
 
-from via_sim.catalogue import DEVICE_NUMBERS, EFFECTS, EffectKind
-from via_sim.parameters import LINK, MOTOR_1, MOTOR_2, P
+from via_sim.effects.catalogue import DEVICE_NUMBERS, EFFECTS, EffectKind
+from via_sim.joint.parameters import LINK, MOTOR_1, MOTOR_2, P
 
 _KINDS: Mapping[str, EffectKind] = {**EFFECTS, DEVICE_NUMBERS.name: DEVICE_NUMBERS}
 PAIRED = ("motor", "transmission")  # sites at which motor 0 means both

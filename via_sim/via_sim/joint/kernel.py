@@ -35,14 +35,14 @@ from via_core.dampers import damper_value
 from via_core.signals import Array
 from via_core.springs import N_COEFFICIENTS
 
-from via_sim.actuation import couple, lagged, saturated, servo_motion, supply
-from via_sim.encoders import read_motion
-from via_sim.friction import viscous_rate
-from via_sim.measurements import observe, record, stride
-from via_sim.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
-from via_sim.phi_functions import phi_functions
-from via_sim.position_drive import acting_goal, drive_torque, followed
-from via_sim.torques import (
+from via_sim.joint.actuation import couple, lagged, saturated, servo_motion, supply
+from via_sim.joint.encoders import read_motion
+from via_sim.joint.friction import viscous_rate
+from via_sim.joint.measurements import observe, record, stride
+from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
+from via_sim.joint.phi_functions import phi_functions
+from via_sim.joint.position_drive import acting_goal, drive_torque, followed
+from via_sim.joint.torques import (
     ARM,
     DAMPING,
     EXTERNAL,

@@ -11,7 +11,7 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 
-from via_sim.contacts import Contact
+from via_sim.robots.contacts import Contact
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from typing import Any
 import yaml
 from via_core.errors import ParameterError
 
-from via_sim.catalogue import EFFECTS
 from via_sim.effects import PAIRED, Effect
+from via_sim.effects.catalogue import EFFECTS
 
 KEYS = ("effect", "site", "motor", "joint", "parameters", "intervals")
 Intervals = Mapping[str, tuple[float, float]]

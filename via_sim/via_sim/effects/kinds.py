@@ -12,8 +12,8 @@ from math import pi
 from via_core.errors import ParameterError
 from via_core.signals import Array
 
-from via_sim.device_numbers import numbers_of
-from via_sim.parameters import ENCODER_HARMONICS, LINK, MOTOR_1, RIPPLE_HARMONICS, P
+from via_sim.effects.device_numbers import numbers_of
+from via_sim.joint.parameters import ENCODER_HARMONICS, LINK, MOTOR_1, RIPPLE_HARMONICS, P
 
 Values = Mapping[str, float]
 Writer = Callable[[Array, int, str, Values], None]

@@ -15,9 +15,9 @@ from math import copysign, exp, inf
 from via_core.servos import servo_acceleration, servo_step
 from via_core.signals import Array
 
-from via_sim.parameters import DYNAMIC, POSITION_DRIVE, TORQUE_DRIVE, P
-from via_sim.position_drive import acting_goal
-from via_sim.torques import EXTERNAL, MODE, U, X, bare
+from via_sim.joint.parameters import DYNAMIC, POSITION_DRIVE, TORQUE_DRIVE, P
+from via_sim.joint.position_drive import acting_goal
+from via_sim.joint.torques import EXTERNAL, MODE, U, X, bare
 
 _PHASES = 4  # free, limited, free again, and limited in the other direction
 

@@ -15,8 +15,8 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 
-from via_sim.arm import ArmState, arm_step, contact_force, limited_torque
-from via_sim.contacts import Contact, Hand
+from via_sim.robots.arm import ArmState, arm_step, contact_force, limited_torque
+from via_sim.robots.contacts import Contact, Hand
 
 State = TypeVar("State")
 

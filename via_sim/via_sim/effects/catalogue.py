@@ -11,8 +11,9 @@ from collections.abc import Mapping
 from math import pi
 from types import MappingProxyType
 
-from via_sim.device_numbers import NAMES
-from via_sim.effect_kinds import (
+from via_sim.effects.device_numbers import NAMES
+from via_sim.effects.friction_kinds import FRICTION_KINDS
+from via_sim.effects.kinds import (
     MAX_DELAY,
     NEVER,
     EffectKind,
@@ -35,9 +36,8 @@ from via_sim.effect_kinds import (
     write_ripple,
     write_spring_law,
 )
-from via_sim.friction_kinds import FRICTION_KINDS
-from via_sim.measurements import MAX_SKEW
-from via_sim.parameters import ENCODER_HARMONICS, MOTOR_1, RIPPLE_HARMONICS, P
+from via_sim.joint.measurements import MAX_SKEW
+from via_sim.joint.parameters import ENCODER_HARMONICS, MOTOR_1, RIPPLE_HARMONICS, P
 
 _SWING = harmonic(0, "rad", 0.5)
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from via_core.signals import Array
 
-from via_sim.compiled import bare, compiled, inlined
-from via_sim.parameters import P
+from via_sim.joint.compiled import bare, compiled, inlined
+from via_sim.joint.parameters import P
 
 _NEWTON_STEPS, _MAX_INVERSIONS = 3, 60  # least and largest number
 _TOLERANCE = 1e-15  # relative to the measured angle

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from via_core.signals import Array
 
-from via_sim.encoders import read_motion
-from via_sim.friction import breakaway, dry_friction, feels_both_sides
-from via_sim.parameters import DYNAMIC, P
-from via_sim.torques import (
+from via_sim.joint.encoders import read_motion
+from via_sim.joint.friction import breakaway, dry_friction, feels_both_sides
+from via_sim.joint.parameters import DYNAMIC, P
+from via_sim.joint.torques import (
     HISTORY,
     X,
     bare,

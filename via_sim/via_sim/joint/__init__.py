@@ -1,0 +1,1 @@
+"""Physics of one joint, compiled: parameter row, torques, drives, encoders, integrator, measurements."""

@@ -1,0 +1,1 @@
+"""Robots of several flexible joints: arms with walls and hands at their tip, and the hopper."""
