@@ -57,7 +57,8 @@ def samples():
             size = np.array([0.6, 0.25, 0.25])[: len(writer.position)]
             writer.position[:] = rest + size * np.sin(pace * t + at)
             writer.velocity[:] = size * pace * np.cos(pace * t + at)
-            writer.effort[:] = 0.4 * np.sin(4.0 * t + at) + 0.01 * rng.normal(size=len(writer.effort))
+            writer.effort[:] = effort(DEVICES[at], writer, -size * pace**2 * np.sin(pace * t + at))
+            writer.effort[:] += 0.01 * rng.normal(size=len(writer.effort))
         writers[0].position[0] += np.nan if k == BAD else 0.0
         messages = [writer.stamped(stamp) for writer in writers]
         if k % 2:
@@ -67,6 +68,18 @@ def samples():
         for member in ("name", "position", "velocity", "effort"):
             setattr(whole, member, [each for message in messages for each in getattr(message, member)])
         yield stamp, [serialize_message(whole)]
+
+
+def effort(device, writer, acceleration):
+    """Torques (1 + m,) that the device needs for its motion: others would be implausible."""
+    if device.damper is not None and not device.n_motors:
+        return np.array([2.0 * writer.velocity[0]])
+    found = np.zeros(len(writer.effort))
+    for i, motor in enumerate(device.motors, start=1):
+        if device.drive == "torque":
+            spring = device.spring_laws[i - 1].torque(writer.position[0] - writer.position[i])
+            found[i] = motor.inertia * acceleration[i] + motor.viscous_friction * writer.velocity[i] - spring
+    return found
 
 
 def commands():

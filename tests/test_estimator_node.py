@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from ros_messages import CommandWriter
@@ -327,6 +327,23 @@ def test_reset_of_one_device_does_not_affect_the_other(graph):
     twins.send([together(pair) for pair in of_twins(1, start=500)], 501, 501)
     assert twins.left[-1].status == Status.WARMING_UP and twins.right[-1].status != Status.WARMING_UP
     assert (twins.left[-1].sequence, twins.right[-1].sequence) == (500, 500)
+
+
+def test_diagnostics_and_status_tell_a_fault(graph):
+    """Torques that belong to no such joint: IMPLAUSIBLE in every message, the suspected fault in the diagnostics."""
+    harness = Harness(graph, device="cubic_demo")
+    harness.send(antagonistic_messages(1200, harness.device))
+    assert harness.heard[StiffnessEstimate][-1].status == StiffnessEstimate.IMPLAUSIBLE
+
+    def told():
+        heard = [status for report in harness.heard[DiagnosticArray] for status in report.status]
+        return next((each for each in heard if "check torque constants, units" in each.message), None)
+
+    graph.until(told)
+    status = told()
+    assert status.level == DiagnosticStatus.WARN
+    values = {entry.key: entry.value for entry in status.values}
+    assert values["status"] == "IMPLAUSIBLE" and values["suspected fault"] in status.message
 
 
 def test_diagnostics_report_rate_excitation_condition_and_cost_of_each(graph):

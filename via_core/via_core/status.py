@@ -11,7 +11,8 @@ class Status(IntEnum):
     NOT_EXCITED = 2  # the motion carries no information: the last value is repeated, the standard deviation grows
     OUTSIDE_RANGE = 3  # extrapolated beyond the deflections measured so far
     BAD_SAMPLE = 4  # sample skipped (not finite, or its stamp did not increase): the last value is repeated
+    IMPLAUSIBLE = 5  # no device near the device file explains signals or value: a channel, unit or sign is wrong
 
 
 # The same numbers as plain integers: compiled code cannot store a member of an enumeration in an array of floats.
-OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE = (int(status) for status in Status)
+OK, WARMING_UP, NOT_EXCITED, OUTSIDE_RANGE, BAD_SAMPLE, IMPLAUSIBLE = (int(status) for status in Status)

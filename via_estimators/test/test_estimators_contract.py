@@ -220,8 +220,8 @@ def test_parameters_are_frozen_and_checked(estimator):
 
 
 def test_each_device_has_a_default_method():
-    assert isinstance(estimator_for(load_device("cubic_demo")), ModulatedTorque)
-    assert isinstance(estimator_for(MACCEPA), LinkImpedance)
+    assert isinstance(estimator_for(load_device("cubic_demo")).inner, ModulatedTorque)
+    assert isinstance(estimator_for(MACCEPA).inner, LinkImpedance)
     with pytest.raises(ParameterError, match="no method 'guess'; there are: auto, modulated_torque"):
         estimator_for(MACCEPA, "guess")
     with pytest.raises(ParameterError, match="'maccepavd' has no torque-driven transmission"):

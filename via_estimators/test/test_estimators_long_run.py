@@ -21,18 +21,31 @@ DAY = 86_400 * SECOND  # [ns]
 
 
 def rows_from(estimator, first):
-    """Rows of smooth motion and noise with the sizes of a real log, from the time `first` [ns] on."""
-    rng = np.random.default_rng(5)
-    time = seconds(first + PERIOD * np.arange(COUNT, dtype=np.int64))
+    """Rows of smooth motion and noise with the sizes of a real log, from the time `first` [ns] on.
+
+    Torques are those that the device needs for this motion: others would be implausible.
+    """
+    rng, device = np.random.default_rng(5), estimator.device
     t = 1e-9 * PERIOD * np.arange(COUNT)
-    columns = []
+    columns = {}
     for at, name in enumerate(estimator.inputs):
         pace = 5.0 + at
         size = 0.6 if name == "q" else 0.25
-        columns.append(size * np.sin(pace * t + at) + 1e-4 * rng.normal(size=COUNT))
+        columns[name] = size * np.sin(pace * t + at)
         if "velocity" in name:
-            columns[-1] = 0.25 * (pace - 1.0) * np.cos((pace - 1.0) * t + at - 1.0)
-    return np.column_stack([time, *columns])
+            columns[name] = 0.25 * (pace - 1.0) * np.cos((pace - 1.0) * t + at - 1.0)
+    for i, motor in enumerate(device.motors):
+        if f"tau_{i + 1}" in columns:
+            theta = columns[f"theta_{i + 1}"]
+            velocity = np.gradient(theta, t)
+            spring = device.spring_laws[i].torque(columns["q"] - theta)
+            columns[f"tau_{i + 1}"] = (
+                motor.inertia * np.gradient(velocity, t) + motor.viscous_friction * velocity - spring
+            )
+    if "tau_link" in columns:
+        columns["tau_link"] = 2.0 * np.gradient(columns["q"], t)
+    noisy = [values + 1e-4 * rng.normal(size=COUNT) for values in columns.values()]
+    return np.column_stack([seconds(first + PERIOD * np.arange(COUNT, dtype=np.int64)), *noisy])
 
 
 @pytest.mark.parametrize("days", [1, 30])

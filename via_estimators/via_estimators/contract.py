@@ -158,6 +158,10 @@ class Estimator(ABC):
     def condition(self, state: Array) -> float:
         """Largest condition number [-] of the scaled normal equations."""
 
+    def fault(self, state: Array) -> str:
+        """The suspected fault of signals or device file with its remedy; '' without one, or without a check."""
+        return ""
+
     def step(self, state: Array, sample: ArrayLike) -> tuple[Array, Estimate]:
         """One sample (1 + k,), time first; the given state is not modified."""
         new, out = self._fold(state, np.array(sample, dtype=np.float64).reshape(1, -1))
@@ -226,6 +230,10 @@ class Live:
     def health(self) -> Health:
         """Counters and excitation."""
         return self.estimator.health(self._state)
+
+    def fault(self) -> str:
+        """The suspected fault with its remedy, '' without one."""
+        return self.estimator.fault(self._state)
 
 
 class Summary(NamedTuple):

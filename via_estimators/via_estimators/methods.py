@@ -8,6 +8,7 @@ from typing import NamedTuple
 from via_core.devices import Device
 from via_core.errors import ParameterError
 
+from via_estimators.checked import Checked
 from via_estimators.contract import Estimator
 from via_estimators.damping_directional import DampingDirectional
 from via_estimators.damping_rls import DampingRLS
@@ -48,9 +49,12 @@ def method_for(device: Device, method: str = "auto") -> str:
     return method
 
 
-def estimator_for(device: Device, method: str = "auto") -> Estimator:
-    """The estimator of that name with the device's scales and priors; raises ParameterError if it does not apply."""
-    return METHODS[method_for(device, method)].from_device(device)
+def estimator_for(device: Device, method: str = "auto") -> Checked:
+    """The estimator of that name with the device's scales and priors, and with the check of its samples (`checked`).
+
+    Raises ParameterError if the method does not apply.
+    """
+    return Checked(METHODS[method_for(device, method)].from_device(device), device)
 
 
 class Pair(NamedTuple):

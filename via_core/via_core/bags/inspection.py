@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from via_core.bags.container import files_of
 from via_core.bags.findings import Finding
 from via_core.bags.joints import joint_signals
+from via_core.bags.losses import NOTABLE, losses
 from via_core.bags.reader import Bag, Columns, Topic, read_bag
 from via_core.bags.recording_checks import GAP_PERIODS, check_recording
 from via_core.devices import Device
@@ -121,6 +122,13 @@ def _timing(columns: Columns) -> list[Finding]:
     if len(gaps):
         text = f"{len(gaps)} gaps, the longest {gaps.max():.4f} s, at a usual period of {period:.4f} s"
         findings.append(Finding("warning", "gap", topic, text, float(gaps.max()), GAP_PERIODS * period))
+    missing = losses(np.concatenate([[0.0], np.cumsum(forward)]))
+    if missing is not None:
+        text = (
+            f"about {missing.lost} messages are missing by their stamps, {missing.share:.1%} of all, up to "
+            f"{missing.longest} in a row"
+        )
+        findings.append(Finding("warning", "missing", topic, text, missing.share, NOTABLE))
     return findings
 
 

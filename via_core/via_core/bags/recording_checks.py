@@ -16,8 +16,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from via_core.bags.findings import Finding
+from via_core.bags.losses import NOTABLE, losses
 from via_core.device_parts import ServoMotor
 from via_core.devices import Device
+from via_core.faults import FEW, faulty_time
+from via_core.plausibility import Samples
 from via_core.servos import servo_step
 from via_core.signals import Array, Signals
 
@@ -70,6 +73,10 @@ def _stamps(time: Array) -> list[Finding]:
         severity: Literal["warning", "error"] = "error" if share > BAD_STAMP_SHARE else "warning"
         text = f"{bad} of {len(time)} stamps are invalid, repeated or decreasing; those samples are left out"
         findings.append(Finding(severity, "stamps", "time", text, share, BAD_STAMP_SHARE))
+    missing = losses(time[usable])
+    if missing is not None:
+        text = f"about {missing.lost} samples are missing by their stamps, up to {missing.longest} in a row"
+        findings.append(Finding("warning", "missing", "time", text, missing.share, NOTABLE))
     dt = np.diff(time[usable])
     if len(dt) >= LEAST_SAMPLES and dt.max() > GAP_PERIODS * np.median(dt):
         worst = int(np.argmax(dt))
@@ -87,7 +94,19 @@ def check_recording(measured: Signals, commands: Signals | None, device: Device)
     findings = _angle_steps(measured, commands, device)
     if device.drive == "servo" and commands is not None and len(commands) and "theta" in measured:
         findings += _servos(measured, commands, device)
-    return tuple(findings)
+    return (*findings, *_faults(measured, device))
+
+
+def _faults(measured: Signals, device: Device) -> list[Finding]:
+    """Finding for channels that no device near the device file explains."""
+    samples = Samples.of_signals(measured, device)
+    found = None if samples is None else faulty_time(device, samples)
+    if found is None:
+        return []
+    text = (
+        f"{found.fault.text} ({found.share:.0%} of the time with motion, from {found.begin:.1f} to {found.end:.1f} s)"
+    )
+    return [Finding("error", "implausible", found.fault.subject, text, found.share, 1.0 - FEW)]
 
 
 def _angle_steps(measured: Signals, commands: Signals | None, device: Device) -> list[Finding]:

@@ -52,6 +52,7 @@ class EstimatorChannel:
     def __init__(self, node: Node, device: Device, method: str, estimator: Estimator, topic: str) -> None:
         self.device, self.method, self.live = device, method, Live(estimator)
         self.sequence = self._reported = self._spent = 0
+        self._logger, self._told = node.get_logger(), set[str]()
         self._outputs = []
         for name, (kind, members) in MESSAGES.items():
             message = kind(method=method)
@@ -77,6 +78,14 @@ class EstimatorChannel:
         samples = self.live.health().samples
         self.live.restart()
         return samples
+
+    def fault(self) -> str:
+        """The suspected fault of signals or device file, '' without one; each is logged once."""
+        fault = self.live.fault()
+        if fault and fault not in self._told:
+            self._told.add(fault)
+            self._logger.warning(f"{self.device.name} {self.method}: {fault}")
+        return fault
 
     def cost(self) -> tuple[int, float]:
         """Samples since the last call, and the mean computing time [us] per sample."""

@@ -70,7 +70,9 @@ class DevicePipeline:
         for channel in self.channels:
             health = channel.live.health()
             count, cost = channel.cost()
+            fault = channel.fault()
             troubles = {
+                fault: bool(fault),
                 "no samples": count == 0,
                 "joints of other devices only": foreign > 0 and channel.sequence == 0,
                 "bad samples": health.bad > 0,
@@ -81,7 +83,8 @@ class DevicePipeline:
             }
             problems = [text for text, present in troubles.items() if present]
             values: dict[str, str | float] = {
-                "status": health.status.name, "rate [Hz]": count / REPORT, "samples": health.samples,
+                "status": health.status.name, "suspected fault": fault or "none", "rate [Hz]": count / REPORT,
+                "samples": health.samples,
                 "bad samples": health.bad, "gaps": health.gaps, "motion in the window [rad]": health.motion,
                 "condition number": health.condition, "late commands": self._late, "refused commands": self._refused,
                 "foreign messages": foreign, "malformed messages": malformed, "time per sample [us]": cost,

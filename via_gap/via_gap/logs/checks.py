@@ -1,6 +1,6 @@
 """Data checks before anything is fitted. A finding refuses the log, downgrades it, or is a note.
 
-Of the model, only names, rates and steps of the device's sensors are used.
+Of the model, only names, rates and steps of the device's sensors and the torque equations of its motors are used.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from via_core.device_parts import TorqueMotor
+from via_core.faults import faulty_time
+from via_core.plausibility import Samples
 from via_core.signals import Array
 
 from via_gap.logs.findings import Finding, worst_first
@@ -24,7 +26,7 @@ DISTINCT = 4096  # measurements from which the step is estimated
 
 def check_log(log: JointLog) -> list[Finding]:
     """All findings on a log, worst first."""
-    return worst_first([*_stamps(log), *_channels(log), *_steps(log), *_torques(log), *_alignment(log)])
+    return worst_first([*_stamps(log), *_channels(log), *_steps(log), *_torques(log), *_alignment(log), *_faults(log)])
 
 
 def _stamps(log: JointLog) -> Iterator[Finding]:
@@ -119,6 +121,14 @@ def _torques(log: JointLog) -> Iterator[Finding]:
         if clipped > 0.02 or (limit is not None and float(np.mean(np.abs(tau[seen]) >= 0.999 * limit)) > 0.02):
             text = f"the torque of motor {i + 1} is at its largest value in {100 * clipped:.0f} % of the samples"
             yield log.finding("saturation", f"tau_{i + 1}", "note", clipped, text)
+
+
+def _faults(log: JointLog) -> Iterator[Finding]:
+    """A sign, unit or order of channels that is wrong; unproven faults are left to the diagnosis."""
+    samples = Samples.of_signals(log.measured, log.device)
+    found = None if samples is None else faulty_time(log.device, samples)
+    if found is not None and found.fault.proven:
+        yield log.finding("implausible", found.fault.subject, "refuse", found.share, found.fault.text)
 
 
 def _alignment(log: JointLog) -> Iterator[Finding]:

@@ -182,12 +182,12 @@ def memory_rows() -> list[Row]:
         estimator = estimator_for(device, method)
         size = estimator.init().nbytes / 1024.0
         rows.append(Row(f"memory.{method}.state", f"{method}: state", "size [KiB]", None, size, None, device.name))
-    estimator = ModulatedTorque.from_device(load_device("qbmove_a"))
-    state, _ = estimator.run_rows(moving_rows(estimator, FOLDED))
+    default = ModulatedTorque.from_device(load_device("qbmove_a"))
+    state, _ = default.run_rows(moving_rows(default, FOLDED))
     gc.collect()
     before, peak = resident(), peak_resident()
     for begin in range(FOLDED, FOLDED + LONG, FOLDED):
-        state, _ = estimator.run_rows(moving_rows(estimator, FOLDED, begin), state)
+        state, _ = default.run_rows(moving_rows(default, FOLDED, begin), state)
     for what, grown in (("resident", resident() - before), ("peak", peak_resident() - peak)):
         added = f"{what} memory added by {LONG} samples"
         rows.append(Row(f"memory.growth.{what}", added, "size [KiB]", None, grown / 1024.0, 1024.0,

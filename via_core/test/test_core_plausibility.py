@@ -1,0 +1,158 @@
+"""Torque equations of a device against signals that it can or cannot produce, and the names of the faults."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from via_core import plausibility
+from via_core.devices import load_device
+from via_core.faults import fault_of, faulty_time
+from via_core.plausibility import Samples, equations_of, worst
+
+CUBIC, QBMOVE, ELASTIC, DAMPER = (
+    load_device(name) for name in ("cubic_demo", "qbmove_a", "visco_elastic_demo", "compact_vpda")
+)
+PERIOD = 2e-3
+MOTION = np.arange(1500) * PERIOD  # three seconds
+
+
+def moved(device, inertia=1.0, damping=1.0, spring=1.0, friction=0.0, offset=0.0, noise=0.0, time=MOTION):
+    """Samples of a device in smooth motion under the torques that it needs; factors of the numbers in its file."""
+    rng = np.random.default_rng(1)
+    reach = 0.35 * device.spring_laws[0].max_deflection
+    theta, torque = [], []
+    q = 0.3 * reach * np.sin(5.0 * time)
+    middle = time - 0.5 * (time[1] - time[0])  # a torque acts over the interval that ends at its stamp
+    for i, motor in enumerate(device.motors):
+        sign, pace = 1 - 2 * i, 6.0 + 3.0 * i
+
+        def angle(t, sign=sign, pace=pace):
+            return reach * (sign + 0.5 * np.sin(pace * t))
+
+        rate, bend = 0.5 * reach * pace * np.cos(pace * middle), -0.5 * reach * pace**2 * np.sin(pace * middle)
+        load = device.spring_laws[i].torque(0.3 * reach * np.sin(5.0 * middle) - angle(middle))
+        tau = inertia * motor.inertia * bend + damping * motor.viscous_friction * rate - spring * load
+        size = np.sqrt(np.mean(tau**2))
+        theta.append(angle(time))
+        torque.append(tau + size * (friction * np.sign(rate) + offset + noise * rng.normal(size=len(time))))
+    return Samples(time, q, np.column_stack(theta), np.column_stack(torque))
+
+
+def damped(damping=2.0):
+    rate = np.cos(4.0 * MOTION) + 0.5 * np.cos(9.0 * MOTION)
+    angle = 0.25 * np.sin(4.0 * MOTION) + 0.5 / 9.0 * np.sin(9.0 * MOTION)
+    return Samples(MOTION, angle, np.empty((len(MOTION), 0)), (damping * rate)[:, None])
+
+
+def share(device, samples):
+    return worst([each.share(samples.between(0.9, 1.9)) for each in equations_of(device)])
+
+
+@pytest.mark.parametrize("device", [CUBIC, QBMOVE, ELASTIC], ids=lambda each: each.name)
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"inertia": 2.0}, {"inertia": 0.5, "damping": 5.0}, {"spring": 0.5}, {"spring": 2.0}, {"friction": 0.5},
+     {"offset": 0.05}, {"noise": 0.3}],
+)  # fmt: skip
+def test_signals_of_a_device_near_its_file_are_possible(device, changes):
+    found = share(device, moved(device, **changes))
+    assert found.known and found.unexplained < 0.5 * plausibility.IMPOSSIBLE
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.floats(0.45, 2.2), st.floats(0.0, 5.0), st.floats(0.45, 2.2), st.floats(0.0, 0.5), st.floats(0.0, 0.3),
+    st.sampled_from([CUBIC, QBMOVE, ELASTIC]),
+)  # fmt: skip
+def test_any_number_within_the_bounds_is_possible(inertia, damping, spring, friction, noise, device):
+    found = share(device, moved(device, inertia, damping, spring, friction, noise=noise))
+    assert not found.impossible
+
+
+def frozen(values, columns):
+    return np.where(np.isin(np.arange(values.shape[1]), columns), values[400], values)
+
+
+FAULTS = {
+    "tau_1, tau_2 sign": (lambda s: s._replace(torque=-s.torque), "wrong sign of tau_1, tau_2"),
+    "tau_1 sign": (lambda s: s._replace(torque=s.torque * [-1.0, 1.0]), "wrong sign of tau_1"),
+    "theta sign": (lambda s: s._replace(theta=-s.theta), "wrong sign of theta_1, theta_2"),
+    "q sign": (lambda s: s._replace(q=-s.q), "wrong sign of q"),
+    "swapped": (lambda s: s._replace(torque=s.torque[:, ::-1]), "are exchanged"),
+    "zero": (lambda s: s._replace(torque=0.0 * s.torque), "tau_1, tau_2: zero throughout"),
+    "frozen torque": (lambda s: s._replace(torque=frozen(s.torque, [1])), "tau_2: one number repeated"),
+    "frozen encoder": (lambda s: s._replace(theta=frozen(s.theta, [0])), "theta_1: one number repeated"),
+    "N mm": (lambda s: s._replace(torque=1e3 * s.torque), "tau_1, tau_2 in N mm, not in N m"),
+    "degrees": (lambda s: s._replace(q=np.degrees(s.q), theta=np.degrees(s.theta)), "in degrees, not in rad"),
+}
+
+
+# The link of the qbmove moves too little beside its motors for the sign of its angle to matter.
+@pytest.mark.parametrize(
+    ("device", "name"),
+    [(device, name) for device in (CUBIC, QBMOVE) for name in FAULTS if (device, name) != (QBMOVE, "q sign")],
+    ids=lambda each: each if isinstance(each, str) else each.name,
+)
+def test_a_fault_is_found_and_named(device, name):
+    change, words = FAULTS[name]
+    sound = moved(device, noise=0.01)
+    assert fault_of(device, sound.between(0.9, 1.9)) is None and faulty_time(device, sound) is None
+    faulty = change(sound)
+    fault = fault_of(device, faulty.between(0.9, 1.9))
+    assert fault is not None and words in fault.text
+    whole = faulty_time(device, faulty)
+    assert whole is not None and whole.fault.text == fault.text and whole.share > 0.9
+
+
+def test_torques_of_another_device_have_no_name_but_are_impossible():
+    rng = np.random.default_rng(2)
+    samples = moved(CUBIC)
+    slow = np.column_stack([np.convolve(rng.normal(size=len(MOTION)), np.ones(50) / 50, "same") for _ in range(2)])
+    fault = fault_of(CUBIC, samples._replace(torque=5.0 * slow).between(0.9, 1.9))
+    assert fault is not None and "fit no motor and spring" in fault.text and not fault.proven
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda s: s._replace(torque=-s.torque), "wrong sign of tau_link"),
+        (lambda s: s._replace(torque=0.0 * s.torque), "tau_link: zero throughout"),
+        (lambda s: s._replace(torque=0.0 * s.torque + 1.5), "tau_link: one number repeated"),
+        (lambda s: s._replace(torque=1e3 * s.torque), "tau_link in N mm"),
+    ],
+)
+def test_faults_of_a_damper_are_named(change, words):
+    sound = damped()
+    assert share(DAMPER, sound).known and fault_of(DAMPER, sound.between(0.9, 1.9)) is None
+    fault = fault_of(DAMPER, change(sound).between(0.9, 1.9))
+    assert fault is not None and words in fault.text
+
+
+def test_a_motor_at_rest_says_nothing_about_its_friction():
+    """Declared dry friction takes up any torque of a motor that does not move; undeclared friction does not."""
+    rest = moved(CUBIC)
+    still = rest._replace(q=0.0 * rest.q, theta=np.tile([0.5, -0.5], (len(MOTION), 1)))
+    hold = -CUBIC.torque_each(still.q, still.theta) + 0.5 * np.sin(7.0 * MOTION)[:, None]
+    still = still._replace(torque=hold)
+    assert share(CUBIC, still).impossible
+    motors = tuple(motor.model_copy(update={"coulomb_friction": 0.3}) for motor in CUBIC.motors)
+    assert not share(CUBIC.model_copy(update={"motors": motors}), still).impossible
+
+
+def test_standstill_and_short_logs_are_unknown():
+    samples = moved(CUBIC)
+    assert not share(
+        CUBIC, samples._replace(torque=0.0 * samples.torque, q=0.0 * samples.q, theta=0.0 * samples.theta)
+    ).known
+    assert not worst([each.share(samples.between(0.0, 0.05)) for each in equations_of(CUBIC)]).known
+    assert equations_of(load_device("maccepavd")) == () and faulty_time(load_device("maccepavd"), samples) is None
+
+
+@pytest.mark.parametrize("kept", [0.9, 0.5])
+def test_lost_samples_and_jitter_do_not_matter(kept):
+    rng = np.random.default_rng(4)
+    samples = moved(CUBIC, time=np.arange(3000) * 1e-3)
+    chosen = rng.random(3000) < kept
+    samples = Samples(*(each[chosen] for each in samples))
+    samples = samples._replace(time=samples.time + rng.uniform(-2e-4, 2e-4, len(samples.time)))
+    assert share(CUBIC, samples).unexplained < 0.1

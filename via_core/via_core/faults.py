@@ -1,0 +1,144 @@
+"""Names of the faults behind signals that their device cannot produce (via_core.plausibility).
+
+A fault is named by the change of one channel, or of all channels of a kind, after which every torque equation of the
+device holds: its sign, its unit, or an exchange with another one. A channel that repeats one number is named first.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from via_core.devices import Device
+from via_core.plausibility import INTERVAL, LEAST_SAMPLES, Samples, equations_of, worst
+from via_core.signals import Array
+
+UNITS = {"N mm": 1e-3, "N cm": 1e-2}  # torque units met in logs -> N m
+FEW = 0.9  # [-] of the intervals of a sound recording are plausible
+
+
+class Fault(NamedTuple):
+    """A suspected fault: the channels, one sentence with the remedy, and whether changed signals prove it.
+
+    Equations that hold after one change of sign, unit or order prove a fault; a channel that repeats one number does
+    not, since dry friction may hold a motor.
+    """
+
+    subject: str
+    text: str
+    proven: bool = False
+
+
+def fault_of(device: Device, samples: Samples, suspected: bool = False) -> Fault | None:
+    """The fault that makes the interval of the samples impossible; None where the samples are plausible.
+
+    suspected  earlier samples were impossible: a channel that still repeats one number is named also where this
+               interval alone would not show it
+    """
+    equations = equations_of(device)
+    shares = [each.share(samples) for each in equations]
+    impossible = any(each.impossible for each in shares)
+    if not impossible and not suspected:
+        return None
+    frozen = _frozen(device, samples)
+    if frozen is not None:
+        return frozen
+    if not impossible:
+        return None
+    found = []
+    for fault, change in _changes(device, samples):
+        after = [each.share(change) for each in equations]
+        if all(each.known and not each.impossible for each in after):
+            found.append((worst(after).unexplained, fault._replace(proven=True)))
+    if found:
+        return min(found, key=lambda each: each[0])[1]
+    subject = ", ".join(f"tau_{i + 1}" for i, each in enumerate(shares) if each.impossible)
+    text = (
+        "the torques fit no motor and spring near those of the device file: "
+        "check torque constants, units and the numbers of the device file"
+    )
+    return Fault(subject if device.n_motors else "tau_link", text)
+
+
+class FaultyTime(NamedTuple):
+    """A fault over a whole recording: share of the intervals with motion that are impossible, first and last time."""
+
+    fault: Fault
+    share: float
+    begin: float  # [s]
+    end: float  # [s]
+
+
+def faulty_time(device: Device, samples: Samples) -> FaultyTime | None:
+    """The most frequent fault of a recording; None where at least FEW of the intervals with motion are plausible."""
+    equations, known, faults = equations_of(device), 0, []
+    if not equations or len(samples.time) < LEAST_SAMPLES:
+        return None
+    for end in np.arange(samples.time[0] + INTERVAL, samples.time[-1] + 1e-9, INTERVAL):
+        interval = samples.between(end - INTERVAL, end)
+        found = worst([each.share(interval) for each in equations])
+        known += found.known
+        if found.impossible:
+            fault = fault_of(device, interval)
+            if fault is not None:
+                faults.append((end, fault))
+    if len(faults) <= (1.0 - FEW) * known:
+        return None
+    count = Counter(fault for _, fault in faults)
+    ends = [end for end, _ in faults]
+    return FaultyTime(count.most_common(1)[0][0], len(faults) / known, ends[0] - INTERVAL, ends[-1])
+
+
+def _channels(device: Device, samples: Samples) -> Iterator[tuple[str, Array]]:
+    yield "q", samples.q
+    for i, column in enumerate(samples.theta.T):
+        yield f"theta_{i + 1}", column
+    for i, column in enumerate(samples.torque.T):
+        yield f"tau_{i + 1}" if device.n_motors else "tau_link", column
+
+
+def _frozen(device: Device, samples: Samples) -> Fault | None:
+    """The channels that repeat one number throughout."""
+    names = {name: column[0] for name, column in _channels(device, samples) if np.all(column == column[0])}
+    if not names:
+        return None
+    subject, zero = ", ".join(names), all(value == 0.0 for value in names.values())
+    what = "zero throughout" if zero else "one number repeated while torques or angles beside it change"
+    remedy = "check sensor, driver and connection, or leave the channel out"
+    if all(name.startswith("theta") for name in names):
+        remedy += "; if dry friction holds the motor, declare its coulomb_friction"
+    return Fault(subject, f"{subject}: {what}; {remedy}")
+
+
+def _changes(device: Device, samples: Samples) -> Iterator[tuple[Fault, Samples]]:
+    """Each fault with the samples as they would be without it."""
+    q, theta, torque = samples.q, samples.theta, samples.torque
+    tau = [name for name, _ in _channels(device, samples)][1 + theta.shape[1] :]
+
+    def turned(values: Array, columns: list[int]) -> Array:
+        return values * np.where(np.isin(np.arange(values.shape[1]), columns), -1.0, 1.0)
+
+    wrong = "wrong sign of {}; reverse it in the driver or by `scale: -1` under wire.columns"
+    for columns in [[i] for i in range(len(tau))] + ([[0, 1]] if len(tau) == 2 else []):
+        subject = ", ".join(tau[i] for i in columns)
+        yield Fault(subject, wrong.format(subject)), samples._replace(torque=turned(torque, columns))
+    if device.n_motors:
+        yield Fault("q", wrong.format("q")), samples._replace(q=-q)
+        for columns in [[i] for i in range(theta.shape[1])] + ([[0, 1]] if theta.shape[1] == 2 else []):
+            subject = ", ".join(f"theta_{i + 1}" for i in columns)
+            yield Fault(subject, wrong.format(subject)), samples._replace(theta=turned(theta, columns))
+    if theta.shape[1] == 2:
+        swapped = "{0}_1 and {0}_2 are exchanged; exchange the two names or connectors"
+        yield Fault("tau_1, tau_2", swapped.format("tau")), samples._replace(torque=torque[:, ::-1])
+        yield Fault("theta_1, theta_2", swapped.format("theta")), samples._replace(theta=theta[:, ::-1])
+    subject = ", ".join(tau)
+    for unit, scale in UNITS.items():
+        text = f"{subject} in {unit}, not in N m; convert (`scale: {scale:g}` under wire.columns)"
+        yield Fault(subject, text), samples._replace(torque=scale * torque)
+    angles = ", ".join(name for name, _ in _channels(device, samples))[: -len(subject) - 2]
+    for unit, scale in (("degrees", np.pi / 180.0), ("turns", 2.0 * np.pi)):
+        text = f"{angles} in {unit}, not in rad; convert (`scale: {scale:.7g}` under wire.columns)"
+        yield Fault(angles, text), samples._replace(q=scale * q, theta=scale * theta)

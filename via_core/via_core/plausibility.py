@@ -1,0 +1,345 @@
+"""Whether signals can come from the device of a device file: its torque equations, with numbers that the file allows.
+
+Motor i with a measured torque, multiplied by modulating functions (via_core.weak_form), one row per short window:
+
+    tau_i = b theta_i'' + d theta_i' + c sign(theta_i') + s load_i + e - g phi_i',    load_i = -tau_e,i(phi_i)
+
+with phi_i = q - theta_i is solved by least squares with inertia b and load factor s within `device_factor` of the file,
+friction d, c >= 0, damping g >= 0 of the transmission and an offset |e| <= OFFSET of the load. What remains is compared
+with the largest part of the equation,
+
+    unexplained = sqrt((rss - noise) / max(|tau|^2, |b theta''|^2, |s load|^2)),
+
+once with all rows and once with their means removed, which shows a channel that is frozen at a value of the right size.
+The share is 0 for a device of the file and about 1 where a channel is frozen, reversed, exchanged with another one or
+in another unit: no torque within the bounds has the measured sign, size or course. `noise` is the part of rss that
+noise causes, measured by third differences of the channels. Where a motor rests, dry friction takes up any torque up to
+c, the declared friction or OFFSET of the largest part.
+
+The torque sensor of a damper reads what the damper dissipates: low v^2 <= tau v <= high v^2 in every row, up to dry
+friction. `unexplained` is the torque outside of that, compared likewise.
+
+`via_core.faults` names the fault.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from math import exp, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from via_core.device_parts import TorqueMotor
+from via_core.devices import Device
+from via_core.signals import Array, Signals
+from via_core.weak_form import fill_weights
+
+INTERVAL = 1.0  # [s] over which a share is computed: some periods of motion, yet shorter than a fault may last
+SPAN = 0.1  # [s] of a modulated row
+ROWS_PER_SPAN = 4  # rows overlap, so that no course of a signal falls between them
+LEAST_SAMPLES = 8  # of a row
+ORDER = 3  # of the modulating function
+OFFSET = 0.2  # [-] largest constant torque that no term explains, over the typical load
+IMPOSSIBLE = 0.3  # [-] unexplained share from which signals do not belong to the device
+TELLING = 3.0  # [-] the largest part must exceed its noise by this factor, or nothing can be said
+DAMPER_FACTOR = 10.0  # [-] damping varies by command and speed; its number in the file is an order of magnitude
+FURTHEST = 2.0  # [max_deflection] no spring deflects further, and a law may overflow there
+RESTING = 10.0  # [encoder steps] in a row, less is no motion with a direction
+VARYING = 0.2  # [-] torques that vary less than this share of their size show no course
+PARTS = 6  # unknowns of the equation: b, d, c, s, e, g
+SWEEPS = 200  # of coordinate descent, more than five unknowns need
+
+
+def device_factor(tolerance: float) -> float:
+    """Largest plausible ratio of a number to that in the device file: 2 times three of its standard deviations."""
+    return 2.0 * exp(3.0 * tolerance)
+
+
+class Samples(NamedTuple):
+    """Samples of one joint: time (N,) [s], q (N,), theta (N, m) [rad], torque (N, m) of its motors or (N, 1) [N m]."""
+
+    time: Array
+    q: Array
+    theta: Array
+    torque: Array
+
+    @classmethod
+    def of_signals(cls, measured: Signals, device: Device) -> Samples | None:
+        """The samples of a recording with channels as in `bags.joints`; None where no torque is measured."""
+        torque = measured.channels.get("tau" if device.n_motors else "tau_link")
+        theta = measured.channels.get("theta", np.empty((len(measured), 0)))
+        if "q" not in measured or torque is None or theta.shape[1] != device.n_motors:
+            return None
+        return cls(measured.time, measured["q"], theta, torque.reshape(len(measured), -1))
+
+    def between(self, begin: float, end: float) -> Samples:
+        """The samples after `begin` up to `end` [s]."""
+        first, last = np.searchsorted(self.time, (begin, end), side="right")
+        return Samples(*(each[first:last] for each in self))
+
+
+class Share(NamedTuple):
+    """Share of the torques in an interval that no device of the file explains, and their ratio to their noise."""
+
+    unexplained: float
+    telling: float
+
+    @property
+    def known(self) -> bool:
+        return self.telling > TELLING
+
+    @property
+    def impossible(self) -> bool:
+        return self.known and self.unexplained > IMPOSSIBLE
+
+
+class Equation(ABC):
+    """A torque equation of a device."""
+
+    @abstractmethod
+    def share(self, samples: Samples) -> Share:
+        """Unexplained share of the torques in the interval of the samples."""
+
+
+@dataclass(frozen=True)
+class MotorEquation(Equation):
+    """The torque equation of motor `drive`, with the bounds low, high (4,) of b, d, c, s."""
+
+    device: Device
+    drive: int
+    low: Array
+    high: Array
+    friction: float  # [N m] declared
+
+    def share(self, samples: Samples) -> Share:
+        law, angle = self.device.spring_laws[self.drive], samples.theta[:, self.drive]
+        reach, deflection = FURTHEST * law.max_deflection, samples.q - angle
+        if np.mean(np.abs(deflection) > reach) > 0.5:
+            return Share(1.0, np.inf)
+        load = -law.torque(np.clip(deflection, -reach, reach), angle)
+        sensors, stiffness = self.device.sensors, law.stiffness(np.clip(deflection, -reach, reach), angle)
+        step, link = sensors.motor_quantum or 0.0, sensors.link_quantum or 0.0
+        coarse = sqrt(float(np.nanmean(stiffness**2)) * (step * step + link * link) / 12.0) if len(angle) else 0.0
+        columns = _finite(samples.time, samples.torque[:, self.drive], angle, deflection, load)
+        return Share(*_motor_share(*columns, self.low, self.high, np.array([step, self.friction, coarse])))
+
+
+@dataclass(frozen=True)
+class DamperEquation(Equation):
+    """The torque of a damper with a sensor: damping between low and high [N m s/rad], dry friction [N m] besides."""
+
+    low: float
+    high: float
+    friction: float
+
+    def share(self, samples: Samples) -> Share:
+        columns = _finite(samples.time, samples.torque[:, 0], samples.q)
+        return Share(*_damper_share(*columns, self.low, self.high, self.friction))
+
+
+def equations_of(device: Device) -> tuple[Equation, ...]:
+    """The torque equations of a device; none where no torque is measured."""
+    given, endless = device.tolerances, np.inf
+    if device.drive != "torque":
+        return ()
+    if device.arrangement == "rigid":
+        if device.damper is None:
+            return ()
+        least, most = (float(device.damping_of(u)) + device.link.viscous_friction for u in (0.0, 1.0))
+        return (DamperEquation(least / DAMPER_FACTOR, most * DAMPER_FACTOR, device.link.coulomb_friction),)
+    inertia, spring = device_factor(given.motor_inertia), device_factor(given.spring)
+    friction = device_factor(given.motor_friction)
+    return tuple(
+        MotorEquation(
+            device,
+            i,
+            np.array([motor.inertia / inertia, 0.0, 0.0, 1.0 / spring]),
+            np.array([motor.inertia * inertia, endless, endless, spring]),
+            friction * motor.coulomb_friction,
+        )
+        for i, motor in enumerate(device.motors[: device.n_transmissions])
+        if isinstance(motor, TorqueMotor)
+    )
+
+
+def worst(shares: list[Share]) -> Share:
+    """The share of the equation that is violated most; Share(0, 0) if nothing is known."""
+    return max((each for each in shares if each.known), default=Share(0.0, 0.0))
+
+
+def _finite(*columns: Array) -> list[Array]:
+    """The columns at the samples where all are finite, contiguous and writable as compiled code requires."""
+    good = np.logical_and.reduce([np.isfinite(each) for each in columns])
+    return [np.array(each[good], dtype=np.float64) for each in columns]
+
+
+@njit(cache=True, error_model="numpy")
+def _noise(values: Array) -> float:
+    """Standard deviation of white noise, from third differences, to which smooth motion contributes little."""
+    total = 0.0
+    for k in range(3, values.size):
+        third = values[k] - 3.0 * values[k - 1] + 3.0 * values[k - 2] - values[k - 3]
+        total += third * third
+    return sqrt(total / (20.0 * max(values.size - 3, 1)))
+
+
+@njit(cache=True, error_model="numpy")
+def _next(time: Array, first: int, last: int) -> tuple[int, int]:
+    """First and last sample of the next row after that from `first` to `last`; last < 0 begins, first < 0 ends."""
+    if last >= 0:
+        begin = time[first]
+        while first < time.size - 1 and time[first] - begin < SPAN / ROWS_PER_SPAN:
+            first += 1
+    last = max(first, last)
+    while last < time.size - 1 and time[last] - time[first] < SPAN:
+        last += 1
+    return (first, last) if last < time.size and time[last] - time[first] >= SPAN else (-1, -1)
+
+
+@njit(cache=True, error_model="numpy")
+def _of_torque(weights: Array, values: Array, first: int) -> float:
+    """<f, psi> of torques that act over the interval which ends at their stamp: each row is shared by both its ends."""
+    total = 0.0
+    for k in range(weights.size):
+        at = min(first + k + 1, values.size - 1)
+        total += 0.5 * weights[k] * (values[first + k] + values[at])
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _bounded(gram: Array, right: Array, low: Array, high: Array, x: Array) -> None:
+    """Least squares within bounds by coordinate descent: the minimum of x'Gx/2 - r'x, low <= x <= high, into x."""
+    for j in range(x.size):
+        x[j] = min(max(0.0, low[j]), high[j])
+    for _ in range(SWEEPS):
+        moved = 0.0
+        for j in range(x.size):
+            if gram[j, j] > 0.0:
+                step = right[j]
+                for k in range(x.size):
+                    step -= gram[j, k] * x[k]
+                new = min(max(x[j] + step / gram[j, j], low[j]), high[j])
+                moved = max(moved, gram[j, j] * (new - x[j]) ** 2)
+                x[j] = new
+        if moved <= 1e-12 * abs(right @ x):
+            break
+
+
+@njit(cache=True, error_model="numpy")
+def _motor_share(
+    time: Array, torque: Array, angle: Array, deflection: Array, load: Array, low: Array, high: Array, rest: Array
+) -> tuple[float, float]:  # fmt: skip
+    """Unexplained share and ratio of the largest part to its noise, (0, 0) if unknown.
+
+    rest  encoder step [rad] of the motor, declared dry friction [N m], and error of the load [N m] by encoder steps
+    """
+    noises = np.array([_noise(torque), _noise(angle), _noise(load)]) ** 2
+    still = max(RESTING * rest[0], 6.0 * sqrt(noises[1]))  # a smaller range of angle is no motion
+    rows, wanted = np.zeros((time.size, PARTS)), np.zeros(time.size)
+    moving = np.zeros(time.size, dtype=np.bool_)
+    quiet = np.zeros(3)
+    count = 0
+    first, last = _next(time, 0, -1)
+    while first >= 0:
+        n = last - first + 1
+        if n >= LEAST_SAMPLES:
+            weights = np.empty((3, n))
+            fill_weights(ORDER, time[first : last + 1], 0, weights)
+            row = rows[count]
+            for k in range(n):
+                at = first + k
+                row[0] += weights[2, k] * angle[at]
+                row[1] -= weights[1, k] * angle[at]
+                row[2] += weights[0, k] * np.sign(angle[min(at + 1, angle.size - 1)] - angle[max(at - 1, 0)])
+                row[3] += weights[0, k] * load[at]
+                row[5] += weights[1, k] * deflection[at]
+            row[4] = 1.0
+            wanted[count] = _of_torque(weights[0], torque, first)
+            moving[count] = np.ptp(angle[first : last + 1]) > still
+            short, bend = weights[0] @ weights[0], weights[2] @ weights[2]
+            quiet += noises * np.array([short, bend, short])
+            quiet[2] += rest[2] * rest[2]  # slow motion repeats the error of an encoder step throughout a row
+            count += 1
+        first, last = _next(time, first, last)
+    if count < PARTS:
+        return 0.0, 0.0
+    rows, wanted, moving = rows[:count], wanted[:count], moving[:count]
+    filed = np.sqrt(low * high)  # the numbers of the file, in the middle of their bounds
+    whole = _largest(rows, wanted, filed[0], filed[3])
+    size, telling = _compare(rows, wanted, moving, low, high, quiet, rest[1])
+    for j in (0, 1, 2, 3, 5):
+        rows[:, j] -= rows[:, j].mean()
+    wanted -= wanted.mean()
+    course, clear = _compare(rows, wanted, moving, low, high, quiet, rest[1])
+    varying = _largest(rows, wanted, filed[0], filed[3])
+    if course > size and clear > TELLING and varying > VARYING * VARYING * whole:
+        return course, clear
+    return size, telling
+
+
+@njit(cache=True, error_model="numpy")
+def _largest(rows: Array, wanted: Array, inertia: float, spring: float) -> float:
+    """Square of the largest part of the equation: measured torque, inertia, load."""
+    parts = rows[:, 0] * inertia, rows[:, 3] * spring
+    return max(float(wanted @ wanted), float(parts[0] @ parts[0]), float(parts[1] @ parts[1]))
+
+
+@njit(cache=True, error_model="numpy")
+def _compare(
+    rows: Array, wanted: Array, moving: Array, low: Array, high: Array, quiet: Array, friction: float
+) -> tuple[float, float]:  # fmt: skip
+    """Unexplained share of rows (n, PARTS) and torques (n,), and ratio of the largest part to its noise."""
+    x, below, above = np.zeros(PARTS), np.zeros(PARTS), np.zeros(PARTS)
+    below[:4], above[:4] = low, high
+    above[4] = OFFSET * low[3] * sqrt((rows[:, 3] @ rows[:, 3]) / len(rows))
+    below[4] = -above[4]
+    above[5] = np.inf
+    used, y = rows[moving], wanted[moving]
+    if len(used) >= PARTS:
+        _bounded(used.T @ used, used.T @ y, below, above, x)
+    else:  # at rest: springs and friction alone
+        x[:4] = np.minimum(np.maximum(np.array([0.0, 0.0, 0.0, 1.0]), low), high)
+    left = wanted - rows @ x
+    largest = _largest(rows, wanted, x[0], x[3])
+    free = max(friction, x[2] + abs(x[4]), OFFSET * sqrt(largest / len(rows)))
+    for k in range(len(left)):
+        if not moving[k]:
+            left[k] = np.sign(left[k]) * max(abs(left[k]) - free, 0.0)
+    noise = quiet[0] + x[0] * x[0] * quiet[1] + x[3] * x[3] * quiet[2]
+    if largest <= 0.0:
+        return 0.0, 0.0
+    return sqrt(max(left @ left - noise, 0.0) / largest), sqrt(largest / max(noise, 1e-300))
+
+
+@njit(cache=True, error_model="numpy")
+def _damper_share(
+    time: Array, torque: Array, angle: Array, least: float, most: float, friction: float
+) -> tuple[float, float]:  # fmt: skip
+    """Share of the torque that no damping from `least` to `most` dissipates, and ratio of the torque to its noise."""
+    noise_torque, noise_angle = _noise(torque) ** 2, _noise(angle) ** 2
+    left = largest_torque = largest_damping = noise = 0.0
+    first, last = _next(time, 0, -1)
+    while first >= 0:
+        n = last - first + 1
+        if n >= LEAST_SAMPLES:
+            weights = np.empty((3, n))
+            fill_weights(ORDER, time[first : last + 1], 0, weights)
+            speed = -(weights[1] @ angle[first : last + 1])
+            wanted = weights[0] @ torque[first : last + 1]
+            room = 2.0 * sqrt(
+                noise_torque * (weights[0] @ weights[0]) + least * least * noise_angle * (weights[1] @ weights[1])
+            )
+            low, high = (least * speed, most * speed) if speed > 0.0 else (most * speed, least * speed)
+            outside = max(low - friction - room - wanted, wanted - high - friction - room, 0.0)
+            left += outside * outside
+            largest_torque += wanted * wanted
+            largest_damping += (least * speed) ** 2
+            noise += room * room
+        first, last = _next(time, first, last)
+    largest = max(largest_torque, largest_damping)
+    if largest <= 0.0:
+        return 0.0, 0.0
+    return sqrt(left / largest), sqrt(largest / max(noise, 1e-300))
