@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from via_core.bags.reader import read_bag
 from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
@@ -21,6 +23,7 @@ DEVICE = load_device("cubic_aa_vsa")
 SAMPLES = "/joint_states"
 ANSWERS = f"/{DEVICE.name}/stiffness"
 TYPES = {SAMPLES: "sensor_msgs/msg/JointState", ANSWERS: "via_interfaces/msg/StiffnessEstimate"}
+CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
 START = 1_700_000_000_123_456_789  # [ns]
 
 
@@ -117,6 +120,26 @@ def test_player_waits_for_the_number_of_subscribers(graph, bag, capsys):
     assert "2 subscribers" in capsys.readouterr().err
 
 
+def test_player_places_messages_of_another_clock_by_log_time(graph, tmp_path, monkeypatch):
+    """Samples of a simulated robot start at zero; messages without a header have the wall time of the recording."""
+    writer = JointStateWriter(DEVICE)
+    writer.position[:] = writer.effort[1:] = 0.0
+    with BagWriter(tmp_path / "simulated") as out:
+        for name, kind in ((SAMPLES, TYPES[SAMPLES]), ("/events", "std_msgs/msg/String"), ("/clock", CLOCK_TYPE)):
+            out.add_topic(name, kind)
+        for k in range(10):
+            now = START + 2_000_000 * k
+            out.write(SAMPLES, serialize_message(writer.stamped(1_000_000 * k)), log_time=now)
+            out.write("/clock", serialize_message(Clock()), log_time=now)
+            out.write("/events", serialize_message(String(data=str(k))), log_time=now + 1_000_000)
+    due = []
+    monkeypatch.setattr(Player, "_sleep_until", lambda self, time: due.append(time))
+    player = graph.add(Player, bag=str(tmp_path / "simulated"), rate=1.0, subscribers=0)
+    graph.until(player.finished.done)
+    assert (player.finished.result(), player.played) == (0, 20)
+    assert np.array_equal(np.diff(due[1:]), [500_000] * 18 + [0])
+
+
 @pytest.mark.parametrize(
     ("parameters", "complaint"),
     [({}, "bag"), ({"bag": "nowhere"}, "nowhere"), ({"bag": "nowhere", "rate": -1.0}, "rate")],
@@ -144,6 +167,29 @@ def test_recorder_finds_a_topic_that_appears_later_and_counts_the_missing(graph,
     assert recorder.counts[ANSWERS].lost == 5
     graph.remove(recorder)
     assert np.array_equal(read_bag(tmp_path / "late")[ANSWERS]["sequence"], [0, 1, 4, 5, 9])
+
+
+@pytest.mark.parametrize("topics", [[], [ANSWERS], [f"{ANSWERS}:{TYPES[ANSWERS]}"]], ids=["all", "name", "type"])
+def test_recorder_finds_publishers_of_any_qos_that_appear_later(graph, tmp_path, topics):
+    """First a subscriber without a publisher, then a reliable publisher, then a best-effort one."""
+    recorder = graph.add(Recorder, bag=str(tmp_path / "late"), topics=topics)
+    robot = graph.node("robot")
+    robot.create_subscription(StiffnessEstimate, ANSWERS, lambda _: None, qos.SAMPLES)
+    for number, profile in enumerate((qos.SAMPLES, QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))):
+        publisher = robot.create_publisher(StiffnessEstimate, ANSWERS, profile)
+
+        def recorded(number=number, publisher=publisher):
+            publisher.publish(StiffnessEstimate(sequence=number, value=float(number)))
+            return ANSWERS in recorder.counts and recorder.counts[ANSWERS].last == number
+
+        graph.until(recorded, 60.0)
+    graph.remove(recorder)
+    assert set(read_bag(tmp_path / "late")[ANSWERS]["sequence"]) == {0, 1}
+
+
+def test_recorder_reports_topics_without_a_message(graph, tmp_path, capsys):
+    graph.remove(graph.add(Recorder, bag=str(tmp_path / "empty"), topics=[SAMPLES]))
+    assert f"0 messages on 0 topics, 0 missing; no message on {SAMPLES}" in capsys.readouterr().err
 
 
 def test_a_failing_recorder_leaves_no_finished_bag(graph, tmp_path):

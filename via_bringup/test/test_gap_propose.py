@@ -57,9 +57,13 @@ def test_a_proposal_is_written_and_runs_on_the_simulator(tmp_path):
     assert np.ptp(recorded.measured["q"]) > 0.05
 
 
-def test_a_report_without_tied_causes_needs_no_motion(tmp_path):
-    report = tmp_path / "report.json"
+def test_without_tied_causes_the_motion_tests_the_model(tmp_path):
+    report, motion, log = tmp_path / "report.json", tmp_path / "motion.csv", tmp_path / "log.csv"
     report.write_text(report_of(COULOMB).to_json(), encoding="utf-8")
-    ran = CliRunner().invoke(app, ["gap", "propose", str(report), "--out", str(tmp_path / "motion.csv")])
-    assert (ran.exit_code, (tmp_path / "motion.csv").exists()) == (0, False)
+    ran = CliRunner().invoke(app, ["gap", "propose", str(report), "--out", str(motion)])
+    assert ran.exit_code == 0, ran.output
     assert "nothing to decide" in ran.output
+    assert "tests the model" in " ".join(ran.output.split())
+    ran = CliRunner().invoke(app, ["sim", DEVICE, "--commands", str(motion), "--record", str(log)])
+    assert ran.exit_code == 0, ran.output
+    assert np.ptp(read_log(log, load_device(DEVICE)).measured["q"]) > 0.05

@@ -97,7 +97,7 @@ def record(
     out: Annotated[Path, typer.Argument(help="New bag folder.")],
     topics: Annotated[list[str] | None, typer.Argument(help="Topics to record; default: all.")] = None,
 ) -> None:
-    """Record topics until interrupted."""
+    """Record topics until interrupted, also those that appear later; a line names each topic at its first message."""
     execute_node("via_ros", "recorder", ros_arguments(bag=str(out), **({"topics": topics} if topics else {})))
 
 
@@ -105,8 +105,8 @@ def play(
     bag: BagPath,
     rate: Annotated[float, typer.Option(help="Playback speed; 0: as fast as the subscribers keep up.")] = 1.0,
     topic: Annotated[list[str] | None, typer.Option(help="Topic to play (repeat for several); default: all.")] = None,
-    listeners: Annotated[int, typer.Option(help="Number of subscribers to wait for on each topic of samples.")] = 1,
+    listeners: Annotated[int, typer.Option(help="Subscribers to wait for on each sample topic; 0: start at once.")] = 1,
 ) -> None:
-    """Play a bag in time stamp order and publish /clock."""
+    """Play a bag in time stamp order and publish /clock. Gives up after 20 s without a listener; see --listeners."""
     more = {"topics": topic} if topic else {}
     execute_node("via_ros", "player", ros_arguments(bag=str(bag), rate=rate, subscribers=listeners, **more))

@@ -1,4 +1,4 @@
-"""`via gap propose`: a short motion that separates tied causes, as a file of commands."""
+"""`via gap propose`: a short motion that separates tied causes, or tests the model, as a file of commands."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 from via_core.devices import load_device
 from via_gap.design.commands import RANGE
 from via_gap.design.motion_file import write_motion
-from via_gap.design.proposal import propose
+from via_gap.design.proposal import general_motion, propose
 from via_gap.report.report import read_report
 
 from via_bringup.cli.console import answers
@@ -24,12 +24,19 @@ def propose_motion(
     out: Annotated[Path | None, typer.Option(help="Write the commands to this .csv file or new bag folder.")] = None,
     reach: Annotated[float, typer.Option(min=0.01, max=6.0, help="Largest motor angle from rest \\[rad].")] = RANGE,
 ) -> None:
-    """Propose the motion that best separates the causes that a report leaves tied, within the device's limits."""
+    """Propose the motion that best separates the tied causes of a report, within the device's limits.
+
+    Without tied causes, the motion written by --out has many speeds: its log tests the model once more.
+    """
     saved = read_report(read_text(report), str(report))
     described = load_device(device or saved.joint)
     found = propose(saved, described, reach)
     if found is None:
         answers.print("nothing to decide: the report has no tied causes")
+        if out is not None:
+            motion, commands = general_motion(described, reach)
+            write_motion(out, described, commands)
+            answers.print(f"wrote {out}: '{motion.name}', which tests the model at many speeds")
         return
     answers.print(found.text)
     if out is not None:

@@ -28,6 +28,7 @@ from via_core.bags.definitions import Definition, typestore_from_text
 from via_core.bags.layout import NoFixedLayoutError, column, decoded, layout_of, scalar_formats, shares_layout
 from via_core.bags.writer import STORAGE_METADATA
 from via_core.errors import BagError
+from via_core.wire import JOINT_STATE
 
 Integers = NDArray[np.int64]
 _YamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -40,7 +41,7 @@ class RawMessage(NamedTuple):
     type_name: str
     data: bytes
     log_time: int  # [ns] time of recording
-    stamp: int  # [ns] of its header; log_time for types without one
+    stamp: int  # [ns] of its header; log_time for types without one; see Bag.in_stamp_order
     publish_time: int  # [ns]
     sequence: int
 
@@ -149,15 +150,8 @@ class Topic:
         fields, fits, left_out = self._one_by_one()
         if left_out and not fits.any():
             raise BagError(left_out[0])
-        return Columns(
-            self.name,
-            self.type_name,
-            self.log_time[fits],
-            self.stamp[fits],
-            MappingProxyType(fields),
-            by_offset=False,
-            left_out=left_out,
-        )
+        log_time, stamp = self.log_time[fits], self.stamp[fits]
+        return Columns(self.name, self.type_name, log_time, stamp, MappingProxyType(fields), False, left_out)
 
     def _by_offset(self) -> dict[str, NDArray[Any]] | None:
         lengths = np.concatenate([part.length for part in self.parts])
@@ -226,7 +220,11 @@ class Bag:
         return self.topic(name).columns
 
     def in_stamp_order(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
-        """The messages of `topics` (default: all) sorted by stamp; equal stamps in file order."""
+        """The messages of `topics` (default: all) sorted by stamp; equal stamps in file order.
+
+        Stamps of a simulated robot start at zero, while messages without a header have the wall time of the recording.
+        A topic whose stamps lie outside those of the joint states is placed among them by log time.
+        """
         return self._ordered(topics, by_stamp=True)
 
     def in_file_order(self, topics: Iterable[str] | None = None) -> Iterator[RawMessage]:
@@ -238,7 +236,7 @@ class Bag:
         chosen = [topic for topic in chosen if len(topic)]
         if not chosen:
             return
-        stamps = np.concatenate([topic.stamp for topic in chosen])
+        stamps = np.concatenate(_on_one_clock(chosen) if by_stamp else [topic.stamp for topic in chosen])
         rank = np.concatenate([topic.position for topic in chosen])
         which = np.repeat(np.arange(len(chosen)), [len(topic) for topic in chosen])
         index = np.concatenate([np.arange(len(topic)) for topic in chosen])
@@ -355,6 +353,23 @@ def _later(messages: Messages, by: int) -> Messages:
         messages.data, messages.start, messages.length, messages.log_time, messages.publish_time, messages.sequence,
         messages.position + by,
     )  # fmt: skip
+
+
+def _on_one_clock(topics: list[Topic]) -> list[Integers]:
+    """Stamps of each topic on the clock of the joint states."""
+    samples = [topic for topic in topics if topic.type_name == JOINT_STATE]
+    if not samples:
+        return [topic.stamp for topic in topics]
+    logged = np.sort(np.concatenate([topic.log_time for topic in samples]))
+    stamps = np.sort(np.concatenate([topic.stamp for topic in samples]))
+    first = stamps[0]
+
+    def moved(topic: Topic) -> Integers:
+        if topic.stamp.max() >= first and topic.stamp.min() <= stamps[-1]:
+            return topic.stamp
+        return first + np.interp(topic.log_time - logged[0], logged - logged[0], stamps - first).astype(np.int64)
+
+    return [moved(topic) for topic in topics]
 
 
 def _concatenated(arrays: list[NDArray[Any]]) -> NDArray[Any]:

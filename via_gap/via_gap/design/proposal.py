@@ -129,6 +129,21 @@ def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed
     return best
 
 
+def general_motion(device: Device, reach: float = RANGE) -> tuple[Motion, Signals]:
+    """A motion of many speeds and its commands, for a log that tests a model without tied causes.
+
+    Raises ParameterError where no size of it keeps within the limits of the device.
+    """
+    plant = JointPlant.from_device(device)
+    motion = next(each for each in MOTIONS if each.name == "ladder of speeds")
+    for size in (share * reach for share in SMALLER):
+        commands, start = commands_of(plant, motion, size)
+        log = recorded(plant, commands, start, seed=0)
+        if log is not None and within_limits(log, size):
+            return motion, commands
+    raise ParameterError(f"'{motion.name}' does not keep '{device.name}' within its limits")
+
+
 def _tried(
     plant: JointPlant, causes: Sequence[TiedCause], offsets: Array, motion: Motion, size: float
 ) -> Proposed | None:

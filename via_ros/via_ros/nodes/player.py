@@ -1,4 +1,4 @@
-"""Plays a bag to live nodes in stamp order, reproducibly, with /clock before every new stamp.
+"""Plays a bag to live nodes in stamp order, reproducibly, with /clock before every new stamp; a recorded /clock is not.
 
 ros2 run via_ros player --ros-args -p bag:=joint -p rate:=0.0 -p subscribers:=1 -p "answers:=['/cubic_demo/stiffness']"
 
@@ -33,6 +33,7 @@ from via_ros.interfaces import message_class, stamp_of
 from via_ros.parameters import declare
 from via_ros.spin import FOREVER, STEADY, run
 
+CLOCK = "/clock"
 POLL = 0.02  # [s] interval of discovery
 OPEN_LOOP_RATE = 2000  # [1/s] messages at rate 0 without answers: a quarter of what a Python node can process
 END_OF_TIME = 2**31 * SECOND  # [ns] seconds of a ROS stamp have 32 bits
@@ -65,21 +66,22 @@ class Player(Node):
         for remark in bag.remarks:
             self.get_logger().warning(f"{p.bag}: {remark}")
         missing = [name for name in p.topics if name not in bag]
-        if missing or len(bag) == 0:
+        topics = {name: topic for name, topic in bag.topics.items() if name != CLOCK}
+        self._messages = list(bag.in_stamp_order(topics))
+        if missing or not self._messages:
             raise BagError(f"{p.bag} has no messages on {', '.join(missing or p.topics) or 'any topic'}")
         self.played = 0
         self.finished = Future()
-        self._messages = list(bag.in_stamp_order())
         last = self._messages[-1].stamp
         if last >= END_OF_TIME:
             raise BagError(f"{p.bag}: the stamp {last} ns exceeds the range of /clock; `via bag info` shows the topic")
         self._topics = {
             name: self.create_publisher(message_class(topic.type_name), name, qos.from_bag(topic.qos))
-            for name, topic in bag.topics.items()
+            for name, topic in topics.items()
         }
-        samples = [name for name, topic in bag.topics.items() if topic.type_name == JOINT_STATE]
+        samples = [name for name, topic in topics.items() if topic.type_name == JOINT_STATE]
         self._awaited = [self._topics[name] for name in samples or self._topics]
-        self._now = self.create_publisher(Clock, "/clock", qos.CONTROL)
+        self._now = self.create_publisher(Clock, CLOCK, qos.CONTROL)
         self._answered = dict.fromkeys(p.answers, -1)  # [ns] stamp of the last answer
         self._answer_types: dict[str, Any] = {}
         self._change = threading.Condition()
@@ -175,7 +177,7 @@ class Player(Node):
         if silent:
             return f"no publisher of answers on {', '.join(sorted(silent))}"
         counts = ", ".join(f"{each.topic_name} {each.get_subscription_count()}" for each in self._awaited)
-        return f"waiting for {self.parameters.subscribers} subscribers per topic, there are: {counts}"
+        return f"waited for {self.parameters.subscribers} subscribers per topic, there are: {counts}"
 
     def _wait(self, condition: Callable[[], bool], complaint: Callable[[], str]) -> None:
         """Wait until condition(). Raises BagError after `patience` seconds."""

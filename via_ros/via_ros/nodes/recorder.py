@@ -3,8 +3,8 @@
 ros2 run via_ros recorder --ros-args -p bag:=joint -p "topics:=['/joint_states', '/cubic_demo/stiffness']"
 
 A topic with its type, '/joint_states:sensor_msgs/msg/JointState', is subscribed before it has a publisher, so that its
-first message is recorded. Without `topics` all topics are recorded as they appear. Only a properly closed bag gets its
-final name; otherwise the file keeps its unfinished name.
+first message is recorded. Without `topics` all topics are recorded as they appear. A log line names each topic at its
+first message. Only a properly closed bag gets its final name; otherwise the file keeps its unfinished name.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from dataclasses import dataclass
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from via_core.bags.writer import BagWriter
 from via_core.errors import BagError, ParameterError
@@ -59,6 +61,8 @@ class Recorder(Node):
         self.counts: dict[str, Count] = {}
         self.finished = Future()
         self._unknown: set[str] = set()
+        self._refused: set[str] = set()  # topics with a publisher whose QoS does not match the subscription
+        self._subscriptions_of: dict[str, Subscription] = {}
         wanted = [text.partition(":") for text in self.parameters.topics]
         self._wanted = {self.resolve_topic_name(name): type_name for name, _, type_name in wanted}
         for type_name in filter(None, self._wanted.values()):
@@ -73,6 +77,10 @@ class Recorder(Node):
         self.create_timer(REPORT, self._report, clock=STEADY)
 
     def _look(self) -> None:
+        while self._refused:
+            name = self._refused.pop()
+            self.destroy_subscription(self._subscriptions_of[name])
+            self._subscribe(name)
         if self._wanted and self.counts.keys() >= self._wanted.keys():
             return
         for name, type_names in self.get_topic_names_and_types():
@@ -89,11 +97,22 @@ class Recorder(Node):
                 self.get_logger().warning(f"{name} is not recorded: {error}")
 
     def _hear(self, name: str, type_name: str) -> None:
-        kind = message_class(type_name)
+        message_class(type_name)  # raises for a type that is not installed
+        self.counts[name] = Count(type_name)
+        self._subscribe(name)
+
+    def _subscribe(self, name: str) -> None:
+        """Subscribe with a QoS that matches all present publishers."""
+        count = self.counts[name]
         offers = [info.qos_profile for info in self.get_publishers_info_by_topic(name)]
-        self.counts[name] = count = Count(type_name)
-        take = partial(self._take, name, count, opening_of if type_name in NUMBERED else None)
-        self.create_subscription(kind, name, take, qos.matching(offers), raw=True)
+        self._subscriptions_of[name] = self.create_subscription(
+            message_class(count.type_name),
+            name,
+            partial(self._take, name, count, opening_of if count.type_name in NUMBERED else None),
+            qos.matching(offers),
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=lambda _: self._refused.add(name)),
+            raw=True,
+        )
 
     def _take(self, name: str, count: Count, opening: Callable | None, data: bytes) -> None:
         if self.finished.done():
@@ -113,6 +132,8 @@ class Recorder(Node):
             count.malformed += 1
             return
         self._writer.write(name, data, self.get_clock().now().nanoseconds, sequence=count.messages)
+        if count.messages == 0:
+            self.get_logger().info(f"recording {name}")
         count.messages += 1
         count.size += len(data)
         if opened is not None:
@@ -149,8 +170,14 @@ class Recorder(Node):
         self._writer.close()
         total = sum(count.messages for count in self.counts.values())
         lost = sum(count.lost for count in self.counts.values())
+        empty = sorted(name for name in self._wanted.keys() | self.counts.keys() if not self._received(name))
+        topics = len(self.counts.keys() - set(empty))
+        text = f"{self.parameters.bag}: {total} messages on {topics} topics, {lost} missing"
         # Not the logger: the context may be gone.
-        print(f"{self.parameters.bag}: {total} messages on {len(self.counts)} topics, {lost} missing", file=sys.stderr)
+        print(text + (f"; no message on {', '.join(empty)}" if empty else ""), file=sys.stderr)
+
+    def _received(self, name: str) -> bool:
+        return name in self.counts and self.counts[name].messages > 0
 
 
 def main() -> int:
