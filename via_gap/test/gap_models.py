@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
+from gap_logs import flexible, log_of
 from via_core.signals import Array
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
+from via_gap.candidates.scales import Scales, scales_of
+from via_gap.residual.segments import cut_log
+from via_gap.residual.weak_residuals import weak_residuals
 from via_gap.selection.evidence import Evaluation
 from via_sim.effects.catalogue import EFFECTS
 
@@ -42,3 +47,12 @@ def evaluated(
     return Evaluation(
         fit_of(locations), NOTHING, np.asarray(segments, dtype=np.float64), block, whole, np.asarray(witness)
     )
+
+
+@cache
+def scales() -> Scales:
+    """Typical sizes in a log of a flexible joint."""
+    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
+    segments = cut_log(log)
+    every = np.arange(len(segments))
+    return scales_of([segments], [weak_residuals(segments, log.device)], segments.time[every], np.ones(len(segments)))

@@ -107,3 +107,20 @@ def test_functions_that_a_log_cannot_tell_apart_are_solved_for():
     negative = normal - 1e-9 * np.abs(normal).max() * np.eye(120)
     assert np.linalg.eigvalsh(negative)[0] < 0.0
     assert np.isfinite(solved(negative, pull, 1e-10)).all()
+
+
+def test_a_few_gross_outliers_do_not_move_the_bound():
+    """Pushed in three of the fitted segments, each by hundreds of standard deviations: by squares, the torque of every
+    segment would follow."""
+    fitted, evaluated, base, segments = prepared(joint(), (), 20.0)
+    chosen = fitted.views[0].chosen
+    measured = segments.measured.copy()
+    measured[chosen[[5, 17, 29]]] += 0.02 * np.linspace(0.0, 1.0, measured.shape[1])[:, None] ** 2
+    pushed = replace(segments, measured=measured)
+
+    def reached(of: Segments, robust: bool) -> float:
+        model = flexible(ResidualModel.of([of], [chosen], robust=robust), base)
+        return float(np.mean(model.residual(evaluated, model.functions(evaluated)) ** 2))
+
+    assert reached(pushed, True) == pytest.approx(reached(segments, True), rel=0.05)
+    assert reached(pushed, False) > 100.0

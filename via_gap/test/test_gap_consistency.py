@@ -2,18 +2,30 @@
 
 import re
 from html import unescape
+from types import SimpleNamespace
 
+import numpy as np
+import pytest
+from gap_logs import flexible
+from gap_models import evaluated, scales
 from gap_reports import GAP, place
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from test_gap_verdict import decided, evidence
 from via_gap.logs.findings import Finding
 from via_gap.rendering.evidence_words import rejected, tie_words
 from via_gap.rendering.names import capital, place_words
 from via_gap.rendering.page import page
 from via_gap.rendering.text import text
 from via_gap.rendering.words import boxes, cautions, headline, next_steps, repair_words
+from via_gap.report.answer import Answer, _outweighs, answer
 from via_gap.report.figures import Figures, JointSketch, Member, Trial
 from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValue, Value, Where
+from via_gap.residual.weak_residuals import Residual
+from via_gap.selection.reliability import reliability
+from via_gap.selection.verdict import Decision
+from via_gap.sensors.sensor_errors import SensorError
+from via_sim.effects import Effect
 from via_sim.effects.catalogue import EFFECTS
 from via_sim.effects.files import parse_effects
 
@@ -95,6 +107,11 @@ def _members(places) -> tuple[Member, ...]:
 @given(reports())
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_no_part_of_a_report_contradicts_its_verdict(report):
+    check_words(report)
+
+
+def check_words(report: GapReport) -> None:
+    """Page, terminal, headline, next steps and repair are those of the verdict."""
     html = page(report)
     shown = unescape(re.sub(r"<style.*?</style>|<script.*?</script>|<[^>]+>", " ", html, flags=re.DOTALL))
     shown = " ".join(shown.split())
@@ -132,3 +149,88 @@ def test_the_effects_file_of_the_page_holds_exactly_the_effects_of_the_report(re
     assert [(e.name, e.site, e.motor) for e in added] == [(e.effect, e.site, e.motor) for e in report.effects]
     moved = any(n.fitted != n.filed for n in report.nuisance)
     assert any(each.site == "device" for each in effects) == moved
+
+
+def compared(tuned, *missing: Residual) -> SimpleNamespace:
+    """What `answer` takes from a comparison: the device, sizes in its logs, and the missing torque of each log."""
+    experiment = SimpleNamespace(evaluated=SimpleNamespace(device=flexible()), tuned=tuned)
+    candidates = SimpleNamespace(scales=scales(), residuals=tuple((each,) for each in missing), shares=())
+    return SimpleNamespace(experiment=experiment, candidates=candidates)
+
+
+def missing_torque(axis: int, *torque: float) -> Residual:
+    return Residual(axis, np.arange(len(torque)), np.array(torque), np.ones(len(torque)))
+
+
+def sensor_error(size: float) -> SensorError:
+    effect = Effect("torque_bias", "sensor", {"torque": size}, 1)
+    return SensorError(effect, {"torque": 1e-3 * size}, 0.1, size)
+
+
+def full(said: Answer, decision: Decision) -> GapReport:
+    """A report with an answer, and with planted numbers where the answer has none."""
+    members = [[Member(effect=p.name, site=p.site, motor=p.motor) for p in m.fit.locations] for m in decision.models]
+    trials = tuple(Trial(effects=tuple(each), left=0.1, behind=0.0, behind_sd=0.1) for each in members)
+    sketch = JointSketch(arrangement="flexible", drive="torque", motors_seen=(True,), torque_seen=True)
+    return GapReport(
+        joint="joint", level="full", logs=("a.csv",), holdout=("blocks of the same logs",), gap=GAP, nuisance=(),
+        reason=decision.reason if said.verdict == "cannot_tell" else "", explained=min(decision.explained, 1.0),
+        data_check=(), not_evaluated=(), figures=Figures(joint=sketch, trials=trials), **vars(said),
+    )  # fmt: skip
+
+
+@given(evidence(), st.booleans())
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_answer_headline_repair_and_next_steps_follow_from_the_decision(case, biased):
+    """Also with an error of a torque sensor beside it, which is too small to be the cause of an unexplained gap."""
+    decision = decided(case)
+    errors = [sensor_error(0.1)] if biased else []
+    said = answer("full", compared(case[0], missing_torque(1, 1.0)), decision, errors)
+    named = [(p.name, p.site, p.motor) for p in decision.named]
+    equal = [(p.name, p.site, p.motor) for p in decision.equivalent]
+    added = [("torque_bias", "sensor", 1)] if biased and decision.verdict not in ("unknown", "cannot_tell") else []
+    assert [(e.effect, e.site, e.motor) for e in said.effects] == named + added
+    assert [(e.effect, e.site, e.motor) for e in said.equivalence_set] == equal + added
+    assert {(c.effect, c.site, c.motor) for c in said.causes[: len(named + added)]} == {*named, *added}
+    shares = {(p.name, p.site, p.motor): share for p, share in decision.shares}
+    for c in said.causes:
+        if (c.effect, c.site, c.motor) not in added:
+            assert c.share == pytest.approx(shares[c.effect, c.site, c.motor])
+            assert c.probability == pytest.approx(reliability(decision.verdict) * c.share)
+    for group in (said.causes[: len(named + added)], said.causes[len(named + added) :]):
+        assert [c.probability for c in group] == sorted((c.probability for c in group), reverse=True)
+    if not added:
+        assert said.verdict == decision.verdict
+    elif decision.verdict != "main_effect":
+        assert said.verdict == ("effect" if len(named) == 0 else "several_effects")
+    report = full(said, decision)
+    assert [(e.name, e.site, e.motor) for e in report.repair()] == named + added
+    for effect in report.repair()[: len(named)]:
+        (fitted,) = (e for e in decision.chosen.fit.effects if (e.name, e.motor) == (effect.name, effect.motor))
+        assert dict(effect.parameters) == dict(fitted.parameters)
+    check_words(report)
+
+
+@pytest.mark.parametrize(
+    ("size", "missing", "outweighs"),
+    [
+        (0.21, [missing_torque(1, 0.2, -0.2), missing_torque(1, 0.2)], True),
+        (0.19, [missing_torque(1, 0.2, -0.2), missing_torque(1, 0.2)], False),
+        (0.21, [missing_torque(1, 0.1, 0.1, 0.1), missing_torque(1, 0.4)], False),  # root mean square .218 of both logs
+        (0.225, [missing_torque(1, 0.1, 0.1, 0.1), missing_torque(1, 0.4)], True),
+        (0.21, [missing_torque(1, 0.2), missing_torque(2, 9.0)], True),  # another motor's equation
+        (9.0, [missing_torque(2, 0.1)], False),  # no equation of this motor
+        (0.0, [missing_torque(1, 0.0)], False),  # an error of an angle
+    ],
+)
+def test_a_sensor_error_outweighs_the_torque_that_is_missing_on_its_motor(size, missing, outweighs):
+    candidates = compared(None, *missing).candidates
+    assert _outweighs(sensor_error(size), candidates) is outweighs
+    decision = Decision("unknown", decided_nothing(), 0.0, 1.0)
+    said = answer("full", compared(decision.chosen, *missing), decision, [sensor_error(size)])
+    assert said.verdict == ("main_effect" if outweighs else "unknown")
+    assert len(said.effects) == (1 if outweighs else 0)
+
+
+def decided_nothing():
+    return evaluated(np.full(8, 100.0))

@@ -8,7 +8,15 @@ from gap_models import BACKLASH, COULOMB, evaluated
 from via_core.signals import Array
 from via_gap.selection import reliability
 from via_gap.selection.confidence_set import confidence_set
-from via_gap.selection.evidence import block_means, clearly_worse, difference, resamples, vetoed
+from via_gap.selection.evidence import (
+    block_means,
+    clearly_worse,
+    difference,
+    quantile,
+    refuted_beside,
+    resamples,
+    vetoed,
+)
 from via_gap.selection.numbers import NUMBERS
 
 BLOCKS = 40
@@ -118,6 +126,48 @@ def test_whole_runs_are_compared_by_squared_error():
     assert evaluated(a).score < evaluated(b).score
     one, other = evaluated(a, whole=True), evaluated(b, whole=True)
     assert difference(one, other)[0] == pytest.approx(one.score - other.score, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("left", "better", "refuted"),
+    [
+        (16.1, 4.0, True),  # noise known to a factor of two on either side, squared
+        (15.9, 4.0, False),
+        (1000.0, 4.1, False),  # the better one leaves more than noise can be
+        (4.1, 0.5, True),  # below the noise counts as noise
+        (3.9, 0.5, False),
+    ],
+)
+def test_a_model_is_refuted_beside_one_that_leaves_noise_where_noise_cannot_be_so_large(left, better, refuted):
+    assert NUMBERS.no_gap == 2.0
+    a, b = evaluated(np.full(20, left), COULOMB), evaluated(np.full(20, better), BACKLASH)
+    assert refuted_beside(a, b) is refuted
+    assert not refuted_beside(b, a)
+
+
+def test_an_effect_that_acts_in_one_segment_of_forty_is_clear_where_all_of_it_is_explained():
+    """Resamples often miss that segment, so that the interval of the mean reaches below the margin."""
+    rare = np.ones(40)
+    rare[17] = 500.0
+    without, with_effect = evaluated(rare, COULOMB), evaluated(np.ones(40), BACKLASH)
+    gap, sd = difference(without, with_effect)
+    assert gap - quantile() * sd < NUMBERS.margin < gap
+    assert clearly_worse(without, with_effect) and not clearly_worse(with_effect, without)
+    half = np.ones(40)
+    half[17] = 250.0  # what is left there is not noise
+    assert not clearly_worse(without, evaluated(half, BACKLASH))
+
+
+def test_the_typical_error_is_that_of_the_segment_with_the_mean_loss():
+    assert evaluated(np.full(30, 9.0)).typical == pytest.approx(3.0)
+    assert evaluated([1.0, 7.0]).typical == pytest.approx(np.sqrt(3.0))  # (1 + 1) (1 + 7) = (1 + 3)^2
+    assert evaluated([1.0, 7.0], whole=True).typical == pytest.approx(2.0)  # of whole runs the root mean square
+    squares = np.exp(np.random.default_rng(4).normal(1.0, 2.0, 25))
+    product = 1.0
+    for each in squares:
+        product *= (1.0 + each) ** (1.0 / 25.0)
+    assert evaluated(squares).typical == pytest.approx(np.sqrt(product - 1.0))
+    assert evaluated(squares).typical < evaluated(squares).rms
 
 
 def test_no_set_is_stated_for_signals_that_were_not_calibrated(monkeypatch):

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gap_logs import flexible, log_of
-from gap_models import evaluated
+from gap_models import evaluated, scales
 from via_gap.candidates.fit import Fit, bounds_of
 from via_gap.candidates.location import Location
-from via_gap.candidates.scales import Scales, scales_of
-from via_gap.residual.segments import cut_log
-from via_gap.residual.weak_residuals import weak_residuals
 from via_gap.selection.comparison import _supported
 from via_gap.selection.plausibility import absurd, doubt
 from via_sim.effects.catalogue import EFFECTS
@@ -24,14 +19,6 @@ COULOMB = Location("coulomb_friction", "motor", 1)
 PAYLOAD = Location("payload", "link", 0)
 GAIN = Location("torque_gain", "motor", 1)
 LIMIT = Location("torque_saturation", "motor", 1)
-
-
-@cache
-def scales() -> Scales:
-    log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
-    segments = cut_log(log)
-    every = np.arange(len(segments))
-    return scales_of([segments], [weak_residuals(segments, log.device)], segments.time[every], np.ones(len(segments)))
 
 
 def fit(location: Location, covariance: object, *values: float) -> Fit:

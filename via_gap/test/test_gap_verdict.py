@@ -14,7 +14,20 @@ from hypothesis import strategies as st
 from via_gap.candidates.location import Location
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.numbers import NUMBERS
-from via_gap.selection.verdict import Decision, decide, fractions, ladder, simplest
+from via_gap.selection.verdict import (
+    SAME,
+    Decision,
+    _common,
+    _different,
+    _ranking,
+    _tied,
+    decide,
+    fractions,
+    ladder,
+    matters,
+    simplest,
+    without_needless,
+)
 
 SEGMENTS = 40
 NAMING = ("effect", "several_effects", "main_effect")
@@ -59,36 +72,184 @@ def reaching(rms: float) -> Callable[[Evaluation], Evaluation]:
     return lambda each: replace(each, segments=np.full(SEGMENTS, rms**2))
 
 
+def parts_by_hand(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None) -> tuple[float, float]:
+    """`fractions` as docs/method.md states it, one number after the other; None: the bound is the noise."""
+
+    def root(each: Evaluation) -> float:
+        return max(float(np.mean(each.segments)) ** 0.5, 1.0)
+
+    def typical(each: Evaluation) -> float:
+        return (
+            root(each) if each.whole else max((float(np.exp(np.mean(np.log(1.0 + each.segments)))) - 1.0) ** 0.5, 1.0)
+        )
+
+    found = []
+    for error in (root, typical):
+        before, after = error(tuned), error(model)
+        bound = 1.0 if flexible is None else min(error(flexible), after)
+        found.append(1.0 if before <= bound else min((before - after) / (before - bound), 1.0))
+    return found[0], found[1]
+
+
+def by_the_table(tuned: Evaluation, models: list[Evaluation], flexible: Evaluation) -> tuple[str, Evaluation]:
+    """Verdict and model named, as the table of docs/method.md, section 8, lists them row by row."""
+    if np.mean(tuned.segments) <= 2.0:
+        return "no_gap", tuned
+    last = ladder(tuned, models)[-1]
+    if last is tuned:
+        return ("unknown" if matters(flexible, tuned, tuned) else "cannot_tell"), tuned
+    explained, share = parts_by_hand(tuned, last, flexible), parts_by_hand(tuned, last, None)
+    if max(explained) < 0.8:
+        return "unknown", tuned
+    if max(share) < 0.25:
+        return "cannot_tell", tuned
+    same_size = [each for each in models if len(each.fit.effects) == len(last.fit.effects)]
+    tied = _tied(last, without_needless(same_size))
+    if _different(tied) > 3:
+        common = _common(tied, models)
+        if common is None or max(parts_by_hand(tuned, common, flexible)) < 0.8:
+            return "cannot_tell", tuned
+        if max(parts_by_hand(tuned, common, None)) < 0.25:
+            return "cannot_tell", tuned
+        return "main_effect", common
+    if min(*explained, *share) < 0.95:
+        return "main_effect", last
+    return ("effect" if len(last.fit.effects) == 1 else "several_effects"), last
+
+
+@settings(max_examples=300, deadline=None)
+@given(evidence())
+def test_every_verdict_is_the_one_of_the_table(case):
+    tuned, models, bound = case
+    decision = decided(case)
+    verdict, chosen = by_the_table(tuned, models, reaching(bound)(tuned))
+    assert decision.verdict == verdict
+    assert decision.chosen is chosen
+
+
 @settings(max_examples=300, deadline=None)
 @given(evidence())
 def test_no_decision_contradicts_itself(case):
-    tuned, decision = case[0], decided(case)
-    named, places = decision.named, [place for place, _ in decision.shares]
-    assert bool(named) == (decision.verdict in NAMING)
-    assert (decision.chosen is tuned) == (not named)
-    assert bool(decision.reason) == (decision.verdict == "cannot_tell")
-    if decision.verdict == "effect":
-        assert len(named) == 1
-    if decision.verdict == "several_effects":
-        assert len(named) >= 2
-    if named:
-        flexible = reaching(case[2])(tuned)
-        reached, of_all = fractions(tuned, decision.chosen, flexible), fractions(tuned, decision.chosen)
-        assert decision.explained >= NUMBERS.most and max(of_all) >= NUMBERS.substantial
-        assert decision.verdict == "main_effect" or min(*reached, *of_all) >= NUMBERS.complete
-        assert decision.explained == max(reached)
-    if named:
-        assert set(named) <= set(decision.equivalent)
+    """Named causes, ranking, ties, fraction, bound and reason follow from the verdict, in both directions."""
+    tuned, models, reached = case
+    decision = decided(case)
+    named, places, verdict = decision.named, [place for place, _ in decision.shares], decision.verdict
+    flexible = reaching(reached)(tuned)
+    assert bool(named) == (verdict in NAMING) == (decision.chosen is not tuned)
+    assert bool(decision.reason) == (verdict == "cannot_tell")
+    assert len(set(places)) == len(places) == len(decision.models)
+    for place, model in zip(places, decision.models, strict=True):
+        assert place in model.fit.locations
+    if verdict == "no_gap":
+        assert (decision.explained, decision.bound) == (1.0, tuned.rms)
+        assert not places and not decision.equivalent
+    elif not named:
+        singles = {each.fit.locations for each in without_needless([m for m in models if len(m.fit.effects) == 1])}
+        assert decision.explained == 0.0
+        assert {(place,) for place in places} == singles, "every single cause is ranked, and nothing else"
+        assert all(len(model.fit.effects) == 1 for model in decision.models)
+        assert not decision.equivalent or ("causes explain" in decision.reason and verdict == "cannot_tell")
+        assert decision.bound <= tuned.rms
+    else:
+        parts = parts_by_hand(tuned, decision.chosen, flexible)
+        all_of_it = parts_by_hand(tuned, decision.chosen, None)
+        largest = ladder(tuned, models)[-1]
+        whole = decision.chosen is largest and min(*parts, *all_of_it) >= NUMBERS.complete
+        assert (verdict == "main_effect") == (not whole)
+        assert (verdict == "effect") == (whole and len(named) == 1)
+        assert (verdict == "several_effects") == (whole and len(named) > 1)
+        assert decision.explained == pytest.approx(max(parts)) and decision.explained >= NUMBERS.most
+        assert max(all_of_it) >= NUMBERS.substantial
+        assert decision.bound == min(flexible.rms, decision.chosen.rms)
+        assert decision.equivalent[: len(named)] == named, "the named causes first, then those tied with them"
+        assert len(set(decision.equivalent)) == len(decision.equivalent)
         assert set(named) <= set(places), "a cause that is named is ranked"
         assert all(m is decision.chosen for p, m in zip(places, decision.models, strict=True) if p in named)
         assert decision.chosen.score < tuned.score
-    else:
-        assert decision.explained == (1.0 if decision.verdict == "no_gap" else 0.0)
-        assert not decision.equivalent or decision.verdict == "cannot_tell"
-    assert decision.bound <= max(decision.chosen.rms, tuned.rms)
-    assert len(set(places)) == len(places)
-    for place, model in zip(places, decision.models, strict=True):
-        assert place in model.fit.locations
+        if decision.chosen is largest:
+            assert set(decision.equivalent) <= {
+                p for m in models if len(m.fit.effects) == len(named) for p in m.fit.locations
+            }
+        else:
+            assert decision.equivalent == named
+
+
+@settings(max_examples=300, deadline=None)
+@given(evidence())
+def test_fractions_are_those_of_the_definition(case):
+    tuned, models, bound = case
+    flexible = reaching(bound)(tuned)
+    for each in models:
+        assert fractions(tuned, each, flexible) == pytest.approx(parts_by_hand(tuned, each, flexible))
+        assert fractions(tuned, each) == pytest.approx(parts_by_hand(tuned, each, None))
+
+
+def test_fractions_in_numbers():
+    """Errors 10 before, 5 after, 2 with a flexible torque: 5 of 8; of all above the noise 5 of 9."""
+    tuned, model = even(100.0), even(25.0, COULOMB)
+    assert fractions(tuned, model, even(4.0)) == pytest.approx((5.0 / 8.0, 5.0 / 8.0))
+    assert fractions(tuned, model) == pytest.approx((5.0 / 9.0, 5.0 / 9.0))
+    assert fractions(tuned, even(0.3, COULOMB)) == (1.0, 1.0), "below the noise counts as noise"
+    assert fractions(tuned, model, even(64.0)) == (1.0, 1.0), "a flexible torque that is worse is no bound"
+    assert fractions(even(0.9), even(0.8, COULOMB)) == (1.0, 1.0), "where there is nothing to explain"
+    rare = evaluated([1.0] * 39 + [4000.0])  # a limit reached once: all of the root mean square, little that is typical
+    root, typical = fractions(rare, even(1.0, COULOMB), even(1.0))
+    assert (root, typical) == (1.0, 1.0)
+    root, typical = fractions(evaluated([9.0] * 39 + [4000.0]), evaluated([9.0] * 40, COULOMB), even(1.0))
+    assert root == pytest.approx((np.sqrt(108.775) - 3.0) / (np.sqrt(108.775) - 1.0)) and typical < 0.25
+
+
+def test_models_with_the_same_losses_are_one_model_under_several_names():
+    """Shifts of the loss, as parts of SAME * margin = .003: each is compared with those already counted."""
+    near = SAME * NUMBERS.margin
+
+    def shifted(loss: float, place: Location) -> Evaluation:
+        return evaluated(np.expm1(np.full(SEGMENTS, 1.0 + loss)), place)
+
+    one = shifted(0.0, COULOMB)
+    assert _different([one]) == 1
+    assert _different([one, shifted(0.9 * near, BACKLASH), shifted(-0.9 * near, INERTIA)]) == 1
+    assert _different([one, shifted(1.1 * near, BACKLASH)]) == 2
+    assert _different([one, shifted(0.6 * near, BACKLASH), shifted(1.2 * near, INERTIA)]) == 2
+    apart = 1.0 + 5.0 * near * (-1.0) ** np.arange(SEGMENTS)  # as good on average, and in no segment
+    assert _different([one, evaluated(np.expm1(apart), BACKLASH)]) == 2
+
+
+def test_what_tied_models_have_in_common_is_a_model_that_was_compared():
+    pairs = [even(1.0, COULOMB, BACKLASH), even(1.0, INERTIA, COULOMB), even(1.0, COULOMB, DRAG)]
+    alone, other = even(2.0, COULOMB), even(2.0, INERTIA)
+    assert _common(pairs, [*pairs, other, alone]) is alone
+    assert _common(pairs, [*pairs, other]) is None  # nobody compared it
+    assert _common([*pairs, even(1.0, INERTIA, DRAG)], [*pairs, other, alone]) is None
+    assert _common([alone, other], [alone, other]) is None
+    three = [even(1.0, COULOMB, BACKLASH, place) for place in (INERTIA, DRAG)]
+    assert _common(three, [alone, even(2.0, BACKLASH, COULOMB)]).fit.locations == (BACKLASH, COULOMB)
+
+
+@pytest.mark.parametrize("first", [COULOMB, PAYLOAD])
+def test_causes_with_equal_shares_are_ranked_by_the_error_that_each_leaves_alone(first):
+    """Neither the order in a model nor the number of parameters decides, nor a score on which the rms disagrees."""
+    second = PAYLOAD if first == COULOMB else COULOMB
+    rare = evaluated([0.1] * 38 + [400.0] * 2, second)  # smaller in most segments, larger in root mean square
+    better = evaluated([9.0] * SEGMENTS, first)
+    assert better.score > rare.score and better.rms < rare.rms
+    for order in ((first, second), (second, first)):
+        pair = even(1.0, *order)
+        shares, models = _ranking(pair, [rare, better, pair])
+        assert shares == ((first, 1.0), (second, 1.0))
+        assert all(each is pair for each in models)
+        shares, _ = _ranking(pair, [better, pair])
+        assert [place for place, _ in shares] == [first, second], "a cause that was not compared alone comes last"
+
+
+def test_a_larger_share_comes_before_a_smaller_error_alone():
+    named, rival = even(1.0, COULOMB), even(1.03, BACKLASH)
+    shares, models = _ranking(named, [rival, named])
+    assert [place for place, _ in shares] == [COULOMB, BACKLASH]
+    assert (models[0], models[1]) == (named, rival)
+    difference = np.log(2.03 / 2.0)
+    weight = float(np.exp(-difference / NUMBERS.margin))
+    assert dict(shares)[BACKLASH] == pytest.approx(weight / (1.0 + weight), abs=1e-6)
 
 
 @settings(max_examples=300, deadline=None)
@@ -137,6 +298,11 @@ def test_every_step_of_the_ladder_matters(case):
             for a, b, c in zip(*errors, strict=True)
         )
         assert more.score < fewer.score - NUMBERS.margin
+
+
+def even(square: float, *locations: Location) -> Evaluation:
+    """A model that leaves exactly as much in every segment."""
+    return evaluated(np.full(SEGMENTS, square), *locations)
 
 
 def leaving(square: float, *locations: Location, seed: int = 0) -> Evaluation:

@@ -1,0 +1,86 @@
+"""Orders of an encoder error: planted ones are found, also where the first choice by itself is a wrong one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+import pytest
+from via_core.signals import Array
+from via_gap.candidates.fit import Fit
+from via_gap.candidates.orders import ENCODER_ORDERS, PASSES, _exchanged, encoder_waves
+from via_sim.effects import Effect
+
+FOUND = {"amplitude": 0.01, "phase": 0.3}  # order 1, which every encoder error has
+PLANTED = {5.0: (0.004, 1.0), 7.0: (0.004, 0.3)}  # amplitude [rad] and phase by order
+
+
+class Linear:
+    """A problem whose residual is the encoder error itself: planted orders less those of the effect."""
+
+    def __init__(self, angle: Array, planted: dict[float, tuple[float, float]], noise: float) -> None:
+        self.angle, self.noise = angle, noise
+        self.measured = sum(a * np.sin(n * angle + p) for n, (a, p) in planted.items())
+        self.measured = self.measured + noise * np.random.default_rng(3).normal(size=len(angle))
+
+    def row_or_none(self, effects: Sequence[Effect], offsets: Array) -> Array:
+        p = effects[0].parameters
+        row = p["amplitude"] * np.sin(self.angle + p["phase"])
+        if "order_2" in p:
+            row = row + p["amplitude_2"] * np.sin(p["order_2"] * self.angle + p["phase_2"])
+        return row
+
+    def residual(self, rows: Sequence[Array]) -> Array:
+        return self.measured - np.stack(list(rows))
+
+    def weights(self, residual: Array) -> Array:
+        return np.ones_like(residual)
+
+    def nuisance_jacobian(self, effects: Sequence[Effect], offsets: Array, residual: Array) -> Array:
+        return np.ones((len(residual), 1))
+
+
+def found(turns: float, noise: float = 1e-5) -> tuple[list[tuple[float, float, float]], Linear]:
+    problem = Linear(np.linspace(0.0, 2.0 * np.pi * turns, 600), {1.0: (0.01, 0.3), **PLANTED}, noise)
+    effect = Effect("encoder_eccentricity", "sensor", FOUND)
+    residual = problem.residual([problem.row_or_none([effect], np.empty(0))])[0]
+    fit = Fit((effect,), np.empty(0), float(residual @ residual), residual, np.eye(2))
+    return encoder_waves(problem, fit, 0, 3), problem  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("turns", [3.0, 0.4])
+def test_planted_orders_of_an_encoder_are_found(turns):
+    """Over .4 turns neighbouring orders are alike: there only the exchange leads to them."""
+    waves, _ = found(turns)
+    assert waves[0][1] == 1.0 and {order for _, order, _ in waves} == {1.0, *PLANTED}
+    for amplitude, order, phase in waves:
+        wanted = PLANTED.get(order, (0.01, 0.3))
+        assert (amplitude, phase) == (pytest.approx(wanted[0], rel=0.05), pytest.approx(wanted[1], abs=0.05))
+
+
+def test_no_other_pair_of_orders_beside_the_first_leaves_less():
+    waves, problem = found(0.4)
+
+    def left(orders: Sequence[float]) -> float:
+        columns = [np.ones_like(problem.angle)]
+        columns += [f(n * problem.angle) for n in (1.0, *orders) for f in (np.sin, np.cos)]
+        design = np.stack(columns, axis=1)
+        rest = problem.measured - design @ np.linalg.lstsq(design, problem.measured, rcond=None)[0]
+        return float(rest @ rest)
+
+    taken = left([order for _, order, _ in waves[1:]])
+    pairs = list(combinations(map(float, ENCODER_ORDERS[1:12]), 2))
+    assert taken == pytest.approx(min(map(left, pairs)))
+
+
+def test_the_first_order_stays_and_exchanges_end():
+    assert _exchanged([0, 5, 6], lambda others: {(0, 6): 2, (0, 2): 4, (0, 4): 2}[tuple(others)]) == [0, 2, 4]
+    asked: list[list[int]] = []
+
+    def restless(others: list[int]) -> int:
+        asked.append(others)
+        return len(asked) + 10
+
+    assert _exchanged([0, 1], restless)[0] == 0
+    assert len(asked) == PASSES and all(each == [0] for each in asked)
