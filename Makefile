@@ -36,7 +36,8 @@ blind: setup ## diagnose and score 30 joints of the second simulator, keys seale
 		via gap blind score cases --keys keys --results results --processes $(WORKERS) --write .
 
 results: setup ## rewrite docs/results: tables of the research document, comparison (about a quarter of an hour)
-	@$(ENV) via tables --write docs/results && via compare --write docs/results
+	@$(ENV) via tables --write docs/results && via compare --write docs/results && \
+		via faults --write docs/results
 
 clean: ## return to a fresh clone
 	@rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log out .numba_cache .pytest_cache .mypy_cache .ruff_cache \

@@ -294,7 +294,7 @@ def _compare(
     """Unexplained share of rows (n, PARTS) and torques (n,), and ratio of the largest part to its noise."""
     x, below, above = np.zeros(PARTS), np.zeros(PARTS), np.zeros(PARTS)
     below[:4], above[:4] = low, high
-    above[4] = OFFSET * low[3] * sqrt((rows[:, 3] @ rows[:, 3]) / len(rows))
+    above[4] = OFFSET * low[3] * sqrt(np.mean(rows[:, 3] ** 2))
     below[4] = -above[4]
     above[5] = np.inf
     used, y = rows[moving], wanted[moving]

@@ -11,6 +11,10 @@ COMMANDS = {
         "via_validation.commands.compare:compare",
         "Compare accuracy, convergence, coverage, robustness and cost of all stiffness estimators.",
     ),
+    "faults": Entry(
+        "via_validation.commands.faults:faults",
+        "Feed faulty and sound signals to every estimator and report its status.",
+    ),
     "bench": Entry("via_validation.commands.bench:app", "Measure speed, memory and endurance."),
     "gap blind": Entry(
         "via_validation.commands.gap_blind:app", "Evaluate the diagnosis on sealed cases of a second simulator."

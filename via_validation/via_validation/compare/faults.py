@@ -1,0 +1,206 @@
+"""Faulty channels and sound variations of simulated joints: what the status of every estimator says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from via_core.devices import Device
+from via_core.faults import fault_of
+from via_core.plausibility import INTERVAL, Samples, equations_of, worst
+from via_core.signals import Array, Signals
+from via_core.status import Status
+from via_estimators.methods import estimator_for, methods_for
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import InitialConditions, simulate
+
+DEVICES = ("cubic_demo", "qbmove_a", "dlr_bavs", "visco_elastic_demo", "compact_vpda")
+DURATION, ONSET, RATE = 8.0, 2.0, 1000.0  # [s], [s] of a fault that begins during the recording, [Hz]
+LATE = 2.0  # [s] after the onset of a fault from which samples count
+SIZE = 0.15  # torques, over the spring torque at the stop
+Channels = dict[str, Array]
+
+
+class Fault(NamedTuple):
+    """A change of recorded channels, the time from which it acts [s], and words of its name."""
+
+    change: Callable[[Channels], Channels]
+    onset: float
+    words: str
+
+
+def torques_of(device: Device, time: Array) -> Channels:
+    """Commands of several tones: motor torques, or a torque on the link of a joint with a damper."""
+    first, second, third, fourth = (
+        np.sin(2.0 * np.pi * f * time + a) for f, a in ((0.7, 0.0), (1.9, 0.0), (1.1, 0.0), (2.3, 1.0))
+    )
+    if not device.n_motors:
+        return {"external_torque": 4.0 * first + 2.0 * second, "damping": np.full(len(time), 0.5)}
+    size = np.clip(2.0 * time, 0.0, 1.0) * SIZE * float(device.spring_laws[0].torque(device.springs[0].max_deflection))
+    both = [size * (1.0 + 0.6 * first + 0.3 * second), -size * (1.0 + 0.6 * third + 0.3 * fourth)]
+    return {"motor": np.column_stack(both[: device.n_motors])}
+
+
+def moved(device: Device, real: Device | None = None, rate: float = RATE, **sensors: float) -> Signals:
+    """Measured signals of the joint `real`, by default `device` itself, with the sensors of the file, some changed."""
+    time = np.arange(int(RATE * DURATION) + 1) / RATE
+    channels = torques_of(device, time)
+    commands = Signals(time, channels, dict.fromkeys(channels, "-"), frozenset(channels))
+    given = replace(Sensors.of_device(device), velocity_noise=0.005, rate=rate, **sensors)
+    plant = JointPlant.from_device(real or device)
+    return simulate(plant, commands, DURATION, RATE, given, InitialConditions(seed=3)).measured
+
+
+def _column(name: str, change: Callable[[Array], Array]) -> Callable[[Channels], Channels]:
+    """`change` of column `name`, such as 'tau_1', or of a whole channel, 'tau'."""
+    channel, number = (name[:-2], int(name[-1])) if name[-1].isdigit() else (name, 0)
+
+    def apply(channels: Channels) -> Channels:
+        values = channels[channel].copy()
+        at: Any = (slice(None), number - 1) if number else ...
+        values[at] = change(values[at])
+        return {**channels, channel: values}
+
+    return apply
+
+
+def _freeze(values: Array) -> Array:
+    onset = int(ONSET * RATE)
+    return np.concatenate([values[:onset], np.broadcast_to(values[onset], values[onset:].shape)])
+
+
+def faults_of(device: Device) -> Mapping[str, Fault]:
+    """Name -> fault of the device's channels."""
+    tau, several = ("tau", device.n_motors == 2) if device.n_motors else ("tau_link", False)
+    one = f"{tau}_1" if device.n_motors else tau
+    found = {
+        "torques reversed": Fault(_column(tau, np.negative), 0.0, f"wrong sign of {one}"),
+        "no torque": Fault(_column(tau, np.zeros_like), 0.0, "zero throughout"),
+        "torque frozen": Fault(_column(one, _freeze), ONSET, f"{one}: one number repeated"),
+        "N mm as N m": Fault(_column(tau, lambda values: 1e3 * values), 0.0, "in N mm"),
+        "link encoder frozen": Fault(_column("q", _freeze), ONSET, "q: one number repeated"),
+    }
+    if device.n_motors:
+        found["motor encoder frozen"] = Fault(_column("theta_1", _freeze), ONSET, "theta_1: one number repeated")
+        found["link angle reversed"] = Fault(_column("q", np.negative), 0.0, "wrong sign of q")
+    if several:
+        found["one torque reversed"] = Fault(_column("tau_1", np.negative), 0.0, "wrong sign of tau_1;")
+        found["torques exchanged"] = Fault(_column("tau", lambda tau: tau[:, ::-1]), 0.0, "are exchanged")
+    return found
+
+
+def with_fault(measured: Signals, fault: Fault) -> Signals:
+    """The recording as it would be with the fault."""
+    return Signals(measured.time, fault.change(dict(measured.channels)), measured.units, measured.held)
+
+
+def variations_of(device: Device) -> Mapping[str, Callable[[], Signals]]:
+    """Name -> recording of a sound joint that differs from its device file."""
+
+    def motors(**factors: float) -> Device:
+        changed = [
+            motor.model_copy(update={name: factor * getattr(motor, name) for name, factor in factors.items()})
+            for motor in device.motors
+        ]
+        return device.model_copy(update={"motors": tuple(changed)})
+
+    def rough(torque: float) -> Device:
+        changed = [motor.model_copy(update={"coulomb_friction": torque}) for motor in device.motors]
+        return device.model_copy(update={"motors": tuple(changed)})
+
+    def thinned(share: float) -> Signals:
+        full = moved(device)
+        kept = np.random.default_rng(1).random(len(full)) > share
+        return Signals(full.time[kept], {n: v[kept] for n, v in full.channels.items()}, full.units, full.held)
+
+    def torque(change: Callable[[Array], Array]) -> Signals:
+        full = moved(device)
+        return Signals(full.time, {**full.channels, "tau": change(full["tau"])}, full.units, full.held)
+
+    def late(tau: Array) -> Array:
+        return np.concatenate([np.repeat(tau[:1], 5, axis=0), tau[:-5]])
+
+    heavy = device.model_copy(update={"link": device.link.model_copy(update={"inertia": 3.0 * device.link.inertia})})
+    typical = SIZE * float(device.spring_laws[0].torque(device.springs[0].max_deflection)) if device.springs else 0.0
+    return {
+        "as filed": lambda: moved(device),
+        "link inertia x 3": lambda: moved(device, heavy),
+        "motor inertia x 2": lambda: moved(device, motors(inertia=2.0)),
+        "motor damping x 3": lambda: moved(device, motors(viscous_friction=3.0)),
+        "dry friction 10 % of the torque": lambda: moved(device, rough(0.1 * typical)),
+        "dry friction 30 % of the torque": lambda: moved(device, rough(0.3 * typical)),
+        "200 Hz": lambda: moved(device, rate=200.0),
+        "torque noise 10 %": lambda: moved(device, torque_noise=0.1 * typical),
+        "10 % of the samples lost": lambda: thinned(0.1),
+        "half of the samples lost": lambda: thinned(0.5),
+        "torque constant + 30 %": lambda: torque(lambda tau: 1.3 * tau),
+        "torque 5 ms late": lambda: torque(late),
+    }
+
+
+@dataclass(frozen=True)
+class FaultResult:
+    """A fault on a device: share of OK samples by method, share of impossible intervals and of those with its name."""
+
+    device: str
+    fault: str
+    ok: Mapping[str, float]
+    impossible: float
+    named: float
+    unexplained: Array  # (n,) of the intervals after the onset
+
+
+@dataclass(frozen=True)
+class SoundResult:
+    """A sound variation: share of IMPLAUSIBLE samples of the default method, unexplained shares of the intervals."""
+
+    device: str
+    variation: str
+    implausible: float
+    unexplained: Array
+
+
+def fault_result(device: Device, name: str, measured: Signals) -> FaultResult:
+    """The answers of every method of the device to one fault."""
+    fault = faults_of(device)[name]
+    faulty, ok = with_fault(measured, fault), {}
+    for method in methods_for(device):
+        estimates = estimator_for(device, method).run(faulty)
+        late = faulty.time > fault.onset + LATE
+        ok[method] = float(np.mean(estimates.status[late] == Status.OK))
+    samples = Samples.of_signals(faulty, device)
+    assert samples is not None
+    ends = np.arange(fault.onset + INTERVAL, DURATION, INTERVAL)
+    intervals = [samples.between(end - INTERVAL, end) for end in ends]
+    shares = [worst([each.share(part) for each in equations_of(device)]) for part in intervals]
+    names = [fault_of(device, part) for part, share in zip(intervals, shares, strict=True) if share.impossible]
+    right = [each is not None and fault.words in each.text for each in names]
+    return FaultResult(
+        device.name,
+        name,
+        ok,
+        float(np.mean([each.impossible for each in shares])),
+        float(np.mean(right)) if right else 0.0,
+        np.array([each.unexplained for each in shares]),
+    )
+
+
+def sound_result(device: Device, name: str) -> SoundResult:
+    """The answers of the device's default method to one sound variation."""
+    measured = variations_of(device)[name]()
+    estimates = estimator_for(device).run(measured)
+    samples = Samples.of_signals(measured, device)
+    assert samples is not None
+    shares = [
+        worst([each.share(samples.between(end - INTERVAL, end)) for each in equations_of(device)])
+        for end in np.arange(INTERVAL, DURATION, INTERVAL)
+    ]
+    return SoundResult(
+        device.name,
+        name,
+        float(np.mean(estimates.status == Status.IMPLAUSIBLE)),
+        np.array([each.unexplained for each in shares]),
+    )
