@@ -51,8 +51,14 @@ COMMANDS = {
         "via_bringup.cli.bag:check", "Check a bag for faults; the exit code is 1 if any finding is an error."
     ),
     "bag recover": Entry("via_bringup.cli.bag:recover", "Write all readable messages of a damaged bag to a new bag."),
-    "bag record": Entry("via_bringup.cli.bag:record", "Record topics until interrupted."),
-    "bag play": Entry("via_bringup.cli.bag:play", "Play a bag in time stamp order and publish /clock."),
+    "bag record": Entry(
+        "via_bringup.cli.bag:record",
+        "Record topics until interrupted, also those that appear later; a line names each topic at its first message.",
+    ),
+    "bag play": Entry(
+        "via_bringup.cli.bag:play",
+        "Play a bag in time stamp order and publish /clock. Gives up after 20 s without a listener; see --listeners.",
+    ),
     "gap diagnose": Entry(
         "via_bringup.cli.gap:diagnose",
         "Locate the gap between logs and model, identify its causes, and report the fraction that they explain.",
@@ -66,7 +72,7 @@ COMMANDS = {
     ),
     "gap propose": Entry(
         "via_bringup.cli.gap_propose:propose_motion",
-        "Propose the motion that best separates the causes that a report leaves tied, within the device's limits.",
+        "Propose the motion that best separates the tied causes of a report, within the device's limits.",
     ),
     "gap fleet": Entry(
         "via_bringup.cli.gap_fleet:fleet",

@@ -86,8 +86,7 @@ def arm_animation(arm: VsaArm, seen: Recorded, wall: Array | None, path: Path) -
     lines = []
     for axes, (i, j), words in zip(panels, ((0, 2), (0, 1)), (("x", "z"), ("x", "y")), strict=True):
         axes.set(xlim=(-0.1, 1.0), ylim=(-0.8, 0.3) if j == 2 else (-0.5, 0.6), aspect="equal")
-        axes.set_xlabel(f"{words[0]} [m]")
-        axes.set_ylabel(f"{words[1]} [m]")
+        axes.set(xlabel=f"{words[0]} [m]", ylabel=f"{words[1]} [m]")
         axes.plot(bodies[:, 2, i], bodies[:, 2, j], color=FAINT, linewidth=0.8)
         if wall is not None:
             axes.plot(wall[i], wall[j], "s", color=REFERENCE, markersize=7)

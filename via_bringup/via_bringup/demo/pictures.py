@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from via_core.metrics import WIDTH_95
 from via_core.signals import Array
+from via_gap.logs.replay import Gap
 
 REAL, MODEL, REFERENCE, FAINT = "#1b4965", "#d1495b", "#5a5a5a", "#9aa5b1"
 
@@ -31,17 +32,6 @@ STYLE = {
 
 
 @dataclass(frozen=True)
-class Trace:
-    """Measured and simulated joint angle of one run."""
-
-    title: str
-    time: Array  # (N,) [s]
-    real: Array  # (N,) [rad]
-    simulated: Array  # (N,) [rad]
-    nrmse: float
-
-
-@dataclass(frozen=True)
 class Band:
     """An estimate over time with its reference."""
 
@@ -52,14 +42,15 @@ class Band:
     trusted: Array  # (N,) bool: status OK
 
 
-def gap_traces(traces: Sequence[Trace], path: Path) -> None:
-    """Real and simulated joint angle, one panel per strategy."""
+def gap_traces(gaps: Mapping[str, Gap], path: Path) -> None:
+    """Real and simulated joint angle of runs by title, one panel per run."""
     with plt.rc_context(STYLE):
         figure, panels = plt.subplots(2, 2, figsize=(10, 6.4), sharex=True, constrained_layout=True)
-        for axes, trace in zip(panels.flat, traces, strict=False):
-            axes.plot(trace.time, trace.real, color=REAL, label="real robot")
-            axes.plot(trace.time, trace.simulated, color=MODEL, linestyle="--", label="published model")
-            axes.set_title(f"{trace.title}: NRMSE {trace.nrmse:.2f}", fontsize=12)
+        for axes, (title, gap) in zip(panels.flat, gaps.items(), strict=False):
+            time = gap.time - gap.time[0]
+            axes.plot(time, gap.measured, color=REAL, label="real robot")
+            axes.plot(time, gap.simulated, color=MODEL, linestyle="--", label="published model")
+            axes.set_title(f"{title}: NRMSE {gap.nrmse:.2f}", fontsize=12)
             axes.set_ylabel("joint angle q [rad]")
         for axes in panels[-1]:
             axes.set_xlabel("time [s]")
@@ -92,37 +83,24 @@ def by_strategy(columns: Mapping[str, Column], label: str, level: str, path: Pat
                 column.level, index - 0.4, index + 0.4, color=MODEL, linewidth=2.5, label=level if index == 0 else None
             )
         axes.set_xticks(range(len(columns)), list(columns))
-        axes.set_xlim(-0.6, len(columns) - 0.4)
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
-        axes.set_ylabel(label)
-        axes.set_xlabel("damping strategy")
+        axes.set(xlim=(-0.6, len(columns) - 0.4), xlabel="damping strategy", ylabel=label)
         _legend(axes)
         _save(figure, path)
 
 
-@dataclass(frozen=True)
-class RunDetail:
-    """Angle, damping and stiffness of one run over time."""
-
-    title: str
-    time: Array  # (N,) [s]
-    q: Array  # (N,) [rad]
-    equilibrium: Array  # (N,) [rad] commanded
-    damping: Band  # [N m s/rad]
-    stiffness: Band  # [N m/rad]
-
-
-def run_in_detail(run: RunDetail, path: Path) -> None:
-    """Angle, damping and stiffness of one run over time."""
+def run_in_detail(title: str, gap: Gap, equilibrium: Array, damping: Band, stiffness: Band, path: Path) -> None:
+    """Measured angle and commanded equilibrium (N,) [rad], damping and stiffness of one run over time."""
     with plt.rc_context(STYLE):
         figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 8), sharex=True, constrained_layout=True)
-        figure.suptitle(run.title, fontsize=13)
-        top.plot(run.time, run.q, color=REAL, label="joint angle q")
-        top.plot(run.time, run.equilibrium, color=REFERENCE, linestyle=":", label="commanded equilibrium")
+        figure.suptitle(title, fontsize=13)
+        time = gap.time - gap.time[0]
+        top.plot(time, gap.measured, color=REAL, label="joint angle q")
+        top.plot(time, equilibrium, color=REFERENCE, linestyle=":", label="commanded equilibrium")
         top.set_ylabel("angle [rad]")
         _legend(top)
-        _band(middle, run.damping, "commanded", "damping\n[N m s/rad]")
-        _band(bottom, run.stiffness, "spring law of the published model", "stiffness\n[N m/rad]")
+        _band(middle, damping, "commanded", "damping\n[N m s/rad]")
+        _band(bottom, stiffness, "spring law of the published model", "stiffness\n[N m/rad]")
         bottom.set_xlabel("time [s]")
         _save(figure, path)
 
@@ -144,8 +122,7 @@ def live_joint(time: Array, q: Array, theta: Array, stiffness: Band, path: Path)
         if stiffness.trusted.any():
             reach = 1.1 * np.nanpercentile(np.maximum(half, np.abs(error)), 98)
             bottom.set_ylim(-reach, reach)
-        bottom.set_ylabel("error [N m/rad]")
-        bottom.set_xlabel("time [s]")
+        bottom.set(xlabel="time [s]", ylabel="error [N m/rad]")
         _legend(bottom)
         _save(figure, path)
 

@@ -22,7 +22,7 @@ from via_ros.composition import Composition
 from via_ros.nodes.player import Player
 from via_ros.nodes.recorder import Recorder
 
-from via_bringup.demo.pictures import Band, Column, RunDetail, Trace, by_strategy, gap_traces, run_in_detail
+from via_bringup.demo.pictures import Band, Column, by_strategy, gap_traces, run_in_detail
 from via_bringup.demo.summary import Quantity, RefusedRecording, RobotPart, RobotRun, Traffic
 
 DEVICE = "maccepavd"
@@ -146,10 +146,9 @@ def _evaluate(device: Device, recorded: Path, traffic: Traffic) -> EvaluatedRun:
         bag, f"/{device.name}/damping", device.link.viscous_friction + device.damping_of(commanded["damping"])
     )
     model = simulated_log(device, measured, commands)
-    servos = model.select(["theta"]).resample(measured.time)[
-        "theta"
-    ]  # logged servo angles are wrong while the servos move
-    stiffness = _stream(bag, f"/{device.name}/stiffness", device.stiffness(measured["q"], servos))
+    # The logged servo angles are wrong while the servos move.
+    stiffness_of_model = device.stiffness(measured["q"], model.select(["theta"]).resample(measured.time)["theta"])
+    stiffness = _stream(bag, f"/{device.name}/stiffness", stiffness_of_model)
     gap = gap_to(model, measured)
     record = RobotRun(
         strategy=parts[1],
@@ -177,29 +176,18 @@ def _stream(bag: Bag, topic: str, reference: Array) -> Stream:
 def _draw(runs: Sequence[EvaluatedRun], pictures: Path) -> None:
     of = _grouped(runs)
     middle = {name: sorted(each, key=lambda run: run.record.nrmse)[len(each) // 2] for name, each in of.items()}
-    gap_traces([_trace(run) for run in middle.values()], pictures / "gap.png")
-    by_strategy(
-        {name: _gap_column(each) for name, each in of.items()},
-        "NRMSE of the simulated angle [-]",
-        "pooled",
-        pictures / "nrmse.png",
-    )
-    by_strategy(
-        {name: _damping_column(each) for name, each in of.items()},
-        "damping [N m s/rad]",
-        "commanded, averaged with the same weights",
-        pictures / "damping.png",
-    )
+    gap_traces({_name(run): run.gap for run in middle.values()}, pictures / "gap.png")
+    errors = {
+        name: Column(np.array([run.record.nrmse for run in each]), None, pooled([run.gap for run in each]))
+        for name, each in of.items()
+    }
+    by_strategy(errors, "NRMSE of the simulated angle [-]", "pooled", pictures / "nrmse.png")
+    damping = {name: _damping_column([run.record.damping for run in each]) for name, each in of.items()}
+    weighted = "commanded, averaged with the same weights"
+    by_strategy(damping, "damping [N m s/rad]", weighted, pictures / "damping.png")
     shown = middle.get(IN_DETAIL, runs[0])
-    detail = RunDetail(
-        f"{_name(shown)}, real robot",
-        shown.gap.time - shown.gap.time[0],
-        shown.gap.measured,
-        shown.equilibrium,
-        shown.damping.band,
-        shown.stiffness.band,
-    )
-    run_in_detail(detail, pictures / "run.png")
+    title, bands = f"{_name(shown)}, real robot", (shown.damping.band, shown.stiffness.band)
+    run_in_detail(title, shown.gap, shown.equilibrium, *bands, pictures / "run.png")
 
 
 def _grouped(runs: Sequence[EvaluatedRun]) -> dict[str, list[EvaluatedRun]]:
@@ -211,22 +199,9 @@ def _name(run: EvaluatedRun) -> str:
     return f"{run.record.strategy} {run.record.trajectory}.{run.record.repeat}"
 
 
-def _trace(run: EvaluatedRun) -> Trace:
-    gap = run.gap
-    return Trace(_name(run), gap.time - gap.time[0], gap.measured, gap.simulated, gap.nrmse)
-
-
-def _gap_column(runs: Sequence[EvaluatedRun]) -> Column:
-    return Column(np.array([run.record.nrmse for run in runs]), None, pooled([run.gap for run in runs]))
-
-
-def _damping_column(runs: Sequence[EvaluatedRun]) -> Column:
-    each = [run.record.damping for run in runs]
-    return Column(
-        np.array([q.value for q in each]),
-        np.array([q.standard_deviation for q in each]),
-        float(np.mean([q.reference for q in each])),
-    )
+def _damping_column(runs: Sequence[Quantity]) -> Column:
+    value, sd, reference = np.array([(q.value, q.standard_deviation, q.reference) for q in runs]).T
+    return Column(value, sd, float(np.mean(reference)))
 
 
 def _part(imported: ImportReport, source: str, runs: Sequence[EvaluatedRun]) -> RobotPart:

@@ -57,13 +57,11 @@ def _limit_cycle(out: Path, duration: float) -> list[Path]:
     for i, colour in enumerate(COLOURS):
         mode = seen.quantity(f"z_{i + 1}")
         modal.plot(mode, np.gradient(mode, step), color=colour, linewidth=0.9, label=f"mode {i + 1}")
-    modal.set_xlabel("z [sqrt(kg m^2) rad]")
-    modal.set_ylabel("zd [sqrt(kg m^2) rad/s]")
+    modal.set(xlabel="z [sqrt(kg m^2) rad]", ylabel="zd [sqrt(kg m^2) rad/s]")
     modal.legend(loc="upper right", fontsize=9)
     _joints_plot(joints, seen, EQUILIBRIUM)
     level.plot(step * np.arange(len(seen.values)), seen.quantity("H") / LEVEL, color=REAL)
-    level.set_xlabel("time [s]")
-    level.set_ylabel("H / H_d [-]")
+    level.set(xlabel="time [s]", ylabel="H / H_d [-]")
     return [out / "bag", _saved(figure, out / "phase.png"), arm_animation(ARM, seen, None, out / "motion.gif")]
 
 
@@ -78,8 +76,7 @@ def _hitting(out: Path, duration: float) -> list[Path]:
     path = np.array([arm.tip_position(q) for q in seen.q])
     tip.plot(seen.time, 1e3 * (path - point) @ -normal, color=REAL)
     tip.axhspan(0.0, 5.0, color=FAINT, alpha=0.5, linewidth=0)
-    tip.set_xlabel("time [s]")
-    tip.set_ylabel("tip beyond the wall's face [mm]")
+    tip.set(xlabel="time [s]", ylabel="tip beyond the wall's face [mm]")
     _joints_plot(joints, seen, scene.rest)
     return [out / "bag", _saved(figure, out / "phase.png"), arm_animation(arm, seen, point, out / "motion.gif")]
 
@@ -98,12 +95,10 @@ def _throw(out: Path, duration: float) -> list[Path]:
     speeds.plot(
         [controller.horizon], [parameters.speed_share * ideal], "o", color=REFERENCE, label="closed form, ideal motor"
     )
-    speeds.set_xlabel("time [s]")
-    speeds.set_ylabel("velocity [rad/s]")
+    speeds.set(xlabel="time [s]", ylabel="velocity [rad/s]")
     speeds.legend(loc="upper left", fontsize=10)
     phase.plot(q - theta, velocity, color=REAL)
-    phase.set_xlabel("deflection of the spring [rad]")
-    phase.set_ylabel("velocity of the link [rad/s]")
+    phase.set(xlabel="deflection of the spring [rad]", ylabel="velocity of the link [rad/s]")
     drawn = _saved(figure, out / "phase.png")
     return [out / "bag", drawn, throw_animation(seen, velocity, out / "motion.gif")]
 
@@ -114,11 +109,9 @@ def _hopper(out: Path, duration: float) -> list[Path]:
     seen = record_scene(out / "bag", simulated, NODES["hopping"], duration)
     figure, (height, phase) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
     height.plot(seen.time, seen.trunk[:, 1], color=REAL)
-    height.set_xlabel("time [s]")
-    height.set_ylabel("height of the trunk [m]")
+    height.set(xlabel="time [s]", ylabel="height of the trunk [m]")
     phase.plot(seen.trunk[:, 1], np.gradient(seen.trunk[:, 1], seen.time), color=REAL, linewidth=0.8)
-    phase.set_xlabel("height of the trunk [m]")
-    phase.set_ylabel("its rate [m/s]")
+    phase.set(xlabel="height of the trunk [m]", ylabel="its rate [m/s]")
     drawn = _saved(figure, out / "phase.png")
     return [out / "bag", drawn, hopper_animation(robot, seen, out / "motion.gif")]
 
@@ -134,8 +127,7 @@ SCENES: dict[str, Callable[[Path, float], list[Path]]] = {
 def _joints_plot(axes: plt.Axes, seen: Recorded, about: Array) -> None:
     for i, colour in enumerate(COLOURS):
         axes.plot(seen.q[:, i] - about[i], seen.velocity[:, i], color=colour, linewidth=0.8, label=f"joint {i + 1}")
-    axes.set_xlabel("link angle about rest [rad]")
-    axes.set_ylabel("link velocity [rad/s]")
+    axes.set(xlabel="link angle about rest [rad]", ylabel="link velocity [rad/s]")
     axes.legend(loc="upper right", fontsize=9)
 
 

@@ -29,6 +29,8 @@ MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS, _METADATA = 1, 2, 3, 4, 5, 6, 11, 12
 _RECORD_HEAD = 9  # opcode u8, length u64
 _MESSAGE_HEAD = 22  # channel u16, sequence u32, log_time u64, publish_time u64
+# length of the payload [bytes], times [ns], and rank among all messages of the file
+ROW = np.dtype([(name, np.int64) for name in ("length", "log_time", "publish_time", "sequence", "position")])
 _BATCH = 64 << 20  # [bytes] of uncompressed chunks processed at once
 
 
@@ -49,26 +51,17 @@ class Channel:
 
 @dataclass(frozen=True)
 class Messages:
-    """Messages of one channel in file order.
-
-    data          all payloads, concatenated
-    start         (n,) offset of each in `data`; its size is `length` (n,) [bytes]
-    log_time      (n,) [ns]
-    publish_time  (n,) [ns]
-    sequence      (n,)
-    position      (n,) rank among all messages of the file
-    """
+    """Messages of one channel in file order: all payloads, concatenated, and a row of numbers (n,) for each."""
 
     data: Bytes
-    start: Integers
-    length: Integers
-    log_time: Integers
-    publish_time: Integers
-    sequence: Integers
-    position: Integers
+    rows: NDArray[np.void]  # (n,) of ROW
 
     def __len__(self) -> int:
-        return len(self.start)
+        return len(self.rows)
+
+    def __getitem__(self, name: str) -> Integers:
+        """A column (n,) of ROW."""
+        return np.ascontiguousarray(self.rows[name])
 
 
 @dataclass(frozen=True)
@@ -187,7 +180,7 @@ class _Walk:
         if unknown:
             lost = sum(len(piece) for channel in unknown for piece in self.pieces[channel])
             self.remarks.append(f"{lost} messages belong to undeclared channels")
-        messages = {channel: _joined(self.pieces.get(channel, [])) for channel in self.channels}
+        messages = {channel: joined(self.pieces.get(channel, [])) for channel in self.channels}
         return Container(
             self.path, profile, self.channels, messages, self.metadata, not self.remarks, tuple(self.remarks)
         )
@@ -292,17 +285,12 @@ class _Walk:
             mine = channels == number
             at = offset[mine]
             size = length[mine] - _MESSAGE_HEAD
-            self.pieces.setdefault(int(number), []).append(
-                Messages(
-                    data=_gather(data, at + _MESSAGE_HEAD, size),
-                    start=np.cumsum(size) - size,
-                    length=size,
-                    log_time=_read(data, at + 6, "<i8"),
-                    publish_time=_read(data, at + 14, "<i8"),
-                    sequence=_read(data, at + 2, "<u4"),
-                    position=position[mine],
-                )
-            )
+            rows = np.empty(len(at), ROW)
+            rows["length"], rows["position"] = size, position[mine]
+            rows["log_time"], rows["publish_time"] = _read(data, at + 6, "<i8"), _read(data, at + 14, "<i8")
+            rows["sequence"] = _read(data, at + 2, "<u4")
+            piece = Messages(_gather(data, at + _MESSAGE_HEAD, size), rows)
+            self.pieces.setdefault(int(number), []).append(piece)
 
     def _ending(self, footer: bool, end: int) -> None:
         size = len(self.data)
@@ -364,22 +352,12 @@ def _read(data: Bytes, offset: Integers, form: str) -> Integers:
     return everywhere[offset].astype(np.int64)
 
 
-def _joined(pieces: list[Messages]) -> Messages:
+def joined(pieces: list[Messages]) -> Messages:
+    """The messages of all pieces in this order."""
     if len(pieces) == 1:
         return pieces[0]
-    empty = np.empty(0, np.int64)
-    if not pieces:
-        return Messages(np.empty(0, np.uint8), empty, empty, empty, empty, empty, empty)
-    length = np.concatenate([piece.length for piece in pieces])
-    return Messages(
-        data=np.concatenate([piece.data for piece in pieces]),
-        start=np.cumsum(length) - length,
-        length=length,
-        log_time=np.concatenate([piece.log_time for piece in pieces]),
-        publish_time=np.concatenate([piece.publish_time for piece in pieces]),
-        sequence=np.concatenate([piece.sequence for piece in pieces]),
-        position=np.concatenate([piece.position for piece in pieces]),
-    )
+    every = [Messages(np.empty(0, np.uint8), np.empty(0, ROW)), *pieces]
+    return Messages(np.concatenate([each.data for each in every]), np.concatenate([each.rows for each in every]))
 
 
 def files_of(path: Path) -> Iterator[Path]:

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
-from via_core.bags.container import Channel, Container, Messages, files_of, read_container
+from via_core.bags.container import Channel, Container, Messages, files_of, joined, read_container
 from via_core.bags.definitions import Definition, typestore_from_text
 from via_core.bags.layout import NoFixedLayoutError, column, decoded, layout_of, scalar_formats, shares_layout
 from via_core.bags.writer import STORAGE_METADATA
 from via_core.errors import BagError
-from via_core.wire import JOINT_STATE
+from via_core.wire import JOINT_STATE, SECOND
 
 Integers = NDArray[np.int64]
 _YamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -83,10 +83,10 @@ class Topic:
     name: str
     definition: Definition
     qos: str  # offered_qos_profiles, the YAML text of rosbag2
-    parts: tuple[Messages, ...]  # one per file and channel
+    messages: Messages  # file by file, position: rank in the bag
 
     def __len__(self) -> int:
-        return sum(len(part) for part in self.parts)
+        return len(self.messages)
 
     @property
     def type_name(self) -> str:
@@ -98,36 +98,28 @@ class Topic:
 
     @cached_property
     def log_time(self) -> Integers:
-        return _concatenated([part.log_time for part in self.parts])
+        return self.messages["log_time"]
 
     @cached_property
     def sequence(self) -> Integers:
-        return _concatenated([part.sequence for part in self.parts])
+        return self.messages["sequence"]
 
     @cached_property
     def publish_time(self) -> Integers:
-        return _concatenated([part.publish_time for part in self.parts])
-
-    @cached_property
-    def position(self) -> Integers:
-        """Rank of each message in the bag."""
-        return _concatenated([part.position for part in self.parts])
+        return self.messages["publish_time"]
 
     @cached_property
     def stamp(self) -> Integers:
         """Header stamps [ns]; log times for types without a header and messages too short for one."""
         if not self._has_header:
             return self.log_time
-        stamps = []
-        for part in self.parts:
-            stamp = part.log_time.copy()
-            long = part.length >= 12
-            at = part.start[long, None] + np.arange(4, 12)
-            time = part.data[at].view("<u4").reshape(-1, 2).astype(np.int64)
-            seconds = time[:, 0] - ((time[:, 0] >> 31) << 32)  # int32
-            stamp[long] = seconds * 1_000_000_000 + time[:, 1]
-            stamps.append(stamp)
-        return _concatenated(stamps)
+        length, stamp = self.messages["length"], self.log_time.copy()
+        long = length >= 12
+        at = (np.cumsum(length) - length)[long, None] + np.arange(4, 12)
+        time = self.messages.data[at].view("<u4").reshape(-1, 2).astype(np.int64)
+        seconds = time[:, 0] - ((time[:, 0] >> 31) << 32)  # int32
+        stamp[long] = seconds * SECOND + time[:, 1]
+        return stamp
 
     @property
     def _has_header(self) -> bool:
@@ -136,10 +128,10 @@ class Topic:
 
     def payloads(self) -> Iterator[bytes]:
         """The serialised messages in file order."""
-        for part in self.parts:
-            data = part.data.tobytes()
-            for start, length in zip(part.start.tolist(), part.length.tolist()):
-                yield data[start : start + length]
+        data, end = self.messages.data.tobytes(), 0
+        for length in self.messages["length"].tolist():
+            yield data[end : end + length]
+            end += length
 
     @cached_property
     def columns(self) -> Columns:
@@ -154,10 +146,10 @@ class Topic:
         return Columns(self.name, self.type_name, log_time, stamp, MappingProxyType(fields), False, left_out)
 
     def _by_offset(self) -> dict[str, NDArray[Any]] | None:
-        lengths = np.concatenate([part.length for part in self.parts])
+        lengths = self.messages["length"]
         if len(lengths) == 0 or np.any(lengths != lengths[0]):
             return None
-        rows = _concatenated([part.data for part in self.parts]).reshape(len(lengths), int(lengths[0]))
+        rows = self.messages.data.reshape(len(lengths), int(lengths[0]))
         try:
             layout = layout_of(self.store, self.type_name, rows[0].tobytes())
         except NoFixedLayoutError:
@@ -237,7 +229,7 @@ class Bag:
         if not chosen:
             return
         stamps = np.concatenate(_on_one_clock(chosen) if by_stamp else [topic.stamp for topic in chosen])
-        rank = np.concatenate([topic.position for topic in chosen])
+        rank = np.concatenate([topic.messages["position"] for topic in chosen])
         which = np.repeat(np.arange(len(chosen)), [len(topic) for topic in chosen])
         index = np.concatenate([np.arange(len(topic)) for topic in chosen])
         payloads = [list(topic.payloads()) for topic in chosen]
@@ -297,8 +289,8 @@ def _topics(containers: list[Container], remarks: list[str]) -> dict[str, Topic]
     for container in containers:
         for number, channel in container.channels.items():
             messages = container.messages[number]
-            moved = messages if before == 0 else _later(messages, before)
-            channels.setdefault(channel.topic, []).append((channel, moved))
+            messages.rows["position"] += before
+            channels.setdefault(channel.topic, []).append((channel, messages))
         before += sum(len(messages) for messages in container.messages.values())
     topics = {}
     for name, parts in channels.items():
@@ -319,7 +311,7 @@ def _topics(containers: list[Container], remarks: list[str]) -> dict[str, Topic]
             type_hash = first.metadata.get("topic_type_hash") or store.hash_rihs01(first.schema.name)
             definition = Definition(first.schema.name, text, type_hash)
             topic = Topic(name, definition, first.metadata.get("offered_qos_profiles", ""),
-                          tuple(messages for _, messages in same))  # fmt: skip
+                          joined([messages for _, messages in same]))  # fmt: skip
         except (UnicodeDecodeError, BagError) as error:
             remarks.append(f"topic {name} is left out: {error}")
             continue
@@ -348,13 +340,6 @@ def _metadata(path: Path, containers: list[Container]) -> tuple[dict[str, str], 
     return {}, remarks
 
 
-def _later(messages: Messages, by: int) -> Messages:
-    return Messages(
-        messages.data, messages.start, messages.length, messages.log_time, messages.publish_time, messages.sequence,
-        messages.position + by,
-    )  # fmt: skip
-
-
 def _on_one_clock(topics: list[Topic]) -> list[Integers]:
     """Stamps of each topic on the clock of the joint states."""
     samples = [topic for topic in topics if topic.type_name == JOINT_STATE]
@@ -370,10 +355,6 @@ def _on_one_clock(topics: list[Topic]) -> list[Integers]:
         return first + np.interp(topic.log_time - logged[0], logged - logged[0], stamps - first).astype(np.int64)
 
     return [moved(topic) for topic in topics]
-
-
-def _concatenated(arrays: list[NDArray[Any]]) -> NDArray[Any]:
-    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
 def _flattened(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
