@@ -1,14 +1,16 @@
 """Equations of a record balance with the plant that made the log, and not with another plant."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from joint_records import of_commands, of_torques
 from sim_joints import BOTH_SIDES, ENCODER_ERRORS, RIPPLES, SIZES, antagonistic, flexible, rigid, serial_servo
 from via_core.errors import ParameterError, SignalError
 from via_core.signals import Signals
 from via_core.weak_form import window_weights
 from via_gap.residual.equation_torques import equation_torques
 from via_gap.residual.record import Record
-from via_gap.residual.zero_order_hold import ZeroOrderHold
 from via_sim.effects import Effect, places
 from via_sim.effects.catalogue import EFFECTS
 from via_sim.joint.parameters import ABSENT, P
@@ -43,7 +45,7 @@ def recorded(plant, sent) -> Record:
     velocity[:, 0] = run["q_velocity"]
     if plant.device.n_motors:
         velocity[:, 1 : 1 + plant.device.n_motors] = run["theta_velocity"]
-    return Record.of_commands(plant.device, run, velocity, sent)
+    return of_commands(plant.device, run, velocity, sent)
 
 
 def residual(plant, record) -> np.ndarray:
@@ -122,9 +124,9 @@ def test_measured_torques_replace_commands():
     sent = commands(plant.device, {"arm_torque": np.zeros(round(SECONDS * RATE))})
     run = simulate(plant, sent, 2.0, RATE).measured
     velocity = np.column_stack([run["q_velocity"], run["theta_velocity"]])
-    record = Record.of_torques(plant.device, run, velocity, None)
+    record = of_torques(plant.device, run, velocity, None)
     assert worst(residual(plant, record)) < 2e-4
-    same = Record.of_commands(plant.device, run, velocity, sent)
+    same = of_commands(plant.device, run, velocity, sent)
     assert np.allclose(
         equation_torques(plant.parameters, record).torque[2:-2],
         equation_torques(plant.parameters, same).torque[2:-2],
@@ -161,14 +163,14 @@ def test_cached_means_belong_to_the_row(name, number, value):
     row, sent = JointPlant.from_device(joint).parameters.copy(), commands(joint)
     run = simulate(JointPlant.from_device(joint), sent, 2.0, RATE).measured
     velocity = np.column_stack([run["q_velocity"], run["theta_velocity"], np.zeros(len(run))])
-    record = Record.of_torques(joint, run, velocity, sent)
+    record = of_torques(joint, run, velocity, sent)
     other = row.copy()
     other[getattr(P, name) + number] = value
     for each in (row, other, row):
-        late, prompt = record.hold.means(each)
-        fresh = ZeroOrderHold(record.time, record.command_time, record.commands, record.sensed).means(each)
+        late, prompt = record.means(each)
+        fresh = replace(record).means(each)
         assert np.array_equal(late, fresh[0]) and np.array_equal(prompt, fresh[1])
-    moved = not np.array_equal(record.hold.means(row)[0], record.hold.means(other)[0])
+    moved = not np.array_equal(record.means(row)[0], record.means(other)[0])
     assert moved == (name not in ("inertia", "torque_gain"))
 
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from joint_records import of_commands
 from sim_joints import positioned
 from sim_position_drives import EFFECT_SETS, GRAVITY, RATE, SERVOS, goals, wave
-from via_core.errors import SignalError
 from via_core.weak_form import window_weights
 from via_gap.residual.equation_torques import equation_torques
-from via_gap.residual.record import Record
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate
 
@@ -37,7 +36,7 @@ def test_equations_balance_without_measured_torque(servo, effects) -> None:
     seen = simulate(plant, sent, 2.999, RATE).measured
     velocity = np.zeros((len(seen), 3))
     velocity[:, 0] = seen["q_velocity"]
-    record = Record.of_commands(device, seen, velocity, sent)
+    record = of_commands(device, seen, velocity, sent)
     right, wrong = np.abs(residual(plant, record)), np.abs(residual(nominal, record))
     assert np.sqrt(np.mean(right**2)) < 1.5e-3
     assert np.sqrt(np.mean(wrong**2)) > 20.0 * np.sqrt(np.mean(right**2))
@@ -51,7 +50,5 @@ def test_equations_balance_while_the_drive_is_off() -> None:
     seen = simulate(plant, goals(values), 1.999, RATE).measured
     velocity = np.zeros((len(seen), 3))
     velocity[:, 0] = seen["q_velocity"]
-    record = Record.of_commands(device, seen, velocity, goals(values))
+    record = of_commands(device, seen, velocity, goals(values))
     assert np.max(np.abs(residual(plant, record))) < 2e-3
-    with pytest.raises(SignalError, match="has a position drive"):
-        Record.of_torques(device, seen, velocity, goals(values))

@@ -33,15 +33,7 @@ from via_sim.joint.compiled import bare, inlined
 from via_sim.joint.encoders import read_motion, true_motion
 from via_sim.joint.friction import breakaway, dry_friction, has_friction, viscous_friction
 from via_sim.joint.measurements import hermite
-from via_sim.joint.parameters import (
-    ABSENT,
-    DYNAMIC,
-    N_PARAMETERS,
-    POSITION_DRIVE,
-    SERVO,
-    TORQUE_DRIVE,
-    P,
-)
+from via_sim.joint.parameters import ABSENT, DYNAMIC, N_PARAMETERS, POSITION_DRIVE, SERVO, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import followed, mean_followed
 from via_sim.joint.torques import (
     ARM,
@@ -118,7 +110,7 @@ def equation_torques(row: Array, record: Record, wanted: NDArray[np.intp] | None
     every = np.arange(len(record))
     walked = every if wanted is None or _has_memory(p) else wanted
     out = np.empty((len(walked), _N_COLUMNS))
-    walk(p, record.time, record.angle, record.velocity, *record.hold.means(p), walked, out)
+    walk(p, record.time, record.angle, record.velocity, *record.means(p), walked, out)
     if wanted is not None and walked is every:
         out = out[wanted]
     kinds = p[P.axis_kind : P.axis_kind + 3]
@@ -191,7 +183,7 @@ def _mean_goal(p: Array, late: Array, measured: float, width: float, x: Array, u
 def walk(
     p: Array, time: Array, angle: Array, velocity: Array, late: Array, prompt: Array, wanted: Any, out: Array
 ) -> None:
-    """Torques at the wanted samples of a record into out (n, 17), see `EquationTorques` and `ZeroOrderHold.means`."""
+    """Torques at the wanted samples of a record into out (n, 17), see `EquationTorques` and `Record.means`."""
     c1, c2 = spring_coefficients(p)
     log = _Log(time, angle, velocity, late, prompt)
     work = _Work(np.zeros(N_MODES, np.int64), np.zeros(N_INPUTS), np.zeros(X.queue), np.zeros(6))

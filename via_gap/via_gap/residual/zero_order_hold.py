@@ -3,60 +3,22 @@
 In a trapezoid rule over samples a torque under zero-order hold has the weight of its mean over such a cell:
 (u_n + u_{n-1})/2 where commands change on samples, and correct to second order for any dead time, command rate and
 jitter.
-
-The means take as long as all other terms of the equations, and most parameter rows of a fit have the same ones.
-Therefore the last results are cached.
 """
 
 from __future__ import annotations
-
-from collections import OrderedDict
 
 import numpy as np
 from via_core.dampers import N_DAMPER_COEFFICIENTS, damper_value
 from via_core.signals import Array
 from via_sim.joint.actuation import saturated
 from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
-from via_sim.joint.torques import DAMPING, EXTERNAL, GOAL, N_COMMANDS, NEIGHBOUR, POWER, bare, compiled
+from via_sim.joint.torques import DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, bare, compiled
 
-_CACHED = 2  # results: a fit alternates between its parameters and a variation of one of them
-# Slots of the row that the means depend on.
-_SLOTS = np.concatenate(
-    [
-        np.arange(first, first + size)
-        for first, size in (
-            (P.axis_kind, 3), (P.torque_limit, 2), (P.saturation, 3), (P.link_drive, 1), (P.delay, 1),
-            (P.damper_site, 1), (P.damper_kind, 1), (P.damper, N_DAMPER_COEFFICIENTS), (P.sensed_gain, 3),
-            (P.sensed_bias, 3),
-        )
-    ]
-)  # fmt: skip
-
-
-class ZeroOrderHold:
-    """Commands of a record and their means under a parameter row; arguments as of `Record`."""
-
-    def __init__(self, time: Array, command_time: Array, commands: Array, sensed: bool) -> None:
-        self._arguments = time, command_time, commands, sensed
-        self._cache: OrderedDict[bytes, tuple[Array, Array]] = OrderedDict()
-
-    def means(self, row: Array) -> tuple[Array, Array]:
-        """Means (N, N_COMMANDS) under a parameter row (N_PARAMETERS,): after its dead time, and without dead time."""
-        key = row[_SLOTS].tobytes()
-        if key in self._cache:
-            self._cache.move_to_end(key)
-            return self._cache[key]
-        time, command_time, commands, sensed = self._arguments
-        late = np.empty((len(time), N_COMMANDS))
-        means_of_cells(row, time, command_time, commands, sensed, row[P.delay], late)
-        prompt = late
-        if row[P.delay] > 0.0:
-            prompt = np.empty_like(late)
-            means_of_cells(row, time, command_time, commands, sensed, 0.0, prompt)
-        self._cache[key] = late, prompt
-        if len(self._cache) > _CACHED:
-            self._cache.popitem(last=False)
-        return late, prompt
+SLOTS = np.r_[  # of a row: all that the means depend on
+    P.axis_kind : P.axis_kind + 3, P.torque_limit : P.torque_limit + 2, P.saturation : P.saturation + 3, P.link_drive,
+    P.delay, P.damper_site, P.damper_kind, P.damper : P.damper + N_DAMPER_COEFFICIENTS,
+    P.sensed_gain : P.sensed_gain + 3, P.sensed_bias : P.sensed_bias + 3,
+]  # fmt: skip
 
 
 @compiled
