@@ -39,21 +39,17 @@ class Start:
 def starts(location: Location, scales: Scales, device: Device) -> tuple[Start, ...]:
     """All starts of a candidate; for both motors those of the first. Optional parameters are neutral."""
     parameters = location.parameters
-    made = _STARTS[location.name](_Here(scales, location.axis, location, device))
-    clipped = []
-    for start in made:
-        directions = tuple(
-            {p.name: float(np.clip(d.get(p.name, p.neutral), p.low, p.high)) for p in parameters}
-            for d in start.directions
-        )
-        clipped.append(replace(start, directions=directions))
-    return tuple(clipped)
+
+    def whole(given: Values) -> Values:
+        return {p.name: float(np.clip(given.get(p.name, p.neutral), p.low, p.high)) for p in parameters}
+
+    made = _STARTS[location.name].made(_Here(scales, location, device))
+    return tuple(replace(start, directions=tuple(map(whole, start.directions))) for start in made)
 
 
 def size_parameters(location: Location) -> tuple[str, ...]:
     """Names of the size parameters of an effect: at their neutral values it is absent."""
-    named = _SIZES.get(location.name)
-    return named or tuple(p.name for p in location.parameters if p.linear)
+    return _STARTS[location.name].sizes
 
 
 def combined(location: Location, start: Start, amounts: Sequence[float]) -> list[float]:
@@ -80,13 +76,12 @@ def amount_range(location: Location, start: Start, reach: float) -> tuple[list[f
     """Least and largest amounts of each direction within the effect's bounds and +-reach."""
     lows, highs = [], []
     for direction in start.directions:
-        low, high = (-reach, reach) if start.wave else ((1.0, 1.0) if not start.scaled else (-reach, reach))
-        if not start.wave:
-            for p in location.parameters:
-                step = direction[p.name] - p.neutral
-                if p.name in start.scaled and step != 0.0:
-                    ends = sorted(((p.low - p.neutral) / step, (p.high - p.neutral) / step))
-                    low, high = max(low, ends[0]), min(high, ends[1])
+        low, high = (-reach, reach) if start.wave or start.scaled else (1.0, 1.0)
+        for p in location.parameters:
+            step = direction[p.name] - p.neutral
+            if p.name in start.scaled and step != 0.0:
+                ends = sorted(((p.low - p.neutral) / step, (p.high - p.neutral) / step))
+                low, high = max(low, ends[0]), min(high, ends[1])
         lows.append(low)
         highs.append(high)
     return lows, highs
@@ -118,181 +113,139 @@ def size_of(parameter: EffectParameter, location: Location, scales: Scales) -> f
     return float(min(size, parameter.high - parameter.low))
 
 
-@dataclass(frozen=True)
-class _Here:
-    scales: Scales
-    axis: int
-    location: Location
-    device: Device
-
-    @property
-    def torque(self) -> float:
-        return _typical(self.scales, self.location, self.axis)[0]
-
-    @property
-    def speed(self) -> float:
-        return _typical(self.scales, self.location, self.axis)[1]
-
-
 def _typical(scales: Scales, location: Location, axis: int) -> tuple[float, float]:
     """Torque [N m] and speed [rad/s] at a location; a transmission transmits at least the torque on the link."""
     torque, speed = float(scales.torque[axis]), float(scales.speed[axis])
     return (max(torque, float(scales.torque[0])), speed) if location.site == "transmission" else (torque, speed)
 
 
-def _one(values: Callable[[_Here], Values], *scaled: str) -> Callable[[_Here], list[Start]]:
-    return lambda here: [Start((values(here),), scaled)]
+@dataclass(frozen=True)
+class _Here:
+    """What the starts of an effect at a location are relative to."""
+
+    scales: Scales
+    location: Location
+    device: Device
+
+    @property
+    def torque(self) -> float:
+        return _typical(self.scales, self.location, self.location.axis)[0]
+
+    @property
+    def speed(self) -> float:
+        return _typical(self.scales, self.location, self.location.axis)[1]
 
 
-def _each(first: Callable[[_Here], Values], second: Callable[[_Here], Values]) -> Callable[[_Here], list[Start]]:
-    def made(here: _Here) -> list[Start]:
-        a, b = first(here), second(here)
-        return [Start((a, b), tuple(dict.fromkeys([*a, *b])))]
+@dataclass(frozen=True)
+class _Starts:
+    """Starts of one effect, and the names of its size parameters."""
 
-    return made
-
-
-def _stribeck(here: _Here) -> list[Start]:
-    small, speeds = 0.1 * here.torque, (0.03, 0.12, 0.4)
-    return [
-        Start(({"breakaway": 2.0 * small, "kinetic": small, "velocity": share * here.speed},), ("breakaway", "kinetic"))
-        for share in speeds
-    ]
+    sizes: tuple[str, ...]
+    made: Callable[[_Here], list[Start]]
 
 
-def _presliding(here: _Here) -> list[Start]:
-    torque = 0.1 * here.torque
-    ways = [share * here.scales.angle for share in (0.01, 0.05, 0.2)]
-    return [_sliding(torque, way) for way in ways]
+def _one(**values: Callable[[_Here], float]) -> _Starts:
+    """One direction, of these size parameters together."""
+    return _grid(*values, at=lambda here: [{name: value(here) for name, value in values.items()}])
 
 
-def _hysteresis(here: _Here) -> list[Start]:
-    torque = 0.1 * here.torque
-    ways = [share * here.scales.deflection for share in (0.05, 0.2, 0.8)]
-    return [_sliding(torque, way) for way in ways]
+def _each(**values: Callable[[_Here], float]) -> _Starts:
+    """A direction for each of these size parameters."""
+    names = tuple(values)
+    return _Starts(names, lambda here: [Start(tuple({name: value(here)} for name, value in values.items()), names)])
 
 
-def _sliding(torque: float, way: float) -> Start:
-    """An element that slips after `way` [rad]; torque and stiffness are scaled together, so that `way` is constant."""
-    return Start(({"torque": torque, "stiffness": torque / way},), ("torque",), through=("stiffness",))
+def _grid(*sizes: str, at: Callable[[_Here], list[Values]], through: tuple[str, ...] = ()) -> _Starts:
+    """Starts with one direction each, proportional to the size parameters `sizes`."""
+    return _Starts(sizes, lambda here: [Start((values,), sizes, through=through) for values in at(here)])
 
 
-def _ripple(here: _Here) -> list[Start]:
-    amplitude = 0.1 * here.torque
-    return [
-        Start(tuple({"amplitude": amplitude, "order": order, "phase": phase} for phase in (0.0, 0.5 * pi)), (), True)
-        for order in here.scales.orders[here.axis]
-    ]
+def _limits(at: Callable[[_Here], list[float]]) -> _Starts:
+    """Limits on which nothing depends linearly."""
+    return _Starts(("limit",), lambda here: [Start(({"limit": limit},), ()) for limit in at(here)])
 
 
-def _offset(_here: _Here) -> list[Start]:
-    return [Start(({"offset": offset},), ("offset",)) for offset in OFF]
+def _waves(at: Callable[[_Here], list[Values]]) -> _Starts:
+    """Sines and cosines with these amplitudes and orders."""
+    both = (0.0, 0.5 * pi)
+    return _Starts(
+        ("amplitude",),
+        lambda here: [Start(tuple({**wave, "phase": phase} for phase in both), (), True) for wave in at(here)],
+    )
 
 
-def _eccentricity(_here: _Here) -> list[Start]:
-    return [Start(tuple({"amplitude": size, "phase": phase} for phase in (0.0, 0.5 * pi)), (), True) for size in OFF]
+def _sliding(ways: Callable[[_Here], list[float]]) -> _Starts:
+    """An element that slips after `ways` [rad]; torque and stiffness are scaled together, so that way is constant."""
+
+    def values(here: _Here) -> list[Values]:
+        return [{"torque": 0.1 * here.torque, "stiffness": 0.1 * here.torque / way} for way in ways(here)]
+
+    return _grid("torque", at=values, through=("stiffness",))
 
 
-def _saturation(here: _Here) -> list[Start]:
-    servo = here.device.drive == "servo"
-    peak = here.scales.slew if servo else float(here.scales.peak[max(here.axis, 1) - 1])
-    shares = (0.4, 0.55, 0.7, 0.8, 0.87, 0.92, 0.96, 0.985)
-    if servo:
-        shares = (0.15, 0.25, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)
-    return [Start(({"limit": share * peak},), ()) for share in shares]
+def _saturation(here: _Here) -> list[float]:
+    if here.device.drive == "servo":
+        return [share * here.scales.slew for share in (0.15, 0.25, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)]
+    peak = float(here.scales.peak[max(here.location.axis, 1) - 1])
+    return [share * peak for share in (0.4, 0.55, 0.7, 0.8, 0.87, 0.92, 0.96, 0.985)]
 
 
-def _goal_speed(here: _Here) -> list[Start]:
-    shares = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.2)
-    return [Start(({"limit": share * here.scales.slew},), ()) for share in shares]
+def _payload(here: _Here) -> list[Values]:
+    link, distance = here.device.link, 0.2
+    if link.gravity_torque != 0.0:
+        distance = min(max(9.81 * link.inertia / abs(link.gravity_torque), 0.02), 1.0)
+    return [{"mass": 0.2 * link.inertia / distance**2, "distance": distance}]
 
 
-def _delays(*each: float) -> Callable[[_Here], list[Start]]:
-    return lambda _here: [Start(({"delay": delay},), ("delay",)) for delay in each]
-
-
-def _payload(here: _Here) -> list[Start]:
-    distance = 0.2
-    mass = 0.2 * here.device.link.inertia / distance**2
-    if here.device.link.gravity_torque != 0.0:
-        distance = min(max(9.81 * here.device.link.inertia / abs(here.device.link.gravity_torque), 0.02), 1.0)
-        mass = 0.2 * here.device.link.inertia / distance**2
-    return [Start(({"mass": mass, "distance": distance},), ("mass",))]
-
-
-def _contact(here: _Here) -> list[Start]:
+def _contact(here: _Here) -> list[Values]:
     stiffness = 2.0 * here.torque / here.scales.angle
     low, tenth, ninetieth, high = (float(each) for each in here.scales.range)
-    return [
-        Start(({"angle": angle, "stiffness": stiffness, "damping": 0.0, "side": side},), ("stiffness",))
-        for angle, side in ((high, 1.0), (ninetieth, 1.0), (tenth, -1.0), (low, -1.0))
-    ]
+    walls = ((high, 1.0), (ninetieth, 1.0), (tenth, -1.0), (low, -1.0))
+    return [{"angle": angle, "stiffness": stiffness, "damping": 0.0, "side": side} for angle, side in walls]
 
 
-def _external(here: _Here) -> list[Start]:
-    whole = Start(({"torque": 0.1 * here.torque},), ("torque",))
-    edges = np.linspace(0.0, here.scales.duration, EDGES)
+def _external(here: _Here) -> list[Values]:
+    torque, edges = 0.1 * here.torque, np.linspace(0.0, here.scales.duration, EDGES)
     spans = [*here.scales.busy, *((a, b) for i, a in enumerate(edges) for b in edges[i + 1 :])]
-    parts = [
-        Start(({"torque": 0.1 * here.torque, "start": float(begin), "stop": float(end)},), ("torque",))
-        for begin, end in spans
-    ]
-    return [*parts, whole]
+    return [*({"torque": torque, "start": float(a), "stop": float(b)} for a, b in spans), {"torque": torque}]
 
 
-_STARTS: Mapping[str, Callable[[_Here], list[Start]]] = {
-    "coulomb_friction": _one(lambda h: {"torque": 0.1 * h.torque}, "torque"),
-    "asymmetric_coulomb": _each(lambda h: {"forward": 0.1 * h.torque}, lambda h: {"backward": 0.1 * h.torque}),
-    "stribeck_friction": _stribeck,
-    "viscous_friction": _one(lambda h: {"coefficient": 0.1 * h.torque / h.speed}, "coefficient"),
+_STARTS: Mapping[str, _Starts] = {
+    "coulomb_friction": _one(torque=lambda h: 0.1 * h.torque),
+    "asymmetric_coulomb": _each(forward=lambda h: 0.1 * h.torque, backward=lambda h: 0.1 * h.torque),
+    "stribeck_friction": _grid("breakaway", "kinetic", at=lambda h: [
+        {"breakaway": 0.2 * h.torque, "kinetic": 0.1 * h.torque, "velocity": share * h.speed}
+        for share in (0.03, 0.12, 0.4)
+    ]),
+    "viscous_friction": _one(coefficient=lambda h: 0.1 * h.torque / h.speed),
     "asymmetric_viscous": _each(
-        lambda h: {"forward": 0.1 * h.torque / h.speed}, lambda h: {"backward": 0.1 * h.torque / h.speed}
+        forward=lambda h: 0.1 * h.torque / h.speed, backward=lambda h: 0.1 * h.torque / h.speed
     ),
-    "quadratic_drag": _one(lambda h: {"coefficient": 0.1 * h.torque / h.speed**2}, "coefficient"),
-    "presliding_friction": _presliding,
-    "load_dependent_friction": _one(lambda _h: {"coefficient": 0.05}, "coefficient"),
-    "backlash": _one(lambda h: {"gap": 0.2 * h.scales.deflection}, "gap"),
-    "hysteresis": _hysteresis,
-    "spring_damping": _one(lambda h: {"coefficient": 0.1 * h.torque / h.speed}, "coefficient"),
-    "spring_law": _each(lambda _h: {"scale": 1.1}, lambda h: {"hardening": 0.1 / h.scales.deflection**2}),
-    "stiffness_drift": _one(lambda h: {"rate": 0.1 / h.scales.duration}, "rate"),
-    "preset_error": _one(lambda h: {"offset": 0.1 * h.scales.deflection}, "offset"),
-    "joint_coupling": _one(lambda h: {"stiffness": 0.1 * h.torque}, "stiffness"),
-    "torque_gain": _one(lambda _h: {"gain": 1.05}, "gain"),
-    "torque_bias": _one(lambda h: {"torque": 0.1 * h.torque}, "torque"),
-    "torque_ripple": _ripple,
-    "torque_saturation": _saturation,
-    "actuator_lag": _one(lambda _h: {"time_constant": 0.004}, "time_constant"),
-    "actuator_delay": _delays(0.004, 0.03),
-    "speed_limit": _goal_speed,
-    "encoder_offset": _offset,
-    "encoder_eccentricity": _eccentricity,
-    "channel_skew": _delays(0.002, 0.015),
-    "payload": _payload,
-    "link_inertia": _one(lambda h: {"inertia": 0.1 * h.device.link.inertia}, "inertia"),
-    "gravity_error": _each(lambda h: {"torque": 0.1 * h.torque}, lambda _h: {"angle": 0.05}),
-    "contact": _contact,
-    "external_torque": _external,
-}
-
-_SIZES: Mapping[str, tuple[str, ...]] = {  # size parameters, if they are not those marked as linear
-    "presliding_friction": ("torque",),
-    "hysteresis": ("torque",),
-    "backlash": ("gap",),
-    "spring_law": ("scale", "hardening"),
-    "stiffness_drift": ("rate",),
-    "preset_error": ("offset",),
-    "torque_gain": ("gain",),
-    "torque_ripple": ("amplitude",),
-    "torque_saturation": ("limit",),
-    "actuator_lag": ("time_constant",),
-    "actuator_delay": ("delay",),
-    "speed_limit": ("limit",),
-    "channel_skew": ("delay",),
-    "encoder_offset": ("offset",),
-    "encoder_eccentricity": ("amplitude",),
-    "payload": ("mass",),
-    "link_inertia": ("inertia",),
-    "gravity_error": ("torque", "angle"),
-    "contact": ("stiffness",),
-}
+    "quadratic_drag": _one(coefficient=lambda h: 0.1 * h.torque / h.speed**2),
+    "presliding_friction": _sliding(lambda h: [share * h.scales.angle for share in (0.01, 0.05, 0.2)]),
+    "load_dependent_friction": _one(coefficient=lambda _h: 0.05),
+    "backlash": _one(gap=lambda h: 0.2 * h.scales.deflection),
+    "hysteresis": _sliding(lambda h: [share * h.scales.deflection for share in (0.05, 0.2, 0.8)]),
+    "spring_damping": _one(coefficient=lambda h: 0.1 * h.torque / h.speed),
+    "spring_law": _each(scale=lambda _h: 1.1, hardening=lambda h: 0.1 / h.scales.deflection**2),
+    "stiffness_drift": _one(rate=lambda h: 0.1 / h.scales.duration),
+    "preset_error": _one(offset=lambda h: 0.1 * h.scales.deflection),
+    "joint_coupling": _one(stiffness=lambda h: 0.1 * h.torque),
+    "torque_gain": _one(gain=lambda _h: 1.05),
+    "torque_bias": _one(torque=lambda h: 0.1 * h.torque),
+    "torque_ripple": _waves(lambda h: [
+        {"amplitude": 0.1 * h.torque, "order": order} for order in h.scales.orders[h.location.axis]
+    ]),
+    "torque_saturation": _limits(_saturation),
+    "actuator_lag": _one(time_constant=lambda _h: 0.004),
+    "actuator_delay": _grid("delay", at=lambda _h: [{"delay": 0.004}, {"delay": 0.03}]),
+    "speed_limit": _limits(lambda h: [share * h.scales.slew for share in (0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.2)]),
+    "encoder_offset": _grid("offset", at=lambda _h: [{"offset": offset} for offset in OFF]),
+    "encoder_eccentricity": _waves(lambda _h: [{"amplitude": size} for size in OFF]),
+    "channel_skew": _grid("delay", at=lambda _h: [{"delay": 0.002}, {"delay": 0.015}]),
+    "payload": _grid("mass", at=_payload),
+    "link_inertia": _one(inertia=lambda h: 0.1 * h.device.link.inertia),
+    "gravity_error": _each(torque=lambda h: 0.1 * h.torque, angle=lambda _h: 0.05),
+    "contact": _grid("stiffness", at=_contact),
+    "external_torque": _grid("torque", at=_external),
+}  # fmt: skip
