@@ -13,7 +13,7 @@ MODULES = {
     for package in sorted(ROOT.glob("via_*/via_*"))
     for file in sorted(package.rglob("*.py"))
 }
-MOST_LINES, MOST_IMPORTS = 400, 15
+MOST_LINES, MOST_IMPORTS = 400, {"via_gap": 12}  # elsewhere 15
 
 
 def project_imports(file: Path) -> set[str]:
@@ -36,4 +36,4 @@ def test_the_modules_are_found() -> None:
 @pytest.mark.parametrize("name", MODULES)
 def test_a_module_is_short_and_imports_few_others(name: str) -> None:
     assert len(MODULES[name].read_text(encoding="utf-8").splitlines()) <= MOST_LINES
-    assert len(project_imports(MODULES[name])) <= MOST_IMPORTS
+    assert len(project_imports(MODULES[name])) <= MOST_IMPORTS.get(name.partition(".")[0], 15)

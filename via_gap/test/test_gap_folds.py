@@ -49,7 +49,7 @@ def test_a_whole_log_is_the_free_run():
     assert not view.shrink.any()  # nothing is put down to the start
     run = simulated_log(device, segments.log.measured, segments.log.commands)
     ticks = segments.origin + segments.every * np.arange(1, segments.measured.shape[1] + 1) / segments.rate
-    motion = view.motion(view.nominal[None])[0, 0, :, 0]
+    motion = view.motion(view.segments.nominal[None])[0, 0, :, 0]
     # of .5 rad: a start is read off a little differently
     assert motion == pytest.approx(np.interp(ticks, run.time, run["q"]), abs=4e-3)
 

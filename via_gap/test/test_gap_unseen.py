@@ -9,10 +9,9 @@ from via_core.signals import Signals
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Segments, cut_log
-from via_gap.residual.unseen import OF_LINK, MeasuredPath
+from via_gap.residual.unseen import OF_LINK, UnseenMotors
 from via_sim.effects import Effect
 from via_sim.joint.parameters import P
-from via_sim.plants import JointPlant
 
 
 def without_motors(log):
@@ -22,8 +21,7 @@ def without_motors(log):
 
 def rollout_of(segments: Segments):
     every = np.arange(len(segments))
-    nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
-    return Rollout(segments, every, nominal, np.empty(0), np.empty(0), 0, np.zeros(6))
+    return Rollout(segments, every, np.empty(0), np.empty(0), 0, np.zeros(6))
 
 
 def test_the_simulated_angle_of_an_unmeasured_motor_equals_its_encoder():
@@ -31,7 +29,7 @@ def test_the_simulated_angle_of_an_unmeasured_motor_equals_its_encoder():
     seen, unseen = cut_log(log), cut_log(without_motors(log))
     assert seen.axes == (0, 1) and unseen.axes == (0,)
     rollout = rollout_of(unseen)
-    states = rollout._states_of_unseen(rollout.nominal[None], None)[0]
+    states = rollout._states_of_unseen(rollout.segments.nominal[None], None)[0]
     read = seen.angles[unseen.begin, 1]
     late = unseen.time - unseen.origin > 2.0  # the initial angle has no influence any more
     assert late.any() and np.std(read[late]) > 0.05
@@ -60,11 +58,12 @@ def test_torques_on_the_link_have_no_influence_on_an_unmeasured_motor():
         P.stribeck_velocity: 0.4,
         P.load_velocity: 0.4,
     }
-    rows = np.repeat(rollout.nominal[None], 2 + len(OF_LINK), axis=0)
+    rows = np.repeat(rollout.segments.nominal[None], 2 + len(OF_LINK), axis=0)
     rows[range(1, 1 + len(OF_LINK)), OF_LINK] = [values.get(slot, 0.05) for slot in OF_LINK]
     rows[-1, P.inertia + 1] *= 1.2  # of the motor
     fresh = rollout._initial(np.zeros(len(rows), dtype=np.intp), segments.commands, np.zeros(len(rows), dtype=np.intp))
-    out = MeasuredPath(segments.start, np.array([0]), ticks).states(rows, fresh, segments.commands[None])
+    motors = UnseenMotors(segments.start, np.array([0]), ticks, segments.commands[None], fresh[:1])
+    out = motors.integrated(rows, fresh)
     assert np.max(np.abs(out[1:-1, :, 1] - out[0, :, 1])) < 2e-5 < 1e-3 < np.max(np.abs(out[-1, :, 1] - out[0, :, 1]))
     shared = rollout._states_of_unseen(rows, None)[:, 2:]
     assert np.array_equal(shared[0], shared[5]) and not np.array_equal(shared[0], shared[-1])

@@ -55,7 +55,5 @@ class CandidateSet:
         excluded = ONE_RUN if len(segments) > 1 else ()
         found = locations(fitted.device, segments[0].log)
         kept = tuple(location for location in found if location.name not in excluded)
-        equations = None
-        if all(residuals):
-            equations = ResidualModel.of(segments, train, InverseDynamics.of)
+        equations = ResidualModel.of(segments, train, InverseDynamics.of) if all(residuals) else None
         return CandidateSet(kept, scales, numbers, residuals, shares, equations)

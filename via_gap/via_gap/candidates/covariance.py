@@ -20,9 +20,8 @@ def covariance_of(normal: Array, width: Array, first: int) -> Array:
 def _inverse(normal: Array) -> Array:
     scale = np.sqrt(np.diag(normal))
     scale = np.where(scale > 0.0, scale, 1.0)  # a parameter that nothing depends on
-    return np.asarray(
-        np.linalg.inv(normal / np.outer(scale, scale) + 1e-14 * np.eye(len(normal))) / np.outer(scale, scale)
-    )
+    both = np.outer(scale, scale)
+    return np.asarray(np.linalg.inv(normal / both + 1e-14 * np.eye(len(normal))) / both)
 
 
 def in_units(covariance: Array, sd: Array, size: Array) -> Array:

@@ -6,7 +6,7 @@ Steps stay inside the bounds. A line search on the simulation accepts only point
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,15 +95,11 @@ def members_of(fit: Fit) -> Members:
     return [(p, list(e.parameters.values())) for p, e in zip(fit.locations, fit.effects, strict=True)]
 
 
-def _is_order(name: str) -> bool:
-    return name == "order" or name.startswith("order_")
-
-
 def fit_on(problem: ResidualModel, fit: Fit) -> Fit:
     """The same effects and device parameters, with loss and residual on the segments of `problem`."""
     residual = problem.residual([problem.row(fit.effects, fit.offsets)])[0]
     loss = float(problem.loss(residual) + fit.offsets @ fit.offsets)
-    return Fit(fit.effects, fit.offsets, loss, residual, fit.covariance)
+    return replace(fit, loss=loss, residual=residual)
 
 
 def event_times(fit: Fit) -> tuple[float, ...]:
@@ -132,7 +128,7 @@ def fit_device_numbers(problem: ResidualModel) -> Fit:
     """The device parameters alone, fitted inside their tolerances with the loss of `problem`."""
     few = problem.by_squares.part([np.flatnonzero(np.arange(len(view.chosen)) % SPARSE < 2) for view in problem.views])
     offsets = few[0].fit_nuisances((), np.zeros(len(problem.nuisances)))[0]
-    offsets, residual, _ = problem.fit_nuisances((), offsets, OWN)
+    offsets, residual = problem.fit_nuisances((), offsets, OWN)
     return Fit((), offsets, float(problem.loss(residual) + offsets @ offsets), residual, np.empty((0, 0)))
 
 
@@ -180,9 +176,9 @@ class _Axes:
         size = np.array([size_of(p, location, scales) for location, p in parameters])
         low, high = (np.concatenate(ends) / size for ends in zip(*(bounds_of(each, scales) for each in locations)))
         times = np.array([p.unit == "s" and p.high > LONG for _, p in parameters], dtype=np.bool_)
-        whole = [float(value).is_integer() for value in starts]
-        fixed = [_is_order(p.name) and each for (_, p), each in zip(parameters, whole, strict=True)]
-        return _Axes(problem, tuple(locations), size, low, high, times, np.array(fixed, dtype=np.bool_))
+        orders = [p.name.partition("_")[0] == "order" for _, p in parameters]
+        fixed = np.array([is_order and float(v).is_integer() for is_order, v in zip(orders, starts)], dtype=np.bool_)
+        return _Axes(problem, tuple(locations), size, low, high, times, fixed)
 
     @property
     def count(self) -> int:
@@ -200,12 +196,8 @@ class _Axes:
         return np.append(-bound, self.low), np.append(bound, self.high)
 
     def _effects(self, at: Array) -> list[Effect | None]:
-        values, first, made = at[self.count :] * self.size, 0, []
-        for location in self.locations:
-            number = len(location.parameters)
-            made.append(effect_or_none(location, list(values[first : first + number])))
-            first += number
-        return made
+        values = iter(at[self.count :] * self.size)
+        return [effect_or_none(each, [next(values) for _ in each.parameters]) for each in self.locations]
 
     def effects(self, at: Array) -> tuple[Effect, ...]:
         """The effects at these coordinates without invalid ones."""
@@ -227,6 +219,32 @@ class _Axes:
         losses, residuals = self.losses(tries)
         k = int(np.argmin(losses))
         return _Point(tries[k], float(losses[k]), residuals[k])
+
+    def step(self, here: _Point, slopes: Array, damping: float = 0.0) -> tuple[Array, Array]:
+        """Weighted normal matrix (J + p, J + p), and the coordinates with the least linear prediction of the loss.
+
+        slopes  (R, J + p) derivatives of the residual; damping is relative to the curvature of each coordinate
+        """
+        pull = self.problem.weights(here.residual)
+        slopes = slopes * pull[:, None]
+        normal = slopes.T @ slopes
+        normal[: self.count, : self.count] += np.eye(self.count)
+        gradient = slopes.T @ (slopes @ here.at - pull * here.residual)
+        damped = damping * np.diag(normal)
+        return normal, descend(normal + np.diag(damped), gradient + damped * here.at, here.at, *self.box)
+
+    def covariance(self, here: _Point, normal: Array) -> Array:
+        """(p, p) of the parameters over their typical sizes, for the mean weighted square of the residual, if above 1.
+
+        1 is the mean square of noise.
+        """
+        square = float(np.mean((self.problem.weights(here.residual) * here.residual) ** 2))
+        return covariance_of(normal, self.high - self.low, self.count) * max(square, 1.0)
+
+    def fit(self, here: _Point, covariance: Array, sd: Array) -> Fit:
+        """The fit at these coordinates; covariance (p, p) and standard deviations sd (p,) over the typical sizes."""
+        covariance = in_units(covariance, sd, self.size)
+        return Fit(self.effects(here.at), here.at[: self.count].copy(), here.loss, here.residual, covariance)
 
     def nuisance_jacobian(self, here: _Point) -> Array:
         """(R, J)."""
@@ -281,13 +299,13 @@ def refine(
     None if the initial values are not valid together.
     """
     axes = _Axes.of(problem, members, scales)
-    low, high, count, many = axes.low, axes.high, axes.count, len(axes.size)
+    many = len(axes.size)
     here = axes.best([axes.coordinates(base.offsets, [value for _, values in members for value in values])])
     if not np.isfinite(here.loss):
         return None
     fresh, damping = jacobian is None, 0.0
     side = axes.nuisance_jacobian(here) if jacobian is None else jacobian
-    normal, since = np.eye(count + many), here.loss if fresh else base.loss
+    normal, since = np.eye(axes.count + many), here.loss if fresh else base.loss
     slopes, sloped = np.empty((problem.size, many)), np.inf
     apart = np.zeros(many, dtype=bool)
     for round_ in range(budget.rounds):
@@ -301,14 +319,8 @@ def refine(
             slopes[~np.isfinite(slopes)] = 0.0
             slopes[:, axes.times | axes.fixed] = 0.0
             sloped = here.loss
-        at, pull = here.at, problem.weights(here.residual)
-        whole = np.hstack([side, slopes]) * pull[:, None]
-        normal = whole.T @ whole
-        normal[:count, :count] += np.eye(count)
-        gradient = whole.T @ (whole @ at - pull * here.residual)
-        damped = damping * np.diag(normal)
-        wanted = descend(normal + np.diag(damped), gradient + damped * at, at, *axes.box)
-        tries = [at + share * (wanted - at) for share in SHARES]
+        normal, wanted = axes.step(here, np.hstack([side, slopes]), damping)
+        tries = [here.at + share * (wanted - here.at) for share in SHARES]
         best = axes.best(tries)
         gain = here.loss - best.loss
         if gain > 0.0:
@@ -324,16 +336,9 @@ def refine(
             if (fresh and here.loss >= STALE * since) or len(axes.effects(here.at)) < len(members):
                 break
             side, fresh, since = axes.nuisance_jacobian(here), True, here.loss
-    covariance = covariance_of(normal, high - low, count) * _excess(problem, here.residual)
-    sd = np.minimum(np.sqrt(np.diag(covariance)), high - low)
-    sd = np.where(axes.times, TIME_STEPS[-1], np.where(apart | axes.fixed, 0.0, sd))
-    covariance = in_units(covariance, sd, axes.size)
-    return Fit(axes.effects(here.at), here.at[:count].copy(), here.loss, here.residual, covariance)
-
-
-def _excess(problem: ResidualModel, residual: Array) -> float:
-    """Mean square of a weighted residual (R,), at least 1, which is that of noise."""
-    return max(float(np.mean((problem.weights(residual) * residual) ** 2)), 1.0)
+    covariance = axes.covariance(here, normal)
+    sd = np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low)
+    return axes.fit(here, covariance, np.where(axes.times, TIME_STEPS[-1], np.where(apart | axes.fixed, 0.0, sd)))
 
 
 def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
@@ -352,29 +357,22 @@ def converged(problem: ResidualModel, fit: Fit, scales: Scales) -> Fit:
         np.maximum(LEAST_STEP, 0.03 * np.abs(here.at[count:])),
     )
     for _ in range(TURNS):
-        at = here.at
-        one_sided = bool(np.any(np.abs(at[:count]) >= BOUND))
+        begin, at = here, here.at
         around = [np.clip(at + sign * steps, low, high) for sign in (1.0, -1.0)]
         ahead, behind = (axes.losses([*(at + np.diag(each - at))])[1] for each in around)
         slopes = ((ahead - behind) / (around[0] - around[1])[:, None]).T
         known = np.isfinite(slopes[0]) & np.append(np.full(count, True), ~(axes.times | axes.fixed))
         slopes[:, ~known] = 0.0
-        pull = problem.weights(here.residual)
-        slopes *= pull[:, None]
-        normal = slopes.T @ slopes
-        normal[:count, :count] += np.eye(count)
-        wanted = descend(normal, slopes.T @ (slopes @ at - pull * here.residual), at, low, high)
+        normal, wanted = axes.step(here, slopes)
         for share in (1.0, 0.5, 0.25):
             trial = axes.best([at + share * (wanted - at)])
             if trial.loss < here.loss:
                 here = trial
                 break
-        if not one_sided:
+        if np.all(np.abs(at[:count]) < BOUND):
             break
-    residual = here.residual
-    covariance = covariance_of(normal, axes.high - axes.low, count) * _excess(problem, residual)
-    clustered = clustered_covariance(problem, slopes, pull * residual, normal, count)
+    covariance, pull = axes.covariance(here, normal), problem.weights(begin.residual)
+    clustered = clustered_covariance(problem, slopes * pull[:, None], pull * here.residual, normal, count)
     covariance *= np.outer(*2 * (np.sqrt(np.maximum(np.diag(clustered) / np.diag(covariance), 1.0)),))
     sd = np.where(known[count:], np.minimum(np.sqrt(np.diag(covariance)), axes.high - axes.low), fit.sd / axes.size)
-    covariance = in_units(covariance, sd, axes.size)
-    return Fit(axes.effects(here.at), here.at[:count].copy(), here.loss, residual, covariance)
+    return axes.fit(here, covariance, sd)

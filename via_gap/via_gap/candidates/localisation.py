@@ -53,18 +53,16 @@ def localise(
     segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], device: Device
 ) -> tuple[SiteShare, ...]:
     """Shares of the sites that the equations distinguish, largest first; empty if no equation could be evaluated."""
-    axes = [each.axis for each in residuals[0]] if residuals else []
-    if not axes:
+    if not residuals or not residuals[0]:
         return ()
+    axes = [each.axis for each in residuals[0]]
     torques = np.concatenate([np.stack([r.torque for r in each], axis=1) for each in residuals])
     floors = np.concatenate([np.stack([r.floor for r in each], axis=1) for each in residuals])
     scale = np.sqrt(np.mean(floors**2, axis=0))
     whitened = torques / scale
     moments = whitened.T @ whitened / len(whitened) - np.diag(np.mean((floors / scale) ** 2, axis=0))
     patterns, names = [], []
-    for k, axis in enumerate(axes):
-        direction = np.zeros(len(axes))
-        direction[k] = 1.0
+    for k, (axis, direction) in enumerate(zip(axes, np.eye(len(axes)), strict=True)):
         patterns.append(direction)
         names.append(("link", 0, "link") if axis == 0 else ("motor", axis, f"motor {axis}"))
         if axis > 0 and axes[0] == 0 and axis <= device.n_transmissions:
@@ -113,7 +111,6 @@ def _regions(
             inside = (values >= low) & (values <= high)
             share, data = float(excess[inside].sum() / total), float(inside.mean())
             if data > 0.0 and share > STANDS_OUT * data:
-                found.append(
-                    Region(by=name, unit=unit, low=float(low), high=float(high), share=min(share, 1.0), data=data)
-                )
+                ends = {"low": float(low), "high": float(high)}
+                found.append(Region(by=name, unit=unit, share=min(share, 1.0), data=data, **ends))
     return tuple(sorted(found, key=lambda each: -each.share / each.data)[:4])

@@ -12,16 +12,18 @@ Source: Y. C. Pati, R. Rezaiifar, P. S. Krishnaprasad, Orthogonal matching pursu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from math import atan2, hypot, pi
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from via_core.signals import Array
 
 from via_gap.candidates.fit import Fit
-from via_gap.candidates.scales import APART, ORDERS
+from via_gap.candidates.scales import strongest_order
 from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel
 
@@ -46,7 +48,8 @@ def encoder_waves(problem: ResidualModel, fit: Fit, number: int, most: int) -> l
         """The order that explains most beside others, and whether that is material."""
         basis = np.linalg.qr(np.column_stack([beside, *(columns[:, 2 * k : 2 * k + 2] for k in others)]))[0]
         left, free = rest - basis @ (basis.T @ rest), columns - basis @ (basis.T @ columns)
-        gains = np.array([_gain(free[:, 2 * k : 2 * k + 2], left) for k in range(len(ENCODER_ORDERS))])
+        pairs = np.split(free, len(ENCODER_ORDERS), axis=1)
+        gains = np.array([np.sum((np.linalg.qr(pair)[0].T @ left) ** 2) for pair in pairs])
         gains[list(others)] = 0.0
         best = int(np.argmax(gains))
         return best, bool(gains[best] >= MATERIAL * float(left @ left))
@@ -55,28 +58,21 @@ def encoder_waves(problem: ResidualModel, fit: Fit, number: int, most: int) -> l
         order, material = best_beside(kept)
         if not material:
             break
-        kept = _exchanged([*kept, order], lambda others: best_beside(others)[0])
+        kept.append(order)
+        # Over less than a turn neighbouring orders are alike: the first choices may be wrong and are exchanged.
+        for _, i in product(range(PASSES), range(1, len(kept))):
+            kept[i] = best_beside(kept[:i] + kept[i + 1 :])[0]
     taken = np.column_stack([beside, *(columns[:, 2 * k : 2 * k + 2] for k in kept)])
     amounts = np.linalg.lstsq(taken, -rest, rcond=None)[0][beside.shape[1] :].reshape(-1, 2)
     own = fit.effects[number].parameters
     amounts[0] += own["amplitude"] * np.array([np.cos(own["phase"]), np.sin(own["phase"])])
-    orders = [float(ENCODER_ORDERS[k]) for k in kept]
+    return _waves([float(ENCODER_ORDERS[k]) for k in kept], amounts)
+
+
+def _waves(orders: Sequence[float], amounts: NDArray[Any]) -> list[Wave]:
+    """Waves by amplitude, largest first, from amounts (n, 2) of sine and cosine."""
     found = [(hypot(s, c), order, atan2(c, s)) for order, (s, c) in zip(orders, amounts.tolist(), strict=True)]
     return sorted(found, key=lambda each: -each[0])
-
-
-def _exchanged(kept: list[int], best_beside: Callable[[list[int]], int]) -> list[int]:
-    """Orders, each but the first replaced by the best one beside the others until none changes.
-
-    Over less than a turn neighbouring orders are alike, and the first choices may be wrong.
-    """
-    for _ in range(PASSES):
-        before = list(kept)
-        for i in range(1, len(kept)):
-            kept[i] = best_beside(kept[:i] + kept[i + 1 :])
-        if kept == before:
-            break
-    return kept
 
 
 def _encoder_columns(problem: ResidualModel, fit: Fit, number: int) -> Array:
@@ -94,12 +90,6 @@ def _encoder_columns(problem: ResidualModel, fit: Fit, number: int) -> Array:
     return columns
 
 
-def _gain(pair: Array, left: Array) -> float:
-    """Squares of `left` (R,) that two columns (R, 2) explain."""
-    basis = np.linalg.qr(pair)[0]
-    return float(np.sum((basis.T @ left) ** 2))
-
-
 def torque_waves(equations: ResidualModel, row: Array, axis: int, most: int) -> list[Wave]:
     """(amplitude [N m], order, phase [rad]) of at most `most` orders of the missing torque of a row on an axis."""
     angle, torque = _missing(equations, row, axis)
@@ -109,7 +99,7 @@ def torque_waves(equations: ResidualModel, row: Array, axis: int, most: int) -> 
     rest = torque - torque.mean()
     weights = np.empty(0)
     while len(kept) < most:
-        order = _strongest(angle, rest, kept)
+        order = strongest_order(angle, rest, kept)
         columns = [wave(each * angle) for each in (*kept, order) for wave in (np.sin, np.cos)]
         design = np.column_stack([*columns, np.ones_like(angle)])
         fitted = np.linalg.lstsq(design, torque, rcond=None)[0]
@@ -117,9 +107,7 @@ def torque_waves(equations: ResidualModel, row: Array, axis: int, most: int) -> 
         if left @ left > (1.0 - MATERIAL) * (rest @ rest):
             break
         kept, rest, weights = [*kept, order], left, fitted
-    pairs = weights[: 2 * len(kept)].reshape(-1, 2)
-    found = [(hypot(s, c), order, atan2(c, s)) for order, (s, c) in zip(kept, pairs.tolist(), strict=True)]
-    return sorted(found, key=lambda each: -each[0])
+    return _waves(kept, weights[: 2 * len(kept)].reshape(-1, 2))
 
 
 def _missing(equations: ResidualModel, row: Array, axis: int) -> tuple[Array, Array]:
@@ -127,20 +115,8 @@ def _missing(equations: ResidualModel, row: Array, axis: int) -> tuple[Array, Ar
     angles, torques = [np.empty(0)], [np.empty(0)]
     for view in equations.views:
         assert isinstance(view, InverseDynamics)
-        windows = view.windows
-        if axis not in windows.axes:
-            continue
-        at = windows.axes.index(axis)
-        values = view.residual(row[None])[0].reshape(len(view.chosen), len(windows.axes), -1)[:, at]
-        torques.append(values.ravel() * windows.floor[at])
-        angles.append(view.segments.start[view.first.ravel() + windows.weights.shape[1] // 2, axis])
+        if axis in view.windows.axes:
+            missing = view.torques(view.residual(row[None])[0])
+            torques.append(missing[:, view.windows.axes.index(axis)].ravel())
+            angles.append(view.segments.start[view.middle.ravel(), axis])
     return np.concatenate(angles), np.concatenate(torques)
-
-
-def _strongest(angle: Array, rest: Array, taken: list[float]) -> float:
-    """The order, not yet taken, whose sine and cosine explain most of the rest."""
-    waves = np.exp(1j * ORDERS[:, None] * angle)
-    waves -= waves.mean(axis=1, keepdims=True)
-    power = np.abs(waves @ rest) ** 2 / np.maximum(np.sum(np.abs(waves) ** 2, axis=1), 1.0)
-    power[[any(abs(order - other) < APART for other in taken) for order in ORDERS]] = 0.0
-    return float(ORDERS[int(np.argmax(power))])

@@ -134,15 +134,16 @@ def _orders(segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]
         return (1.0,)
     angle = np.concatenate([s.start[r.centre, axis] for s, r in pairs])
     values = np.concatenate([r.torque for _, r in pairs])
-    values = values - values.mean()
-    waves = np.exp(1j * ORDERS[:, None] * angle)
-    power = np.abs(waves @ values) ** 2 / np.maximum(
-        np.sum(np.abs(waves - waves.mean(1, keepdims=True)) ** 2, axis=1), 1.0
-    )
     kept: list[float] = []
-    for k in np.argsort(-power):
-        if all(abs(ORDERS[k] - other) > APART for other in kept):
-            kept.append(float(ORDERS[k]))
-        if len(kept) == KEPT_ORDERS:
-            break
+    for _ in range(KEPT_ORDERS):
+        kept.append(strongest_order(angle, values - values.mean(), kept))
     return tuple(kept)
+
+
+def strongest_order(angle: Array, values: Array, taken: Sequence[float]) -> float:
+    """The order, not yet taken, whose sine and cosine over the angle (W,) explain most of values (W,)."""
+    waves = np.exp(1j * ORDERS[:, None] * angle)
+    waves -= waves.mean(axis=1, keepdims=True)
+    power = np.abs(waves @ values) ** 2 / np.maximum(np.sum(np.abs(waves) ** 2, axis=1), 1.0)
+    power[[any(abs(order - other) < APART for other in taken) for order in ORDERS]] = 0.0
+    return float(ORDERS[int(np.argmax(power))])

@@ -44,10 +44,8 @@ def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location]
         if any(map(location.overlaps, base.locations)):
             continue
         for start in starts(location, scales, problem.device):
-            rows = [
-                problem.row_or_none([*base.effects, effect_or_none(location, list(direction.values()))], base.offsets)
-                for direction in start.directions
-            ]
+            made = [effect_or_none(location, list(direction.values())) for direction in start.directions]
+            rows = [problem.row_or_none([*base.effects, effect], base.offsets) for effect in made]
             there = [row for row in rows if row is not None]
             if len(there) == len(start.directions):
                 tried.append((location, start, there))
@@ -55,10 +53,8 @@ def directions(problem: ResidualModel, base: Fit, candidates: Sequence[Location]
     for first in range(0, len(tried), BATCH):
         batch = tried[first : first + BATCH]
         moved = problem.residual([row for _, _, rows in batch for row in rows]) - base.residual
-        at = 0
-        for location, start, made in batch:
-            found.append(Direction(location, start, moved[at : at + len(made)].T))
-            at += len(made)
+        parts = np.split(moved, np.cumsum([len(rows) for _, _, rows in batch])[:-1])
+        found += [Direction(location, start, part.T) for (location, start, _), part in zip(batch, parts, strict=True)]
     return found
 
 
@@ -86,12 +82,9 @@ def ranked_pairs(base: Fit, jacobian: Array, tried: Sequence[Direction]) -> list
     Pairs of one effect at a common site are left out. Each candidate is represented by its best start alone.
     """
     screen = _Screen.of(base, jacobian, tried)
-    pairs = [
-        (one, two)
-        for one, two in combinations(screen.best_starts(), 2)
-        if not tried[one].location.overlaps(tried[two].location)
-    ]
-    return sorted(map(screen.predicted, pairs), key=lambda each: each[0])
+    pairs = combinations(screen.best_starts(), 2)
+    apart = [(one, two) for one, two in pairs if not tried[one].location.overlaps(tried[two].location)]
+    return sorted(map(screen.predicted, apart), key=lambda each: each[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,11 +134,9 @@ class _Screen:
         low, high = self.low[chosen], self.high[chosen]
         step = descend(normal, gradient, np.clip(np.zeros(len(chosen)), low, high), low, high)
         loss = self.base.loss - 2.0 * float(gradient @ step) + float(step @ normal @ step)
-        members, at = [], count
-        for number, own in zip(which, columns, strict=True):
-            amounts, each = step[at : at + len(own)], self.tried[number]
-            at += len(own)
+        members, parts = [], np.split(step[count:], np.cumsum([len(own) for own in columns])[:-1])
+        for each, own, amounts in zip((self.tried[number] for number in which), columns, parts, strict=True):
             if not np.any(np.abs(amounts) > LEAST):
                 amounts = np.clip(np.full(len(own), LEAST), self.low[own], self.high[own])
-            members.append((each.location, combined(each.location, each.start, [float(a) for a in amounts])))
+            members.append((each.location, combined(each.location, each.start, amounts.tolist())))
         return loss, members

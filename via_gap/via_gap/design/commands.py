@@ -9,6 +9,7 @@ from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, Signals
+from via_sim.joint.torques import EXTERNAL, M1
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, Simulator, simulate
@@ -39,21 +40,17 @@ def commands_of(plant: JointPlant, motion: Motion, size: float) -> tuple[Signals
         preset = 0.6 + 0.4 * load
         start[1 : 1 + device.n_motors] = device.motor_angles(equilibrium[0], preset[0])
         channels = {"equilibrium": equilibrium, "preset": preset, "damping": np.zeros(len(time))}
-        return _held(time, channels), start
+        return Signals(time, channels, COMMAND_UNITS, frozenset(channels)), start
     if device.drive == "position":
-        return _held(time, {"equilibrium": equilibrium}), start
+        return Signals(time, {"equilibrium": equilibrium}, COMMAND_UNITS, frozenset({"equilibrium"})), start
     preset = np.zeros(len(time))
     if device.arrangement == "antagonistic":
         raised = np.clip(time / REST, 0.0, 1.0)
         preset = raised * (0.25 + 0.15 * load) * device.spring_laws[0].max_deflection
     wanted = device.motor_angles(equilibrium, preset) if device.n_motors else equilibrium[:, None]
     torque = following(plant, wanted, equilibrium, start, rate)
-    return _held(time, {"motor": torque} if device.n_motors else {"external_torque": torque[:, 0]}), start
-
-
-def _held(time: Array, channels: dict[str, Array]) -> Signals:
-    """Commands, each held until the next."""
-    return Signals(time, channels, COMMAND_UNITS, frozenset(channels))
+    channels = {"motor": torque} if device.n_motors else {"external_torque": torque[:, 0]}
+    return Signals(time, channels, COMMAND_UNITS, frozenset(channels)), start
 
 
 def following(plant: JointPlant, wanted: Array, equilibrium: Array, start: Array, rate: float) -> Array:
@@ -68,7 +65,7 @@ def following(plant: JointPlant, wanted: Array, equilibrium: Array, start: Array
     limit = np.array([m.torque_limit or inf for m in motors] or [inf])
     proportional = carried * BANDWIDTH**2
     derivative = np.maximum(1.2 * carried * BANDWIDTH - viscous, 0.2 * carried * BANDWIDTH)
-    first = 1 if motors else 0
+    first, column = (1, M1) if motors else (0, EXTERNAL)
     simulator = Simulator(plant, rate)
     state, command = simulator.init(start), np.zeros(4)
     torque = np.empty_like(wanted)
@@ -76,10 +73,7 @@ def following(plant: JointPlant, wanted: Array, equilibrium: Array, start: Array
         angle, speed = state[first : first + driven], state[3 + first : 3 + first + driven]
         wish = forward[k] + proportional * (wanted[k] - angle) + derivative * (rates[k] - speed)
         torque[k] = np.clip(wish, -limit, limit)
-        if motors:
-            command[:driven] = torque[k]
-        else:
-            command[3] = torque[k, 0]
+        command[column : column + driven] = torque[k]
         state, _, _ = simulator.step(state, command)
     return torque
 

@@ -25,10 +25,8 @@ def columns_of(signals: Signals) -> dict[str, Array]:
     """Columns by header: a channel of several motors becomes name_1, name_2."""
     columns: dict[str, Array] = {}
     for name, values in signals.channels.items():
-        if values.ndim == 1:
-            columns[name] = values
-        else:
-            columns |= {f"{name}_{i + 1}": column for i, column in enumerate(values.T)}
+        each = {f"_{i + 1}": column for i, column in enumerate(values.T)} if values.ndim > 1 else {"": values}
+        columns |= {name + number: column for number, column in each.items()}
     return columns
 
 
@@ -36,8 +34,18 @@ def write_motion(path: Path, device: Device, commands: Signals) -> None:
     """A table for `.csv`, else a new bag folder. Raises ViaError where it cannot be written."""
     if path.suffix.lower() == ".csv":
         write_table(path, commands.time, columns_of(commands))
-    else:
-        _write_bag(path, device, commands)
+        return
+    columns = {name: commands[name] for name in ("equilibrium", "preset", "damping") if name in commands}
+    torque = commands.channels.get("motor")
+    if torque is None and not device.n_motors and "external_torque" in commands:
+        torque = commands["external_torque"][:, None]
+    if torque is not None:
+        columns["motor"] = np.pad(torque, ((0, 0), (0, device.n_drives - torque.shape[1])))
+    stamp = np.rint(commands.time * 1e9).astype(np.int64)
+    with BagWriter(path) as bag:
+        bag.add_topic(device.command_topic, VSA_COMMAND)
+        for when, message in zip(stamp, command_messages(device.name, stamp, columns), strict=True):
+            bag.write(device.command_topic, message, int(when))
 
 
 def write_table(path: Path, time: Array, columns: dict[str, Array]) -> None:
@@ -65,18 +73,3 @@ def read_motion(path: Path, device: Device) -> Signals:
         return Signals(columns["time"], channels, COMMAND_UNITS, frozenset(channels))
     except ViaError as error:
         raise SignalError(f"{path}: {error}") from None
-
-
-def _write_bag(path: Path, device: Device, commands: Signals) -> None:
-    columns = {name: commands[name] for name in ("equilibrium", "preset", "damping") if name in commands}
-    torque = commands.channels.get("motor")
-    if torque is None and not device.n_motors and "external_torque" in commands:
-        torque = commands["external_torque"][:, None]
-    if torque is not None:
-        columns["motor"] = np.zeros((len(torque), device.n_drives))
-        columns["motor"][:, : torque.shape[1]] = torque
-    stamp = np.rint(commands.time * 1e9).astype(np.int64)
-    with BagWriter(path) as bag:
-        bag.add_topic(device.command_topic, VSA_COMMAND)
-        for when, message in zip(stamp, command_messages(device.name, stamp, columns), strict=True):
-            bag.write(device.command_topic, message, int(when))

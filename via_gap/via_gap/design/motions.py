@@ -32,7 +32,7 @@ class Motion:
     name: str
     shows: str
     at: Callable[[Array], Array]
-    loaded: Callable[[Array], Array]
+    loaded: Callable[[Array], Array] = np.zeros_like
 
     def reference(self, time: Array) -> Array:
         """(N,) shares, corners rounded, at rest in the beginning and at the end."""
@@ -47,23 +47,15 @@ class Motion:
         return self.loaded(np.clip(time / DURATION, 0.0, 1.0))
 
 
-def _never(share: Array) -> Array:
-    return np.zeros_like(share)
-
-
 def _strokes(*stops: tuple[float, float]) -> Callable[[Array], Array]:
     """Straight lines through (share of the time, angle)."""
     at, angle = zip(*stops, strict=True)
     return lambda share: np.interp(share, at, angle)
 
 
-def _triangle(cycles: float) -> Callable[[Array], Array]:
-    return lambda share: np.asarray(2.0 / pi * np.arcsin(np.sin(2.0 * pi * cycles * share)))
-
-
-def _slow(size: float) -> Callable[[Array], Array]:
+def _triangle(cycles: float, size: float = 1.0) -> Callable[[Array], Array]:
     """There and back on both sides at one speed."""
-    return lambda share: size * _triangle(1.0)(share)
+    return lambda share: np.asarray(size * (2.0 / pi * np.arcsin(np.sin(2.0 * pi * cycles * share))))
 
 
 def _ladder(share: Array) -> Array:
@@ -72,9 +64,7 @@ def _ladder(share: Array) -> Array:
     reach = np.minimum(speeds / speeds[-2], 1.0)
     spans = np.repeat(reach / speeds, 2)
     edges = np.concatenate([[0.0], np.cumsum(spans)]) / spans.sum()
-    angles = np.zeros(len(edges))
-    angles[1::2] = reach
-    return np.interp(share, edges, angles)
+    return np.interp(share, edges, np.append(0.0, np.column_stack([reach, np.zeros(6)])))
 
 
 def _growing(cycles: float) -> Callable[[Array], Array]:
@@ -101,18 +91,18 @@ def _steps(share: Array) -> Array:
 
 
 MOTIONS = (
-    Motion("slow creep", "friction far below the speed of ordinary motion", _slow(0.15), _never),
-    Motion("slow strokes", "friction at low speed, loading against unloading", _slow(0.6), _never),
-    Motion("ladder of speeds", "how friction depends on speed", _ladder, _never),
-    Motion("growing reversals", "presliding and backlash after a reversal", _growing(12.0), _never),
-    Motion("slow growing reversals", "presliding and backlash after a reversal", _growing(5.0), _never),
-    Motion("holds", "standstill approached from both sides", _holds, _never),
-    Motion("steps", "high torque, impacts, delays", _steps, _never),
-    Motion("rising frequency", "delays, resonance, damping", _chirp, _never),
+    Motion("slow creep", "friction far below the speed of ordinary motion", _triangle(1.0, 0.15)),
+    Motion("slow strokes", "friction at low speed, loading against unloading", _triangle(1.0, 0.6)),
+    Motion("ladder of speeds", "how friction depends on speed", _ladder),
+    Motion("growing reversals", "presliding and backlash after a reversal", _growing(12.0)),
+    Motion("slow growing reversals", "presliding and backlash after a reversal", _growing(5.0)),
+    Motion("holds", "standstill approached from both sides", _holds),
+    Motion("steps", "high torque, impacts, delays", _steps),
+    Motion("rising frequency", "delays, resonance, damping", _chirp),
     Motion(
         "strokes under two loads",
         "the same speeds with little and with much torque in the transmission",
-        lambda s: 0.3 * _triangle(6.0)(s) + _strokes((0.0, 0.0), (0.45, 0.0), (0.55, 0.7), (0.9, 0.7), (1.0, 0.0))(s),
+        lambda s: _triangle(6.0, 0.3)(s) + _strokes((0.0, 0.0), (0.45, 0.0), (0.55, 0.7), (0.9, 0.7), (1.0, 0.0))(s),
         _strokes((0.0, 0.0), (0.45, 0.0), (0.55, 1.0), (1.0, 1.0)),
     ),
 )  # fmt: skip

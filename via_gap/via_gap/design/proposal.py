@@ -23,11 +23,9 @@ from via_gap.design.commands import RANGE, commands_of, recorded, within_limits
 from via_gap.design.imitation import TiedCause
 from via_gap.design.motions import DURATION, MOTIONS, Motion
 from via_gap.logs.noise import LogNoise, log_noise
-from via_gap.logs.quality import Quality
 from via_gap.report.report import Cause, EffectLocation, GapReport, Proposal
-from via_gap.residual.nuisance import nuisances
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import cut_log
+from via_gap.residual.segments import cut_with_noise
 
 SMALLER = (1.0, 0.5, 0.25)  # times the largest angle, tried until all limits are kept
 MOST = 4  # causes that are compared
@@ -110,23 +108,21 @@ def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed
 
     Raises ParameterError where the report is of another device or no motion keeps within its limits.
     """
-    plant = JointPlant.from_device(device)
+    blank = ResidualModel.of_plant(JointPlant.from_device(device))
     found = {value.name: value.offset for value in report.nuisance}
-    if found.keys() != {nuisance.name for nuisance in nuisances(plant)}:
+    if found.keys() != {nuisance.name for nuisance in blank.nuisances}:
         raise ParameterError(f"the report's numbers are not those of '{device.name}'")
     causes = [TiedCause.of(cause) for cause in tied(report)]
     if len(causes) < 2:
         return None
-    offsets = np.array([found[nuisance.name] for nuisance in nuisances(plant)])
-    best: Proposed | None = None
+    offsets = np.array([found[nuisance.name] for nuisance in blank.nuisances])
+    made = []
     for motion in MOTIONS:
-        sizes = (_tried(plant, causes, offsets, motion, share * reach) for share in SMALLER)
-        made = next((each for each in sizes if each is not None), None)
-        if made is not None and (best is None or made.score > best.score):
-            best = made
-    if best is None:
+        sizes = (_tried(blank, causes, offsets, motion, share * reach) for share in SMALLER)
+        made += [each for each in sizes if each is not None][:1]
+    if not made:
         raise ParameterError(f"no motion of the family keeps '{device.name}' within its limits under every cause")
-    return best
+    return max(made, key=lambda each: each.score)
 
 
 def general_motion(device: Device, reach: float = RANGE) -> tuple[Motion, Signals]:
@@ -145,11 +141,10 @@ def general_motion(device: Device, reach: float = RANGE) -> tuple[Motion, Signal
 
 
 def _tried(
-    plant: JointPlant, causes: Sequence[TiedCause], offsets: Array, motion: Motion, size: float
+    blank: ResidualModel, causes: Sequence[TiedCause], offsets: Array, motion: Motion, size: float
 ) -> Proposed | None:
     """The motion of this size, if it keeps within limits whichever cause is true."""
-    blank = ResidualModel((), plant, nuisances(plant))
-    plants = [JointPlant(plant.device, blank.row([each.effect()], offsets), (each.effect(),)) for each in causes]
+    plants = [JointPlant(blank.device, blank.row([each.effect()], offsets), (each.effect(),)) for each in causes]
     commands, start = commands_of(plants[0], motion, size)
     problems: list[tuple[ResidualModel, Array]] = []
     noise: LogNoise | None = None  # of the same sensors in every log
@@ -158,17 +153,16 @@ def _tried(
         if log is None or not within_limits(log, size):
             return None
         noise = noise or log_noise(log)
-        segments = cut_log(log, quality=Quality((), ((0.0, log.duration),), noise))
+        segments = cut_with_noise(log, noise)
         problem = ResidualModel.of([segments], [np.flatnonzero(segments.valid)])
         problems.append((problem, problem.per_segment(problem.residual([each.parameters])[0])))
     hardest, pair, apart = inf, (causes[0].location, causes[1].location), 0.0
-    for true, other in permutations(range(len(causes)), 2):
-        if causes[other].includes(causes[true].location):
+    for (true, (problem, own)), (other, _) in permutations(zip(causes, problems, strict=True), 2):
+        if other.includes(true.location):
             continue  # the diagnosis prefers the simpler effect, so the richer one need not fail
-        problem, own = problems[true]
-        wrong = problem.per_segment(causes[other].imitated(problem, offsets))
+        wrong = problem.per_segment(other.imitated(problem, offsets))
         score = float(np.mean(np.log1p(wrong) - np.log1p(own)))
         if score < hardest:
-            hardest, pair = score, (causes[true].location, causes[other].location)
+            hardest, pair = score, (true.location, other.location)
             apart = float(np.sqrt(max(float(np.mean(wrong) - np.mean(own)), 0.0)))
     return Proposed(motion, size, commands, tuple(c.location for c in causes), pair, apart, hardest)

@@ -24,7 +24,7 @@ def pulses(segments: Segments) -> Array:
         return np.empty((0, *commands.shape))
     usual = np.abs(commands[period:] - commands[:-period])
     usual = np.sqrt(np.mean(np.minimum(usual, 3.0 * np.median(usual, axis=0)) ** 2, axis=0))  # without jumps
-    count = min(GROUPS, _most_in_a_segment(segments))
+    count = min(GROUPS, int(np.bincount(np.searchsorted(segments.begin, gaps[:, 0], side="right")).max()))
     signs = np.random.default_rng(0).choice((-1.0, 1.0), len(gaps))
     out = np.zeros((count, *commands.shape))
     for k, (begin, end) in enumerate(gaps):
@@ -32,8 +32,3 @@ def pulses(segments: Segments) -> Array:
         step = commands[last] - commands[begin]
         out[k % count, begin + period : last] = signs[k] * np.sqrt(step**2 / 3.0 + usual**2)
     return out
-
-
-def _most_in_a_segment(segments: Segments) -> int:
-    first = np.searchsorted(segments.begin, segments.gaps[:, 0], side="right")
-    return int(np.bincount(first).max())

@@ -55,22 +55,18 @@ class Errors:
     def resampled(self, seed: int = 0) -> Array:
         """(RESAMPLES,) overall gaps of resampled blocks."""
         pick = np.random.default_rng(seed).integers(0, len(self.squares), (RESAMPLES, len(self.squares)))
-        means = self.squares[pick].mean(axis=1) / self.variance
-        return np.sqrt(means.mean(axis=1))
+        return np.sqrt(np.mean(self.squares[pick].mean(axis=1) / self.variance, axis=1))
 
 
 def torque_errors(problem: ResidualModel, residual: Array) -> Errors:
     """Errors from missing torques (R,) in units of their floors; squares and variances in [N^2 m^2]."""
-    squares, drives, floors, begin = [], [], [], 0
-    for view in problem.views:
+    squares, drives, floors = [], [], []
+    for view, values in zip(problem.views, problem.by_view(residual), strict=True):
         assert isinstance(view, InverseDynamics)
-        windows, size = view.windows, len(view.chosen) * view.size
-        each = residual[begin : begin + size].reshape(len(view.chosen), len(windows.axes), -1)
-        begin += size
-        squares.append(np.mean(each**2, axis=2) * windows.floor**2)
-        drives.append(windows.drive[view.first.ravel()])
-        floors.append(windows.floor**2)
-    axes = windows.axes
+        squares.append(np.mean(view.torques(values) ** 2, axis=2))
+        drives.append(view.windows.drive[view.first.ravel()])
+        floors.append(view.windows.floor**2)
+        axes = view.windows.axes
     names = ("tau",) if axes == (0,) else tuple("tau_link" if axis == 0 else f"tau_{axis}" for axis in axes)
     variance = np.maximum(np.var(np.concatenate(drives), axis=0), 1e-12)
     return Errors(names, np.concatenate(squares), variance, np.mean(floors, axis=0))
@@ -82,13 +78,11 @@ NAMES = ("q", "theta_1", "theta_2")
 def segment_errors(problem: ResidualModel, residual: Array) -> Errors:
     """Errors from a whitened residual (R,) of the problem's segments."""
     axes = problem.views[0].segments.axes
-    squares, measured, begin = [], [], 0
-    for view in problem.views:
-        size = len(view.chosen) * view.size
-        each = residual[begin : begin + size].reshape(len(view.chosen), -1, len(axes))
+    squares, measured = [], []
+    for view, values in zip(problem.views, problem.by_view(residual), strict=True):
+        each = values.reshape(len(values), -1, len(axes))
         squares.append(np.mean(each**2, axis=1) * view.segments.noise**2)
         measured.append(view.segments.measured[view.chosen].reshape(-1, len(axes)))
-        begin += size
     variance = np.maximum(np.var(np.concatenate(measured), axis=0), 1e-12)
     noise = problem.views[0].segments.noise
     return Errors(tuple(NAMES[a] for a in axes), np.concatenate(squares), variance, noise**2)
@@ -109,9 +103,7 @@ def free_errors(
         seen = np.isfinite(log.measured["q"])
         time, q = log.measured.time[seen], log.measured["q"][seen]
         error = q - np.interp(time, simulated.time, simulated["q"])
-        segment = np.searchsorted(each.time, time, side="right") - 1
-        inside = np.isin(segment, which)
-        inside |= (segment >= len(each) - 1) & (len(each) - 1 in which)
+        inside = np.isin(np.searchsorted(each.time, time, side="right") - 1, which)
         blocks = max(1, round(log.duration / BLOCK))  # of equal length, because all count alike
         block = np.minimum((time - time[0]) / log.duration * blocks, blocks - 1).astype(int)
         for b in np.unique(block[inside]):

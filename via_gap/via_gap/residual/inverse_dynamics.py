@@ -26,7 +26,6 @@ from via_core.signals import Array
 from via_core.weak_form import window_weights
 from via_sim.joint.parameters import P
 from via_sim.joint.torques import EXTERNAL, POWER
-from via_sim.plants import JointPlant
 
 from via_gap.residual.equation_torques import EquationTorques, equation_torques
 from via_gap.residual.record import Record
@@ -38,10 +37,9 @@ ORDER = 3  # of the modulating function
 STANDING = 0.02  # [rad/s] below which an axis is nearly at rest
 LONGEST = 4  # times WINDOW at most
 QUIET = 0.1  # of the drive's torque: sensor noise in a window that is long enough
-TAKING = np.concatenate(  # slots of effects that can reduce the torque of a drive
-    [np.arange(start, start + 3) for start in (P.torque_gain, P.saturation)]
-    + [np.arange(P.load_friction, P.load_velocity), np.array([P.lag])]
-)
+TAKING = np.r_[  # slots of effects that can reduce the torque of a drive
+    P.torque_gain : P.torque_gain + 3, P.saturation : P.saturation + 3, P.load_friction : P.load_velocity, P.lag
+]
 SMALLEST = 1e-9  # [N m] of a floor
 LEAST_GAIN = 0.05  # of a drive: smaller ones count as this
 
@@ -93,17 +91,24 @@ class InverseDynamics:
         """(C, w) index of `first` in `inside`."""
         return np.searchsorted(self.inside, self.first)
 
+    @property
+    def middle(self) -> Indices:
+        """(C, w) tick in the middle of each window."""
+        return self.first + self.windows.weights.shape[1] // 2
+
+    def torques(self, residual: Array) -> Array:
+        """Missing torque [N m] (C, a, w) of a residual (C, w a)."""
+        return residual.reshape(len(self.chosen), len(self.windows.axes), -1) * self.windows.floor[:, None]
+
     @staticmethod
-    def of(segments: Segments, chosen: Indices) -> InverseDynamics:
-        """Raises SignalError if the signals allow no equation."""
-        nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
-        return InverseDynamics(segments, chosen, nominal, windows_of(segments, nominal))
+    def of(segments: Segments, chosen: Indices, span: int = 0) -> InverseDynamics:
+        """Windows as `windows_of` makes them. Raises SignalError if the signals allow no equation."""
+        return InverseDynamics(segments, chosen, segments.nominal, windows_of(segments, segments.nominal, span))
 
     @staticmethod
     def witness(segments: Segments, chosen: Indices) -> InverseDynamics:
         """The same with windows as long as a segment, the time scale of the simulated segments."""
-        nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
-        return InverseDynamics(segments, chosen, nominal, windows_of(segments, nominal, segments.ticks + 1))
+        return InverseDynamics.of(segments, chosen, segments.ticks + 1)
 
     def part(self, which: Indices) -> InverseDynamics:
         """Some of the segments, by their indices in `chosen`."""

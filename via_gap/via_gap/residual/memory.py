@@ -11,6 +11,9 @@ of a speed limit or a lag, is integrated along the commands in the same way.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 from via_core.signals import Array
@@ -19,16 +22,10 @@ from via_sim.joint.position_drive import acting_goal, followed
 from via_sim.joint.torques import GOAL, N_MODES, POWER, X, compiled, remember
 
 HELD = 5  # bristles of link, motor 1, motor 2; Maxwell elements of transmission 1, 2
-ELEMENTS = np.concatenate(  # slots of a row that matter here: most rows of a fit differ in others
-    [
-        [P.bristle_torque + i for i in range(3)],
-        [P.bristle_stiffness + i for i in range(3)],
-        [P.hysteresis_torque + i for i in range(2)],
-        [P.hysteresis_stiffness + i for i in range(2)],
-    ]
-)
-
-GOAL_NUMBERS = np.array([P.delay, P.lag, P.drive_speed_limit])  # slots that the goal of the drive depends on
+TORQUES = np.r_[P.bristle_torque : P.bristle_torque + 3, P.hysteresis_torque : P.hysteresis_torque + 2]
+STIFFNESSES = np.r_[P.bristle_stiffness : P.bristle_stiffness + 3, P.hysteresis_stiffness : P.hysteresis_stiffness + 2]
+# Slots of a row that matter for each: most rows of a fit differ in others.
+ELEMENTS, GOAL_NUMBERS = np.r_[TORQUES, STIFFNESSES], np.array([P.delay, P.lag, P.drive_speed_limit])
 
 
 def torques_along(rows: Array, angles: Array, ticks: NDArray[np.intp]) -> Array:
@@ -36,28 +33,31 @@ def torques_along(rows: Array, angles: Array, ticks: NDArray[np.intp]) -> Array:
 
     angles  (T, 3) [rad] of link and motors on every tick; NaN: not measured, taken as 0
     """
-    out = np.zeros((len(rows), len(ticks), HELD))
-    some = np.flatnonzero(with_memory(rows))
-    if some.size and len(ticks):
-        order = np.argsort(ticks, kind="stable")
-        _, first, which = np.unique(rows[some][:, ELEMENTS], axis=0, return_index=True, return_inverse=True)
-        found = np.zeros((first.size, len(ticks), HELD))
-        _integrate(np.ascontiguousarray(rows[some[first]]), angles, np.asarray(ticks)[order], found)
-        back = np.empty_like(found)
-        back[:, order] = found
-        out[some] = back[which.reshape(-1)]
-    return out
+    return _once_per_row(rows, with_memory(rows), ELEMENTS, ticks, HELD, partial(_integrate, angles))
 
 
 def with_memory(rows: Array) -> Array:
     """(K,) whether a row has an element with memory."""
-    bristles = rows[:, P.bristle_torque : P.bristle_torque + 3] > 0.0
-    slips = rows[:, P.hysteresis_torque : P.hysteresis_torque + 2] > 0.0
-    return np.asarray(bristles.any(axis=1) | slips.any(axis=1))
+    return np.asarray(np.any(rows[:, TORQUES] > 0.0, axis=1))
+
+
+def _once_per_row(
+    rows: Array, which: Array, slots: Array, ticks: NDArray[np.intp], width: int, integrate: Callable[..., None]
+) -> Array:
+    """(K, n, width) by `integrate(rows, ascending ticks, out)`, once for rows `which` (K,) that agree in `slots`."""
+    out = np.zeros((len(rows), len(ticks), width))
+    some = np.flatnonzero(which)
+    if some.size and len(ticks):
+        _, first, alike = np.unique(rows[some][:, slots], axis=0, return_index=True, return_inverse=True)
+        at, back = np.unique(ticks, return_inverse=True)
+        found = np.zeros((first.size, len(at), width))
+        integrate(np.ascontiguousarray(rows[some[first]]), at, found)
+        out[some] = found[alike.reshape(-1)][:, back.reshape(-1)]
+    return out
 
 
 @compiled
-def _integrate(rows: Array, angles: Array, ticks: Array, out: Array) -> None:
+def _integrate(angles: Array, rows: Array, ticks: Array, out: Array) -> None:
     """`torques_along` for ascending ticks."""
     x, y = np.zeros(X.queue), np.zeros(6)
     modes = np.zeros(N_MODES, np.int64)
@@ -94,19 +94,11 @@ def goals_along(rows: Array, commands: Array, measured: Array, ticks: NDArray[np
     commands  (T, N_COMMANDS) constant over each tick; before the first tick the drive had reached its first goal
     measured  (T,) [rad] by the drive's encoder, the goal while the drive is off
     """
-    out = np.zeros((len(rows), len(ticks), 2))
-    some = np.flatnonzero(with_late_goal(rows))
-    if some.size and len(ticks):
-        _, first, which = np.unique(rows[some][:, GOAL_NUMBERS], axis=0, return_index=True, return_inverse=True)
-        at, back = np.unique(ticks, return_inverse=True)
-        found = np.zeros((first.size, len(at), 2))
-        _follow(np.ascontiguousarray(rows[some[first]]), commands, measured, at, found)
-        out[some] = found[which.reshape(-1)][:, back.reshape(-1)]
-    return out
+    return _once_per_row(rows, with_late_goal(rows), GOAL_NUMBERS, ticks, 2, partial(_follow, commands, measured))
 
 
 @compiled
-def _follow(rows: Array, commands: Array, measured: Array, ticks: Array, out: Array) -> None:
+def _follow(commands: Array, measured: Array, rows: Array, ticks: Array, out: Array) -> None:
     """`goals_along` for ascending ticks; within a tick the order of `kernel.advance_tick`."""
     for k in range(len(rows)):
         p = rows[k]

@@ -12,21 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from via_core.device_parts import Tolerances
 from via_core.signals import Array
-from via_sim.effects.device_numbers import numbers_of
+from via_sim.effects.device_numbers import DeviceNumber, numbers_of
 from via_sim.plants import JointPlant
 
 BOUND = 1.3  # [standard deviations of the tolerance] largest offset
 
 
 @dataclass(frozen=True)
-class Nuisance:
-    """One device parameter; `apply(row, factor)` multiplies it in place."""
+class Nuisance(DeviceNumber):
+    """One device parameter, with its value in the device file; `apply(row, factor)` multiplies it in place."""
 
-    name: str
-    unit: str
-    value: float  # in the device file
     tolerance: float  # relative standard deviation
-    slots: tuple[int, ...]
 
     def apply(self, row: Array, factor: float) -> None:
         row[list(self.slots)] *= factor
@@ -36,7 +32,7 @@ def nuisances(plant: JointPlant) -> tuple[Nuisance, ...]:
     """The parameters of a nominal plant that are not zero: inertias, frictions, springs, gravity, servos, damper."""
     known = plant.device.tolerances
     return tuple(
-        Nuisance(each.name, each.unit, each.value, _tolerance(known, each.name), each.slots)
+        Nuisance(**vars(each), tolerance=_tolerance(known, each.name))
         for each in numbers_of(plant.parameters)
         if each.value != 0.0
     )
@@ -71,12 +67,11 @@ def descend(normal: Array, gradient: Array, start: Array, low: Array, high: Arra
     regular, gradient = normal + np.diag(ridge), gradient + ridge * x  # those without influence stay
     slope = gradient - regular @ x
     fixed = ((x <= low) & (slope <= 0.0)) | ((x >= high) & (slope >= 0.0)) | (low >= high)
+    size = np.sqrt(diagonal + 1e-300)
     for _ in range(6 * len(x) + 10):
         free = np.flatnonzero(~fixed)
         step = np.zeros_like(x)
-        if free.size:
-            slope = gradient - regular @ x
-            step[free] = np.linalg.solve(regular[np.ix_(free, free)], slope[free])
+        step[free] = np.linalg.solve(regular[np.ix_(free, free)], (gradient - regular @ x)[free])
         room = np.full(len(x), np.inf)
         up, down = step > 0.0, step < 0.0
         room[up] = (high - x)[up] / step[up]
@@ -89,11 +84,9 @@ def descend(normal: Array, gradient: Array, start: Array, low: Array, high: Arra
             continue
         x = np.clip(x + step, low, high)
         slope = gradient - regular @ x
-        inwards = np.where(fixed & (low < high), np.where(x <= low, slope, -slope), -np.inf) / np.sqrt(
-            diagonal + 1e-300
-        )
+        inwards = np.where(fixed & (low < high), np.where(x <= low, slope, -slope), -np.inf) / size
         best = int(np.argmax(inwards))
-        if inwards[best] <= 1e-9 * float(np.max(np.abs(gradient) / np.sqrt(diagonal + 1e-300), initial=1e-300)):
+        if inwards[best] <= 1e-9 * float(np.max(np.abs(gradient) / size, initial=1e-300)):
             break
         fixed[best] = False
     return x

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
@@ -45,9 +47,14 @@ class ResidualModel:
         robust: bool = False,
     ) -> ResidualModel:
         """The model of the segments `chosen` (indices, one array per log) in a view."""
-        plant = JointPlant.from_device(segments[0].log.device)
         views = tuple(view(each, which) for each, which in zip(segments, chosen, strict=True) if len(which))
-        return ResidualModel(views, plant, nuisances(plant), robust)
+        nominal = ResidualModel.of_plant(JointPlant.from_device(segments[0].log.device))
+        return replace(nominal, views=views, robust=robust)
+
+    @staticmethod
+    def of_plant(plant: JointPlant) -> ResidualModel:
+        """The model of no segments: it makes parameter rows."""
+        return ResidualModel((), plant, nuisances(plant))
 
     @property
     def device(self) -> Device:
@@ -56,7 +63,7 @@ class ResidualModel:
     @property
     def size(self) -> int:
         """Values of a residual, R."""
-        return sum(len(view.chosen) * view.size for view in self.views)
+        return int(self._sizes.sum())
 
     def row(self, effects: Sequence[Effect], offsets: Array | None = None) -> Array:
         """Parameter row (N_PARAMETERS,) of the device with offsets [sd] of its parameters and with effects."""
@@ -78,11 +85,10 @@ class ResidualModel:
 
     def residual(self, rows: Sequence[Array]) -> Array:
         """Whitened residuals (K, R)."""
-        stacked = np.stack(list(rows))
         parts = []
         for view in self.views:
-            each = stacked.copy()
-            each[:, P.tick], each[:, P.substeps] = view.nominal[P.tick], view.nominal[P.substeps]
+            each = np.stack(list(rows))
+            each[:, [P.tick, P.substeps]] = view.segments.nominal[[P.tick, P.substeps]]
             parts.append(view.residual(each).reshape(len(each), -1))
         return np.concatenate(parts, axis=1)
 
@@ -95,7 +101,7 @@ class ResidualModel:
         squares = self.per_segment(residual)
         if self.robust:
             squares = np.where(squares > 1.0, 1.0 + 2.0 * np.log(0.5 + 0.5 * np.maximum(squares, 1.0)), squares)
-        return np.asarray(squares @ np.repeat([view.size for view in self.views], self._counts))
+        return np.asarray(squares @ self._sizes)
 
     def weights(self, residual: Array) -> Array:
         """(R,) weights of iteratively reweighted least squares at a residual (R,).
@@ -120,32 +126,28 @@ class ResidualModel:
 
     def part(self, kept: Sequence[Indices]) -> tuple[ResidualModel, Indices]:
         """Model of some segments of each view, by their indices into `chosen`, and indices of its values in (R,)."""
-        indices, begin = [], 0
-        for view, which in zip(self.views, kept, strict=True):
-            indices.append((begin + which[:, None] * view.size + np.arange(view.size)).ravel())
-            begin += len(view.chosen) * view.size
+        places = zip(self.by_view(np.arange(self.size)), kept, strict=True)
         views = tuple(b.part(which) for b, which in zip(self.views, kept, strict=True) if len(which))
-        return replace(self, views=views), np.concatenate(indices)
+        return replace(self, views=views), np.concatenate([each[which].ravel() for each, which in places])
+
+    def by_view(self, residual: NDArray[Any]) -> list[NDArray[Any]]:
+        """The values (..., segments, values per segment) of each view in a residual (..., R)."""
+        ends = np.cumsum([len(view.chosen) * view.size for view in self.views])
+        parts = zip(np.split(residual, ends[:-1], axis=-1), self.views, strict=True)
+        return [part.reshape(*part.shape[:-1], len(view.chosen), view.size) for part, view in parts]
 
     def per_segment(self, residual: Array) -> Array:
         """Mean square (..., S) of a residual (..., R) in each segment; 1: sensor noise alone."""
-        parts, begin = [], 0
-        for view in self.views:
-            size = len(view.chosen) * view.size
-            cut = residual[..., begin : begin + size].reshape(*residual.shape[:-1], len(view.chosen), view.size)
-            parts.append(np.mean(cut**2, axis=-1))
-            begin += size
-        return np.concatenate(parts, axis=-1)
+        return np.concatenate([np.mean(each**2, axis=-1) for each in self.by_view(residual)], axis=-1)
 
     def segment_of_value(self) -> Indices:
         """(R,) index of the segment of each value of a residual, counted over all views."""
-        sizes = np.repeat([view.size for view in self.views], self._counts)
-        return np.repeat(np.arange(len(sizes)), sizes)
+        return np.repeat(np.arange(len(self._sizes)), self._sizes)
 
     @property
-    def _counts(self) -> list[int]:
-        """Segments of each view."""
-        return [len(view.chosen) for view in self.views]
+    def _sizes(self) -> Indices:
+        """(S,) number of values of each segment."""
+        return np.repeat([view.size for view in self.views], [len(view.chosen) for view in self.views])
 
     def baseline(self) -> Array:
         """(R,) residual of a prediction without a model, see the views."""
@@ -157,31 +159,26 @@ class ResidualModel:
         Steps lead towards offset 0, or away from it if an effect is invalid there; 0 if it is invalid on both sides.
         """
         slopes = np.zeros((len(self.nuisances), len(residual)))
-        rows, taken = [], []
-        for k, each in enumerate(self.nuisances):
+        moved: list[tuple[int, float, Array]] = []
+        for k, (each, unit) in enumerate(zip(self.nuisances, np.eye(len(offsets)), strict=True)):
             size = STEP / each.tolerance if offsets[k] <= 0.0 else -STEP / each.tolerance
-            for step in (size, -size):
-                moved = offsets.copy()
-                moved[k] += step
-                row = self.row_or_none(effects, moved)
-                if row is not None:
-                    rows.append(row)
-                    taken.append((k, step))
-                    break
-        if rows:
-            which, steps = zip(*taken, strict=True)
+            tries = ((step, self.row_or_none(effects, offsets + step * unit)) for step in (size, -size))
+            moved += [(k, step, row) for step, row in tries if row is not None][:1]
+        if moved:
+            which, steps, rows = zip(*moved, strict=True)
             slopes[list(which)] = (self.residual(rows) - residual) / np.array(steps)[:, None]
         return slopes.T
 
-    def fit_nuisances(self, effects: Sequence[Effect], offsets: Array, rounds: int = 3) -> tuple[Array, Array, Array]:
-        """Offsets (J,) fitted inside their bounds from `offsets`, their residual (R,), and the last Jacobian (R, J)."""
+    def fit_nuisances(self, effects: Sequence[Effect], offsets: Array, rounds: int = 3) -> tuple[Array, Array]:
+        """Offsets (J,) fitted inside their bounds from `offsets` by Gauss-Newton, and their residual (R,)."""
+        bound = np.full(len(offsets), BOUND)
         residual = self.residual([self.row(effects, offsets)])[0]
-        jacobian = self.nuisance_jacobian(effects, offsets, residual)
-        for round_ in range(rounds):
-            if round_:
-                jacobian = self.nuisance_jacobian(effects, offsets, residual)
+        for _ in range(rounds):
+            jacobian = self.nuisance_jacobian(effects, offsets, residual)
             pull = self.weights(residual)
-            wanted = solve_nuisances(jacobian * pull[:, None], residual * pull, offsets)
+            slopes = jacobian * pull[:, None]
+            normal = slopes.T @ slopes + np.eye(len(offsets))
+            wanted = descend(normal, slopes.T @ (slopes @ offsets - residual * pull), offsets, -bound, bound)
             value = self.loss(residual) + offsets @ offsets
             for share in (1.0, 0.5, 0.1):
                 trial = offsets + share * (wanted - offsets)
@@ -198,12 +195,4 @@ class ResidualModel:
                 break
             if done:
                 break
-        return offsets, residual, jacobian
-
-
-def solve_nuisances(jacobian: Array, residual: Array, offsets: Array) -> Array:
-    """Offsets (J,) after one bounded Gauss-Newton step."""
-    normal = jacobian.T @ jacobian + np.eye(len(offsets))
-    gradient = jacobian.T @ (jacobian @ offsets - residual)
-    bound = np.full(len(offsets), BOUND)
-    return descend(normal, gradient, offsets, -bound, bound)
+        return offsets, residual

@@ -27,17 +27,17 @@ from via_sim.joint.measurements import stride
 from via_sim.joint.parameters import DYNAMIC, SERVO, P
 from via_sim.joint.torques import HISTORY, QUEUED, X
 from via_sim.lockstep.run import LANES, run_many
-from via_sim.plants import JointPlant
 
 from via_gap.residual.command_gaps import pulses
-from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal, with_memory
+from via_gap.residual.memory import HELD, goals_along, torques_along, with_late_goal
 from via_gap.residual.segments import START, Indices, Segments, binned
 from via_gap.residual.threads import THREADS, together
-from via_gap.residual.unseen import MeasuredPath, UnseenMotors
+from via_gap.residual.unseen import UnseenMotors
 
 STEP = 0.02  # standard deviations: finite difference of the start of an unseen motor
 ROUNDS, ENOUGH = 6, 1e-3  # steps to this start at most; share of the loss from which one more is not worth it
 HUGE = 1e6  # in place of an overflow
+UNIT = np.eye(6)  # rows: one entry of a start each
 LEAD = 0.06  # [s] longer than any lag between channels
 
 
@@ -47,7 +47,7 @@ class _Inputs:
 
     rows      (K, N_PARAMETERS)
     commands  (1 or K, T, N_COMMANDS) of all rows, or of each
-    memory    (K, C, HELD) torques of elements with memory at the starts; None: no row has any, or `states` contain them
+    memory    (K, C, HELD) torques of elements with memory at the starts, unless `states` contain them
     states    (K, C, S) whole states at the starts, where a motor has no encoder
     offset    (6,) added to every start
     """
@@ -71,7 +71,6 @@ class Rollout:
 
     segments: Segments
     chosen: Indices
-    nominal: Array  # (N_PARAMETERS,) row for this rate
     basis: Array
     shrink: Array
     lead: int  # ticks that are simulated before the first segment of a chain
@@ -79,19 +78,23 @@ class Rollout:
 
     @staticmethod
     def of(segments: Segments, chosen: Indices) -> Rollout:
-        nominal = JointPlant.from_device(segments.log.device).at_rate(segments.rate)
-        unknown = Rollout(segments, chosen, nominal, np.empty(0), np.empty(0), segments.ticks, np.zeros(6))
-        made = unknown._whitened(nominal)
-        if segments.rests or not made._unseen(nominal):
-            return made
-        return made._with_estimated_start(nominal)._whitened(nominal)
+        made = Rollout(segments, chosen, np.empty(0), np.empty(0), segments.ticks, np.zeros(6))._whitened()
+        return made if segments.rests or not made._unseen else made._with_estimated_start()._whitened()
 
     def part(self, which: Indices) -> Rollout:
         """Some of the segments, by their indices into `chosen`; with all axes measured, a short lead is enough."""
-        lead = self.lead
-        if all(self.segments.log.motors_seen):
-            lead = min(round(LEAD * self.segments.rate), self.segments.ticks)
+        lead = min(round(LEAD * self.segments.rate), self.segments.ticks) if self._all_seen else self.lead
         return replace(self, chosen=self.chosen[which], basis=self.basis[which], shrink=self.shrink[which], lead=lead)
+
+    @property
+    def _known(self) -> list[int]:
+        """Entries of a state that are measured: angles, then velocities."""
+        return [*self.segments.axes, *(3 + axis for axis in self.segments.axes)]
+
+    @property
+    def _all_seen(self) -> bool:
+        """Whether every motor has an encoder."""
+        return all(self.segments.log.motors_seen)
 
     @property
     def size(self) -> int:
@@ -106,44 +109,43 @@ class Rollout:
 
         Each chain of neighbouring segments with each row is a run; runs of similar length are simulated in lockstep.
         """
-        seen = all(self.segments.log.motors_seen)
-        chains = self._chains(seen)
+        chains = self._chains()
         out = np.empty((len(rows), len(self.chosen), *self.segments.measured.shape[1:]))
         order = np.argsort(-chains[:, 1], kind="stable")
         runs = np.stack([np.tile(np.arange(len(rows)), len(order)), np.repeat(order, len(rows))], axis=1)
         size = ceil(len(runs) / (THREADS * ceil(len(runs) / (THREADS * LANES))))  # the same number on every thread
         memory = states = None
-        if not seen:
-            states = self._states_of_unseen(rows, commands)
-        elif with_memory(rows).any():
+        if self._all_seen:
             memory = torques_along(rows, self.segments.start[:, :3], self.segments.begin[self.chosen])
+        else:
+            states = self._states_of_unseen(rows, commands)
         inputs = _Inputs(rows, self.segments.commands[None] if commands is None else commands, memory, states, offset)
         pieces = [runs[first : first + size] for first in range(0, len(runs), size)]
         together(partial(self._run, inputs, chains, piece, out) for piece in pieces)
         return out
 
-    def _chains(self, seen: bool) -> Indices:
+    def _chains(self) -> Indices:
         """(n, 2): index into `chosen` of the first segment of each chain of neighbours, and their number.
 
-        In a chain, the state continues from segment to segment. If a motor was not measured (not `seen`), each segment
-        is a chain, because its whole state is known.
+        In a chain, the state continues from segment to segment. If a motor was not measured, each segment is a chain,
+        because its whole state is known.
         """
-        first = np.flatnonzero(np.concatenate(([True], (np.diff(self.chosen) != 1) | (not seen))))
+        first = np.flatnonzero(np.concatenate(([True], (np.diff(self.chosen) != 1) | (not self._all_seen))))
         return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
 
     def _states_of_unseen(self, rows: Array, commands: Array | None) -> Array:
         """(K, C, S) states of rows at the beginning of each chosen segment, where a motor has no encoder."""
-        motors = self._unseen_motors
         if commands is None:
-            return motors.states(rows)
+            return self._unseen_motors.states(rows)
         starts = self._at_rest(commands.reshape(-1, commands.shape[2]), np.arange(len(rows)) * commands.shape[1])
-        return motors.path.states(rows, starts, commands)
+        return self._unseen_motors.integrated(rows, starts, commands)
 
     @cached_property
     def _unseen_motors(self) -> UnseenMotors:
-        segments, begins = self.segments, self.segments.begin[self.chosen]
-        start = self._at_rest(segments.commands, np.zeros(1, dtype=np.intp))[0]
-        return UnseenMotors(MeasuredPath(segments.start, np.array(segments.axes), begins), segments.commands, start)
+        segments = self.segments
+        start = self._at_rest(segments.commands, np.zeros(1, dtype=np.intp))
+        begins = segments.begin[self.chosen]
+        return UnseenMotors(segments.start, np.array(segments.axes), begins, segments.commands[None], start)
 
     def _at_rest(self, sent: Array, under: Indices) -> Array:
         """State rows at tick 0."""
@@ -151,30 +153,31 @@ class Rollout:
         states[:, :6] += self.motor_start
         return states
 
-    def _unseen(self, row: Array) -> list[int]:
+    @property
+    def _unseen(self) -> list[int]:
         """Motors without an encoder whose state is integrated."""
-        return [axis for axis in (1, 2) if axis not in self.segments.axes and row[P.axis_kind + axis] == DYNAMIC]
+        kinds = self.segments.nominal[P.axis_kind :]
+        return [axis for axis in (1, 2) if axis not in self.segments.axes and kinds[axis] == DYNAMIC]
 
-    def _start_sd(self, row: Array) -> Array:
+    def _start_sd(self) -> Array:
         """(k, 6) prior standard deviations of the angle of each unseen motor when the log begins, and of its velocity.
 
         Nothing is known but that a motor moves about as much as the link, and rests if the link does.
         """
         travel, speed = np.nanstd(self.segments.start[:, [0, 3]], axis=0)
-        unit = np.eye(6)
-        slots = [(k, travel) for k in self._unseen(row)]
+        slots = [(k, travel) for k in self._unseen]
         if not self.segments.rests:
-            slots += [(3 + k, speed) for k in self._unseen(row)]
-        return np.array([size * unit[slot] for slot, size in slots])
+            slots += [(3 + k, speed) for k in self._unseen]
+        return np.array([size * UNIT[slot] for slot, size in slots])
 
-    def _with_estimated_start(self, row: Array) -> Rollout:
+    def _with_estimated_start(self) -> Rollout:
         """The same with the most likely start of the unseen motors: Gauss-Newton on the errors of all segments."""
-        sizes, here = self._start_sd(row), self
+        sizes = self._start_sd()
         at, loss = np.zeros(len(sizes)), np.inf
 
         def errors(amounts: Array) -> Array:
             moved = replace(self, motor_start=amounts @ sizes)
-            return np.nan_to_num(moved.residual(row[None])[0], posinf=HUGE, neginf=-HUGE)
+            return np.nan_to_num(moved.residual(self.segments.nominal[None])[0], posinf=HUGE, neginf=-HUGE)
 
         now = errors(at)
         for _ in range(ROUNDS):
@@ -190,19 +193,17 @@ class Rollout:
                 for a, e in zip(tries, found, strict=True)
             ]
             best = int(np.argmin(losses))
-            if not losses[best] < loss:
+            gain = loss - losses[best]
+            if gain > 0.0:
+                at, now, loss = tries[best], found[best], losses[best]
+            if not gain > ENOUGH * loss:
                 break
-            at, now, done = tries[best], found[best], loss - losses[best] < ENOUGH * losses[best]
-            loss, here = losses[best], replace(self, motor_start=at @ sizes)
-            if done:
-                break
-        return here
+        return replace(self, motor_start=at @ sizes)
 
     def _run(self, inputs: _Inputs, chains: Indices, runs: Indices, out: Array) -> None:
         """Simulate `runs` (n, 2), pairs of row and chain, longest chains first, and write angles into `out`."""
         rows, drive = inputs.rows, inputs.commands
-        segments, axes = self.segments, list(self.segments.axes)
-        known = np.array([*axes, *(3 + axis for axis in axes)])
+        segments, known = self.segments, self._known
         first, count = chains[runs[:, 1]].T
         warm = np.maximum(segments.begin[self.chosen[first]] - self.lead, 0)
         sent = drive.reshape(-1, drive.shape[2])
@@ -229,11 +230,12 @@ class Rollout:
                 state[:, :6] += inputs.offset
             self._write_history(run, begin, state)
             run_many(run, state, sent, under[:left] + begin, moved[:left])
-            out[runs[:left, 0], here] = binned(moved[:left][:, :, axes], segments.every, segments.averaged)
+            angles = moved[:left][:, :, list(segments.axes)]
+            out[runs[:left, 0], here] = binned(angles, segments.every, segments.averaged)
 
     def _initial(self, ticks: Indices, sent: Array, under: Indices) -> Array:
         """State rows (n, .) at ticks: measured axes, unmeasured motors at their command, queues of delayed commands."""
-        segments = self.segments
+        segments, kinds = self.segments, self.segments.nominal[P.axis_kind :]
         length = ceil(MAX_DELAY * segments.rate) + 2
         states = np.zeros((len(ticks), X.queue + QUEUED * length))
         states[:, X.tick] = ticks
@@ -244,18 +246,17 @@ class Rollout:
         queue[each[:, None], before % length] = sent[under[:, None] + np.maximum(before, 0), :QUEUED]
         early, back = np.nonzero(before < 0)
         for axis in (1, 2):  # before the log began, servos were at rest
-            if known[axis] and self.nominal[P.axis_kind + axis] == SERVO:
+            if known[axis] and kinds[axis] == SERVO:
                 queue[early, before[early, back] % length, axis - 1] = segments.rest[axis]
         for axis in range(3):
-            if axis in segments.axes:
-                states[:, [axis, 3 + axis]] = segments.start[ticks][:, [axis, 3 + axis]]
-                continue
-            if self.nominal[P.axis_kind + axis] == SERVO:
-                states[:, axis] = sent[under + ticks, axis - 1]
-            elif self.nominal[P.axis_kind + axis] == DYNAMIC:
-                states[:, axis] = segments.start[ticks, 0]
-            if known[axis]:
-                states[ticks == 0, axis] = segments.rest[axis]
+            if axis not in segments.axes:
+                if kinds[axis] == SERVO:
+                    states[:, axis] = sent[under + ticks, axis - 1]
+                elif kinds[axis] == DYNAMIC:
+                    states[:, axis] = segments.start[ticks, 0]
+                if known[axis]:
+                    states[ticks == 0, axis] = segments.rest[axis]
+        states[:, self._known] = segments.start[ticks][:, self._known]
         history = states[:, X.history : X.queue].reshape(len(ticks), -1, 6)
         history[:, :, :3] = states[:, None, :3]
         return states
@@ -265,26 +266,22 @@ class Rollout:
         rows, drive = inputs.rows, inputs.commands
         for k in np.flatnonzero(with_late_goal(rows)):
             own = np.flatnonzero(runs[:, 0] == k)
-            if own.size:
-                found = goals_along(rows[k][None], drive[k % len(drive)], self.segments.start[:, 0], ticks[own])[0]
-                states[own, X.behind], states[own, X.lag] = found.T
+            found = goals_along(rows[k][None], drive[k % len(drive)], self.segments.start[:, 0], ticks[own])[0]
+            states[own, X.behind], states[own, X.lag] = found.T
 
     def _starts(self, rows: Array, ticks: Indices) -> Array:
         """True angles and velocities (n, 6) at ticks: the measured ones without the encoder errors of each row."""
         segments = self.segments
         states = segments.start[ticks]
         for axis in segments.axes:
-            skew = rows[:, P.skew + axis] * segments.rate
+            both, skew = [axis, 3 + axis], rows[:, P.skew + axis] * segments.rate
             late = np.flatnonzero(skew)
-            if late.size:
-                at = np.minimum(ticks[late] + skew[late], len(segments.start) - 1.0)
-                low = at.astype(int)
-                share = (at - low)[:, None]
-                high = np.minimum(low + 1, len(segments.start) - 1)
-                both = [axis, 3 + axis]
-                moved = (1.0 - share) * segments.start[low][:, both] + share * segments.start[high][:, both]
-                states[late, axis], states[late, 3 + axis] = moved[:, 0], moved[:, 1]
-            states[:, axis], states[:, 3 + axis] = true_motions(rows, axis, states[:, axis], states[:, 3 + axis])
+            at = np.minimum(ticks[late] + skew[late], len(segments.start) - 1.0)
+            low = at.astype(int)
+            share, high = (at - low)[:, None], np.minimum(low + 1, len(segments.start) - 1)
+            moved = (1.0 - share) * segments.start[low][:, both] + share * segments.start[high][:, both]
+            states[late[:, None], both] = moved
+            states[:, both] = np.stack(true_motions(rows, axis, *states[:, both].T), axis=1)
         return states
 
     def _write_history(self, rows: Array, ticks: Indices, states: Array) -> None:
@@ -299,47 +296,40 @@ class Rollout:
             return
         every = stride(1.0 / self.segments.rate)
         past, history = rows[late], states[late, X.history : X.queue].reshape(len(late), HISTORY, 6)
-        known = [*self.segments.axes, *(3 + axis for axis in self.segments.axes)]
+        known = self._known
         for back in range(min(ceil(float(skews.max()) * self.segments.rate / every) + 2, HISTORY)):
             which = ticks[late] // every - back
             there = self._starts(past, np.maximum(which * every, 0))
             history[np.arange(len(late))[:, None], (which % HISTORY)[:, None], known] = there[:, known]
         states[late, X.history : X.queue] = history.reshape(len(late), -1)
 
-    def _unseen_noise(self, row: Array) -> dict[int, Array]:
+    def _unseen_noise(self) -> dict[int, Array]:
         """[rad], [rad/s] standard deviation (2,) of the start of each motor without an encoder.
 
         Noise of the measured axes excites the motor behind its spring. It is found by a run along a motion with as much
         noise again; as for measured axes, the bias of smoothing is included (`START`).
         """
-        unseen = self._unseen(row)
-        if not unseen:
+        if not self._unseen:
             return {}
         segments, motors = self.segments, self._unseen_motors
-        noisy = replace(motors.path, measured=segments.start + segments.smoothed_noise(np.random.default_rng(0)))
-        shaken = noisy.states(row[None], motors.start[None].copy(), segments.commands[None])[0]
-        moved = shaken - motors.path.states(row[None], motors.start[None].copy(), segments.commands[None])[0]
+        noisy = replace(motors, measured=segments.start + segments.smoothed_noise(np.random.default_rng(0)))
+        moved = noisy.integrated(segments.nominal[None])[0] - motors.integrated(segments.nominal[None])[0]
         sizes = START * np.sqrt(np.mean(np.nan_to_num(moved[:, :6]) ** 2, axis=0))
         least = segments.start_noise[0]  # a motor is known from the link, at best as well as the link itself
-        return {axis: np.maximum(sizes[[axis, 3 + axis]], least) for axis in unseen}
+        return {axis: np.maximum(sizes[[axis, 3 + axis]], least) for axis in self._unseen}
 
-    def _whitened(self, row: Array) -> Rollout:
+    def _whitened(self) -> Rollout:
         """The same with `basis` and `shrink`, from runs that start one standard deviation beside what is known."""
-        known = dict(zip(self.segments.axes, self.segments.start_noise, strict=True)) | self._unseen_noise(row)
-        steps = []
-        for axis, noise in known.items():
-            for slot, size in ((axis, noise[0]), (3 + axis, noise[1])):
-                offset = np.zeros(6)
-                offset[slot] = size
-                steps.append(offset)
+        row = self.segments.nominal
+        known = dict(zip(self.segments.axes, self.segments.start_noise, strict=True)) | self._unseen_noise()
         plain = self.motion(row[None])[0]
+        steps = [size * UNIT[axis + at] for axis, noise in known.items() for at, size in zip((0, 3), noise)]
         moved = [self.motion(row[None], offset)[0] for offset in steps]
         moved += [self.motion(row[None], commands=(self.segments.commands + p)[None])[0] for p in pulses(self.segments)]
         changes = [each - plain for each in moved]
-        for start in self._start_sd(row):
-            changes.append(
-                (replace(self, motor_start=self.motor_start + STEP * start).motion(row[None])[0] - plain) / STEP
-            )
+        for start in self._start_sd():
+            beside = replace(self, motor_start=self.motor_start + STEP * start)
+            changes.append((beside.motion(row[None])[0] - plain) / STEP)
         columns = np.stack(changes, axis=-1)
         columns = columns * (self.segments.weight[self.chosen] / self.segments.noise)[..., None]
         flat = columns.reshape(len(self.chosen), self.size, len(changes))

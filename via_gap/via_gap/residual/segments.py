@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil
 
 import numpy as np
@@ -16,12 +17,13 @@ from scipy.signal import savgol_filter
 from via_core.errors import SignalError
 from via_core.signals import Array
 from via_sim.joint.torques import EXTERNAL, N_COMMANDS
+from via_sim.plants import JointPlant
 from via_sim.simulate import command_rows
 
 from via_gap.logs.between import acting, along, in_lines
 from via_gap.logs.checks import step_of
 from via_gap.logs.log import JointLog
-from via_gap.logs.noise import error_correlation, log_noise
+from via_gap.logs.noise import LogNoise, error_correlation, log_noise
 from via_gap.logs.quality import Quality
 from via_gap.logs.replay import FIRST_SAMPLES
 from via_gap.logs.rounding import interpolated, mean_variance, slope_order, variances
@@ -35,10 +37,7 @@ SPANS = {"torque": SPAN, "position": 0.75, "servo": 1.5}
 # bandwidth of any joint
 SLOWEST, FASTEST = 500.0, 2000.0
 BIN = 0.004  # [s] over which angles are averaged before they are compared
-START, START_SPEED = (
-    2.0,
-    0.03,
-)  # times the sensor noise; [rad/s]: sd of a smoothed start, bias included
+START, START_SPEED = 2.0, 0.03  # times the sensor noise; [rad/s]: sd of a smoothed start, bias included
 SMOOTHING = 0.012  # [s] to either side of a start over which angle and velocity are fitted
 BESIDE_MOTORS = ("damping", "external_torque", "neighbour", "arm_torque")  # commands that do not drive motors
 ROUNDED = 1e-6  # of a tick
@@ -93,6 +92,11 @@ class Segments:
 
     def __len__(self) -> int:
         return len(self.begin)
+
+    @cached_property
+    def nominal(self) -> Array:
+        """(N_PARAMETERS,) parameter row of the nominal device for this rate."""
+        return JointPlant.from_device(self.log.device).at_rate(self.rate)
 
     def smoothed_noise(self, rng: np.random.Generator) -> Array:
         """(T, 6) a draw of the error of `start` by sensor noise; 0 for axes without an encoder."""
@@ -177,20 +181,22 @@ def cut_log(log: JointLog, span: float | None = None, quality: Quality | None = 
     )  # fmt: skip
 
 
+def cut_with_noise(log: JointLog, noise: LogNoise) -> Segments:
+    """The segments of a log that can be used as a whole and whose noise is known. Raises SignalError as `cut_log`."""
+    whole = (float(log.measured.time[0]), float(log.measured.time[-1]))
+    return cut_log(log, quality=Quality((), (whole,), noise))
+
+
 def _command_gaps(
     log: JointLog, quality: Quality | None, origin: float, rate: float, ticks: int
 ) -> tuple[Indices, int]:
     """Short gaps (g, 2) in the commands in ticks, and ticks from command to command."""
-    if quality is None or not quality.command_gaps or log.commands is None or not _commanded(log):
+    driven = log.motors_commanded or not log.device.n_motors  # by commands, not by measured torques
+    if quality is None or not quality.command_gaps or log.commands is None or not driven:
         return np.empty((0, 2), dtype=np.intp), 1
     apart = max(1, round(float(np.median(np.diff(log.commands.time))) * rate))
     gaps = np.round((np.array(quality.command_gaps) - origin) * rate).astype(np.intp)
     return gaps[(gaps[:, 0] >= 0) & (gaps[:, 1] + apart < ticks) & (gaps[:, 1] > gaps[:, 0])], apart
-
-
-def _commanded(log: JointLog) -> bool:
-    """Whether commands drive the simulation, and not measured torques."""
-    return log.motors_commanded if log.device.n_motors else True
 
 
 def lined(segments: Segments, late: float) -> Segments:
@@ -222,21 +228,24 @@ def binned(angles: Array, every: int, averaged: bool) -> Array:
     return cut.mean(axis=-2) if averaged else cut[..., -1, :]
 
 
+def angle_of(log: JointLog, axis: int) -> Array:
+    """(N,) [rad] as measured at an axis: 0 link, 1, 2 motors."""
+    return log.measured["q"] if axis == 0 else log.measured["theta"][:, axis - 1]
+
+
 def quantum(log: JointLog, axis: int) -> float:
     """[rad] step of an encoder: of the device file, or of the grid of its measurements if that is coarser."""
     sensors = log.device.sensors
-    filed = (sensors.link_quantum if axis == 0 else sensors.motor_quantum) or 0.0
-    return max(filed, step_of(log.measured["q"] if axis == 0 else log.measured["theta"][:, axis - 1]))
+    return max((sensors.motor_quantum if axis else sensors.link_quantum) or 0.0, step_of(angle_of(log, axis)))
 
 
 def _rest(log: JointLog) -> Array:
     """(3,) [rad] median of the first samples of each axis, also of encoders that are not used."""
     rest = np.full(3, np.nan)
-    rest[0] = np.nanmedian(log.measured["q"][:FIRST_SAMPLES])
-    if "theta" in log.measured:
-        for i, column in enumerate(log.measured["theta"][:FIRST_SAMPLES].T):
-            if np.isfinite(column).any():
-                rest[1 + i] = np.nanmedian(column)
+    for axis in range(1 + (log.device.n_motors if "theta" in log.measured else 0)):
+        first = angle_of(log, axis)[:FIRST_SAMPLES]
+        if np.isfinite(first).any():
+            rest[axis] = np.nanmedian(first)
     return rest
 
 
@@ -272,7 +281,7 @@ def _angles(log: JointLog, grid: Array, axes: Sequence[int]) -> tuple[Array, Arr
     weights = np.empty((*values.shape, 4))
     longest = 3.0 * float(np.median(np.diff(log.measured.time)))
     for i, axis in enumerate(axes):
-        column = log.measured["q"] if axis == 0 else log.measured["theta"][:, axis - 1]
+        column = angle_of(log, axis)
         there = np.isfinite(column)
         time = log.measured.time[there]
         period = float(np.median(np.diff(time)))
@@ -315,16 +324,14 @@ def _drive(log: JointLog, grid: Array) -> Array:
     """Command rows (T, 4): recorded commands; without commands of the motors, the measured torque over each tick."""
     device = log.device
     rows = np.zeros((len(grid), N_COMMANDS))
-    if log.commands is not None and len(log.commands):
-        whole = acting(log, grid)
-        assert whole is not None
-        if not log.motors_commanded:
-            whole = whole.select([name for name in whole.channels if name in BESIDE_MOTORS])
-        if whole.channels:
-            rows = command_rows(device, whole, grid)
+    whole = acting(log, grid)
+    if whole is not None and not log.motors_commanded:
+        whole = whole.select([name for name in whole.channels if name in BESIDE_MOTORS])
+    if whole is not None and len(whole) and whole.channels:
+        rows = command_rows(device, whole, grid)
     if device.n_motors and not log.motors_commanded:
         rows[:, : device.n_motors] = _torque_after(log, grid)
-    commanded = log.commands is not None and "external_torque" in log.commands
+    commanded = whole is not None and "external_torque" in whole
     if device.drive == "torque" and not device.n_motors and not commanded and log.torque_seen:
         rows[:, EXTERNAL] = _torque_after(log, grid)[:, 0]
     return rows

@@ -1,6 +1,6 @@
 """States of motors without an encoder at the beginning of each segment.
 
-    motors = UnseenMotors(MeasuredPath(measured, axes, ticks), commands, start)
+    motors = UnseenMotors(measured, axes, ticks, commands, start)
     states = motors.states(rows)                                            # (K, n, S)
 
 The friction of a motor behind a spring damps its initial error, provided that the link moves as measured. If the link
@@ -40,27 +40,51 @@ OF_LINK = np.array(  # slots of a row that act on the link alone and have no sta
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredPath:
-    """Measured motion of one recording, and the ticks at which states are wanted.
+class UnseenMotors:
+    """States along a measured motion under the recorded commands, with a cache, because many rows are alike.
 
     measured  (T, 6) angles [rad] and velocities [rad/s], valid for `axes`
-    ticks     (n,) ascending
+    ticks     (n,) ascending: where states are wanted
+    commands  (1, T, N_COMMANDS) of the recording
+    start     (1, S) state at tick 0, for all rows
     """
 
     measured: Array
     axes: NDArray[np.intp]
     ticks: NDArray[np.intp]
+    commands: Array
+    start: Array
+    _found: OrderedDict[bytes, Array] = field(default_factory=OrderedDict, init=False)
 
-    def states(self, rows: Array, starts: Array, commands: Array) -> Array:
-        """States (K, n, S) of rows (K, N_PARAMETERS) from starts (K, S) at tick 0, computed on all threads.
+    def states(self, rows: Array) -> Array:
+        """States (K, n, S) of rows (K, N_PARAMETERS)."""
+        alike, found = rows.copy(), self._found
+        alike[:, OF_LINK] = 0.0
+        alike[:, P.inertia] = HEAVY
+        keys = [row.tobytes() for row in alike]
+        new = {key: row for key, row in zip(keys, alike, strict=True) if key not in found}
+        if new:
+            found.update(zip(new, self.integrated(np.stack([*new.values()])), strict=True))
+        for key in keys:
+            found.move_to_end(key)
+        out = np.stack([found[key] for key in keys])
+        while len(found) * out[0].nbytes > MEMORY:
+            found.popitem(last=False)
+        return out
 
-        commands  (1 or K, T, N_COMMANDS) of all rows, or of each
+    def integrated(self, rows: Array, starts: Array | None = None, commands: Array | None = None) -> Array:
+        """States (K, n, S) of rows (K, N_PARAMETERS), computed on all threads.
+
+        starts    (K, S) of each row, instead of `start`
+        commands  (K, T, N_COMMANDS) of each row, instead of the recorded ones
         """
-        out = np.empty((len(rows), len(self.ticks), starts.shape[1]))
+        now = np.repeat(self.start, len(rows), axis=0) if starts is None else starts
+        drive = self.commands if commands is None else commands
+        out = np.empty((len(rows), len(self.ticks), now.shape[1]))
         calls = []
         for part in np.array_split(np.arange(len(rows)), min(THREADS, len(rows))):
-            own = commands if len(commands) == 1 else commands[part]
-            calls.append(partial(self._integrate, rows[part], starts[part], own, out[part[0] : part[-1] + 1]))
+            own = drive if len(drive) == 1 else drive[part]
+            calls.append(partial(self._integrate, rows[part], now[part], own, out[part[0] : part[-1] + 1]))
         together(calls)
         return out
 
@@ -73,35 +97,3 @@ class MeasuredPath:
         for i, tick in enumerate(self.ticks):
             lead_many(rows, states, sent, under + now, self.measured, self.axes, moved[:, : tick - now + 1])
             out[:, i], now = states, tick
-
-
-@dataclass(frozen=True, eq=False)
-class UnseenMotors:
-    """States along a measured path under the recorded commands, with a cache, because many rows are alike.
-
-    commands  (T, N_COMMANDS) of the recording
-    start     (S,) state at tick 0, for all rows
-    """
-
-    path: MeasuredPath
-    commands: Array
-    start: Array
-    found: OrderedDict[bytes, Array] = field(default_factory=OrderedDict)
-
-    def states(self, rows: Array) -> Array:
-        """States (K, n, S) of rows (K, N_PARAMETERS)."""
-        alike = rows.copy()
-        alike[:, OF_LINK] = 0.0
-        alike[:, P.inertia] = HEAVY
-        keys = [row.tobytes() for row in alike]
-        new = {key: row for key, row in zip(keys, alike, strict=True) if key not in self.found}
-        if new:
-            starts = np.repeat(self.start[None], len(new), axis=0)
-            states = self.path.states(np.stack([*new.values()]), starts, self.commands[None])
-            self.found.update(zip(new, states, strict=True))
-        for key in keys:
-            self.found.move_to_end(key)
-        out = np.stack([self.found[key] for key in keys])
-        while len(self.found) * out[0].nbytes > MEMORY:
-            self.found.popitem(last=False)
-        return out

@@ -43,9 +43,8 @@ def weak_residuals(segments: Segments, device: Device) -> tuple[Residual, ...]:
     except SignalError:
         return ()
     view = InverseDynamics(segments, np.arange(len(segments)), row, windows)
-    missing = view.residual(row[None])[0].reshape(len(segments), len(windows.axes), -1)
-    centre = (view.first + windows.weights.shape[1] // 2).ravel()
+    missing, centre = view.torques(view.residual(row[None])[0]), view.middle.ravel()
     return tuple(
-        Residual(axis, centre, missing[:, i].ravel() * floor, np.full(len(centre), floor))
-        for i, (axis, floor) in enumerate(zip(windows.axes, windows.floor, strict=True))
+        Residual(axis, centre, missing[:, i].ravel(), np.full(len(centre), windows.floor[i]))
+        for i, axis in enumerate(windows.axes)
     )

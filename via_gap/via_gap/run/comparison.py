@@ -16,10 +16,9 @@ from via_sim.plants import JointPlant
 from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.logs.log import JointLog, believed
 from via_gap.logs.noise import LogNoise, log_noise
-from via_gap.logs.quality import Quality
 from via_gap.residual.errors import segment_errors
 from via_gap.residual.residual_model import ResidualModel
-from via_gap.residual.segments import cut_log
+from via_gap.residual.segments import cut_with_noise
 from via_gap.residual.weak_residuals import weak_residuals
 
 STILL = 1e-3  # [rad] travel of the link below which nothing can be compared
@@ -71,8 +70,7 @@ def compare(log: JointLog, device: Device, noise: LogNoise | None = None) -> Com
     Raises SignalError for a log without commands to simulate with, or one that is too short.
     """
     (log,) = believed([log])
-    whole = (float(log.measured.time[0]), float(log.measured.time[-1]))
-    segments = cut_log(log, quality=Quality((), (whole,), noise or log_noise(log)))
+    segments = cut_with_noise(log, noise or log_noise(log))
     known = segments.valid if segments.valid.any() else np.ones(len(segments), dtype=np.bool_)
     problem = ResidualModel.of([segments], [np.flatnonzero(known)])
     errors = segment_errors(problem, problem.residual([JointPlant.from_device(device).parameters])[0])

@@ -151,7 +151,7 @@ def _limited(commands: Array, limits: Array) -> Array:
 def _run(rollout: Rollout, row: Array, commands: Array) -> Array:
     """Residuals (n, C values) of one row under each of commands (n, T, N_COMMANDS)."""
     rows = np.repeat(row[None], len(commands), axis=0)
-    rows[:, P.tick], rows[:, P.substeps] = rollout.nominal[P.tick], rollout.nominal[P.substeps]
+    rows[:, P.tick], rows[:, P.substeps] = rollout.segments.nominal[P.tick], rollout.segments.nominal[P.substeps]
     return rollout.residual(rows, commands).reshape(len(commands), -1)
 
 

@@ -17,6 +17,7 @@ from via_sim.effects import Effect
 
 from via_gap.logs.checks import COARSE, step_of
 from via_gap.logs.log import JointLog
+from via_gap.residual.segments import angle_of
 
 SURE = 8.0  # standard deviations from which a gain or bias error is significant
 LEAST_GAIN, LEAST_BIAS = 0.02, 0.003  # [-], times the command's standard deviation: smallest reported errors
@@ -49,20 +50,13 @@ def _coarse(logs: Sequence[JointLog]) -> list[SensorError]:
     device, found = logs[0].device, []
     for axis in range(1 + device.n_motors):
         filed = device.sensors.link_quantum if axis == 0 else device.sensors.motor_quantum
-        steps = [step_of(column) for log in logs if (column := _angle(log, axis)) is not None]
+        steps = [step_of(angle_of(log, axis)) for log in logs if axis == 0 or log.motors_seen[axis - 1]]
         if not filed or not steps or min(steps) <= COARSE * filed:
             continue
         step = float(np.median(steps))
         effect = Effect("encoder_quantisation", "sensor", {"quantum": step}, axis)
         found.append(SensorError(effect, {"quantum": 1e-3 * step}, (filed / step) ** 2))
     return found
-
-
-def _angle(log: JointLog, axis: int) -> Array | None:
-    """(N,) [rad] of an encoder that was recorded; None: it was not."""
-    if axis == 0:
-        return log.measured["q"]
-    return log.measured["theta"][:, axis - 1] if log.motors_seen[axis - 1] else None
 
 
 def _scaled(logs: Sequence[JointLog]) -> list[SensorError]:
@@ -82,34 +76,28 @@ def _scaled(logs: Sequence[JointLog]) -> list[SensorError]:
             continue
         sd_gain, sd_bias = np.sqrt(np.diag(covariance) * left)
         before = max(float(np.mean((measured - commanded) ** 2)), 1e-300)
-        named = []
-        if abs(gain - 1.0) > max(LEAST_GAIN, SURE * sd_gain):
-            named.append(("torque_gain", "gain", float(gain), float(sd_gain)))
-        if abs(bias) > max(LEAST_BIAS * float(np.std(commanded)), SURE * sd_bias):
-            named.append(("torque_bias", "torque", float(bias), float(sd_bias)))
-        for name, parameter, value, sd in named:
-            effect = Effect(name, "sensor", {parameter: value}, motor + 1)
-            found.append(SensorError(effect, {parameter: sd}, min(left / before, 1.0), float(np.sqrt(before))))
+        for name, parameter, value, neutral, sd, least in (
+            ("torque_gain", "gain", gain, 1.0, sd_gain, LEAST_GAIN),
+            ("torque_bias", "torque", bias, 0.0, sd_bias, LEAST_BIAS * float(np.std(commanded))),
+        ):
+            if abs(value - neutral) > max(least, SURE * sd):
+                effect = Effect(name, "sensor", {parameter: float(value)}, motor + 1)
+                share, size = min(left / before, 1.0), float(np.sqrt(before))
+                found.append(SensorError(effect, {parameter: float(sd)}, share, size))
     return found
 
 
 def _command_and_torque(log: JointLog, motor: int) -> tuple[Array, Array] | None:
     """(n,) [N m] each, at samples inside the drive's limit; None where either was not recorded."""
-    commands = log.commands
-    if commands is None or "motor" not in commands or "tau" not in log.measured:
+    if log.commands is None or len(log.commands) < 2 or "tau" not in log.measured:
         return None
     drive = log.device.motors[motor]
     limit = drive.torque_limit if isinstance(drive, TorqueMotor) and drive.torque_limit is not None else np.inf
-    tau, commanded = log.measured["tau"][:, motor], commands["motor"][:, motor]
-    seen = np.isfinite(tau)
-    if seen.sum() < 100 or len(commands) < 2:
+    seen = np.isfinite(log.measured["tau"][:, motor])
+    each = [sent[seen, motor] for late in LATE if (sent := log.motor_commands(late)) is not None]
+    if seen.sum() < 100 or not each:
         return None
-    time, tau = log.measured.time[seen], tau[seen]
-    period = float(np.median(np.diff(log.measured.time)))
-    each = []
-    for late in LATE:  # a sample's torque is that of the tick which ended there
-        at = np.clip(np.searchsorted(commands.time, time - (late + 0.5) * period, side="right") - 1, 0, None)
-        each.append(commanded[at])
+    tau = log.measured["tau"][seen, motor]
     best = max(each, key=lambda values: abs(float(np.cov(values, tau)[0, 1])) / max(float(np.std(values)), 1e-300))
     inside = np.isfinite(best) & (np.abs(best) < FULL * limit)
     return (best[inside], tau[inside]) if inside.sum() >= 100 and np.ptp(best[inside]) > 0.0 else None

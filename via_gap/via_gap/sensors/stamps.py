@@ -131,18 +131,12 @@ def _left(log: JointLog, late: float) -> tuple[float, float, float] | None:
 def _regular(log: JointLog, period: float) -> tuple[Array, Array]:
     """Angle [rad] and command [N m] (N,) at every period of the log; NaN where a sample or its command is missing."""
     assert log.commands is not None
-    columns = []
-    origin = log.measured.time[0]
-    count = round(log.duration / period) + 1
-    for time, values in (
-        (log.measured.time, log.measured["q"]),
-        (log.commands.time, log.commands["external_torque"]),
-    ):
-        sample = np.rint((time - origin) / period).astype(np.intp)
-        there = (np.abs(time - origin - sample * period) < ON_TIME * period) & (sample >= 0) & (sample < count)
-        column = np.full(count, np.nan)
-        column[sample[there]] = values[there]
-        columns.append(column)
+    columns = np.full((2, round(log.duration / period) + 1), np.nan)
+    for column, signals, name in zip(columns, (log.measured, log.commands), ("q", "external_torque"), strict=True):
+        late = signals.time - log.measured.time[0]
+        sample = np.rint(late / period).astype(np.intp)
+        there = (np.abs(late - sample * period) < ON_TIME * period) & (sample >= 0) & (sample < len(column))
+        column[sample[there]] = signals[name][there]
     return columns[0], columns[1]
 
 
@@ -157,12 +151,9 @@ def _between(angle: Array, share: float) -> Array:
 
 def _later(values: Array, samples: int) -> Array:
     """(N,) values shifted by some samples, forward in time if positive; NaN beyond the ends."""
-    moved = np.full_like(values, np.nan)
-    if samples >= 0:
-        moved[: len(values) - samples] = values[samples:]
-    else:
-        moved[-samples:] = values[:samples]
-    return moved
+    at = np.arange(len(values)) + samples
+    inside = (at >= 0) & (at < len(values))
+    return np.where(inside, values[np.clip(at, 0, len(values) - 1)], np.nan)
 
 
 def _lags(angle: Array) -> list[Array]:
