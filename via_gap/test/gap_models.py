@@ -11,8 +11,8 @@ from via_core.signals import Array
 from via_gap.candidates.fit import Fit
 from via_gap.candidates.location import Location
 from via_gap.candidates.scales import Scales, scales_of
+from via_gap.residual.inverse_dynamics import missing_torque
 from via_gap.residual.segments import cut_log
-from via_gap.residual.weak_residuals import weak_residuals
 from via_gap.selection.evidence import Evaluation
 from via_sim.effects.catalogue import EFFECTS
 
@@ -55,4 +55,4 @@ def scales() -> Scales:
     log = log_of(flexible(), (), seed=5, duration=6.0, tolerance=0.0)
     segments = cut_log(log)
     every = np.arange(len(segments))
-    return scales_of([segments], [weak_residuals(segments, log.device)], segments.time[every], np.ones(len(segments)))
+    return scales_of([segments], [missing_torque(segments, log.device)], segments.time[every], np.ones(len(segments)))

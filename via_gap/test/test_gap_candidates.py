@@ -41,7 +41,7 @@ def fitted(device: Device, effect: Effect, duration: float) -> tuple[ResidualMod
     segments = cut_log(log_of(device, (effect,), seed=7, duration=duration, tolerance=0.0))
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base, jacobian = based(problem)
-    scales = scales_of([segments], [()], segments.time[1:], problem.per_segment(base.residual))
+    scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
     return problem, base, jacobian, scales
 
 
@@ -92,7 +92,7 @@ def test_a_second_cause_shows_once_the_first_gives_way():
     segments = cut_log(log_of(flexible(), (wall, offset), seed=7, duration=6.0, tolerance=0.0))
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base, jacobian = based(problem)
-    scales = scales_of([segments], [()], segments.time[1:], problem.per_segment(base.residual))
+    scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
     members = [(Location("contact", "environment", 0), [*wall.parameters.values()])]
     first = refine(problem, base, members, scales, jacobian=jacobian)
     beside = problem.nuisance_jacobian(first.effects, first.offsets, first.residual)
@@ -168,7 +168,7 @@ def test_a_few_segments_that_nothing_explains_do_not_move_a_fit():
     segments = cut_log(disturbed)
     problem = ResidualModel.of([segments], [np.arange(1, len(segments))])
     base = fit_device_numbers(problem)
-    scales = scales_of([segments], [()], segments.time[1:], problem.per_segment(base.residual))
+    scales = scales_of([segments], [None], segments.time[1:], problem.per_segment(base.residual))
     place = Location("coulomb_friction", "motor", 1)
     plain = refine(problem, base, [(place, [0.02])], scales)
     fit = refine(replace(problem, robust=True), plain, [(place, plain.values)], scales)

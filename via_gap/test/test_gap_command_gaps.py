@@ -112,7 +112,9 @@ def gapped(lost: float) -> tuple[Rollout, Rollout, np.ndarray]:
 
 def test_a_command_that_acted_unrecorded_leaves_no_more_than_noise():
     known, unknown, there = gapped(0.04)
-    with_gap, without = (np.mean(each.residual(each.nominal[None])[0] ** 2, axis=1) for each in (known, unknown))
+    with_gap, without = (
+        np.mean(each.residual(each.segments.nominal[None])[0] ** 2, axis=1) for each in (known, unknown)
+    )
     assert there.sum() == 1
     assert without[there][0] > 30.0
     assert with_gap[there][0] < 2.0
@@ -122,7 +124,7 @@ def test_a_command_that_acted_unrecorded_leaves_no_more_than_noise():
 def test_errors_are_whitened_by_their_whole_covariance():
     """The same by matrices: |w|^2 = e' (Id + A A')^-1 e, columns of A from one simulation for each uncertainty."""
     known, _, _ = gapped(0.04)
-    segments, row = known.segments, known.nominal
+    segments, row = known.segments, known.segments.nominal
     scale = segments.weight[known.chosen] / segments.noise
     plain = known.motion(row[None])[0]
     moved = []

@@ -21,7 +21,7 @@ from via_gap.rendering.words import boxes, cautions, headline, next_steps, repai
 from via_gap.report.answer import Answer, _outweighs, answer
 from via_gap.report.figures import Figures, JointSketch, Member, Trial
 from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValue, Value, Where
-from via_gap.residual.weak_residuals import Residual
+from via_gap.residual.inverse_dynamics import MissingTorque
 from via_gap.selection.reliability import reliability
 from via_gap.selection.verdict import Decision
 from via_gap.sensors.sensor_errors import SensorError
@@ -151,15 +151,15 @@ def test_the_effects_file_of_the_page_holds_exactly_the_effects_of_the_report(re
     assert any(each.site == "device" for each in effects) == moved
 
 
-def compared(tuned, *missing: Residual) -> SimpleNamespace:
+def compared(tuned, *missing: MissingTorque) -> SimpleNamespace:
     """What `answer` takes from a comparison: the device, sizes in its logs, and the missing torque of each log."""
     experiment = SimpleNamespace(evaluated=SimpleNamespace(device=flexible()), tuned=tuned)
-    candidates = SimpleNamespace(scales=scales(), residuals=tuple((each,) for each in missing), shares=())
+    candidates = SimpleNamespace(scales=scales(), missing=missing, shares=())
     return SimpleNamespace(experiment=experiment, candidates=candidates)
 
 
-def missing_torque(axis: int, *torque: float) -> Residual:
-    return Residual(axis, np.arange(len(torque)), np.array(torque), np.ones(len(torque)))
+def missing_torque(axis: int, *torque: float) -> MissingTorque:
+    return MissingTorque((axis,), np.arange(len(torque)), np.array(torque)[:, None], np.ones(1))
 
 
 def sensor_error(size: float) -> SensorError:

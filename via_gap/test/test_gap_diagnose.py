@@ -11,8 +11,8 @@ from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport, save_repair
 from via_gap.report.withheld import before_and_after
+from via_gap.residual.inverse_dynamics import missing_torque
 from via_gap.residual.segments import cut_log
-from via_gap.residual.weak_residuals import weak_residuals
 from via_sim.effects import Effect
 from via_sim.effects.files import load_effects
 
@@ -87,15 +87,16 @@ def test_a_log_that_cannot_be_used_is_answered_not_raised():
 def test_equations_alone_say_where(effect, site):
     log = log_of(flexible(), (effect,), seed=23, tolerance=0.0)
     segments = cut_log(log)
-    shares = localise([segments], [weak_residuals(segments, log.device)], log.device)
+    shares = localise([segments], [missing_torque(segments, log.device)], log.device)
     assert (shares[0].site, shares[0].share > 0.8) == (site, True)
 
 
 def test_equations_of_the_right_plant_balance_within_the_floor():
     log = log_of(flexible(), (), seed=23, tolerance=0.0)
     segments = cut_log(log)
-    for residual in weak_residuals(segments, log.device):
-        assert np.sqrt(np.mean((residual.torque / residual.floor) ** 2)) < 1.5
+    missing = missing_torque(segments, log.device)
+    assert missing.axes == (0, 1)
+    assert np.all(np.sqrt(np.mean((missing.torque / missing.floor) ** 2, axis=0)) < 1.5)
 
 
 def test_a_csv_file_is_a_log(tmp_path):

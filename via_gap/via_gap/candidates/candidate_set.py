@@ -12,11 +12,10 @@ from via_gap.candidates.fit import Fit
 from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
-from via_gap.residual.inverse_dynamics import InverseDynamics
+from via_gap.residual.inverse_dynamics import InverseDynamics, MissingTorque, missing_torque
 from via_gap.residual.repaired_device import repaired_device
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices, Segments
-from via_gap.residual.weak_residuals import Residual, weak_residuals
 
 ONE_RUN = ("external_torque",)  # acts at one time of one run, so it cannot be the common cause in several logs
 
@@ -28,15 +27,15 @@ class CandidateSet:
     locations  every effect at every location
     scales     typical sizes in these logs
     numbers    the device with fitted parameters
-    residuals  weak-form residuals of its equations, one tuple per log
-    shares     share of each site in these residuals
+    missing    missing torque of its equations in each log; None if no equation can be evaluated
+    shares     share of each site in it
     equations  inverse dynamics of the fitted segments in short windows; None if no equation can be evaluated
     """
 
     locations: tuple[Location, ...]
     scales: Scales
     numbers: Device
-    residuals: tuple[tuple[Residual, ...], ...]
+    missing: tuple[MissingTorque | None, ...]
     shares: tuple[SiteShare, ...]
     equations: ResidualModel | None
 
@@ -44,16 +43,16 @@ class CandidateSet:
     def of(segments: Sequence[Segments], train: Sequence[Indices], base: Fit, fitted: ResidualModel) -> CandidateSet:
         """base: fit of the device parameters to the segments `train` (one array per log) of the model `fitted`."""
         numbers = repaired_device(fitted.device, fitted.nuisances, base.offsets)
-        residuals = tuple(weak_residuals(each, numbers) for each in segments)
-        shares = localise(segments, residuals, numbers) if all(residuals) else ()
+        missing = tuple(missing_torque(each, numbers) for each in segments)
+        shares = localise(segments, missing, numbers)
         seen = [i for i, which in enumerate(train) if len(which)]
         begins = [segments[i].time[train[i]] - segments[i].log.measured.time[0] for i in seen]
         scales = scales_of(
-            [segments[i] for i in seen], [residuals[i] for i in seen], np.concatenate(begins),
+            [segments[i] for i in seen], [missing[i] for i in seen], np.concatenate(begins),
             fitted.per_segment(base.residual),
         )  # fmt: skip
         excluded = ONE_RUN if len(segments) > 1 else ()
         found = locations(fitted.device, segments[0].log)
         kept = tuple(location for location in found if location.name not in excluded)
-        equations = ResidualModel.of(segments, train, InverseDynamics.of) if all(residuals) else None
-        return CandidateSet(kept, scales, numbers, residuals, shares, equations)
+        equations = ResidualModel.of(segments, train, InverseDynamics.of) if all(missing) else None
+        return CandidateSet(kept, scales, numbers, missing, shares, equations)

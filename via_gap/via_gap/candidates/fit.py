@@ -134,12 +134,10 @@ def fit_device_numbers(problem: ResidualModel) -> Fit:
 
 def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
     """Lowest and highest value (p,) of every parameter; torques and inertias at most WIDEST times the typical size."""
-    ends = []
-    for p in location.parameters:
-        reach = WIDEST * size_of(p, location, scales) if p.unit in SCALED and p.neutral == 0.0 else np.inf
-        ends.append((max(p.low, -reach), min(p.high, reach)))
-    low, high = np.array(ends).T
-    return low, high
+    limited = [(p, p.unit in SCALED and p.neutral == 0.0) for p in location.parameters]
+    reach = np.array([WIDEST * size_of(p, location, scales) if has_limit else np.inf for p, has_limit in limited])
+    low, high = np.array([(p.low, p.high) for p in location.parameters]).T
+    return np.maximum(low, -reach), np.minimum(high, reach)
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,16 +258,11 @@ class _Axes:
 
     def search_times(self, here: _Point, steps: Sequence[float]) -> _Point:
         """Beginnings and ends of effects by steps of decreasing size, because no gradient leads to them."""
-        low, high = self.box
+        along = np.eye(len(here.at))[self.count :][self.times]
         for step in steps:
             for _ in range(3):
-                tries = []
-                for k in self.count + np.flatnonzero(self.times):
-                    for sign in (-1.0, 1.0):
-                        moved = here.at.copy()
-                        moved[k] = np.clip(moved[k] + sign * step, low[k], high[k])
-                        tries.append(moved)
-                best = self.best(tries)
+                moves = [sign * step * unit for unit in along for sign in (-1.0, 1.0)]
+                best = self.best([np.clip(here.at + move, *self.box) for move in moves])
                 if not best.loss < here.loss:
                     break
                 here = best

@@ -19,8 +19,8 @@ from via_core.devices import Device
 from via_core.signals import Array
 
 from via_gap.logs.findings import Number, Record, Share
-from via_gap.residual.segments import Segments
-from via_gap.residual.weak_residuals import Residual
+from via_gap.residual.inverse_dynamics import MissingTorque
+from via_gap.residual.segments import Indices, Segments
 
 Quantity = Literal["speed", "deflection", "angle", "motor angle", "torque", "time", "reversal"]
 BINS = 5
@@ -50,14 +50,15 @@ class SiteShare:
 
 
 def localise(
-    segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], device: Device
+    segments: Sequence[Segments], missing: Sequence[MissingTorque | None], device: Device
 ) -> tuple[SiteShare, ...]:
-    """Shares of the sites that the equations distinguish, largest first; empty if no equation could be evaluated."""
-    if not residuals or not residuals[0]:
+    """Shares of the sites that the equations distinguish, largest first; empty if a log allows no equation."""
+    known = [each for each in missing if each is not None]
+    if not known or len(known) < len(missing):
         return ()
-    axes = [each.axis for each in residuals[0]]
-    torques = np.concatenate([np.stack([r.torque for r in each], axis=1) for each in residuals])
-    floors = np.concatenate([np.stack([r.floor for r in each], axis=1) for each in residuals])
+    axes = known[0].axes
+    torques = np.concatenate([each.torque for each in known])
+    floors = np.concatenate([np.broadcast_to(each.floor, each.torque.shape) for each in known])
     scale = np.sqrt(np.mean(floors**2, axis=0))
     whitened = torques / scale
     moments = whitened.T @ whitened / len(whitened) - np.diag(np.mean((floors / scale) ** 2, axis=0))
@@ -80,16 +81,16 @@ def localise(
     for (site, motor, equation), amount, pattern in zip(names, energy, patterns, strict=True):
         if amount > 0.02 * total:
             excess = (whitened @ pattern) ** 2
-            regions = _regions(segments, residuals, excess, device, motor if site != "link" else 0)
+            centres = [each.centre for each in known]
+            regions = _regions(segments, centres, excess, device, motor if site != "link" else 0)
             found.append(SiteShare(site, motor, equation, float(amount / total), regions))
     return tuple(sorted(found, key=lambda each: -each.share))
 
 
 def _regions(
-    segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], excess: Array, device: Device, axis: int
+    segments: Sequence[Segments], centres: Sequence[Indices], excess: Array, device: Device, axis: int
 ) -> tuple[Region, ...]:
     """Ranges of speed, deflection, angle and time that contain more of the energy than of the data."""
-    centres = [each[0].centre for each in residuals]
     states = np.concatenate([s.start[c] for s, c in zip(segments, centres, strict=True)])
     time = np.concatenate([c / s.rate for s, c in zip(segments, centres, strict=True)])
     against: dict[Quantity, tuple[str, Array]] = {

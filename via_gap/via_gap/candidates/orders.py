@@ -12,7 +12,7 @@ Source: Y. C. Pati, R. Rezaiifar, P. S. Krishnaprasad, Orthogonal matching pursu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 from math import atan2, hypot, pi
@@ -58,10 +58,7 @@ def encoder_waves(problem: ResidualModel, fit: Fit, number: int, most: int) -> l
         order, material = best_beside(kept)
         if not material:
             break
-        kept.append(order)
-        # Over less than a turn neighbouring orders are alike: the first choices may be wrong and are exchanged.
-        for _, i in product(range(PASSES), range(1, len(kept))):
-            kept[i] = best_beside(kept[:i] + kept[i + 1 :])[0]
+        kept = _exchanged([*kept, order], lambda others: best_beside(others)[0])
     taken = np.column_stack([beside, *(columns[:, 2 * k : 2 * k + 2] for k in kept)])
     amounts = np.linalg.lstsq(taken, -rest, rcond=None)[0][beside.shape[1] :].reshape(-1, 2)
     own = fit.effects[number].parameters
@@ -73,6 +70,20 @@ def _waves(orders: Sequence[float], amounts: NDArray[Any]) -> list[Wave]:
     """Waves by amplitude, largest first, from amounts (n, 2) of sine and cosine."""
     found = [(hypot(s, c), order, atan2(c, s)) for order, (s, c) in zip(orders, amounts.tolist(), strict=True)]
     return sorted(found, key=lambda each: -each[0])
+
+
+def _exchanged(kept: list[int], best_beside: Callable[[list[int]], int]) -> list[int]:
+    """Orders, each but the first replaced by the best one beside the others until none changes.
+
+    Over less than a turn neighbouring orders are alike, and the first choices may be wrong.
+    """
+    for _ in range(PASSES):
+        before = list(kept)
+        for i in range(1, len(kept)):
+            kept[i] = best_beside(kept[:i] + kept[i + 1 :])
+        if kept == before:
+            break
+    return kept
 
 
 def _encoder_columns(problem: ResidualModel, fit: Fit, number: int) -> Array:

@@ -10,8 +10,8 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.joint.torques import EXTERNAL, GOAL, POWER
 
+from via_gap.residual.inverse_dynamics import MissingTorque
 from via_gap.residual.segments import Segments
-from via_gap.residual.weak_residuals import Residual
 
 # Periods per turn that are screened; not whole numbers, which a fit would keep.
 ORDERS = 1e-6 + np.concatenate([np.arange(1.0, 12.0, 0.25), np.arange(12.0, 80.0, 1.0)])
@@ -33,7 +33,7 @@ class Scales:
     deflection  [rad] typical
     duration    [s]
     busy        intervals [s] that contain most of the residual
-    orders      per axis: the strongest orders [periods per turn] of its weak-form residual
+    orders      per axis: the strongest orders [periods per turn] of its missing torque
     """
 
     torque: Array
@@ -49,14 +49,13 @@ class Scales:
 
 
 def scales_of(
-    segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], time: Array, excess: Array
+    segments: Sequence[Segments], missing: Sequence[MissingTorque | None], time: Array, excess: Array
 ) -> Scales:
     """time, excess (S,): beginnings of segments [s since their log began] and their mean squared residuals."""
     device = segments[0].log.device
     start = np.concatenate([each.start for each in segments])
     commands = np.concatenate([each.commands for each in segments])
-    with np.errstate(invalid="ignore"):
-        speed = np.sqrt(np.mean(np.nan_to_num(start[:, 3:6]) ** 2, axis=0))
+    speed = np.sqrt(np.mean(np.nan_to_num(start[:, 3:6]) ** 2, axis=0))
     q = start[:, 0]
     angle = float(np.std(q))
     peak = np.max(np.abs(commands[:, :2]), axis=0)
@@ -83,7 +82,7 @@ def scales_of(
         slew = max(getattr(motor, "bandwidth", 1.0) for motor in device.motors) * reach / np.e
     elif device.drive == "position":
         slew = float(np.quantile(np.abs(start[:, 3]), FASTEST))
-    orders = [_orders(segments, residuals, axis) for axis in range(3)]
+    orders = [_orders(segments, missing, axis) for axis in range(3)]
     if not motors:
         orders[1] = orders[0]
     return Scales(
@@ -127,13 +126,13 @@ def _busiest(time: Array, excess: Array) -> tuple[tuple[float, float], ...]:
     return ((max(float(at[low]), 0.0), float(at[high]) + step),)
 
 
-def _orders(segments: Sequence[Segments], residuals: Sequence[Sequence[Residual]], axis: int) -> tuple[float, ...]:
-    """The orders whose sine and cosine over the angle of the axis explain most of its residual."""
-    pairs = [(s, r) for s, each in zip(segments, residuals, strict=True) for r in each if r.axis == axis]
+def _orders(segments: Sequence[Segments], missing: Sequence[MissingTorque | None], axis: int) -> tuple[float, ...]:
+    """The orders whose sine and cosine over the angle of the axis explain most of its missing torque."""
+    pairs = [(s, m) for s, m in zip(segments, missing, strict=True) if m is not None and axis in m.axes]
     if not pairs:
         return (1.0,)
-    angle = np.concatenate([s.start[r.centre, axis] for s, r in pairs])
-    values = np.concatenate([r.torque for _, r in pairs])
+    angle = np.concatenate([s.start[m.centre, axis] for s, m in pairs])
+    values = np.concatenate([m.torque[:, m.axes.index(axis)] for _, m in pairs])
     kept: list[float] = []
     for _ in range(KEPT_ORDERS):
         kept.append(strongest_order(angle, values - values.mean(), kept))

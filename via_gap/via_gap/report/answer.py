@@ -65,7 +65,8 @@ def answer(level: Level, comparison: ModelComparison, decision: Decision, sensor
 
 def _outweighs(error: SensorError, candidates: CandidateSet) -> bool:
     """Whether the error of a torque sensor exceeds the torque that is missing on its motor."""
-    missing = [r.torque for each in candidates.residuals for r in each if r.axis == error.effect.motor]
+    axis = error.effect.motor
+    missing = [m.torque[:, m.axes.index(axis)] for m in candidates.missing if m is not None and axis in m.axes]
     if not missing or not error.size:
         return False
     return error.size > float(np.sqrt(np.mean(np.concatenate(missing) ** 2)))

@@ -7,7 +7,7 @@ Integrated against modulating functions (via_core.weak_form) both sides agree wh
 inertia <angle, psi''> = <torque, psi>. No measured signal is differentiated; velocities only set the sign of friction.
 
 **Commands are zero-order hold, samples are instants**: each sample gets the mean of the command over its cell
-(zero_order_hold.py). A lag T y' = u - y turns the mean of u into that of y: mean(u) - T (y_end - y_begin) / width.
+(record.py). A lag T y' = u - y turns the mean of u into that of y: mean(u) - T (y_end - y_begin) / width.
 Friction whose sign changes within a cell counts with its mean as well.
 
 **Elements with memory** (bristles, Maxwell elements) follow the increments of the measured angles, from zero torque at
@@ -61,6 +61,7 @@ from via_sim.joint.torques import (
 
 from via_gap.residual.record import Record
 
+STANDING = 0.02  # [rad/s] speed below which an axis is nearly at standstill
 _SLEWING = 0.98  # share of its speed limit above which a servo counts as limited
 
 # Columns of the result.
@@ -116,7 +117,7 @@ def equation_torques(row: Array, record: Record, wanted: NDArray[np.intp] | None
     kinds = p[P.axis_kind : P.axis_kind + 3]
     parts = {name: out[:, a : a + 3] for name, a in zip(_C._fields, _C, strict=True)}
     with np.errstate(invalid="ignore"):
-        standing = (np.abs(parts["velocity"]) < record.still) & (kinds == DYNAMIC)
+        standing = (np.abs(parts["velocity"]) < STANDING) & (kinds == DYNAMIC)
     inertia = np.where(kinds == DYNAMIC, p[P.inertia : P.inertia + 3], 1.0)
     parts["transmission"] = out[:, _C.transmission :]
     return EquationTorques(standing=standing, inertia=inertia, **parts)

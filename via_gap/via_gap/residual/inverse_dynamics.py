@@ -26,6 +26,7 @@ from via_core.signals import Array
 from via_core.weak_form import window_weights
 from via_sim.joint.parameters import P
 from via_sim.joint.torques import EXTERNAL, POWER
+from via_sim.plants import JointPlant
 
 from via_gap.residual.equation_torques import EquationTorques, equation_torques
 from via_gap.residual.record import Record
@@ -34,7 +35,6 @@ from via_gap.residual.segments import Indices, Segments
 WINDOW = 0.06  # [s]
 STRIDE = 0.5  # of a window
 ORDER = 3  # of the modulating function
-STANDING = 0.02  # [rad/s] below which an axis is nearly at rest
 LONGEST = 4  # times WINDOW at most
 QUIET = 0.1  # of the drive's torque: sensor noise in a window that is long enough
 TAKING = np.r_[  # slots of effects that can reduce the torque of a drive
@@ -167,6 +167,34 @@ class InverseDynamics:
         return np.sign(missing) * np.maximum(np.abs(missing) - capacity, 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class MissingTorque:
+    """Missing torque of the equations of a device along one log.
+
+    axes    of the equations: 0 link, 1, 2 motors
+    centre  (W,) tick in the middle of each window
+    torque  (W, a) [N m]
+    floor   (a,) [N m] standard deviation by sensor noise
+    """
+
+    axes: tuple[int, ...]
+    centre: Indices
+    torque: Array
+    floor: Array
+
+
+def missing_torque(segments: Segments, device: Device) -> MissingTorque | None:
+    """Missing torque of every equation of `device` that the signals allow to evaluate; None if there is none."""
+    row = JointPlant.from_device(device).at_rate(segments.rate)
+    try:
+        windows = windows_of(segments, row)
+    except SignalError:
+        return None
+    view = InverseDynamics(segments, np.arange(len(segments)), row, windows)
+    missing = view.torques(view.residual(row[None])[0]).swapaxes(1, 2).reshape(-1, len(windows.axes))
+    return MissingTorque(windows.axes, view.middle.ravel(), missing, windows.floor)
+
+
 def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
     """Windows of `span` ticks, or of the fewest in which sensor noise is small beside the drive's torque."""
     log, rate = segments.log, segments.rate
@@ -178,7 +206,7 @@ def windows_of(segments: Segments, nominal: Array, span: int = 0) -> Windows:
         angle[:, axis], velocity[:, axis] = segments.angles[:, i], segments.start[:, 3 + axis]
     time = np.arange(len(angle)) / rate
     sensed = bool(log.device.n_motors) and not log.motors_commanded
-    record = Record(time, angle, velocity, time, segments.commands, sensed, STANDING)
+    record = Record(time, angle, velocity, time, segments.commands, sensed)
     undriven = tuple(replace(record, commands=_undriven(segments.commands, axis, log.device)) for axis in axes)
     drive = _drives(nominal, record, undriven, log.device, axes)
     slopes = _slopes(segments, axes)

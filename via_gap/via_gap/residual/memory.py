@@ -33,7 +33,9 @@ def torques_along(rows: Array, angles: Array, ticks: NDArray[np.intp]) -> Array:
 
     angles  (T, 3) [rad] of link and motors on every tick; NaN: not measured, taken as 0
     """
-    return _once_per_row(rows, with_memory(rows), ELEMENTS, ticks, HELD, partial(_integrate, angles))
+    return _once_per_row(
+        rows, with_memory(rows), ELEMENTS, ticks, HELD, partial(_integrate, np.where(np.isfinite(angles), angles, 0.0))
+    )
 
 
 def with_memory(rows: Array) -> Array:
@@ -63,23 +65,17 @@ def _integrate(angles: Array, rows: Array, ticks: Array, out: Array) -> None:
     modes = np.zeros(N_MODES, np.int64)
     for k in range(len(rows)):
         x[:] = 0.0
-        for axis in range(3):
-            x[axis] = angles[0, axis] if np.isfinite(angles[0, axis]) else 0.0
+        x[:3] = angles[0]
         done = 0
         for j in range(len(ticks)):
             while done < ticks[j]:
                 done += 1
+                y[:3] = angles[done]
                 for axis in range(3):
-                    y[axis] = angles[done, axis] if np.isfinite(angles[done, axis]) else 0.0
-                    way = y[axis] - x[axis]
-                    modes[axis] = 1 if way > 0.0 else (-1 if way < 0.0 else 0)
+                    modes[axis] = np.sign(y[axis] - x[axis])
                 remember(rows[k], modes, x, y)
-                for axis in range(3):
-                    x[axis] = y[axis]
-            for i in range(3):
-                out[k, j, i] = x[X.bristle + i]
-            for i in range(2):
-                out[k, j, 3 + i] = x[X.hysteresis + i]
+                x[:3] = y[:3]
+            out[k, j] = x[X.bristle : X.bristle + HELD]
 
 
 def with_late_goal(rows: Array) -> Array:

@@ -1,4 +1,9 @@
-"""A log of one joint as input of its equations: angles, velocities, and the commands or torques of its drives."""
+"""A log of one joint as input of its equations: angles, velocities, and the commands or torques of its drives.
+
+Commands act as zero-order hold. Every sample gets their mean over its cell, from halfway before it to halfway after it.
+In a trapezoid rule over samples a torque under zero-order hold has the weight of this mean: (u_n + u_{n-1})/2 where
+commands change on samples, and correct to second order for any dead time, command rate and jitter.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +11,19 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
+from via_core.dampers import N_DAMPER_COEFFICIENTS, damper_value
 from via_core.errors import SignalError
 from via_core.signals import Array, locked
-from via_sim.joint.parameters import P
-from via_sim.joint.torques import N_COMMANDS
+from via_sim.joint.actuation import saturated
+from via_sim.joint.parameters import DYNAMIC, NO_DAMPER, POSITION_DRIVE, TORQUE_DRIVE, P
+from via_sim.joint.torques import DAMPING, EXTERNAL, GOAL, N_COMMANDS, NEIGHBOUR, POWER, bare, compiled
 
-from via_gap.residual.zero_order_hold import SLOTS, means_of_cells
-
-STILL = 0.02  # [rad/s] default speed below which an axis counts as at standstill
 _CACHED = 2  # means: a fit alternates between its parameters and a variation of one of them
+_SLOTS = np.r_[  # of a row: all that means of commands depend on
+    P.axis_kind : P.axis_kind + 3, P.torque_limit : P.torque_limit + 2, P.saturation : P.saturation + 3, P.link_drive,
+    P.delay, P.damper_site, P.damper_kind, P.damper : P.damper + N_DAMPER_COEFFICIENTS,
+    P.sensed_gain : P.sensed_gain + 3, P.sensed_bias : P.sensed_bias + 3,
+]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +36,6 @@ class Record:
     command_time  (K,) [s] strictly increasing; the first command also acts before it
     commands      (K, N_COMMANDS) as zero-order hold, columns as of the simulator
     sensed        whether the motor torques among them were measured; then errors of their sensors are undone
-    still         (3,) [rad/s] speed below which each axis counts as at standstill
 
     Arrays are copied and locked. Raises SignalError where shapes or values do not fit.
     """
@@ -39,12 +46,9 @@ class Record:
     command_time: Array
     commands: Array
     sensed: bool = False
-    still: ArrayLike = STILL
     _means: OrderedDict[bytes, tuple[Array, Array]] = field(default_factory=OrderedDict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        still = np.broadcast_to(np.asarray(self.still, dtype=np.float64), (3,))
-        object.__setattr__(self, "still", locked(still, "still"))
         count = len(self.command_time)
         shapes = {"time": (len(self),), "angle": (len(self), 3), "velocity": (len(self), 3)}
         for name, shape in {**shapes, "command_time": (count,), "commands": (count, N_COMMANDS)}.items():
@@ -66,14 +70,67 @@ class Record:
         They take as long as all other terms of the equations, and most rows of a fit have the same ones. Therefore the
         last results are cached.
         """
-        key = row[SLOTS].tobytes()
+        key = row[_SLOTS].tobytes()
         if key not in self._means:
             made = []
             for delay in sorted({row[P.delay], 0.0}, reverse=True):
                 made.append(np.empty((len(self), N_COMMANDS)))
-                means_of_cells(row, self.time, self.command_time, self.commands, self.sensed, delay, made[-1])
+                _means_of_cells(row, self.time, self.command_time, self.commands, self.sensed, delay, made[-1])
             self._means[key] = made[0], made[-1]
         self._means.move_to_end(key)
         if len(self._means) > _CACHED:
             self._means.popitem(last=False)
         return self._means[key]
+
+
+@compiled
+def _means_of_cells(
+    p: Array, time: Array, command_time: Array, commands: Array, sensed: bool, delay: float, out: Array
+) -> None:
+    """Means over the cells of all samples under a dead time of `delay` [s] into out (N, N_COMMANDS)."""
+    last, k = time.size - 1, 0
+    for n in range(time.size):
+        begin, end = 0.5 * (time[max(n - 1, 0)] + time[n]), 0.5 * (time[n] + time[min(n + 1, last)])
+        k = _mean(p, command_time, commands, sensed, k, begin - delay, end - delay, out[n])
+
+
+@bare
+def _driving(p: Array, commands: Array, k: int, column: int, sensed: bool) -> float:
+    """Output of the drive under command k: torque [N m], angle [rad] or damping [N m s/rad]."""
+    value = commands[k, column]
+    if column == DAMPING:
+        if p[P.damper_site] == NO_DAMPER:
+            return 0.0
+        return damper_value(int(p[P.damper_kind]), p[P.damper : P.damper + 3], value)
+    if column == EXTERNAL:
+        return saturated(p, 0, value) if p[P.link_drive] == TORQUE_DRIVE else value
+    if column == GOAL and p[P.link_drive] == POSITION_DRIVE:
+        return value * commands[k, POWER]  # zero while off: `_mean_goal` divides by the share of time on
+    if column >= NEIGHBOUR or p[P.axis_kind + 1 + column] != DYNAMIC:
+        return value
+    if sensed:
+        value = (value - p[P.sensed_bias + 1 + column]) / p[P.sensed_gain + 1 + column]
+    limit = p[P.torque_limit + column]
+    return saturated(p, 1 + column, min(max(value, -limit), limit))
+
+
+@bare
+def _mean(
+    p: Array, times: Array, commands: Array, sensed: bool, k: int, a: float, b: float, out: Array
+) -> int:  # fmt: skip
+    """Means over [a, b] [s] into out (N_COMMANDS,); k is a command at or before a, the result one at or before b."""
+    last = times.size - 1
+    while k < last and times[k + 1] <= a:
+        k += 1
+    for column in range(out.size):
+        out[column] = 0.0
+    width = b - a
+    while True:
+        end = b if k == last else min(times[k + 1], b)
+        share = 1.0 if width <= 0.0 else (end - a) / width
+        for column in range(out.size):
+            out[column] += share * _driving(p, commands, k, column, sensed)
+        if k == last or times[k + 1] >= b:
+            return k
+        a = end
+        k += 1

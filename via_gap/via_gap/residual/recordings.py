@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from via_gap.logs.checks import check_log
 from via_gap.logs.findings import Finding
 from via_gap.logs.log import JointLog, believed
 from via_gap.logs.noise import LogNoise, log_noise
-from via_gap.logs.quality import Quality, assess
+from via_gap.logs.quality import assess
 from via_gap.residual.segments import Segments, cut_log, whole_log
 
 FEWEST = 8  # segments: with fewer, none can be held out
@@ -53,12 +53,14 @@ class Recordings:
         findings += [found for each in quality.values() for found in each.findings]
         refused |= {name for name, each in quality.items() if each.cannot_tell}
         cut = whole_log if holdout and follows(device) else cut_log
-        sides: list[tuple[Segments, ...]] = []
-        for side in (every[: len(logs)], every[len(logs) :]):
-            segments, failures = _cut([log for log in side if log.name not in refused], cut, quality)
-            sides.append(tuple(segments))
-            findings += failures
-        fitted, held_out = sides
+        sides: tuple[list[Segments], list[Segments]] = ([], [])  # to fit, held out
+        for number, log in enumerate(every):
+            if log.name not in refused:
+                try:
+                    sides[number >= len(logs)].append(cut(log, quality=quality[log.name]))
+                except SignalError as error:
+                    findings.append(log.finding("usable", "all", "refuse", 0.0, str(error)))
+        fitted, held_out = map(tuple, sides)
         if cut is cut_log and fitted and sum(int(np.sum(each.valid)) for each in (*fitted, *held_out)) < FEWEST:
             text = "too few segments to fit some and hold out others: record for longer"
             findings.append(fitted[0].log.finding("length", "time", "refuse", len(fitted[0]), text))
@@ -80,15 +82,3 @@ class Recordings:
 def follows(device: Device) -> bool:
     """Whether motors follow their commands, so that the simulation of a whole log does not drift."""
     return device.drive == "servo" and device.n_motors > 0
-
-
-def _cut(
-    logs: Sequence[JointLog], cut: Callable[..., Segments], quality: Mapping[str, Quality]
-) -> tuple[list[Segments], list[Finding]]:
-    segments, findings = [], []
-    for log in logs:
-        try:
-            segments.append(cut(log, quality=quality[log.name]))
-        except SignalError as error:
-            findings.append(log.finding("usable", "all", "refuse", 0.0, str(error)))
-    return segments, findings

@@ -17,9 +17,9 @@ from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.logs.log import JointLog, believed
 from via_gap.logs.noise import LogNoise, log_noise
 from via_gap.residual.errors import segment_errors
+from via_gap.residual.inverse_dynamics import missing_torque
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_with_noise
-from via_gap.residual.weak_residuals import weak_residuals
 
 STILL = 1e-3  # [rad] travel of the link below which nothing can be compared
 
@@ -74,14 +74,14 @@ def compare(log: JointLog, device: Device, noise: LogNoise | None = None) -> Com
     known = segments.valid if segments.valid.any() else np.ones(len(segments), dtype=np.bool_)
     problem = ResidualModel.of([segments], [np.flatnonzero(known)])
     errors = segment_errors(problem, problem.residual([JointPlant.from_device(device).parameters])[0])
-    residuals = weak_residuals(segments, device)
-    whitened = [(each.torque / each.floor) ** 2 for each in residuals]
+    missing = missing_torque(segments, device)
+    ratio = float("nan") if missing is None else float(np.sqrt(np.mean((missing.torque / missing.floor) ** 2)))
     return Comparison(
         window=log.duration,
         error=float(np.sqrt(np.mean(errors.squares[:, 0]))),
         normalised_error=float(errors.signals[0]),
-        residual_ratio=float(np.sqrt(np.mean(whitened))) if whitened else float("nan"),
-        sites=localise([segments], [residuals], device) if residuals else (),
+        residual_ratio=ratio,
+        sites=localise([segments], [missing], device),
         moves=_moves(log),
     )
 

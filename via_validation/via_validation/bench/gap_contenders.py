@@ -16,9 +16,9 @@ from via_gap.candidates.location import Location
 from via_gap.candidates.scales import scales_of
 from via_gap.design.commands import following
 from via_gap.logs.log import JointLog
+from via_gap.residual.inverse_dynamics import missing_torque
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Segments, cut_log
-from via_gap.residual.weak_residuals import weak_residuals
 from via_sim.effects import Effect
 from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
@@ -100,7 +100,7 @@ def by_via(log: JointLog) -> Array:
     every = np.flatnonzero(segments.valid)
     scales = scales_of(
         [segments],
-        [weak_residuals(segments, segments.log.device)],
+        [missing_torque(segments, segments.log.device)],
         segments.time[every],
         problem.per_segment(base.residual),
     )
