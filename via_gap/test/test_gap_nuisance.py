@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 from via_core.devices import device_names, load_device
-from via_gap.residual.nuisance import apply_all, descend, nuisances
-from via_gap.residual.repaired_device import repaired_device
+from via_gap.residual.nuisance import apply_all, descend, nuisances, repaired_device
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect

@@ -13,7 +13,6 @@ from via_gap.candidates.localisation import SiteShare, localise
 from via_gap.candidates.location import Location, locations
 from via_gap.candidates.scales import Scales, scales_of
 from via_gap.residual.inverse_dynamics import InverseDynamics, MissingTorque, missing_torque
-from via_gap.residual.repaired_device import repaired_device
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import Indices, Segments
 
@@ -42,7 +41,7 @@ class CandidateSet:
     @staticmethod
     def of(segments: Sequence[Segments], train: Sequence[Indices], base: Fit, fitted: ResidualModel) -> CandidateSet:
         """base: fit of the device parameters to the segments `train` (one array per log) of the model `fitted`."""
-        numbers = repaired_device(fitted.device, fitted.nuisances, base.offsets)
+        numbers = fitted.repaired(base.offsets)
         missing = tuple(missing_torque(each, numbers) for each in segments)
         shares = localise(segments, missing, numbers)
         seen = [i for i, which in enumerate(train) if len(which)]

@@ -55,7 +55,8 @@ def _with_whole_orders(waves: Sequence[Wave]) -> list[Wave]:
     """The waves with the nearest whole orders; of two with the same one, the larger."""
     nearest: dict[float, Wave] = {}
     for amplitude, order, phase in waves:
-        nearest.setdefault(max(float(round(order)), 1.0), (amplitude, max(float(round(order)), 1.0), phase))
+        whole = max(float(round(order)), 1.0)
+        nearest.setdefault(whole, (amplitude, whole, phase))
     return list(nearest.values())
 
 

@@ -13,7 +13,6 @@ from via_gap.report.simulated_intervals import (
 )
 from via_gap.report.torque_figures import missing_torques, order_spectra, periodic, residual_figures
 from via_gap.report.trial_figures import screened_members, trial_figures, untried_effects
-from via_gap.residual.repaired_device import repaired_device
 from via_gap.selection.comparison import ModelComparison
 from via_gap.selection.evidence import Evaluation
 from via_gap.selection.experiment import Experiment
@@ -51,7 +50,7 @@ def _intervals(experiment: Experiment, chosen: Evaluation, by: By) -> list[Simul
     """Held-out data before and after the repair, in the view in which the gap was measured."""
     data = experiment.evaluated
     if by == "free run":
-        repaired = repaired_device(data.device, data.nuisances, chosen.fit.offsets)
+        repaired = data.repaired(chosen.fit.offsets)
         return free_intervals(data.device, repaired, chosen.fit.effects, experiment.segments, experiment.held)
     two = data.residual([data.row(e.fit.effects, e.fit.offsets) for e in (experiment.nominal, chosen)])
     return (segment_intervals if by == "segments" else torque_intervals)(data, *two)

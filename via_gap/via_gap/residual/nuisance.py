@@ -2,19 +2,24 @@
 
 Every candidate cause is fitted together with them, so that an error of 5 % in an inertia is neither mistaken for an
 effect nor compensated by one. They are bounded, because both views have a trivial minimum in which all terms vanish,
-and because a parameter far from its filed value is a finding.
+and because a parameter far from its filed value is a finding. The device with its fitted parameters and the named
+effects is the repaired model.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from via_core.device_parts import Tolerances
+from via_core.devices import Device
 from via_core.signals import Array
 from via_sim.effects.device_numbers import DeviceNumber, numbers_of
 from via_sim.plants import JointPlant
 
+_SPRINGS = {"linear": ("stiffness",), "cubic": ("coefficient",), "odd_polynomial": ("odd_coefficients",)}
 BOUND = 1.3  # [standard deviations of the tolerance] largest offset
 
 
@@ -53,6 +58,33 @@ def apply_all(row: Array, each: tuple[Nuisance, ...], offsets: Array) -> None:
     """Apply every nuisance to a row in place; offsets (J,) in standard deviations of the tolerance."""
     for nuisance, offset in zip(each, offsets, strict=True):
         nuisance.apply(row, 1.0 + nuisance.tolerance * float(offset))
+
+
+def repaired_device(device: Device, each: tuple[Nuisance, ...], offsets: Array) -> Device:
+    """The device with every nuisance moved by its offset [sd]; its parameter row equals that of the fit."""
+    content: dict[str, Any] = device.model_dump(mode="python")
+    for nuisance, offset in zip(each, offsets, strict=True):
+        part, keys = _entries(content, nuisance.name)
+        factor = 1.0 + nuisance.tolerance * float(offset)
+        for key in keys:
+            value = part[key]
+            part[key] = tuple(v * factor for v in value) if isinstance(value, tuple) else value * factor
+    return Device.model_validate(content)
+
+
+def _entries(content: dict[str, Any], name: str) -> tuple[dict[str, Any], Sequence[str]]:
+    """The part of a device file that contains the parameter `name`, and the keys there that are proportional to it."""
+    part, _, what = name.partition(" ")
+    number, _, of_motor = what.partition(" ")
+    if name == "damper":
+        return content["damper"], [key for key in ("minimum", "maximum", "stage") if key in content["damper"]]
+    if part == "spring":
+        spring = content["springs"][int(number) - 1]
+        return spring, _SPRINGS.get(spring["law"], ("k",))
+    if part == "gravity":
+        return content["link"], ("gravity_torque",)
+    entries, key = (content["motors"][int(number) - 1], of_motor) if part == "motor" else (content[part], what)
+    return entries, (key.replace("dry", "coulomb").replace(" ", "_"),)
 
 
 def descend(normal: Array, gradient: Array, start: Array, low: Array, high: Array) -> Array:

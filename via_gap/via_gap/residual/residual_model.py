@@ -19,7 +19,7 @@ from via_sim.joint.parameters import P
 from via_sim.plants import JointPlant
 
 from via_gap.residual.inverse_dynamics import InverseDynamics
-from via_gap.residual.nuisance import BOUND, Nuisance, apply_all, descend, nuisances
+from via_gap.residual.nuisance import BOUND, Nuisance, apply_all, descend, nuisances, repaired_device
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Indices, Segments
 
@@ -59,6 +59,10 @@ class ResidualModel:
     @property
     def device(self) -> Device:
         return self.plant.device
+
+    def repaired(self, offsets: Array) -> Device:
+        """The device with offsets (J,) [sd] of its parameters."""
+        return repaired_device(self.device, self.nuisances, offsets)
 
     @property
     def size(self) -> int:

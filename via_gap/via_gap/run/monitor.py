@@ -29,8 +29,7 @@ from via_sim.plants import JointPlant
 from via_gap.logs.log import JointLog
 from via_gap.logs.rolling import RollingLog, columns_of
 from via_gap.report.report import GapReport, read_report
-from via_gap.residual.nuisance import nuisances
-from via_gap.residual.repaired_device import repaired_device
+from via_gap.residual.residual_model import ResidualModel
 from via_gap.run.comparison import Comparator, Comparison, warm_up
 from via_gap.run.worker import Failed, Finished, Job, Progress, Worker
 
@@ -214,5 +213,5 @@ class Monitor:
 def fitted_device(device: Device, report: GapReport) -> Device:
     """The device with the parameters that a diagnosis fitted inside their tolerances."""
     found = {each.name: each.offset for each in report.nuisance}
-    moved = nuisances(JointPlant.from_device(device))
-    return repaired_device(device, moved, np.array([found.get(each.name, 0.0) for each in moved]))
+    model = ResidualModel.of_plant(JointPlant.from_device(device))
+    return model.repaired(np.array([found.get(each.name, 0.0) for each in model.nuisances]))

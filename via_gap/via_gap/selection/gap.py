@@ -11,7 +11,6 @@ from via_core.signals import Array
 from via_gap.logs.findings import Number, Record
 from via_gap.residual.errors import Errors, free_errors, segment_errors, torque_errors
 from via_gap.residual.recordings import follows
-from via_gap.residual.repaired_device import repaired_device
 from via_gap.selection.achievable import Achievable
 from via_gap.selection.comparison import ModelComparison
 from via_gap.selection.evidence import Evaluation
@@ -84,7 +83,7 @@ def measured_gap(experiment: Experiment, chosen: Evaluation, achievable: Achieva
         model = achievable.model(chosen.fit)
         reached = segment_errors(data, model.residual(data, model.functions(data)))
         return _gap("segments", errors, reached.signals)
-    devices = [repaired_device(data.device, data.nuisances, fit.offsets) for fit in fits]
+    devices = [data.repaired(fit.offsets) for fit in fits]
     errors = [
         free_errors(device, fit.effects, experiment.segments, experiment.held)
         for device, fit in zip(devices, fits, strict=True)
