@@ -10,7 +10,6 @@ from __future__ import annotations
 import array
 from collections.abc import Sequence
 from math import isfinite
-from struct import Struct
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +21,8 @@ from via_core.signals import Array
 from via_core.wire import FIELDS, LINK, MOTOR, REFERENCES, SECOND, seconds
 from via_interfaces.msg import VsaCommand
 
-STAMP = Struct("=iI")  # builtin_interfaces/Time
+from via_ros.interfaces import STAMP
+
 MOST_NAMES = 64  # largest number of different name lists cached
 
 

@@ -8,12 +8,15 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 from via_core.errors import BagError
+from via_core.wire import SECOND
 
 # These types begin with `std_msgs/Header header` and `uint64 sequence`.
 NUMBERED = frozenset(f"via_interfaces/msg/{name}Estimate" for name in ("Stiffness", "Damping", "Motor")) | frozenset(
     f"via_interfaces/msg/{name}" for name in ("VsaCommand", "GapStatus", "ControlState")
 )
 ENCAPSULATION = 4  # [bytes] header of a serialised message; alignment is relative to its end
+STAMP, SEQUENCE = struct.Struct("<iI"), struct.Struct("<Q")
+HEADER = struct.Struct("<iII")  # stamp, length of frame_id
 
 
 class Opening(NamedTuple):
@@ -36,20 +39,22 @@ def message_class(type_name: str) -> Any:
 
 def stamp_of(data: bytes) -> int | None:
     """Header stamp [ns] of a serialised message whose first member is a Header; None if it is too short."""
-    if len(data) < ENCAPSULATION + 8:
+    if len(data) < ENCAPSULATION + STAMP.size:
         return None
-    seconds, nanoseconds = struct.unpack_from("<iI", data, ENCAPSULATION)
-    return int(seconds * 1_000_000_000 + nanoseconds)
+    seconds, nanoseconds = STAMP.unpack_from(data, ENCAPSULATION)
+    return int(seconds * SECOND + nanoseconds)
 
 
 def opening_of(data: bytes) -> Opening | None:
     """Stamp and sequence of a serialised message of a NUMBERED type (CDR, little endian); None if it is too short."""
-    stamp = stamp_of(data)
-    if stamp is None or len(data) < ENCAPSULATION + 12:
+    try:
+        seconds, nanoseconds, length = HEADER.unpack_from(data, ENCAPSULATION)
+        (sequence,) = SEQUENCE.unpack_from(data, ENCAPSULATION + aligned(HEADER.size + length, 8))
+    except struct.error:
         return None
-    (length,) = struct.unpack_from("<I", data, ENCAPSULATION + 8)
-    after = 12 + length
-    at = ENCAPSULATION + after + (-after) % 8
-    if at + 8 > len(data):
-        return None
-    return Opening(stamp, struct.unpack_from("<Q", data, at)[0])
+    return Opening(seconds * SECOND + nanoseconds, sequence)
+
+
+def aligned(offset: int, size: int) -> int:
+    """The offset from which a number of `size` bytes is stored, at `offset` or behind its padding."""
+    return offset + -offset % size

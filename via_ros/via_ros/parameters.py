@@ -12,6 +12,7 @@ A float parameter accepts an integer (`rate:=2`). Parameters are read-only, as t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from math import inf
 from typing import Any, TypeVar
@@ -35,8 +36,8 @@ def declare(node: Any, kind: type[T], prefix: str = "") -> T:
     for item in fields(kind):  # type: ignore[arg-type]
         name = f"{prefix}.{item.name}" if prefix else item.name
         default = item.default_factory() if item.default_factory is not MISSING else item.default
-        given = _declared(node, name, default, dict(item.metadata))
-        values[item.name] = _checked(name, given, default, dict(item.metadata))
+        given = _declared(node, name, default, item.metadata)
+        values[item.name] = _checked(name, given, default, item.metadata)
     try:
         return kind(**values)
     except ParameterError as error:
@@ -45,9 +46,9 @@ def declare(node: Any, kind: type[T], prefix: str = "") -> T:
         ) from None
 
 
-def _declared(node: Any, name: str, default: Any, about: dict[str, Any]) -> Any:
+def _declared(node: Any, name: str, default: Any, about: Mapping[str, Any]) -> Any:
     descriptor = ParameterDescriptor(
-        description=_description(about),
+        description=about.get("description", "") + (f" [{about['unit']}]" if about.get("unit") else ""),
         read_only=True,
         dynamic_typing=True,  # static typing would refuse `rate:=2` for a float
         additional_constraints=f"one of: {', '.join(about['choices'])}" if "choices" in about else "",
@@ -56,8 +57,7 @@ def _declared(node: Any, name: str, default: Any, about: dict[str, Any]) -> Any:
     if isinstance(default, float):
         descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
     elif isinstance(default, int) and not isinstance(default, bool):
-        bounds = (int(max(low, -WHOLE)), int(min(high, WHOLE)))
-        descriptor.integer_range = [IntegerRange(from_value=bounds[0], to_value=bounds[1])]
+        descriptor.integer_range = [IntegerRange(from_value=int(max(low, -WHOLE)), to_value=int(min(high, WHOLE)))]
     # An empty ROS array has no type: declare strings.
     start = (list(default) or [""]) if isinstance(default, tuple) else default
     try:
@@ -66,7 +66,7 @@ def _declared(node: Any, name: str, default: Any, about: dict[str, Any]) -> Any:
         raise ParameterError(f"parameter {name} must lie in {_range_text(about)}") from None  # rclpy omits the range
 
 
-def _checked(name: str, value: Any, default: Any, about: dict[str, Any]) -> Any:
+def _checked(name: str, value: Any, default: Any, about: Mapping[str, Any]) -> Any:
     if isinstance(default, tuple):
         if not isinstance(value, list | tuple) and type(value).__name__ != "array":
             raise ParameterError(f"parameter {name} must be a list, got {value!r}")
@@ -85,12 +85,7 @@ def _checked(name: str, value: Any, default: Any, about: dict[str, Any]) -> Any:
     return value
 
 
-def _description(about: dict[str, Any]) -> str:
-    unit = about.get("unit", "")
-    return f"{about.get('description', '')}{f' [{unit}]' if unit else ''}"
-
-
-def _range_text(about: dict[str, Any]) -> str:
+def _range_text(about: Mapping[str, Any]) -> str:
     low, high = about.get("range", (-inf, inf))
     unit = about.get("unit", "")
     return f"[{low:g}, {high:g}]{f' {unit}' if unit and unit != '-' else ''}"

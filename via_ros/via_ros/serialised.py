@@ -21,12 +21,11 @@ from via_core.signals import Array
 from via_core.wire import FIELDS, SECOND
 from via_interfaces.msg import VsaCommand
 
-from via_ros.conversions import MOST_NAMES, STAMP, Command, Joints, Names, joints_of, nanoseconds, unchecked_command
-from via_ros.interfaces import ENCAPSULATION
+from via_ros.conversions import MOST_NAMES, Command, Joints, Names, joints_of, nanoseconds, unchecked_command
+from via_ros.interfaces import ENCAPSULATION, HEADER, SEQUENCE, STAMP, aligned
 
 NATIVE = b"\x00\x01"  # plain CDR, little endian
-LENGTH, SEQUENCE = struct.Struct("<I"), struct.Struct("<Q")
-HEADER = struct.Struct("<iII")  # stamp, length of frame_id
+LENGTH = struct.Struct("<I")
 COMMAND = struct.Struct("<QB7x3dI")  # VsaCommand after its header: sequence number to number of motors
 PADDING = bytes(-COMMAND.size % 8)  # before the motors, if any
 AFTER_STAMP = ENCAPSULATION + STAMP.size
@@ -130,8 +129,7 @@ def decoded_command(data: bytes) -> tuple[int, Command] | None:
             message = deserialize_message(data, VsaCommand)
             return nanoseconds(message.header.stamp), unchecked_command(message)
         seconds, nanosec, length = HEADER.unpack_from(data, ENCAPSULATION)
-        at = HEADER.size + length
-        at += ENCAPSULATION + -at % 8
+        at = ENCAPSULATION + aligned(HEADER.size + length, 8)
         _, mode, equilibrium, preset, damping, count = COMMAND.unpack_from(data, at)
         at += COMMAND.size + len(PADDING)
         motor = np.frombuffer(data, np.float64, count, at).copy() if count else np.empty(0)
@@ -146,9 +144,8 @@ class CommandBytes:
     def __init__(self, name: str) -> None:
         message = VsaCommand()
         message.header.frame_id = name
-        at = HEADER.size + len(name.encode()) + 1
-        self._at = ENCAPSULATION + at + -at % 8
-        self._start = bytearray(serialize_message(message)[: self._at])
+        start = ENCAPSULATION + aligned(HEADER.size + len(name.encode()) + 1, 8)
+        self._start = bytearray(serialize_message(message)[:start])
         self._sequence = 0
 
     def numbered(self, time: int, command: Command) -> bytes:
@@ -201,14 +198,14 @@ def _members(message: Any, at: int = 0, prefix: str = "") -> tuple[dict[str, tup
             inner, at = _members(value, at, f"{prefix}{member}.")
             found |= inner
         elif isinstance(value, str):
-            at += -at % 4 + 4 + len(value.encode()) + 1
+            at = aligned(at, 4) + 4 + len(value.encode()) + 1
         else:
             count = 1
             if kind.startswith("sequence<"):
                 count = len(value)
-                at += -at % 4 + 4
+                at = aligned(at, 4) + 4
             size = SIZES[kind.removeprefix("sequence<").removesuffix(">")]
-            at += -at % size if count else 0
+            at = aligned(at, size) if count else at
             found[prefix + member] = (at, count)
             at += size * count
     return found, at

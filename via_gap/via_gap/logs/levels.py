@@ -85,17 +85,15 @@ def levels(time: Array, x: Array, step: float, crossed: float) -> list[Level]:
 
 def _lowest_agreeing(tried: list[Level]) -> Level:
     """The level of the lowest degree that agrees with all higher ones, with the least jitter of these."""
+
+    def agree(low: Level, high: Level) -> bool:
+        difference = (low.total - low.rounded) - (high.total - high.rounded)
+        return bool(difference <= STANDARD_ERRORS * max(np.hypot(low.total_error, high.total_error), 1e-300))
+
     for i, level in enumerate(tried):
-        above = tried[i + 1 :]
-        if all(_apart(level, other) <= STANDARD_ERRORS for other in above):
+        if all(agree(level, other) for other in tried[i + 1 :]):
             return replace(level, jitter=min(each.jitter for each in tried[i:]))
     return tried[-1]
-
-
-def _apart(low: Level, high: Level) -> float:
-    """Level of the lower degree minus that of the higher one, without rounding, in standard errors."""
-    difference = (low.total - low.rounded) - (high.total - high.rounded)
-    return float(difference / max(np.hypot(low.total_error, high.total_error), 1e-300))
 
 
 def _level(time: Array, x: Array, step: float, crossed: float, stride: int, degree: int) -> Level | None:

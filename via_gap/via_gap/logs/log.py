@@ -12,16 +12,16 @@ from typing import Literal
 
 import numpy as np
 from via_core.bags.joints import JointRecording, joint_signals
-from via_core.bags.reader import read_bag
+from via_core.bags.reader import Bag, read_bag
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
 from via_core.wire import LINK, MOTOR, REFERENCES, UNITS
 
 from via_gap.logs.findings import Finding, Severity
-from via_gap.logs.neighbour import with_neighbour
 
 Level = Literal["full", "no torque", "link only", "commands only", "encoder and command"]
+LINK_SUFFIX = "_shaft_joint"  # of link names, which motor names do not have
 ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not used
 FAR = 8.0  # times the 90 % quantile of the steps between samples: a jump
 # Columns of a CSV file; '_1', '_2' number the motors. Commands have a zero-order hold.
@@ -33,25 +33,19 @@ _HEADER = re.compile(rf"({'|'.join(_UNITS)})(?:_([12]))?")
 
 @dataclass(frozen=True, eq=False)
 class JointLog:
-    """Recording of one joint.
+    """Recording of one joint."""
 
-    name         file or run
-    device       the nominal device
-    measured     q (N,) [rad], optional theta (N, m), tau (N, m), q_velocity, theta_velocity; NaN: not measured
-    commands     with zero-order hold: motor (N, m), or equilibrium and preset [rad]; damping [-];
-                 external_torque [N m]; neighbour [rad]; None: not recorded
-    dropped      number of samples left out: (repeated stamps, stamps that ran backward)
-    disbelieved  motors whose encoder jumps: their angles count as not measured
-    lined        [s] delay of commands (or torques in their place) that are interpolated linearly between samples;
-                 None: zero-order hold (`via_gap.logs.between`)
-    """
-
-    name: str
-    device: Device
+    name: str  # file or run
+    device: Device  # the nominal one
+    # q (N,) [rad], optional theta (N, m), tau (N, m), q_velocity, theta_velocity; NaN: not measured
     measured: Signals
+    # Zero-order hold: motor (N, m), or equilibrium and preset [rad]; damping [-]; external_torque [N m];
+    # neighbour [rad], the angle of another joint that acts through coupling. None: not recorded
     commands: Signals | None
-    dropped: tuple[int, int] = (0, 0)
-    disbelieved: tuple[int, ...] = ()
+    dropped: tuple[int, int] = (0, 0)  # number of samples left out: repeated stamps, stamps that ran backward
+    disbelieved: tuple[int, ...] = ()  # motors whose encoder jumps: their angles count as not measured
+    # [s] delay of commands (or torques in their place) that are interpolated linearly between samples;
+    # None: zero-order hold (`via_gap.logs.between`)
     lined: float | None = None
 
     @staticmethod
@@ -176,7 +170,29 @@ def read_log(path: str | Path, device: Device, joint_topic: str = "/joint_states
     log = JointLog.of(where.name, device, joint_signals(bag, device, joint_topic))
     if log.commands is None:
         return log
-    return replace(log, commands=with_neighbour(log.commands, bag, device, joint_topic))
+    return replace(log, commands=_with_neighbour(log.commands, bag, device, joint_topic))
+
+
+def _with_neighbour(commands: Signals, bag: Bag, device: Device, joint_topic: str) -> Signals:
+    """The commands with the angle [rad] of the neighbour as channel `neighbour`; unchanged if there is none.
+
+    The neighbour is the only other link in the joint states; with several others it is not known.
+    """
+    names = {name for names in bag[joint_topic]["name"].tolist() for name in names}
+    own = {device.link_joint, *device.drive_joints}
+    others = [name for name in names - own if name.endswith(LINK_SUFFIX)]
+    if len(others) != 1:
+        return commands
+    wire = device.wire.model_copy(update={"link": others[0]})
+    try:
+        other, _, _ = joint_signals(bag, device.model_copy(update={"wire": wire}), joint_topic)
+    except ViaError:
+        return commands
+    seen = np.isfinite(other["q"]) if "q" in other else np.zeros(0, dtype=np.bool_)
+    if seen.sum() < 2:
+        return commands
+    angle = np.interp(commands.time, other.time[seen], other["q"][seen])
+    return commands.joined(Signals(commands.time, {"neighbour": angle}, {"neighbour": "rad"}, frozenset({"neighbour"})))
 
 
 def read_logs(paths: Sequence[str | Path], device: Device) -> list[JointLog]:

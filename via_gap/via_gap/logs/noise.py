@@ -12,13 +12,12 @@ from math import exp, pi, sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from via_core.signals import Array
 
 from via_gap.logs.checks import step_of
 from via_gap.logs.levels import STANDARD_ERRORS, Level, levels, share_shown
 from via_gap.logs.log import JointLog
-from via_gap.logs.rounding import PLACES, correlation
+from via_gap.logs.rounding import correlation, distances
 
 How = Literal["residuals", "rounding only", "smoothed", "standstill", "too short"]
 STEPPED = 1.0  # encoder steps crossed within a window: all positions within a step are then met
@@ -138,11 +137,7 @@ def error_correlation(noise: ChannelNoise, angle: Array, lags: int, run: int = 0
     sharp = correlation(angle, noise.quantum, lags, run)
     if white == 0.0:
         return sharp
-    windows = sliding_window_view(angle, min(max(lags, run), len(angle))) / noise.quantum
-    windows = windows[:: max(1, len(windows) // PLACES)]
-    apart = windows[:, :lags] - windows[:, :1]
-    if run:
-        apart = apart[np.ptp(windows, axis=1) >= 1.0]
+    apart = distances(angle, noise.quantum, lags, run)
     harmonics = np.arange(1, HARMONICS + 1)
     damped = np.exp(-4.0 * pi**2 * harmonics**2 * white / noise.quantum**2) / harmonics**2
     cosines = [np.cos(2.0 * pi * k * apart).mean(axis=0) if len(apart) else np.zeros(lags) for k in harmonics]

@@ -22,16 +22,21 @@ PLACES = 2000  # windows of a log that are used at most
 ALIKE = 0.5  # difference of two curvatures over their sum: one at most three times the other
 
 
-def correlation(angle: Array, step: float, lags: int, run: int = 0) -> Array:
-    """(lags,) mean correlation r of the errors of two measurements at each lag; `angle` (T,) [rad] smoothed.
+def distances(angle: Array, step: float, lags: int, run: int = 0) -> Array:
+    """(places, lags) steps from one measurement to the next ones, at some places of a log; `angle` (T,) [rad] smoothed.
 
     run  samples within which the angle must cross a step: a constant error is attributed to the start. 0: no condition
     """
     windows = sliding_window_view(angle, min(max(lags, run), len(angle)))
-    apart = windows[:: max(1, len(windows) // PLACES)] / step
+    windows = windows[:: max(1, len(windows) // PLACES)] / step
     if run:
-        apart = apart[np.ptp(apart, axis=1) >= 1.0]
-    apart = apart[:, :lags] - apart[:, :1]
+        windows = windows[np.ptp(windows, axis=1) >= 1.0]
+    return windows[:, :lags] - windows[:, :1]
+
+
+def correlation(angle: Array, step: float, lags: int, run: int = 0) -> Array:
+    """(lags,) mean correlation r of the errors of two measurements at each lag; arguments as of `distances`."""
+    apart = distances(angle, step, lags, run)
     part = apart - np.floor(apart)
     return 1.0 - 6.0 * np.mean(part * (1.0 - part), axis=0) if len(apart) else np.eye(1, lags)[0]
 

@@ -22,20 +22,15 @@ Look = Literal["measured", "before", "after", "floor"]
 
 @dataclass(frozen=True)
 class Scale:
-    """Positions of values, which are linear in the value or, where `log`, in its decimal logarithm.
+    """Positions of values, which are linear in the value or, where `log`, in its decimal logarithm."""
 
-    low, high  of the value or its logarithm, at the positions `start` and `end`
-    unit       of the ticks, whose numbers are `factor` times the values
-    ticks      (position, number)
-    """
-
-    low: float
+    low: float  # value or its logarithm at the position `start`
     high: float
     start: float
     end: float
     unit: str = ""
-    factor: float = 1.0
-    ticks: Sequence[tuple[float, str]] = ()
+    factor: float = 1.0  # of a value, for a number in that unit
+    ticks: Sequence[tuple[float, str]] = ()  # position, number
     log: bool = False
 
     def __call__(self, value: float) -> float:
@@ -82,16 +77,13 @@ def logarithmic(
 
 @dataclass(frozen=True)
 class Curve:
-    """One line, or the band between zero and y (`floor`; both sides of zero where `mirrored`).
-
-    breaks  indices at which the line is interrupted
-    """
+    """One line, or the band between zero and y (`floor`; both sides of zero where `mirrored`)."""
 
     name: str
     look: Look
     x: Sequence[float]
     y: Sequence[float]
-    breaks: Sequence[int] = ()
+    breaks: Sequence[int] = ()  # indices at which the line is interrupted
     mirrored: bool = False
 
     def points(self, across: Scale, up: Scale) -> list[tuple[float, float]]:

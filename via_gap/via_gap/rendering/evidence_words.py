@@ -40,7 +40,7 @@ def seen_in(where: Where) -> str:
 def region_words(region: Region) -> str:
     """speed 0 to 0.46 rad/s: 37 % of its residual in 20 % of the data."""
     return (
-        f"{QUANTITIES[region.by]} {number(region.low)} to {number(region.high)} {region.unit}: "
+        f"{QUANTITIES.get(region.by, region.by)} {number(region.low)} to {number(region.high)} {region.unit}: "
         f"{percent(region.share)} of its residual in {percent(region.data)} of the data"
     )
 
@@ -86,14 +86,11 @@ def separation(one: str, other: str) -> str:
 
 @dataclass(frozen=True)
 class Tie:
-    """A cause of the equivalence set that is not named, and the named one that it could replace.
-
-    trial  the evaluation of the model in which it does, where there is one
-    """
+    """A cause of the equivalence set that is not named, and the named one that it could replace."""
 
     named: EffectLocation
     other: EffectLocation
-    trial: Trial | None
+    trial: Trial | None  # the evaluation of the model in which it does, where there is one
 
     @property
     def separated_by(self) -> str:

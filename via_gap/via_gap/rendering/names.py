@@ -41,10 +41,7 @@ SIGNALS = {
     "q": "link angle q", "theta_1": "motor angle θ1", "theta_2": "motor angle θ2", "tau": "drive torque τ",
     "tau_link": "torque on the link", "tau_1": "torque of motor 1", "tau_2": "torque of motor 2",
 }  # fmt: skip
-QUANTITIES = {
-    "speed": "speed", "deflection": "deflection", "angle": "link angle", "motor angle": "motor angle",
-    "torque": "torque", "time": "time", "reversal": "time since a reversal",
-}  # fmt: skip
+QUANTITIES = {"angle": "link angle", "reversal": "time since a reversal"}  # others are called what they are
 SEVERAL = 3  # logs that are named one by one
 
 

@@ -14,20 +14,15 @@ FAR = 30.0  # times the value: a neutral value that is farther off is not drawn 
 
 @dataclass(frozen=True)
 class Line:
-    """One parameter.
-
-    neutral   without the effect, or as filed; None: not stated
-    low, high   limits of the range it was fitted in; None: not stated
-    interval  half of the 95 % interval
-    """
+    """One parameter."""
 
     name: str
     unit: str
     value: float
-    neutral: float | None
-    low: float | None
+    neutral: float | None  # without the effect, or as filed; None: not stated
+    low: float | None  # limits of the range it was fitted in; None: not stated
     high: float | None
-    interval: float = 0.0
+    interval: float = 0.0  # half of the 95 % interval
 
     @property
     def label(self) -> str:

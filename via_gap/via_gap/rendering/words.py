@@ -24,12 +24,11 @@ from via_gap.report.figures import ErrorBin, ErrorFigure
 from via_gap.report.report import GapReport, Proposal
 from via_gap.selection.numbers import NUMBERS
 
+ERROR = "The gap is the error of the simulated signals on held-out data, relative to the standard deviation of"
 METHOD = {
-    "segments": "The gap is the error of the simulated signals on held-out data, relative to the standard deviation of "
-    "the measured ones. The simulation restarts from the measured state at every short segment, so errors stay small: "
-    "compare them with the sensor noise, not with 100 %.",
-    "free run": "The gap is the error of the simulated signals on held-out data, relative to the standard deviation of "
-    "the measured ones. The simulation runs freely from the first sample to the last.",
+    "segments": f"{ERROR} the measured ones. The simulation restarts from the measured state at every short segment, "
+    "so errors stay small: compare them with the sensor noise, not with 100 %.",
+    "free run": f"{ERROR} the measured ones. The simulation runs freely from the first sample to the last.",
     "inverse dynamics": "The gap is the missing torque: the torque that the measured motion of held-out data requires "
     "and the model does not provide, relative to the standard deviation of the drive's torque.",
 }
@@ -113,7 +112,7 @@ def remainder(report: GapReport) -> str:
     if found is None:
         return said
     figure, worst = found
-    over = f"{QUANTITIES[figure.by]} {number(worst.low)} to {number(worst.high)} {figure.unit}"
+    over = f"{QUANTITIES.get(figure.by, figure.by)} {number(worst.low)} to {number(worst.high)} {figure.unit}"
     signal = f" of the {SIGNALS.get(figure.signal, figure.signal)}" if len(gap.signals) > 1 else ""
     return f"{said} The remaining error{signal} is largest at {over}."
 

@@ -55,17 +55,12 @@ class RigidArmFile(ArmFile):
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """Rigid joints and the bodies between them.
-
-    devices  one per joint, base first
-    model    pinocchio's, rotors as armature
-    order    (n,) index of each device's joint in the model's vectors
-    """
+    """Rigid joints and the bodies between them."""
 
     name: str
-    devices: tuple[Device, ...]
-    model: pinocchio.Model
-    order: NDArray[np.intp]
+    devices: tuple[Device, ...]  # one per joint, base first
+    model: pinocchio.Model  # rotors as armature
+    order: NDArray[np.intp]  # (n,) index of each device's joint in the model's vectors
 
     def torques(self, angle: Array, velocity: Array, acceleration: Array) -> Array:
         """Drive torques (N, n) [N m] of a motion (N, n each) [rad, rad/s, rad/s^2] without any friction."""

@@ -26,23 +26,14 @@ STILL = 1e-3  # [rad] travel of the link below which nothing can be compared
 
 @dataclass(frozen=True)
 class Comparison:
-    """A interval of a log against a model.
+    """An interval of a log against a model."""
 
-    window            [s] length of the interval
-    error             [rad] root mean square of simulated minus measured link angle, in short segments
-    normalised_error  [-] error over the standard deviation of the measured link angle
-    residual_ratio    [-] rms residual of the equations over what the sensors explain; 1: no gap; NaN: no equation can
-                      be evaluated
-    sites             where that lies, largest share first
-    moves             whether the link moved enough for a comparison
-    """
-
-    window: float
-    error: float
-    normalised_error: float
-    residual_ratio: float
-    sites: tuple[SiteShare, ...]
-    moves: bool
+    window: float  # [s] length of the interval
+    error: float  # [rad] root mean square of simulated minus measured link angle, in short segments
+    normalised_error: float  # [-] error over the standard deviation of the measured link angle
+    residual_ratio: float  # [-] rms residual of the equations over what the sensors explain; 1: no gap; NaN: none
+    sites: tuple[SiteShare, ...]  # where the residual lies, largest share first
+    moves: bool  # whether the link moved enough for a comparison
 
 
 class Comparator:

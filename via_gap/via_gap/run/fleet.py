@@ -17,7 +17,7 @@ import logging
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from hashlib import file_digest, sha256
@@ -34,8 +34,7 @@ from via_sim.effects import place_name
 import via_gap
 from via_gap.report.report import GapReport, read_report
 from via_gap.run.fleet_task import OwnKernels, diagnose_file
-from via_gap.run.undisturbed import undisturbed
-from via_gap.run.worker import Failed, Finished
+from via_gap.run.worker import Failed, Finished, undisturbed
 
 OnDone = Callable[[int, int, Path | None], None]  # number of logs done, of all logs, and the log just done
 LOOPBACK = "127.0.0.1"
@@ -66,14 +65,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Workers:
-    """Processes of a fleet.
+    """Processes of a fleet."""
 
-    scheduler  address of a dask scheduler whose workers have VIA and the same files; None: processes on this machine
-    count      number of processes on this machine; None: one per core
-    """
-
-    scheduler: str | None = None
-    count: int | None = None
+    scheduler: str | None = None  # address of dask's, whose workers have VIA and the same files; None: on this machine
+    count: int | None = None  # number of processes on this machine; None: one per core
 
 
 def run_fleet(
@@ -236,27 +231,23 @@ def _write(path: Path, text: str) -> None:
 @contextmanager
 def _client(workers: Workers) -> Iterator[Client]:
     """A client of the scheduler, or of local processes that only this machine can reach."""
-    if workers.scheduler is not None:
-        try:
-            client = Client(workers.scheduler, timeout=PATIENCE, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
-            reason = " ".join(str(error).split()) or "does not answer"
-            raise ViaError(f"scheduler {workers.scheduler}: {reason}") from None
-        with client:
-            client.register_plugin(OwnKernels())
-            yield client
-        return
-    with tempfile.TemporaryDirectory(prefix="via_fleet_", ignore_cleanup_errors=True) as folder:
-        with undisturbed():
-            cluster = LocalCluster(
-                n_workers=workers.count or len(os.sched_getaffinity(0)),
-                threads_per_worker=1,
-                processes=True,
-                host=LOOPBACK,
-                dashboard_address=None,
-                local_directory=folder,
-                silence_logs=logging.CRITICAL,
-            )
-        with cluster, Client(cluster, set_as_default=False) as client:
-            client.register_plugin(OwnKernels())
-            yield client
+    with ExitStack() as stack:
+        if workers.scheduler is not None:
+            try:
+                client = Client(workers.scheduler, timeout=PATIENCE, set_as_default=False)
+            except (OSError, ValueError, TypeError) as error:
+                reason = " ".join(str(error).split()) or "does not answer"
+                raise ViaError(f"scheduler {workers.scheduler}: {reason}") from None
+        else:
+            temporary = tempfile.TemporaryDirectory(prefix="via_fleet_", ignore_cleanup_errors=True)
+            folder = stack.enter_context(temporary)
+            count = workers.count or len(os.sched_getaffinity(0))
+            with undisturbed():
+                cluster = LocalCluster(
+                    n_workers=count, threads_per_worker=1, processes=True, host=LOOPBACK, dashboard_address=None,
+                    local_directory=folder, silence_logs=logging.CRITICAL,
+                )  # fmt: skip
+            client = Client(stack.enter_context(cluster), set_as_default=False)
+        stack.enter_context(client)
+        client.register_plugin(OwnKernels())
+        yield client

@@ -12,9 +12,12 @@ A thread receives the messages of the process. The process has a lower priority 
 from __future__ import annotations
 
 import os
+import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -26,7 +29,6 @@ from via_core.errors import ViaError
 from via_gap.design.proposal import with_proposal
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import JointLog, read_log
-from via_gap.run.undisturbed import undisturbed
 from via_gap.selection.search import Progress as OnProgress
 
 NICE = 10  # niceness of the process
@@ -118,6 +120,17 @@ class Worker:
             process.start()
         there.close()
         self._process, self._connection = process, here
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Processes and threads started inside ignore Ctrl-C, and so do their children: only the parent handles it."""
+    resource_tracker.ensure_running()  # started later, it would unblock the signal again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _converse(connection: Connection, job: Job, events: SimpleQueue[Event]) -> None:

@@ -16,6 +16,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from rclpy.duration import Duration
@@ -96,23 +97,18 @@ class Player(Node):
         """Subscribe to answers as soon as discovery has their type."""
         for name in self._answered.keys() - self._answer_types.keys():
             for info in self.get_publishers_info_by_topic(name):
-                kind = message_class(info.topic_type)
-                self._answer_types[name] = kind
-                self.create_subscription(kind, name, self._hear(name), qos.SAMPLES, raw=True)
+                kind = self._answer_types[name] = message_class(info.topic_type)
+                self.create_subscription(kind, name, partial(self._hear, name), qos.SAMPLES, raw=True)
                 break
         with self._change:
             self._change.notify_all()
 
-    def _hear(self, name: str) -> Callable[[bytes], None]:
-        def heard(data: bytes) -> None:
-            stamp = stamp_of(data)
-            if stamp is None:
-                return
+    def _hear(self, name: str, data: bytes) -> None:
+        stamp = stamp_of(data)
+        if stamp is not None:
             with self._change:
                 self._answered[name] = max(self._answered[name], stamp)
                 self._change.notify_all()
-
-        return heard
 
     # --- in the thread that plays ---
 
@@ -123,12 +119,13 @@ class Player(Node):
             self._publish_all()
             if not self._answered:
                 self._until_acknowledged()
-            self._report()
-            self._end(0)
+            span = (self._messages[-1].stamp - self._messages[0].stamp) / SECOND
+            print(f"{self.parameters.bag}: {self.played} messages over {span:.3f} s played", file=sys.stderr)
+            self.finished.set_result(0)
         except BagError as error:
             if not self._stopped:
                 print(f"{self.get_name()}: {error}", file=sys.stderr)
-                self._end(3)
+                self.finished.set_result(3)
 
     def _publish_all(self) -> None:
         p = self.parameters
@@ -199,13 +196,6 @@ class Player(Node):
         for name, publisher in self._topics.items():
             if not publisher.wait_for_all_acked(limit):
                 raise BagError(f"{name} was not acknowledged for {self.parameters.patience:g} s")
-
-    def _report(self) -> None:
-        span = (self._messages[-1].stamp - self._messages[0].stamp) / SECOND
-        print(f"{self.parameters.bag}: {self.played} messages over {span:.3f} s played", file=sys.stderr)
-
-    def _end(self, code: int) -> None:
-        self.finished.set_result(code)
 
     def close(self, failed: bool = False) -> None:
         """Stop publishing and join the thread."""

@@ -115,32 +115,29 @@ class Recorder(Node):
         )
 
     def _take(self, name: str, count: Count, opening: Callable | None, data: bytes) -> None:
+        opened = None if opening is None else opening(data)
         if self.finished.done():
             return
         try:
-            self._write(name, count, opening, data)
+            if count.messages == 0:
+                offers = [qos.as_offered(info.qos_profile) for info in self.get_publishers_info_by_topic(name)]
+                self._writer.add_topic(name, count.type_name, tuple(offers) or (qos.as_offered(qos.SAMPLES),))
+            if len(data) < ENCAPSULATION or (opening is not None and opened is None):
+                count.malformed += 1
+                return
+            self._writer.write(name, data, self.get_clock().now().nanoseconds, sequence=count.messages)
         except BagError as error:  # caught here, since the executor would print a traceback
             print(f"{self.get_name()}: {error}", file=sys.stderr)
             self.finished.set_result(2)
-
-    def _write(self, name: str, count: Count, opening: Callable | None, data: bytes) -> None:
-        if count.messages == 0:
-            offers = [qos.as_offered(info.qos_profile) for info in self.get_publishers_info_by_topic(name)]
-            self._writer.add_topic(name, count.type_name, tuple(offers) or (qos.as_offered(qos.SAMPLES),))
-        opened = None if opening is None else opening(data)
-        if len(data) < ENCAPSULATION or (opening is not None and opened is None):
-            count.malformed += 1
             return
-        self._writer.write(name, data, self.get_clock().now().nanoseconds, sequence=count.messages)
         if count.messages == 0:
             self.get_logger().info(f"recording {name}")
         count.messages += 1
         count.size += len(data)
         if opened is not None:
-            number = opened.sequence
             # A restarted publisher counts from 0: no loss is known.
-            count.lost += max(number - count.last - 1, 0) if count.last >= 0 else 0
-            count.last = number
+            count.lost += max(opened.sequence - count.last - 1, 0) if count.last >= 0 else 0
+            count.last = opened.sequence
 
     def _report(self) -> None:
         report = DiagnosticArray()
