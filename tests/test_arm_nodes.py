@@ -18,7 +18,7 @@ from via_core.errors import ViaError
 from via_interfaces.msg import ControlState, VsaCommand
 from via_interfaces.srv import Hold, Push
 from via_ros import qos
-from via_ros.arms import ArmStateWriter
+from via_ros.conversions import ArmStateWriter
 from via_sim.nodes.arm_simulator import ArmSimulatorNode
 from via_validation.control.limit_cycle import GAIN, CycleCourse, least_share
 

@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
-from via_core.wire import FIELDS, LINK, MOTOR, REFERENCES, SECOND, seconds
+from via_core.wire import FIELDS, LINK, MOTOR, REFERENCES, SECOND, link_name, motor_name, seconds
 from via_interfaces.msg import VsaCommand
 
 from via_ros.interfaces import STAMP
@@ -255,3 +255,13 @@ class JointStateWriter(StateWriter):
 
     def __init__(self, device: Device) -> None:
         super().__init__(device.name, [device.link_joint, *device.drive_joints])
+
+
+class ArmStateWriter(StateWriter):
+    """Writer for an arm: `links` and `motors` select (n,) entries each, e.g. `position[links]`."""
+
+    links = slice(0, None, 2)
+    motors = slice(1, None, 2)
+
+    def __init__(self, name: str, joints: Sequence[str]) -> None:
+        super().__init__(name, [each for joint in joints for each in (link_name(joint), motor_name(joint, 1))])

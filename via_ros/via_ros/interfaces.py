@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 from via_core.errors import BagError
 from via_core.wire import SECOND
@@ -17,13 +17,6 @@ NUMBERED = frozenset(f"via_interfaces/msg/{name}Estimate" for name in ("Stiffnes
 ENCAPSULATION = 4  # [bytes] header of a serialised message; alignment is relative to its end
 STAMP, SEQUENCE = struct.Struct("<iI"), struct.Struct("<Q")
 HEADER = struct.Struct("<iII")  # stamp, length of frame_id
-
-
-class Opening(NamedTuple):
-    """First members of a numbered message."""
-
-    stamp: int  # [ns]
-    sequence: int
 
 
 def message_class(type_name: str) -> Any:
@@ -45,14 +38,14 @@ def stamp_of(data: bytes) -> int | None:
     return int(seconds * SECOND + nanoseconds)
 
 
-def opening_of(data: bytes) -> Opening | None:
-    """Stamp and sequence of a serialised message of a NUMBERED type (CDR, little endian); None if it is too short."""
+def opening_of(data: bytes) -> tuple[int, int] | None:
+    """Stamp [ns] and sequence of a serialised message of a NUMBERED type (CDR, little endian); None: too short."""
     try:
         seconds, nanoseconds, length = HEADER.unpack_from(data, ENCAPSULATION)
         (sequence,) = SEQUENCE.unpack_from(data, ENCAPSULATION + aligned(HEADER.size + length, 8))
     except struct.error:
         return None
-    return Opening(seconds * SECOND + nanoseconds, sequence)
+    return seconds * SECOND + nanoseconds, sequence
 
 
 def aligned(offset: int, size: int) -> int:

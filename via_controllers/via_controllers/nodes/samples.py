@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from via_ros.arms import ArmReader
-from via_ros.conversions import Joints, RowReader
+from via_core.wire import link_name, motor_name
+from via_ros.conversions import JointReader, Joints, RowReader
 
 from via_controllers.contract import ArmSample, JointSample
 from via_controllers.joint_axes import JointAxes
@@ -24,22 +24,24 @@ class SampleReader(Protocol):
 
 
 class ArmSampleReader:
-    """SampleReader of an arm; `joints` are named base first."""
+    """SampleReader of an arm: one JointState with all links and motors; `joints` are named base first."""
 
     def __init__(self, joints: tuple[str, ...]) -> None:
-        self._reader = ArmReader(joints)
+        links, motors = [link_name(joint) for joint in joints], [motor_name(joint, 1) for joint in joints]
+        entries = [(field, link) for field in ("position", "velocity") for link in links]
+        entries += [(field, motor) for field in ("position", "velocity") for motor in motors]
+        entries += [("effort", link) for link in links]
+        self._reader = JointReader([((*links, *motors), entries)])
 
     @property
     def malformed(self) -> int:
-        return self._reader.malformed
+        return self._reader.malformed[0]
 
     def read(self, joints: Joints) -> tuple[int, ArmSample] | None:
-        row = self._reader.read(joints)
-        if row is None:
+        if not self._reader.read(joints):
             return None
-        return row.stamp, ArmSample(
-            row.time, row.q, row.q_velocity, row.theta, row.theta_velocity, row.spring_torque
-        )  # fmt: skip
+        (row,) = self._reader.rows
+        return joints.stamp, ArmSample(float(row[0]), *row[1:].reshape(5, -1).copy())
 
 
 class JointSampleReader:

@@ -136,8 +136,9 @@ class Recorder(Node):
         count.size += len(data)
         if opened is not None:
             # A restarted publisher counts from 0: no loss is known.
-            count.lost += max(opened.sequence - count.last - 1, 0) if count.last >= 0 else 0
-            count.last = opened.sequence
+            _, number = opened
+            count.lost += max(number - count.last - 1, 0) if count.last >= 0 else 0
+            count.last = number
 
     def _report(self) -> None:
         report = DiagnosticArray()

@@ -27,8 +27,7 @@ from via_core.wire import command_topic
 from via_interfaces.msg import VsaCommand
 from via_interfaces.srv import Hold, Push
 from via_ros import qos
-from via_ros.arms import ArmStateWriter
-from via_ros.conversions import Command, followed, set_stamp
+from via_ros.conversions import ArmStateWriter, Command, followed, set_stamp
 from via_ros.parameters import declare
 
 from via_sim.nodes.simulation import SimulationNode, TimeParameters

@@ -53,10 +53,11 @@ def listen(devices: list[Device]) -> None:
     def check(topic: str, data: bytes) -> int:
         opening = opening_of(data)
         assert opening is not None
-        if opening.sequence != counts.get(topic, 0):
-            wrong.append(f"{topic}: {opening.sequence} after {counts.get(topic, 0) - 1}")
-        counts[topic] = opening.sequence + 1
-        return opening.stamp
+        stamp, sequence = opening
+        if sequence != counts.get(topic, 0):
+            wrong.append(f"{topic}: {sequence} after {counts.get(topic, 0) - 1}")
+        counts[topic] = sequence + 1
+        return stamp
 
     others: list[tuple[str, Any, Any]] = []
     for device in devices:
