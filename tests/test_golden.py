@@ -14,7 +14,7 @@ from via_core.signals import Signals
 from via_estimators.contract import summarise
 from via_estimators.methods import estimator_for
 from via_estimators.rows import estimate_bag
-from via_gap.logs.replay import measure_gap
+from via_gap.logs.replay import gap_to, simulated_log
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.simulate import simulate
@@ -32,7 +32,7 @@ def real_runs() -> dict[str, dict[str, float]]:
             bag = read_bag(file.bag)
             estimates = estimate_bag(bag, device, estimator_for(device)).estimates
             measured, commands, _ = joint_signals(bag, device)
-            row = {"nrmse": measure_gap(device, measured, commands).nrmse}
+            row = {"nrmse": gap_to(simulated_log(device, measured, commands), measured).nrmse}
             for output in ("damping", "stiffness"):
                 value, sd, _ = summarise(estimates, output)
                 row |= {output: value, f"{output}_deviation": sd}

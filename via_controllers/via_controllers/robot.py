@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from via_core.errors import ParameterError
+from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 from via_core.wire import command_topic
@@ -78,16 +79,6 @@ class ControlledJoint:
     ) -> ControlledJoint:
         """The joint with this controller, its limits and `HoldJoint`; further arguments as in `JointSupervisor.of`."""
         return cls(axes, JointSupervisor.of(controller, axes, start, drive))
-
-
-def parameter(default: Any, description: str, unit: str = "", limits: tuple[float, float] | None = None) -> Any:
-    """A dataclass field that `via_ros.parameters.declare` makes a ROS parameter of; `limits` are inclusive."""
-    metadata: dict[str, Any] = {"description": description}
-    if unit:
-        metadata["unit"] = unit
-    if limits is not None:
-        metadata["range"] = limits
-    return field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True)

@@ -108,14 +108,14 @@ def test_a_row_says_what_a_report_says(tmp_path):
     assert blank == Row("log", "key", verdict="cannot_tell")
 
 
-def test_a_key_is_of_content_name_device_and_topic(logs, tmp_path):
+def test_a_key_is_of_content_name_and_device(logs, tmp_path):
     key = key_of(logs[0], DEVICE)
     (tmp_path / "other").mkdir()
     same = tmp_path / "other" / logs[0].name
     same.write_bytes(logs[0].read_bytes())
     assert key_of(same, DEVICE) == key
     heavier = DEVICE.model_copy(update={"link": DEVICE.link.model_copy(update={"inertia": 0.03})})
-    assert len({key, key_of(logs[1], DEVICE), key_of(logs[0], heavier), key_of(logs[0], DEVICE, "/other")}) == 4
+    assert len({key, key_of(logs[1], DEVICE), key_of(logs[0], heavier)}) == 3
     folder = tmp_path / "bag"
     folder.mkdir()
     (folder / "a.mcap").write_bytes(b"1")

@@ -5,7 +5,7 @@ import pytest
 from via_core.devices import load_device
 from via_core.errors import SignalError
 from via_core.signals import Signals
-from via_gap.logs.replay import measure_gap, pooled, simulated_log
+from via_gap.logs.replay import gap_to, pooled, simulated_log
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.simulate import InitialConditions, simulate
@@ -13,6 +13,10 @@ from via_sim.simulate import InitialConditions, simulate
 HELD = frozenset({"equilibrium", "preset", "damping"})
 UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "q": "rad", "theta": "rad"}
 FRICTION = Effect("coulomb_friction", "link", parameters={"torque": 0.02})
+
+
+def measure_gap(device, measured, commands, effects=()):
+    return gap_to(simulated_log(device, measured, commands, effects), measured)
 
 
 def commands(start: float = 0.0) -> Signals:

@@ -131,22 +131,15 @@ class JointLog:
     @property
     def drivable(self) -> bool:
         """Whether the log contains what drives a simulation."""
-        if self.device.drive == "position":
+        if self.motors_commanded or self.device.drive == "position":
             return self.motors_commanded
-        return (
-            self.device.n_motors == 0 or self.motors_commanded or (self.device.drive == "torque" and self.torque_seen)
-        )
+        return self.device.n_motors == 0 or (self.device.drive == "torque" and self.torque_seen)
 
 
 def believed(logs: Sequence[JointLog]) -> list[JointLog]:
     """The logs without the motor angles whose encoder jumps in any of them, because all logs have the same encoder."""
-    jumpy = {
-        i + 1
-        for log in logs
-        if "theta" in log.measured
-        for i, column in enumerate(log.measured["theta"].T)
-        if jumps(column) > ERRATIC
-    }
+    columns = [each for log in logs if "theta" in log.measured for each in enumerate(log.measured["theta"].T, 1)]
+    jumpy = {number for number, column in columns if jumps(column) > ERRATIC}
     return [replace(log, disbelieved=tuple(sorted(jumpy))) for log in logs] if jumpy else list(logs)
 
 

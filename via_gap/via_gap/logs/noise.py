@@ -109,7 +109,8 @@ def channel_noise(time: Array, values: Array, quantum: float | None = None) -> C
     if still:
         found = levels(t, x, step, 0.0)
     if not found:
-        sd = max(rounded, resolution) if step > 0.0 else max(min(float(np.std(x)), _difference(x)), resolution)
+        apart = float(np.sqrt(np.median(np.diff(x) ** 2) / 2.0) * 1.4826) if len(x) > 2 else 0.0
+        sd = max(rounded if step > 0.0 else min(float(np.std(x)), apart), resolution)
         return ChannelNoise(sd, 0.0 if step > 0.0 else sd, step, 0.0, 0.0, 0.0, 1.0, len(x), "too short")
     first, period = found[0], float(np.median(np.diff(t)))
     variance, ar1 = _correlated(found, 1.0 / period)
@@ -157,10 +158,6 @@ def _torque_noise(log: JointLog, i: int, column: Array) -> ChannelNoise:
     left = [column - commands[:, i] for late in range(LATEST) if (commands := log.motor_commands(late)) is not None]
     beside = channel_noise(log.measured.time, min(left, key=lambda each: float(np.nanvar(each))), alone.quantum)
     return beside if beside.sd < alone.sd else alone
-
-
-def _difference(x: Array) -> float:
-    return float(np.sqrt(np.median(np.diff(x) ** 2) / 2.0) * 1.4826) if len(x) > 2 else 0.0
 
 
 def _correlated(found: list[Level], rate: float) -> tuple[float, float]:

@@ -104,20 +104,18 @@ def _acceleration(log: JointLog, noise: LogNoise, half: int) -> tuple[Array, flo
     return bend, noise.channels["q"].sd * sqrt(720.0 / n**5) / period**2
 
 
-def _curvature(log: JointLog, noise: LogNoise) -> float:
-    """95 % quantile of the link's acceleration, of parabolas over a segment's tenth to either side; without noise."""
-    bend, sd = _acceleration(log, noise, max(3, round(0.1 * SEGMENT / noise.clock.period)))
-    return max(float(np.quantile(np.abs(bend), 0.95)) - STANDARD_ERRORS * sd, 0.0)
-
-
 def _samples(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
-    """Late samples. Linear interpolation over a gap g has an error of g^2 / 8 times the acceleration."""
+    """Late samples. Linear interpolation over a gap g has an error of g^2 / 8 times the acceleration.
+
+    Which is the 95 % quantile of that of parabolas over a tenth of a segment to either side.
+    """
     time, period = log.measured.time, noise.clock.period
     steps = np.diff(time)
     late = steps > MISSED * period
     if not late.any():
         return
-    bend = _curvature(log, noise)
+    accelerations, sd = _acceleration(log, noise, max(3, round(0.1 * SEGMENT / period)))
+    bend = float(np.quantile(np.abs(accelerations), 0.95)) - STANDARD_ERRORS * sd  # without noise
     longest = max(MISSED * period, sqrt(8.0 * noise.channels["q"].sd / bend) if bend > 0.0 else np.inf)
     gone = np.flatnonzero(steps > longest)
     regular = float(np.mean(np.abs(steps - period) < MUCH * period)) > 1.0 - TOLERANCE
@@ -307,6 +305,7 @@ def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
     If the torque on a rigid joint's inertia is larger than the rest, the recorded torque does not contain it; otherwise
     the motion is slow and the torque balances gravity.
     """
+    bend, sd = _acceleration(log, noise, max(2, round(0.5 * SEGMENT / noise.clock.period)))
     for name, column in _torques(log, noise):
         if log.device.n_motors and not all(log.motors_seen):
             continue
@@ -324,7 +323,7 @@ def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         if log.device.n_motors:
             text += "it shows the controller more than the joint: use a reference that varies"
             yield _Found(log.finding("torque of angle", name, "downgrade", share, text))
-        elif _inertia_torque(log, noise) > 2.0 * sqrt(residual):
+        elif log.device.link.inertia * sqrt(max(float(np.mean(bend**2)) - sd**2, 0.0)) > 2.0 * sqrt(residual):
             text += (
                 "it does not distinguish inertia and friction from gravity: something else moved the joint (a hand, "
                 "another joint), or the motion repeats one sine. Record motion made by the drive, with several speeds "
@@ -334,9 +333,3 @@ def _torque_of_angle(log: JointLog, noise: LogNoise) -> Iterator[_Found]:
         else:
             text += "the motion is so slow that it shows gravity only: move faster to see inertia and friction"
             yield _Found(log.finding("torque of angle", name, "downgrade", share, text))
-
-
-def _inertia_torque(log: JointLog, noise: LogNoise) -> float:
-    """Root mean square [N m] of the nominal inertia times the acceleration of a rigid link, without noise."""
-    bend, sd = _acceleration(log, noise, max(2, round(0.5 * SEGMENT / noise.clock.period)))
-    return log.device.link.inertia * sqrt(max(float(np.mean(bend**2)) - sd**2, 0.0))

@@ -57,11 +57,6 @@ def simulated_log(device: Device, measured: Signals, commands: Signals, effects:
     return Signals(run.truth.time, {**run.truth.channels, **read}, run.truth.units)
 
 
-def measure_gap(device: Device, measured: Signals, commands: Signals, effects: Sequence[Effect] = ()) -> Gap:
-    """The gap of the link angle between a log and the device's model, at the log's own stamps."""
-    return gap_to(simulated_log(device, measured, commands, effects), measured)
-
-
 def gap_to(simulated: Signals, measured: Signals) -> Gap:
     """The gap of the link angle `q` between a simulation and a log, at the log's own stamps."""
     seen = np.isfinite(measured["q"])

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 from via_sim.effects.catalogue import EFFECTS
 
-from via_gap.candidates.localisation import Region
 from via_gap.logs.findings import Finding
 from via_gap.rendering.names import (
-    QUANTITIES,
     effect_words,
     listed,
     log_words,
@@ -21,7 +19,7 @@ from via_gap.rendering.names import (
 )
 from via_gap.rendering.numbers import number, percent, raised, with_sd
 from via_gap.report.figures import Trial
-from via_gap.report.report import Cause, EffectLocation, GapReport, Where
+from via_gap.report.report import Cause, EffectLocation, GapReport
 
 NAMING = ("effect", "several_effects", "main_effect")  # verdicts that name causes
 
@@ -29,20 +27,6 @@ NAMING = ("effect", "several_effects", "main_effect")  # verdicts that name caus
 def names_causes(report: GapReport) -> bool:
     """Whether the decision names causes."""
     return report.verdict in NAMING
-
-
-def seen_in(where: Where) -> str:
-    """Which evidence puts a part of the gap at a location."""
-    known = {"simulation": "simulation only", "measurements": "the measurements themselves"}
-    return known.get(where.equation, f"equation of {where.equation}")
-
-
-def region_words(region: Region) -> str:
-    """speed 0 to 0.46 rad/s: 37 % of its residual in 20 % of the data."""
-    return (
-        f"{QUANTITIES.get(region.by, region.by)} {number(region.low)} to {number(region.high)} {region.unit}: "
-        f"{percent(region.share)} of its residual in {percent(region.data)} of the data"
-    )
 
 
 def values_words(cause: Cause) -> tuple[str, ...]:

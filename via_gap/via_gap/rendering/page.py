@@ -41,10 +41,10 @@ def environment() -> Environment:
         # Non-breaking spaces keep a number and its unit together.
         percent=lambda value: percent(value).replace(" ", "\u00a0"),
         chance=lambda value: chance(value).replace(" ", "\u00a0"),
-        region=evidence_words.region_words, place=names.place_words, where=names.where_words, logs=names.log_words,
-        listed=names.listed, capital=names.capital, plain=names.plain, effect=names.effect_words,
-        signal=lambda name: names.SIGNALS.get(name, name), fill=picture.fill, ink=picture.ink, said=picture.said,
-        stroke=picture.stroke,
+        place=names.place_words, where=names.where_words, logs=names.log_words, listed=names.listed,
+        capital=names.capital, plain=names.plain, effect=names.effect_words,
+        quantity=lambda by: names.QUANTITIES.get(by, by), signal=lambda name: names.SIGNALS.get(name, name),
+        fill=picture.fill, ink=picture.ink, said=picture.said, stroke=picture.stroke,
     )  # fmt: skip
     made.globals.update(
         words=words, evidence=evidence_words, pictures=pictures, levels=names.LEVELS, ranked=ranked,

@@ -77,7 +77,6 @@ def run_fleet(
     results: Path,
     progress: OnDone = lambda _done, _of, _path: None,
     workers: Workers = Workers(),
-    joint_topic: str = "/joint_states",
 ) -> list[Row]:
     """Diagnose every log; rows in the order of `logs`.
 
@@ -94,7 +93,7 @@ def run_fleet(
     keys = []
     for path in logs:
         try:
-            key = key_of(path, device, joint_topic)
+            key = key_of(path, device)
             row = found.get(key) or _earlier(results, key)
         except OSError as error:
             key = f"unreadable: {path}"
@@ -106,19 +105,16 @@ def run_fleet(
     progress(len(found), every, None)
     if todo:
         with _client(workers) as client:
-            for key, row in _diagnosed(client, todo, device, joint_topic, results):
+            for key, row in _diagnosed(client, todo, device, results):
                 found[key] = row
                 progress(len(found), every, todo[key])
     return [replace(found[key], log=str(path)) for key, path in zip(keys, logs, strict=True)]
 
 
-def _diagnosed(
-    client: Client, todo: dict[str, Path], device: Device, joint_topic: str, results: Path
-) -> Iterator[tuple[str, Row]]:
+def _diagnosed(client: Client, todo: dict[str, Path], device: Device, results: Path) -> Iterator[tuple[str, Row]]:
     text = device.model_dump_json()
     futures = {
-        client.submit(diagnose_file, str(path.resolve()), text, joint_topic, key=f"via-gap-{key}"): key
-        for key, path in todo.items()
+        client.submit(diagnose_file, str(path.resolve()), text, key=f"via-gap-{key}"): key for key, path in todo.items()
     }
     try:
         for future in as_completed(list(futures), loop=client.loop):
@@ -173,10 +169,10 @@ def row_of(report: GapReport, log: str, key: str) -> Row:
 # ---- keys
 
 
-def key_of(log: Path, device: Device, joint_topic: str = "/joint_states") -> str:
+def key_of(log: Path, device: Device) -> str:
     """Hash of a log's content, its device and the sources of the diagnosis. Raises OSError for an unreadable log."""
     digest = sha256()
-    for part in (engine(), device.model_dump_json(), joint_topic):
+    for part in (engine(), device.model_dump_json()):
         digest.update(part.encode() + b"\0")
     # The name is part of the report, and its ending decides how the file is read.
     digest.update(log.name.encode(errors="surrogateescape") + b"\0")

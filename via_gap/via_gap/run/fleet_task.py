@@ -36,12 +36,12 @@ class OwnKernels(WorkerPlugin):
         os.environ[CACHE] = str(own)
 
 
-def diagnose_file(path: str, device: str, joint_topic: str) -> tuple[Finished | Failed, float]:
+def diagnose_file(path: str, device: str) -> tuple[Finished | Failed, float]:
     """Diagnose the log at `path` against `device` (JSON): the outcome, and how long it took [s]."""
     from via_core.devices import Device
 
     from via_gap.run.worker import Job, diagnosed
 
     begin = time.perf_counter()
-    outcome = diagnosed(Job(Device.model_validate_json(device), Path(path), joint_topic))
+    outcome = diagnosed(Job(Device.model_validate_json(device), Path(path)))
     return outcome, time.perf_counter() - begin
