@@ -11,8 +11,9 @@ from via_core.errors import BagError
 from via_core.wire import SECOND
 
 # These types begin with `std_msgs/Header header` and `uint64 sequence`.
-NUMBERED = frozenset(f"via_interfaces/msg/{name}Estimate" for name in ("Stiffness", "Damping", "Motor")) | frozenset(
-    f"via_interfaces/msg/{name}" for name in ("VsaCommand", "GapStatus", "ControlState")
+NUMBERED = frozenset(
+    f"via_interfaces/msg/{name}"
+    for name in ("StiffnessEstimate", "DampingEstimate", "MotorEstimate", "VsaCommand", "GapStatus", "ControlState")
 )
 ENCAPSULATION = 4  # [bytes] header of a serialised message; alignment is relative to its end
 STAMP, SEQUENCE = struct.Struct("<iI"), struct.Struct("<Q")

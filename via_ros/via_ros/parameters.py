@@ -32,18 +32,17 @@ def declare(node: Any, kind: type[T], prefix: str = "") -> T:
     Every field needs a default of the parameter's type: float, int, bool, str, or a tuple of one of these.
     Raises ParameterError with the name of the parameter, its value and the allowed range.
     """
+    prefix = prefix and f"{prefix}."
     values: dict[str, Any] = {}
     for item in fields(kind):  # type: ignore[arg-type]
-        name = f"{prefix}.{item.name}" if prefix else item.name
+        name = f"{prefix}{item.name}"
         default = item.default_factory() if item.default_factory is not MISSING else item.default
         given = _declared(node, name, default, item.metadata)
         values[item.name] = _checked(name, given, default, item.metadata)
     try:
         return kind(**values)
     except ParameterError as error:
-        raise ParameterError(
-            f"parameter {prefix + '.' if prefix else ''}{str(error).partition('.')[2] or error}"
-        ) from None
+        raise ParameterError(f"parameter {prefix}{str(error).partition('.')[2] or error}") from None
 
 
 def _declared(node: Any, name: str, default: Any, about: Mapping[str, Any]) -> Any:

@@ -35,7 +35,6 @@ class ChannelNoise:
     white: float  # the same before rounding; 0 where rounding explains everything
     quantum: float  # step of the grid on which the values lie, or the declared one; 0: no step
     ar1: float  # correlation of the noise before rounding from one sample to the next
-    correlation_time: float  # [s] over which it falls to 1/e; 0: white
     jitter: float  # [s] error of the time stamps, as residuals that grow with speed show it
     error: float  # standard error of `sd`, relative
     samples: int  # residuals used
@@ -103,7 +102,7 @@ def channel_noise(time: Array, values: Array, quantum: float | None = None) -> C
     rounded = step / sqrt(12.0)
     resolution = float(np.spacing(np.max(np.abs(x)))) if x.size else 0.0
     if len(x) < 2 or np.ptp(x) == 0.0:
-        return ChannelNoise(max(rounded, resolution), 0.0, step, 0.0, 0.0, 0.0, 0.0, len(x), "too short")
+        return ChannelNoise(max(rounded, resolution), 0.0, step, 0.0, 0.0, 0.0, len(x), "too short")
     found = levels(t, x, step, STEPPED)
     still = not found
     if still:
@@ -111,7 +110,7 @@ def channel_noise(time: Array, values: Array, quantum: float | None = None) -> C
     if not found:
         apart = float(np.sqrt(np.median(np.diff(x) ** 2) / 2.0) * 1.4826) if len(x) > 2 else 0.0
         sd = max(rounded if step > 0.0 else min(float(np.std(x)), apart), resolution)
-        return ChannelNoise(sd, 0.0 if step > 0.0 else sd, step, 0.0, 0.0, 0.0, 1.0, len(x), "too short")
+        return ChannelNoise(sd, 0.0 if step > 0.0 else sd, step, 0.0, 0.0, 1.0, len(x), "too short")
     first, period = found[0], float(np.median(np.diff(t)))
     variance, ar1 = _correlated(found, 1.0 / period)
     significant = variance > STANDARD_ERRORS * first.error
@@ -121,9 +120,8 @@ def channel_noise(time: Array, values: Array, quantum: float | None = None) -> C
     if step > 0.0 and not significant:
         smooth = first.total + STANDARD_ERRORS * first.total_error < first.rounded and not still
         how = "smoothed" if smooth else "rounding only"
-    lag = -period * first.stride / np.log(ar1) if ar1 > 0.0 and white > 0.0 else 0.0
     relative = min(0.5 * first.error / sd**2, 1.0)
-    return ChannelNoise(sd, white, step, ar1, float(lag), sqrt(first.jitter), relative, first.samples, how)
+    return ChannelNoise(sd, white, step, ar1, sqrt(first.jitter), relative, first.samples, how)
 
 
 def error_correlation(noise: ChannelNoise, angle: Array, lags: int, run: int = 0) -> Array:

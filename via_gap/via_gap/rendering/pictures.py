@@ -151,36 +151,36 @@ def _over(by: Quantity, axis: str, report: GapReport) -> str:
     return known.get(by, by)
 
 
-def _before_and_after(
-    x: Sequence[float], columns: tuple[Sequence[float], ...], repaired: str, breaks: Sequence[int] = (),
-    mirrored: bool = False,
-) -> list[Curve]:  # fmt: skip
-    """Curves of the columns (sensor noise, before, after) over x."""
-    floor, before, after = columns
+def _filed_and_repaired(
+    x: Sequence[float], before: Sequence[float], after: Sequence[float], repaired: str, breaks: Sequence[int] = ()
+) -> list[Curve]:
+    return [Curve("as filed", "before", x, before, breaks), Curve(repaired, "after", x, after, breaks)]
+
+
+def _binned(figure: ResidualFigure | ErrorFigure, after: str, suffix: str = "", mirrored: bool = False) -> list[Curve]:
+    """Sensor noise, before and after at the centres of bins; no line is drawn where there are no data."""
+    bins: Sequence[ResidualBin | ErrorBin] = figure.bins
+    x, noise = [each.centre for each in bins], [each.floor for each in bins]
+    columns = [[getattr(each, name + suffix) for each in bins] for name in ("before", "after")]
+    breaks = [i + 1 for i, (a, b) in enumerate(pairwise(bins)) if b.low > a.high + 1e-6 * (b.high - a.low)]
     return [
-        Curve("sensor noise", "floor", x, floor, mirrored=mirrored),
-        Curve("as filed", "before", x, before, breaks),
-        Curve(repaired, "after", x, after, breaks),
+        Curve("sensor noise", "floor", x, noise, mirrored=mirrored),
+        *_filed_and_repaired(x, columns[0], columns[1], after, breaks),
     ]
 
 
-def _columns(bins: Sequence[ResidualBin | ErrorBin], *names: str) -> tuple[list[float], ...]:
-    return tuple([getattr(each, name) for each in bins] for name in names)
-
-
 def _residual(figure: ResidualFigure, report: GapReport) -> Chart:
-    (x,), breaks, repaired = _columns(figure.bins, "centre"), _gaps(figure.bins), after_words(report)
     over, speed = _over(figure.by, _axis_of(figure.equation), report), figure.by == "speed"
-    mean = _before_and_after(x, _columns(figure.bins, "floor", "before", "after"), repaired, breaks, mirrored=True)
-    rms = _before_and_after(x, _columns(figure.bins, "floor", "before_rms", "after_rms"), repaired, breaks)
+    mean = _binned(figure, after_words(report), mirrored=True)
+    rms = _binned(figure, after_words(report), "_rms")
     panels = [Panel("mean along v" if speed else "mean", "N m", mean, zero=True), Panel("rms", "N m", rms, zero=True)]
     caption = f"against {over}" + (" (negative: it brakes)" if speed else "")
     return Chart(caption, f"Missing torque {caption}", over, figure.unit, panels)
 
 
 def _spectrum(figure: OrderSpectrum, repaired: str) -> Chart:
-    noise = [figure.level] * len(figure.orders)
-    curves = _before_and_after(figure.orders, (noise, figure.before, figure.after), repaired)
+    noise = Curve("sensor noise", "floor", figure.orders, [figure.level] * len(figure.orders))
+    curves = [noise, *_filed_and_repaired(figure.orders, figure.before, figure.after, repaired)]
     peaks = ", ".join(number(each) for each in _peaks(figure))
     turns = f"the log holds {number(figure.turns)} turns"
     caption = f"equation of {_axis_of(figure.equation)}: largest at orders {peaks}; {turns}"
@@ -197,30 +197,21 @@ def _peaks(figure: OrderSpectrum) -> list[float]:
 
 
 def _error(figure: ErrorFigure, report: GapReport) -> Chart:
-    (x,), axis = _columns(figure.bins, "centre"), AXES.get(figure.signal, figure.signal)
+    axis = AXES.get(figure.signal, figure.signal)
     over = _over(figure.by, axis, report)
-    columns = _columns(figure.bins, "floor", "before", "after")
-    curves = _before_and_after(x, columns, after_words(report), _gaps(figure.bins))
-    panel = Panel("rms error", _unit(figure.signal), curves, log=True)
+    panel = Panel("rms error", _unit(figure.signal), _binned(figure, after_words(report)), log=True)
     return Chart(f"against {over}", f"Error of {axis} against {over}", over, figure.unit, [panel])
 
 
-def _gaps(bins: Sequence[ResidualBin | ErrorBin]) -> list[int]:
-    """Bins that do not begin where the one before ends: no line is drawn where there are no data."""
-    return [i + 1 for i, (a, b) in enumerate(pairwise(bins)) if b.low > a.high + 1e-6 * (b.high - a.low)]
-
-
 def _trace(figure: TraceFigure, repaired: str) -> Chart:
-    def two(before: Sequence[float], after: Sequence[float]) -> list[Curve]:
-        return [
-            Curve("as filed", "before", figure.time, before, figure.restarts),
-            Curve(repaired, "after", figure.time, after, figure.restarts),
-        ]
-
     errors = [[s - m for s, m in zip(each, figure.measured, strict=True)] for each in (figure.before, figure.after)]
     name, unit = SIGNALS.get(figure.signal, figure.signal), _unit(figure.signal)
+    curves, gaps = (
+        _filed_and_repaired(figure.time, before, after, repaired, figure.restarts)
+        for before, after in ((figure.before, figure.after), errors)
+    )
     measured = Curve("measured", "measured", figure.time, figure.measured)
-    panels = [Panel(name, unit, [measured, *two(figure.before, figure.after)]), Panel("error", unit, two(*errors))]
+    panels = [Panel(name, unit, [measured, *curves]), Panel("error", unit, gaps)]
     return Chart(capital(name), f"{name} measured and simulated", "time", "s", panels)
 
 
