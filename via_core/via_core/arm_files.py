@@ -8,15 +8,19 @@ from typing import TypeVar
 
 import pinocchio
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
+from via_core.device_parts import Text
 from via_core.errors import DeviceError
 
 
 class ArmFile(BaseModel):
     """Contents of the YAML file of an arm."""
 
-    urdf: str  # path relative to this file
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    remark: str = ""
+    urdf: Text  # path relative to this file
 
 
 File = TypeVar("File", bound=ArmFile)

@@ -47,14 +47,10 @@ class VsaJoint(BaseModel):
 class VsaArmFile(ArmFile):
     """The YAML file of an arm: its URDF, and its joints, base first."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     title: Text
     source: Annotated[tuple[Text, ...], Field(min_length=1)]
     confidence: Literal["measured", "published", "identified", "copied", "assumed"]
-    remark: str = ""
-    urdf: Text  # path relative to this file
     tip: Text  # link of the URDF whose origin is the end effector
     joints: Annotated[tuple[VsaJoint, ...], Field(min_length=1)]
 

@@ -15,7 +15,7 @@ from via_gap.candidates.starts import _STARTS, Start, size_of, size_parameters, 
 from via_gap.logs.log import JointLog
 from via_gap.rendering.joint_picture import JointPicture
 from via_gap.rendering.names import site_words
-from via_gap.rendering.page import drawing
+from via_gap.rendering.page import environment
 from via_gap.report.figures import JointSketch
 from via_sim.effects.catalogue import EFFECTS
 
@@ -133,7 +133,7 @@ def test_both_motors_are_told_and_drawn_as_both():
     )
     sketch = JointSketch(arrangement="antagonistic", drive="torque", motors_seen=(True, True), torque_seen=True)
     shares = {("motor", 0): 0.6, ("motor", 2): 0.2, ("transmission", 0): 0.15}
-    drawn = drawing("joint", JointPicture(sketch, shares))
+    drawn = environment().get_template("page.svg").module.joint(JointPicture(sketch, shares))
     assert [drawn.count(f">{share} %<") for share in (60, 80, 15)] == [1, 1, 2]
 
 

@@ -8,7 +8,7 @@ from scipy.signal import savgol_filter
 from via_core.signals import Signals
 from via_gap.candidates.fit import fit_device_numbers
 from via_gap.logs.log import JointLog
-from via_gap.logs.rounding import correlation, interpolated, mean_variance, slope_order, variance, variances
+from via_gap.logs.rounding import correlation, interpolated, mean_variance, slope_order, variances
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.segments import cut_log
 from via_sim.effects import Effect
@@ -25,7 +25,7 @@ def test_errors_hang_together_as_those_of_readings_rounded_at_every_phase_do(adv
     expected = correlation(angle, step, lags)
     assert expected == pytest.approx(seen[0], abs=0.01)
     weights = np.random.default_rng(1).normal(size=lags)
-    assert variance(weights, expected) == pytest.approx(weights @ seen @ weights, rel=0.02, abs=0.02)
+    assert variances(weights, expected) == pytest.approx(weights @ seen @ weights, rel=0.02, abs=0.02)
 
 
 def test_readings_of_one_step_are_one_reading_and_those_without_order_are_as_many():

@@ -174,14 +174,13 @@ class RowReader:
     """
 
     def __init__(self, wanted: Sequence[tuple[Device, Sequence[str]]]) -> None:
-        places = [[_place(device, column) for column in columns] for device, columns in wanted]
         self._joints = JointReader(
-            [((device.link_joint,), each) for (device, _), each in zip(wanted, places, strict=True)]
+            [((device.link_joint,), [_place(device, each) for each in columns]) for device, columns in wanted]
         )
         self._drives = [device.n_drives for device, _ in wanted]
         self._commands = [
-            [(at, column) for at, (column, place) in enumerate(zip(columns, each, strict=True), 1) if place is None]
-            for (_, columns), each in zip(wanted, places, strict=True)
+            [(at, each) for at, each in enumerate(columns, 1) if each in REFERENCES or each.startswith("motor_")]
+            for _, columns in wanted
         ]
         self.rows = [row[None] for row in self._joints.rows]
         self.malformed = self._joints.malformed

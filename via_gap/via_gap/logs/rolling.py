@@ -57,22 +57,18 @@ class RollingLog:
 
     def sample(self, stamp: int, row: Array) -> None:
         """Take a sample (c,) with its stamp [ns]."""
-        newest = self._samples.newest
-        if newest is not None and stamp < newest - JUMP:
+        if self.newest is not None and stamp < self.newest - JUMP:
             self.restart()
             self.restarts += 1
         self._samples.append(stamp, row)
-        self._samples.forget(self._samples.first_after(self._latest() - self._span))
+        self._samples.forget(self._samples.first_after((self.newest or 0) - self._span))
         # The command that holds in the oldest sample stays.
         self._commands.forget(self._commands.first_after(int(self._samples.stamp[0]) + 1) - 1)
 
     def command(self, stamp: int, mode: int, equilibrium: float, preset: float, damping: float, motor: Array) -> None:
         """Take a command with its stamp [ns]; `motor` (k,) is padded with NaN or cut to the device's drives."""
-        row = np.full(4 + self.device.n_drives, np.nan)
-        row[:4] = mode, equilibrium, preset, damping
-        own = motor[: self.device.n_drives]
-        row[4 : 4 + len(own)] = own
-        self._commands.append(stamp, row)
+        padded = [*motor, *[np.nan] * self.device.n_drives][: self.device.n_drives]
+        self._commands.append(stamp, np.array([mode, equilibrium, preset, damping, *padded]))
 
     def restart(self) -> None:
         """Drop all samples and commands."""
@@ -86,7 +82,7 @@ class RollingLog:
         """
         if len(self) < 2:
             return None
-        begin = 0 if span is None else self._samples.first_after(self._latest() - round(span * SECOND))
+        begin = 0 if span is None else self._samples.first_after((self.newest or 0) - round(span * SECOND))
         stamps, rows = self._samples.stamp[begin:].copy(), self._samples.rows[begin:]
         states = Columns("", JOINT_STATE, stamps, stamps, {}, True)
         channels = {channel: rows[:, i] for i, channel in enumerate(LINK)}
@@ -105,10 +101,6 @@ class RollingLog:
         names = ("mode", "equilibrium", "preset", "damping")
         fields = {name: rows[:, i].copy() for i, name in enumerate(names)} | {"motor": rows[:, 4:].copy()}
         return Columns(self.device.command_topic, VSA_COMMAND, stamps, stamps, fields, True)
-
-    def _latest(self) -> int:
-        assert self._samples.newest is not None
-        return self._samples.newest
 
 
 class _Tape:

@@ -47,15 +47,10 @@ def variances(weights: Array, correlated: Array) -> Array:
     return np.einsum("...i,ij,...j->...", weights, together, weights)
 
 
-def variance(weights: Array, correlated: Array) -> float:
-    """The variance of one sum with weights (n,)."""
-    return float(variances(weights, correlated))
-
-
 def mean_variance(correlated: Array) -> float:
     """Variance of the mean of n errors, over that of one, at least 1 / n; `correlated` (n,)."""
     count = len(correlated)
-    return max(1.0 / count, variance(np.full(count, 1.0 / count), correlated))
+    return max(1.0 / count, float(variances(np.full(count, 1.0 / count), correlated)))
 
 
 def interpolated(time: Array, values: Array, wanted: Array, widest: float) -> tuple[Array, Array]:
@@ -98,6 +93,6 @@ def slope_order(values: Array, angle: Array, step: float, window: int) -> int:
     inside = slice(window // 2, len(values) - window // 2)
     less, more = (savgol_filter(values, window, order, deriv=1)[inside] for order in (2, 3))
     correlated = correlation(angle, step, window)
-    noise = step**2 / 12.0 * np.array([variance(each, correlated) for each in (*both, both[1] - both[0])])
+    noise = step**2 / 12.0 * np.array([variances(each, correlated) for each in (*both, both[1] - both[0])])
     bias = float(np.mean((more - less) ** 2)) - noise[2]
     return 3 if bias > noise[1] - noise[0] else 2

@@ -23,7 +23,6 @@ import time
 from functools import partial
 from typing import Any
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
@@ -34,7 +33,7 @@ from via_core.errors import ViaError
 from via_interfaces.action import DiagnoseGap
 from via_interfaces.msg import GapStatus, VsaCommand
 from via_ros import qos
-from via_ros.conversions import RowReader, nanoseconds
+from via_ros.conversions import RowReader, nanoseconds, unchecked_command
 from via_ros.parameters import declare
 from via_ros.serialised import JointStateDecoder
 from via_ros.spin import STEADY, run
@@ -73,7 +72,7 @@ class MonitorNode(Node):
 
     def close(self, _failed: bool = False) -> None:
         """End the process of a diagnosis under way."""
-        self.monitor.close()
+        self.monitor.worker.close()
         self._server.destroy()
 
     def _on_sample(self, data: bytes) -> None:
@@ -86,9 +85,7 @@ class MonitorNode(Node):
             self.monitor.foreign += 1
 
     def _on_command(self, message: VsaCommand) -> None:
-        motor = np.asarray(message.motor, dtype=float)
-        stamp = nanoseconds(message.header.stamp)
-        self.monitor.rolling.command(stamp, message.mode, message.equilibrium, message.preset, message.damping, motor)
+        self.monitor.rolling.command(nanoseconds(message.header.stamp), *unchecked_command(message))
 
     def _consider(self, _: DiagnoseGap.Goal) -> GoalResponse:
         if self._goal is None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -60,11 +59,6 @@ def write_page(report: GapReport, path: Path) -> None:
         path.write_text(page(report), encoding="utf-8")
     except OSError as error:
         raise ViaError(f"cannot write {path}: {error.strerror}") from None
-
-
-def drawing(macro: str, *values: Any) -> str:
-    """One drawing of page.svg."""
-    return str(getattr(environment().get_template("page.svg").module, macro)(*values))
 
 
 def _shipped(name: str) -> Markup:

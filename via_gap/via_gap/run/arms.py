@@ -23,7 +23,7 @@ from typing import Annotated
 import numpy as np
 import pinocchio
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from scipy.signal import savgol_filter
 from via_core.arm_files import ArmFile, read_arm
 from via_core.devices import Device, load_device
@@ -39,17 +39,13 @@ UNITS = {"external_torque": "N m", "neighbour": "rad", "arm_torque": "N m"}
 
 
 class RigidArmFile(ArmFile):
-    """One YAML per arm: its joints base first, and the rigid bodies between them."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    """One YAML per arm: its joints base first; those of its URDF have the names of the devices' links."""
 
     name: str
     title: str
     source: Annotated[tuple[str, ...], Field(min_length=1)]
     confidence: str
-    remark: str = ""
     joints: Annotated[tuple[str, ...], Field(min_length=2)]  # device names, or paths beside this file
-    urdf: str  # beside this file; its joints have the names of the devices' links
     rotors: tuple[Annotated[float, Field(ge=0.0)], ...] = ()  # [kg m^2] seen at the joints; none: in the URDF's links
 
 

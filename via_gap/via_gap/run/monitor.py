@@ -84,10 +84,6 @@ class Monitor:
         self._restarts = self._compared = 0  # restarts of the clock handled, samples at the last comparison
         self._received = self._due = float("-inf")  # [s] last sample, next automatic diagnosis
 
-    def close(self) -> None:
-        """End the process of a diagnosis under way."""
-        self.worker.close()
-
     def sample(self, stamp: int, row: Array, now: float) -> None:
         """Take a sample (c,) with its stamp [ns], received at `now` [s]."""
         self.rolling.sample(stamp, row)
