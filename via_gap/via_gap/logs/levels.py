@@ -103,8 +103,9 @@ def _level(time: Array, x: Array, step: float, crossed: float, stride: int, degr
     count = len(x) - reach
     if count < FEWEST:
         return None
-    half = min(max(2 * reach, 8), (len(x) - 1) // 2)
-    speed = _speed(time, x, max(half, 1))[reach // 2 : reach // 2 + count]
+    wide = 2 * min(max(2 * reach, 8), (len(x) - 1) // 2) + 1  # samples of straight lines, whose slope is the speed
+    moved, took = (savgol_filter(each, wide, 1, deriv=1) for each in (x - x[0], time - time[0]))
+    speed = (moved / took)[reach // 2 : reach // 2 + count]
     span = time[reach:] - time[:count]
     usable = span < 1.5 * float(np.median(span))
     if step > 0.0 and crossed > 0.0:
@@ -155,13 +156,6 @@ def _weights(time: Array) -> Array:
     apart = apart / scale[:, :, None] + np.eye(time.shape[1])
     weights = 1.0 / np.prod(apart, axis=2)
     return weights / np.linalg.norm(weights, axis=1, keepdims=True)
-
-
-def _speed(time: Array, x: Array, half: int) -> Array:
-    """Slope (N,) of straight lines over `half` samples to either side."""
-    window = min(2 * half + 1, (len(x) - 1) // 2 * 2 + 1)
-    moved, took = (savgol_filter(each, window, 1, deriv=1) for each in (x - x[0], time - time[0]))
-    return moved / took
 
 
 def _rounding(time: Array, speed: Array, weights: Array, size: int) -> Array:

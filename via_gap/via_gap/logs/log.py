@@ -16,7 +16,7 @@ from via_core.bags.reader import Bag, read_bag
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
-from via_core.wire import LINK, MOTOR, REFERENCES, UNITS
+from via_core.wire import LINK, MOTOR, UNITS
 
 from via_gap.logs.findings import Finding, Severity
 
@@ -25,8 +25,6 @@ LINK_SUFFIX = "_shaft_joint"  # of link names, which motor names do not have
 ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not used
 FAR = 8.0  # times the 90 % quantile of the steps between samples: a jump
 # Columns of a CSV file; '_1', '_2' number the motors. Commands have a zero-order hold.
-_MEASURED = {*LINK, *MOTOR}
-_COMMANDED = {*REFERENCES, "motor", "external_torque", "neighbour"}
 _UNITS = {**UNITS, "motor": "", "external_torque": "N m", "neighbour": "rad"}
 _HEADER = re.compile(rf"({'|'.join(_UNITS)})(?:_([12]))?")
 
@@ -254,8 +252,8 @@ def _from_csv(path: Path, device: Device) -> JointLog:
             if int(parts[2]) <= at.shape[1]:
                 at[:, int(parts[2]) - 1] = values[keep]
     try:
-        measured = {name: values for name, values in channels.items() if name in _MEASURED}
-        sent = {name: values for name, values in channels.items() if name in _COMMANDED}
+        measured = {name: values for name, values in channels.items() if name in {*LINK, *MOTOR}}
+        sent = {name: values for name, values in channels.items() if name not in measured}
         commands = Signals(time, sent, _UNITS, frozenset(sent)) if sent else None
         return JointLog(path.name, device, Signals(time, measured, _UNITS), commands, dropped)
     except ViaError as error:

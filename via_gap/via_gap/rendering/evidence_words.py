@@ -21,12 +21,10 @@ from via_gap.rendering.numbers import number, percent, raised, with_sd
 from via_gap.report.figures import Trial
 from via_gap.report.report import Cause, EffectLocation, GapReport
 
-NAMING = ("effect", "several_effects", "main_effect")  # verdicts that name causes
-
 
 def names_causes(report: GapReport) -> bool:
     """Whether the decision names causes."""
-    return report.verdict in NAMING
+    return report.verdict in ("effect", "several_effects", "main_effect")
 
 
 def values_words(cause: Cause) -> tuple[str, ...]:

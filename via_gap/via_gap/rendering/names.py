@@ -11,7 +11,6 @@ from via_gap.candidates.location import MEASUREMENT_ONLY
 from via_gap.report.figures import Member
 from via_gap.report.report import Cause, EffectLocation, Where
 
-Spot = tuple[str, str, int]  # effect, site, motor
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
 AT = {
     "command": "in the command path of motor {}",
@@ -85,8 +84,8 @@ def log_words(names: Sequence[str]) -> str:
     return listed(names) if len(names) <= SEVERAL else f"{len(names)} logs ({names[0]}, ...)"
 
 
-def spot_of(place: EffectLocation | Cause | Member) -> Spot:
-    """What identifies a location."""
+def spot_of(place: EffectLocation | Cause | Member) -> tuple[str, str, int]:
+    """What identifies a location: effect, site, motor."""
     return place.effect, place.site, place.motor
 
 

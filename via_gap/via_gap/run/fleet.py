@@ -37,7 +37,6 @@ from via_gap.run.fleet_task import OwnKernels, diagnose_file
 from via_gap.run.worker import Failed, Finished, undisturbed
 
 OnDone = Callable[[int, int, Path | None], None]  # number of logs done, of all logs, and the log just done
-LOOPBACK = "127.0.0.1"
 PATIENCE = "20s"  # for a scheduler to answer
 SHOWN = 12  # characters of a key in file names
 
@@ -240,7 +239,7 @@ def _client(workers: Workers) -> Iterator[Client]:
             count = workers.count or len(os.sched_getaffinity(0))
             with undisturbed():
                 cluster = LocalCluster(
-                    n_workers=count, threads_per_worker=1, processes=True, host=LOOPBACK, dashboard_address=None,
+                    n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
                     local_directory=folder, silence_logs=logging.CRITICAL,
                 )  # fmt: skip
             client = Client(stack.enter_context(cluster), set_as_default=False)
