@@ -8,16 +8,14 @@ from typing import TypeVar
 
 import pinocchio
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
-from via_core.device_parts import Text
+from via_core.device_parts import Part, Text
 from via_core.errors import DeviceError
 
 
-class ArmFile(BaseModel):
+class ArmFile(Part):
     """Contents of the YAML file of an arm."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     remark: str = ""
     urdf: Text  # path relative to this file

@@ -33,6 +33,16 @@ class Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+class Described(Part):
+    """What a file describes, where its numbers come from, and how reliable they are."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    title: Text
+    source: Annotated[tuple[Text, ...], Field(min_length=1)]
+    confidence: Literal["measured", "published", "identified", "copied", "assumed"]
+    remark: str = ""
+
+
 class Link(Part):
     """M qdd + Dq qd + Coulomb + sum tau_e + gravity_torque sin(q - gravity_angle) = tau_ext."""
 

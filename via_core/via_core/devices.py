@@ -14,24 +14,23 @@ from collections.abc import Hashable, Mapping
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike
-from pydantic import Field, ValidationError, model_validator
+from pydantic import ValidationError, model_validator
 
 from via_core.dampers import DamperMap
 from via_core.device_parts import (
     Damping,
+    Described,
     Link,
     Motor,
     Observed,
-    Part,
     PositionDrive,
     Sensors,
     Spring,
-    Text,
     Tolerances,
     Wire,
     motor_kind,
@@ -39,20 +38,16 @@ from via_core.device_parts import (
 from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array
 from via_core.springs import SpringLaw
+from via_core.text_files import read_text
 from via_core.wire import DRIVE, MOTOR, command_topic, link_name, motor_name
 
 MOTORS = {"rigid": 0, "flexible": 1, "antagonistic": 2, "serial": 2}
 SPRINGS = {"rigid": 0, "flexible": 1, "antagonistic": 2, "serial": 1}
 
 
-class Device(Part):
+class Device(Described):
     """One joint with its actuator, as described by its device file."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    title: Text
-    source: Annotated[tuple[Text, ...], Field(min_length=1)]
-    confidence: Literal["measured", "published", "identified", "copied", "assumed"]
-    remark: str = ""
     arrangement: Literal["rigid", "flexible", "antagonistic", "serial"]
     drive: Literal["torque", "servo", "position"] = "torque"
     link: Link
@@ -222,15 +217,7 @@ def load_device(name_or_path: str | Path) -> Device:
             raise DeviceError(f"no device '{name_or_path}'; there are: {', '.join(names)}")
         shown = f"{name_or_path}.yaml"
         where = Path(str(resources.files("via_core").joinpath("devices", shown)))
-    try:
-        text = where.read_text(encoding="utf-8")
-    except OSError as error:
-        raise DeviceError(f"{shown}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise DeviceError(f"{shown}: cannot be read: not UTF-8 text") from None
-    except ValueError as error:  # a path with a null byte
-        raise DeviceError(f"{shown!r}: cannot be read: {error}") from None
-    return parse_device(text, shown)
+    return parse_device(read_text(where, DeviceError, shown), shown)
 
 
 def parse_device(text: str, file: str) -> Device:

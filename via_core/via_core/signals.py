@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -103,9 +103,7 @@ class Signals:
         if not start <= stop:
             raise SignalError(f"the interval must not end before it starts, got {start} to {stop} s")
         keep = (self.time >= start) & (self.time < stop)
-        return Signals(
-            self.time[keep], {name: values[keep] for name, values in self.channels.items()}, self.units, self.held
-        )
+        return replace(self, time=self.time[keep], channels={name: each[keep] for name, each in self.channels.items()})
 
     def resample(self, time: ArrayLike) -> Signals:
         """The signals at other times [s]: commands by zero-order hold, measurements by linear interpolation.
@@ -128,9 +126,7 @@ class Signals:
                 moved[:, k] = np.interp(at, self.time, column)
             return moved
 
-        return Signals(
-            at, {name: resampled(name, values) for name, values in self.channels.items()}, self.units, self.held
-        )
+        return replace(self, time=at, channels={name: resampled(name, each) for name, each in self.channels.items()})
 
     def joined(self, other: Signals) -> Signals:
         """These channels and those of `other`, resampled to this time base; names must differ."""
@@ -138,9 +134,5 @@ class Signals:
         if twice:
             raise SignalError(f"channels in both: {', '.join(sorted(twice))}")
         moved = other.resample(self.time)
-        return Signals(
-            self.time,
-            {**self.channels, **moved.channels},
-            {**self.units, **moved.units},
-            self.held | moved.held,
-        )
+        channels, units = {**self.channels, **moved.channels}, {**self.units, **moved.units}
+        return Signals(self.time, channels, units, self.held | moved.held)

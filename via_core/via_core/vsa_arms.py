@@ -15,15 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio
 from numba import njit
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from via_core.arm_files import ArmFile, arm_names, read_arm
-from via_core.device_parts import Number, Spring, Text, TorqueMotor
+from via_core.device_parts import Described, Number, Part, Spring, Text, TorqueMotor
 from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array, locked
 from via_core.springs import SpringLaw, spring_stiffness, spring_stiffness_slope, spring_torque
@@ -32,10 +32,8 @@ BALANCE = 1e-9  # [N m] largest torque error of an arm at rest
 LINE = 1e-4  # [rad] step of central differences: second derivatives of M are then accurate to 1e-9
 
 
-class VsaJoint(BaseModel):
+class VsaJoint(Part):
     """Motor and spring of one joint of the URDF."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: Text  # of the joint in the URDF
     motor: TorqueMotor
@@ -44,13 +42,9 @@ class VsaJoint(BaseModel):
     link_friction: Annotated[Number, Field(ge=0.0)] = 0.0  # [N m s/rad] viscous
 
 
-class VsaArmFile(ArmFile):
+class VsaArmFile(Described, ArmFile):
     """The YAML file of an arm: its URDF, and its joints, base first."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    title: Text
-    source: Annotated[tuple[Text, ...], Field(min_length=1)]
-    confidence: Literal["measured", "published", "identified", "copied", "assumed"]
     tip: Text  # link of the URDF whose origin is the end effector
     joints: Annotated[tuple[VsaJoint, ...], Field(min_length=1)]
 

@@ -15,9 +15,9 @@ from via_core.bags.inspection import info as info_of
 from via_core.bags.mapping import mapping_names
 from via_core.bags.recovery import recover as recover_bag
 from via_core.devices import load_device
+from via_core.text_files import write_text
 
 from via_bringup.cli.console import answers, errors, table
-from via_bringup.cli.files import write_text
 from via_bringup.cli.run import execute_node, ros_arguments
 
 BagPath = Annotated[Path, typer.Argument(help="Bag folder or .mcap file.")]

@@ -12,6 +12,7 @@ import typer
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from via_core.devices import Device, load_device
 from via_core.errors import ViaError
+from via_core.text_files import read_text, write_text
 from via_gap.design.proposal import with_proposal
 from via_gap.diagnose import diagnose as diagnosed
 from via_gap.logs.log import JointLog, read_logs
@@ -22,7 +23,6 @@ from via_gap.report.withheld import before_and_after
 from via_sim.effects.files import load_effects
 
 from via_bringup.cli.console import answers, errors
-from via_bringup.cli.files import read_text, write_text
 
 Arm = Annotated[
     str | None, typer.Option(help="Arm with rigid joints, name or path to its YAML; each log contains all its joints.")

@@ -6,16 +6,16 @@ import csv
 import io
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, astuple, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from via_core.devices import load_device
+from via_core.text_files import write_text
 
 from via_bringup.cli.console import answers, errors, table
-from via_bringup.cli.files import write_text
 
 if TYPE_CHECKING:
     from via_gap.run.fleet import Row
@@ -81,7 +81,7 @@ def as_csv(rows: Sequence[Row]) -> str:
     out = io.StringIO()
     writer = csv.writer(out)
     writer.writerow([each.name for each in fields(Row)])
-    writer.writerows([["" if value is None else value for value in asdict(row).values()] for row in rows])
+    writer.writerows(astuple(row) for row in rows)  # None becomes an empty cell
     return out.getvalue()
 
 

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 from via_core.devices import load_device
+from via_core.text_files import read_text, write_text
 from via_gap.design.commands import RANGE
 from via_gap.design.motion_file import write_motion
 from via_gap.design.proposal import general_motion, propose
 from via_gap.report.report import read_report
 
 from via_bringup.cli.console import answers
-from via_bringup.cli.files import read_text, write_text
 
 
 def propose_motion(

@@ -215,7 +215,8 @@ class _Importer:
         joints = _columns([values[each.column] for each in table.joints], usable)
         if self.device is not None and usable.any():
             measured = self._measured(time[usable], joints, self.device)
-            findings += check_recording(measured, _commanded(command_time[in_order], commands), self.device)
+            commanded = Signals(command_time[in_order], commands, UNITS, frozenset(commands)) if commands else None
+            findings += check_recording(measured, commanded, self.device)
         return _Run(
             stamp=_nanoseconds(time[usable]),
             joints=joints,
@@ -326,12 +327,6 @@ def _nanoseconds(time: Array) -> NDArray[np.int64]:
     """`time` [s] rounded to [ns]; whole seconds are converted apart, so that epoch times keep their precision."""
     whole = np.floor(time)
     return whole.astype(np.int64) * SECOND + np.rint((time - whole) * 1e9).astype(np.int64)
-
-
-def _commanded(time: Array, commands: dict[str, Array]) -> Signals | None:
-    if not commands:
-        return None
-    return Signals(time, commands, UNITS, held=frozenset(commands))
 
 
 def _write(bag: Path, streams: list[Stream], notes: dict[str, str]) -> None:

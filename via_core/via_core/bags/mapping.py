@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from via_core.device_parts import Part, Text
 from via_core.errors import ImportMapError
+from via_core.text_files import read_text
 
 TO_SI = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": 0.017453292519943295, "rad/s": 1.0,
@@ -22,14 +24,8 @@ TO_SI = {
     "%": 1e-2,
 }  # fmt: skip
 
-Text = Annotated[str, Field(min_length=1)]
 
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class _Column(_Part):
+class _Column(Part):
     """One column: value = number in the file * (unit in SI * scale) + offset; bit-exact for factor 1 and offset 0."""
 
     column: str
@@ -71,14 +67,14 @@ class ScalarColumn(_Column):
     topic: Annotated[str, Field(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)+$")]
 
 
-class Table(_Part):
+class Table(Part):
     """The columns of one kind of CSV file."""
 
     time: TimeColumn
     joints: tuple[JointColumn, ...] = ()
     commands: tuple[CommandColumn, ...] = ()
     scalars: tuple[ScalarColumn, ...] = ()
-    ignore: dict[str, Text] = {}
+    ignore: dict[str, Text] = Field(default_factory=dict)
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
 
     @property
@@ -128,7 +124,7 @@ class CommandFile(Table):
     file: Text
 
 
-class Mapping(_Part):
+class Mapping(Part):
     """One mapping file."""
 
     title: Text
@@ -176,10 +172,7 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
             raise ImportMapError(f"no mapping '{name_or_path}'; there are: {', '.join(mapping_names())}")
         where = Path(str(resources.files("via_core").joinpath("mappings", f"{name_or_path}.yaml")))
     try:
-        content = yaml.safe_load(where.read_text(encoding="utf-8"))
-        mapping = Mapping.model_validate(content)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ImportMapError(f"{where}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8'}") from None
+        mapping = Mapping.model_validate(yaml.safe_load(read_text(where, ImportMapError)))
     except ValidationError as error:
         problems = "; ".join(
             f"{'.'.join(map(str, each['loc'])) or 'mapping'}: {each['msg']}" for each in error.errors()

@@ -13,7 +13,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from via_core.devices import device_names
-from via_core.errors import ViaError
+from via_core.text_files import write_text
 from via_sim.effects.files import effects_text
 
 from via_gap.rendering import evidence_words, joint_picture, names, pictures, words
@@ -55,10 +55,7 @@ def environment() -> Environment:
 
 def write_page(report: GapReport, path: Path) -> None:
     """The page into a file. Raises ViaError where it cannot be written."""
-    try:
-        path.write_text(page(report), encoding="utf-8")
-    except OSError as error:
-        raise ViaError(f"cannot write {path}: {error.strerror}") from None
+    write_text(path, page(report))
 
 
 def _shipped(name: str) -> Markup:

@@ -24,6 +24,7 @@ from typing import Any
 
 import yaml
 from via_core.errors import ParameterError
+from via_core.text_files import read_text
 
 from via_sim.effects import PAIRED, Effect
 from via_sim.effects.catalogue import EFFECTS
@@ -34,13 +35,7 @@ Intervals = Mapping[str, tuple[float, float]]
 
 def load_effects(path: str | Path) -> tuple[Effect, ...]:
     """The effects of a file. Raises ParameterError with file, entry, key and allowed range."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ParameterError(
-            f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}"
-        ) from None
-    return parse_effects(text, str(path))
+    return parse_effects(read_text(path, ParameterError), str(path))
 
 
 def parse_effects(text: str, file: str) -> tuple[Effect, ...]:
