@@ -226,7 +226,7 @@ def test_answer_headline_repair_and_next_steps_follow_from_the_decision(case, bi
 def test_a_sensor_error_outweighs_the_torque_that_is_missing_on_its_motor(size, missing, outweighs):
     candidates = compared(None, *missing).candidates
     assert _outweighs(sensor_error(size), candidates) is outweighs
-    decision = Decision("unknown", decided_nothing(), 0.0, 1.0)
+    decision = Decision("unknown", decided_nothing(), 0.0)
     said = answer("full", compared(decision.chosen, *missing), decision, [sensor_error(size)])
     assert said.verdict == ("main_effect" if outweighs else "unknown")
     assert len(said.effects) == (1 if outweighs else 0)

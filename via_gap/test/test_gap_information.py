@@ -1,8 +1,10 @@
 """Hold-out by information: no log at rest is held out alone, and both sides contain comparable motion."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
-from via_gap.selection.information import LEAST, SHARE, describe, hold_out
+from via_gap.selection.information import SHARE, describe, hold_out
 
 
 def swings(amplitudes, per_log=4, seed=0):
@@ -19,37 +21,48 @@ def swings(amplitudes, per_log=4, seed=0):
     return describe(np.array(angle), np.array(speed)), groups
 
 
+def held_part(information, held):
+    """(k,) part of the total of each descriptor that is held out."""
+    return information[held].sum(axis=0) / information.sum(axis=0)
+
+
 @pytest.mark.parametrize("still", range(5))
 def test_a_log_that_hardly_moves_does_not_judge_alone(still):
     amplitudes = np.ones(5)
     amplitudes[still] = 1e-3
     information, groups = swings(amplitudes)
-    chosen = hold_out(information, groups)
-    held_logs = {groups[i] for i in chosen.held}
-    assert held_logs != {f"log {still}"}
-    assert chosen.enough
-    assert np.all(np.abs(chosen.shares - SHARE) < 0.25)
+    held = hold_out(information, groups)
+    assert {groups[i] for i in held} != {f"log {still}"}
+    assert np.all(np.abs(held_part(information, held) - SHARE) < 0.2)  # both sides have half of their share at least
 
 
 def test_groups_are_not_torn_apart_and_nothing_is_lost():
     information, groups = swings(np.linspace(0.2, 1.0, 15))
-    chosen = hold_out(information, groups)
-    assert {groups[i] for i in chosen.train}.isdisjoint({groups[i] for i in chosen.held})
-    assert np.array_equal(np.sort(np.concatenate((chosen.train, chosen.held))), np.arange(len(groups)))
-    assert np.all(np.abs(chosen.shares - SHARE) < 0.1)
+    held = hold_out(information, groups)
+    train = np.setdiff1d(np.arange(len(groups)), held)
+    assert np.array_equal(held, np.unique(held))
+    assert {groups[i] for i in train}.isdisjoint({groups[i] for i in held})
+    assert np.all(np.abs(held_part(information, held) - SHARE) < 0.1)
 
 
-def test_one_moving_log_among_still_ones_is_not_enough():
-    information, groups = swings([1.0, 1e-3, 1e-3])
-    chosen = hold_out(information, groups)
-    assert not chosen.enough
-    assert chosen.shares.min() < LEAST * SHARE or chosen.shares.max() > 1.0 - LEAST * SHARE
+def test_the_choice_is_the_best_of_all():
+    """Of every proper choice of logs, one after the other; the largest difference counts first, then the mean."""
+    information, groups = swings([1.0, 0.3, 0.8, 1e-3, 0.5], seed=3)
+
+    def cost(logs):
+        off = (held_part(information, np.isin(groups, list(logs))) - SHARE) ** 2
+        return off.max(), off.mean()
+
+    names = sorted(set(groups))
+    every = [logs for size in range(1, 5) for logs in combinations(names, size)]
+    held = {groups[i] for i in hold_out(information, groups)}
+    assert cost(held) == pytest.approx(min(map(cost, every)))
 
 
 def test_one_group_is_fitted_as_a_whole():
     information, groups = swings([1.0])
-    chosen = hold_out(information, groups)
-    assert len(chosen.held) == 0 and len(chosen.train) == 4 and not chosen.enough
+    assert len(hold_out(information, groups)) == 0
+    assert len(hold_out(np.zeros((4, 7)), ["a", "a", "b", "b"])) == 0, "where nothing moves"
 
 
 def test_reversals_and_speed_are_counted():

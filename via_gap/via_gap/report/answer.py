@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ from via_gap.logs.log import Level
 from via_gap.report.causes import compared_causes, conformal_set, sensor_causes
 from via_gap.report.report import Cause, EffectLocation, Where
 from via_gap.selection.comparison import ModelComparison
-from via_gap.selection.verdict import Decision, Verdict
+from via_gap.selection.verdict import UNNAMED, Decision, Verdict
 from via_gap.sensors.sensor_errors import SensorError
 
 SHOWN = 0.02  # share of a site from which it is listed
@@ -45,7 +46,7 @@ def answer(level: Level, comparison: ModelComparison, decision: Decision, sensor
     causes = compared_causes(device, decision, candidates.scales, experiment.tuned)
     named = tuple(_place(device, each) for each in decision.named)
     equivalent = tuple(_place(device, each) for each in decision.equivalent)
-    unnamed = decision.verdict in ("unknown", "cannot_tell")
+    unnamed = decision.verdict in UNNAMED
     if not sensors or (unnamed and not any(_outweighs(each, candidates) for each in sensors)):
         where = _where(device, candidates, decision, ())
         return Answer(decision.verdict, where, causes, equivalent, conformal_set(level, causes), named)
@@ -96,12 +97,11 @@ def _where(device: Device, candidates: CandidateSet, decision: Decision, sensors
 
 def _weights(decision: Decision, sensors: Sequence[Cause]) -> Weights:
     """Of each site: how often its effects are in the best model, and 1 for each error of a sensor there."""
-    weights: Weights = {}
-    compared = decision.shares if decision.named and decision.verdict != "no_gap" else ()
-    for location, share in compared:
-        weights[location.site, location.motor] = weights.get((location.site, location.motor), 0.0) + share
+    weights: Weights = defaultdict(float)
+    for location, share in decision.shares if decision.named else ():
+        weights[location.site, location.motor] += share
     for cause in sensors:
-        weights[cause.site, cause.motor] = weights.get((cause.site, cause.motor), 0.0) + 1.0
+        weights[cause.site, cause.motor] += 1.0
     return weights
 
 

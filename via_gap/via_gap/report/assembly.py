@@ -10,7 +10,8 @@ from via_gap.logs.between import lines_finding
 from via_gap.logs.findings import Finding
 from via_gap.report import context
 from via_gap.report.answer import answer
-from via_gap.report.evidence_figures import evidence_figures, joint_only
+from via_gap.report.evidence_figures import evidence_figures, joint_sketch
+from via_gap.report.figures import Figures
 from via_gap.report.report import GapReport
 from via_gap.residual.recordings import Recordings
 from via_gap.selection.comparison import ModelComparison
@@ -27,7 +28,8 @@ def refusal_report(recordings: Recordings) -> GapReport:
         holdout=context.holdout_names(recordings), verdict="cannot_tell",
         reason=recordings.unusable or next(iter(refusals), ""), where=(), causes=(), equivalence_set=(), effects=(),
         gap=None, nuisance=(), data_check=recordings.findings, noise=context.channel_noise(recordings),
-        not_evaluated=context.not_evaluated(recordings.first), figures=joint_only(recordings.first),
+        not_evaluated=context.not_evaluated(recordings.first),
+        figures=Figures(joint=joint_sketch(recordings.first)),
     )  # fmt: skip
 
 

@@ -24,13 +24,11 @@ SENSOR_UNITS = {"quantum": "rad", "gain": "-", "torque": "N m"}
 def compared_causes(device: Device, decision: Decision, scales: Scales, tuned: Evaluation) -> tuple[Cause, ...]:
     """Every cause compared, those named first, then by probability."""
     trust = reliability(decision.verdict)
-    compared = list(zip(decision.shares, decision.models, strict=True))
-    compared.sort(key=lambda each: (each[0][0] not in decision.named, -each[0][1]))
-    causes = [cause_of(device, location, model, scales, tuned) for (location, _), model in compared]
-    shares = [float(np.clip(share, 0.0, 1.0)) for (_, share), _ in compared]
+    compared = [(*ranked, model) for ranked, model in zip(decision.shares, decision.models, strict=True)]
+    compared.sort(key=lambda each: (each[0] not in decision.named, -each[1]))
     return tuple(
-        cause.model_copy(update={"share": share, "probability": trust * share})
-        for cause, share in zip(causes, shares, strict=True)
+        cause_of(device, place, model, scales, tuned).model_copy(update={"share": share, "probability": trust * share})
+        for place, share, model in compared
     )
 
 

@@ -30,7 +30,7 @@ def evidence_figures(comparison: ModelComparison, decision: Decision, by: By) ->
     transmissions = experiment.evaluated.device.n_transmissions
     compared = [location for location, _ in decision.shares]
     return Figures(
-        joint=_joint_sketch(experiment.segments[0].log),
+        joint=joint_sketch(experiment.segments[0].log),
         residuals=residual_figures(missing, transmissions),
         spectra=order_spectra(missing) if periodic([*decision.named, *compared]) else (),
         errors=error_figures(intervals, transmissions),
@@ -39,11 +39,6 @@ def evidence_figures(comparison: ModelComparison, decision: Decision, by: By) ->
         screened=screened_members(candidates.locations, models) if models else (),
         untried=untried_effects(candidates.locations),
     )
-
-
-def joint_only(log: JointLog) -> Figures:
-    """The figures of a report without a diagnosis: the picture of the log's joint."""
-    return Figures(joint=_joint_sketch(log))
 
 
 def _intervals(experiment: Experiment, chosen: Evaluation, by: By) -> list[SimulatedInterval]:
@@ -56,7 +51,8 @@ def _intervals(experiment: Experiment, chosen: Evaluation, by: By) -> list[Simul
     return (segment_intervals if by == "segments" else torque_intervals)(data, *two)
 
 
-def _joint_sketch(log: JointLog) -> JointSketch:
+def joint_sketch(log: JointLog) -> JointSketch:
+    """The data of the picture of a log's joint."""
     return JointSketch(
         arrangement=log.device.arrangement,
         drive="servo" if log.device.drive == "servo" else "torque",

@@ -93,35 +93,30 @@ def flexible(fitted: ResidualModel, start: Fit) -> Flexible:
     functions = model.functions(fitted)
     model = replace(model, weights=np.zeros((len(columns), functions[0].shape[1])))
     residual = model.residual(fitted, functions)
-    pulses, pull = _all_pulses(fitted, model, residual), fitted.weights(residual)
-    folded = _Folded.of(fitted, pulses, functions, residual, model.weights, pull)
-    model, residual = _descended(fitted, model, functions, pulses, residual, folded)
+    pulses = [_pulses(rollout, model, rest) for rollout, rest in _parts(fitted, residual)]
+    pull = fitted.weights(residual)
+    folded = _Folded.of(fitted, pulses, functions, pull, residual, model.weights)
+    model, residual = _descended(model, residual, folded)
     waves = _waves(fitted, pulses, residual)
     richer = replace(model, basis=replace(basis, waves=waves))
     richer = replace(richer, weights=np.pad(model.weights, ((0, 0), (0, 2 * len(waves)))))
-    more = richer.functions(fitted)
-    without = folded.moved(fitted, pulses, functions, residual, model.weights).ridge()[1]
-    folded = _Folded.of(fitted, pulses, more, residual, richer.weights, pull)
-    if folded.ridge()[1] < without:
-        model, _ = _descended(fitted, richer, more, pulses, residual, folded)
-    return model
+    without = folded.moved(residual, model.weights).ridge()[1]
+    folded = _Folded.of(fitted, pulses, richer.functions(fitted), pull, residual, richer.weights)
+    return _descended(richer, residual, folded)[0] if folded.ridge()[1] < without else model
 
 
-def _descended(
-    fitted: ResidualModel, model: Flexible, functions: Sequence[Array], pulses: Sequence[Array], residual: Array,
-    folded: _Folded,
-) -> tuple[Flexible, Array]:  # fmt: skip
+def _descended(model: Flexible, residual: Array, folded: _Folded) -> tuple[Flexible, Array]:
     """Gauss-Newton steps on the weights -> model, residual (R,). `folded` belongs to the given `residual`."""
-    ridge, _ = folded.ridge()
+    fitted, (ridge, _) = folded.problem, folded.ridge()
     loss = float(fitted.loss(residual))
     for round_ in range(ROUNDS):
         if round_:
-            folded = folded.moved(fitted, pulses, functions, residual, model.weights)
+            folded = folded.moved(residual, model.weights)
         wanted = folded.weights(ridge).reshape(model.weights.shape)
         tries = []
         for share in SHARES:
             trial = replace(model, weights=model.weights + share * (wanted - model.weights))
-            rest = trial.residual(fitted, functions)
+            rest = trial.residual(fitted, folded.functions)
             tries.append((float(fitted.loss(rest)), trial, rest))
             if tries[-1][0] < loss:
                 break
@@ -141,6 +136,15 @@ def _simulated(problem: ResidualModel) -> list[Rollout]:
     return views
 
 
+def _parts(problem: ResidualModel, residual: Array) -> Iterator[tuple[Rollout, Array]]:
+    """Every view with its part (C, values) of a residual (R,)."""
+    begin = 0
+    for rollout in _simulated(problem):
+        end = begin + len(rollout.chosen) * rollout.size
+        yield rollout, residual[begin:end].reshape(len(rollout.chosen), -1)
+        begin = end
+
+
 def _limited(commands: Array, limits: Array) -> Array:
     """Commands (T, N_COMMANDS) with the limits of the drives; angles of servos have none."""
     moved = commands.copy()
@@ -157,38 +161,38 @@ def _run(rollout: Rollout, row: Array, commands: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Folded:
-    """Normal equations of every fold: matrices normals (F, K, K), right-hand sides pulls (F, K) at one residual.
+    """Normal equations of the weights in every fold, at one residual; the unknowns are the total weights.
 
-    weight  (R,) of the residual's values, as in the robust loss of the fits
+    pulses, functions  of each view, see `_pulses` and `Flexible.functions`
+    weight   (R,) of the residual's values, as in the robust loss of the fits
+    normals  (F, K, K) matrices
+    pulls    (F, K) right-hand sides
     """
 
+    problem: ResidualModel
+    pulses: Sequence[Array]
+    functions: Sequence[Array]
+    weight: Array
     normals: Array
     pulls: Array
-    weight: Array
 
     @staticmethod
     def of(
-        problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weights: Array,
-        weight: Array,
+        problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], weight: Array, residual: Array,
+        weights: Array,
     ) -> _Folded:  # fmt: skip
-        """At the residual of a model with `weights`; the unknowns are the total weights."""
+        """At the residual of a model with `weights`."""
         normals, pulls = np.zeros((FOLDS, weights.size, weights.size)), np.zeros((FOLDS, weights.size))
-        for fold, matrix, rest in _blocks(problem, pulses, functions, residual, weight):
+        made = _Folded(problem, pulses, functions, weight, normals, pulls)
+        for fold, matrix, rest in made._blocks(residual):
             normals[fold] += matrix.T @ matrix
             pulls[fold] -= matrix.T @ rest
-        return _Folded(normals, pulls + normals @ weights.reshape(-1), weight)
+        return replace(made, pulls=pulls + normals @ weights.reshape(-1))
 
-    def moved(
-        self,
-        problem: ResidualModel,
-        pulses: Sequence[Array],
-        functions: Sequence[Array],
-        residual: Array,
-        weights: Array,
-    ) -> _Folded:
-        """The same pulses at another residual."""
+    def moved(self, residual: Array, weights: Array) -> _Folded:
+        """The same pulses at the residual of other weights."""
         pulls = self.normals @ weights.reshape(-1)
-        for fold, matrix, rest in _blocks(problem, pulses, functions, residual, self.weight):
+        for fold, matrix, rest in self._blocks(residual):
             pulls[fold] -= matrix.T @ rest
         return replace(self, pulls=pulls)
 
@@ -206,23 +210,17 @@ class _Folded:
         """(columns K,) from all folds."""
         return solved(self.normals.sum(axis=0), self.pulls.sum(axis=0), ridge)
 
-
-def _blocks(
-    problem: ResidualModel, pulses: Sequence[Array], functions: Sequence[Array], residual: Array, weight: Array
-) -> Iterator[tuple[int, Array, Array]]:
-    """Fold, design matrix (r, columns K) and residual (r,) of each block of neighbouring segments."""
-    begin = 0
-    for rollout, values, each in zip(_simulated(problem), functions, pulses, strict=True):
-        size = len(rollout.chosen) * rollout.size
-        pull = weight[begin : begin + size].reshape(len(rollout.chosen), -1)
-        rest = residual[begin : begin + size].reshape(len(rollout.chosen), -1) * pull
-        begin += size
-        for first in range(0, len(rollout.chosen), BLOCK):
-            block = slice(first, first + BLOCK)
-            there = each[:, :, block].transpose(0, 2, 3, 1) @ _pieces(rollout, values, block)  # (columns, C, values, K)
-            count = there.shape[0] * there.shape[3]
-            matrix = there.transpose(1, 2, 0, 3).reshape(-1, count) * pull[block].reshape(-1, 1)
-            yield (first // BLOCK) % FOLDS, matrix, rest[block].reshape(-1)
+    def _blocks(self, residual: Array) -> Iterator[tuple[int, Array, Array]]:
+        """Fold, design matrix (r, columns K) and residual (r,) of each block of neighbouring segments."""
+        parts = zip(_parts(self.problem, residual), _parts(self.problem, self.weight), strict=True)
+        for ((rollout, rest), (_, pull)), values, each in zip(parts, self.functions, self.pulses, strict=True):
+            weighted = rest * pull
+            for first in range(0, len(rollout.chosen), BLOCK):
+                block = slice(first, first + BLOCK)
+                there = each[:, :, block].transpose(0, 2, 3, 1) @ _pieces(rollout, values, block)  # (columns, C, r, K)
+                count = there.shape[0] * there.shape[3]
+                matrix = there.transpose(1, 2, 0, 3).reshape(-1, count) * pull[block].reshape(-1, 1)
+                yield (first // BLOCK) % FOLDS, matrix, weighted[block].reshape(-1)
 
 
 def _pieces(rollout: Rollout, values: Array, block: slice) -> Array:
@@ -239,11 +237,8 @@ def _waves(problem: ResidualModel, pulses: Sequence[Array], residual: Array) -> 
     every = [Wave(place, order, signed) for place in range(len(axes)) for order in ORDERS for signed in (False, True)]
     functions = [np.hstack([wave_values(rollout.segments, wave) for wave in every]) for rollout in problem.views]
     slope = np.zeros((len(pulses[0]), 2 * len(every)))
-    curve, begin = np.full_like(slope, 1e-300), 0
-    for rollout, values, each in zip(_simulated(problem), functions, pulses, strict=True):
-        size = len(rollout.chosen) * rollout.size
-        rest = residual[begin : begin + size].reshape(len(rollout.chosen), -1)
-        begin += size
+    curve = np.full_like(slope, 1e-300)
+    for (rollout, rest), values, each in zip(_parts(problem, residual), functions, pulses, strict=True):
         pieces = _pieces(rollout, values, slice(None))
         along = np.einsum("apcr,cr->acp", each, rest)
         size_of = np.einsum("apcr,apcr->acp", each, each)
@@ -266,18 +261,8 @@ def solved(normal: Array, pull: Array, ridge: float) -> Array:
     return np.asarray(cho_solve(factor, pull / scale, check_finite=False) / scale)
 
 
-def _all_pulses(problem: ResidualModel, model: Flexible, residual: Array) -> list[Array]:
-    """`_pulses` of every view."""
-    found, begin = [], 0
-    for rollout in _simulated(problem):
-        size = len(rollout.chosen) * rollout.size
-        found.append(_pulses(rollout, model, residual[begin : begin + size]))
-        begin += size
-    return found
-
-
 def _pulses(rollout: Rollout, model: Flexible, residual: Array) -> Array:
-    """(columns, PIECES, C, values) change of each segment's residual by a torque of 1 N m on each axis over each piece.
+    """(columns, PIECES, C, values) change of a residual (C, values) by a torque of 1 N m on each axis over each piece.
 
     A dead time is rounded to ticks, which hardly affects the change and allows a simulation in lockstep.
     """
@@ -296,6 +281,6 @@ def _pulses(rollout: Rollout, model: Flexible, residual: Array) -> Array:
     for column in model.columns:
         moved = np.repeat(commands[None], PIECES, axis=0)
         moved[:, :, column] += np.where(piece == np.arange(PIECES)[:, None], PULSE * typical, 0.0)
-        change = (_run(rollout, row, moved) - residual) / (PULSE * typical)
+        change = (_run(rollout, row, moved) - residual.reshape(-1)) / (PULSE * typical)
         found.append(change.reshape(PIECES, len(rollout.chosen), -1))
     return np.stack(found)

@@ -66,6 +66,11 @@ class Evaluation:
         """Whitened error of a typical segment, the one whose loss is the mean loss; 1 for noise alone."""
         return float(np.sqrt(np.expm1(self.score)))
 
+    @property
+    def by_witness(self) -> Evaluation:
+        """The same fit with its error in the other view."""
+        return Evaluation(self.fit, self.witness, self.witness, self.block)
+
 
 def evaluate(held: ResidualModel, fits: Sequence[Fit], other: ResidualModel | None = None) -> list[Evaluation]:
     """Evaluation of every fit on the held-out segments `held`, and in the `other` view."""
@@ -115,10 +120,7 @@ def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
 
 def vetoed(candidate: Evaluation, reference: Evaluation) -> bool:
     """Whether `candidate` is clearly worse than `reference` in the other view."""
-    if not candidate.witness.size:
-        return False
-    views = (Evaluation(e.fit, e.witness, e.witness, e.block) for e in (candidate, reference))
-    return clearly_worse(*views)
+    return bool(candidate.witness.size) and clearly_worse(candidate.by_witness, reference.by_witness)
 
 
 def block_means(values: Array, block: int) -> Array:

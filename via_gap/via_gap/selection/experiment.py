@@ -119,16 +119,12 @@ class Experiment:
         """Whether the witness may veto: the tuned device is not clearly worse there than no model."""
         if self.witness is None:
             return False
-        tuned, seen = self.tuned, self.tuned.witness
-        nothing = Evaluation(tuned.fit, *_baseline(self.witness), tuned.block)
-        return not clearly_worse(Evaluation(tuned.fit, seen, seen, tuned.block), nothing)
+        return not clearly_worse(self.tuned.by_witness, _baseline(self.witness, self.tuned))
 
     def _by_equations(self) -> Experiment | None:
         """The same compared by inverse dynamics alone; None if no model predicts the torque of the drive either."""
         made = _experiment(self.segments, self.train, self.held, equations=True)
-        bound = Evaluation(
-            made.tuned.fit, made.tuned.residual, made.bound_of_equations(made.tuned.fit), made.tuned.block
-        )
+        bound = replace(made.tuned, segments=made.bound_of_equations(made.tuned.fit))
         return None if clearly_worse(bound, made.baseline) else made
 
     def bound_of_equations(self, fit: Fit) -> Array:
@@ -146,8 +142,7 @@ class Experiment:
         if folds is None:
             return replace(self, by="whole runs")
         nominal, (tuned,) = folds.nominal(self.nominal.fit), folds.evaluate([self.tuned.fit], None)
-        line = self.fitted.baseline()
-        baseline = Evaluation(tuned.fit, line, self.fitted.per_segment(line), tuned.block, whole=True)
+        baseline = _baseline(self.fitted, tuned)
         return replace(
             self, by="whole runs", folds=folds, nominal=nominal, tuned=tuned, baseline=baseline, witness=None
         )
@@ -169,7 +164,7 @@ def _experiment(
     base = fit_device_numbers(fitted)
     filed = Fit((), np.zeros_like(base.offsets), 0.0, np.empty(0), np.empty((0, 0)))
     nominal, tuned = evaluate(evaluated, [filed, base], witness)
-    baseline = Evaluation(base, *_baseline(evaluated), tuned.block)
+    baseline = _baseline(evaluated, tuned)
     by: By = "inverse dynamics" if equations else "segments"
     return Experiment(
         tuple(segments), tuple(train), tuple(held), by, fitted, evaluated, witness, nominal, tuned, baseline
@@ -180,7 +175,7 @@ def _view(equations: bool) -> Callable[[Segments, Indices], View]:
     return InverseDynamics.of if equations else Rollout.of
 
 
-def _baseline(model: ResidualModel) -> tuple[Array, Array]:
-    """(R,) residual of a prediction without a model, and its mean square (S,) per segment."""
+def _baseline(model: ResidualModel, tuned: Evaluation) -> Evaluation:
+    """Evaluation of a prediction without a model on the segments of `model`, resampled as those of `tuned`."""
     residual = model.baseline()
-    return residual, model.per_segment(residual)
+    return Evaluation(tuned.fit, residual, model.per_segment(residual), tuned.block, tuned.whole)

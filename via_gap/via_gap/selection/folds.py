@@ -9,7 +9,7 @@ Source: T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learn
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from via_core.signals import Array
@@ -75,12 +75,9 @@ class Folds:
         residual = np.empty(self.whole.size)
         members = members_of(fit)
         for kept, rest, where in self.parts:
-            effects, offsets = fit.effects, fit.offsets
             if members and scales is not None:
-                again = refine(kept, fit, members, scales, REFITS)
-                if again is not None:
-                    effects, offsets = again.effects, again.offsets
+                again = refine(kept, fit, members, scales, REFITS) or fit
             else:
-                offsets = kept.fit_nuisances(effects, offsets)[0]
-            residual[where] = rest.residual([rest.row(effects, offsets)])[0]
+                again = replace(fit, offsets=kept.fit_nuisances(fit.effects, fit.offsets)[0])
+            residual[where] = rest.residual([rest.row(again.effects, again.offsets)])[0]
         return Evaluation(fit, residual, self.whole.per_segment(residual), self.block, whole=True)

@@ -73,7 +73,7 @@ def decide_and_measure(comparison: ModelComparison) -> tuple[Decision, Gap]:
 def measured_gap(experiment: Experiment, chosen: Evaluation, achievable: Achievable) -> Gap:
     """The gap of an experiment with the effects of `chosen`."""
     fits = [each.fit for each in (experiment.nominal, experiment.tuned, chosen)]
-    data, by_equations = experiment.evaluated, experiment.by == "inverse dynamics"
+    data, by_equations = experiment.evaluated, experiment.by_equations
     if by_equations or not follows(data.device):
         errors_of = torque_errors if by_equations else segment_errors
         errors = [errors_of(data, data.residual([data.row(fit.effects, fit.offsets)])[0]) for fit in fits]

@@ -24,30 +24,25 @@ def split(
     everything = [*segments, *holdout]
     valid: list[Indices] = [np.flatnonzero(each.valid) for each in everything]
     none: Indices = np.empty(0, dtype=np.intp)
-    if holdout:
-        train = [valid[i] if i < len(segments) else none for i in range(len(everything))]
-        return train, [none if i < len(segments) else valid[i] for i in range(len(everything))], everything
     size = [max(SEGMENTS, int(np.ceil(BLOCK * each.rate / each.ticks))) for each in everything]
-    if len(everything) > 2 and all(len(v) < 5 * n for v, n in zip(valid, size, strict=True)):
+    if holdout:
+        out = [i >= len(segments) for i in range(len(everything))]
+    elif len(everything) > 2 and all(len(v) < 5 * n for v, n in zip(valid, size, strict=True)):
         out = _informative(everything, valid)
-        train = [none if h else v for v, h in zip(valid, out, strict=True)]
-        return train, [v if h else none for v, h in zip(valid, out, strict=True)], everything
-    train, held = _by_blocks(valid, size)
+    else:
+        return *_by_blocks(valid, size), everything
+    train, held = ([v if h == side else none for v, h in zip(valid, out, strict=True)] for side in (False, True))
     return train, held, everything
 
 
 def _informative(segments: Sequence[Segments], valid: Sequence[Indices]) -> list[bool]:
     """Whether each log is held out, such that both sides contain comparable motion."""
-    windows = [
-        each.begin[which][:, None] + np.arange(min(s.ticks for s in segments)) for each, which in zip(segments, valid)
-    ]
-    angle = np.concatenate([each.start[w, 0] for each, w in zip(segments, windows, strict=True)])
-    speed = np.concatenate([each.start[w, 3] for each, w in zip(segments, windows, strict=True)])
-    log_of = np.repeat(np.arange(len(segments)), [len(each) for each in valid])
-    held = hold_out(describe(angle, speed), list(map(int, log_of))).held
-    if not len(held):  # nothing moves
-        return [i % 3 == 2 for i in range(len(segments))]
-    return [bool(i in set(log_of[held])) for i in range(len(segments))]
+    ticks = np.arange(min(each.ticks for each in segments))
+    motion = [each.start[each.begin[which][:, None] + ticks] for each, which in zip(segments, valid, strict=True)]
+    angle, speed = (np.concatenate([each[..., slot] for each in motion]) for slot in (0, 3))
+    log_of = np.repeat(np.arange(len(segments)), list(map(len, valid)))
+    held = set(log_of[hold_out(describe(angle, speed), log_of.tolist())].tolist())
+    return [i in held if held else i % 3 == 2 for i in range(len(segments))]  # nothing is held where nothing moves
 
 
 def split_finely(segments: Sequence[Segments], events: Sequence[float] = ()) -> tuple[list[Indices], list[Indices]]:
@@ -71,11 +66,7 @@ def one_sided(fitted: Array, held_out: Array, noise: float) -> bool:
 
 
 def _by_blocks(valid: Sequence[Indices], size: Sequence[int]) -> tuple[list[Indices], list[Indices]]:
-    train: list[Indices] = []
-    held: list[Indices] = []
-    for which, n in zip(valid, size, strict=True):
-        n = max(1, min(n, len(which) // len(PATTERN)))
-        fitted = np.array([PATTERN[int(k) // n % len(PATTERN)] for k in which], dtype=bool)
-        train.append(which[fitted])
-        held.append(which[~fitted])
-    return train, held
+    long = [max(1, min(n, len(which) // len(PATTERN))) for which, n in zip(valid, size, strict=True)]
+    fitted = [np.array(PATTERN)[which // n % len(PATTERN)] for which, n in zip(valid, long, strict=True)]
+    pairs = list(zip(valid, fitted, strict=True))
+    return [which[kept] for which, kept in pairs], [which[~kept] for which, kept in pairs]

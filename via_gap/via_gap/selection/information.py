@@ -8,7 +8,6 @@ of each of them. Groups (a log, the runs of one motion) are held out as a whole.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,33 +15,17 @@ from via_core.signals import Array
 
 Indices = NDArray[np.intp]
 SHARE = 0.4  # of the information that is held out: two of five, as in alternating blocks
-LEAST = 0.5  # of that share which every descriptor has to reach: standard errors grow by 1.4 at most
 EXHAUSTIVE = 12  # groups up to which all choices are tried; beyond, single groups are exchanged
 
 
-@dataclass(frozen=True, eq=False)
-class HoldOut:
-    """Fitted and held-out segments.
-
-    train, held  indices of segments, ascending
-    shares       (k,) part of the total of each descriptor that is held out
-    enough       whether each descriptor has at least LEAST of its share on the held-out side, and on the fitted one
-    """
-
-    train: Indices
-    held: Indices
-    shares: Array
-    enough: bool
-
-
-def hold_out(information: Array, groups: Sequence[Hashable], share: float = SHARE) -> HoldOut:
-    """The choice of groups whose share of every descriptor is closest to `share`.
+def hold_out(information: Array, groups: Sequence[Hashable]) -> Indices:
+    """Segments of the groups that are held out, ascending: their part of every descriptor is closest to SHARE.
 
     information  (S, k) not negative, per segment; a column of zeros is ignored
     groups       (S,) group of each segment
 
-    It minimises the largest squared difference from `share`, then their mean; of equal choices it is the first. With
-    one group, nothing is held out.
+    The choice minimises the largest squared difference from SHARE, then their mean; of equal choices it is the first.
+    With one group, or where nothing moves, nothing is held out.
     """
     names = list(dict.fromkeys(groups))
     which = np.array([names.index(group) for group in groups], dtype=np.intp)
@@ -52,14 +35,9 @@ def hold_out(information: Array, groups: Sequence[Hashable], share: float = SHAR
     np.add.at(carried, which, information)
     parts = np.divide(carried, total, out=np.zeros_like(carried), where=seen)
     if len(names) < 2 or not seen.any():
-        none: Indices = np.empty(0, dtype=np.intp)
-        return HoldOut(np.arange(len(which)), none, np.zeros(len(total)), False)
-    chosen = _every(parts[:, seen], share) if len(names) <= EXHAUSTIVE else _exchanged(parts[:, seen], share)
-    shares = parts[chosen].sum(axis=0)
-    low = LEAST * min(share, 1.0 - share)
-    enough = bool(np.all(shares[seen] >= low) and np.all(1.0 - shares[seen] >= low))
-    held = chosen[which]
-    return HoldOut(np.flatnonzero(~held), np.flatnonzero(held), shares, enough)
+        return np.empty(0, dtype=np.intp)
+    chosen = (_every if len(names) <= EXHAUSTIVE else _exchanged)(parts[:, seen])
+    return np.flatnonzero(chosen[which])
 
 
 def describe(angle: Array, speed: Array, cells: int = 4) -> Array:
@@ -77,33 +55,33 @@ def describe(angle: Array, speed: Array, cells: int = 4) -> Array:
     return np.column_stack([energy.sum(axis=1), np.sum(np.diff(speed, axis=1) ** 2, axis=1), reversals, *within])
 
 
-def _cost(shares: Array, share: float) -> Array:
+def _cost(shares: Array) -> Array:
     """(..., 2): the largest squared difference of shares (..., k) from the wanted one, and their mean."""
-    off = (shares - share) ** 2
+    off = (shares - SHARE) ** 2
     return np.stack([off.max(axis=-1), off.mean(axis=-1)], axis=-1)
 
 
-def _every(parts: Array, share: float) -> NDArray[np.bool_]:
+def _every(parts: Array) -> NDArray[np.bool_]:
     """The best of all proper choices of groups."""
     count = len(parts)
     choices = (np.arange(1, 2**count - 1)[:, None] >> np.arange(count)) % 2 == 1
-    cost = _cost(choices @ parts, share)
+    cost = _cost(choices @ parts)
     return choices[np.lexsort((cost[:, 1], cost[:, 0]))[0]]
 
 
-def _exchanged(parts: Array, share: float) -> NDArray[np.bool_]:
+def _exchanged(parts: Array) -> NDArray[np.bool_]:
     """A choice that adding, removing or exchanging single groups does not improve, from alternating groups on."""
     order = np.argsort(-parts.sum(axis=1), kind="stable")
     chosen = np.zeros(len(parts), dtype=bool)
     chosen[order[1::2]] = True
-    cost = tuple(_cost(parts[chosen].sum(axis=0), share))
+    cost = tuple(_cost(parts[chosen].sum(axis=0)))
     while True:
         moves = [[i] for i in range(len(parts))]
         moves += [[int(i), int(j)] for i in np.flatnonzero(chosen) for j in np.flatnonzero(~chosen)]
         tried = np.tile(chosen, (len(moves), 1))
         for row, move in zip(tried, moves, strict=True):
             row[move] ^= True
-        costs = _cost(tried @ parts, share)
+        costs = _cost(tried @ parts)
         costs[~tried.any(axis=1) | tried.all(axis=1)] = np.inf
         best = np.lexsort((costs[:, 1], costs[:, 0]))[0]
         if tuple(costs[best]) >= cost:

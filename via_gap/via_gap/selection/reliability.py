@@ -15,7 +15,7 @@ The numbers are those of `via gap blind calibrate` on development cases. They ho
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -98,11 +98,10 @@ def reliability(verdict: str, numbers: Reliability | None = None) -> float:
     return 1.0 if counts is None else (counts.right + 0.5) / (counts.answers + 1.0)
 
 
-def in_conformal_set(shares: Mapping[str, float] | Sequence[float], level: str) -> tuple[bool, ...]:
+def in_conformal_set(shares: Sequence[float], level: str) -> tuple[bool, ...]:
     """Whether the cause of each share (k,) belongs to the 95 % set on logs of this signal set.
 
     Always false if the calibration had too few cases of this signal set.
     """
     least = shipped().least_share.get(level, 0.0)
-    values = list(shares.values()) if isinstance(shares, Mapping) else list(shares)
-    return tuple(value >= least > 0.0 for value in values)
+    return tuple(share >= least > 0.0 for share in shares)

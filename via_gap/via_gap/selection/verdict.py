@@ -17,6 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -40,6 +42,8 @@ from via_gap.selection.numbers import NUMBERS
 SAME = 0.1  # of the margin: two models whose losses differ by less in a mean segment are one model under two names
 Verdict = Literal["effect", "several_effects", "main_effect", "unknown", "no_gap", "cannot_tell"]
 Locations = tuple[Location, ...]
+UNNAMED = ("unknown", "cannot_tell")  # verdicts about a gap without a named cause
+ERRORS = (attrgetter("rms"), attrgetter("typical"))  # sizes of the error of an `Evaluation`
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +52,6 @@ class Decision:
 
     chosen      model of the repair: device parameters and named effects
     explained   fraction of the explainable error that `chosen` explains; 1 if there is none
-    bound       achievable root mean squared whitened error, the unit of `Evaluation.rms`
     shares      (location, share) of every cause compared, largest first: frequency in the best model under resampling,
                 ties divided; at most 1
     models      the model that represents each of `shares`; for named ones `chosen`
@@ -59,7 +62,6 @@ class Decision:
     verdict: Verdict
     chosen: Evaluation
     explained: float
-    bound: float
     shares: tuple[tuple[Location, float], ...] = ()
     models: tuple[Evaluation, ...] = ()
     equivalent: Locations = ()
@@ -95,38 +97,43 @@ def decide(
     flexible_beside  evaluation of a flexible torque model beside the effects of a model
     """
     if noise_only(tuned):
-        return Decision("no_gap", tuned, 1.0, tuned.rms)
-    steps = ladder(tuned, models)
-    last = steps[-1]
+        return Decision("no_gap", tuned, 1.0)
+    unnamed = partial(_unnamed, tuned, models)
+    last = ladder(tuned, models)[-1]
     flexible = flexible_beside(last)
-    if not noise_only(last) and last is not tuned:  # beside a wrong cause it may explain less than alone
-        flexible = min(flexible, flexible_beside(tuned), key=lambda each: each.score)
-    bound, reached = min(flexible.rms, last.rms), fractions(tuned, last, flexible)
-    explained = max(reached)
     if last is tuned:
         if matters(flexible, tuned, tuned):
-            return _unnamed("unknown", tuned, models, bound, "")
-        return _unnamed("cannot_tell", tuned, models, bound, "the remaining error does not repeat with the motion")
-    if explained < NUMBERS.most:
-        return _unnamed("unknown", tuned, models, bound, "")
-    of_all = fractions(tuned, last)
-    if max(of_all) < NUMBERS.substantial:
-        reason = f"error that does not repeat with the motion exceeds the part that {last.fit.locations[0]} explains"
-        return _unnamed("cannot_tell", tuned, models, bound, reason)
+            return unnamed("unknown")
+        return unnamed("cannot_tell", "the remaining error does not repeat with the motion")
+    if not noise_only(last):  # beside a wrong cause it may explain less than alone
+        flexible = min(flexible, flexible_beside(tuned), key=lambda each: each.score)
+    verdict, reason = _verdict(tuned, last, flexible)
+    if verdict in UNNAMED:
+        return unnamed(verdict, reason)
     tied = _tied(last, without_needless(_of_size(last, models)))
     equivalent = tuple(dict.fromkeys(place for each in (last, *tied) for place in each.fit.locations))
-    verdict: Verdict = "main_effect"
     if (count := _different(tied)) > NUMBERS.largest_set:
         common = _common(tied, models)
-        if common is None or not _main(tuned, common, flexible):
+        if common is None or _verdict(tuned, common, flexible)[0] in UNNAMED:
             reason = f"{count} causes explain these data equally well"
-            return replace(_unnamed("cannot_tell", tuned, models, bound, reason), equivalent=equivalent)
-        last, equivalent = common, common.fit.locations  # which other effect acts beside it is not certain
-    elif min(*reached, *of_all) >= NUMBERS.complete:
-        verdict = "effect" if len(last.fit.effects) == 1 else "several_effects"
+            return replace(unnamed("cannot_tell", reason), equivalent=equivalent)
+        # which other effect acts beside it is not certain
+        verdict, last, equivalent = "main_effect", common, common.fit.locations
     shares, spoken = _ranking(last, models)
-    explained = max(fractions(tuned, last, flexible))
-    return Decision(verdict, last, explained, min(flexible.rms, last.rms), shares, spoken, equivalent)
+    return Decision(verdict, last, max(fractions(tuned, last, flexible)), shares, spoken, equivalent)
+
+
+def _verdict(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> tuple[Verdict, str]:
+    """The verdict that names the effects of a model, or one of UNNAMED and the reason why they are not the cause."""
+    explained, share = fractions(tuned, model, flexible), fractions(tuned, model)
+    if max(explained) < NUMBERS.most:
+        return "unknown", ""
+    if max(share) < NUMBERS.substantial:
+        place = model.fit.locations[0]
+        return "cannot_tell", f"error that does not repeat with the motion exceeds the part that {place} explains"
+    if min(*explained, *share) < NUMBERS.complete:
+        return "main_effect", ""
+    return "effect" if len(model.fit.effects) == 1 else "several_effects", ""
 
 
 def _ranking(
@@ -160,26 +167,11 @@ def fractions(tuned: Evaluation, model: Evaluation, flexible: Evaluation | None 
     flexible  reaches the explainable error; None: all error above the noise is explainable
     """
     found = []
-    for error in (_rms, _typical):
+    for error in ERRORS:
         bound = max(1.0, min(error(flexible), error(model)) if flexible else 1.0)
         possible = error(tuned) - bound
         found.append(1.0 if possible <= 0.0 else min((error(tuned) - max(error(model), 1.0)) / possible, 1.0))
     return found[0], found[1]
-
-
-def _main(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> bool:
-    """Whether the effects of a model are the main cause."""
-    return (
-        max(fractions(tuned, model, flexible)) >= NUMBERS.most and max(fractions(tuned, model)) >= NUMBERS.substantial
-    )
-
-
-def _rms(each: Evaluation) -> float:
-    return each.rms
-
-
-def _typical(each: Evaluation) -> float:
-    return each.typical
 
 
 def matters(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
@@ -192,7 +184,7 @@ def improves(more: Evaluation, fewer: Evaluation, tuned: Evaluation) -> bool:
 
     It has to explain a material share of the error, or half of the remaining error above the noise.
     """
-    for error in (_rms, _typical):
+    for error in ERRORS:
         gain = error(fewer) - max(error(more), 1.0)
         remaining = not noise_only(fewer) and gain > NUMBERS.remaining * (error(fewer) - 1.0) > 0.0
         if remaining or gain > NUMBERS.material * max(error(tuned) - 1.0, 0.0) > 0.0:
@@ -271,8 +263,8 @@ def _shares(rivals: Sequence[Evaluation]) -> tuple[tuple[tuple[Location, float],
     return tuple((place, min(total[place], 1.0)) for place in order), tuple(model[place][1] for place in order)
 
 
-def _unnamed(verdict: Verdict, tuned: Evaluation, models: Sequence[Evaluation], bound: float, reason: str) -> Decision:
+def _unnamed(tuned: Evaluation, models: Sequence[Evaluation], verdict: Verdict, reason: str = "") -> Decision:
     """A decision that names nothing: the tuned device, with single causes ranked beside it."""
     singles = without_needless([each for each in models if len(each.fit.effects) == 1])
     shares, spoken = _shares([tuned, *singles])
-    return Decision(verdict, tuned, 0.0, bound, shares, spoken, (), reason)
+    return Decision(verdict, tuned, 0.0, shares, spoken, (), reason)
