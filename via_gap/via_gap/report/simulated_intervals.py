@@ -66,12 +66,10 @@ def segment_intervals(problem: ResidualModel, before: Array, after: Array) -> li
     The part of an error that the noise of the segment's start explains is not counted, as in the gap: 'simulated' is
     the measured angle minus the remaining error.
     """
-    found, begin = [], 0
-    for view in problem.views:
-        segments, size = view.segments, len(view.chosen) * view.size
-        shape = (len(view.chosen), -1, len(segments.axes))
-        errors = [each[begin : begin + size].reshape(shape) * segments.noise for each in (before, after)]
-        begin += size
+    found = []
+    for view, *two in zip(problem.views, problem.by_view(before), problem.by_view(after), strict=True):
+        segments = view.segments
+        errors = [each.reshape(len(each), -1, len(segments.axes)) * segments.noise for each in two]
         for run in runs(view.chosen):
             measured = segments.measured[view.chosen[run]]
             bins = measured.shape[1]
@@ -88,13 +86,10 @@ def segment_intervals(problem: ResidualModel, before: Array, after: Array) -> li
 
 def torque_intervals(problem: ResidualModel, before: Array, after: Array) -> list[SimulatedInterval]:
     """Neighbouring segments in inverse dynamics, with the missing torque (R,) of two models."""
-    found, begin = [], 0
-    for view in problem.views:
+    found = []
+    for view, *two in zip(problem.views, problem.by_view(before), problem.by_view(after), strict=True):
         assert isinstance(view, InverseDynamics)
-        segments, windows, size = view.segments, view.windows, len(view.chosen) * view.size
-        shape = (len(view.chosen), len(windows.axes), -1)
-        missing = [each[begin : begin + size].reshape(shape) * windows.floor[:, None] for each in (before, after)]
-        begin += size
+        segments, windows, missing = view.segments, view.windows, [view.torques(each) for each in two]
         sent = np.stack([view.over(windows.drive[view.inside, i], 0) for i in range(len(windows.axes))], axis=1)
         for run in runs(view.chosen):
             ticks = (view.first[run] + windows.weights.shape[1] // 2).ravel()

@@ -58,17 +58,15 @@ def missing_torques(segments: Sequence[Segments], before: Fit, after: Fit) -> tu
         return ()
     two = model.residual([model.row(each.effects, each.offsets) for each in (before, after)])
     columns: dict[int, list[tuple[Array, ...]]] = {}
-    begin, stride = 0, 1.0
-    for view in model.views:
+    stride = 1.0
+    for view, values in zip(model.views, model.by_view(two), strict=True):
         assert isinstance(view, InverseDynamics)
-        windows, size = view.windows, len(view.chosen) * view.size
-        torques = two[:, begin : begin + size].reshape(2, len(view.chosen), len(windows.axes), -1)
-        begin += size
+        windows, torques = view.windows, [view.torques(each) for each in values]
         span = windows.weights.shape[1]
         ticks = (view.first + span // 2).ravel()
         stride = (span - 1) / windows.stride
         for i, (axis, floor) in enumerate(zip(windows.axes, windows.floor, strict=True)):
-            first, second = (torques[k, :, i].ravel() * floor for k in (0, 1))
+            first, second = (each[:, i].ravel() for each in torques)
             part = (ticks / view.segments.rate, view.segments.start[ticks], first, second, np.full(len(ticks), floor))
             columns.setdefault(axis, []).append(part)
     return tuple(

@@ -138,11 +138,7 @@ def _simulated(problem: ResidualModel) -> list[Rollout]:
 
 def _parts(problem: ResidualModel, residual: Array) -> Iterator[tuple[Rollout, Array]]:
     """Every view with its part (C, values) of a residual (R,)."""
-    begin = 0
-    for rollout in _simulated(problem):
-        end = begin + len(rollout.chosen) * rollout.size
-        yield rollout, residual[begin:end].reshape(len(rollout.chosen), -1)
-        begin = end
+    return zip(_simulated(problem), problem.by_view(residual), strict=True)
 
 
 def _limited(commands: Array, limits: Array) -> Array:
