@@ -118,6 +118,7 @@ _starts = np.concatenate(([0], np.cumsum([slot.size for slot in SLOTS])))
 # A named tuple of ints: numba folds it into constants.
 P: Any = namedtuple("Slots", [slot.name for slot in SLOTS])(*(int(start) for start in _starts[:-1]))  # type: ignore
 N_PARAMETERS = int(_starts[-1])
+PER_MOTOR = frozenset(int(start) for start, slot in zip(_starts, SLOTS) if slot.size == 2)  # without one for the link
 
 
 def neutral_row() -> Array:
