@@ -32,6 +32,7 @@ from via_core.status import IMPLAUSIBLE, OK, OUTSIDE_RANGE, Status
 
 from via_estimators.contract import Estimator, Health, Kernel, Parameters
 from via_estimators.slots import slots
+from via_estimators.window import RESTARTED, SKIPPED, TAKEN
 
 EVERY = 0.25  # [s] between two comparisons
 FIRST = 0.75  # [s] before the first comparison
@@ -120,9 +121,9 @@ class Checked(Estimator):
         return equations_of(self.device) if needed <= known else ()
 
     @cached_property
-    def _torques(self) -> Array:
-        """Mask (1 + k,) of the torques in a row, which are averaged."""
-        return np.array([False, *(name.startswith("tau") for name in self.inputs)])
+    def _constants(self) -> tuple[Array, Array, Array]:
+        """Mask (1 + k,) of the torques in a row, which are averaged, and the bounds of the outputs."""
+        return (np.array([False, *(name.startswith("tau") for name in self.inputs)]), *self._bounds)
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
@@ -174,18 +175,16 @@ class Checked(Estimator):
 
     def _take(self, state: Array, rows: Array, out: Array) -> int:
         """The kernel: rows up to the next comparison at a time."""
-        inner, head, at = state[: self._size], self._head(state), 0
-        low, high = self._bounds
-        while at < len(rows):
-            end = len(rows)
-            if self._equations:
-                sums = state[self._size + HEAD.size : self._size + HEAD.size + rows.shape[1]]
-                end = _collect(head, sums, self._ring(state), rows, at, self._torques)
-            self.inner._advance(inner, rows[at : abs(end)], out[at : abs(end)])
-            head[HEAD.outside] = _grade(out[at : abs(end)], head[HEAD.implausible] > 0.0, low, high)
-            if end < 0:
+        size, at, count = self._size, 0, len(rows)
+        inner, advance, constants = state[:size], self.inner._advance, self._constants
+        while at < count:
+            end = _until(state, size, rows, at) if count > 1 else 1
+            whole = end - at == count
+            part, answers = (rows, out) if whole else (rows[at:end], out[at:end])
+            advance(inner, part, answers)
+            if _finish(state, size, part, answers, *constants) and self._equations:
                 self._compare(state)
-            at = abs(end)
+            at = end
         return int(out[-1, 1])
 
     def _compare(self, state: Array) -> None:
@@ -200,54 +199,87 @@ class Checked(Estimator):
             state[: self._size] = self.inner.init()
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _kind(row: Array, last: float) -> int:
+    """SKIPPED, TAKEN or RESTARTED (the first sample, after a gap, or of a log played again), as `window.admit`."""
+    for value in row:
+        if not np.isfinite(value):
+            return SKIPPED
+    step = row[0] - last
+    if 0.0 < step < INTERVAL:
+        return TAKEN
+    return SKIPPED if -INTERVAL < step <= 0.0 else RESTARTED
+
+
 @njit(cache=True, error_model="numpy")
-def _collect(head: Array, sums: Array, ring: Array, rows: Array, at: int, torques: Array) -> int:
-    """Keep rows from `at` on; returns the number of the first row not taken, negative where a comparison is due."""
+def _until(state: Array, size: int, rows: Array, at: int) -> int:
+    """Number of the row after the one behind which the next comparison is due, or of all rows."""
+    last, due = state[size + HEAD.last], state[size + HEAD.next]
     for k in range(at, rows.shape[0]):
-        time, step = rows[k, 0], rows[k, 0] - head[HEAD.last]
-        finite = True
-        for j in range(rows.shape[1]):
-            finite = finite and np.isfinite(rows[k, j])
-        if not finite or (step <= 0.0 and step > -INTERVAL):
+        kind = _kind(rows[k], last)
+        if kind != SKIPPED:
+            last = rows[k, 0]
+            if kind == RESTARTED:
+                due = last + FIRST
+            if last >= due:
+                return k + 1
+    return rows.shape[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _finish(
+    state: Array, size: int, rows: Array, out: Array, torques: Array, low: Array, high: Array
+) -> bool:  # fmt: skip
+    """Keep the samples of the rows and grade their estimates; returns whether a comparison is due.
+
+    size        of the inner estimator's state, which the HEAD follows
+    torques     (1 + k,) columns of a row that are averaged
+    low, high   bounds of the outputs
+    """
+    width = rows.shape[1]
+    head = state[size : size + HEAD.size]
+    sums = state[size + HEAD.size : size + HEAD.size + width]
+    ring = state[size + HEAD.size + width :].reshape(KEPT, width)
+    due, outside = False, 0
+    for k in range(rows.shape[0]):
+        outside = _grade(out[k], head[HEAD.implausible] > 0.0, low, high)
+        kind = _kind(rows[k], head[HEAD.last])
+        if kind == SKIPPED:
             continue
-        if not (0.0 < step < INTERVAL):  # the first sample, after a gap, or of a log played again
+        time, step = rows[k, 0], rows[k, 0] - head[HEAD.last]
+        if kind == RESTARTED:
             head[HEAD.slot] = head[HEAD.filled] = head[HEAD.summed] = 0.0
             head[HEAD.kept], head[HEAD.next], step = -np.inf, time + FIRST, 0.0
             sums[:] = 0.0
         head[HEAD.last] = time
         head[HEAD.summed] += step
-        sums += step * rows[k]
+        for j in range(width):
+            sums[j] += step * rows[k, j]
         if time - head[HEAD.kept] >= (1.0 - 1e-6) / RATE:
-            slot = int(head[HEAD.slot])
-            for j in range(rows.shape[1]):
-                mean = torques[j] and head[HEAD.summed] > 0.0
-                ring[slot, j] = sums[j] / head[HEAD.summed] if mean else rows[k, j]
-            head[HEAD.slot] = slot + 1 if slot + 1 < ring.shape[0] else 0
-            head[HEAD.filled] = min(head[HEAD.filled] + 1.0, ring.shape[0])
+            slot, summed = int(head[HEAD.slot]), head[HEAD.summed]
+            for j in range(width):
+                ring[slot, j] = sums[j] / summed if torques[j] and summed > 0.0 else rows[k, j]
+                sums[j] = 0.0
+            head[HEAD.slot] = slot + 1 if slot + 1 < KEPT else 0
+            head[HEAD.filled] = min(head[HEAD.filled] + 1.0, KEPT)
             head[HEAD.kept], head[HEAD.summed] = time, 0.0
-            sums[:] = 0.0
         if time >= head[HEAD.next]:
-            head[HEAD.next] = time + EVERY
-            return -(k + 1)
-    return rows.shape[0]
+            head[HEAD.next], due = time + EVERY, True
+    head[HEAD.outside] = outside
+    return due
 
 
-@njit(cache=True, error_model="numpy")
-def _grade(out: Array, implausible: bool, low: Array, high: Array) -> int:
-    """Mark the usable estimates of implausible samples, and those outside their bounds.
-
-    Returns the number, from 1, of the output that is outside in the last row, or 0.
-    """
-    k, outside = low.size, 0
-    for n in range(out.shape[0]):
-        outside = 0
-        if out[n, 1] != OK and out[n, 1] != OUTSIDE_RANGE:
-            continue
-        for j in range(k):
-            margin = SURE * out[n, 2 + k + j]
-            if out[n, 2 + j] + margin < low[j] or out[n, 2 + j] - margin > high[j]:
-                outside = j + 1
-                break
-        if implausible or outside:
-            out[n, 1] = IMPLAUSIBLE
-    return outside
+@njit(cache=True, error_model="numpy", inline="always")
+def _grade(row: Array, implausible: bool, low: Array, high: Array) -> int:
+    """Mark a usable estimate of implausible samples or outside its bounds; returns that output, from 1, or 0."""
+    k = low.size
+    if row[1] != OK and row[1] != OUTSIDE_RANGE:
+        return 0
+    for j in range(k):
+        margin = SURE * row[2 + k + j]
+        if row[2 + j] + margin < low[j] or row[2 + j] - margin > high[j]:
+            row[1] = IMPLAUSIBLE
+            return j + 1
+    if implausible:
+        row[1] = IMPLAUSIBLE
+    return 0
