@@ -335,12 +335,12 @@ def test_diagnostics_and_status_tell_a_fault(graph):
     harness.send(antagonistic_messages(1200, harness.device))
     assert harness.heard[StiffnessEstimate][-1].status == StiffnessEstimate.IMPLAUSIBLE
 
-    def told():
+    def reported():
         heard = [status for report in harness.heard[DiagnosticArray] for status in report.status]
         return next((each for each in heard if "check torque constants, units" in each.message), None)
 
-    graph.until(told)
-    status = told()
+    graph.until(reported)
+    status = reported()
     assert status.level == DiagnosticStatus.WARN
     values = {entry.key: entry.value for entry in status.values}
     assert values["status"] == "IMPLAUSIBLE" and values["suspected fault"] in status.message

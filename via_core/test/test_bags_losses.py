@@ -34,4 +34,4 @@ def test_complete_streams_have_no_losses():
     steady = 1e-3 * np.arange(1000)
     assert losses(steady) is None
     assert losses(np.sort(np.random.default_rng(1).random(1000))) is None  # no period at all
-    assert losses(steady[:20:2]) is None  # too short to tell
+    assert losses(steady[:20:2]) is None  # too short

@@ -44,9 +44,9 @@ LEAST_SAMPLES = 8  # of a row
 ORDER = 3  # of the modulating function
 OFFSET = 0.2  # [-] largest constant torque that no term explains, over the typical load
 IMPOSSIBLE = 0.3  # [-] unexplained share from which signals do not belong to the device
-TELLING = 3.0  # [-] the largest part must exceed its noise by this factor, or nothing can be said
+CLEAR = 3.0  # [-] the largest part must exceed its noise by this factor, or nothing can be said
 DAMPER_FACTOR = 10.0  # [-] damping varies by command and speed; its number in the file is an order of magnitude
-FURTHEST = 2.0  # [max_deflection] no spring deflects further, and a law may overflow there
+FURTHEST = 2.0  # [max_deflection] no spring deflects further, and a spring law may overflow there
 RESTING = 10.0  # [encoder steps] in a row, less is no motion with a direction
 VARYING = 0.2  # [-] torques that vary less than this share of their size show no course
 PARTS = 6  # unknowns of the equation: b, d, c, s, e, g
@@ -85,11 +85,11 @@ class Share(NamedTuple):
     """Share of the torques in an interval that no device of the file explains, and their ratio to their noise."""
 
     unexplained: float
-    telling: float
+    clearness: float
 
     @property
     def known(self) -> bool:
-        return self.telling > TELLING
+        return self.clearness > CLEAR
 
     @property
     def impossible(self) -> bool:
@@ -115,12 +115,12 @@ class MotorEquation(Equation):
     friction: float  # [N m] declared
 
     def share(self, samples: Samples) -> Share:
-        law, angle = self.device.spring_laws[self.drive], samples.theta[:, self.drive]
-        reach, deflection = FURTHEST * law.max_deflection, samples.q - angle
+        spring, angle = self.device.spring_laws[self.drive], samples.theta[:, self.drive]
+        reach, deflection = FURTHEST * spring.max_deflection, samples.q - angle
         if np.mean(np.abs(deflection) > reach) > 0.5:
             return Share(1.0, np.inf)
-        load = -law.torque(np.clip(deflection, -reach, reach), angle)
-        sensors, stiffness = self.device.sensors, law.stiffness(np.clip(deflection, -reach, reach), angle)
+        load = -spring.torque(np.clip(deflection, -reach, reach), angle)
+        sensors, stiffness = self.device.sensors, spring.stiffness(np.clip(deflection, -reach, reach), angle)
         step, link = sensors.motor_quantum or 0.0, sensors.link_quantum or 0.0
         coarse = sqrt(float(np.nanmean(stiffness**2)) * (step * step + link * link) / 12.0) if len(angle) else 0.0
         columns = _finite(samples.time, samples.torque[:, self.drive], angle, deflection, load)
@@ -269,15 +269,15 @@ def _motor_share(
     rows, wanted, moving = rows[:count], wanted[:count], moving[:count]
     filed = np.sqrt(low * high)  # the numbers of the file, in the middle of their bounds
     whole = _largest(rows, wanted, filed[0], filed[3])
-    size, telling = _compare(rows, wanted, moving, low, high, quiet, rest[1])
+    size, clearness = _compare(rows, wanted, moving, low, high, quiet, rest[1])
     for j in (0, 1, 2, 3, 5):
         rows[:, j] -= rows[:, j].mean()
     wanted -= wanted.mean()
-    course, clear = _compare(rows, wanted, moving, low, high, quiet, rest[1])
+    course, course_clearness = _compare(rows, wanted, moving, low, high, quiet, rest[1])
     varying = _largest(rows, wanted, filed[0], filed[3])
-    if course > size and clear > TELLING and varying > VARYING * VARYING * whole:
-        return course, clear
-    return size, telling
+    if course > size and course_clearness > CLEAR and varying > VARYING * VARYING * whole:
+        return course, course_clearness
+    return size, clearness
 
 
 @njit(cache=True, error_model="numpy")

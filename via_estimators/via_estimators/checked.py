@@ -129,16 +129,16 @@ class Checked(Estimator):
     def _bounds(self) -> tuple[Array, Array]:
         """Smallest and largest plausible outputs (k,)."""
         device, given = self.device, self.device.tolerances
-        spring, motor = device_factor(given.spring), device_factor(given.motor_inertia)
+        factor, motor = device_factor(given.spring), device_factor(given.motor_inertia)
         stiffest = []
-        for law in device.spring_laws:
-            phi = np.linspace(-law.max_deflection, law.max_deflection, 129)
-            stiffest.append(spring * float(np.max(law.stiffness(phi, 0.0))))
+        for spring in device.spring_laws:
+            phi = np.linspace(-spring.max_deflection, spring.max_deflection, 129)
+            stiffest.append(factor * float(np.max(spring.stiffness(phi, 0.0))))
         low, high = np.zeros(len(self.outputs)), np.full(len(self.outputs), np.inf)
         for at, name in enumerate(self.outputs):
             kind, _, number = name.rpartition("_")
             if name == "gain":
-                low[at], high[at] = 1.0 / spring, spring
+                low[at], high[at] = 1.0 / factor, factor
             elif name == "damping" and device.drive == "torque" and device.arrangement == "rigid":
                 high[at] = DAMPER_FACTOR * (device.link.viscous_friction + float(device.damping_of(1.0)))
             elif name == "stiffness" and device.drive == "torque":

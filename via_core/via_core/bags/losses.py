@@ -14,7 +14,7 @@ from via_core.signals import Array
 
 SHORTEST = 0.01  # quantile of the steps from which the period is sought
 STEADY = 0.15  # [periods] largest RMS distance of steps from whole multiples, beyond which nothing can be counted
-LONG = 10  # periods up to which a step tells whether there is a period
+LONG = 10  # periods; shorter steps show whether there is a period
 NOTABLE = 1e-3  # smallest share of lost samples that is reported
 
 
