@@ -2,19 +2,34 @@
 
 import numpy as np
 import pytest
+from via_controllers.arms.bang_bang import ModalBangBang
+from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
+from via_controllers.joints.bang_bang_joint import JointBangBang
+from via_controllers.joints.equilibrium_preset import EquilibriumPreset
+from via_controllers.joints.max_velocity import MaxVelocity
+from via_controllers.joints.motor_position import MotorPositionControl
 from via_controllers.methods import CONTROLLERS
 from via_controllers.robot import ControlledJoint
 from via_controllers.supervision.arm_supervision import Activity
 
+KINDS = {
+    "excitation": MotorPositionControl,
+    "equilibrium_preset": EquilibriumPreset,
+    "bang_bang_joint": JointBangBang,
+    "max_velocity": MaxVelocity,
+    "modal_limit_cycle": VsaModalLimitCycle,
+    "bang_bang": ModalBangBang,
+    "hopping": ModalBangBang,
+}
+
 
 @pytest.mark.parametrize("name", CONTROLLERS)
-def test_default_parameters_build_the_controller_of_the_table(name):
-    method = CONTROLLERS[name]
-    robot = method.parameters().build()
+def test_default_parameters_build_the_controller(name):
+    robot = CONTROLLERS[name]().build()
     controller = robot.supervisor.controller
     if isinstance(robot, ControlledJoint):
         controller = controller.controller
-    assert isinstance(controller, method.controller)
+    assert isinstance(controller, KINDS[name])
     assert robot.command_topic == f"/{robot.name}/command"
     supervisor = robot.supervisor
     state, answer = supervisor.step(supervisor.init(), robot.zero_sample(0.0), active=True)
@@ -27,7 +42,7 @@ def test_default_parameters_build_the_controller_of_the_table(name):
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_an_invalid_sample_leaves_the_motors_passive(name):
-    robot = CONTROLLERS[name].parameters().build()
+    robot = CONTROLLERS[name]().build()
     before, _ = robot.supervisor.step(robot.supervisor.init(), robot.zero_sample(0.0), active=True)
     after, answer = robot.supervisor.step(before, robot.zero_sample(np.nan), active=True)
     assert after is before and answer.activity is Activity.PASSIVE and not answer.torque.any()

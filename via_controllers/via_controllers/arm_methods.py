@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from via_core.hopper import JOINTS, Hopper
+from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.vsa_arms import load_vsa_arm
 
@@ -14,7 +15,7 @@ from via_controllers.arms.modal_limit_cycle import ModalLimitCycle
 from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.arms.motor_pd import MotorPd
 from via_controllers.arms.self_start import START
-from via_controllers.robot import ControlledArm, ControllerParameters, joint_values, parameter
+from via_controllers.robot import ControlledArm, ControllerParameters, joint_values
 from via_controllers.supervision.arm_limits import ArmLimits
 from via_controllers.supervision.arm_supervision import Supervisor
 
@@ -41,18 +42,14 @@ class ModalLimitCycleParameters(ControllerParameters):
 
     def build(self) -> ControlledArm:
         arm = load_vsa_arm(self.arm)
-        equilibrium = joint_values("equilibrium", self.equilibrium, arm)
         stiffness = self.stiffness or tuple(arm.spring_state(np.zeros(arm.n))[1])
-        cycle = ModalLimitCycle(
-            arm=arm,
-            equilibrium=equilibrium,
-            stiffness=np.diag(joint_values("stiffness", stiffness, arm)),
-            mode=self.mode - 1,
-            damping_ratio=self.damping_ratio,
-            gain=self.gain,
-            level=self.level,
-            start=self.start,
-        )
+        own = {
+            "arm": arm,
+            "equilibrium": joint_values("equilibrium", self.equilibrium, arm),
+            "stiffness": np.diag(joint_values("stiffness", stiffness, arm)),
+            "mode": self.mode - 1,
+        }
+        cycle = ModalLimitCycle(**self.shared(ModalLimitCycle) | own)
         return ControlledArm.with_holding(arm, VsaModalLimitCycle(cycle, self.bandwidth))
 
 

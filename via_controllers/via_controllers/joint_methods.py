@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device, load_device
 from via_core.errors import ParameterError
+from via_core.parameters import parameter
 
 from via_controllers.joint_axes import JointAxes
 from via_controllers.joints.bang_bang_joint import JointBangBang
@@ -14,7 +15,8 @@ from via_controllers.joints.equilibrium_preset import EquilibriumPreset, Equilib
 from via_controllers.joints.max_velocity import MaxVelocity, joint_of
 from via_controllers.joints.motor_position import MotorPositionControl
 from via_controllers.joints.multisine import Multisine
-from via_controllers.robot import ControlledJoint, ControllerParameters, parameter
+from via_controllers.robot import ControlledJoint, ControllerParameters
+from via_controllers.supervision.joint_supervision import JointSupervisor
 
 DEVICE = "device name or path to its YAML"
 
@@ -38,18 +40,14 @@ class ExcitationParameters(ControllerParameters):
 
     def build(self) -> ControlledJoint:
         axes = JointAxes(self.limited_device())
-        first, second = axes.device.spring_laws
-        controller = MotorPositionControl(
-            springs=(first, second),
-            equilibrium=Multisine(self.equilibrium_mean, self.equilibrium_amplitudes, self.equilibrium_frequencies),
-            preset=Multisine(self.preset_mean, self.preset_amplitudes, self.preset_frequencies),
-            proportional_gain=self.proportional_gain,
-            derivative_gain=self.derivative_gain,
-            velocity_bandwidth=self.velocity_bandwidth,
-            torque_limit=(float(axes.torque_limit[0]), float(axes.torque_limit[1])),
-            fade_in=self.fade_in,
-        )
-        return ControlledJoint.with_holding(axes, controller)
+        own = {
+            "springs": axes.device.spring_laws,
+            "equilibrium": Multisine(self.equilibrium_mean, self.equilibrium_amplitudes, self.equilibrium_frequencies),
+            "preset": Multisine(self.preset_mean, self.preset_amplitudes, self.preset_frequencies),
+            "torque_limit": tuple(axes.torque_limit.tolist()),
+        }
+        controller = MotorPositionControl(**self.shared(MotorPositionControl) | own)
+        return ControlledJoint(axes, JointSupervisor.of(controller, axes))
 
     def limited_device(self) -> Device:
         """The device, its motors with torque limits; raises ParameterError unless antagonistic with torque drive."""
@@ -86,12 +84,8 @@ class EquilibriumPresetParameters(ControllerParameters):
 
     def controller(self) -> EquilibriumPreset:
         """The controller; raises ParameterError or DeviceError."""
-        return replace(
-            EquilibriumPreset.from_device(load_device(self.device), self.bandwidth),
-            speed=self.speed,
-            correction_time=self.correction_time,
-            trusted_deviation=self.trusted_deviation,
-        )
+        nominal = EquilibriumPreset.from_device(load_device(self.device), self.bandwidth)
+        return replace(nominal, **self.shared(EquilibriumPreset))
 
     def initial(self, controller: EquilibriumPreset) -> EquilibriumPresetState:
         """The controller's state with the initial references; raises UnreachableError."""
@@ -101,8 +95,8 @@ class EquilibriumPresetParameters(ControllerParameters):
 
     def build(self) -> ControlledJoint:
         controller = self.controller()
-        start = self.initial(controller)
-        return ControlledJoint.with_holding(JointAxes(controller.references.device), controller, lambda: start)
+        axes, start = JointAxes(controller.references.device), self.initial(controller)
+        return ControlledJoint(axes, JointSupervisor.of(controller, axes, lambda: start))
 
 
 @dataclass(frozen=True)
@@ -119,16 +113,9 @@ class BangBangJointParameters(ControllerParameters):
 
     def build(self) -> ControlledJoint:
         device = load_device(self.device)
-        controller = JointBangBang(
-            device=device,
-            equilibrium=self.equilibrium,
-            preset=self.preset,
-            amplitude=self.amplitude,
-            threshold=self.threshold,
-            bandwidth=self.bandwidth,
-            velocity_bandwidth=self.velocity_bandwidth,
-        )
-        return ControlledJoint.with_holding(JointAxes(device), controller)
+        controller = JointBangBang(**self.shared(JointBangBang) | {"device": device})
+        axes = JointAxes(device)
+        return ControlledJoint(axes, JointSupervisor.of(controller, axes))
 
 
 @dataclass(frozen=True)
@@ -149,4 +136,5 @@ class MaxVelocityParameters(ControllerParameters):
         controller = MaxVelocity.from_device(device, horizon, self.damping, self.bandwidth)
         controller = replace(controller, velocity=self.speed_share * controller.velocity)
         # The optimum runs the motor at full speed: no speed is reserved for following the link.
-        return ControlledJoint.with_holding(JointAxes(device, self.damping), controller, drive=self.speed_share)
+        axes = JointAxes(device, self.damping)
+        return ControlledJoint(axes, JointSupervisor.of(controller, axes, drive=self.speed_share))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 from via_core.wire import command_topic
 
-from via_controllers.contract import ArmController, ArmSample, Controller, JointSample
+from via_controllers.contract import ArmController, ArmSample, JointSample
 from via_controllers.joint_axes import JointAxes
 from via_controllers.supervision.arm_limits import ArmLimits
 from via_controllers.supervision.arm_supervision import Supervisor
@@ -73,13 +72,6 @@ class ControlledJoint:
         """A sample at `time` [s] with every angle zero, to load compiled functions with."""
         return JointSample(time, 0.0, np.zeros(self.axes.n))
 
-    @classmethod
-    def with_holding(
-        cls, axes: JointAxes, controller: Controller[Any], start: Callable[[], Any] | None = None, drive: float = 0.5
-    ) -> ControlledJoint:
-        """The joint with this controller, its limits and `HoldJoint`; further arguments as in `JointSupervisor.of`."""
-        return cls(axes, JointSupervisor.of(controller, axes, start, drive))
-
 
 @dataclass(frozen=True)
 class ControllerParameters(ABC):
@@ -87,6 +79,10 @@ class ControllerParameters(ABC):
 
     autostart: bool = parameter(True, "configure and activate at start-up")
     told_every: int = parameter(1, "number of samples per ControlState message", "", (1, 1_000_000))
+
+    def shared(self, controller: type) -> dict[str, Any]:
+        """The parameters that are fields of the same name in `controller`."""
+        return {each.name: getattr(self, each.name) for each in fields(controller) if hasattr(self, each.name)}
 
     @abstractmethod
     def build(self) -> ControlledArm | ControlledJoint:

@@ -28,6 +28,28 @@ from via_sim.sensors import IDEAL, Sensors
 
 MAX_SEED = 2**53 - 1
 
+# Channels of a run: first column, unit, and of what there is one column each (empty: one column).
+_MEASURED = {
+    "q": (MEASURED.q, "rad", ""),
+    "q_velocity": (MEASURED.q_velocity, "rad/s", ""),
+    "tau_link": (MEASURED.tau_link, "N m", ""),
+    "theta": (MEASURED.theta_1, "rad", "motor"),
+    "theta_velocity": (MEASURED.theta_velocity_1, "rad/s", "motor"),
+    "tau": (MEASURED.tau_1, "N m", "motor"),
+}
+_TRUTH = {
+    "q": (TRUTH.q, "rad", ""),
+    "q_velocity": (TRUTH.q_velocity, "rad/s", ""),
+    "stiffness": (TRUTH.stiffness, "N m/rad", ""),
+    "damping": (TRUTH.damping, "N m s/rad", ""),
+    "theta": (TRUTH.theta_1, "rad", "motor"),
+    "theta_velocity": (TRUTH.theta_velocity_1, "rad/s", "motor"),
+    "motor_torque": (TRUTH.motor_torque_1, "N m", "motor"),
+    "stiffness_each": (TRUTH.stiffness_1, "N m/rad", "spring"),
+    "deflection": (TRUTH.deflection_1, "rad", "spring"),
+    "transmission_torque": (TRUTH.transmission_torque_1, "N m", "spring"),
+}
+
 
 @dataclass(frozen=True)
 class InitialConditions:
@@ -146,9 +168,8 @@ def command_rows(device: Device, commands: Signals, time: Array) -> Array:
     if unknown:
         raise ParameterError(f"no command channel '{sorted(unknown)[0]}'; choose from {', '.join(sorted(known))}")
     hold = Signals(commands.time, commands.channels, commands.units, frozenset(commands.channels))
-    hold = hold.resample(
-        time + 1e-9 + 4.0 * np.spacing(np.abs(time))
-    )  # rounding: 0.02 * 7 must not act one tick after 0.14
+    # rounding: 0.02 * 7 must not act one tick after 0.14
+    hold = hold.resample(time + 1e-9 + 4.0 * np.spacing(np.abs(time)))
     positioned = device.drive == "position"
     for name, values in hold.channels.items():
         if positioned and (name == "preset" or (name == "equilibrium" and not np.any(np.isinf(values)))):
@@ -161,7 +182,7 @@ def command_rows(device: Device, commands: Signals, time: Array) -> Array:
     if "motor" in hold:
         if angles:
             raise ParameterError(
-                "commands have both 'motor' and " + " and ".join(sorted(angles)) + ": give only one of them"
+                f"commands have both 'motor' and {' and '.join(sorted(angles))}: give only one of them"
             )
         motor = hold["motor"].reshape(len(time), -1)
         if motor.shape[1] != device.n_motors:
@@ -204,7 +225,9 @@ def simulate(
     device, row = plant.device, plant.at_rate(rate)
     row[P.origin] = initial.age
     every = sensors.decimation(rate)
-    time = _ticks(duration, rate, initial.time)
+    if not (np.isfinite(duration) and duration >= 0.0):
+        raise ParameterError(f"duration must be finite and >= 0 s, got {duration}")
+    time = initial.time + np.arange(round(duration * rate) + 1) / rate
     state = initial_state(plant, rate, initial.motion, initial.seed)
     if commands is None:
         rows = np.tile(passive_command(plant, state), (len(time) - 1, 1))
@@ -215,40 +238,18 @@ def simulate(
     if not np.all(np.isfinite(state)):
         lost = int(np.argmax(~np.isfinite(truth[:, 0])))
         raise ParameterError(f"'{device.name}' overflows at {time[lost]:.6g} s under these commands")
-    return Simulation(_measured(device, time[::every], measured[::every]), _truth(device, time, truth))
+    return Simulation(
+        _signals(device, time[::every], measured[::every], _MEASURED), _signals(device, time, truth, _TRUTH)
+    )
 
 
-def _ticks(duration: float, rate: float, start: float) -> Array:
-    if not (np.isfinite(duration) and duration >= 0.0):
-        raise ParameterError(f"duration must be finite and >= 0 s, got {duration}")
-    return start + np.arange(round(duration * rate) + 1) / rate
-
-
-def _measured(device: Device, time: Array, rows: Array) -> Signals:
-    channels = {name: rows[:, getattr(MEASURED, name)] for name in ("q", "q_velocity", "tau_link")}
-    units = {"q": "rad", "q_velocity": "rad/s", "tau_link": "N m"}
-    per_motor = {"theta": (MEASURED.theta_1, "rad"), "theta_velocity": (MEASURED.theta_velocity_1, "rad/s")}
-    per_motor["tau"] = (MEASURED.tau_1, "N m")
-    _add_columns(rows, channels, units, per_motor, device.n_motors)
-    return Signals(time, channels, units)
-
-
-def _truth(device: Device, time: Array, rows: Array) -> Signals:
-    units = {"q": "rad", "q_velocity": "rad/s", "stiffness": "N m/rad", "damping": "N m s/rad"}
-    channels = {name: rows[:, getattr(TRUTH, name)] for name in units}
-    per_motor = {"theta": (TRUTH.theta_1, "rad"), "theta_velocity": (TRUTH.theta_velocity_1, "rad/s")}
-    per_motor["motor_torque"] = (TRUTH.motor_torque_1, "N m")
-    per_spring = {"stiffness_each": (TRUTH.stiffness_1, "N m/rad"), "deflection": (TRUTH.deflection_1, "rad")}
-    per_spring["transmission_torque"] = (TRUTH.transmission_torque_1, "N m")
-    _add_columns(rows, channels, units, per_motor, device.n_motors)
-    _add_columns(rows, channels, units, per_spring, device.n_transmissions)
-    return Signals(time, channels, units)
-
-
-def _add_columns(
-    rows: Array, channels: dict[str, Array], units: dict[str, str], table: dict[str, tuple[int, str]], width: int
-) -> None:  # fmt: skip
-    """Add channels of `width` columns each; `table` holds the first column and the unit of each."""
-    for name, (first, unit) in table.items():
-        if width:
-            channels[name], units[name] = rows[:, first : first + width], unit
+def _signals(device: Device, time: Array, rows: Array, channels: dict[str, tuple[int, str, str]]) -> Signals:
+    """Signals of recorded rows; `channels` holds the first column, the unit, and of what each has one column."""
+    widths = {"motor": device.n_motors, "spring": device.n_transmissions}
+    found: dict[str, Array] = {}
+    for name, (first, _, each) in channels.items():
+        if not each:
+            found[name] = rows[:, first]
+        elif widths[each]:
+            found[name] = rows[:, first : first + widths[each]]
+    return Signals(time, found, {name: channels[name][1] for name in found})

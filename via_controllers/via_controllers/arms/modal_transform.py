@@ -82,29 +82,25 @@ def basis_near(near: Array, M: Array, K: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True, error_model="numpy")
+def _pairs(values: Array) -> tuple[Array, Array]:
+    """Difference and mean of each pair of `values` (n,), (n, n) each."""
+    column = values.copy().reshape(-1, 1)
+    return column - values, 0.5 * (column + values)
+
+
+@njit(cache=True, error_model="numpy")
 def turning(values: Array) -> Array:
     """F (n, n) [-] of eigenvalues (n,): A = N o (F - 1/2)."""
-    n = len(values)
-    F = np.zeros((n, n))
-    for i in range(n):
-        for j in range(n):
-            g, m = values[i] - values[j], 0.5 * (values[i] + values[j])
-            F[i, j] = m * g / (g * g + (TINY * m) ** 2)
-    return F
+    g, m = _pairs(values)
+    return m * g / (g * g + (TINY * m) ** 2)
 
 
 @njit(cache=True, error_model="numpy")
 def _turning_rate(values: Array, rates: Array) -> Array:
     """Fdot (n, n) [1/s]."""
-    n = len(values)
-    out = np.zeros((n, n))
-    for i in range(n):
-        for j in range(n):
-            g, m = values[i] - values[j], 0.5 * (values[i] + values[j])
-            gd, md = rates[i] - rates[j], 0.5 * (rates[i] + rates[j])
-            below = g * g + (TINY * m) ** 2
-            out[i, j] = (md * g + m * gd) / below - 2.0 * m * g * (g * gd + TINY**2 * m * md) / below**2
-    return out
+    (g, m), (gd, md) = _pairs(values), _pairs(rates)
+    below = g * g + (TINY * m) ** 2
+    return (md * g + m * gd) / below - 2.0 * m * g * (g * gd + TINY**2 * m * md) / below**2
 
 
 @njit(cache=True, error_model="numpy")

@@ -14,38 +14,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
+from via_core.hopper import Hopper
 from via_core.signals import Array, locked
+from via_core.vsa_arms import VsaArm
 
 from via_controllers.contract import ArmSample, Torques, limited, require, require_positive
-
-
-class Drives(Protocol):
-    """Data of n flexible joints, e.g. `via_core.vsa_arms.VsaArm`."""
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-
-    @property
-    def motor_inertia(self) -> Array:
-        """B (n,) [kg m^2]."""
-
-    @property
-    def torque_limit(self) -> Array:
-        """(n,) [N m] of the motors."""
-
-    def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
-        """tau_e [N m], sigma [N m/rad] and its slope [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotorPd:
     """The PD control. Raises ParameterError for a bandwidth <= 0 or angles that are not (n,) and finite."""
 
-    drives: Drives
+    drives: VsaArm | Hopper
     motors: Array  # theta_0 (n,) [rad]
     equilibrium: Array  # q_0 (n,) [rad]
     bandwidth: float  # omega_m [rad/s]

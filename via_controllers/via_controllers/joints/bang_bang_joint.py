@@ -11,13 +11,11 @@ Source: the document's Section 6.2, after D. Lakatos et al. (its reference [25])
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from math import inf, sin
+from dataclasses import dataclass, field
+from math import sin
 from typing import NamedTuple
 
 import numpy as np
-from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, locked
@@ -29,10 +27,10 @@ from via_controllers.contract import (
     Torques,
     limited,
     passive,
-    require,
     require_not_negative,
     require_positive,
 )
+from via_controllers.joint_axes import JointAxes
 from via_controllers.low_pass import low_passed
 
 WIDEST = 1.0  # [rad] half width of the interval about theta_0 in which the rest angle is searched
@@ -70,27 +68,17 @@ class JointBangBang(Controller[JointBangBangState]):
     threshold: float  # epsilon >= 0 [N m]
     bandwidth: float  # omega_m > 0 [rad/s]
     velocity_bandwidth: float  # > 0 [rad/s]
+    _motors: _Motors = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        name = self.device.name
-        require(bool(self.device.springs), f"device: '{name}' has no springs")
-        require(self.device.drive == "torque", f"device: the motors of '{name}' take no torques")
+        axes = JointAxes(self.device)
         require_not_negative(self, "amplitude", "threshold")
         require_positive(self, "bandwidth", "velocity_bandwidth")
-        _ = self._motors
-
-    @cached_property
-    def _motors(self) -> _Motors:
-        motors = [motor for motor in self.device.motors if isinstance(motor, TorqueMotor)]
         theta_0 = self.device.motor_angles(self.equilibrium, self.preset)
         q_0 = hanging(self.device, theta_0, self.equilibrium)
-        return _Motors(
-            theta_0=theta_0,
-            w=self.device.motor_angles(1.0, 0.0),
-            inertia=np.array([motor.inertia for motor in motors]),
-            limit=np.array([inf if motor.torque_limit is None else motor.torque_limit for motor in motors]),
-            static=self.device.torque_each(q_0, theta_0),
-        )
+        w, static = self.device.motor_angles(1.0, 0.0), self.device.torque_each(q_0, theta_0)
+        motors = _Motors(theta_0, w, axes.motor_inertia, axes.torque_limit, static)
+        object.__setattr__(self, "_motors", motors)
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:

@@ -21,7 +21,6 @@ from __future__ import annotations
 import array
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -53,16 +52,8 @@ SLOW = f"samples more than {1e3 * GAP:g} ms apart restart the controller: publis
 WARM_UP = 3  # steps before the first sample, to load compiled functions
 
 
-@dataclass(frozen=True, eq=False)
-class Input:
-    """A subscription beside the samples."""
-
-    kind: Any  # class of its messages
-    topic: str
-    qos: Any
-    callback: Callable[[Any], None]
-
-
+# A subscription beside the samples: class of the messages, topic, callback, quality of service.
+Input = tuple[Any, str, Callable[[Any], None], Any]
 Connect = Callable[[Any], tuple[ControlledArm | ControlledJoint, tuple[Input, ...]]]
 
 
@@ -79,7 +70,7 @@ class ControllerNode(LifecycleNode):
         super().__init__(name, **options)
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._checked_change_state
-        self._settings = declare(self, CONTROLLERS[name].parameters)
+        self._settings = declare(self, CONTROLLERS[name])
         self._connect = connect
         self._active = False
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []  # created on configuration, with their destructors
@@ -155,7 +146,7 @@ class ControllerNode(LifecycleNode):
         timer(LOOK, self._check_silence, clock=STEADY)
         subscription = self._creator(self.create_subscription, self.destroy_subscription)
         for each in inputs:
-            subscription(each.kind, each.topic, each.callback, each.qos)
+            subscription(*each)
         subscription(JointState, "/joint_states", self._answer, qos.CONTROL, raw=True)
 
     def _creator(self, create: Callable[..., Any], destroy: Callable[[Any], Any]) -> Callable[..., Any]:

@@ -28,6 +28,7 @@ from via_controllers.joint_methods import EquilibriumPresetParameters
 from via_controllers.joints.equilibrium_preset import EquilibriumPresetState
 from via_controllers.nodes.controller import ControllerNode, Input
 from via_controllers.robot import ControlledJoint
+from via_controllers.supervision.joint_supervision import JointSupervisor
 
 
 class EquilibriumPresetNode(ControllerNode):
@@ -42,11 +43,11 @@ class EquilibriumPresetNode(ControllerNode):
         self._start = parameters.initial(self._controller)
         self._origin: int | None = None  # [ns] stamp of the first estimate
         device = self._controller.references.device
-        inputs = [Input(JointReference, f"/{device.name}/reference", qos.CONTROL, self._refer)]
+        inputs: list[Input] = [(JointReference, f"/{device.name}/reference", self._refer, qos.CONTROL)]
         if parameters.feedback:
-            inputs.append(Input(StiffnessEstimate, f"/{device.name}/stiffness", qos.SAMPLES, self._estimate))
-        robot = ControlledJoint.with_holding(JointAxes(device), self._controller, lambda: self._start)
-        return robot, tuple(inputs)
+            inputs.append((StiffnessEstimate, f"/{device.name}/stiffness", self._estimate, qos.SAMPLES))
+        axes = JointAxes(device)
+        return ControlledJoint(axes, JointSupervisor.of(self._controller, axes, lambda: self._start)), tuple(inputs)
 
     def _refer(self, message: JointReference) -> None:
         try:

@@ -2,32 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
-
 from via_core.wire import link_name, motor_name
 from via_ros.conversions import JointReader, Joints, RowReader
 
 from via_controllers.contract import ArmSample, JointSample
-from via_controllers.joint_axes import JointAxes
 from via_controllers.robot import ControlledArm, ControlledJoint
 
 
-class SampleReader(Protocol):
-    """Finds the samples of one robot."""
-
-    @property
-    def malformed(self) -> int:
-        """Number of arrays so far whose length differed from that of the names."""
-
-    def read(self, joints: Joints) -> tuple[int, Any] | None:
-        """Stamp [ns] and sample of a message; None where the message is about other joints."""
-
-
 class ArmSampleReader:
-    """SampleReader of an arm: one JointState with all links and motors; `joints` are named base first."""
+    """Finds the samples of an arm: one JointState with all links and motors."""
 
-    def __init__(self, joints: tuple[str, ...]) -> None:
-        links, motors = [link_name(joint) for joint in joints], [motor_name(joint, 1) for joint in joints]
+    def __init__(self, robot: ControlledArm) -> None:
+        links, motors = [link_name(joint) for joint in robot.joints], [motor_name(joint, 1) for joint in robot.joints]
         entries = [(field, link) for field in ("position", "velocity") for link in links]
         entries += [(field, motor) for field in ("position", "velocity") for motor in motors]
         entries += [("effort", link) for link in links]
@@ -35,9 +21,11 @@ class ArmSampleReader:
 
     @property
     def malformed(self) -> int:
+        """Number of arrays so far whose length differed from that of the names."""
         return self._reader.malformed[0]
 
     def read(self, joints: Joints) -> tuple[int, ArmSample] | None:
+        """Stamp [ns] and sample of a message; None where the message is about other joints."""
         if not self._reader.read(joints):
             return None
         (row,) = self._reader.rows
@@ -45,9 +33,10 @@ class ArmSampleReader:
 
 
 class JointSampleReader:
-    """SampleReader of a joint."""
+    """Finds the samples of a joint, as `ArmSampleReader`."""
 
-    def __init__(self, axes: JointAxes) -> None:
+    def __init__(self, robot: ControlledJoint) -> None:
+        axes = robot.axes
         self._reader = RowReader([(axes.device, ("q", *(f"theta_{i + 1}" for i in range(axes.n))))])
 
     @property
@@ -61,6 +50,6 @@ class JointSampleReader:
         return joints.stamp, JointSample(float(row[0]), float(row[1]), row[2:].copy())
 
 
-def sample_reader(robot: ControlledArm | ControlledJoint) -> SampleReader:
+def sample_reader(robot: ControlledArm | ControlledJoint) -> ArmSampleReader | JointSampleReader:
     """The reader for a robot's samples."""
-    return ArmSampleReader(robot.joints) if isinstance(robot, ControlledArm) else JointSampleReader(robot.axes)
+    return ArmSampleReader(robot) if isinstance(robot, ControlledArm) else JointSampleReader(robot)

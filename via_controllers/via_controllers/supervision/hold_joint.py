@@ -32,10 +32,6 @@ class HoldJoint(Holding):
     def __post_init__(self) -> None:
         require_positive(self, "damping", "bandwidth")
 
-    @property
-    def torque_limit(self) -> Array:
-        return self.axes.torque_limit
-
     def init(self, sample: ArmSample) -> Held:
         axes, q = self.axes, float(sample.q[0])
         theta = self._resting(q, sample.theta)
@@ -45,6 +41,7 @@ class HoldJoint(Holding):
             torque=-axes.spring_torque(q, theta),
             proportional=proportional,
             derivative=self.damping * np.sqrt(proportional * (axes.motor_inertia + axes.device.link.inertia)),
+            limit=axes.torque_limit,
         )
 
     def _resting(self, q: float, theta: Array) -> Array:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 
 from via_controllers.contract import ArmSample, require_positive
@@ -32,10 +31,6 @@ class HoldStill(Holding):
     def __post_init__(self) -> None:
         require_positive(self, "stiffness", "damping")
 
-    @property
-    def torque_limit(self) -> Array:
-        return self.arm.torque_limit
-
     def init(self, sample: ArmSample) -> Held:
         arm = self.arm
         reach = np.minimum(REACH * arm.deflection_limit, 1.0)
@@ -48,4 +43,5 @@ class HoldStill(Holding):
             torque=torque,
             proportional=self.stiffness * stiffness,
             derivative=self.damping * np.sqrt(stiffness * arm.motor_inertia),
+            limit=arm.torque_limit,
         )

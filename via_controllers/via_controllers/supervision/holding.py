@@ -5,7 +5,6 @@ tau_i = tau_0,i + K_P,i (theta_0,i - theta_i) - K_D,i thd_i
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,21 +15,17 @@ from via_controllers.contract import ArmController, ArmSample, Quantity, Torques
 
 @dataclass(frozen=True)
 class Held:
-    """Reference and gains, (n,) each."""
+    """Reference, gains and limits, (n,) each."""
 
     theta: Array  # theta_0 [rad]
     torque: Array  # tau_0 [N m]
     proportional: Array  # K_P [N m/rad]
     derivative: Array  # K_D [N m s/rad]
+    limit: Array  # of the motors [N m]
 
 
 class Holding(ArmController[Held]):
     """A holding controller; `init` determines reference and gains."""
-
-    @property
-    @abstractmethod
-    def torque_limit(self) -> Array:
-        """(n,) [N m]"""
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -45,4 +40,4 @@ class Holding(ArmController[Held]):
         torque = (
             state.torque + state.proportional * (state.theta - sample.theta) - state.derivative * sample.theta_velocity
         )
-        return state, limited(torque, self.torque_limit)
+        return state, limited(torque, state.limit)

@@ -11,7 +11,7 @@ from via_core.springs import N_COEFFICIENTS
 
 from via_sim.joint.compiled import bare
 from via_sim.joint.kernel import PER_AXIS
-from via_sim.joint.parameters import RIPPLE_HARMONICS
+from via_sim.joint.parameters import RIPPLE_HARMONICS, P
 
 # Name and number of rows. Three rows belong to link, motor 1, motor 2; two rows to the motors or transmissions.
 _SIZES = {
@@ -38,15 +38,19 @@ _SIZES = {
     "kinetic_friction": 3, "friction_excess": 3, "inverse_stribeck_velocity": 3, "friction_asymmetry": 3,
     "viscous_asymmetry": 3, "load_friction": 3, "counter_friction": 3, "load_stribeck": 3, "counter_stribeck": 3,
     "load_quadratic": 3, "inverse_load_velocity": 3, "bristle_torque": 3, "bristle_rate": 3, "quadratic_drag": 3,
-    "gravity_torque": 1, "gravity_angle": 1, "coefficient": 2 * N_COEFFICIENTS, "rise": 2, "fall": 2, "growth": 2,
+    "gravity_torque": 1, "gravity_angle": 1, "spring": 2 * N_COEFFICIENTS, "rise": 2, "fall": 2, "growth": 2,
     "stop": 2, "spring_hardening": 2, "pretension_offset": 2, "half_gap": 2, "no_gap": 2, "slip_torque": 2,
-    "slip_stiffness": 2, "spring_damping": 2, "wall_angle": 1, "wall_side": 1, "wall_stiffness": 1, "wall_damping": 1,
-    "no_wall": 1, "torque_gain": 3, "torque_bias": 3, "lag_left": 3, "ripple_amplitude": 3 * RIPPLE_HARMONICS,
-    "ripple_order": 3 * RIPPLE_HARMONICS, "ripple_phase": 3 * RIPPLE_HARMONICS,
+    "slip_stiffness": 2, "spring_damping": 2, "contact_angle": 1, "contact_side": 1, "contact_stiffness": 1,
+    "contact_damping": 1, "no_wall": 1, "torque_gain": 3, "torque_bias": 3, "lag_left": 3,
+    "ripple_amplitude": 3 * RIPPLE_HARMONICS, "ripple_order": 3 * RIPPLE_HARMONICS, "ripple_phase": 3 * RIPPLE_HARMONICS,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
 N_ROWS = sum(_SIZES.values())
+# Slot of the parameter row and row of each parameter that has the same name in both; `load_parameters` changes some.
+COPIED = np.array(
+    [(getattr(P, name) + i, getattr(Z, name) + i) for name in _SIZES if name in P._fields for i in range(_SIZES[name])]
+)
 
 # Terms that some lane of a block has; the others are skipped.
 #   axes          number of axes

@@ -14,7 +14,7 @@ from via_sim.joint.friction import feels_both_sides, has_friction
 from via_sim.joint.parameters import ABSENT, DYNAMIC, NO_DAMPER, POSITION_DRIVE, RIPPLE_HARMONICS, TORQUE_DRIVE, P
 from via_sim.joint.position_drive import drive_torque
 from via_sim.joint.torques import ARM, DAMPING, EXTERNAL, GOAL, NEIGHBOUR, POWER, QUEUED, X, deflection, spring_factor
-from via_sim.lockstep.block import R, Terms, Z
+from via_sim.lockstep.block import COPIED, R, Terms, Z
 
 
 @bare
@@ -33,59 +33,39 @@ def is_supported(p: Array) -> bool:
 @bare
 def load_parameters(p: Array, z: Array, lane: int) -> None:
     """Copy a parameter row into its lane."""
+    for slot, row in COPIED:
+        z[row, lane] = p[slot]
     for axis in range(3):
-        here = axis
-        slips = has_friction(p, axis)
-        kinetic, breakaway = p[P.kinetic_friction + axis], p[P.breakaway_friction + axis]
-        z[Z.kinetic_friction + here, lane] = kinetic if slips else 0.0
-        z[Z.friction_excess + here, lane] = breakaway - kinetic if slips else 0.0
-        z[Z.inverse_stribeck_velocity + here, lane] = 1.0 / p[P.stribeck_velocity + axis]
-        z[Z.friction_asymmetry + here, lane] = p[P.friction_asymmetry + axis]
-        z[Z.viscous_asymmetry + here, lane] = p[P.viscous_asymmetry + axis]
-        z[Z.load_friction + here, lane] = p[P.load_friction + axis]
-        z[Z.counter_friction + here, lane] = p[P.counter_friction + axis]
-        z[Z.load_stribeck + here, lane] = p[P.load_stribeck + axis]
-        z[Z.counter_stribeck + here, lane] = p[P.counter_stribeck + axis]
-        z[Z.load_quadratic + here, lane] = p[P.load_quadratic + axis]
-        z[Z.inverse_load_velocity + here, lane] = 1.0 / p[P.load_velocity + axis]
-        level = max(p[P.bristle_torque + axis], 0.0)
-        z[Z.bristle_torque + here, lane] = level
-        z[Z.bristle_rate + here, lane] = p[P.bristle_stiffness + axis] / level if level > 0.0 else 0.0
-        z[Z.quadratic_drag + here, lane] = p[P.quadratic_drag + axis]
-        for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
-            z[Z.ripple_amplitude + k, lane] = p[P.ripple_amplitude + k]
-            z[Z.ripple_order + k, lane] = p[P.ripple_order + k]
-            z[Z.ripple_phase + k, lane] = p[P.ripple_phase + k]
+        kinetic, excess = p[P.kinetic_friction + axis], p[P.breakaway_friction + axis] - p[P.kinetic_friction + axis]
+        slips, level = has_friction(p, axis), max(p[P.bristle_torque + axis], 0.0)
+        z[Z.kinetic_friction + axis, lane] = kinetic if slips else 0.0
+        z[Z.friction_excess + axis, lane] = excess if slips else 0.0
+        z[Z.inverse_stribeck_velocity + axis, lane] = 1.0 / p[P.stribeck_velocity + axis]
+        z[Z.inverse_load_velocity + axis, lane] = 1.0 / p[P.load_velocity + axis]
+        z[Z.bristle_torque + axis, lane] = level
+        z[Z.bristle_rate + axis, lane] = p[P.bristle_stiffness + axis] / level if level > 0.0 else 0.0
         driven = p[P.link_drive] == TORQUE_DRIVE if axis == 0 else p[P.axis_kind + axis] == DYNAMIC
-        z[Z.torque_gain + here, lane] = p[P.torque_gain + axis] if driven else 0.0
-        z[Z.torque_bias + here, lane] = p[P.torque_bias + axis] if driven else 0.0
+        z[Z.torque_gain + axis, lane] = p[P.torque_gain + axis] if driven else 0.0
+        z[Z.torque_bias + axis, lane] = p[P.torque_bias + axis] if driven else 0.0
         share = 0.5 * axis * p[P.tick] / max(1.0, floor(p[P.substeps]))
-        z[Z.lag_left + here, lane] = exp(-share / p[P.lag]) if p[P.lag] > 0.0 else 0.0
-    z[Z.drive_stiffness, lane] = p[P.drive_stiffness]
+        z[Z.lag_left + axis, lane] = exp(-share / p[P.lag]) if p[P.lag] > 0.0 else 0.0
     z[Z.drive_limit, lane] = min(p[P.drive_torque_limit], p[P.saturation])
-    z[Z.gravity_torque, lane], z[Z.gravity_angle, lane] = p[P.gravity_torque], p[P.gravity_angle]
-    for k in range(2 * N_COEFFICIENTS):
-        z[Z.coefficient + k, lane] = p[P.spring + k]
     for i in range(2):
-        here = i
-        z[Z.stop + here, lane], z[Z.spring_hardening + here, lane] = p[P.stop + i], p[P.spring_hardening + i]
-        z[Z.pretension_offset + here, lane] = p[P.pretension_offset + i] if p[P.serial] == 0.0 else 0.0
-        z[Z.half_gap + here, lane] = 0.5 * p[P.backlash + i]
-        z[Z.no_gap + here, lane] = 0.0 if p[P.backlash + i] > 0.0 else inf
+        z[Z.pretension_offset + i, lane] = p[P.pretension_offset + i] if p[P.serial] == 0.0 else 0.0
+        z[Z.half_gap + i, lane] = 0.5 * p[P.backlash + i]
+        z[Z.no_gap + i, lane] = 0.0 if p[P.backlash + i] > 0.0 else inf
         start, kind = P.spring + i * N_COEFFICIENTS, int(p[P.spring_kind + i])
         if kind == SINH:
-            z[Z.rise + here, lane] = z[Z.fall + here, lane] = 0.5 * p[start]
-            z[Z.growth + here, lane] = p[start + 1]
+            z[Z.rise + i, lane] = z[Z.fall + i, lane] = 0.5 * p[start]
+            z[Z.growth + i, lane] = p[start + 1]
         elif kind == EXPONENTIAL:
-            z[Z.rise + here, lane], z[Z.fall + here, lane] = p[start], p[start + 1]
-            z[Z.growth + here, lane] = p[start + 2]
-        z[Z.slip_torque + here, lane] = max(p[P.hysteresis_torque + i], 0.0)
-        z[Z.slip_stiffness + here, lane] = p[P.hysteresis_stiffness + i] if p[P.hysteresis_torque + i] > 0.0 else 0.0
-        z[Z.spring_damping + here, lane] = p[P.spring_damping + i]
+            z[Z.rise + i, lane], z[Z.fall + i, lane], z[Z.growth + i, lane] = p[start], p[start + 1], p[start + 2]
+        slips = p[P.hysteresis_torque + i] > 0.0
+        z[Z.slip_torque + i, lane] = p[P.hysteresis_torque + i] if slips else 0.0
+        z[Z.slip_stiffness + i, lane] = p[P.hysteresis_stiffness + i] if slips else 0.0
     there = p[P.contact_stiffness] > 0.0
-    z[Z.wall_angle, lane], z[Z.wall_side, lane] = p[P.contact_angle], p[P.contact_side]
-    z[Z.wall_stiffness, lane] = p[P.contact_stiffness] if there else 0.0
-    z[Z.wall_damping, lane] = p[P.contact_damping] if there else 0.0
+    z[Z.contact_stiffness, lane] = p[P.contact_stiffness] if there else 0.0
+    z[Z.contact_damping, lane] = p[P.contact_damping] if there else 0.0
     z[Z.no_wall, lane] = 0.0 if there else inf
 
 

@@ -95,17 +95,16 @@ def _check_modes(z: Array, velocity: int, axes: int, friction: int, transmission
 def _check_rare_modes(z: Array, rare: int) -> None:
     """Margin <= 0 where a Maxwell element begins or ceases to slip, or the wall is met or left."""
     for i in range(2):
-        motor, number = 1 + i, i
         if rare >> (R.maxwell + i) & 1:
             for lane in range(z.shape[1]):
-                slip, absent = z[Z.slip + number, lane], 1.0 if z[Z.slip_torque + number, lane] == 0.0 else 0.0
-                sliding = slip * (z[Z.at + 3, lane] - z[Z.at + 3 + motor, lane])
-                sticking = z[Z.slip_torque + number, lane] - abs(maxwell_torque(z, number, lane))
+                slip, absent = z[Z.slip + i, lane], 1.0 if z[Z.slip_torque + i, lane] == 0.0 else 0.0
+                sliding = slip * (z[Z.at + 3, lane] - z[Z.at + 4 + i, lane])
+                sticking = z[Z.slip_torque + i, lane] - abs(maxwell_torque(z, i, lane))
                 kept = abs(slip) * sliding + (1.0 - abs(slip)) * sticking + absent
                 z[Z.margin, lane] = min(z[Z.margin, lane], kept)
     if rare >> R.wall & 1:
         for lane in range(z.shape[1]):
-            depth = z[Z.wall_side, lane] * (z[Z.at, lane] - z[Z.wall_angle, lane])
+            depth = z[Z.contact_side, lane] * (z[Z.at, lane] - z[Z.contact_angle, lane])
             z[Z.margin, lane] = min(z[Z.margin, lane], (2.0 * z[Z.touch, lane] - 1.0) * depth + z[Z.no_wall, lane])
 
 
@@ -113,19 +112,16 @@ def _check_rare_modes(z: Array, rare: int) -> None:
 def _update_memory(z: Array, axes: int, rare: int) -> None:
     """`torques.remember` from `Z.start` to `Z.at`, and the lag of the drives over the step."""
     for axis in range(axes):
-        here = axis
         if rare >> (R.bristle + axis) & 1:
             for lane in range(z.shape[1]):
-                z[Z.bristle + here, lane] = bristle_torque(z, here, lane)
+                z[Z.bristle + axis, lane] = bristle_torque(z, axis, lane)
     for i in range(2):
-        number = i
         if rare >> (R.maxwell + i) & 1:
             for lane in range(z.shape[1]):
-                most = z[Z.slip_torque + number, lane]
-                z[Z.maxwell + number, lane] = min(max(maxwell_torque(z, number, lane), -most), most)
+                most = z[Z.slip_torque + i, lane]
+                z[Z.maxwell + i, lane] = min(max(maxwell_torque(z, i, lane), -most), most)
     if rare >> R.lag & 1:
         for axis in range(3):
-            here = axis
             for lane in range(z.shape[1]):
-                asked = z[Z.commanded + here, lane]
-                z[Z.lagged + here, lane] = asked + (z[Z.lagged + here, lane] - asked) * z[Z.lag_left + 2, lane]
+                asked = z[Z.commanded + axis, lane]
+                z[Z.lagged + axis, lane] = asked + (z[Z.lagged + axis, lane] - asked) * z[Z.lag_left + 2, lane]

@@ -49,7 +49,7 @@ def torques(z: Array, rows: Array, first: int, out: int, terms: Terms, sticks: b
 @bare
 def _friction(z: Array, axis: int, count: int, out: int, terms: Terms, sticks: bool) -> None:
     """Add dry friction to the torque on an axis of a joint with `count` transmissions, as `torques._driven`."""
-    here, rare = axis, terms.rare
+    rare = terms.rare
     if count == 0:
         for lane in range(z.shape[1]):
             z[Z.load_torque, lane] = z[Z.torque, lane] - z[Z.other_torque, lane]
@@ -61,43 +61,43 @@ def _friction(z: Array, axis: int, count: int, out: int, terms: Terms, sticks: b
             z[Z.load_torque, lane] = -(z[Z.spring_torque, lane] + z[Z.spring_torque + 1, lane])
     else:
         for lane in range(z.shape[1]):
-            z[Z.load_torque, lane] = z[Z.spring_torque + here - 1, lane]
+            z[Z.load_torque, lane] = z[Z.spring_torque + axis - 1, lane]
     if rare >> R.loads & 1:
-        _counter(z, here, count, terms)
+        _counter(z, axis, count, terms)
         for lane in range(z.shape[1]):
             load, counter = z[Z.load_torque, lane], z[Z.counter_torque, lane]
             squared = min(abs(load), abs(counter)) ** 2 if load * counter < 0.0 else 0.0
-            sliding = z[Z.load_friction + here, lane] * load - z[Z.counter_friction + here, lane] * counter
-            added = z[Z.load_stribeck + here, lane] * load - z[Z.counter_stribeck + here, lane] * counter
+            sliding = z[Z.load_friction + axis, lane] * load - z[Z.counter_friction + axis, lane] * counter
+            added = z[Z.load_stribeck + axis, lane] * load - z[Z.counter_stribeck + axis, lane] * counter
             z[Z.sliding_friction, lane] = abs(sliding)
-            z[Z.standstill_friction, lane] = abs(added) + z[Z.load_quadratic + here, lane] * squared
+            z[Z.standstill_friction, lane] = abs(added) + z[Z.load_quadratic + axis, lane] * squared
     else:
         for lane in range(z.shape[1]):
-            z[Z.sliding_friction, lane] = z[Z.load_friction + here, lane] * abs(z[Z.load_torque, lane])
+            z[Z.sliding_friction, lane] = z[Z.load_friction + axis, lane] * abs(z[Z.load_torque, lane])
     for lane in range(z.shape[1]):
-        sign, v = z[Z.sign + here, lane], z[Z.at + 3 + here, lane]
-        size = z[Z.kinetic_friction + here, lane] + z[Z.sliding_friction, lane]
-        size += sign * (z[Z.friction_asymmetry + here, lane] + z[Z.viscous_asymmetry + here, lane] * sign * v)
-        z[out + here, lane] -= sign * size
+        sign, v = z[Z.sign + axis, lane], z[Z.at + 3 + axis, lane]
+        size = z[Z.kinetic_friction + axis, lane] + z[Z.sliding_friction, lane]
+        size += sign * (z[Z.friction_asymmetry + axis, lane] + z[Z.viscous_asymmetry + axis, lane] * sign * v)
+        z[out + axis, lane] -= sign * size
     if terms.falls:
         for lane in range(z.shape[1]):
-            ratio = z[Z.at + 3 + here, lane] * z[Z.inverse_stribeck_velocity + here, lane]
-            excess = z[Z.friction_excess + here, lane] * decay(ratio * ratio)
-            z[out + here, lane] -= z[Z.sign + here, lane] * excess
+            ratio = z[Z.at + 3 + axis, lane] * z[Z.inverse_stribeck_velocity + axis, lane]
+            excess = z[Z.friction_excess + axis, lane] * decay(ratio * ratio)
+            z[out + axis, lane] -= z[Z.sign + axis, lane] * excess
     if rare >> R.loads & 1:
         for lane in range(z.shape[1]):
-            ratio = z[Z.at + 3 + here, lane] * z[Z.inverse_load_velocity + here, lane]
-            z[out + here, lane] -= z[Z.sign + here, lane] * z[Z.standstill_friction, lane] * decay(ratio * ratio)
+            ratio = z[Z.at + 3 + axis, lane] * z[Z.inverse_load_velocity + axis, lane]
+            z[out + axis, lane] -= z[Z.sign + axis, lane] * z[Z.standstill_friction, lane] * decay(ratio * ratio)
     if sticks:  # friction balances all torque on a stuck axis, up to breakaway
         for lane in range(z.shape[1]):
-            stuck, torque = z[Z.stuck + here, lane], z[out + here, lane]
-            skewed, most = z[Z.friction_asymmetry + here, lane], z[Z.kinetic_friction + here, lane]
-            most += z[Z.friction_excess + here, lane]
+            stuck, torque = z[Z.stuck + axis, lane], z[out + axis, lane]
+            skewed, most = z[Z.friction_asymmetry + axis, lane], z[Z.kinetic_friction + axis, lane]
+            most += z[Z.friction_excess + axis, lane]
             most += z[Z.sliding_friction, lane]
             most += z[Z.standstill_friction, lane]
             room = min(most + skewed - torque, most - skewed + torque) + (1.0 - stuck) * _ENOUGH
             z[Z.margin, lane] = min(z[Z.margin, lane], room)
-            z[out + here, lane] = (1.0 - stuck) * torque
+            z[out + axis, lane] = (1.0 - stuck) * torque
 
 
 @bare
@@ -125,7 +125,7 @@ def _springs(z: Array, rows: Array, first: int, coefficients: int) -> None:
             z[spring, lane] = z[Z.slope, lane] = 0.0
         if kind == ODD_POLYNOMIAL:
             for k in range(coefficients - 1, -1, -1):
-                coefficient, odd = Z.coefficient + (i * N_COEFFICIENTS + k), 2.0 * k + 1.0
+                coefficient, odd = Z.spring + (i * N_COEFFICIENTS + k), 2.0 * k + 1.0
                 for lane in range(z.shape[1]):
                     square = z[Z.inside, lane] * z[Z.inside, lane]
                     z[spring, lane] = z[spring, lane] * square + z[coefficient, lane]
@@ -157,32 +157,30 @@ def _rare_torques(z: Array, axes: int, out: int, rare: int) -> None:
             z[Z.drive_torque, lane] = z[Z.drive_gain, lane] * torque + z[Z.drive_bias, lane]
             z[out, lane] += z[Z.drive_torque, lane]
     for axis in range(axes):
-        here = axis
         if rare >> (R.drag + axis) & 1:
             for lane in range(z.shape[1]):
-                v = z[Z.at + 3 + here, lane]
-                z[out + here, lane] -= z[Z.quadratic_drag + here, lane] * v * abs(v)
+                v = z[Z.at + 3 + axis, lane]
+                z[out + axis, lane] -= z[Z.quadratic_drag + axis, lane] * v * abs(v)
         if rare >> R.ripple != 0:
             for k in range(axis, 3 * RIPPLE_HARMONICS, 3):
                 if rare >> (R.ripple + k) & 1:
                     for lane in range(z.shape[1]):
-                        turned = z[Z.ripple_order + k, lane] * z[Z.at + here, lane] + z[Z.ripple_phase + k, lane]
-                        z[out + here, lane] += z[Z.ripple_amplitude + k, lane] * sine(turned)
+                        turned = z[Z.ripple_order + k, lane] * z[Z.at + axis, lane] + z[Z.ripple_phase + k, lane]
+                        z[out + axis, lane] += z[Z.ripple_amplitude + k, lane] * sine(turned)
         if rare >> (R.bristle + axis) & 1:
             for lane in range(z.shape[1]):
-                z[out + here, lane] -= bristle_torque(z, here, lane)
+                z[out + axis, lane] -= bristle_torque(z, axis, lane)
     for i in range(2):
-        motor, number = 1 + i, i
         if rare >> (R.maxwell + i) & 1:
             for lane in range(z.shape[1]):
-                torque = maxwell_torque(z, number, lane)
+                torque = maxwell_torque(z, i, lane)
                 z[out, lane] -= torque
-                z[out + motor, lane] += torque
+                z[out + 1 + i, lane] += torque
         if rare >> R.spring_damping & 1:  # coupling part of the dampers; the diagonal part is in `weigh`
             for lane in range(z.shape[1]):
-                rub = z[Z.spring_damping + number, lane]
-                z[out, lane] += rub * z[Z.at + 3 + motor, lane]
-                z[out + motor, lane] += rub * z[Z.at + 3, lane]
+                rub = z[Z.spring_damping + i, lane]
+                z[out, lane] += rub * z[Z.at + 4 + i, lane]
+                z[out + 1 + i, lane] += rub * z[Z.at + 3, lane]
     if rare >> R.wall & 1:
         for lane in range(z.shape[1]):
             z[out, lane] += wall_torque(z, lane)
@@ -208,8 +206,8 @@ def maxwell_torque(z: Array, i: int, lane: int) -> float:
 @bare
 def wall_torque(z: Array, lane: int) -> float:
     """`torques.contact_torque` at `Z.at`, zero where the wall is not touched."""
-    side, depth = z[Z.wall_side, lane], z[Z.at, lane] - z[Z.wall_angle, lane]
-    push = side * (z[Z.wall_stiffness, lane] * depth + z[Z.wall_damping, lane] * z[Z.at + 3, lane])
+    side, depth = z[Z.contact_side, lane], z[Z.at, lane] - z[Z.contact_angle, lane]
+    push = side * (z[Z.contact_stiffness, lane] * depth + z[Z.contact_damping, lane] * z[Z.at + 3, lane])
     return -z[Z.touch, lane] * side * max(push, 0.0)
 
 
@@ -235,10 +233,9 @@ def apply_lag(z: Array, moment: int) -> None:
     """`actuation.supply` at the beginning (0), the middle (1) or the end (2) of a step."""
     kept = Z.lag_left + moment
     for axis in range(3):
-        here = axis
         for lane in range(z.shape[1]):
-            asked = z[Z.commanded + here, lane]
-            torque = asked + (z[Z.lagged + here, lane] - asked) * z[kept, lane]
-            z[Z.torque + here, lane] = (
-                z[Z.other_torque + here, lane] + z[Z.torque_gain + here, lane] * torque + z[Z.torque_bias + here, lane]
+            asked = z[Z.commanded + axis, lane]
+            torque = asked + (z[Z.lagged + axis, lane] - asked) * z[kept, lane]
+            z[Z.torque + axis, lane] = (
+                z[Z.other_torque + axis, lane] + z[Z.torque_gain + axis, lane] * torque + z[Z.torque_bias + axis, lane]
             )

@@ -7,17 +7,18 @@ Topics and services: see `robot_simulation`.
 
 from __future__ import annotations
 
-import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from via_core.errors import ParameterError
+from via_core.parameters import parameter
 from via_core.vsa_arms import load_vsa_arm
 from via_ros.spin import run
 
 from via_sim.nodes.robot_simulation import RobotParameters, RobotSimulationNode
-from via_sim.robots.bodies import ArmBody
+from via_sim.robots.arm import ArmBody
 from via_sim.robots.contacts import Wall
 
 WALL = 6  # numbers per wall: a point on it [m] and its normal
@@ -27,16 +28,11 @@ WALL = 6  # numbers per wall: a point on it [m] and its normal
 class ArmSimulatorParameters(RobotParameters):
     """Parameters of `arm_simulator`."""
 
-    arm: str = field(default="reference_4dof", metadata={"description": "arm name or path to its YAML"})
-    posture: tuple[float, ...] = field(
-        default=(), metadata={"description": "initial link angles, base first [rad]; empty: all zero"}
-    )
-    walls: tuple[float, ...] = field(
-        default=(), metadata={"description": "six numbers per wall: a point on it [m], its normal; empty: none"}
-    )
-    link_friction: tuple[float, ...] = field(
-        default=(),
-        metadata={"description": "viscous friction of the links [N m s/rad]; empty: as in the arm file"},
+    arm: str = parameter("reference_4dof", "arm name or path to its YAML")
+    posture: tuple[float, ...] = parameter((), "initial link angles, base first [rad]; empty: all zero")
+    walls: tuple[float, ...] = parameter((), "six numbers per wall: a point on it [m], its normal; empty: none")
+    link_friction: tuple[float, ...] = parameter(
+        (), "viscous friction of the links [N m s/rad]; empty: as in the arm file"
     )
 
 
@@ -58,10 +54,4 @@ class ArmSimulatorNode(RobotSimulationNode):
         super().__init__("arm_simulator", ArmSimulatorParameters, body_of, **options)
 
 
-def main() -> int:
-    """Run the node."""
-    return run(ArmSimulatorNode)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, ArmSimulatorNode)  # the executable

@@ -7,36 +7,30 @@ Topics and services: see `robot_simulation`; /hopper/base is the pose of the tru
 
 from __future__ import annotations
 
-import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from via_core.hopper import Hopper
+from via_core.parameters import parameter
 from via_ros.spin import run
 
 from via_sim.nodes.robot_simulation import RobotParameters, RobotSimulationNode
-from via_sim.robots.hopper_body import HopperBody
+from via_sim.robots.hopper import HopperPlant
 
 
 @dataclass(frozen=True)
 class HopperSimulatorParameters(RobotParameters):
     """Parameters of `hopper_simulator`."""
 
-    payload: float = field(default=0.0, metadata={"description": "on the trunk", "unit": "kg", "range": (0.0, 1e3)})
-    crouch: float = field(
-        default=0.6,
-        metadata={
-            "description": "initial angle a_0 of the thighs",
-            "unit": "rad",
-            "range": (0.01, 1.5),
-        },
-    )
-    drop: float = field(default=0.03, metadata={"description": "initial height", "unit": "m", "range": (0.0, 1.0)})
+    payload: float = parameter(0.0, "on the trunk", "kg", (0.0, 1e3))
+    crouch: float = parameter(HopperPlant.crouch, "initial angle a_0 of the thighs", "rad", (0.01, 1.5))
+    drop: float = parameter(HopperPlant.drop, "initial height", "m", (0.0, 1.0))
 
 
-def body_of(parameters: HopperSimulatorParameters) -> HopperBody:
+def body_of(parameters: HopperSimulatorParameters) -> HopperPlant:
     """The hopper described by the parameters."""
-    return HopperBody(Hopper(payload=parameters.payload), parameters.crouch, parameters.drop)
+    return HopperPlant(Hopper(payload=parameters.payload), parameters.crouch, parameters.drop)
 
 
 class HopperSimulatorNode(RobotSimulationNode):
@@ -46,10 +40,4 @@ class HopperSimulatorNode(RobotSimulationNode):
         super().__init__("hopper_simulator", HopperSimulatorParameters, body_of, **options)
 
 
-def main() -> int:
-    """Run the node."""
-    return run(HopperSimulatorNode)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, HopperSimulatorNode)  # the executable

@@ -15,13 +15,14 @@ is counted. The effort of a motor is its limited torque; the effort of a link is
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError
+from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.wire import command_topic
 from via_interfaces.msg import VsaCommand
@@ -39,12 +40,9 @@ from via_sim.simulate import MAX_SEED
 class RobotParameters(TimeParameters):
     """Parameters of every node for a multi-joint robot."""
 
-    torque_sensors: bool = field(default=False, metadata={"description": "whether spring torques are measured"})
-    torque_noise: float = field(
-        default=0.0,
-        metadata={"description": "standard deviation of torque noise", "unit": "N m", "range": (0.0, 1e3)},
-    )
-    seed: int = field(default=0, metadata={"description": "seed of the sensor noise", "range": (0, MAX_SEED)})
+    torque_sensors: bool = parameter(False, "whether spring torques are measured")
+    torque_noise: float = parameter(0.0, "standard deviation of torque noise", "N m", (0.0, 1e3))
+    seed: int = parameter(0, "seed of the sensor noise", "", (0, MAX_SEED))
 
 
 Parameters = TypeVar("Parameters", bound=RobotParameters)
@@ -107,7 +105,7 @@ class RobotSimulationNode(SimulationNode[Array]):
         except ParameterError:
             self._stops += 1
             after = self._body.stopped(self._state)
-        if not np.isfinite(self._body.measure(after).q).all():
+        if not np.isfinite(after.q).all():
             self._failures += 1
             after = self._body.stopped(self._state)
         self._state = after
@@ -124,14 +122,14 @@ class RobotSimulationNode(SimulationNode[Array]):
             at, turn = self._base.pose.position, self._base.pose.orientation
             at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w = base.tolist()
             self._bases.publish(self._base)
-        measured, samples = self._body.measure(self._state), self._samples
+        state, samples = self._state, self._samples
         links, motors = samples.links, samples.motors
-        samples.position[links], samples.position[motors] = measured.q, measured.theta
-        samples.velocity[links], samples.velocity[motors] = measured.velocity, measured.motor_velocity
+        samples.position[links], samples.position[motors] = state.q, state.theta
+        samples.velocity[links], samples.velocity[motors] = state.velocity, state.motor_velocity
         samples.effort[motors] = self._torque
         if self._chosen.torque_sensors:
             noise = self._noise.normal(0.0, self._chosen.torque_noise, self._count)
-            samples.effort[links] = measured.spring_torque + noise
+            samples.effort[links] = self._body.spring_torque(state) + noise
         return samples.stamped(stamp)
 
     def _diagnose(self) -> tuple[dict[str, bool], dict[str, Any]]:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import sys
 import time
 from abc import abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -29,6 +29,7 @@ from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError
+from via_core.parameters import parameter
 from via_core.wire import SECOND
 from via_interfaces.msg import VsaCommand
 from via_ros import qos
@@ -51,17 +52,10 @@ EPOCH = SECOND  # [ns] stamp of the first sample in simulated time; in ROS a sta
 class TimeParameters:
     """Parameters of every simulator node."""
 
-    mode: str = field(
-        default="realtime", metadata={"description": "mode of time", "choices": ("realtime", "lockstep", "free")}
-    )
-    rate: float = field(default=1000.0, metadata={"description": "tick rate", "unit": "Hz", "range": (1.0, 1e5)})
-    duration: float = field(
-        default=0.0, metadata={"description": "simulated time; 0: no end", "unit": "s", "range": (0.0, 1e9)}
-    )
-    listeners: int = field(
-        default=1,
-        metadata={"description": "number of subscribers of samples to wait for before time begins", "range": (0, 100)},
-    )
+    mode: str = parameter("realtime", "mode of time", choices=("realtime", "lockstep", "free"))
+    rate: float = parameter(1000.0, "tick rate", "Hz", (1.0, 1e5))
+    duration: float = parameter(0.0, "simulated time; 0: no end", "s", (0.0, 1e9))
+    listeners: int = parameter(1, "number of subscribers of samples to wait for before time begins", "", (0, 100))
 
 
 class SimulationNode(Node, Generic[Row]):

@@ -11,13 +11,14 @@ offers      ~/set_effects, ~/clear_effects, see `effect_services`; they act from
 
 from __future__ import annotations
 
-import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import JointState
 from via_core.devices import load_device
+from via_core.parameters import parameter
 from via_core.signals import Array
 from via_interfaces.msg import DampingEstimate, StiffnessEstimate, VsaCommand
 from via_ros import qos
@@ -39,10 +40,10 @@ from via_sim.simulate import MAX_SEED, Simulator, passive_command
 class SimulatorParameters(TimeParameters):
     """Parameters of `simulator`."""
 
-    device: str = field(default="cubic_demo", metadata={"description": "device name or path to its YAML"})
-    seed: int = field(default=0, metadata={"description": "seed of the sensor noise", "range": (0, MAX_SEED)})
-    effects: str = field(default="", metadata={"description": "effects file; empty: the nominal model"})
-    truth: bool = field(default=False, metadata={"description": "whether to publish true stiffness and damping"})
+    device: str = parameter("cubic_demo", "device name or path to its YAML")
+    seed: int = parameter(0, "seed of the sensor noise", "", (0, MAX_SEED))
+    effects: str = parameter("", "effects file; empty: the nominal model")
+    truth: bool = parameter(False, "whether to publish true stiffness and damping")
 
 
 class SimulatorNode(SimulationNode[Array]):
@@ -156,10 +157,4 @@ def _goal_row(command: Command) -> Array | None:
     return row
 
 
-def main() -> int:
-    """Run the node."""
-    return run(SimulatorNode)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = partial(run, SimulatorNode)  # the executable

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numba import njit
@@ -11,17 +12,8 @@ from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_core.vsa_arms import VsaArm
 
-from via_sim.robots.contacts import Contact
-
-
-@dataclass(frozen=True)
-class ArmState:
-    """Angles [rad] and velocities [rad/s] of links and motors, (n,) each."""
-
-    q: Array
-    velocity: Array
-    theta: Array
-    motor_velocity: Array
+from via_sim.robots.bodies import ArmState, Body
+from via_sim.robots.contacts import Contact, Hand
 
 
 def arm_step(
@@ -96,3 +88,70 @@ def contact_torque(arm: VsaArm, q: Array, velocity: Array, contacts: Sequence[Co
     """Torque (n,) [N m] of `contacts` on the links."""
     force = contact_force(arm, q, velocity, contacts)
     return np.asarray(arm.tip_jacobian(q).T @ force) if force.any() else np.zeros(arm.n)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmBody(Body[ArmState]):
+    """An arm with walls. Raises ParameterError for a posture that its springs cannot hold."""
+
+    arm: VsaArm
+    posture: Array  # (n,) [rad] initial link angles
+    walls: tuple[Contact, ...] = ()
+    hand: Hand | None = None
+    substeps: int = 2  # per step; twice as many with walls or a hand
+
+    def __post_init__(self) -> None:
+        if self.posture.shape != (self.arm.n,) or not np.isfinite(self.posture).all():
+            raise ParameterError(f"posture must hold {self.arm.n} angles, got {self.posture}")
+        self.init()
+
+    @property
+    def name(self) -> str:
+        return self.arm.name
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return self.arm.joints
+
+    @property
+    def _contacts(self) -> tuple[Contact, ...]:
+        return self.walls if self.hand is None else (*self.walls, self.hand)
+
+    def init(self) -> ArmState:
+        zero = np.zeros(self.arm.n)
+        return ArmState(self.posture, zero, self.arm.rest(self.posture), zero)
+
+    def step(self, state: ArmState, torque: Array, period: float) -> ArmState:
+        contacts = self._contacts
+        substeps = 2 * self.substeps if contacts else self.substeps
+        return arm_step(self.arm, state, torque, period, substeps, contacts)
+
+    def limited(self, state: ArmState, torque: Array) -> Array:
+        return limited_torque(self.arm, state.motor_velocity, torque)
+
+    def stopped(self, state: ArmState) -> ArmState:
+        zero = np.zeros(self.arm.n)
+        return ArmState(state.q, zero, state.theta, zero)
+
+    def spring_torque(self, state: ArmState) -> Array:
+        return self.arm.spring_state(state.q - state.theta)[0]
+
+    def contact_force(self, state: ArmState) -> Array:
+        return contact_force(self.arm, state.q, state.velocity, self._contacts)
+
+    def base(self, state: ArmState) -> Array | None:
+        return None
+
+    def pushed(self, state: ArmState, impulse: Array, deflection: Array) -> ArmState:
+        step = np.linalg.solve(self.arm.inertia(state.q), impulse)
+        after = replace(state, q=state.q + deflection, velocity=state.velocity + step)
+        beyond = np.abs(after.q - after.theta) > self.arm.deflection_limit
+        if beyond.any():
+            raise ParameterError(f"springs would be beyond their stops: deflections {after.q - after.theta} rad")
+        return after
+
+    def held(self, state: ArmState) -> Self:
+        return replace(self, hand=Hand(self.arm.tip_position(state.q)))
+
+    def released(self) -> Self:
+        return replace(self, hand=None)

@@ -6,8 +6,9 @@ millimetre and does not bounce the robot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 import mujoco
@@ -16,92 +17,118 @@ from via_core.errors import ParameterError
 from via_core.hopper import GRAVITY, JOINTS, Hopper
 from via_core.signals import Array, locked
 
+from via_sim.robots.bodies import ArmState, Body
+
 STEP = 2.5e-4  # [s]
 
 
 @dataclass(frozen=True)
-class HopperState:
-    """State of the hopper; `whole` is the full state of MuJoCo, from which the next step starts."""
+class HopperState(ArmState):
+    """State of the hopper, joints in the order of JOINTS; the next step starts from `whole`, MuJoCo's full state."""
 
     time: float  # [s]
-    q: Array  # (4,) [rad] joints, order of JOINTS
-    velocity: Array  # (4,) [rad/s]
-    theta: Array  # (4,) [rad] motors
-    motor_velocity: Array  # (4,) [rad/s]
     trunk: Array  # (3,) x [m], z [m], pitch [rad]
-    trunk_velocity: Array  # (3,)
     force: Array  # (2,) [N] normal force of the ground on the front and the rear foot
     whole: Array
 
 
 @dataclass(frozen=True, eq=False)
-class HopperPlant:
-    """A hopper in MuJoCo. Not thread-safe: calls share the work memory of MuJoCo."""
+class HopperPlant(Body[HopperState]):
+    """A hopper in MuJoCo, dropped at the start. Not thread-safe: calls share the work memory of MuJoCo."""
 
     hopper: Hopper
-    _model: Any = field(init=False, repr=False)
-    _data: Any = field(init=False, repr=False)
-    _joints: Any = field(init=False, repr=False)
-    _motors: Any = field(init=False, repr=False)
-    _feet: Any = field(init=False, repr=False)
+    crouch: float = 0.6  # [rad] initial angle of the thighs, with relaxed springs
+    drop: float = 0.03  # [m] initial height above ground
 
-    def __post_init__(self) -> None:
-        model = mujoco.MjModel.from_xml_string(_mjcf(self.hopper, STEP))
-        object.__setattr__(self, "_model", model)
-        object.__setattr__(self, "_data", mujoco.MjData(model))
-        # All joints have one degree of freedom: angles and velocities have the same addresses.
-        object.__setattr__(self, "_joints", [model.joint(name).qposadr[0] for name in JOINTS])
-        object.__setattr__(self, "_motors", [model.joint(f"{name}_motor").qposadr[0] for name in JOINTS])
-        object.__setattr__(self, "_feet", [model.geom(f"{side}_foot").id for side in ("front", "rear")])
+    @cached_property
+    def _model(self) -> Any:
+        return mujoco.MjModel.from_xml_string(_mjcf(self.hopper, STEP))
+
+    @cached_property
+    def _data(self) -> Any:
+        return mujoco.MjData(self._model)
+
+    @cached_property
+    def _addresses(self) -> tuple[list[int], list[int], list[int]]:
+        """Of joints and motors, whose angles and velocities have the same addresses, and of the feet."""
+        joints = [self._model.joint(name).qposadr[0] for name in JOINTS]
+        motors = [self._model.joint(f"{name}_motor").qposadr[0] for name in JOINTS]
+        return joints, motors, [self._model.geom(f"{side}_foot").id for side in ("front", "rear")]
 
     @property
-    def model(self) -> Any:
-        """The MuJoCo model, for rendering."""
-        return self._model
+    def name(self) -> str:
+        return "hopper"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return JOINTS
+
+    def init(self) -> HopperState:
+        motors = self.hopper.crouched(self.crouch)
+        return self.start(motors, motors, self.drop)
 
     def start(self, q: Array, theta: Array, clearance: float, pitch: float = 0.0) -> HopperState:
         """State at rest at joint angles `q`, motor angles `theta` (4,) [rad] and trunk pitch `pitch` [rad].
 
         At zero pitch the lower sole would be `clearance` [m] above ground.
         """
+        joints, motors, _ = self._addresses
         heights = [self.hopper.leg_height(leg) for leg in (q[:2], q[2:])]
         mujoco.mj_resetData(self._model, self._data)
         self._data.qpos[1:3] = max(heights) + clearance, pitch
-        self._data.qpos[self._joints], self._data.qpos[self._motors] = q, theta
+        self._data.qpos[joints], self._data.qpos[motors] = q, theta
         mujoco.mj_forward(self._model, self._data)
         return self._state()
 
-    def step(self, state: HopperState, torque: Array, duration: float) -> HopperState:
-        """State `duration` [s] later, a multiple of STEP, under constant motor torques (4,) [N m], limited."""
-        count = round(duration / STEP)
-        if count < 1 or abs(count * STEP - duration) > 1e-9:
-            raise ParameterError(f"duration must be a multiple of {STEP} s, got {duration}")
+    def step(self, state: HopperState, torque: Array, period: float) -> HopperState:
+        """State `period` [s] later, a multiple of STEP, under constant motor torques (4,) [N m], limited."""
+        count = round(period / STEP)
+        if count < 1 or abs(count * STEP - period) > 1e-9:
+            raise ParameterError(f"period must be a multiple of {STEP} s, got {period}")
         mujoco.mj_setState(self._model, self._data, state.whole, mujoco.mjtState.mjSTATE_INTEGRATION)
-        self._data.ctrl[:] = np.clip(torque, -self.hopper.torque_limit, self.hopper.torque_limit)
+        self._data.ctrl[:] = self.limited(state, torque)
         mujoco.mj_step(self._model, self._data, nstep=count)
         return self._state()
 
+    def limited(self, state: HopperState, torque: Array) -> Array:
+        return np.clip(torque, -self.hopper.torque_limit, self.hopper.torque_limit)
+
+    def stopped(self, state: HopperState) -> HopperState:
+        return self.init()
+
+    def spring_torque(self, state: HopperState) -> Array:
+        return self.hopper.spring_state(state.q - state.theta)[0]
+
+    def contact_force(self, state: HopperState) -> Array:
+        return np.array([0.0, 0.0, state.force.sum()])
+
+    def base(self, state: HopperState) -> Array | None:
+        x, z, pitch = state.trunk
+        return np.array([x, 0.0, z, 0.0, np.sin(0.5 * pitch), 0.0, np.cos(0.5 * pitch)])
+
+    def pushed(self, state: HopperState, impulse: Array, deflection: Array) -> HopperState:
+        raise ParameterError("the hopper cannot be pushed; it starts by falling")
+
+    def held(self, state: HopperState) -> Self:
+        raise ParameterError("the hopper cannot be held: it has no end effector")
+
+    def released(self) -> Self:
+        return self
+
     def _state(self) -> HopperState:
         model, data, kind = self._model, self._data, mujoco.mjtState.mjSTATE_INTEGRATION
+        joints, motors, feet = self._addresses
         whole = np.empty(mujoco.mj_stateSize(model, kind))
         mujoco.mj_getState(model, data, whole, kind)
         force, wrench = np.zeros(2), np.zeros(6)
         for contact in range(data.ncon):
             mujoco.mj_contactForce(model, data, contact, wrench)
-            for foot, geom in enumerate(self._feet):
+            for foot, geom in enumerate(feet):
                 if geom in data.contact[contact].geom:
                     force[foot] += wrench[0]
         q, v = np.array(data.qpos), np.array(data.qvel)
         return HopperState(
-            time=float(data.time),
-            q=q[self._joints],
-            velocity=v[self._joints],
-            theta=q[self._motors],
-            motor_velocity=v[self._motors],
-            trunk=q[:3],
-            trunk_velocity=v[:3],
-            force=force,
-            whole=locked(whole, "whole"),
+            q[joints], v[joints], q[motors], v[motors], float(data.time), q[:3], force, locked(whole, "whole")
         )
 
 
