@@ -42,7 +42,8 @@ _SIZES = {
     "stop": 2, "spring_hardening": 2, "pretension_offset": 2, "half_gap": 2, "no_gap": 2, "slip_torque": 2,
     "slip_stiffness": 2, "spring_damping": 2, "contact_angle": 1, "contact_side": 1, "contact_stiffness": 1,
     "contact_damping": 1, "no_wall": 1, "torque_gain": 3, "torque_bias": 3, "lag_left": 3,
-    "ripple_amplitude": 3 * RIPPLE_HARMONICS, "ripple_order": 3 * RIPPLE_HARMONICS, "ripple_phase": 3 * RIPPLE_HARMONICS,
+    "ripple_amplitude": 3 * RIPPLE_HARMONICS, "ripple_order": 3 * RIPPLE_HARMONICS,
+    "ripple_phase": 3 * RIPPLE_HARMONICS,
 }  # fmt: skip
 _Rows = namedtuple("_Rows", list(_SIZES))  # type: ignore[misc]
 Z: Any = _Rows(*(int(s) for s in np.cumsum((0, *list(_SIZES.values())[:-1]))))
