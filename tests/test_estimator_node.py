@@ -31,14 +31,19 @@ PERIOD = 1_000_000  # [ns]
 JOINTS, COMMANDS = "sensor_msgs/msg/JointState", "via_interfaces/msg/VsaCommand"
 
 
-def antagonistic_messages(count, device):
-    """Serialised samples of smooth motion with a torque in every one; only the bits matter here."""
+def antagonistic_messages(count, device, sign=1.0):
+    """Serialised samples of smooth motion under the torques that the device needs, or with `sign` -1 the reverse."""
     writer = JointStateWriter(device)
     rng = np.random.default_rng(3)
     for k in range(count):
         t = 1e-3 * k
         writer.position[:] = 0.3 * np.sin(5.0 * t), 0.5 + 0.1 * np.sin(9.0 * t), -0.5 + 0.2 * np.cos(7.0 * t)
-        writer.effort[1:] = 0.4 * np.sin(4.0 * t) + 0.01 * rng.normal(size=2)
+        rate = np.array([0.9 * np.cos(9.0 * t), -1.4 * np.sin(7.0 * t)])
+        bend = np.array([-8.1 * np.sin(9.0 * t), -9.8 * np.cos(7.0 * t)])
+        spring = device.torque_each(writer.position[0], writer.position[1:])
+        motor = device.motors[0]
+        writer.effort[1:] = sign * (motor.inertia * bend + motor.viscous_friction * rate - spring)
+        writer.effort[1:] += 0.01 * rng.normal(size=2)
         yield serialize_message(writer.stamped(START + PERIOD * k))
 
 
@@ -330,14 +335,14 @@ def test_reset_of_one_device_does_not_affect_the_other(graph):
 
 
 def test_diagnostics_and_status_tell_a_fault(graph):
-    """Torques that belong to no such joint: IMPLAUSIBLE in every message, the suspected fault in the diagnostics."""
+    """Reversed torques: IMPLAUSIBLE in every message, the suspected fault in the diagnostics."""
     harness = Harness(graph, device="cubic_demo")
-    harness.send(antagonistic_messages(1200, harness.device))
+    harness.send(antagonistic_messages(1200, harness.device, sign=-1.0))
     assert harness.heard[StiffnessEstimate][-1].status == StiffnessEstimate.IMPLAUSIBLE
 
     def reported():
         heard = [status for report in harness.heard[DiagnosticArray] for status in report.status]
-        return next((each for each in heard if "check torque constants, units" in each.message), None)
+        return next((each for each in heard if "wrong sign of tau_1, tau_2" in each.message), None)
 
     graph.until(reported)
     status = reported()

@@ -32,13 +32,14 @@ from via_core.status import IMPLAUSIBLE, OK, OUTSIDE_RANGE, Status
 
 from via_estimators.contract import Estimator, Health, Kernel, Parameters
 from via_estimators.slots import slots
-from via_estimators.window import RESTARTED, SKIPPED, TAKEN
+from via_estimators.window import RESTARTED, SKIPPED, TAKEN, sound
 
 EVERY = 0.25  # [s] between two comparisons
 FIRST = 0.75  # [s] before the first comparison
 HOLD = 3.0  # [s] of possible intervals after which a fault is over
 RATE = 250.0  # [Hz] of the samples kept
 KEPT = int(1.2 * INTERVAL * RATE)
+NEVER = -1e300  # [s] before every stamp
 SURE = 3.0  # [standard deviations] by which an estimate must miss its bounds
 # Stamp of the last sample and of the last one kept; time of the next comparison; end of the suspicion; ring position
 # and filling; 1 while implausible; time over which the torques are summed; number of the last output outside its
@@ -76,7 +77,7 @@ class Checked(Estimator):
 
     def init(self) -> Array:
         head = np.zeros(HEAD.size)
-        head[[HEAD.last, HEAD.kept, HEAD.next, HEAD.until]] = -np.inf
+        head[[HEAD.last, HEAD.kept, HEAD.next, HEAD.until]] = NEVER
         columns = 1 + len(self.inputs)
         state = np.concatenate([self.inner.init(), head, np.zeros(columns), np.zeros(KEPT * columns)])
         state.flags.writeable = False
@@ -202,8 +203,10 @@ class Checked(Estimator):
 @njit(cache=True, error_model="numpy", inline="always")
 def _kind(row: Array, last: float) -> int:
     """SKIPPED, TAKEN or RESTARTED (the first sample, after a gap, or of a log played again), as `window.admit`."""
-    for value in row:
-        if not np.isfinite(value):
+    if not np.isfinite(row[0]):
+        return SKIPPED
+    for j in range(1, row.size):
+        if not sound(row[j]):
             return SKIPPED
     step = row[0] - last
     if 0.0 < step < INTERVAL:
@@ -249,7 +252,7 @@ def _finish(
         time, step = rows[k, 0], rows[k, 0] - head[HEAD.last]
         if kind == RESTARTED:
             head[HEAD.slot] = head[HEAD.filled] = head[HEAD.summed] = 0.0
-            head[HEAD.kept], head[HEAD.next], step = -np.inf, time + FIRST, 0.0
+            head[HEAD.kept], head[HEAD.next], step = NEVER, time + FIRST, 0.0
             sums[:] = 0.0
         head[HEAD.last] = time
         head[HEAD.summed] += step

@@ -13,6 +13,7 @@ from via_core.errors import ParameterError
 from via_interfaces.srv import ClearEffects, SetEffects
 
 from via_sim.effects import Effect, place_name
+from via_sim.effects.files import load_effects
 
 
 class EffectServices:
@@ -28,6 +29,10 @@ class EffectServices:
         """Change to these effects; raises ParameterError for one that does not fit."""
         self._change(effects)
         self.active = ", ".join(f"{e.name} at {place_name(e.site, e.motor)}" for e in effects) or "nominal model"
+
+    def load(self, path: str) -> None:
+        """Change to the effects of a file, without a path to none; raises ParameterError."""
+        self.apply(load_effects(path) if path else ())
 
     def _set(self, request: SetEffects.Request, answer: SetEffects.Response) -> SetEffects.Response:
         try:

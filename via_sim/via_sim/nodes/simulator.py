@@ -26,7 +26,6 @@ from via_ros.conversions import Command, JointStateWriter, followed, set_stamp
 from via_ros.parameters import declare
 from via_ros.spin import run
 
-from via_sim.effects.files import load_effects
 from via_sim.joint.measurements import MEASURED, TRUTH
 from via_sim.joint.torques import DAMPING, EXTERNAL, GOAL, M1, N_COMMANDS, POWER
 from via_sim.nodes.effect_services import EffectServices
@@ -54,7 +53,7 @@ class SimulatorNode(SimulationNode[Array]):
         self._chosen = own = declare(self, SimulatorParameters)
         self.device = load_device(own.device)
         self._effects = EffectServices(self, self._change)
-        self._effects.apply(load_effects(own.effects) if own.effects else ())
+        self._effects.load(own.effects)
         self._state = self._simulator.init(seed=own.seed)
         self._simulator.step(self._state, np.zeros(N_COMMANDS))  # compiles now and not in the first tick
         self._measured, self._truth = self._simulator.sample(self._state)
