@@ -74,6 +74,8 @@ def write(
         "sound": sound_table(sound),
         "cases": sum(len(each.ok) for each in faulty),
         "missed": missed,
+        "impossible": sum(int(np.sum(each.unexplained > IMPOSSIBLE)) for each in sound),
+        "intervals": sum(len(each.unexplained) for each in sound),
         "source": source,
         "picture": picture,
         "late": f"{LATE:g}",
