@@ -126,7 +126,7 @@ def publish(
         if time.monotonic() > deadline or node.poll() is not None or listener.poll() is not None:
             raise ViaError(f"the node or its listener ended, or was not connected within {CONNECT:g} s")
         time.sleep(0.05)
-    time.sleep(2.0)  # this process has discovered both others; they need to discover each other as well
+    time.sleep(6.0)  # this process has discovered both others; they need to discover each other as well
     writers: list[tuple[Any, bytearray, np.ndarray, np.ndarray]] = []
     for group, publisher in zip(groups, publishers, strict=True):
         message = JointState(name=[name for each in group for name in (each.link_joint, *each.motor_joints)])
