@@ -93,6 +93,13 @@ class Checked(Estimator):
             return found._replace(status=Status.IMPLAUSIBLE)
         return found
 
+    def load(self) -> None:
+        super().load()
+        time, m = np.arange(100) / RATE, max(self.device.n_motors, 1)
+        still = Samples(time, 0.0 * time, np.zeros((len(time), self.device.n_motors)), np.zeros((len(time), m)))
+        for each in self._equations:
+            each.share(still)
+
     def fault(self, state: Array) -> str:
         """The suspected fault with its remedy, '' while samples and estimates are plausible."""
         head = self._head(state)

@@ -158,6 +158,10 @@ class Estimator(ABC):
     def condition(self, state: Array) -> float:
         """Largest condition number [-] of the scaled normal equations."""
 
+    def load(self) -> None:
+        """Load every compiled function, so that no sample waits for one."""
+        self.run_rows(np.full((1, 1 + len(self.inputs)), np.nan))
+
     def fault(self, state: Array) -> str:
         """The suspected fault of signals or device file with its remedy; '' without one, or without a check."""
         return ""

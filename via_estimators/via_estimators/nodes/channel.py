@@ -63,6 +63,7 @@ class EstimatorChannel:
         # An invalid sample loads the compiled kernel before the first valid one arrives.
         self.live.take(np.full((1, 1 + len(estimator.inputs)), np.nan))
         self.live.restart()
+        estimator.load()
 
     def take(self, row: Array, stamp: bytes) -> None:
         """Process one sample row (1, 1 + k) and publish the estimates, with its stamp (8,)."""
