@@ -249,6 +249,8 @@ class Tolerances(Part):
     kp: Tolerance = 0.05  # of a position drive: small where gains are known, large where they are to be identified
     kd: Tolerance = 0.05
     torque_limit: Tolerance = 0.05  # of a position drive
+    # Of measured torques, such as a torque constant. No motion shows it, so it must be stated.
+    torque_scale: Annotated[float, Field(strict=True, ge=0.0, le=0.65)] = 0.0
 
 
 class WireColumn(Part):

@@ -13,7 +13,8 @@ from via_core.status import Status
 from via_estimators.modulated_torque import ModulatedTorque, ModulatedTorqueParameters
 
 INERTIA, DAMPING, CUBIC = 1e-4, 1.27, 10.0
-PLAIN = ModulatedTorqueParameters(order=2, deflection_scale=2.0, memory=1e9, torque_noise=1.0, position_noise=0.0)
+PLAIN = ModulatedTorqueParameters(order=2, deflection_scale=2.0, steadiness=1.0, torque_noise=1.0, position_noise=0.0)
+ENOUGH = 1.2  # [s] after the first sample there are as many equations as unknowns
 
 
 def excitation(case, t):
@@ -85,7 +86,7 @@ def planted(period=1e-3, count=3000, jitter=0.0, seed=0):
 
 
 ONE = ModulatedTorque(
-    ModulatedTorqueParameters(transmissions=1, order=2, memory=1e9, torque_noise=1e-3, position_noise=0.0)
+    ModulatedTorqueParameters(transmissions=1, order=2, steadiness=1.0, torque_noise=1e-3, position_noise=0.0)
 )
 
 
@@ -93,8 +94,8 @@ ONE = ModulatedTorque(
 def test_parameters_are_recovered(jitter):
     rows, truth = planted(jitter=jitter)
     _, estimates = ONE.run_rows(rows)
-    converged = estimates.status == Status.OK
-    assert converged.mean() > 0.7
+    converged = (estimates.status == Status.OK) & (rows[:, 0] > ENOUGH)
+    assert converged.mean() > 0.45
     assert np.abs(estimates.value[:, 0] - truth)[converged].max() < 2e-3 * truth.max()
     assert estimates.column("motor_inertia_1")[0][-1] == pytest.approx(0.02, rel=1e-3)
     assert estimates.column("motor_damping_1")[0][-1] == pytest.approx(0.3, rel=1e-3)
@@ -104,8 +105,8 @@ def test_parameters_are_recovered(jitter):
 def test_several_modulating_functions_and_windows_work(order, intervals):
     rows, truth = planted(jitter=0.8)
     _, estimates = ModulatedTorque(replace(ONE.parameters, modulating_order=order, window=intervals)).run_rows(rows)
-    converged = estimates.status == Status.OK
-    assert converged.mean() > 0.6
+    converged = (estimates.status == Status.OK) & (rows[:, 0] > intervals / 200 * ENOUGH)
+    assert converged.mean() > 0.3
     assert np.abs(estimates.value[:, 0] - truth)[converged].max() < 2e-3 * truth.max()
     assert estimates.column("motor_inertia_1")[0][-1] == pytest.approx(0.02, rel=1e-3)
 
@@ -114,11 +115,24 @@ def test_effort_is_the_torque_over_the_interval_that_ends_at_the_stamp():
     rows, truth = planted(period=4e-3)
     wrong = rows.copy()
     wrong[:-1, 3] = rows[1:, 3]  # as if the effort at a stamp were the torque from then on
-    right = ONE.run_rows(rows)[1]
-    late = ONE.run_rows(wrong)[1]
-    converged = right.status == Status.OK
+    punctual = ModulatedTorque(replace(ONE.parameters, delay_deviation=1e-9))
+    right = punctual.run_rows(rows)[1]
+    late = punctual.run_rows(wrong)[1]
+    converged = (right.status == Status.OK) & (rows[:, 0] > 4.0 * ENOUGH)
     rms = [np.sqrt(np.mean((e.value[:, 0] - truth)[converged] ** 2)) for e in (right, late)]
     assert rms[0] < 2e-3 and rms[1] > 20.0 * rms[0]
+
+
+@pytest.mark.parametrize("late", [-3, 5])
+def test_a_torque_that_is_late_or_early_is_recognised(late):
+    rows, truth = planted(count=6000)
+    shifted = rows[10:-10].copy()
+    shifted[:, 3] = rows[10 - late : len(rows) - 10 - late, 3]
+    settled = shifted[:, 0] > 3.0
+    _, estimates = ONE.run_rows(shifted)
+    assert np.abs(estimates.value[:, 0] - truth[10:-10])[settled].max() < 2e-3 * truth.max()
+    _, fixed = ModulatedTorque(replace(ONE.parameters, delay_deviation=1e-9)).run_rows(shifted)
+    assert np.abs(fixed.value[:, 0] - truth[10:-10])[settled].max() > 0.02 * truth.max()
 
 
 def test_an_offset_of_both_angles_has_no_effect():
@@ -133,7 +147,7 @@ def test_before_a_full_window_missing_samples_are_not_zeros():
     late = rows[500:]  # a log that begins in full motion
     _, estimates = ONE.run_rows(late)
     assert np.all(estimates.status[:400] == Status.WARMING_UP)
-    converged = estimates.status == Status.OK
+    converged = (estimates.status == Status.OK) & (late[:, 0] > late[0, 0] + ENOUGH)
     assert np.abs(estimates.value[:, 0] - truth[500:])[converged].max() < 2e-3 * truth.max()
 
 
@@ -311,3 +325,86 @@ def test_encoder_noise_through_the_spring_is_included():
         reported.append(estimates.standard_deviation[-1])
     ratio = np.sqrt(np.mean(np.square(reported), axis=0)) / np.std(found, axis=0)
     assert np.all((ratio > 0.8) & (ratio < 1.25))
+
+
+def changing(scale, friction=0.0, stick=False, count=20000, seed=0):
+    """Rows of one motor in prescribed motion at 1 kHz with noise of .02 N m, and the true stiffness.
+
+    scale  of the spring law 8 phi + 5 phi^3, a function of time; friction [N m]; stick: the motor rests now and then
+    """
+    t = 1e-3 * np.arange(count)
+    pause = np.clip(1.6 * np.sin(1.3 * t) + 0.9, 0.0, 1.0) if stick else np.ones(count)  # a motor that rests at times
+    rate = pause * (2.1 * np.cos(7.0 * t) + 2.6 * np.cos(13.0 * t + 1.0))
+    theta = np.concatenate([[0.0], np.cumsum(0.5e-3 * (rate[1:] + rate[:-1]))])
+    bend = np.gradient(rate, 1e-3)
+    q = 0.5 * np.sin(4.0 * t)
+    phi = q - theta
+    held = -scale(t) * (8.0 * phi + 5.0 * phi**3)
+    dry = np.where(rate != 0.0, friction * np.sign(rate), np.clip(-held, -friction, friction))
+    torque = 0.02 * bend + 0.3 * rate + held + dry
+    effort = np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
+    effort += 0.02 * np.random.default_rng(seed).normal(size=count)
+    return np.column_stack([t, q, theta, effort]), scale(t) * (8.0 + 15.0 * phi**2)
+
+
+ALERT = ModulatedTorque(
+    ModulatedTorqueParameters(transmissions=1, order=3, stiffness_deviation=60.0, torque_noise=0.02, position_noise=0.0)
+)
+CONSTANT = lambda t: np.ones_like(t)  # noqa: E731
+
+
+@pytest.mark.parametrize(
+    ("scale", "begin", "end", "largest"),
+    [
+        (CONSTANT, 3.0, 20.0, 0.003),
+        (lambda t: 1.0 + 0.001 * t, 3.0, 20.0, 0.003),
+        (lambda t: 1.0 + 0.003 * t, 3.0, 20.0, 0.004),
+        (lambda t: np.where(t < 10.0, 1.0, 1.5), 10.0, 11.5, 0.2),
+        (lambda t: 1.0 + 0.3 * np.sin(np.pi * t), 3.0, 20.0, 0.06),
+    ],
+    ids=["constant", ".1 % per s", ".3 % per s", "step", "30 % at .5 Hz"],
+)
+def test_a_spring_that_changes_is_followed_within_its_intervals(scale, begin, end, largest):
+    """The cases of the issue's table: coverage of at least 85 % of the 95 % intervals, error relative to the stiffness."""
+    rows, truth = changing(scale)
+    _, estimates = ALERT.run_rows(rows)
+    value, sd = estimates.column("stiffness")
+    counted = (rows[:, 0] >= begin) & (rows[:, 0] < end) & (estimates.status == Status.OK)
+    assert counted.sum() > 0.8 * 1e3 * (end - begin)
+    error = (value - truth)[counted]
+    assert np.mean(np.abs(error) <= 1.96 * sd[counted]) >= 0.85
+    assert np.sqrt(np.mean(error**2) / np.mean(truth[counted] ** 2)) < largest
+
+
+@pytest.mark.parametrize("stick", [False, True])
+def test_dry_friction_that_no_file_declares_is_recognised(stick):
+    rows, truth = changing(CONSTANT, friction=0.5, stick=stick)
+    _, estimates = ALERT.run_rows(rows)
+    value, sd = estimates.column("stiffness")
+    later = (rows[:, 0] > 5.0) & (estimates.status == Status.OK)
+    assert later.mean() > 0.5
+    assert np.mean(np.abs(value - truth)[later] <= 1.96 * sd[later]) >= 0.85
+    assert np.sqrt(np.mean((value - truth)[later] ** 2) / np.mean(truth[later] ** 2)) < 0.01
+    damping, doubt = estimates.column("motor_damping_1")
+    assert damping[-1] == pytest.approx(0.3, abs=3.0 * doubt[-1] + 1e-3)
+    _, blind = ModulatedTorque(replace(ALERT.parameters, friction_deviation=1e-6)).run_rows(rows)
+    assert abs(blind.column("motor_damping_1")[0][-1] - 0.3) > 0.05
+
+
+def test_a_declared_uncertainty_of_the_torque_scale_is_in_every_interval():
+    """A torque constant of 10 % too much, declared as that uncertain."""
+    rows, truth = changing(CONSTANT)
+    rows[:, 3] *= 1.1
+    exact, rough = (
+        ModulatedTorque(replace(ALERT.parameters, torque_scale_deviation=share)).run_rows(rows)[1]
+        for share in (0.0, 0.1)
+    )
+    np.testing.assert_array_equal(exact.value, rough.value)
+    good = (rows[:, 0] > 3.0) & (rough.status == Status.OK)
+    inside = [
+        np.mean(np.abs(each.value[:, 0] - truth)[good] <= 1.96 * each.standard_deviation[good, 0])
+        for each in (exact, rough)
+    ]
+    assert inside[0] < 0.1 and inside[1] > 0.95
+    assert rough.column("motor_inertia_1")[1][-1] > 0.1 * 0.02
+    assert ModulatedTorque.from_device(load_device("qbmove_a")).parameters.torque_scale_deviation == 0.0

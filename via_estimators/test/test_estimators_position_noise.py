@@ -35,6 +35,7 @@ def test_standard_deviations_match_empirical_ones_with_encoder_noise(inertia, da
             order=1,
             memory=1e9,
             truncation=0.0,
+            steadiness=1.0,
             inertia_deviation=1.0,
             torque_noise=torque_noise,
             position_noise=NOISE,

@@ -36,7 +36,8 @@ def columns():
 def scatter(name):
     """Reported standard deviations (3, n) of total and transmissions, empirical ones, and estimates (seeds, 3, n)."""
     estimator = estimator_for(DEVICE, name)
-    known = {"position_noise": BLUR, "quantum": BLUR * np.sqrt(12.0), "torque_noise": TORQUE_NOISE, "truncation": 0.0}
+    known = {"position_noise": BLUR, "quantum": BLUR * np.sqrt(12.0), "torque_noise": TORQUE_NOISE}
+    known |= {"truncation": 0.0, "steadiness": 1.0}
     parameters = estimator.parameters
     estimator = estimator.with_parameters(
         replace(parameters, **{key: value for key, value in known.items() if hasattr(parameters, key)})

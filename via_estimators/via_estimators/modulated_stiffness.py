@@ -180,21 +180,6 @@ class ModulatedStiffness(Estimator):
 
 
 @njit(cache=True, error_model="numpy")
-def hold_slope(times: Array, newest: int, weights: Array, held: Array) -> None:
-    """Weights (L,) for <f, psi'> of values constant over the interval that ends at their stamp: psi_n - psi_(n-1).
-
-    weights  (L,) of <f, psi> for sampled curves, that is psi_n times half the two steps at n
-    """
-    last = times.size - 1
-    window.densities(times, newest, weights, held)
-    across = held[last]
-    for n in range(last, 0, -1):
-        held[n] = 2.0 * (held[n] - held[n - 1])
-    held[0] = 2.0 * (held[0] - across)
-    held[newest + 1 if newest < last else 0] = 0.0
-
-
-@njit(cache=True, error_model="numpy")
 def _uncertainty(
     equation: Array, n: int, noise: float, first: float, second: float, slope: Array, work: Array
 ) -> float:
@@ -249,7 +234,7 @@ def _weigh(par: Array, times: Array, slot: int, psi: Array, held: Array) -> floa
     order, oldest = int(par[P.modulating_order]), window.oldest_of(slot, times.size)
     fill_weights(order, times, oldest, psi)
     fill_third(order, times, oldest, psi)
-    hold_slope(times, slot, psi[0], held)
+    window.hold_slope(times, slot, psi[0], held)
     return times[slot] - times[oldest]
 
 

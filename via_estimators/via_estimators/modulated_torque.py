@@ -1,22 +1,32 @@
-"""The default stiffness estimator: the modulated torque equation of each motor, solved recursively.
+"""The default stiffness estimator: the modulated torque equation of each motor, whose spring may change.
 
-Source: SAPHARI deliverable, Sections 2-4. The motor equation (5), B thdd + D thd - tau_e(phi) = tau, is multiplied by a
-modulating function psi that vanishes with its derivatives at both ends of a sliding window (Prop. 1):
+Source: SAPHARI deliverable, Sections 2-4. The motor equation (5), B thdd + D thd - tau_e(phi) = tau, with dry friction
+F and a torque that is reported d late, is multiplied by a modulating function psi that vanishes with its derivatives at
+both ends of a window (Prop. 1):
 
-    <tau, psi> = B <theta, psi''> - D <theta, psi'> - sum_p a_p <f_p(phi), psi>,   f_p = s (phi/s)^p / p, f_0 = s
+    <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + d <tau, psi'> - sum_p a_p <f_p(phi), psi>
 
-so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of stiffness at the deflection scale s. Powers
-are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned against each other) also needs 0, 2, 4, ..
+with f_p = s (phi/s)^p / p, f_0 = s, so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of
+stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned
+against each other) also needs 0, 2, 4, .. The delay also enters to second order, with the present estimate of d: the
+right side is less by d^2 <tau, psi''> / 2.
 
-Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B
-and D are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the update is QR with a prior; the
-standard errors account for the autocorrelation of the noise (`coloured`).
+Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
+D, F and d are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change
+in time (`interacting_models`).
+
+There are two equations per window length. Neighbours then share so little of psi that their noise is independent (its
+correlation is .04), and still they use 91 % of the information in all samples. An equation holds in the middle of its
+window, half a window ago: up to the present sample the estimate is continued with its trend, and its standard deviation
+grows by what the spring may have changed since.
 
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
 
-Standard deviations include noise and the truncation of the basis: the last term estimates the size of the first one
-left out (`truncation`). So give the basis one term more than needed, or set truncation to 0 if it is exact.
+Standard deviations include noise, changes of the spring, the declared uncertainty of the torque's scale, which no
+motion shows, and the truncation of the basis: the last term estimates the size of the first one left out
+(`truncation`). So give the basis one term more than needed, or set truncation to 0 if it is exact. Where a motor
+sticks, dry friction of unknown sign is noise.
 
 Effort convention: the effort in a sample stamped t_n is the torque that acted over the interval ENDING at t_n,
 (t_(n-1), t_n], as a simulator or drive reports what it has just applied. A torque command is constant over exactly such
@@ -28,7 +38,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from math import exp, sqrt
+from math import sqrt
 
 import numpy as np
 from numba import njit
@@ -37,7 +47,7 @@ from via_core.signals import Array
 from via_core.springs import SpringLaw
 from via_core.status import BAD_SAMPLE
 
-from via_estimators import coloured, transmissions, window
+from via_estimators import interacting_models, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.slots import row_of, slots
 from via_estimators.transmissions import JOINT, VISITED
@@ -45,14 +55,21 @@ from via_estimators.window import HEADER
 
 MOST_TERMS = 6
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
+ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
+WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
+REACH = 0.025  # [windows] to each side, over which a motor's direction is measured
+QUANTUM = sqrt(12.0)  # encoder step over the standard deviation of its rounding
 # Followed by the means (n,) and the standard deviations (n,) of the prior.
 P = slots(
     "length", "transmissions", "order", "even_terms", "memory", "max_gap", "torque_noise", "position_noise",
     "deflection_scale", "minimum_motion", "range_margin", "truncation", "modulating_order",
+    "torque_scale_deviation", "steadiness",
 )  # fmt: skip
-# Of each transmission, before its equation; deflections count by size if the basis is odd.
-KEPT = slots("squared_stiffness", after=VISITED)  # mean over the rows [(N m/rad)^2]
-THETA, TAU, BASIS = range(3)  # columns of a transmission in the ring: theta, tau, f_1, ..
+U = slots("inertia", "damping", "friction", "delay")  # unknowns, followed by the coefficients of the spring law
+# Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative.
+KEPT = slots("moved", "moving", after=VISITED)
+ROW = slots("since")  # of the joint: samples since the last equation
+THETA, TAU, PHI = range(3)  # columns of a transmission in the ring
 
 
 @dataclass(frozen=True)
@@ -65,7 +82,8 @@ class ModulatedTorqueParameters(Parameters):
     order: int = parameter(3, "odd terms of the spring law", "-", 1, MOST_TERMS)
     even_terms: int = parameter(0, "even terms in addition, the constant first", "-", 0, MOST_TERMS)
     truncation: float = parameter(1.0, "truncation error over the last term; 0: the basis is exact", "-", 0.0, 10.0)
-    memory: float = parameter(20.0, "time after which a row has weight 1/e", "s", 0.05, 1e9)
+    memory: float = parameter(60.0, "mean time between changes of how fast the spring changes", "s", 0.05, 1e9)
+    steadiness: float = parameter(0.5, "probability that a spring does not change; 1: it never does", "-", 0.0, 1.0)
     max_gap: float = parameter(0.05, "longest step between samples that keeps the window", "s", 1e-4, 10.0)
     deflection_scale: float = parameter(1.0, "deflection at which all terms have equal weight", "rad", 1e-3, 10.0)
     stiffness_prior: float = parameter(0.0, "stiffness per transmission before any data", "N m/rad", 0.0, 1e9)
@@ -74,6 +92,10 @@ class ModulatedTorqueParameters(Parameters):
     inertia_deviation: float = parameter(0.1, "standard deviation of the prior inertia", "kg m^2", 1e-9, 1e3)
     damping_prior: float = parameter(0.0, "motor damping before any data", "N m s/rad", 0.0, 1e4)
     damping_deviation: float = parameter(10.0, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
+    friction_prior: float = parameter(0.0, "dry friction of a motor before any data", "N m", 0.0, 1e6)
+    friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-9, 1e6)
+    delay_deviation: float = parameter(0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0)
+    torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     minimum_motion: float = parameter(0.01, "least range of deflection in an informative window", "rad", 0.0, 1.0)
@@ -90,6 +112,10 @@ class ModulatedTorque(Estimator):
     def from_device(cls, device: Device) -> ModulatedTorque:
         """Scales and priors of the order of magnitude that the device file states."""
         known = {**transmissions.priors_of(device), **transmissions.known_of(device)}
+        motor, spring = transmissions.motors_of(device)[0], device.spring_laws[0]
+        typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
+        known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
+        known |= {"torque_scale_deviation": device.tolerances.torque_scale}
         order, even = _terms_for(device.spring_laws)
         return cls(ModulatedTorqueParameters(**known, order=order, even_terms=even))
 
@@ -106,36 +132,41 @@ class ModulatedTorque(Estimator):
 
     @property
     def _unknowns(self) -> int:
-        """Number of unknowns: B, D and the coefficients of the spring law."""
-        return 2 + self.parameters.order + self.parameters.even_terms
+        """Number of unknowns: those of the motor and the coefficients of the spring law."""
+        return U.size + self.parameters.order + self.parameters.even_terms + 1
 
     @cached_property
-    def _constants(self) -> tuple[Array, Array]:
-        """Parameter row of the kernel and noise colours (3, 2 L); writable, since a locked array compiles again."""
-        own = self.parameters
-        prior = transmissions.prior_rows(own, self._unknowns - 2)
-        row = np.concatenate([row_of(P, own, length=own.window + 1), *prior])
-        return row, coloured.mirrored(coloured.colours(own.window, own.modulating_order))
+    def _constants(self) -> Array:
+        """Parameter row of the kernel; writable, since a locked array compiles again."""
+        own, n = self.parameters, self._unknowns
+        mean, width = np.zeros(n), np.full(n, own.stiffness_deviation)
+        mean[[U.inertia, U.damping, U.friction, U.size]] = (
+            own.inertia_prior, own.damping_prior, own.friction_prior, own.stiffness_prior,
+        )  # fmt: skip
+        width[n - 1] = 1.0
+        width[: U.size] = own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.delay_deviation
+        return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
     def init(self) -> Array:
         own = self.parameters
         m, n, length, k = own.transmissions, self._unknowns, own.window + 1, len(self.outputs)
-        state = np.zeros(HEADER.size + 2 * k + length * (1 + m * n) + m * _part_size(n, length))
+        state = np.zeros(HEADER.size + 2 * k + ROW.size + length * (1 + 3 * m) + m * _part_size(n))
         window.start(state)
         state[HEADER.size : HEADER.size + 2 * k] = transmissions.prior_outputs(own, "inertia", "damping")
-        for part in _parts(state, m, n, length):
-            coloured.start(part[KEPT.size :], n)
+        for part in _parts(state, m, n):
+            interacting_models.start(part[KEPT.size :], n, own.steadiness)
         state.flags.writeable = False
         return state
 
     def condition(self, state: Array) -> float:
-        own, n = self.parameters, self._unknowns
-        parts = _parts(state, own.transmissions, n, own.window + 1)
-        return max(1.0, *(float(np.linalg.cond(coloured.factor(part[KEPT.size :], n))) for part in parts))
+        n = self._unknowns
+        parts = _parts(state, self.parameters.transmissions, n)
+        known = [interacting_models.estimate_of(part[KEPT.size :], n)[1][:-1, :-1] for part in parts]  # but the trend
+        return float(np.sqrt(max(np.linalg.cond(each) for each in known)))
 
     @cached_property
     def _advance(self) -> Kernel:
-        return partial(_advance, *self._constants)
+        return partial(_advance, self._constants)
 
 
 def _terms_for(springs: tuple[SpringLaw, ...]) -> tuple[int, int]:
@@ -159,60 +190,153 @@ def _power(term: int, order: int) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array, work: Array) -> float:
+def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array, covariance: Array) -> float:
     """Squared stiffness [(N m/rad)^2] of the terms left out, bounded by the size of the last term without its noise.
 
     Over the deflections visited, |phi| <= far s, a power n of phi contains 2^(1-n) far^n of the Chebyshev polynomial
     T_n, and the Chebyshev coefficients of a smooth function decrease.
-
-    work  as `coloured.blur` leaves it
     """
-    j = 2 + term
+    j = U.size + term
     n = _power(term, order) - 1
     size = 2.0 ** (1 - n) * far**n if n > 0 else 0.0
-    share, variance = mean[j] + width[j] * x[j], width[j] * width[j] * coloured.variance_of(x.size, j, work)
+    share, variance = mean[j] + width[j] * x[j], width[j] * width[j] * covariance[j, j]
     return size * size * max(share * share - 4.0 * variance, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
-def _part_size(n: int, length: int) -> int:
+def _part_size(n: int) -> int:
     """Numbers in the state of one transmission."""
-    return KEPT.size + coloured.size(n, length)
+    return KEPT.size + interacting_models.size(n)
 
 
 @njit(cache=True, error_model="numpy")
-def _parts(state: Array, m: int, n: int, length: int) -> Array:
+def _parts(state: Array, m: int, n: int) -> Array:
     """The view (m, ..) of each transmission's KEPT and equation, at the end of the state."""
-    each = _part_size(n, length)
+    each = _part_size(n)
     return state[state.size - m * each :].reshape(m, each)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _store(par: Array, sample: Array, slot: int, ring: Array, powers: Array) -> None:
-    """Write theta, tau and f_p of each transmission into ring (m, n, L), and (phi/s)^p into powers (m, ..)."""
-    order, scale = int(par[P.order]), par[P.deflection_scale]
+@njit(cache=True, error_model="numpy")
+def _unroll(ring: Array, oldest: int, out: Array) -> None:
+    """Copy a ring (.., L) into out (.., L), oldest first."""
+    length = ring.shape[-1]
     for i in range(ring.shape[0]):
-        ring[i, THETA, slot], ring[i, TAU, slot] = sample[2 + 2 * i], sample[3 + 2 * i]
-        ratio = (sample[1] - sample[2 + 2 * i]) / scale
-        for p in range(1, 2 * MOST_TERMS):
-            powers[i, p] = powers[i, p - 1] * ratio
-        for term in range(ring.shape[1] - BASIS):
-            p = _power(term, order)
-            ring[i, BASIS + term, slot] = scale * powers[i, p] / max(p, 1)
+        for k in range(length):
+            at = oldest + k
+            out[i, k] = ring[i, at if at < length else at - length]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _fill_row(par: Array, psi: Array, held: Array, own: Array, row: Array) -> float:
-    """Write the regressors of the modulated equation into row (n,) and return its right side, both scaled."""
-    n, noise = row.size, par[P.torque_noise]
-    y = coloured.dot(held, own[TAU])
-    row[0], row[1] = coloured.dot(psi[2], own[THETA]), -coloured.dot(psi[1], own[THETA])
-    for j in range(2, n):
-        row[j] = -coloured.dot(psi[0], own[j])
+@njit(cache=True, error_model="numpy")
+def _friction(theta: Array, psi: Array, quantum: float) -> tuple[float, float]:
+    """<sign of the motor's velocity, psi>, and the share of the window in which that sign is not known.
+
+    The change of the angle over REACH to each side has a sign if it is at least two encoder steps; a motor that sticks
+    has none, and friction may then have any value up to its limit.
+    """
+    length = theta.size
+    reach = max(int(REACH * length), 1)
+    total = unknown = 0.0
+    for k in range(length):
+        change = theta[min(k + reach, length - 1)] - theta[max(k - reach, 0)]
+        sign = 1.0 if change > 0.0 else -1.0 if change < 0.0 else 0.0
+        if abs(change) < 2.0 * quantum:
+            sign = 0.5 * change / quantum
+        total += psi[k] * sign
+        unknown += psi[k] * (1.0 - abs(sign))
+    return total, unknown
+
+
+@njit(cache=True, error_model="numpy")
+def _fill_row(
+    par: Array, psi: Array, held: Array, late: Array, own: Array, delay: float, row: Array
+) -> tuple[float, float]:  # fmt: skip
+    """Write the modulated equation's regressors into row (n,); returns its left side and the share without direction.
+
+    own    (3, L) THETA, TAU, PHI of the window, oldest first
+    delay  [s] estimated so far
+    """
+    order, scale, quantum = int(par[P.order]), par[P.deflection_scale], par[P.position_noise] * QUANTUM
+    theta, tau, phi = own[THETA], own[TAU], own[PHI]
+    y = 0.0
+    row[:] = 0.0
+    for k in range(phi.size):
+        y += (held[k] + 0.5 * delay * delay * psi[2, k]) * tau[k]
+        row[U.inertia] += psi[2, k] * theta[k]
+        row[U.damping] -= psi[1, k] * theta[k]
+        row[U.delay] += late[k] * tau[k]
+        z = phi[k] / scale
+        weight, squared = psi[0, k] * scale, z * z
+        odd, even = weight * z, weight
+        for term in range(order):
+            row[U.size + term] -= odd / (2 * term + 1)
+            odd *= squared
+        for term in range(order, row.size - U.size - 1):
+            row[U.size + term] -= even / max(2 * (term - order), 1)
+            even *= squared
+    row[U.friction], unknown = _friction(theta, psi[0], quantum)
+    return y, unknown
+
+
+@njit(cache=True, error_model="numpy")
+def _stiffness(par: Array, mean: Array, width: Array, x: Array, phi: float, slope: Array) -> tuple[float, float]:
+    """Stiffness [N m/rad] and its derivative by phi at phi [rad]; slope (n,) = d stiffness / dx, overwritten."""
+    order, z = int(par[P.order]), phi / par[P.deflection_scale]
+    stiffness, bend = 0.0, 0.0
+    slope[: U.size], slope[x.size - 1] = 0.0, 0.0
+    for j in range(U.size, x.size - 1):
+        p = _power(j - U.size, order)
+        share = mean[j] + width[j] * x[j]
+        rise = z ** (p - 1) if p > 0 else 0.0
+        slope[j] = width[j] * rise
+        stiffness += share * rise
+        bend += share * (p - 1) * z ** (p - 2) / par[P.deflection_scale] if p > 1 else 0.0
+    return stiffness, bend
+
+
+@njit(cache=True, error_model="numpy")
+def _truncation(par: Array, mean: Array, width: Array, kept: Array, x: Array, covariance: Array) -> float:
+    """Variance of stiffness [(N m/rad)^2] due to the terms left out, of either parity."""
+    order, even = int(par[P.order]), int(par[P.even_terms])
+    if not par[P.truncation] > 0.0:
+        return 0.0
+    far = max(abs(kept[VISITED.low]), abs(kept[VISITED.high])) / par[P.deflection_scale]
+    tail = _tail(order - 1, order, far, mean, width, x, covariance)
+    if even > 1:
+        tail += _tail(order + even - 1, order, far, mean, width, x, covariance)
+    return par[P.truncation] ** 2 * tail
+
+
+@njit(cache=True, error_model="numpy")
+def _learn(
+    par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, kept: Array, equation: Array,
+    row: Array, direction: Array, work: Array,
+) -> None:  # fmt: skip
+    """Add the equation of the present window, and its middle to the deflections visited."""
+    n, length, noise = row.size, times.size, par[P.torque_noise]
+    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    x, covariance = interacting_models.estimate_of(equation, n)
+    y, unknown = _fill_row(par, psi, held, late, own, width[U.delay] * x[U.delay], row)
+    middle = own[PHI, length // 2]
+    stiffness = _stiffness(par, mean, width, x, middle, direction)[0]
+    inertia, damping, friction = mean[:3] + width[:3] * x[:3]
+    within = angles = 0.0
+    for k in range(length):
+        of_link = stiffness * psi[0, k]
+        of_motor = inertia * psi[2, k] - damping * psi[1, k] + of_link
+        within += held[k] * held[k]
+        angles += of_motor * of_motor + of_link * of_link
+    any_friction = friction**2 + width[U.friction] ** 2 * covariance[U.friction, U.friction]
+    beside = par[P.position_noise] ** 2 * angles + unknown**2 * any_friction
     for j in range(n):
-        y -= row[j] * par[P.size + j]
-        row[j] *= par[P.size + n + j] / noise
-    return y / noise
+        y -= row[j] * mean[j]
+        row[j] *= width[j] / noise
+        direction[j] = mean[j] / width[j] + x[j] if U.size <= j < n - 1 else 0.0
+    span = times[length - 1] - times[0]
+    interacting_models.take(
+        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, row, y / noise,
+        within, beside / noise**2, WOBBLE * span, work,
+    )  # fmt: skip
+    _visit(kept, middle, int(par[P.even_terms]))
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -223,133 +347,82 @@ def _visit(kept: Array, phi: float, even: int) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _evaluate(
-    par: Array, mean: Array, width: Array, x: Array, powers: Array, warming: bool, slope: Array
-) -> tuple[float, float]:
-    """Stiffness [N m/rad] and its derivative by phi at the deflection of `powers`; slope (n,) = d stiffness / dx."""
-    order, scale = int(par[P.order]), par[P.deflection_scale]
-    stiffness, bend = 0.0, 0.0
-    for j in range(2, x.size):
-        p = _power(j - 2, order)
-        share = mean[j] + (0.0 if warming else width[j] * x[j])
-        rise = powers[p - 1] if p > 0 else 0.0
-        slope[j] = width[j] * rise
-        stiffness += share * rise
-        bend += share * (p - 1) * powers[p - 2] / scale if p > 1 else 0.0
-    return stiffness, bend
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _truncation(par: Array, mean: Array, width: Array, kept: Array, x: Array, work: Array) -> float:
-    """Variance of stiffness [(N m/rad)^2] due to the terms left out, of either parity."""
-    order, even = int(par[P.order]), int(par[P.even_terms])
-    if not par[P.truncation] > 0.0:
-        return 0.0
-    far = max(abs(kept[VISITED.low]), abs(kept[VISITED.high])) / par[P.deflection_scale]
-    tail = _tail(order - 1, order, far, mean, width, x, work)
-    if even > 1:
-        tail += _tail(order + even - 1, order, far, mean, width, x, work)
-    return par[P.truncation] ** 2 * tail
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _set_covariance(
-    par: Array, r: Array, B: float, D: float, span: float, kept: Array, equation: Array, work: Array
-) -> None:
-    """Leave the covariance of the unknowns in `work`: torque noise as measured, position noise as declared."""
-    n = (par.size - P.size) // 2
-    gain = (par[P.position_noise] / par[P.torque_noise]) ** 2
-    through = 2.0 * gain * kept[KEPT.squared_stiffness]  # noise of both angles acts as torque through the spring
-    first, second = gain * (D / span) ** 2, gain * (B / span**2) ** 2
-    found = coloured.noise(equation, n, r, first, second, through, work)
-    coloured.blur(equation, n, found, first, second, work)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _learn(
-    par: Array, slot: int, psi: Array, held: Array, lagged: Array, own: Array, kept: Array, equation: Array,
-    row: Array, work: Array,
-) -> None:  # fmt: skip
-    """Add the equation of the present window, and its middle to the deflections visited."""
-    n, length = row.size, own.shape[1]
-    y = _fill_row(par, psi, held, own, row)
-    coloured.take(equation, n, slot, row, y, lagged, work)
-    middle = slot + length // 2 + 1
-    _visit(kept, own[BASIS, middle if middle < length else middle - length], int(par[P.even_terms]))
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
 def _report(
-    par: Array, r: Array, span: float, powers: Array, kept: Array, equation: Array, i: int, moving: bool,
-    value: Array, sd: Array, joint: Array, slope: Array, work: Array,
+    par: Array, now: float, phi: float, kept: Array, equation: Array, i: int, value: Array, sd: Array, joint: Array,
+    slope: Array,
 ) -> bool:  # fmt: skip
     """Write the outputs of transmission i and add it to the joint; returns whether it is still warming up."""
-    n, m, length = slope.size, int(par[P.transmissions]), int(par[P.length])
-    mean, width, blur = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n], par[P.position_noise]
-    x = coloured.unknowns(equation, n)
-    warming = equation[coloured.HEAD.taken] < length
-    stiffness, bend = _evaluate(par, mean, width, x, powers, warming, slope)
-    B, D = mean[0], mean[1]
-    uncertain, of_B, of_D = 2.0 * (bend * blur) ** 2, 1.0, 1.0  # the deflection of this very sample is noisy
-    if warming:
-        for j in range(2, n):
-            uncertain += slope[j] * slope[j]
-    else:
-        B, D = mean[0] + width[0] * x[0], mean[1] + width[1] * x[1]
-        _set_covariance(par, r, B, D, span, kept, equation, work)
-        of_B, of_D = coloured.variance_of(n, 0, work), coloured.variance_of(n, 1, work)
-        uncertain += coloured.variance(n, slope, work)
-        uncertain += _truncation(par, mean, width, kept, x, work)
-    if moving and not warming:
-        counted = min(equation[coloured.HEAD.taken] - length + 1.0, equation[coloured.HEAD.weight])
-        kept[KEPT.squared_stiffness] += (stiffness * stiffness - kept[KEPT.squared_stiffness]) / counted
-    transmissions.update(value, sd, 1 + i, stiffness, sqrt(uncertain), warming or moving)
-    transmissions.update(value, sd, 1 + m + i, B, width[0] * sqrt(of_B), warming or moving)
-    transmissions.update(value, sd, 1 + 2 * m + i, D, width[1] * sqrt(of_D), warming or moving)
-    transmissions.add(joint, stiffness, sd[1 + i], bend, blur**2)
+    n, m = slope.size, int(par[P.transmissions])
+    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    x, covariance = interacting_models.estimate_of(equation, n)
+    warming = equation[interacting_models.HEAD.taken] <= ROWS_PER_WINDOW
+    stiffness, bend = _stiffness(par, mean, width, x, phi, slope)
+    factor = par[P.torque_scale_deviation] ** 2
+    if not warming:
+        age = max(now - equation[interacting_models.HEAD.time], 0.0)
+        factor += interacting_models.wander(equation, age)
+        slope[n - 1] = age * stiffness
+        stiffness += slope[n - 1] * x[n - 1]
+    uncertain = (
+        interacting_models.quadratic(covariance, slope)
+        + factor * stiffness**2
+        + _truncation(par, mean, width, kept, x, covariance)
+        + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
+    )
+    learning = warming or kept[KEPT.moving] > 0.0
+    transmissions.update(value, sd, 1 + i, stiffness, sqrt(uncertain), learning)
+    for at, j in ((1 + m + i, U.inertia), (1 + 2 * m + i, U.damping)):
+        found = mean[j] + width[j] * x[j]
+        doubt = width[j] ** 2 * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
+        transmissions.update(value, sd, at, found, sqrt(doubt), learning)
+    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2)
     return warming
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int:
+def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
     length, m, even = int(par[P.length]), int(par[P.transmissions]), int(par[P.even_terms])
-    n, outputs = int(par[P.order]) + even + 2, 1 + 3 * m
+    n, outputs = U.size + int(par[P.order]) + even + 1, 1 + 3 * m
     value, sd = window.outputs(state, outputs)
-    times, columns = window.rings(state, HEADER.size + 2 * outputs, length, m * n)
-    ring, parts = columns.reshape(m, n, length), _parts(state, m, n, length)
-    psi, lagged, held = np.empty((3, length)), np.empty((3, length)), np.empty(length)
-    row, slope, work = np.empty(n), np.zeros(n), coloured.scratch(n)
-    powers, joint = np.ones((m, 2 * MOST_TERMS)), np.empty(JOINT.size)
+    schedule = state[HEADER.size + 2 * outputs : HEADER.size + 2 * outputs + ROW.size]
+    times, columns = window.rings(state, HEADER.size + 2 * outputs + ROW.size, length, 3 * m)
+    ring, parts = columns.reshape(m, 3, length), _parts(state, m, n)
+    psi, held, late = np.empty((3, length)), np.empty(length), np.empty(length)
+    stamps, own = np.empty((1, length)), np.empty((3, length))
+    row, slope, work, joint = np.empty(n), np.empty(n), interacting_models.scratch(n), np.empty(JOINT.size)
     for k in range(rows.shape[0]):
-        before = state[HEADER.last]
         entered = transmissions.enter(state, times, rows[k], 2, FURTHEST * par[P.deflection_scale], par[P.max_gap])
         if entered == window.SKIPPED:
             window.answer(state, BAD_SAMPLE, out[k])
             continue
         slot = int(state[HEADER.slot])
-        _store(par, rows[k], slot, ring, powers)
-        full, span = state[HEADER.filled] == length, 1.0
-        elapsed = rows[k, 0] - before if state[HEADER.samples] > 1.0 else 0.0
-        keep = exp(-max(elapsed, 0.0) / par[P.memory])  # also for the time in a gap or before the window is full
-        if full:
-            span = window.weigh(int(par[P.modulating_order]), times, slot, psi, held)
-            coloured.lags(r, slot, keep, lagged)
-        transmissions.begin(joint)
         for i in range(m):
-            own, part = ring[i], parts[i]
-            kept, equation = part[: KEPT.size], part[KEPT.size :]
-            if entered == window.RESTARTED:
-                coloured.forget_rows(equation, n)
-            moved = window.span_of(own[BASIS]) if full else 0.0
-            joint[JOINT.motion] = min(joint[JOINT.motion], moved)
-            moving = full and moved >= par[P.minimum_motion]
-            coloured.forget(equation, n, keep, work)
-            if moving:
-                _learn(par, slot, psi, held, lagged, own, kept, equation, row, work)
-            elif full:
-                coloured.skip(equation, n, slot, length)
-            warming = _report(par, r, span, powers[i], kept, equation, i, moving, value, sd, joint, slope, work)
-            reached = own[BASIS, slot] if even else abs(own[BASIS, slot])
-            transmissions.grade(joint, warming, moving, transmissions.inside(kept, reached, par[P.range_margin]))
+            ring[i, THETA, slot], ring[i, TAU, slot] = rows[k, 2 + 2 * i], rows[k, 3 + 2 * i]
+            ring[i, PHI, slot] = rows[k, 1] - rows[k, 2 + 2 * i]
+        full = state[HEADER.filled] == length
+        schedule[ROW.since] = schedule[ROW.since] + 1.0 if full else length
+        due = full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1
+        transmissions.begin(joint)
+        if due:
+            schedule[ROW.since] = 0.0
+            _unroll(times.reshape(1, length), window.oldest_of(slot, length), stamps)
+            window.weigh(int(par[P.modulating_order]), stamps[0], length - 1, psi, held)
+            window.hold_slope(stamps[0], length - 1, psi[0], late)
+        for i in range(m):
+            kept, equation = parts[i, : KEPT.size], parts[i, KEPT.size :]
+            if due:
+                _unroll(ring[i], window.oldest_of(slot, length), own)
+                moved = window.span_of(own[PHI])
+                kept[KEPT.moved], kept[KEPT.moving] = moved, 1.0 if moved >= par[P.minimum_motion] else 0.0
+                if kept[KEPT.moving] > 0.0:
+                    _learn(par, stamps[0], psi, held, late, own, kept, equation, row, slope, work)
+            elif not full:
+                kept[KEPT.moved] = kept[KEPT.moving] = 0.0
+            joint[JOINT.motion] = min(joint[JOINT.motion], kept[KEPT.moved])
+            phi = ring[i, PHI, slot]
+            warming = _report(par, rows[k, 0], phi, kept, equation, i, value, sd, joint, slope)
+            reached = phi if even else abs(phi)
+            inside = transmissions.inside(kept, reached, par[P.range_margin])
+            transmissions.grade(joint, warming, kept[KEPT.moving] > 0.0, inside)
         transmissions.finish(joint, state, value, sd, out[k])
     return int(out[-1, 1])

@@ -138,6 +138,21 @@ def weigh(order: int, times: Array, newest: int, psi: Array, held: Array) -> flo
     return times[newest] - times[oldest]
 
 
+@njit(cache=True, error_model="numpy")
+def hold_slope(times: Array, newest: int, weights: Array, held: Array) -> None:
+    """Weights (L,) for <f, psi'> of values constant over the interval that ends at their stamp: psi_n - psi_(n-1).
+
+    weights  (L,) of <f, psi> for sampled curves, that is psi_n times half the two steps at n
+    """
+    last = times.size - 1
+    densities(times, newest, weights, held)
+    across = held[last]
+    for n in range(last, 0, -1):
+        held[n] = 2.0 * (held[n] - held[n - 1])
+    held[0] = 2.0 * (held[0] - across)
+    held[newest + 1 if newest < last else 0] = 0.0
+
+
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
 def span_of(values: Array) -> float:
     """Largest minus smallest of values (L,) without NaN, which `admit` has excluded.

@@ -1,0 +1,162 @@
+"""The mixture of Kalman filters against a slow one written from its equations, and on planted changes and noise."""
+
+import numpy as np
+import pytest
+from via_estimators import interacting_models as models
+
+N, PERIOD, MEMORY = 4, 0.1, 60.0  # three coefficients and the trend
+G = np.array([1.0, -0.5, 2.0, 0.0])
+
+
+def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
+    """Mean, covariance and probabilities after each equation (time, row, y, g); matrices, no views, no tricks."""
+    K = models.MODELS
+    prior = np.array([models._of_prior(j, steadiness) for j in range(K)])
+    x, P = np.zeros((K, N)), np.tile(np.diag([1.0, 1.0, 1.0, 0.0]), (K, 1, 1))
+    mu, noise, weight = prior.copy(), np.array(models.NOISES), np.full(K, models.KNOWN)
+    mean, covariance, last = np.zeros(N), P[0].copy(), None
+    answers = []
+    for time, row, y, g in equations:
+        dt = 0.0 if last is None else time - last
+        last, stay = time, np.exp(-(0.0 if last is None else dt) / memory)
+        c = np.maximum(stay * mu + (1.0 - stay) * prior, models.NEVER)
+        likely = np.empty(K)
+        for j in range(K):
+            a = stay * mu[j] / c[j]
+            mixed = a * x[j] + (1.0 - a) * mean
+            P[j] = a * (P[j] + np.outer(x[j] - mixed, x[j] - mixed)) + (1.0 - a) * (
+                covariance + np.outer(mean - mixed, mean - mixed)
+            )
+            x[j] = mixed
+            if models.TRENDS[j] == 0.0:
+                x[j][-1] = P[j][-1, :] = P[j][:, -1] = 0.0
+                P[j] += min(models.WALKS[j] ** 2 * dt, models.FURTHEST) * np.outer(g, g)
+            else:
+                F, q = np.eye(N), models.TRENDS[j] ** 2
+                F[:, -1] += models.PERSISTENCE * (1.0 - np.exp(-dt / models.PERSISTENCE)) * g
+                F[-1, -1] = np.exp(-dt / models.PERSISTENCE)
+                unit = np.eye(N)[-1]
+                w = min(dt, models.PERSISTENCE, np.cbrt(3.0 * models.FURTHEST / q))
+                Q = w**3 / 3.0 * np.outer(g, g) + 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g))
+                x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * (Q + w * np.outer(unit, unit))
+            error = noise[j] * within + beside + models.WALKS[j] ** 2 * wobble * (row @ g) ** 2
+            S, nu = row @ P[j] @ row + error, y - row @ x[j]
+            likely[j] = np.log(c[j]) - 0.5 * (nu**2 / S + np.log(S))
+            share = (noise[j] * within / S) ** 2
+            weight[j] = models.KNOWN + stay * (weight[j] - models.KNOWN) + share
+            low = models.NOISES[j] / models.HALF_STEP if models.NOISES[j] > models.NOISES[0] else models.LEAST_NOISE
+            high = models.NOISES[j] * models.HALF_STEP if models.NOISES[j] < models.NOISES[-1] else np.inf
+            noise[j] = np.clip(noise[j] + (nu**2 - S) / within * share / weight[j], low, high)
+            gain = P[j] @ row / S
+            x[j], P[j] = x[j] + gain * nu, P[j] - np.outer(gain, row @ P[j])
+        mu = np.exp(likely - likely.max())
+        mu /= mu.sum()
+        mean = mu @ x
+        covariance = sum(p * (C + np.outer(each - mean, each - mean)) for p, C, each in zip(mu, P, x, strict=True))
+        answers.append((mean, covariance, mu))
+    return answers
+
+
+def fast(equations, steadiness, within, beside, wobble, memory=MEMORY):
+    state, work, answers = np.zeros(models.size(N)), models.scratch(N), []
+    models.start(state, N, steadiness)
+    for time, row, y, g in equations:
+        models.take(state, N, time, memory, steadiness, g, row.copy(), y, within, beside, wobble, work)
+        mean, covariance = models.estimate_of(state, N)
+        answers.append((mean.copy(), covariance.copy(), models.models_of(state)[models.MODEL.probability].copy()))
+    return answers
+
+
+def equations(count, noise, scale=lambda t: 1.0, seed=0, truth=0.5 * G):
+    """Equations of the unknowns scale(t) * truth, one every PERIOD from 3 s on."""
+    rng, found = np.random.default_rng(seed), []
+    for k in range(count):
+        t = 3.0 + PERIOD * k
+        row = np.append(rng.normal(size=3) + np.array([2.0, 0.0, 1.0]), 0.0)
+        found.append((t, row, scale(t - 3.0) * row @ truth + noise * rng.normal(), truth))
+    return found
+
+
+@pytest.mark.parametrize("steadiness", [0.5, 1.0])
+def test_agrees_with_the_slow_version(steadiness):
+    given = equations(60, 0.3, lambda t: 1.0 if t < 3.0 else 1.4)
+    given = [*given[:30], *[(t + 5.0, *rest) for t, *rest in given[30:]]]  # with a gap
+    args = steadiness, 0.7, 0.01, 0.02
+    for quick, sure in zip(fast(given, *args), slow(given, *args), strict=True):
+        for a, b in zip(quick, sure, strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-7, atol=1e-9)
+
+
+def test_without_change_it_is_least_squares():
+    """Steady and with noise as declared: the posterior of linear regression with the prior of unit variance."""
+    given = equations(400, 1.0)
+    mean, covariance, _ = fast(given, 1.0, 1.0, 0.0, 0.0)[-1]
+    A, y = np.array([row[:3] for _, row, _, _ in given]), np.array([y for _, _, y, _ in given])
+    P = np.linalg.inv(A.T @ A + np.eye(3))
+    assert np.all(np.abs(mean[:3] - P @ A.T @ y) < np.sqrt(np.diag(P)))
+    np.testing.assert_allclose(np.diag(covariance)[:3], np.diag(P), rtol=0.1)
+
+
+@pytest.mark.parametrize("noise", [0.03, 0.3, 3.0, 10.0])
+def test_standard_deviations_match_the_scatter_for_any_noise(noise):
+    """The declared noise is 1; 60 runs of unknowns from the prior that do not change."""
+    errors, variances = [], []
+    for seed in range(60):
+        truth = np.append(np.random.default_rng(1000 + seed).normal(size=3), 0.0)
+        mean, covariance, _ = fast(equations(100, noise, seed=seed, truth=truth), 0.5, 1.0, 0.0, 0.0)[-1]
+        errors.append(mean[:3] - truth[:3])
+        variances.append(np.diag(covariance)[:3])
+    ratio = np.sqrt(np.mean(variances) / np.mean(np.square(errors)))
+    assert 0.85 < ratio < 1.25
+
+
+@pytest.mark.parametrize(
+    ("scale", "walks"),
+    [
+        (lambda t: 1.0 + 0.01 * t, True),
+        (lambda t: 1.0 + 0.3 * np.sin(np.pi * t), True),
+        (lambda t: 1.0 if t < 10.0 else 1.5, False),
+        (lambda t: 1.0, False),
+    ],
+)
+def test_a_changing_scale_is_followed_within_its_intervals(scale, walks):
+    given = equations(200, 0.02, scale)
+    inside, relative = [], []
+    answers = fast(given, 0.5, 4e-4, 0.0, 0.0)
+    for (t, *_), (mean, covariance, _) in list(zip(given, answers, strict=True))[20:]:
+        error = mean[:3] - 0.5 * scale(t - 3.0) * G[:3]
+        inside.append(np.abs(error) <= 1.96 * np.sqrt(np.diag(covariance)[:3]))
+        relative.append(np.linalg.norm(error) / np.linalg.norm(0.5 * G))
+    assert np.mean(inside) > 0.85
+    assert np.median(relative) < 0.05
+    steady = answers[-1][2][: len(models.LEVELS)].sum()
+    assert steady < 0.05 if walks else steady > 0.8
+
+
+def test_a_trend_is_learnt_and_continued():
+    mean, covariance, _ = fast(equations(300, 0.01, lambda t: 1.0 + 0.05 * t), 0.5, 1e-4, 0.0, 0.0)[-1]
+    assert mean[-1] == pytest.approx(0.05, abs=3.0 * np.sqrt(covariance[-1, -1]))
+    assert mean[-1] > 2.0 * np.sqrt(covariance[-1, -1])
+
+
+def test_probabilities_and_covariances_stay_sound_over_rests_and_outliers():
+    rng = np.random.default_rng(4)
+    state, work, time = np.zeros(models.size(N)), models.scratch(N), 0.0
+    models.start(state, N, 0.5)
+    for k in range(3000):
+        time += 1e4 if k % 500 == 0 else 0.1
+        row, y = np.append(rng.normal(size=3), 0.0), 1e6 if k % 300 == 0 else rng.normal()
+        models.take(state, N, time, MEMORY, 0.5, G, row, y, 1.0, 0.0, 0.01, work)
+        mean, covariance = models.estimate_of(state, N)
+        probability = models.models_of(state)[models.MODEL.probability]
+        assert np.all(np.isfinite(state)) and probability.sum() == pytest.approx(1.0)
+        assert np.linalg.eigvalsh(covariance)[0] > -1e-9 * np.trace(covariance)
+
+
+def test_what_time_alone_can_add_is_bounded():
+    state = np.zeros(models.size(N))
+    models.start(state, N, 0.0)
+    assert models.wander(state, 1.0) == pytest.approx(
+        np.mean(np.square(models.WALKS[len(models.LEVELS) :]) + np.square(models.TRENDS[len(models.LEVELS) :]) / 3.0)
+    )
+    assert models.wander(state, 1e9) == models.FURTHEST

@@ -1,0 +1,272 @@
+"""Least squares for unknowns that may change: Kalman filters of different assumptions, mixed by their likelihood.
+
+Source: H. A. P. Blom, Y. Bar-Shalom, The interacting multiple model algorithm for systems with Markovian switching
+coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
+
+The first n - 1 unknowns x change along one direction g, which the caller renews: for a spring law, g is the law itself,
+so that what changes is its scale s. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
+a noise level and one way of changing (CHANGES): none, a random walk of s, or a random walk of the trend, which decays
+with time constant PERSISTENCE. Equations arrive one at a time,
+
+    y = row' x + e,    variance of e = noise_j within + beside + walk_j^2 wobble (row' g)^2
+
+One step of time dt with one equation is
+
+    1. interaction   with probability 1 - e, e = exp(-dt / memory), another model holds, j with probability rho_j:
+                     c_j = e mu_j + (1 - e) rho_j,  a_j = e mu_j / c_j,  x_j <- a_j x_j + (1 - a_j) mean,
+                     P_j <- a_j (P_j + d d') + (1 - a_j) (covariance + D D'), d and D to the mixed x_j
+    2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt
+    3. correction    S_j = row' P_j row + variance of e, and Kalman's gain in Joseph's form
+    4. probability   mu_j ~ c_j S_j^(-1/2) exp(-(y - row' x_j)^2 / (2 S_j))
+    5. combination   mean and covariance of the mixture
+
+Since the model after a change does not depend on the one before, step 1 mixes each filter with the combined estimate
+only, and a step costs K n^2. The rho of models without change sum to `steadiness`, the rest share 1 - steadiness. A filter without change that missed one has lost its probability and is thereby set to the estimate of
+those that followed. That is the innovation test of this method: it has no limit to choose.
+
+Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
+a spring that changes: both explain large innovations v, and only their course tells which. Between its neighbours each
+model finds its noise as the mean of noise + (v^2 - S) / within, weighted by (noise within / S)^2, the inverse of that
+number's variance.
+
+One equation's state is a flat row; `size` and the slots below define its layout. Unknowns are scaled so that the prior
+is x = 0, P = 1, but for the trend, which is 0 before any data.
+"""
+
+from __future__ import annotations
+
+from math import exp, inf, log
+
+import numpy as np
+from numba import njit
+from via_core.signals import Array
+
+from via_estimators.slots import slots
+
+# Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)].
+CHANGES = ((0.0, 0.0), (0.01, 0.0), (0.1, 0.0), (0.3, 0.0), (1.0, 0.0), (0.0, 0.003), (0.0, 0.03), (0.0, 0.3), (0.0, 1.0))
+LEVELS = (0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
+HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
+WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)
+TRENDS = tuple(trend for _, trend in CHANGES for _ in LEVELS)
+NOISES = tuple(level**2 for _ in CHANGES for level in LEVELS)
+MODELS = len(NOISES)
+PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
+FURTHEST = 1.0  # variance of the scale that time alone can add
+NEVER = 1e-300  # probability of a model that is excluded
+KNOWN = 1.0  # weight of a model's noise level, in equations
+LEAST_NOISE = 1e-12  # of the declared variance
+HEAD = slots("taken", "time")  # equations taken; time of the last one [s]
+MODEL = slots("probability", "noise", "weight")  # rows (K,) that follow: noise in units of the declared variance
+
+
+@njit(cache=True, error_model="numpy")
+def size(n: int) -> int:
+    """Floats in the state of one equation: HEAD, MODEL, combined mean and covariance, then x and P of each model."""
+    return HEAD.size + MODEL.size * MODELS + (MODELS + 1) * (n + n * n)
+
+
+@njit(cache=True, error_model="numpy")
+def _of_prior(j: int, steadiness: float) -> float:
+    """rho_j."""
+    levels = len(LEVELS)
+    return steadiness / levels if j < levels else max((1.0 - steadiness) / (MODELS - levels), NEVER)
+
+
+@njit(cache=True, error_model="numpy")
+def start(state: Array, n: int, steadiness: float) -> None:
+    """Overwrite one equation's state with the prior; `steadiness` as in `take`."""
+    state[:] = 0.0
+    models = models_of(state)
+    models[MODEL.weight] = KNOWN
+    for j in range(MODELS):
+        models[MODEL.probability, j], models[MODEL.noise, j] = _of_prior(j, steadiness), NOISES[j]
+    for j in range(MODELS + 1):
+        P = _block(state, n, j)[1]
+        for i in range(n - 1):
+            P[i, i] = 1.0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def models_of(state: Array) -> Array:
+    """The view (3, K) of MODEL."""
+    return state[HEAD.size : HEAD.size + MODEL.size * MODELS].reshape(MODEL.size, MODELS)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _block(state: Array, n: int, j: int) -> tuple[Array, Array]:
+    """The views x (n,) and P (n, n), of the combined estimate for j = 0, of model j - 1 for the others."""
+    at = HEAD.size + MODEL.size * MODELS + j * (n + n * n)
+    return state[at : at + n], state[at + n : at + n + n * n].reshape(n, n)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def estimate_of(state: Array, n: int) -> tuple[Array, Array]:
+    """The views mean (n,) and covariance (n, n) of the combined estimate at the time of the last equation."""
+    return _block(state, n, 0)
+
+
+@njit(cache=True, error_model="numpy")
+def quadratic(P: Array, v: Array) -> float:
+    """v' P v of P (n, n), v (n,), at least 0."""
+    total = 0.0
+    for i in range(v.size):
+        row = 0.0
+        for j in range(v.size):
+            row += P[i, j] * v[j]
+        total += v[i] * row
+    return max(total, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def wander(state: Array, age: float) -> float:
+    """Variance of the scale that the walks of the models add in `age` [s] after the last equation."""
+    total, probability = 0.0, models_of(state)[MODEL.probability]
+    for j in range(MODELS):
+        total += probability[j] * (WALKS[j] ** 2 * age + TRENDS[j] ** 2 * age**3 / 3.0)
+    return min(total, FURTHEST)
+
+
+@njit(cache=True, error_model="numpy")
+def scratch(n: int) -> Array:
+    """Work space of `take`, allocated once since allocations are slow."""
+    return np.empty((4, max(n, MODELS)))
+
+
+@njit(cache=True, error_model="numpy")
+def _interact(state: Array, n: int, stay: float, steadiness: float, probable: Array, before: Array) -> None:
+    """Step 1; c_j into `probable` (K,); `before` (n,) is overwritten."""
+    probability = models_of(state)[MODEL.probability]
+    mean, covariance = estimate_of(state, n)
+    for j in range(MODELS):
+        x, P = _block(state, n, j + 1)
+        probable[j] = max(stay * probability[j] + (1.0 - stay) * _of_prior(j, steadiness), NEVER)
+        own = stay * probability[j] / probable[j]
+        before[:] = x
+        for i in range(n):
+            x[i] = own * x[i] + (1.0 - own) * mean[i]
+        for i in range(n):
+            for k in range(n):
+                P[i, k] = own * (P[i, k] + (before[i] - x[i]) * (before[k] - x[k])) + (1.0 - own) * (
+                    covariance[i, k] + (mean[i] - x[i]) * (mean[k] - x[k])
+                )
+        if TRENDS[j] == 0.0:  # what this model does not assume
+            x[n - 1] = 0.0
+            P[n - 1, :] = P[:, n - 1] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _predict(x: Array, P: Array, g: Array, elapsed: float, walk: float, trend: float) -> None:
+    """Step 2: x <- F x, P <- F P F' + Q, F = [[1, moved g], [0, keep]]; `walk`, `trend` are squared rates."""
+    last = x.size - 1
+    added = min(walk * elapsed, FURTHEST)
+    if trend > 0.0:
+        keep = exp(-elapsed / PERSISTENCE)
+        steady = min(elapsed, PERSISTENCE, (3.0 * FURTHEST / trend) ** (1.0 / 3.0))  # over which the trend walks
+        moved = PERSISTENCE * (1.0 - keep)
+        rate = P[last, last]
+        for i in range(last):
+            x[i] += moved * g[i] * x[last]
+            for k in range(last):
+                P[i, k] += moved * (g[i] * P[last, k] + P[i, last] * g[k]) + moved * moved * rate * g[i] * g[k]
+        for i in range(last):
+            P[i, last] = keep * (P[i, last] + moved * rate * g[i]) + 0.5 * trend * steady**2 * g[i]
+            P[last, i] = P[i, last]
+        x[last] *= keep
+        P[last, last] = keep * keep * rate + trend * steady
+        added = trend * steady**3 / 3.0
+    for i in range(last):
+        for k in range(last):
+            P[i, k] += added * g[i] * g[k]
+
+
+@njit(cache=True, error_model="numpy")
+def _correct(x: Array, P: Array, row: Array, innovation: float, variance: float, error: float, gain: Array) -> None:
+    """Step 3, P <- (1 - gain row') P (1 - row gain') + error gain gain'; `gain` (n,) holds P row, then the gain."""
+    n = x.size
+    for i in range(n):
+        gain[i] /= variance
+        x[i] += gain[i] * innovation
+    for i in range(n):
+        total = 0.0
+        for k in range(n):
+            total += row[k] * P[k, i]
+        for k in range(n):
+            P[k, i] -= gain[k] * total
+    for i in range(n):
+        total = 0.0
+        for k in range(n):
+            total += P[i, k] * row[k]
+        for k in range(n):
+            P[i, k] += (error * gain[i] - total) * gain[k]
+    for i in range(n):
+        for k in range(i):
+            P[i, k] = P[k, i] = 0.5 * (P[i, k] + P[k, i])
+
+
+@njit(cache=True, error_model="numpy")
+def _combine(state: Array, n: int) -> None:
+    """Step 5."""
+    probability = models_of(state)[MODEL.probability]
+    mean, covariance = estimate_of(state, n)
+    mean[:], covariance[:, :] = 0.0, 0.0
+    for j in range(MODELS):
+        x = _block(state, n, j + 1)[0]
+        for i in range(n):
+            mean[i] += probability[j] * x[i]
+    for j in range(MODELS):
+        x, P = _block(state, n, j + 1)
+        for i in range(n):
+            for k in range(n):
+                covariance[i, k] += probability[j] * (P[i, k] + (x[i] - mean[i]) * (x[k] - mean[k]))
+
+
+@njit(cache=True, error_model="numpy")
+def take(
+    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, row: Array, y: float,
+    within: float, beside: float, wobble: float, work: Array,
+) -> None:  # fmt: skip
+    """One step to `time` [s] with the equation row' x = y; time, rows and y in any units, noise in those of y.
+
+    memory          [s] mean time between changes of the model
+    steadiness      prior probability that x does not change
+    g               (n,) change of x per unit of the scale, the last 0
+    within, beside  variance of y: per unit of noise, and the known part
+    wobble          [s] variance, over the equation's window, of a random walk of rate 1 about its middle
+    work            `scratch`
+    """
+    gain, before, probable, likely = work[0, :n], work[1, :n], work[2], work[3]
+    models, elapsed = models_of(state), max(time - state[HEAD.time], 0.0) if state[HEAD.taken] > 0.0 else 0.0
+    stay = exp(-elapsed / memory)
+    _interact(state, n, stay, steadiness, probable, before)
+    along, highest, total = 0.0, -inf, 0.0
+    for i in range(n):
+        along += row[i] * g[i]
+    for j in range(MODELS):
+        x, P = _block(state, n, j + 1)
+        walk, noise = WALKS[j] ** 2, models[MODEL.noise, j]
+        _predict(x, P, g, elapsed, walk, TRENDS[j] ** 2)
+        innovation, doubt = y, 0.0
+        for i in range(n):
+            gain[i] = 0.0
+            for k in range(n):
+                gain[i] += P[i, k] * row[k]
+            innovation -= row[i] * x[i]
+            doubt += row[i] * gain[i]
+        error = noise * within + beside + walk * wobble * along * along
+        variance = max(doubt, 0.0) + error
+        likely[j] = log(probable[j]) - 0.5 * (innovation * innovation / variance + log(variance))
+        highest = max(highest, likely[j])
+        share = (noise * within / variance) ** 2
+        models[MODEL.weight, j] = KNOWN + stay * (models[MODEL.weight, j] - KNOWN) + share
+        noise += (innovation * innovation - variance) / within * share / models[MODEL.weight, j]
+        low = NOISES[j] / HALF_STEP if NOISES[j] > NOISES[0] else LEAST_NOISE
+        models[MODEL.noise, j] = min(max(noise, low), NOISES[j] * HALF_STEP if NOISES[j] < NOISES[-1] else inf)
+        _correct(x, P, row, innovation, variance, error, gain)
+    for j in range(MODELS):
+        models[MODEL.probability, j] = exp(likely[j] - highest)
+        total += models[MODEL.probability, j]
+    models[MODEL.probability] /= total
+    state[HEAD.taken] += 1.0
+    state[HEAD.time] = time
+    _combine(state, n)
