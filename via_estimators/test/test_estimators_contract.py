@@ -108,7 +108,7 @@ def test_step_does_not_modify_its_state_and_states_are_locked(estimator):
 
 
 def test_estimates_equal_the_prior_until_there_is_data(estimator):
-    _, estimates = estimator.run_rows(moving_rows(estimator)[:100])
+    _, estimates = estimator.run_rows(moving_rows(estimator)[:50])  # less than a window
     assert np.all(estimates.status == Status.WARMING_UP)
     _, nothing = estimator.run_rows(np.full((1, 1 + len(estimator.inputs)), np.nan))
     assert nothing.status[0] == Status.BAD_SAMPLE

@@ -311,7 +311,7 @@ def _learn(
     par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, kept: Array, equation: Array,
     row: Array, direction: Array, work: Array,
 ) -> None:  # fmt: skip
-    """Add the equation of the present window, and its middle to the deflections visited."""
+    """Add the equation of the present window, and its middle part to the deflections visited, which include 0."""
     n, length, noise = row.size, times.size, par[P.torque_noise]
     mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
     x, covariance = interacting_models.estimate_of(equation, n)
@@ -336,13 +336,9 @@ def _learn(
         equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, row, y / noise,
         within, beside / noise**2, WOBBLE * span, work,
     )  # fmt: skip
-    _visit(kept, middle, int(par[P.even_terms]))
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _visit(kept: Array, phi: float, even: int) -> None:
-    """Extend the range visited; it always includes 0 on the positive side."""
-    transmissions.visit(kept, phi if even else abs(phi))
+    quarter = length // (2 * ROWS_PER_WINDOW)
+    for k in range(quarter, length - quarter):
+        transmissions.visit(kept, own[PHI, k] if par[P.even_terms] > 0.0 else abs(own[PHI, k]))
     kept[VISITED.high] = max(kept[VISITED.high], 0.0)
 
 

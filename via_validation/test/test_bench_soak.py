@@ -96,7 +96,7 @@ def test_a_faulty_estimator_misses_every_limit(monkeypatch):
         if state is None or len(taken) < 2:
             taken.append(None)
             return state, found
-        sd = 9.0 * found.standard_deviation
+        sd = 99.0 * found.standard_deviation
         sd[0, -1] = np.nan
         return state, Estimates(found.time, found.status, 2.0 * found.value, sd, found.outputs)
 
