@@ -128,11 +128,11 @@ def test_a_torque_that_is_late_or_early_is_recognised(late):
     rows, truth = planted(count=6000)
     shifted = rows[10:-10].copy()
     shifted[:, 3] = rows[10 - late : len(rows) - 10 - late, 3]
-    settled = shifted[:, 0] > 3.0
+    later = shifted[:, 0] > 3.0
     _, estimates = ONE.run_rows(shifted)
-    assert np.abs(estimates.value[:, 0] - truth[10:-10])[settled].max() < 2e-3 * truth.max()
+    assert np.abs(estimates.value[:, 0] - truth[10:-10])[later].max() < 2e-3 * truth.max()
     _, fixed = ModulatedTorque(replace(ONE.parameters, delay_deviation=1e-9)).run_rows(shifted)
-    assert np.abs(fixed.value[:, 0] - truth[10:-10])[settled].max() > 0.02 * truth.max()
+    assert np.abs(fixed.value[:, 0] - truth[10:-10])[later].max() > 0.02 * truth.max()
 
 
 def test_an_offset_of_both_angles_has_no_effect():
@@ -387,8 +387,8 @@ def test_dry_friction_that_no_file_declares_is_recognised(stick):
     assert np.sqrt(np.mean((value - truth)[later] ** 2) / np.mean(truth[later] ** 2)) < 0.01
     damping, doubt = estimates.column("motor_damping_1")
     assert damping[-1] == pytest.approx(0.3, abs=3.0 * doubt[-1] + 1e-3)
-    _, blind = ModulatedTorque(replace(ALERT.parameters, friction_deviation=1e-6)).run_rows(rows)
-    assert abs(blind.column("motor_damping_1")[0][-1] - 0.3) > 0.05
+    _, without = ModulatedTorque(replace(ALERT.parameters, friction_deviation=1e-6)).run_rows(rows)
+    assert abs(without.column("motor_damping_1")[0][-1] - 0.3) > 0.05
 
 
 def test_a_declared_uncertainty_of_the_torque_scale_is_in_every_interval():

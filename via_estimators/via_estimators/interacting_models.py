@@ -44,7 +44,17 @@ from via_core.signals import Array
 from via_estimators.slots import slots
 
 # Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)].
-CHANGES = ((0.0, 0.0), (0.01, 0.0), (0.1, 0.0), (0.3, 0.0), (1.0, 0.0), (0.0, 0.003), (0.0, 0.03), (0.0, 0.3), (0.0, 1.0))
+CHANGES = (
+    (0.0, 0.0),
+    (0.01, 0.0),
+    (0.1, 0.0),
+    (0.3, 0.0),
+    (1.0, 0.0),
+    (0.0, 0.003),
+    (0.0, 0.03),
+    (0.0, 0.3),
+    (0.0, 1.0),
+)
 LEVELS = (0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
 WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)

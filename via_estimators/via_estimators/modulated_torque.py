@@ -94,7 +94,9 @@ class ModulatedTorqueParameters(Parameters):
     damping_deviation: float = parameter(10.0, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
     friction_prior: float = parameter(0.0, "dry friction of a motor before any data", "N m", 0.0, 1e6)
     friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-9, 1e6)
-    delay_deviation: float = parameter(0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0)
+    delay_deviation: float = parameter(
+        0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
+    )
     torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
