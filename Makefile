@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup workspace demo test check bench blind results clean
+.PHONY: help setup workspace demo test check bench blind results mutants clean
 
 ENV := source ros2_ws/env.sh;
 WORKERS ?= 2
@@ -38,6 +38,9 @@ blind: setup ## diagnose and score 30 joints of the second simulator, keys seale
 results: setup ## rewrite docs/results: tables of the research document, comparison (about a quarter of an hour)
 	@$(ENV) via tables --write docs/results && via compare --write docs/results && \
 		via faults --write docs/results
+
+mutants: setup ## plant 200 small errors in the numerical heart and count those that the tests notice (some hours)
+	@$(ENV) rm -rf out/mutants && via mutants --processes $(WORKERS) --write docs/results
 
 clean: ## return to a fresh clone
 	@rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log out .numba_cache .pytest_cache .mypy_cache .ruff_cache \

@@ -15,6 +15,10 @@ COMMANDS = {
         "via_validation.commands.faults:faults",
         "Feed faulty and sound signals to every estimator and report its status.",
     ),
+    "mutants": Entry(
+        "via_validation.commands.mutants:mutants",
+        "Plant small errors in the numerical heart and count those that the tests notice (hours for 200).",
+    ),
     "bench": Entry("via_validation.commands.bench:app", "Measure speed, memory and endurance."),
     "gap blind": Entry(
         "via_validation.commands.gap_blind:app", "Evaluate the diagnosis on sealed cases of a second simulator."
