@@ -16,6 +16,7 @@ from via_estimators.filtered_signal_based import FilteredSignalBased
 from via_estimators.link_impedance import LinkImpedance
 from via_estimators.modulated_stiffness import ModulatedStiffness
 from via_estimators.modulated_torque import ModulatedTorque
+from via_estimators.moving_horizon import MovingHorizon
 from via_estimators.residual import Residual
 from via_estimators.signal_based import SignalBased
 
@@ -25,6 +26,7 @@ METHODS: dict[str, type[Estimator]] = {
     "modulated_stiffness": ModulatedStiffness,
     "filtered_signal_based": FilteredSignalBased,
     "signal_based": SignalBased,
+    "moving_horizon": MovingHorizon,
     "residual": Residual,
     "link_impedance": LinkImpedance,
     "damping_directional": DampingDirectional,

@@ -1,0 +1,198 @@
+"""The least-squares problem of `moving_horizon`: residuals of one horizon, Gauss-Newton steps, and the arrival cost.
+
+Sources: C. V. Rao, J. B. Rawlings, D. Q. Mayne, Constrained state estimation for nonlinear discrete-time systems,
+IEEE Transactions on Automatic Control 48(2), 2003 (arrival cost); P. Kuehl, M. Diehl, T. Kraus, J. P. Schloeder,
+H. G. Bock, A real-time algorithm for moving horizon state and parameter estimation, Computers & Chemical Engineering
+35(1), 2011 (multiple shooting, a fixed number of Gauss-Newton steps, arrival cost by QR). Transcription: collocation by
+cubic Hermite polynomials (Hermite-Simpson) in the integral form of the motor equation.
+
+Nodes x_k = (theta_k, omega_k) bound intervals of span T. The motor equation B omega' + D omega + F s(omega) - tau_e =
+tau + noise is multiplied by 1 and by T/2 - t and integrated over an interval. Both equations are exact but for
+Simpson's rule, and their noise is independent, with variance S T and S T^3 / 12 for torque noise of density S:
+
+    r_1 = (B d_omega + D d_theta + F T <s> - T <tau_e> - integral tau) / sd_1
+    r_2 = (B (d_theta - T (omega_0 + omega_1)/2) + T^2/12 (D (omega_0 - omega_1) + F (s_0 - s_1) - tau_e0 + tau_e1)
+           - integral (T/2 - t) tau) / sd_2
+    r_3 = (mean of the measured theta - (theta_0 + theta_1)/2 - T (omega_0 - omega_1)/12) / sd_3
+
+s(omega) = tanh(omega / v) is the smoothed sign; tau_e = sum_p a_p f_p(q - theta) as in `modulated_torque`.
+The unknowns are the nodes and p = (B, D, F, a..), with p = mean + width z.
+
+An arrival cost |R (x_0, z) - e|^2 is the array [R | e]. All steps are QR factorisations of [A | b], nodes first, so the
+trailing block of the triangle is the marginal information of z. CasADi generates residuals and Jacobians; it is loaded
+when the first problem is solved.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from via_core.signals import Array
+
+from via_estimators.modulated_torque import _power
+from via_estimators.slots import slots
+
+# Measurements of an interval: span [s], impulse of the torque [N m s] and its moment about the middle [N m s^2], line
+# through q at start, middle and end [rad], mean of theta [rad], standard deviations of r_1, r_2, r_3, and the smallest
+# and largest deflection [rad].
+DATA = slots(
+    "span", "impulse", "moment", "q_start", "q_middle", "q_end", "theta", "sd_impulse", "sd_moment", "sd_theta",
+    "low", "high",
+)  # fmt: skip
+U = slots("inertia", "damping", "friction")  # unknowns, followed by the coefficients of the spring law
+NODE = 2  # numbers of a node: theta, omega
+EQUATIONS = 3  # per interval
+LOOSE = 1e-6  # information [1/rad, s/rad] of a node before any data
+
+
+class Model(NamedTuple):
+    """Constants of one transmission: odd and even terms, scale [rad], velocity of the smoothed sign [rad/s], prior."""
+
+    order: int
+    even_terms: int
+    scale: float
+    smoothing: float
+    mean: Array  # (n,)
+    width: Array  # (n,)
+
+
+class Solution(NamedTuple):
+    """Nodes (M + 1, 2), z (n,), triangle (n, n) of the information of z, and the sum of squares there."""
+
+    nodes: Array
+    z: Array
+    root: Array
+    cost: float
+
+
+@lru_cache(maxsize=32)
+def _functions(order: int, even_terms: int, intervals: int) -> Any:
+    """CasADi function of nodes (2, M) at start and end, p (n, M), data (DATA.size, M), scale and smoothing (2, M).
+
+    Returns the residuals (3, M) and their Jacobians (3, M (4 + n)).
+    """
+    import casadi
+
+    n = U.size + order + even_terms
+    start, end, p = casadi.SX.sym("start", NODE), casadi.SX.sym("end", NODE), casadi.SX.sym("p", n)
+    d, constants = casadi.SX.sym("d", DATA.size), casadi.SX.sym("c", 2)
+    scale, span = constants[0], d[DATA.span]
+
+    def spring(phi: Any) -> Any:
+        torque = 0.0
+        for term in range(order + even_terms):
+            power = _power(term, order)
+            torque += p[U.size + term] * scale * (phi / scale) ** power / max(power, 1)
+        return torque
+
+    def direction(omega: Any) -> Any:
+        return casadi.tanh(omega / constants[1])
+
+    risen, slowed = end[0] - start[0], start[1] - end[1]
+    middle = 0.5 * (start[0] + end[0]) + span * slowed / 8.0
+    omega = 1.5 * risen / span - 0.25 * (start[1] + end[1])
+    torques = [
+        p[U.friction] * direction(rate) - spring(q - theta)
+        for rate, q, theta in (
+            (start[1], d[DATA.q_start], start[0]),
+            (omega, d[DATA.q_middle], middle),
+            (end[1], d[DATA.q_end], end[0]),
+        )
+    ]
+    impulse = -p[U.inertia] * slowed + p[U.damping] * risen
+    impulse += span / 6.0 * (torques[0] + 4.0 * torques[1] + torques[2]) - d[DATA.impulse]
+    moment = p[U.inertia] * (risen - 0.5 * span * (start[1] + end[1])) - d[DATA.moment]
+    moment += span**2 / 12.0 * (p[U.damping] * slowed + torques[0] - torques[2])
+    miss = d[DATA.theta] - 0.5 * (start[0] + end[0]) - span * slowed / 12.0
+    residual = casadi.vertcat(impulse / d[DATA.sd_impulse], moment / d[DATA.sd_moment], miss / d[DATA.sd_theta])
+    jacobian = casadi.jacobian(residual, casadi.vertcat(start, end, p))
+    each = casadi.Function("interval", [start, end, p, d, constants], [residual, casadi.densify(jacobian)])
+    return each.map(intervals)
+
+
+def linearise(model: Model, nodes: Array, z: Array, data: Array) -> tuple[Array, Array]:
+    """Residuals (M, 3) and Jacobians (M, 3, 4 + n) by the two nodes and z, of intervals data (M, DATA.size)."""
+    intervals, n = len(data), len(z)
+    p = np.repeat((model.mean + model.width * z)[:, None], intervals, axis=1)
+    constants = np.repeat([[model.scale], [model.smoothing]], intervals, axis=1)
+    function = _functions(model.order, model.even_terms, intervals)
+    residual, flat = function(nodes[:-1].T, nodes[1:].T, p, data.T, constants)
+    jacobian = flat.full().reshape(EQUATIONS, intervals, 2 * NODE + n).transpose(1, 0, 2)
+    jacobian[:, :, 2 * NODE :] *= model.width
+    return residual.full().T, jacobian
+
+
+def _stacked(arrival: Array, residual: Array, jacobian: Array, at: tuple[Array, Array]) -> Array:
+    """Rows [A | b] for all nodes, then z, in absolute numbers, linearised `at` (nodes, z)."""
+    intervals, n = len(residual), len(at[1])
+    states = NODE * (intervals + 1)
+    rows = np.zeros((len(arrival) + EQUATIONS * intervals, states + n + 1))
+    rows[: len(arrival), :NODE], rows[: len(arrival), states:] = arrival[:, :NODE], arrival[:, NODE:]
+    body = rows[len(arrival) :]
+    for k in range(intervals):
+        body[EQUATIONS * k : EQUATIONS * (k + 1), NODE * k : NODE * (k + 2)] = jacobian[k, :, : 2 * NODE]
+    body[:, states:-1] = jacobian[:, :, 2 * NODE :].reshape(-1, n)
+    body[:, -1] = body[:, :-1] @ np.concatenate([at[0].ravel(), at[1]]) - residual.ravel()
+    return rows
+
+
+def _cost(arrival: Array, residual: Array, nodes: Array, z: Array) -> float:
+    """Sum of squares of the arrival cost and of the residuals."""
+    first = arrival[:, :-1] @ np.concatenate([nodes[0], z]) - arrival[:, -1]
+    return float(first @ first + np.sum(residual**2))
+
+
+def free(z: Array, root: Array) -> Array:
+    """The arrival cost [R | e] of a node of which nothing is known, and of z with the information root' root."""
+    n = len(z)
+    arrival = np.zeros((NODE + n, NODE + n + 1))
+    arrival[[0, 1], [0, 1]] = LOOSE
+    arrival[NODE:, NODE:-1], arrival[NODE:, -1] = root, root @ z
+    return arrival
+
+
+def solve(model: Model, arrival: Array, start: tuple[Array, Array], data: Array, iterations: int) -> Solution | None:
+    """Gauss-Newton steps from `start` (nodes, z); None if the sum of squares has not decreased or is not finite."""
+    nodes, z = start
+    residual, jacobian = linearise(model, nodes, z, data)
+    before, root = _cost(arrival, residual, nodes, z), np.empty(0)
+    n = len(z)
+    for _ in range(iterations):
+        rows = _stacked(arrival, residual, jacobian, (nodes, z))
+        if not np.isfinite(rows).all():
+            return None
+        triangle = np.linalg.qr(rows, mode="r")
+        if not np.abs(triangle.diagonal()[:-1]).min() > 0.0:
+            return None
+        found = solve_triangular(triangle[:-1, :-1], triangle[:-1, -1], check_finite=False)
+        nodes, z, root = found[:-n].reshape(-1, NODE), found[-n:], triangle[-1 - n : -1, -1 - n : -1]
+        residual, jacobian = linearise(model, nodes, z, data)
+    cost = _cost(arrival, residual, nodes, z)
+    return Solution(nodes, z, root, cost) if cost <= before * (1.0 + 1e-9) and np.isfinite(z).all() else None
+
+
+def leave(model: Model, arrival: Array, solution: Solution, data: Array) -> tuple[Array, float]:
+    """The arrival cost after the intervals data (s, DATA.size) have left, and the sum of squares of s innovations.
+
+    With linear equations and Gaussian noise this is the Kalman filter's prediction in square-root information form.
+    """
+    count, size = len(data), len(arrival)
+    nodes = solution.nodes[: count + 1]
+    residual, jacobian = linearise(model, nodes, solution.z, data)
+    triangle = np.linalg.qr(_stacked(arrival, residual, jacobian, (nodes, solution.z)), mode="r")
+    gone = NODE * count
+    return triangle[gone : gone + size, gone:], float(triangle[gone + size, -1] ** 2)
+
+
+def walk(arrival: Array, directions: Array, variance: float) -> Array:
+    """The arrival cost after z has moved along each of the directions (n, k) by a random step of that variance."""
+    if variance <= 0.0:
+        return arrival
+    k, size = directions.shape[1], len(arrival)
+    rows = np.zeros((k + size, k + size + 1))
+    rows[:k, :k] = np.eye(k) / np.sqrt(variance)
+    rows[k:, :k], rows[k:, k:] = -arrival[:, NODE:-1] @ directions, arrival
+    return np.linalg.qr(rows, mode="r")[k:, k:]
