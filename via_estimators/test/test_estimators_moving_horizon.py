@@ -1,5 +1,7 @@
 """Moving-horizon estimation: derivatives, batch least squares, the Kalman filter, planted truths, standard errors."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -164,3 +166,13 @@ def test_standard_deviations_match_the_scatter_between_seeds():
 def test_a_horizon_shorter_than_the_step_between_solutions_is_refused():
     with pytest.raises(ParameterError, match="window must hold more than `every` = 5 intervals of 10 samples: 40"):
         replace(PLAIN, window=40)
+
+
+def test_other_methods_do_not_load_casadi():
+    code = (
+        "import sys; from via_core.devices import load_device; from via_estimators.methods import estimator_for; "
+        "estimator_for(load_device('qbmove_b')).load(); before = 'casadi' in sys.modules; "
+        "estimator_for(load_device('qbmove_b'), 'moving_horizon').load(); print(before, 'casadi' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True)
+    assert done.stdout.split() == ["False", "True"]

@@ -10,12 +10,14 @@ Nodes x_k = (theta_k, omega_k) bound intervals of span T. The motor equation B o
 tau + noise is multiplied by 1 and by T/2 - t and integrated over an interval. Both equations are exact but for
 Simpson's rule, and their noise is independent, with variance S T and S T^3 / 12 for torque noise of density S:
 
-    r_1 = (B d_omega + D d_theta + F T <s> - T <tau_e> - integral tau) / sd_1
+    r_1 = (B d_omega + D d_theta + F T (omega_0 + omega_1) / (h_0 + h_1) - T <tau_e> - integral tau) / sd_1
     r_2 = (B (d_theta - T (omega_0 + omega_1)/2) + T^2/12 (D (omega_0 - omega_1) + F (s_0 - s_1) - tau_e0 + tau_e1)
            - integral (T/2 - t) tau) / sd_2
     r_3 = (mean of the measured theta - (theta_0 + theta_1)/2 - T (omega_0 - omega_1)/12) / sd_3
 
-s(omega) = tanh(omega / v) is the smoothed sign; tau_e = sum_p a_p f_p(q - theta) as in `modulated_torque`.
+h = sqrt(omega^2 + v^2), and s = omega / h is the smoothed sign; its mean over an interval with linear omega is the
+quotient in r_1. Where the motor may stick or turn back, friction is noise (`weighed`). The spring torque is tau_e =
+sum_p a_p f_p(q - theta) as in `modulated_torque`.
 The unknowns are the nodes and p = (B, D, F, a..), with p = mean + width z.
 
 An arrival cost |R (x_0, z) - e|^2 is the array [R | e]. All steps are QR factorisations of [A | b], nodes first, so the
@@ -29,9 +31,9 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from via_core.signals import Array
 
+from via_estimators import qr
 from via_estimators.modulated_torque import _power
 from via_estimators.slots import slots
 
@@ -88,29 +90,37 @@ def _functions(order: int, even_terms: int, intervals: int) -> Any:
             torque += p[U.size + term] * scale * (phi / scale) ** power / max(power, 1)
         return torque
 
-    def direction(omega: Any) -> Any:
-        return casadi.tanh(omega / constants[1])
-
     risen, slowed = end[0] - start[0], start[1] - end[1]
     middle = 0.5 * (start[0] + end[0]) + span * slowed / 8.0
-    omega = 1.5 * risen / span - 0.25 * (start[1] + end[1])
-    torques = [
-        p[U.friction] * direction(rate) - spring(q - theta)
-        for rate, q, theta in (
-            (start[1], d[DATA.q_start], start[0]),
-            (omega, d[DATA.q_middle], middle),
-            (end[1], d[DATA.q_end], end[0]),
-        )
-    ]
-    impulse = -p[U.inertia] * slowed + p[U.damping] * risen
-    impulse += span / 6.0 * (torques[0] + 4.0 * torques[1] + torques[2]) - d[DATA.impulse]
-    moment = p[U.inertia] * (risen - 0.5 * span * (start[1] + end[1])) - d[DATA.moment]
-    moment += span**2 / 12.0 * (p[U.damping] * slowed + torques[0] - torques[2])
+    first, half, last = (
+        spring(q - theta)
+        for q, theta in ((d[DATA.q_start], start[0]), (d[DATA.q_middle], middle), (d[DATA.q_end], end[0]))
+    )
+    speeds = [casadi.sqrt(omega**2 + constants[1] ** 2) for omega in (start[1], end[1])]
+    impulse = p[U.damping] * risen - p[U.inertia] * slowed - span / 6.0 * (first + 4.0 * half + last)
+    impulse += p[U.friction] * span * (start[1] + end[1]) / (speeds[0] + speeds[1]) - d[DATA.impulse]
+    moment = p[U.damping] * slowed + p[U.friction] * (start[1] / speeds[0] - end[1] / speeds[1]) - first + last
+    moment = span**2 / 12.0 * moment + p[U.inertia] * (risen - 0.5 * span * (start[1] + end[1])) - d[DATA.moment]
     miss = d[DATA.theta] - 0.5 * (start[0] + end[0]) - span * slowed / 12.0
     residual = casadi.vertcat(impulse / d[DATA.sd_impulse], moment / d[DATA.sd_moment], miss / d[DATA.sd_theta])
     jacobian = casadi.jacobian(residual, casadi.vertcat(start, end, p))
     each = casadi.Function("interval", [start, end, p, d, constants], [residual, casadi.densify(jacobian)])
     return each.map(intervals)
+
+
+def weighed(model: Model, nodes: Array, z: Array, data: Array) -> Array:
+    """Intervals data (M, DATA.size) with friction of unknown direction added to the noise of the torque.
+
+    The mean of the smoothed sign over an interval is m; a friction that opposes another motion differs by F (1 - m^2).
+    """
+    omega, friction = nodes[:, 1], (model.mean + model.width * z)[U.friction]
+    speed = np.hypot(omega, model.smoothing)
+    mean = (omega[:-1] + omega[1:]) / (speed[:-1] + speed[1:])
+    unknown, span = friction * (1.0 - mean**2), data[:, DATA.span]
+    found = data.copy()
+    found[:, DATA.sd_impulse] = np.hypot(data[:, DATA.sd_impulse], unknown * span)
+    found[:, DATA.sd_moment] = np.hypot(data[:, DATA.sd_moment], 0.25 * unknown * span**2)
+    return found
 
 
 def linearise(model: Model, nodes: Array, z: Array, data: Array) -> tuple[Array, Array]:
@@ -167,7 +177,8 @@ def solve(model: Model, arrival: Array, start: tuple[Array, Array], data: Array,
         triangle = np.linalg.qr(rows, mode="r")
         if not np.abs(triangle.diagonal()[:-1]).min() > 0.0:
             return None
-        found = solve_triangular(triangle[:-1, :-1], triangle[:-1, -1], check_finite=False)
+        found = np.empty(len(triangle) - 1)
+        qr.solve_triangular(triangle[:-1, :-1].copy(), triangle[:-1, -1].copy(), found)
         nodes, z, root = found[:-n].reshape(-1, NODE), found[-n:], triangle[-1 - n : -1, -1 - n : -1]
         residual, jacobian = linearise(model, nodes, z, data)
     cost = _cost(arrival, residual, nodes, z)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
 from numba import njit
 from via_core.signals import Array
 
@@ -154,7 +153,7 @@ def add(link: Array, parts: Array, row: Array, step: float) -> None:
 def append(par: Array, link: Array, part: Array, span: float, slope: Array) -> None:
     """Append the interval that just ended, of `span` [s], to a transmission's horizon, with a guess of its nodes."""
     kept, sums, data, nodes, _, z, _, _ = views(par, part)
-    at, count, n = int(kept[KEPT.intervals]), link[LINK.count], z.size
+    at, count = int(kept[KEPT.intervals]), link[LINK.count]
     d = data[at]
     mean_t, mean_q = link[LINK.t] / count, link[LINK.dq] / count
     rate = (link[LINK.t_dq] - count * mean_t * mean_q) / (link[LINK.tt] - count * mean_t * mean_t)
@@ -166,10 +165,8 @@ def append(par: Array, link: Array, part: Array, span: float, slope: Array) -> N
     d[DATA.low], d[DATA.high] = sums[SUMS.low], sums[SUMS.high]
     turned = (sums[SUMS.last] - sums[SUMS.first]) / span
     found = stiffness(par, z, d[DATA.q_middle] - d[DATA.theta], slope)[0]
-    friction = par[P.size + U.friction] + par[P.size + n + U.friction] * z[U.friction]
-    sticking = friction * (1.0 - np.tanh(turned / par[P.friction_velocity]) ** 2)
     noise = par[P.torque_noise] ** 2 + (found * par[P.position_noise]) ** 2
-    noise = noise * span / (count - 1.0) + sticking * sticking * span
+    noise *= span / (count - 1.0)
     d[DATA.sd_impulse], d[DATA.sd_moment] = sqrt(noise * span), sqrt(noise * span / 12.0) * span
     least = LEAST_ANGLE_NOISE * par[P.deflection_scale]
     d[DATA.sd_theta] = sqrt((par[P.position_noise] ** 2 + least * least) / (count - 1.0))

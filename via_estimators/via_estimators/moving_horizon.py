@@ -183,11 +183,12 @@ class MovingHorizon(Estimator):
         kept, _, data, nodes, arrival, z, root, covariance = horizon.views(par, part)
         kept[KEPT.due] = 0.0
         with np.errstate(all="ignore"):
-            solution = horizon_problem.solve(model, arrival, (nodes, z), data, own.iterations)
+            noisy = horizon_problem.weighed(model, nodes, z, data)
+            solution = horizon_problem.solve(model, arrival, (nodes, z), noisy, own.iterations)
             if solution is None:
                 horizon.detach(par, part)
                 return
-            after, innovations = horizon_problem.leave(model, arrival, solution, data[: own.every])
+            after, innovations = horizon_problem.leave(model, arrival, solution, noisy[: own.every])
             inverse = np.linalg.inv(solution.root)
             elapsed = float(data[: own.every, DATA.span].sum())
             after = horizon_problem.walk(after, self._directions(solution.z), min(own.drift**2 * elapsed, WIDEST))
