@@ -149,6 +149,11 @@ def _stacked(arrival: Array, residual: Array, jacobian: Array, at: tuple[Array, 
     return rows
 
 
+def _triangle(rows: Array) -> Array:
+    """R of the QR factorisation of rows."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
 def _cost(arrival: Array, residual: Array, nodes: Array, z: Array) -> float:
     """Sum of squares of the arrival cost and of the residuals."""
     first = arrival[:, :-1] @ np.concatenate([nodes[0], z]) - arrival[:, -1]
@@ -174,7 +179,7 @@ def solve(model: Model, arrival: Array, start: tuple[Array, Array], data: Array,
         rows = _stacked(arrival, residual, jacobian, (nodes, z))
         if not np.isfinite(rows).all():
             return None
-        triangle = np.linalg.qr(rows, mode="r")
+        triangle = _triangle(rows)
         if not np.abs(triangle.diagonal()[:-1]).min() > 0.0:
             return None
         found = np.empty(len(triangle) - 1)
@@ -193,7 +198,7 @@ def leave(model: Model, arrival: Array, solution: Solution, data: Array) -> tupl
     count, size = len(data), len(arrival)
     nodes = solution.nodes[: count + 1]
     residual, jacobian = linearise(model, nodes, solution.z, data)
-    triangle = np.linalg.qr(_stacked(arrival, residual, jacobian, (nodes, solution.z)), mode="r")
+    triangle = _triangle(_stacked(arrival, residual, jacobian, (nodes, solution.z)))
     gone = NODE * count
     return triangle[gone : gone + size, gone:], float(triangle[gone + size, -1] ** 2)
 
@@ -206,4 +211,4 @@ def walk(arrival: Array, directions: Array, variance: float) -> Array:
     rows = np.zeros((k + size, k + size + 1))
     rows[:k, :k] = np.eye(k) / np.sqrt(variance)
     rows[k:, :k], rows[k:, k:] = -arrival[:, NODE:-1] @ directions, arrival
-    return np.linalg.qr(rows, mode="r")[k:, k:]
+    return _triangle(rows)[k:, k:]
