@@ -118,7 +118,7 @@ def test_the_arrival_cost_of_a_linear_joint_is_the_kalman_filter():
         horizon = data[at : at + 10]
         start = np.zeros((len(horizon) + 1, 2)), np.zeros(4)
         found = problem.solve(SURE, arrival, start, horizon, 1)
-        arrival, left = problem.leave(SURE, arrival, found, horizon[:5])
+        arrival, left = problem.leave(arrival, found, 5)
         squares += left
     mean, covariance, innovations = kalman(data[:35])
     inverse = np.linalg.inv(arrival[:, :-1])

@@ -20,9 +20,10 @@ quotient in r_1. Where the motor may stick or turn back, friction is noise (`wei
 sum_p a_p f_p(q - theta) as in `modulated_torque`.
 The unknowns are the nodes and p = (B, D, F, a..), with p = mean + width z.
 
-An arrival cost |R (x_0, z) - e|^2 is the array [R | e]. All steps are QR factorisations of [A | b], nodes first, so the
-trailing block of the triangle is the marginal information of z. CasADi generates residuals and Jacobians; it is loaded
-when the first problem is solved.
+An arrival cost |R (x_0, z) - e|^2, R triangular, is the array [R | e]. A Gauss-Newton step eliminates the nodes one by
+one by rotations (`sweep`), which takes [R | e] to the next node, and then substitutes backwards; the triangle that
+remains is the marginal information of z. Intervals that leave the horizon pass the same sweep. CasADi generates
+residuals and Jacobians; it is loaded when the first problem is solved.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit
 from via_core.signals import Array
 
 from via_estimators import qr
@@ -62,12 +64,14 @@ class Model(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """Nodes (M + 1, 2), z (n,), triangle (n, n) of the information of z, and the sum of squares there."""
+    """Nodes (M + 1, 2), z (n,), triangle (n, n) of the information of z; sum of squares, residuals, Jacobians there."""
 
     nodes: Array
     z: Array
     root: Array
     cost: float
+    residual: Array  # (M, 3)
+    jacobian: Array  # (M, 3, 4 + n)
 
 
 @lru_cache(maxsize=32)
@@ -132,26 +136,61 @@ def linearise(model: Model, nodes: Array, z: Array, data: Array) -> tuple[Array,
     residual, flat = function(nodes[:-1].T, nodes[1:].T, p, data.T, constants)
     jacobian = flat.full().reshape(EQUATIONS, intervals, 2 * NODE + n).transpose(1, 0, 2)
     jacobian[:, :, 2 * NODE :] *= model.width
-    return residual.full().T, jacobian
+    return np.ascontiguousarray(residual.full().T), np.ascontiguousarray(jacobian)
 
 
-def _stacked(arrival: Array, residual: Array, jacobian: Array, at: tuple[Array, Array]) -> Array:
-    """Rows [A | b] for all nodes, then z, in absolute numbers, linearised `at` (nodes, z)."""
-    intervals, n = len(residual), len(at[1])
-    states = NODE * (intervals + 1)
-    rows = np.zeros((len(arrival) + EQUATIONS * intervals, states + n + 1))
-    rows[: len(arrival), :NODE], rows[: len(arrival), states:] = arrival[:, :NODE], arrival[:, NODE:]
-    body = rows[len(arrival) :]
-    for k in range(intervals):
-        body[EQUATIONS * k : EQUATIONS * (k + 1), NODE * k : NODE * (k + 2)] = jacobian[k, :, : 2 * NODE]
-    body[:, states:-1] = jacobian[:, :, 2 * NODE :].reshape(-1, n)
-    body[:, -1] = body[:, :-1] @ np.concatenate([at[0].ravel(), at[1]]) - residual.ravel()
-    return rows
+@njit(cache=True, error_model="numpy")
+def sweep(
+    arrival: Array, residual: Array, jacobian: Array, nodes: Array, z: Array, factors: Array
+) -> float:  # fmt: skip
+    """Eliminate one node after the other, by rotations; returns the sum of squares of one innovation per interval.
+
+    arrival   [R | e] of the first node and z, R triangular; overwritten by that of the last node
+    residual  (M, 3) and jacobian (M, 3, 4 + n), linearised at nodes (M + 1, 2) and z (n,)
+    factors   (M, 2, 4 + n + 1) rows of the eliminated nodes: the node, the next one, z, right side; overwritten
+    """
+    size, squares = arrival.shape[0], 0.0
+    R, right, row = np.empty((NODE + size, NODE + size)), np.empty(NODE + size), np.empty(NODE + size)
+    for k in range(residual.shape[0]):
+        R[:] = 0.0
+        right[:] = 0.0
+        for i in range(size):
+            to = i if i < NODE else i + NODE
+            right[to] = arrival[i, size]
+            for j in range(i, size):
+                R[to, j if j < NODE else j + NODE] = arrival[i, j]
+        for e in range(EQUATIONS):
+            y = -residual[k, e]
+            for j in range(row.size):
+                row[j] = jacobian[k, e, j]
+                at = nodes[k + j // NODE, j % NODE] if j < 2 * NODE else z[j - 2 * NODE]
+                y += row[j] * at
+            squares += qr.rotate_in(R, right, row, y, 0) ** 2
+        factors[k, :, :-1] = R[:NODE]
+        factors[k, :, -1] = right[:NODE]
+        arrival[:, :size] = R[NODE:, NODE:]
+        arrival[:, size] = right[NODE:]
+    return squares
 
 
-def _triangle(rows: Array) -> Array:
-    """R of the QR factorisation of rows."""
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+@njit(cache=True, error_model="numpy")
+def trace_back(arrival: Array, factors: Array, nodes: Array, z: Array) -> None:
+    """Overwrite nodes (M + 1, 2) and z (n,) with the solution that `sweep` has prepared."""
+    size, last = arrival.shape[0], factors.shape[0]
+    x = np.empty(size)
+    qr.solve_triangular(arrival[:, :size].copy(), arrival[:, size].copy(), x)
+    z[:] = x[NODE:]
+    nodes[last] = x[:NODE]
+    for k in range(last - 1, -1, -1):
+        for i in range(NODE - 1, -1, -1):
+            total = factors[k, i, 2 * NODE + z.size]
+            for j in range(i + 1, NODE):
+                total -= factors[k, i, j] * nodes[k, j]
+            for j in range(NODE):
+                total -= factors[k, i, NODE + j] * nodes[k + 1, j]
+            for j in range(z.size):
+                total -= factors[k, i, 2 * NODE + j] * z[j]
+            nodes[k, i] = total / factors[k, i, i]
 
 
 def _cost(arrival: Array, residual: Array, nodes: Array, z: Array) -> float:
@@ -171,36 +210,29 @@ def free(z: Array, root: Array) -> Array:
 
 def solve(model: Model, arrival: Array, start: tuple[Array, Array], data: Array, iterations: int) -> Solution | None:
     """Gauss-Newton steps from `start` (nodes, z); None if the sum of squares has not decreased or is not finite."""
-    nodes, z = start
+    nodes, z = start[0].copy(), start[1].copy()
     residual, jacobian = linearise(model, nodes, z, data)
-    before, root = _cost(arrival, residual, nodes, z), np.empty(0)
-    n = len(z)
+    before = _cost(arrival, residual, nodes, z)
+    last, factors = arrival, np.empty((len(data), NODE, 2 * NODE + len(z) + 1))
     for _ in range(iterations):
-        rows = _stacked(arrival, residual, jacobian, (nodes, z))
-        if not np.isfinite(rows).all():
-            return None
-        triangle = _triangle(rows)
-        if not np.abs(triangle.diagonal()[:-1]).min() > 0.0:
-            return None
-        found = np.empty(len(triangle) - 1)
-        qr.solve_triangular(triangle[:-1, :-1].copy(), triangle[:-1, -1].copy(), found)
-        nodes, z, root = found[:-n].reshape(-1, NODE), found[-n:], triangle[-1 - n : -1, -1 - n : -1]
+        last = arrival.copy()
+        sweep(last, residual, jacobian, nodes, z, factors)
+        trace_back(last, factors, nodes, z)
         residual, jacobian = linearise(model, nodes, z, data)
     cost = _cost(arrival, residual, nodes, z)
-    return Solution(nodes, z, root, cost) if cost <= before * (1.0 + 1e-9) and np.isfinite(z).all() else None
+    if not (cost <= before * (1.0 + 1e-9) and np.isfinite(z).all()):
+        return None
+    return Solution(nodes, z, last[NODE:, NODE:-1], cost, residual, jacobian)
 
 
-def leave(model: Model, arrival: Array, solution: Solution, data: Array) -> tuple[Array, float]:
-    """The arrival cost after the intervals data (s, DATA.size) have left, and the sum of squares of s innovations.
+def leave(arrival: Array, solution: Solution, count: int) -> tuple[Array, float]:
+    """The arrival cost after the first `count` intervals have left, and the sum of squares of as many innovations.
 
-    With linear equations and Gaussian noise this is the Kalman filter's prediction in square-root information form.
+    With linear equations and Gaussian noise this is the Kalman filter in square-root information form.
     """
-    count, size = len(data), len(arrival)
-    nodes = solution.nodes[: count + 1]
-    residual, jacobian = linearise(model, nodes, solution.z, data)
-    triangle = _triangle(_stacked(arrival, residual, jacobian, (nodes, solution.z)))
-    gone = NODE * count
-    return triangle[gone : gone + size, gone:], float(triangle[gone + size, -1] ** 2)
+    after, factors = arrival.copy(), np.empty((count, NODE, 2 * NODE + len(solution.z) + 1))
+    residual, jacobian = solution.residual[:count], solution.jacobian[:count]
+    return after, sweep(after, residual, jacobian, solution.nodes, solution.z, factors)
 
 
 def walk(arrival: Array, directions: Array, variance: float) -> Array:
@@ -211,4 +243,4 @@ def walk(arrival: Array, directions: Array, variance: float) -> Array:
     rows = np.zeros((k + size, k + size + 1))
     rows[:k, :k] = np.eye(k) / np.sqrt(variance)
     rows[k:, :k], rows[k:, k:] = -arrival[:, NODE:-1] @ directions, arrival
-    return _triangle(rows)[k:, k:]
+    return np.asarray(np.linalg.qr(rows, mode="r"))[k:, k:]

@@ -16,7 +16,7 @@ follow from the Hessian of the Gauss-Newton method. They also include the declar
 the truncation of the basis, as in `modulated_torque`. Not included: the torque's delay, correlated encoder noise, and
 the curvature that a Gauss-Newton Hessian omits.
 
-The kernel is compiled, but for the solutions: CasADi evaluates residuals and Jacobians, LAPACK factorises.
+The kernel is compiled, but for the solutions: CasADi evaluates residuals and Jacobians.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ class MovingHorizon(Estimator):
         data[:] = 1.0
         solution = horizon_problem.solve(self.model, arrival, (nodes, z), data, self.parameters.iterations)
         if solution is not None:
-            horizon_problem.leave(self.model, arrival, solution, data[: self.parameters.every])
+            horizon_problem.leave(arrival, solution, self.parameters.every)
 
     def condition(self, state: Array) -> float:
         par = self._constants
@@ -188,7 +188,7 @@ class MovingHorizon(Estimator):
             if solution is None:
                 horizon.detach(par, part)
                 return
-            after, innovations = horizon_problem.leave(model, arrival, solution, noisy[: own.every])
+            after, innovations = horizon_problem.leave(arrival, solution, own.every)
             inverse = np.linalg.inv(solution.root)
             elapsed = float(data[: own.every, DATA.span].sum())
             after = horizon_problem.walk(after, self._directions(solution.z), min(own.drift**2 * elapsed, WIDEST))
