@@ -11,7 +11,7 @@ from via_bringup.cli import COMMANDS, app
 from via_validation.commands import COMMANDS as VALIDATION
 
 EVERY = {**COMMANDS, **VALIDATION}
-HEAVY = ("numba", "scipy", "matplotlib", "rclpy", "mujoco", "dask")
+HEAVY = ("casadi", "numba", "scipy", "matplotlib", "rclpy", "mujoco", "dask")
 
 
 @pytest.mark.parametrize("path", EVERY)

@@ -18,8 +18,10 @@ from via_estimators.link_impedance import LinkImpedance, LinkImpedanceParameters
 from via_estimators.methods import estimator_for
 from via_estimators.modulated_stiffness import ModulatedStiffness, ModulatedStiffnessParameters
 from via_estimators.modulated_torque import ModulatedTorque, ModulatedTorqueParameters
+from via_estimators.moving_horizon import MovingHorizon, MovingHorizonParameters
 from via_estimators.residual import Residual, ResidualParameters
 from via_estimators.signal_based import SignalBased, SignalBasedParameters
+from via_estimators.unknown_input_observer import UnknownInputObserver, UnknownInputObserverParameters
 
 MACCEPA = load_device("maccepavd")
 ESTIMATORS = {
@@ -28,6 +30,9 @@ ESTIMATORS = {
     "modulated_stiffness": ModulatedStiffness(ModulatedStiffnessParameters(window=60, memory=5.0)),
     "signal_based": SignalBased(SignalBasedParameters(window=60, memory=5.0)),
     "filtered_signal_based": FilteredSignalBased(FilteredSignalBasedParameters(window=60, order=6, memory=5.0)),
+    "moving_horizon, two motors": MovingHorizon(MovingHorizonParameters(window=60)),
+    "moving_horizon, one motor": MovingHorizon(MovingHorizonParameters(transmissions=1, window=60, even_terms=2)),
+    "unknown_input_observer": UnknownInputObserver(UnknownInputObserverParameters(window=60)),
     "residual": Residual(ResidualParameters(window=60, quantum=1e-4)),
     "link_impedance": LinkImpedance(
         MACCEPA.spring_laws[0], LinkImpedanceParameters(window=60, sampling=1e-3, minimum_motion=0.02)

@@ -94,6 +94,7 @@ class Checked(Estimator):
         return found
 
     def load(self) -> None:
+        self.inner.load()
         super().load()
         time, m = np.arange(100) / RATE, max(self.device.n_motors, 1)
         still = Samples(time, 0.0 * time, np.zeros((len(time), self.device.n_motors)), np.zeros((len(time), m)))

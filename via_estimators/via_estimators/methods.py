@@ -16,8 +16,10 @@ from via_estimators.filtered_signal_based import FilteredSignalBased
 from via_estimators.link_impedance import LinkImpedance
 from via_estimators.modulated_stiffness import ModulatedStiffness
 from via_estimators.modulated_torque import ModulatedTorque
+from via_estimators.moving_horizon import MovingHorizon
 from via_estimators.residual import Residual
 from via_estimators.signal_based import SignalBased
+from via_estimators.unknown_input_observer import UnknownInputObserver
 
 # In order of preference: the first one that suits a device is its default.
 METHODS: dict[str, type[Estimator]] = {
@@ -25,6 +27,8 @@ METHODS: dict[str, type[Estimator]] = {
     "modulated_stiffness": ModulatedStiffness,
     "filtered_signal_based": FilteredSignalBased,
     "signal_based": SignalBased,
+    "moving_horizon": MovingHorizon,
+    "unknown_input_observer": UnknownInputObserver,
     "residual": Residual,
     "link_impedance": LinkImpedance,
     "damping_directional": DampingDirectional,
