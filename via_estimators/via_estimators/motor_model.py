@@ -8,15 +8,16 @@ is linear, so that a filter of the first order loses little:
 
     B_0 vd = x_B tau + tau_e(q - theta; x_a) - x_F s(v) - x_D v
 
-Time step: damping may be fast (D/B up to 12700 1/s at 1 kHz) and is integrated exactly. The other torques are taken
-at the middle of the step, which a half step finds. This is the exponential midpoint rule, S. M. Cox and P. C.
+Time step: damping may be fast (D/B up to 12700 1/s at 1 kHz) and is integrated exactly, dry friction with it as the
+damper x_F / sqrt(v^2 + v_s^2). Its v and the other torques are those in the middle of the step, which a half step
+finds. This is the exponential midpoint rule, S. M. Cox and P. C.
 Matthews, Exponential time differencing for stiff systems, J. Comput. Phys. 176, 2002, eq. (22) with its second stage
-in the middle. With z = h x_D/B_0, acceleration g of the other torques and phi_1(z) = (1 - e^-z)/z, phi_2 = (1 - phi_1)/z,
+in the middle. With z = h rate, acceleration g of the other torques and phi_1(z) = (1 - e^-z)/z, phi_2 = (1 - phi_1)/z,
 
     theta+ = theta + h phi_1 v + h^2 phi_2 g,    v+ = e^-z v + h phi_1 g        first h = T/2, g at the start;
                                                                                  then h = T, g in the middle
 
-A negative x_D, which an uncertain estimate may be, counts as one of the other torques: no exponential grows.
+A negative x_D or x_F, which an uncertain estimate may be, counts as one of the other torques: no exponential grows.
 
 Input: tau is constant over the interval that ends at the stamp; q is interpolated between its two measurements.
 """
@@ -103,10 +104,22 @@ def bend(model: Array, x: Array, phi: float) -> float:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def _size(model: Array, v: float) -> float:
+    """sqrt(v^2 + v_s^2) [rad/s]."""
+    return sqrt(v * v + model[MODEL.friction_velocity] ** 2)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def damping_rate(model: Array, x: Array, v: float) -> float:
+    """Rate [1/s] of the exponentials: damping, and dry friction as a damper of F / sqrt(v^2 + v_s^2)."""
+    dry = max(x[X.friction], 0.0) / _size(model, v)
+    return (max(x[X.damping], 0.0) + dry) / model[MODEL.inertia]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _acceleration(model: Array, x: Array, torque: float, of_spring: float, v: float) -> float:
-    """Acceleration [rad/s^2] without damping, unless that is negative."""
-    size = sqrt(v * v + model[MODEL.friction_velocity] ** 2)
-    other = x[X.friction] * v / size + min(x[X.damping], 0.0) * v
+    """Acceleration [rad/s^2] without damping and dry friction, unless they are negative."""
+    other = min(x[X.friction], 0.0) * v / _size(model, v) + min(x[X.damping], 0.0) * v
     return (x[X.inverse_inertia] * torque + of_spring - other) / model[MODEL.inertia]
 
 
@@ -115,11 +128,10 @@ def advance(model: Array, x: Array, given: Array, work: Array) -> tuple[float, f
     """Angle and velocity after the time step `given` (INPUT) from x (n,); work (4, n) is overwritten."""
     half, whole, f, g = work[0], work[1], work[2, : x.size - X.size], work[3, : x.size - X.size]
     theta, v, T, torque = x[X.angle], x[X.velocity], given[INPUT.step], given[INPUT.torque]
-    rate = max(x[X.damping], 0.0) / model[MODEL.inertia]
-    factors(rate, 0.5 * T, half)
-    factors(rate, T, whole)
+    factors(damping_rate(model, x, v), 0.5 * T, half)
     a = _acceleration(model, x, torque, spring(model, x, given[INPUT.q] - theta, f, g)[0], v)
     middle, w = _moved(half, theta, v, a)
+    factors(damping_rate(model, x, w), T, whole)
     phi = 0.5 * (given[INPUT.q] + given[INPUT.next_q]) - middle
     a = _acceleration(model, x, torque, spring(model, x, phi, f, g)[0], w)
     return _moved(whole, theta, v, a)
@@ -136,52 +148,55 @@ def derivatives(model: Array, x: Array, given: Array, work: Array, jacobian: Arr
     """`advance` with its derivatives by x into jacobian (2, n): rows of angle and velocity."""
     half, whole, f, g = work[0], work[1], work[2, : x.size - X.size], work[3, : x.size - X.size]
     theta, v, T, torque = x[X.angle], x[X.velocity], given[INPUT.step], given[INPUT.torque]
-    rate = max(x[X.damping], 0.0) / model[MODEL.inertia]
-    factors(rate, 0.5 * T, half)
-    factors(rate, T, whole)
+    factors(damping_rate(model, x, v), 0.5 * T, half)
     of_spring, stiffness = spring(model, x, given[INPUT.q] - theta, f, g)
     a = _acceleration(model, x, torque, of_spring, v)
     middle, w = _moved(half, theta, v, a)
+    factors(damping_rate(model, x, w), T, whole)
     jacobian[:, :] = 0.0
     jacobian[0, X.angle] = jacobian[1, X.velocity] = 1.0
     _chain(model, x, torque, stiffness, v, f, jacobian)
-    _spread(model, x, half, v, a, jacobian)
+    _spread(model, x, half, v, a, v, jacobian)
     of_spring, stiffness = spring(model, x, 0.5 * (given[INPUT.q] + given[INPUT.next_q]) - middle, f, g)
     a = _acceleration(model, x, torque, of_spring, w)
     _chain(model, x, torque, stiffness, w, f, jacobian)
-    _spread(model, x, whole, v, a, jacobian)
+    _spread(model, x, whole, v, a, w, jacobian)
     return _moved(whole, theta, v, a)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _chain(model: Array, x: Array, torque: float, stiffness: float, v: float, f: Array, jacobian: Array) -> None:
     """From the derivatives (2, n) of angle and velocity to that of `_acceleration` at them, into the first row."""
-    inertia, square = model[MODEL.inertia], model[MODEL.friction_velocity] ** 2
-    size = sqrt(v * v + square)
-    by_velocity = x[X.friction] * square / (size * size * size) + min(x[X.damping], 0.0)
+    inertia, size = model[MODEL.inertia], _size(model, v)
+    by_velocity = min(x[X.friction], 0.0) * model[MODEL.friction_velocity] ** 2 / size**3 + min(x[X.damping], 0.0)
     for j in range(x.size):
         slope = -stiffness * jacobian[0, j] - by_velocity * jacobian[1, j]
         if j >= X.size:
             slope += f[j - X.size]
         jacobian[0, j] = slope / inertia
     jacobian[0, X.inverse_inertia] += torque / inertia
-    jacobian[0, X.friction] -= v / size / inertia
+    jacobian[0, X.friction] -= v / size / inertia if x[X.friction] < 0.0 else 0.0
     jacobian[0, X.damping] -= v / inertia if x[X.damping] < 0.0 else 0.0
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _spread(model: Array, x: Array, of: Array, v: float, a: float, jacobian: Array) -> None:
-    """From the derivative of the acceleration, in the first row, to those of `_moved`."""
+def _spread(model: Array, x: Array, of: Array, v: float, a: float, speed: float, jacobian: Array) -> None:
+    """From the derivatives (2, n) of the acceleration, and of the speed of `damping_rate`, to those of `_moved`."""
+    size, inertia = _size(model, speed), model[MODEL.inertia]
+    by_rate = (of[FACTORS.first_slope] * v + of[FACTORS.second_slope] * a) / inertia
+    w_by_rate = (of[FACTORS.keep_slope] * v + of[FACTORS.first_slope] * a) / inertia
+    by_speed = -max(x[X.friction], 0.0) * speed / size**3
     for j in range(x.size):
-        slope = jacobian[0, j]
-        jacobian[0, j], jacobian[1, j] = of[FACTORS.second] * slope, of[FACTORS.first] * slope
+        slope, of_rate = jacobian[0, j], by_speed * jacobian[1, j]
+        if j == X.damping and x[j] >= 0.0:
+            of_rate += 1.0
+        elif j == X.friction and x[j] >= 0.0:
+            of_rate += 1.0 / size
+        jacobian[0, j] = of[FACTORS.second] * slope + by_rate * of_rate
+        jacobian[1, j] = of[FACTORS.first] * slope + w_by_rate * of_rate
     jacobian[0, X.angle] += 1.0
     jacobian[0, X.velocity] += of[FACTORS.first]
     jacobian[1, X.velocity] += of[FACTORS.keep]
-    if x[X.damping] >= 0.0:
-        inertia = model[MODEL.inertia]
-        jacobian[0, X.damping] += (of[FACTORS.first_slope] * v + of[FACTORS.second_slope] * a) / inertia
-        jacobian[1, X.damping] += (of[FACTORS.keep_slope] * v + of[FACTORS.first_slope] * a) / inertia
 
 
 @njit(cache=True, error_model="numpy")
@@ -216,7 +231,7 @@ def noise(
 @njit(cache=True, error_model="numpy")
 def add_noise(model: Array, x: Array, step: float, variance: float, work: Array, P: Array) -> None:
     """Add to P (n, n) an acceleration of that variance, constant over the time step [s]; work (4, n) is overwritten."""
-    factors(max(x[X.damping], 0.0) / model[MODEL.inertia], step, work[0])
+    factors(damping_rate(model, x, x[X.velocity]), step, work[0])
     angle, velocity = work[0, FACTORS.second], work[0, FACTORS.first]
     P[X.angle, X.angle] += variance * angle * angle
     P[X.angle, X.velocity] += variance * angle * velocity
