@@ -31,6 +31,7 @@ def inputs(count=300, seed=0):
 
 def linear_map(given):
     """F (2, 2) and the constant (2,) of a step: the model is linear in angle and velocity with known parameters."""
+
     def moved(angle, velocity):
         x = np.array([angle, velocity, *LINEAR[2:]])
         return np.array(motor_model.advance(MODEL, x, given, np.empty((4, 6))))

@@ -82,7 +82,12 @@ def test_derivatives_equal_finite_differences(order, even, signs, inertia):
 
 
 def test_bend_is_the_derivative_of_stiffness():
-    model, x, f, g = model_of(2, 0.8), state(0.0, 0.0, coefficients=(8.0, 15.0, 0.5, 2.0, -3.0)), np.empty(5), np.empty(5)
+    model, x, f, g = (
+        model_of(2, 0.8),
+        state(0.0, 0.0, coefficients=(8.0, 15.0, 0.5, 2.0, -3.0)),
+        np.empty(5),
+        np.empty(5),
+    )
     for phi in (-0.3, 0.2):
         low, high = (motor_model.spring(model, x, phi + d, f, g) for d in (-1e-6, 1e-6))
         assert (high[0] - low[0]) / 2e-6 == pytest.approx(motor_model.spring(model, x, phi, f, g)[1], rel=1e-7)

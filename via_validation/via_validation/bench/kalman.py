@@ -82,23 +82,16 @@ def _process_noise(x: Array, step: float, variance: float) -> Array:
     return Q
 
 
-class _Extended(ExtendedKalmanFilter):  # type: ignore[misc]
-    """filterpy's extended filter with our model."""
-
-    def predict_with(self, given: Array) -> None:
-        x, work, F = self.x, np.empty((4, N)), np.eye(N)
-        variance = noise(MODEL, x, self.P, given, TORQUE_NOISE, POSITION_NOISE, work)
-        x[:2] = derivatives(MODEL, x, given, work, F[:2])
-        self.P = F @ self.P @ F.T + _process_noise(x, given[0], variance)
-
-
 def filterpy_ekf(rows: Array, start: Array, diagonal: Array) -> Array:
     """`fold_ekf` with filterpy."""
     H = np.eye(1, N)
-    found = _Extended(N, 1)
+    work, found = np.empty((4, N)), ExtendedKalmanFilter(N, 1)
     found.x, found.P, found.R = start.copy(), np.diag(diagonal), np.array([[POSITION_NOISE**2]])
     for row in rows:
-        found.predict_with(row[:4])
+        F = np.eye(N)
+        variance = noise(MODEL, found.x, found.P, row[:4], TORQUE_NOISE, POSITION_NOISE, work)
+        found.x[:2] = derivatives(MODEL, found.x, row[:4], work, F[:2])
+        found.P = F @ found.P @ F.T + _process_noise(found.x, row[0], variance)
         found.update(row[4:], lambda x: H, lambda x: x[:1])
     return np.asarray(found.x)
 
@@ -140,9 +133,9 @@ def kalman_rows(turns: int) -> list[Row]:
             contenders["ekf_eigen"] = Contender(LOG, partial(reference.ekf, rows, *given, SETTINGS))
             agreeing.append(("ekf", reference.ekf(few, *given, SETTINGS)))
         expected = {"ekf": fold_ekf(few, *given), "ukf": fold_ukf(few, *given)}
-        for name, other in agreeing:
-            if not np.allclose(other, expected[name], rtol=1e-5, atol=1e-6):
-                raise ViaError(f"contenders of {name} disagree: {other} and {expected[name]}")
+        for name, state in agreeing:
+            if not np.allclose(state, expected[name], rtol=1e-5, atol=1e-6):
+                raise ViaError(f"contenders of {name} disagree: {state} and {expected[name]}")
         times = take_turns(contenders, turns)
     settings = f"n = {N}, one motor, median of {turns} alternating turns, one thread"
     what = {
