@@ -10,8 +10,8 @@ Parameters are random walks, at rates that the user declares: `spring_change` of
 of inertia, damping and dry friction.
 
 A filter pauses while the joint does not move, since a motor that sticks does not obey the model. Then it restarts with
-its parameters, at the measured angle and an unknown velocity. A filter that has diverged (numbers that are not finite or
-out of all proportion) starts anew from the prior.
+its parameters, at the measured angle and an unknown velocity. A filter that has diverged (numbers that are not finite
+or out of all proportion) starts anew from the prior.
 
 Standard deviations also include the declared uncertainty of the torque's scale and the truncation of the basis, as in
 `modulated_torque`. Not included: a delay of the torque, and what the first order (or the sigma points) leaves out.
@@ -34,7 +34,7 @@ from via_estimators.contract import Estimator, Parameters, expect, parameter
 from via_estimators.motor_model import INPUT, MODEL, X, bend, drift, spring
 from via_estimators.slots import row_of, slots
 from via_estimators.spring_series import MOST_TERMS, power, tail, terms_for
-from via_estimators.transmissions import JOINT, VISITED
+from via_estimators.transmissions import VISITED
 from via_estimators.window import HEADER
 
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
@@ -228,15 +228,18 @@ def correct(x: Array, covariance: Array, z: float, R: float, gain: Array) -> Non
 @njit(cache=True, error_model="numpy")
 def converging(x: Array, covariance: Array) -> bool:
     """Whether all numbers of a filter are finite and of a possible size."""
+    possible = True
     for j in range(x.size):
-        if not (isfinite(x[j]) and abs(x[j]) < LARGEST and 0.0 <= covariance[j, j] < LARGEST**2):
-            return False
-    return True
+        possible = possible and isfinite(x[j]) and abs(x[j]) < LARGEST and 0.0 <= covariance[j, j] < LARGEST**2
+    return possible
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def divide(sample: Array, i: int, last: Array, given: Array) -> int:
-    """Divide the interval since the last sample ROW into time steps `given` (INPUT) of motor i; returns their number."""
+    """Divide the interval since the last sample ROW into equal time steps; returns their number.
+
+    given  INPUT of the first one for motor i, overwritten
+    """
     elapsed = sample[0] - last[ROW.time]
     pieces = max(int(np.ceil(elapsed / LONGEST - 1e-6)), 1)
     given[INPUT.step], given[INPUT.torque] = elapsed / pieces, sample[3 + 2 * i]
@@ -310,7 +313,7 @@ def report(
 
     Before data determine the filter they remain those of the prior.
     """
-    n, m, model = x.size, int(par[P.transmissions]), par[P.order : P.size]
+    m, model = int(par[P.transmissions]), par[P.order : P.size]
     slope, inverse = work[0], x[X.inverse_inertia]
     doubt = sqrt(covariance[X.inverse_inertia, X.inverse_inertia])
     warming = kept[KEPT.learned] < par[P.length] or inverse <= SURE * doubt

@@ -97,7 +97,7 @@ def filterpy_ekf(rows: Array, start: Array, diagonal: Array) -> Array:
 
 
 def filterpy_ukf(rows: Array, start: Array, diagonal: Array) -> Array:
-    """`fold_ukf` with filterpy; its correction uses sigma points, which changes nothing as the measurement is linear."""
+    """`fold_ukf` with filterpy; it corrects by sigma points, which is the same for a linear measurement."""
     work = np.empty((4, N))
 
     def moved(x: Array, dt: float, given: Array) -> Array:
