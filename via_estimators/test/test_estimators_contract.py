@@ -13,6 +13,7 @@ from via_core.status import Status
 from via_estimators.contract import Parameters, rows_of, summarise
 from via_estimators.damping_directional import DampingDirectional, DampingDirectionalParameters
 from via_estimators.damping_rls import DampingRLS, DampingRLSParameters
+from via_estimators.extended_kalman import ExtendedKalman, ExtendedKalmanParameters
 from via_estimators.filtered_signal_based import FilteredSignalBased, FilteredSignalBasedParameters
 from via_estimators.link_impedance import LinkImpedance, LinkImpedanceParameters
 from via_estimators.methods import estimator_for
@@ -22,6 +23,7 @@ from via_estimators.moving_horizon import MovingHorizon, MovingHorizonParameters
 from via_estimators.residual import Residual, ResidualParameters
 from via_estimators.signal_based import SignalBased, SignalBasedParameters
 from via_estimators.unknown_input_observer import UnknownInputObserver, UnknownInputObserverParameters
+from via_estimators.unscented_kalman import UnscentedKalman, UnscentedKalmanParameters
 
 MACCEPA = load_device("maccepavd")
 ESTIMATORS = {
@@ -33,6 +35,8 @@ ESTIMATORS = {
     "moving_horizon, two motors": MovingHorizon(MovingHorizonParameters(window=60)),
     "moving_horizon, one motor": MovingHorizon(MovingHorizonParameters(transmissions=1, window=60, even_terms=2)),
     "unknown_input_observer": UnknownInputObserver(UnknownInputObserverParameters(window=60)),
+    "extended_kalman, two motors": ExtendedKalman(ExtendedKalmanParameters(window=60)),
+    "unscented_kalman, one motor": UnscentedKalman(UnscentedKalmanParameters(transmissions=1, window=60)),
     "residual": Residual(ResidualParameters(window=60, quantum=1e-4)),
     "link_impedance": LinkImpedance(
         MACCEPA.spring_laws[0], LinkImpedanceParameters(window=60, sampling=1e-3, minimum_motion=0.02)

@@ -36,7 +36,7 @@ from numba import njit
 from via_core.signals import Array
 
 from via_estimators import qr
-from via_estimators.modulated_torque import _power
+from via_estimators.spring_series import power
 from via_estimators.slots import slots
 
 # Measurements of an interval: span [s], impulse of the torque [N m s] and its moment about the middle [N m s^2], line
@@ -90,8 +90,8 @@ def _functions(order: int, even_terms: int, intervals: int) -> Any:
     def spring(phi: Any) -> Any:
         torque = 0.0
         for term in range(order + even_terms):
-            power = _power(term, order)
-            torque += p[U.size + term] * scale * (phi / scale) ** power / max(power, 1)
+            exponent = power(term, order)
+            torque += p[U.size + term] * scale * (phi / scale) ** exponent / max(exponent, 1)
         return torque
 
     risen, slowed = end[0] - start[0], start[1] - end[1]

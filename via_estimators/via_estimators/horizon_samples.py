@@ -14,7 +14,7 @@ from via_core.signals import Array
 
 from via_estimators import horizon_problem
 from via_estimators.horizon_problem import DATA, NODE, U
-from via_estimators.modulated_torque import _power
+from via_estimators.spring_series import power
 from via_estimators.slots import slots
 from via_estimators.transmissions import VISITED
 from via_estimators.window import HEADER
@@ -110,12 +110,12 @@ def stiffness(par: Array, z: Array, phi: float, slope: Array) -> tuple[float, fl
     total = bend = 0.0
     slope[: U.size] = 0.0
     for j in range(U.size, n):
-        power = _power(j - U.size, order)
-        rise = share ** (power - 1) if power > 0 else 0.0
+        exponent = power(j - U.size, order)
+        rise = share ** (exponent - 1) if exponent > 0 else 0.0
         a = par[P.size + j] + par[P.size + n + j] * z[j]
         slope[j] = par[P.size + n + j] * rise
         total += a * rise
-        bend += a * (power - 1) * share ** (power - 2) / par[P.deflection_scale] if power > 1 else 0.0
+        bend += a * (exponent - 1) * share ** (exponent - 2) / par[P.deflection_scale] if exponent > 1 else 0.0
     return total, bend
 
 

@@ -44,16 +44,15 @@ import numpy as np
 from numba import njit
 from via_core.devices import Device
 from via_core.signals import Array
-from via_core.springs import SpringLaw
 from via_core.status import BAD_SAMPLE
 
 from via_estimators import interacting_models, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.slots import row_of, slots
+from via_estimators.spring_series import MOST_TERMS, power, tail, terms_for
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
-MOST_TERMS = 6
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
 ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
@@ -118,7 +117,7 @@ class ModulatedTorque(Estimator):
         typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
-        order, even = _terms_for(device.spring_laws)
+        order, even = terms_for(device.spring_laws)
         return cls(ModulatedTorqueParameters(**known, order=order, even_terms=even))
 
     def with_parameters(self, parameters: Parameters) -> ModulatedTorque:
@@ -171,38 +170,12 @@ class ModulatedTorque(Estimator):
         return partial(_advance, self._constants)
 
 
-def _terms_for(springs: tuple[SpringLaw, ...]) -> tuple[int, int]:
-    """Numbers of odd and even terms that fit the spring laws to 1 % of their largest torque, plus one each."""
-    share = np.linspace(-1.0, 1.0, 129)
-    torques = np.stack([each.torque(share * each.max_deflection) for each in springs], axis=1)
-    largest = np.abs(torques).max()
-    odd = np.abs(torques + torques[::-1]).max() <= 1e-6 * largest
-    for order in range(1, MOST_TERMS):
-        terms = share[:, None] ** (2 * np.arange(order) + 1 if odd else np.arange(2 * order))
-        misfit = torques - terms @ np.linalg.lstsq(terms, torques, rcond=None)[0]
-        if np.abs(misfit).max() <= 0.01 * largest:
-            return order + 1, 0 if odd else order + 1
-    return MOST_TERMS, 0 if odd else MOST_TERMS
-
-
-@njit(cache=True, error_model="numpy")
-def _power(term: int, order: int) -> int:
-    """Power of phi in a term: odd powers first, then even ones from 0."""
-    return 2 * term + 1 if term < order else 2 * (term - order)
-
-
 @njit(cache=True, error_model="numpy")
 def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array, covariance: Array) -> float:
-    """Squared stiffness [(N m/rad)^2] of the terms left out, bounded by the size of the last term without its noise.
-
-    Over the deflections visited, |phi| <= far s, a power n of phi contains 2^(1-n) far^n of the Chebyshev polynomial
-    T_n, and the Chebyshev coefficients of a smooth function decrease.
-    """
+    """`spring_series.tail` of a term."""
     j = U.size + term
-    n = _power(term, order) - 1
-    size = 2.0 ** (1 - n) * far**n if n > 0 else 0.0
     share, variance = mean[j] + width[j] * x[j], width[j] * width[j] * covariance[j, j]
-    return size * size * max(share * share - 4.0 * variance, 0.0)
+    return tail(power(term, order) - 1, far, share, variance)
 
 
 @njit(cache=True, error_model="numpy")
@@ -286,7 +259,7 @@ def _stiffness(par: Array, mean: Array, width: Array, x: Array, phi: float, slop
     stiffness, bend = 0.0, 0.0
     slope[: U.size], slope[x.size - 1] = 0.0, 0.0
     for j in range(U.size, x.size - 1):
-        p = _power(j - U.size, order)
+        p = power(j - U.size, order)
         share = mean[j] + width[j] * x[j]
         rise = z ** (p - 1) if p > 0 else 0.0
         slope[j] = width[j] * rise

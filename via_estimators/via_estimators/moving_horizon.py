@@ -37,7 +37,7 @@ from via_estimators import horizon_samples as horizon
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.horizon_problem import DATA, U
 from via_estimators.horizon_samples import KEPT, LINK, P
-from via_estimators.modulated_torque import MOST_TERMS, _power, _terms_for
+from via_estimators.spring_series import MOST_TERMS, power, tail, terms_for
 from via_estimators.slots import row_of
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
@@ -100,7 +100,7 @@ class MovingHorizon(Estimator):
         typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
-        order, even = _terms_for(device.spring_laws)
+        order, even = terms_for(device.spring_laws)
         return cls(MovingHorizonParameters(**known, order=order, even_terms=even))
 
     def with_parameters(self, parameters: Parameters) -> MovingHorizon:
@@ -221,20 +221,16 @@ class MovingHorizon(Estimator):
 
 @njit(cache=True, error_model="numpy")
 def _truncation(par: Array, kept: Array, z: Array, covariance: Array) -> float:
-    """Variance of stiffness [(N m/rad)^2] due to the terms left out: the last term of either parity, less its noise.
-
-    Over |phi| <= far s, a power n contains 2^(1-n) far^n of the Chebyshev polynomial T_n, and the coefficients of a
-    smooth function decrease.
-    """
+    """Variance of stiffness [(N m/rad)^2] due to the terms left out: the last term of either parity, less its noise."""
     order, even, n = int(par[P.order]), int(par[P.even_terms]), z.size
     far = max(abs(kept[VISITED.low]), abs(kept[VISITED.high])) / par[P.deflection_scale]
     total = 0.0
     for parity in range(2 if even > 1 else 1):
         term = order - 1 + parity * even
-        power, j = _power(term, order) - 1, U.size + term
-        size = 2.0 ** (1 - power) * far**power if power > 0 else 0.0
-        a = par[P.size + j] + par[P.size + n + j] * z[j]
-        total += size * size * max(a * a - 4.0 * par[P.size + n + j] ** 2 * covariance[j, j], 0.0)
+        j = U.size + term
+        width = par[P.size + n + j]
+        share, variance = par[P.size + j] + width * z[j], width * width * covariance[j, j]
+        total += tail(power(term, order) - 1, far, share, variance)
     return par[P.truncation] ** 2 * total
 
 

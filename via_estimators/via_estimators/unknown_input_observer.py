@@ -42,7 +42,7 @@ from via_estimators import qr, transmissions, window
 from via_estimators.basis import BASES, LEGENDRE, MOST_TERMS, POWERS, fill_basis, swing_of_last
 from via_estimators.contract import Estimator, Kernel, Parameters, choice, expect, parameter
 from via_estimators.deadbeat_observer import NOW, OVER_MEAN, OVER_SLOPE, OWN, STEPS
-from via_estimators.modulated_torque import _terms_for
+from via_estimators.spring_series import terms_for
 from via_estimators.slots import row_of, slots
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
@@ -102,7 +102,7 @@ class UnknownInputObserver(Estimator):
         motor, known = transmissions.motors_of(device)[0], transmissions.known_of(device)
         priors, tolerances = transmissions.priors_of(device), device.tolerances
         typical = 0.05 * abs(float(device.spring_laws[0].torque(known["deflection_scale"])))
-        order, even = _terms_for(device.spring_laws)
+        order, even = terms_for(device.spring_laws)
         return cls(
             UnknownInputObserverParameters(
                 **known,

@@ -12,7 +12,7 @@ from via_bringup import cli
 from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_estimators.methods import METHODS, methods_for
-from via_validation.bench import eigen, estimators, kernels
+from via_validation.bench import eigen, estimators, kalman, kernels
 from via_validation.bench.timing import Contender, Times, take_turns
 from via_validation.commands import bench as command
 from via_validation.tables.rows import Row
@@ -45,6 +45,25 @@ def test_every_contender_of_qr_finds_the_forgetful_least_squares_solution(refere
     expected = np.linalg.lstsq(np.vstack([started, roots[:, None] * ROWS]), np.append(np.zeros(9), roots * Y))[0]
     for fold in (kernels.fold_qr, kernels.python_qr, kernels.numpy_qr, reference.qr_rls):
         assert np.allclose(fold(ROWS, Y, prior, keep), expected, rtol=1e-9)
+
+
+def test_every_contender_of_the_kalman_filters_finds_the_same_state(reference):
+    rows, given = kalman.log(300), (kalman.START, kalman.DIAGONAL)
+    expected = kalman.fold_ekf(rows, *given)
+    assert np.abs(expected - kalman.START)[2:].max() > 0.1  # the filter has learned
+    for found in (kalman.filterpy_ekf(rows, *given), reference.ekf(rows, *given, kalman.SETTINGS)):
+        assert np.allclose(found, expected, rtol=1e-6, atol=1e-7)
+    assert np.allclose(kalman.filterpy_ukf(rows, *given), kalman.fold_ukf(rows, *given), rtol=1e-6, atol=1e-7)
+
+
+def test_kalman_rows_have_times_and_ratios(monkeypatch):
+    monkeypatch.setattr(kalman, "LOG", 100)
+    monkeypatch.setattr(kalman, "SLOW", 5)
+    rows = {row.id: row for row in kalman.kalman_rows(1)}
+    assert {"kalman.ekf", "kalman.ukf", "kalman.ekf_over_ekf_eigen", "kalman.ukf_over_ukf_filterpy"} <= set(rows)
+    monkeypatch.setattr(kalman, "filterpy_ekf", lambda rows, start, diagonal: np.zeros(8))
+    with pytest.raises(ViaError, match="contenders of ekf disagree"):
+        kalman.kalman_rows(1)
 
 
 def test_turns_alternate_and_the_first_round_does_not_count():

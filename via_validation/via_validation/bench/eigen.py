@@ -46,6 +46,12 @@ class Reference:
         self.library.qr_rls(rows, y, len(rows), prior, keep, result)
         return result
 
+    def ekf(self, steps: Array, start: Array, diagonal: Array, settings: Array) -> Array:
+        """x (8,) after steps (N, 5), from x = `start` (8,) and P with that diagonal (8,); settings (5,)."""
+        result = np.empty(len(start))
+        self.library.ekf(steps, len(steps), start, diagonal, settings, result)
+        return result
+
 
 def build(folder: Path) -> Reference | str:
     """The reference compiled in `folder`, or the reason why it cannot be compiled."""
@@ -70,4 +76,6 @@ def build(folder: Path) -> Reference | str:
         function = getattr(library, name)
         function.argtypes = [DOUBLES, DOUBLES, ctypes.c_long, *(numbers * (ctypes.c_double,)), DOUBLES]
         function.restype = None
+    library.ekf.argtypes = [DOUBLES, ctypes.c_long, *(4 * (DOUBLES,))]
+    library.ekf.restype = None
     return Reference(library)

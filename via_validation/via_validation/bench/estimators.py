@@ -22,6 +22,7 @@ from via_estimators.contract import Estimator, Live
 from via_estimators.methods import METHODS, estimator_for, methods_for
 from via_estimators.modulated_torque import ModulatedTorque
 
+from via_validation.bench.kalman import kalman_rows
 from via_validation.bench.kernels import kernel_rows
 from via_validation.bench.timing import Contender, take_turns
 from via_validation.tables.rows import Row
@@ -45,6 +46,7 @@ def estimator_rows(turns: int, progress: Progress) -> list[Row]:
     found: list[Row] = []
     for what, work in (
         ("kernels", lambda: kernel_rows(turns)),
+        ("Kalman filters", lambda: kalman_rows(turns)),
         ("steps", lambda: step_rows(turns)),
         ("growth", lambda: growth_rows(turns)),
         ("memory", memory_rows),
