@@ -36,8 +36,8 @@ from numba import njit
 from via_core.signals import Array
 
 from via_estimators import qr
-from via_estimators.spring_series import power
 from via_estimators.slots import slots
+from via_estimators.spring_series import power
 
 # Measurements of an interval: span [s], impulse of the torque [N m s] and its moment about the middle [N m s^2], line
 # through q at start, middle and end [rad], mean of theta [rad], standard deviations of r_1, r_2, r_3, and the smallest

@@ -14,8 +14,8 @@ from via_core.signals import Array
 
 from via_estimators import horizon_problem
 from via_estimators.horizon_problem import DATA, NODE, U
-from via_estimators.spring_series import power
 from via_estimators.slots import slots
+from via_estimators.spring_series import power
 from via_estimators.transmissions import VISITED
 from via_estimators.window import HEADER
 

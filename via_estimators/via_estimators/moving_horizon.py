@@ -37,8 +37,8 @@ from via_estimators import horizon_samples as horizon
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.horizon_problem import DATA, U
 from via_estimators.horizon_samples import KEPT, LINK, P
-from via_estimators.spring_series import MOST_TERMS, power, tail, terms_for
 from via_estimators.slots import row_of
+from via_estimators.spring_series import MOST_TERMS, power, tail, terms_for
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 

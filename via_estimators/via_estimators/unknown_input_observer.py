@@ -42,8 +42,8 @@ from via_estimators import qr, transmissions, window
 from via_estimators.basis import BASES, LEGENDRE, MOST_TERMS, POWERS, fill_basis, swing_of_last
 from via_estimators.contract import Estimator, Kernel, Parameters, choice, expect, parameter
 from via_estimators.deadbeat_observer import NOW, OVER_MEAN, OVER_SLOPE, OWN, STEPS
-from via_estimators.spring_series import terms_for
 from via_estimators.slots import row_of, slots
+from via_estimators.spring_series import terms_for
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
