@@ -1,0 +1,320 @@
+"""Which quantities of a joint the measured signals determine, and how well: Fisher information of its torque equations.
+
+Model. In each window k an equation of `joint_equations` has the residual r_k = f_k' x - y_k. Sensor samples have
+independent noise n_c of standard deviation s_c. To first order in the noise, at the true x,
+
+    r_k = sum_c (G_c n_c)_k,    G_c = sum_j x_j df_j/dn_c - dy/dn_c,    C = sum_c s_c^2 G_c G_c'
+
+so that torque noise enters through <n, psi>, and encoder noise through B <n, psi''> - D <n, psi'> - sigma <n, psi>: no
+velocity or acceleration is computed, and the weights of overlapping windows give the exact correlation of their noise.
+Equations share the noise of the angles, so they are stacked. For Gaussian noise the information about x is
+
+    J = A' C^-1 A,       A = (f_1, f_2, ..)',
+
+and no unbiased estimator has a covariance below J^-1 (Cramer-Rao bound; G. C. Goodwin and R. L. Payne, Dynamic System
+Identification: Experiment Design and Data Analysis, 1977, Section 1.3 and Chapter 6). Four windows per window length
+contain the information up to the frequencies that a window passes.
+
+Noise in A counts as motion: measured with A + dA, J is too large by E = E[dA' C^-1 dA], which is known. In a direction
+without any motion, v' J v is chi-square distributed with N degrees of freedom about v' E v, with a relative standard
+deviation of (2/N)^(1/2). For measured signals
+
+    J = A' C^-1 A - (1 + 2 (2/N)^(1/2)) E,      negative eigenvalues set to 0,
+
+is therefore a bound that noise alone exceeds in 2.5 % of the cases. Simulated signals without noise need none.
+
+Equations whose right side is zero determine their unknowns up to a common factor: x itself is without information.
+That holds exactly, whatever the noise and the discretisation, and is imposed on J (`_scales`).
+
+A model that does not explain the signals has larger residuals than C. C of each equation is multiplied by the reduced
+chi-square of its own fit where that exceeds 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf, sqrt
+
+import numpy as np
+from scipy import linalg, sparse
+from via_core.devices import Device
+from via_core.errors import SignalError
+from via_core.signals import Array
+
+from via_estimators import window
+from via_estimators.joint_equations import BEND, HELD, PSI, SLOPE, Equation, Part, Record, Unknown, equations_of
+
+SPAN = 0.2  # [s] window
+FEWEST = 20  # sampling intervals per window at least
+ORDER = 5  # of the modulating function
+OVERLAP = 4  # windows per window length
+CHUNK = 120  # windows whose noise is treated together
+DETERMINED = 1.0  # relative standard deviation below which a direction counts in the rank
+NEVER = 1e-6  # eigenvalue of J for directions without information: a relative standard deviation of 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Fisher information about the unknowns, in units of their sizes.
+
+    matrix  (p, p)
+    misfit  of each equation: standard deviation of its residuals over that which sensor noise explains, at least 1
+    windows number of windows
+    """
+
+    unknowns: tuple[Unknown, ...]
+    matrix: Array
+    misfit: dict[str, float]
+    windows: int
+
+    @cached_property
+    def _eigen(self) -> tuple[Array, Array]:
+        values, vectors = linalg.eigh(self.matrix)
+        return np.maximum(values, 0.0), vectors
+
+    @property
+    def rank(self) -> int:
+        """Number of independent combinations of unknowns with a relative standard deviation below DETERMINED."""
+        return int(np.sum(self._eigen[0] > DETERMINED**-2))
+
+    @property
+    def condition(self) -> float:
+        """Condition number of J in units of the sizes; infinite without full rank."""
+        values = self._eigen[0]
+        return float(values[-1] / values[0]) if len(values) and values[0] > NEVER else inf
+
+    @cached_property
+    def covariance(self) -> Array:
+        """J^-1 (p, p), in units of the sizes; directions without information have a variance of 1 / NEVER."""
+        values, vectors = self._eigen
+        return np.asarray((vectors / np.maximum(values, NEVER)) @ vectors.T)
+
+    def standard_deviation(self, name: str) -> float:
+        """Standard deviation of an unknown in its unit, from the signals alone."""
+        at = self._at(name)
+        return sqrt(self.covariance[at, at]) * self.unknowns[at].size
+
+    def with_file(self, name: str) -> float:
+        """The same if the device file's tolerances hold for all other quantities, the same spring's excepted."""
+        at = self._at(name)
+        own, known = self.unknowns[at], np.zeros(len(self.unknowns))
+        for j, other in enumerate(self.unknowns):
+            if j != at and not (own.part == other.part and own.part.startswith("spring")):
+                known[j] = (other.tolerance * (abs(other.value) / other.size or 1.0)) ** -2
+        extended = replace(self, matrix=self.matrix + np.diag(known))
+        return sqrt(extended.covariance[at, at]) * self.unknowns[at].size
+
+    def stiffness(self, spring: int, phi: Array) -> Array:
+        """Covariance (k, k) [(N m/rad)^2] of the stiffness of spring 1 or 2 at deflections phi (k,) [rad]."""
+        slope = self.stiffness_slope(spring, phi)
+        return np.asarray(slope @ self.covariance @ slope.T)
+
+    def stiffness_slope(self, spring: int, phi: Array) -> Array:
+        """Derivative (k, p) of that stiffness by the unknowns in units of their sizes."""
+        nodes = [(j, each) for j, each in enumerate(self.unknowns) if each.part == f"spring {spring}"]
+        slope = np.zeros((len(phi), len(self.unknowns)))
+        at = np.array([each.deflection for _, each in nodes if each.deflection is not None], dtype=np.float64)
+        odd = len(at) == len(nodes)  # without a torque at rest the powers are even in the stiffness
+        base, there = (at**2, np.asarray(phi) ** 2) if odd else (at, np.asarray(phi))
+        for k, (j, unknown) in enumerate((j, each) for j, each in nodes if each.deflection is not None):
+            others = np.delete(base, k)
+            slope[:, j] = np.prod((there[:, None] - others) / (base[k] - others), axis=1) * unknown.size
+        return slope
+
+    def weak(self) -> list[dict[str, float]]:
+        """Directions that the signals do not determine: the shares of their unknowns, the largest 1."""
+        values, vectors = self._eigen
+        found = []
+        for column in np.flatnonzero(values <= DETERMINED**-2):
+            v = vectors[:, column] / np.abs(vectors[:, column]).max()
+            found.append({self.unknowns[j].name: float(v[j]) for j in np.flatnonzero(np.abs(v) > 0.1)})
+        return found
+
+    def _at(self, name: str) -> int:
+        return [each.name for each in self.unknowns].index(name)
+
+
+def information_of(device: Device, record: Record, noisy: bool, only: Sequence[str] = ()) -> Information:
+    """Information in the samples of a record.
+
+    noisy  whether the samples have sensor noise (a log) or not (a simulation with ideal sensors)
+    only   names of the equations to use; empty: all
+
+    Raises SignalError if no window fits, ParameterError without the link angle.
+    """
+    made = equations_of(device, record)
+    equations = [each for each in made.equations if not only or each.name in only]
+    used = {name for each in equations for name in each.unknown}
+    unknowns = tuple(each for each in made.unknowns if each.name in used)
+    p = len(unknowns)
+    chunks = [_Chunk.of(equations, unknowns, record, centres) for centres in _windows(record.time)]
+    if not chunks:
+        raise SignalError(f"no window of {SPAN:g} s without gaps: {len(record.time)} samples")
+    misfit = _misfit(equations, unknowns, chunks) if noisy else {each.name: 1.0 for each in equations}
+    scale = np.array([misfit[each.name] for each in equations])
+    matrix, excess, count = np.zeros((p, p)), np.zeros((p, p)), 0
+    for chunk in chunks:
+        weight = np.repeat(scale, chunk.windows)
+        factor = linalg.cho_factor(chunk.covariance * np.outer(weight, weight), lower=True)
+        matrix += chunk.regressors.T @ linalg.cho_solve(factor, chunk.regressors)
+        count += chunk.windows
+        if noisy:
+            inverse = linalg.cho_solve(factor, np.eye(len(weight)))
+            excess += chunk.excess(inverse)
+    if noisy:
+        matrix = matrix - (1.0 + 2.0 * sqrt(2.0 / max(count * len(equations), 1))) * excess
+    for free in _scales(equations, unknowns):
+        keep = np.eye(p) - np.outer(free, free)
+        matrix = keep @ matrix @ keep
+    values, vectors = linalg.eigh(0.5 * (matrix + matrix.T))
+    return Information(unknowns, (vectors * np.maximum(values, 0.0)) @ vectors.T, misfit, count)
+
+
+def _scales(equations: Sequence[Equation], unknowns: Sequence[Unknown]) -> list[Array]:
+    """Unit vectors (p,), in units of the sizes, of unknowns that only equations without a right side contain."""
+    groups: list[tuple[set[str], bool]] = []  # unknowns that equations connect, and whether all right sides are zero
+    for equation in equations:
+        names, free = set(equation.unknown), not any(np.any(part.values) for part in equation.known)
+        for other in [each for each in groups if each[0] & names]:
+            names, free = names | other[0], free and other[1]
+            groups.remove(other)
+        groups.append((names, free))
+    found = [
+        np.array([each.value / each.size if each.name in names else 0.0 for each in unknowns])
+        for names, free in groups
+        if free and names
+    ]
+    return [each / np.linalg.norm(each) for each in found]
+
+
+@dataclass(frozen=True, eq=False)
+class _Chunk:
+    """Consecutive windows of all equations, E equations with R windows each, stacked.
+
+    regressors  (E R, p) A in units of the sizes
+    known       (E R,) y - A x of the device file
+    covariance  (E R, E R) C
+    gains       noise gains of each unknown by channel, times the noise, sparse (E R, samples)
+    """
+
+    windows: int
+    regressors: Array
+    known: Array
+    covariance: Array
+    gains: list[dict[str, sparse.csr_array]]
+
+    @classmethod
+    def of(
+        cls, equations: Sequence[Equation], unknowns: Sequence[Unknown], record: Record, starts: tuple[int, Array]
+    ) -> _Chunk:
+        weights, first, last = _weights(record.time, *starts)
+        R, rows = weights[PSI].shape[0], len(equations) * weights[PSI].shape[0]
+        regressors, known = np.zeros((rows, len(unknowns))), np.zeros(rows)
+        gains: list[dict[str, list[tuple[int, sparse.csr_array]]]] = [{} for _ in unknowns]
+        total: dict[str, list[tuple[int, sparse.csr_array]]] = {}
+
+        def add(at: int, part: Part, share: float, own: dict[str, list[tuple[int, sparse.csr_array]]] | None) -> Array:
+            w = weights[part.weights]
+            for channel, slope in part.slopes.items():
+                noise = part.factor * record.noise.get(channel, 0.0)
+                if noise == 0.0:
+                    continue
+                gain = w @ sparse.diags_array(noise * slope[first:last])
+                total.setdefault(channel, []).append((at, share * gain))
+                if own is not None:
+                    own.setdefault(channel, []).append((at, gain))
+            return part.factor * np.asarray(w @ part.values[first:last])
+
+        for at, equation in enumerate(equations):
+            block = slice(at * R, (at + 1) * R)
+            for part in equation.known:
+                known[block] += add(at, part, -1.0, None)
+            for j, unknown in enumerate(unknowns):
+                for part in equation.unknown.get(unknown.name, ()):
+                    regressors[block, j] += unknown.size * add(at, part, unknown.value, gains[j])
+        known -= regressors @ np.array([each.value / each.size for each in unknowns])
+        covariance = np.zeros((rows, rows))
+        for parts in total.values():
+            gain = _stacked(parts, len(equations), R, last - first)
+            covariance += (gain @ gain.T).toarray()
+        floor = 1e-9 * np.trace(covariance) / rows
+        covariance[np.diag_indices(rows)] += np.maximum(1e-9 * np.diag(covariance), 1e-6 * floor) + 1e-30
+        stacked = [
+            {c: unknown.size * _stacked(parts, len(equations), R, last - first) for c, parts in own.items()}
+            for own, unknown in zip(gains, unknowns, strict=True)
+        ]
+        return cls(R, regressors, known, covariance, stacked)
+
+    def excess(self, inverse: Array) -> Array:
+        """E[dA' C^-1 dA] (p, p)."""
+        p = len(self.gains)
+        found = np.zeros((p, p))
+        for i in range(p):
+            for j in range(i + 1):
+                for channel in self.gains[i].keys() & self.gains[j].keys():
+                    product = (self.gains[i][channel] @ self.gains[j][channel].T).tocoo()
+                    found[i, j] += float(np.sum(product.data * inverse[product.row, product.col]))
+                found[j, i] = found[i, j]
+        return found
+
+
+def _stacked(
+    parts: list[tuple[int, sparse.csr_array]], equations: int, windows: int, samples: int
+) -> sparse.csr_array:
+    """(E R, samples) gains, each added in the block of its equation."""
+    blocks: list[sparse.csr_array | None] = [None] * equations
+    for at, gain in parts:
+        before = blocks[at]
+        blocks[at] = gain if before is None else before + gain
+    empty = sparse.csr_array((windows, samples))
+    return sparse.csr_array(sparse.vstack([empty if each is None else each for each in blocks]))
+
+
+def _misfit(equations: Sequence[Equation], unknowns: Sequence[Unknown], chunks: Sequence[_Chunk]) -> dict[str, float]:
+    """Residuals of each equation's own weighted fit over their noise; the device file is a prior of one size."""
+    found: dict[str, float] = {}
+    for at, equation in enumerate(equations):
+        own = [j for j, each in enumerate(unknowns) if each.name in equation.unknown]
+        rows_of, sides = [], []
+        for chunk in chunks:
+            block = slice(at * chunk.windows, (at + 1) * chunk.windows)
+            factor = linalg.cholesky(chunk.covariance[block, block], lower=True)
+            rows_of.append(linalg.solve_triangular(factor, chunk.regressors[block][:, own], lower=True))
+            sides.append(linalg.solve_triangular(factor, chunk.known[block], lower=True))
+        A, y = np.vstack(rows_of), np.concatenate(sides)
+        x = np.linalg.solve(A.T @ A + np.eye(len(own)), A.T @ y)
+        spare = max(len(y) - len(own), 1)
+        found[equation.name] = sqrt(max(float(np.sum((y - A @ x) ** 2)) / spare, 1.0))
+    return found
+
+
+def _windows(time: Array) -> list[tuple[int, Array]]:
+    """Length in samples and first samples of the windows of each chunk; no window contains a gap."""
+    if len(time) < 3:
+        return []
+    period = float(np.median(np.diff(time)))
+    length = max(round(SPAN / period), FEWEST) + 1
+    step = max((length - 1) // OVERLAP, 1)
+    breaks = np.flatnonzero(np.diff(time) > 5.5 * period) + 1
+    found = []
+    for low, high in zip(np.r_[0, breaks], np.r_[breaks, len(time)], strict=True):
+        starts = np.arange(low, high - length + 1, step)
+        found += [(length, starts[k : k + CHUNK]) for k in range(0, len(starts), CHUNK)]
+    return [each for each in found if len(each[1])]
+
+
+def _weights(time: Array, length: int, starts: Array) -> tuple[list[sparse.csr_array], int, int]:
+    """Sparse weights (R, samples) of PSI, SLOPE, BEND and HELD, with the first and the last + 1 sample."""
+    first, last = int(starts[0]), int(starts[-1]) + length
+    data = np.empty((4, len(starts), length))
+    psi, held = np.empty((3, length)), np.empty(length)
+    for k, start in enumerate(starts):
+        stamps = np.ascontiguousarray(time[start : start + length])
+        window.weigh(ORDER, stamps - stamps[0], length - 1, psi, held)
+        data[[PSI, SLOPE, BEND], k], data[HELD, k] = psi, held
+    columns = (starts[:, None] - first + np.arange(length)).ravel()
+    pointers = np.arange(len(starts) + 1) * length
+    shape = (len(starts), last - first)
+    return [sparse.csr_array((each.ravel(), columns, pointers), shape=shape) for each in data], first, last
