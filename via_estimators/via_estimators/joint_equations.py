@@ -403,7 +403,13 @@ def _transmission_damper(made: Equations, signals: _Signals) -> dict[str, tuple[
     return {_damper(made, device): signals.damped(1.0, signals.damper(), {"q": 1.0, "theta_1": -1.0})}
 
 
+def largest_torque(device: Device) -> float:
+    """[N m] of the springs at their stops, at most the torque limit of the motors; 0 without springs."""
+    limits = [motor.torque_limit or np.inf for motor in device.motors if isinstance(motor, TorqueMotor)]
+    torques = [abs(float(law.torque(law.max_deflection))) for law in device.spring_laws]
+    return min([max([*torques, 0.0]), *limits])
+
+
 def _typical_torque(device: Device) -> float:
-    """[N m] order of size of an unknown dry friction: a twentieth of the spring's torque at its stop."""
-    torques = [0.05 * abs(float(law.torque(law.max_deflection))) for law in device.spring_laws]
-    return max([*torques, 1e-3])
+    """[N m] order of size of an unknown dry friction: a twentieth of the largest torque."""
+    return max(0.05 * largest_torque(device), 1e-3)

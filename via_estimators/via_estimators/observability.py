@@ -32,7 +32,7 @@ chi-square of its own fit where that exceeds 1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, sqrt
@@ -50,7 +50,7 @@ SPAN = 0.2  # [s] window
 FEWEST = 20  # sampling intervals per window at least
 ORDER = 5  # of the modulating function
 OVERLAP = 4  # windows per window length
-CHUNK = 120  # windows whose noise is treated together
+CHUNK = 60  # windows whose noise is treated together; that of neighbouring chunks counts as independent
 DETERMINED = 1.0  # relative standard deviation below which a direction counts in the rank
 NEVER = 1e-6  # eigenvalue of J for directions without information: a relative standard deviation of 1000
 
@@ -149,7 +149,7 @@ def information_of(device: Device, record: Record, noisy: bool, only: Sequence[s
     used = {name for each in equations for name in each.unknown}
     unknowns = tuple(each for each in made.unknowns if each.name in used)
     p = len(unknowns)
-    chunks = [_Chunk.of(equations, unknowns, record, centres) for centres in _windows(record.time)]
+    chunks = [_Chunk.of(equations, unknowns, record, starts, noisy) for starts in _windows(record.time)]
     if not chunks:
         raise SignalError(f"no window of {SPAN:g} s without gaps: {len(record.time)} samples")
     misfit = _misfit(equations, unknowns, chunks) if noisy else {each.name: 1.0 for each in equations}
@@ -196,80 +196,90 @@ class _Chunk:
     regressors  (E R, p) A in units of the sizes
     known       (E R,) y - A x of the device file
     covariance  (E R, E R) C
-    gains       noise gains of each unknown by channel, times the noise, sparse (E R, samples)
+    gains       of each unknown and equation: noise gain in units of the noise by channel, sparse (R, samples)
     """
 
     windows: int
     regressors: Array
     known: Array
     covariance: Array
-    gains: list[dict[str, sparse.csr_array]]
+    gains: list[list[_Gain]]
 
     @classmethod
     def of(
-        cls, equations: Sequence[Equation], unknowns: Sequence[Unknown], record: Record, starts: tuple[int, Array]
-    ) -> _Chunk:
+        cls, equations: Sequence[Equation], unknowns: Sequence[Unknown], record: Record, starts: tuple[int, Array],
+        noisy: bool,
+    ) -> _Chunk:  # fmt: skip
         weights, first, last = _weights(record.time, *starts)
-        R, rows = weights[PSI].shape[0], len(equations) * weights[PSI].shape[0]
-        regressors, known = np.zeros((rows, len(unknowns))), np.zeros(rows)
-        gains: list[dict[str, list[tuple[int, sparse.csr_array]]]] = [{} for _ in unknowns]
-        total: dict[str, list[tuple[int, sparse.csr_array]]] = {}
-
-        def add(at: int, part: Part, share: float, own: dict[str, list[tuple[int, sparse.csr_array]]] | None) -> Array:
-            w = weights[part.weights]
-            for channel, slope in part.slopes.items():
-                noise = part.factor * record.noise.get(channel, 0.0)
-                if noise == 0.0:
-                    continue
-                gain = w @ sparse.diags_array(noise * slope[first:last])
-                total.setdefault(channel, []).append((at, share * gain))
-                if own is not None:
-                    own.setdefault(channel, []).append((at, gain))
-            return part.factor * np.asarray(w @ part.values[first:last])
-
+        samples, R = slice(first, last), weights[PSI].shape[0]
+        regressors, known = np.zeros((len(equations) * R, len(unknowns))), np.zeros(len(equations) * R)
+        total: list[_Gain] = []
+        gains: list[list[_Gain]] = [[{} for _ in equations] for _ in unknowns]
         for at, equation in enumerate(equations):
-            block = slice(at * R, (at + 1) * R)
+            block, sums = slice(at * R, (at + 1) * R), _Sums(record.noise, samples)
             for part in equation.known:
-                known[block] += add(at, part, -1.0, None)
+                known[block] += part.factor * (weights[part.weights] @ part.values[samples])
+                sums.add(part, -1.0)
             for j, unknown in enumerate(unknowns):
+                own = _Sums(record.noise, samples)
                 for part in equation.unknown.get(unknown.name, ()):
-                    regressors[block, j] += unknown.size * add(at, part, unknown.value, gains[j])
+                    values = weights[part.weights] @ part.values[samples]
+                    regressors[block, j] += unknown.size * part.factor * values
+                    sums.add(part, unknown.value)
+                    own.add(part, unknown.size)
+                gains[j][at] = own.gain(weights) if noisy else {}
+            total.append(sums.gain(weights))
         known -= regressors @ np.array([each.value / each.size for each in unknowns])
-        covariance = np.zeros((rows, rows))
-        for parts in total.values():
-            gain = _stacked(parts, len(equations), R, last - first)
-            covariance += (gain @ gain.T).toarray()
-        floor = 1e-9 * np.trace(covariance) / rows
-        covariance[np.diag_indices(rows)] += np.maximum(1e-9 * np.diag(covariance), 1e-6 * floor) + 1e-30
-        stacked = [
-            {c: unknown.size * _stacked(parts, len(equations), R, last - first) for c, parts in own.items()}
-            for own, unknown in zip(gains, unknowns, strict=True)
-        ]
-        return cls(R, regressors, known, covariance, stacked)
+        covariance = np.zeros((len(known), len(known)))
+        for k, one in enumerate(total):
+            for m, other in enumerate(total[: k + 1]):
+                for channel in one.keys() & other.keys():
+                    shared = (one[channel] @ other[channel].T).toarray()
+                    covariance[k * R : (k + 1) * R, m * R : (m + 1) * R] += shared
+        covariance = np.tril(covariance) + np.tril(covariance, -1).T
+        diagonal = np.diag(covariance)
+        covariance[np.diag_indices(len(known))] += 1e-9 * diagonal + 1e-15 * diagonal.mean() + 1e-30
+        return cls(R, regressors, known, covariance, gains)
 
     def excess(self, inverse: Array) -> Array:
         """E[dA' C^-1 dA] (p, p)."""
-        p = len(self.gains)
+        p, R = len(self.gains), self.windows
         found = np.zeros((p, p))
-        for i in range(p):
-            for j in range(i + 1):
-                for channel in self.gains[i].keys() & self.gains[j].keys():
-                    product = (self.gains[i][channel] @ self.gains[j][channel].T).tocoo()
-                    found[i, j] += float(np.sum(product.data * inverse[product.row, product.col]))
-                found[j, i] = found[i, j]
+        for i, j in ((i, j) for i in range(p) for j in range(i + 1)):
+            for k, one in enumerate(self.gains[i]):
+                for m, other in enumerate(self.gains[j]):
+                    for channel in one.keys() & other.keys():
+                        product = (one[channel] @ other[channel].T).tocoo()
+                        found[i, j] += float(product.data @ inverse[k * R + product.row, m * R + product.col])
+            found[j, i] = found[i, j]
         return found
 
 
-def _stacked(
-    parts: list[tuple[int, sparse.csr_array]], equations: int, windows: int, samples: int
-) -> sparse.csr_array:
-    """(E R, samples) gains, each added in the block of its equation."""
-    blocks: list[sparse.csr_array | None] = [None] * equations
-    for at, gain in parts:
-        before = blocks[at]
-        blocks[at] = gain if before is None else before + gain
-    empty = sparse.csr_array((windows, samples))
-    return sparse.csr_array(sparse.vstack([empty if each is None else each for each in blocks]))
+_Gain = dict[str, sparse.csr_array]  # by channel, times the noise of the channel
+
+
+class _Sums:
+    """Sum of parts' slopes by channel and weights, so that each needs one product with the weights."""
+
+    def __init__(self, noise: Mapping[str, float], samples: slice) -> None:
+        self.noise, self.samples = noise, samples
+        self.slopes: dict[str, dict[int, Array]] = {}
+
+    def add(self, part: Part, share: float) -> None:
+        for channel, slope in part.slopes.items():
+            scaled = share * part.factor * self.noise.get(channel, 0.0) * slope[self.samples]
+            own = self.slopes.setdefault(channel, {})
+            own[part.weights] = own[part.weights] + scaled if part.weights in own else scaled
+
+    def gain(self, weights: Sequence[sparse.csr_array]) -> _Gain:
+        found: _Gain = {}
+        for channel, own in self.slopes.items():
+            if not any(np.any(slope) for slope in own.values()):
+                continue
+            data = sum(weights[w].data * slope[weights[w].indices] for w, slope in own.items())
+            shape = weights[PSI]
+            found[channel] = sparse.csr_array((data, shape.indices, shape.indptr), shape=shape.shape)
+        return found
 
 
 def _misfit(equations: Sequence[Equation], unknowns: Sequence[Unknown], chunks: Sequence[_Chunk]) -> dict[str, float]:

@@ -26,7 +26,8 @@ def observe(
     log: Annotated[Path | None, typer.Argument(help="Bag folder, .mcap or .csv file; default: a simulation.")] = None,
     joint_topic: Annotated[str, typer.Option(help="Topic of the joint states.")] = "/joint_states",
     torque_noise: Annotated[
-        float | None, typer.Option(min=1e-9, help="Without a log: noise of torque sensors \\[N m]; default: the file's.")
+        float | None,
+        typer.Option(min=1e-9, help="Without a log: noise of torque sensors \\[N m]; default: the file's."),
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Also write the results to this JSON file.")] = None,
 ) -> None:
@@ -58,7 +59,9 @@ def _of_log(device: Device, motion: str, observed: Observed) -> Table:
     shown = table(title, "quantity", "value in the file", "unit", "from the log", "others from the file", "determined")
     for each in observed.information.unknowns:
         alone, helped = observed.information.standard_deviation(each.name), observed.information.with_file(each.name)
-        shown.add_row(each.name, f"{each.value:.4g}", each.unit, _cell(each, alone), _cell(each, helped), _word(each, alone))
+        shown.add_row(
+            each.name, f"{each.value:.4g}", each.unit, _cell(each, alone), _cell(each, helped), _word(each, alone)
+        )
     return shown
 
 
@@ -89,7 +92,7 @@ def _print_gaps(observed: Observed, titled: bool) -> None:
     if observed.remedies and titled:
         answers.print(f"{observed.title}:")
     for sentence in observed.remedies:
-        answers.print(f"  - {sentence}")
+        answers.print(f"  - {sentence}", soft_wrap=True)
 
 
 def _print_assumptions(device: Device, logged: bool, torque_noise: float | None) -> None:
@@ -100,11 +103,14 @@ def _print_assumptions(device: Device, logged: bool, torque_noise: float | None)
         stated = torque_noise or torque_noise_of(device)
         source = "as given" if torque_noise else "by the device file" if device.sensors.torque_noise else "assumed"
         noise = declared_noise(device)
-        answers.print(f"noise: angles {noise['q']:.2g} rad (encoder step / sqrt 12), torques {stated:.2g} N m ({source})")
+        answers.print(
+            f"noise: angles {noise['q']:.2g} rad (encoder step / sqrt 12), torques {stated:.2g} N m ({source})"
+        )
     scale = 100.0 * device.tolerances.torque_scale
     answers.print(
         f"not shown by any motion: the scale of torque sensors; the device file states {scale:g} % for it. "
-        f"'-': no equation contains the quantity; 'no': its standard deviation exceeds its size"
+        f"'-': no equation contains the quantity; 'no': its standard deviation exceeds its size",
+        soft_wrap=True,
     )
 
 

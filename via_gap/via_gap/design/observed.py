@@ -9,7 +9,7 @@ import numpy as np
 from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array, Signals
-from via_estimators.joint_equations import Record, columns_of, commands_of
+from via_estimators.joint_equations import Record, columns_of, commands_of, largest_torque
 from via_estimators.observability import Information, information_of
 
 from via_gap.design.default_motion import DefaultMotion, default_motion
@@ -19,7 +19,7 @@ from via_gap.logs.noise import channel_noise, log_noise
 
 FINEST = 1e-7  # [rad] noise of an angle whose sensor has no step
 SPEED_NOISE = 0.02  # [rad/s] assumed of velocity sensors, which device files do not describe
-TORQUE_SHARE = 1e-3  # of the spring's torque at its stop: torque noise where the device file has none
+TORQUE_SHARE = 1e-3  # of the largest torque of motors and springs: torque noise where the device file has none
 EXACT = 1e-6  # [N m] noise of a torque that is commanded and taken as such
 SEEN = 0.5  # least share of finite samples of a channel that counts as measured
 
@@ -40,11 +40,10 @@ class Observed:
 
 
 def torque_noise_of(device: Device) -> float:
-    """[N m] standard deviation of a measured motor torque: by the device file, else a share of the spring's torque."""
+    """[N m] standard deviation of a measured motor torque: by the device file, else a share of the largest torque."""
     if device.sensors.torque_noise > 0.0:
         return device.sensors.torque_noise
-    torques = [TORQUE_SHARE * abs(float(law.torque(law.max_deflection))) for law in device.spring_laws]
-    return max([*torques, EXACT])
+    return max(TORQUE_SHARE * largest_torque(device), EXACT)
 
 
 def declared_noise(device: Device, torque_noise: float | None = None) -> dict[str, float]:
@@ -114,7 +113,9 @@ def record_of(log: JointLog) -> Record:
     if not device.n_motors and device.drive == "torque" and "tau_1" not in columns and log.commands is not None:
         period = float(np.median(np.diff(time)))  # a sample has the torque of the interval that it ends
         if "external_torque" in log.commands:
-            held = Signals(log.commands.time, log.commands.channels, log.commands.units, frozenset(log.commands.channels))
+            held = Signals(
+                log.commands.time, log.commands.channels, log.commands.units, frozenset(log.commands.channels)
+            )
             columns["tau_1"] = held.resample(time - 0.5 * period)["external_torque"]
     seen = {name: x for name, x in columns.items() if np.isfinite(x).mean() >= SEEN and np.ptp(x[np.isfinite(x)]) > 0.0}
     there = np.ones(len(time), dtype=np.bool_)

@@ -125,9 +125,7 @@ def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed
     return max(made, key=lambda each: each.score)
 
 
-def general_motion(
-    device: Device, reach: float = RANGE, name: str = "ladder of speeds"
-) -> tuple[Motion, Signals]:
+def general_motion(device: Device, reach: float = RANGE, name: str = "ladder of speeds") -> tuple[Motion, Signals]:
     """A motion of the family, by default of many speeds, and its commands.
 
     Raises ParameterError where no size of it keeps within the limits of the device.
