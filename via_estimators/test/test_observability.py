@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from via_core.devices import Device, parse_device
 from via_core.errors import ParameterError, SignalError
-from via_estimators.joint_equations import Record, equations_of
+from via_estimators.joint_equations import equations_of
+from via_estimators.joint_record import Record
 from via_estimators.observability import information_of
 
 INERTIA, VISCOUS, STIFFNESS = 0.02, 0.3, 6.0
@@ -74,7 +75,7 @@ def bump(derivative: int, span: float, u: np.ndarray) -> np.ndarray:
 
 
 def equation(signals: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Motor's equation in the long way: regressors of B, D, F, delay and a cubic spring, right side, noise covariance."""
+    """Motor's equation in the long way: regressors of B, D, F, delay, a cubic spring; right side; noise covariance."""
     time, q, theta, tau = signals["time"], signals["q"], signals["theta_1"], signals["tau_1"]
     length, step, h = 41, 10, 1.0 / RATE
     span, u = (length - 1) * h, np.linspace(0.0, 1.0, length)

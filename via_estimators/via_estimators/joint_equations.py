@@ -5,7 +5,7 @@ Signs as in docs/notation.md. With a modulating function psi over a window (`via
     r = sum_j x_j f_j - y,        f_j = sum of factor * <values, psi^(i)>
 
     motor   B <th, psi''> - D <th, psi'> + F <sgn thd, psi> + d <tau, psi'> - <tau_e(phi), psi> = <tau, psi>
-    link    M <q, psi''> - Dq <q, psi'> + Fq <sgn qd, psi> + sum <tau_e, psi> + damper + G <sin(q - q_0), psi> = <tau, psi>
+    link    M <q, psi''> - Dq <q, psi'> + Fq <sgn qd, psi> + sum <tau_e, psi> + damper + <g(q), psi> = <tau, psi>
     torque sensor      sum <tau_e, psi> + damper = <tau_link, psi>
     servo              <th, psi''> = w^2 <u - th, psi> + 2 w <th, psi'>, linear in the change of w
     position drive     kp <goal - q, psi> + limit <side, psi> + kd <q, psi'> = <tau, psi>
@@ -29,15 +29,16 @@ import numpy as np
 from via_core.device_parts import ServoMotor, TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
-from via_core.signals import Array, Signals
+from via_core.signals import Array
 from via_core.springs import MACCEPA, TWO_LEVER, SpringLaw
+
+from via_estimators.joint_record import Record
 
 PSI, SLOPE, BEND, HELD = range(4)  # weights: <f, psi>, <f, psi'>, <f, psi''>; <f, psi> of values held over intervals
 REACH = 0.025  # [s] to each side, over which the direction of a motion is measured
 MOST_TERMS = 6  # of a spring law's polynomial
 FITS = 0.01  # misfit of the polynomial over the largest torque
 NARROWEST = 0.1  # [stops] least range of deflections over which stiffness is described
-CHANNELS = ("q", "theta", "tau", "tau_link", "q_velocity", "theta_velocity")
 
 
 class Part(NamedTuple):
@@ -90,58 +91,6 @@ class Equations:
         if all(each.name != unknown.name for each in self.unknowns):
             self.unknowns.append(unknown)
         return unknown.name
-
-
-@dataclass(frozen=True)
-class Record:
-    """Samples of a joint without gaps in the channels present.
-
-    time      (N,) [s]
-    channels  q, theta_1, tau_1, tau_link, q_velocity, theta_velocity_1 ..: (N,) each; missing ones are not measured
-    commands  at the samples: damping [-], goal [rad] (NaN: off), servo_1 .. [rad]
-    noise     standard deviation of one sample of each channel
-    """
-
-    time: Array
-    channels: Mapping[str, Array]
-    commands: Mapping[str, Array]
-    noise: Mapping[str, float]
-
-    def with_channels(self, names: tuple[str, ...]) -> Record:
-        """The record with these channels only, numbered ones by their common name."""
-        kept = {name: values for name, values in self.channels.items() if name.rstrip("_12") in names}
-        return Record(self.time, kept, self.commands, self.noise)
-
-
-def columns_of(signals: Signals, device: Device) -> dict[str, Array]:
-    """(N,) arrays of the channels a record may have; those of motors are numbered."""
-    found: dict[str, Array] = {}
-    for name in CHANNELS:
-        if name not in signals:
-            continue
-        values = signals[name]
-        if values.ndim == 1:
-            found[name] = values
-        else:
-            found |= {f"{name}_{i + 1}": values[:, i] for i in range(min(values.shape[1], device.n_drives))}
-    return found
-
-
-def commands_of(commands: Signals | None, device: Device, time: Array) -> dict[str, Array]:
-    """Commands at the samples, as a record holds them; those not recorded are missing."""
-    if commands is None:
-        return {}
-    held = Signals(commands.time, commands.channels, commands.units, frozenset(commands.channels)).resample(time)
-    found = {"damping": held["damping"]} if "damping" in held else {}
-    if "equilibrium" in held and device.drive == "position" and device.servo is not None:
-        late = np.searchsorted(time, time - device.servo.delay, side="left").clip(0, len(time) - 1)
-        found["goal"] = held["equilibrium"][late]
-    if "equilibrium" in held and device.drive == "servo":
-        preset = held["preset"] if "preset" in held else np.zeros(len(time))
-        late = np.searchsorted(time, time - device.observed.servo_dead_time, side="left").clip(0, len(time) - 1)
-        angles = device.motor_angles(held["equilibrium"], preset)[late]
-        found |= {f"servo_{i + 1}": angles[:, i] for i in range(device.n_motors)}
-    return found
 
 
 def equations_of(device: Device, record: Record) -> Equations:
@@ -252,7 +201,7 @@ class _Signals:
 
 
 def _basis(law: SpringLaw, phi: Array) -> tuple[list[int], Array]:
-    """Powers of the deflection in the torque, and deflections (k,) [rad], one per power > 0, at which stiffness is unknown.
+    """Powers of the deflection in the torque, and one deflection [rad] per power > 0, at which stiffness is unknown.
 
     Odd powers fit an odd law over 0 to the largest |phi|, all powers any other law over the range of phi.
     """

@@ -12,7 +12,7 @@ Equations share the noise of the angles, so they are stacked. For Gaussian noise
     J = A' C^-1 A,       A = (f_1, f_2, ..)',
 
 and no unbiased estimator has a covariance below J^-1 (Cramer-Rao bound; G. C. Goodwin and R. L. Payne, Dynamic System
-Identification: Experiment Design and Data Analysis, 1977, Section 1.3 and Chapter 6). Four windows per window length
+Identification: Experiment Design and Data Analysis, 1977). Four windows per window length
 contain the information up to the frequencies that a window passes.
 
 Noise in A counts as motion: measured with A + dA, J is too large by E = E[dA' C^-1 dA], which is known. In a direction
@@ -44,7 +44,8 @@ from via_core.errors import SignalError
 from via_core.signals import Array
 
 from via_estimators import window
-from via_estimators.joint_equations import BEND, HELD, PSI, SLOPE, Equation, Part, Record, Unknown, equations_of
+from via_estimators.joint_equations import BEND, HELD, PSI, SLOPE, Equation, Part, Unknown, equations_of
+from via_estimators.joint_record import Record
 
 SPAN = 0.2  # [s] window
 FEWEST = 20  # sampling intervals per window at least
@@ -245,14 +246,13 @@ class _Chunk:
         """E[dA' C^-1 dA] (p, p)."""
         p, R = len(self.gains), self.windows
         found = np.zeros((p, p))
-        for i, j in ((i, j) for i in range(p) for j in range(i + 1)):
-            for k, one in enumerate(self.gains[i]):
-                for m, other in enumerate(self.gains[j]):
-                    for channel in one.keys() & other.keys():
-                        product = (one[channel] @ other[channel].T).tocoo()
-                        found[i, j] += float(product.data @ inverse[k * R + product.row, m * R + product.col])
-            found[j, i] = found[i, j]
-        return found
+        blocks = [(j, k, each) for j, own in enumerate(self.gains) for k, each in enumerate(own) if each]
+        for i, k, one in blocks:
+            for j, m, other in blocks:
+                for channel in (one.keys() & other.keys()) if j <= i else ():
+                    product = (one[channel] @ other[channel].T).tocoo()
+                    found[i, j] += float(product.data @ inverse[k * R + product.row, m * R + product.col])
+        return np.asarray(found + np.tril(found, -1).T)
 
 
 _Gain = dict[str, sparse.csr_array]  # by channel, times the noise of the channel

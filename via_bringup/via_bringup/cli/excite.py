@@ -113,7 +113,7 @@ def _print(found: Designed, torque_noise: float) -> None:
         )
     if min(checked.coverage, checked.damping_coverage) < COVERAGE:
         answers.print(
-            f"the intervals of {checked.method} do not cover its errors here: its equation lacks an effect of this joint",
+            f"the intervals of {checked.method} do not cover its errors: its equation lacks an effect of this joint",
             soft_wrap=True,
         )
     compared = found.comparison

@@ -1,8 +1,8 @@
 """The shortest motion that determines stiffness or damping to a wanted standard deviation, within the device's limits.
 
 Sources: finite Fourier series as excitation, J. Swevers et al., Optimal robot excitation and identification, IEEE
-Transactions on Robotics and Automation 13 (1997), eq. (7); the information matrix as the object of design, G. C. Goodwin
-and R. L. Payne, Dynamic System Identification (1977), Chapter 6.
+Transactions on Robotics and Automation 13 (1997); the information matrix as the object of design, G. C. Goodwin and
+R. L. Payne, Dynamic System Identification: Experiment Design and Data Analysis (1977).
 
 Motors follow theta = (x + s, x - s) (one motor: theta = x) with
 
@@ -31,7 +31,7 @@ from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array
-from via_estimators.joint_equations import Record
+from via_estimators.joint_record import Record
 from via_estimators.observability import Information, information_of
 
 from via_gap.design.observed import declared_noise
@@ -226,7 +226,10 @@ class Problem:
 
 
 def search(problem: Problem, duration: float, seed: int, start: Series | None = None) -> Candidate:
-    """The best series for a duration [s]: random starts, then random steps that shrink. Raises ParameterError if none."""
+    """The best series for a duration [s]: random starts, then random steps that shrink.
+
+    Raises ParameterError if none keeps the limits.
+    """
     random = np.random.default_rng(seed)
     tried = [] if start is None else [start]
     tried += [_drawn(problem, random) for _ in range(STARTS if start is None else STARTS // 4)]

@@ -1,4 +1,4 @@
-"""What the device's default estimator makes of a motion: its standard deviations, errors and coverage, by simulation."""
+"""Standard deviations, errors and coverage of the device's default estimator on a motion, by simulation."""
 
 from __future__ import annotations
 

@@ -9,7 +9,8 @@ import numpy as np
 from via_core.devices import Device
 from via_core.errors import SignalError
 from via_core.signals import Array, Signals
-from via_estimators.joint_equations import Record, columns_of, commands_of, largest_torque
+from via_estimators.joint_equations import largest_torque
+from via_estimators.joint_record import Record, columns_of, commands_of
 from via_estimators.observability import Information, information_of
 
 from via_gap.design.default_motion import DefaultMotion, default_motion

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from via_core.devices import Device
-from via_estimators.joint_equations import Record
+from via_estimators.joint_record import Record
 from via_estimators.observability import Information
 
 STILL = 0.05  # [rad] range of a motor angle below which it hardly moves
@@ -24,7 +24,7 @@ def remedies(device: Device, record: Record, information: Information) -> tuple[
     if mixed:
         listed = [each.name for each in information.unknowns if each.name in mixed]
         sentences.append(
-            f"only combinations of these are determined: {_list(listed)}; vary speed, amplitude and preset of the motion"
+            f"only combinations of these are determined: {_list(listed)}; vary speed, amplitude and preset"
         )
     poor = [
         each.name
@@ -36,8 +36,8 @@ def remedies(device: Device, record: Record, information: Information) -> tuple[
     if any(misfit > 3.0 for misfit in information.misfit.values()):
         worst = max(information.misfit, key=lambda name: information.misfit[name])
         sentences.append(
-            f"the equation of {_the(worst)} leaves {information.misfit[worst]:.1f} times the residual that sensor noise "
-            f"explains: standard deviations include this factor, but an unmodelled effect may also shift the values; "
+            f"the equation of {_the(worst)} leaves {information.misfit[worst]:.1f} times the residual that sensor "
+            f"noise explains: standard deviations include this factor, but an unmodelled effect may also shift the values; "
             f"`via gap diagnose` finds its cause"
         )
     return tuple(dict.fromkeys(sentences))
@@ -49,8 +49,8 @@ def _missing(device: Device, record: Record) -> list[str]:
     absent = [f"theta_{i + 1}" for i in range(device.n_motors) if f"theta_{i + 1}" not in channels]
     if absent:
         found.append(
-            f"{_list(absent)} not measured: no deflection is known, and nothing of the joint is determined; measure the "
-            f"motor angles"
+            f"{_list(absent)} not measured: no deflection is known, and nothing of the joint is determined; measure "
+            f"the motor angles"
         )
         return found
     if device.drive == "torque" and device.n_motors:
@@ -115,7 +115,7 @@ def _scale(device: Device, information: Information) -> str:
         sensor = "the torque of the drive"
     return (
         f"link {', '.join(involved[:-1])} and {involved[-1]} scale together without a torque measurement: measure "
-        f"{sensor}, or state the link inertia; with the inertia of the device file they have its tolerance of {share:g} %"
+        f"{sensor}, or state the link inertia; with that of the device file they have its tolerance of {share:g} %"
     )
 
 
