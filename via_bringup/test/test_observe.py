@@ -68,7 +68,7 @@ def test_without_a_log_each_signal_set_has_a_column_and_its_gaps(tmp_path):
     file.write_text(BAR)
     text = run("observe", str(file))
     assert "link angle and joint torque" in text and "rank" in text
-    assert "scale together without a torque measurement" in text
+    assert "scale of the damper" in text and "4 of 4" in text and "2 of 2" in text
     assert "the scale of torque sensors" in text
 
 

@@ -11,7 +11,8 @@ Signs as in docs/notation.md. With a modulating function psi over a window (`via
     position drive     kp <goal - q, psi> + limit <side, psi> + kd <q, psi'> = <tau, psi>
     velocity sensor    <v, psi> + <angle, psi'> = 0
 
-A motor needs a measured torque. Without one for the link, its right side is zero: no external torque acts.
+A motor needs a measured torque, and so does the link of a rigid joint with torque drive. The right side of any other
+link is zero: no external torque acts.
 A damper d(u) acts on the velocity v of an angle x by d v = (d x)' - d' x, so that no velocity is needed.
 
 Unknowns are relative to the device file. A spring law that depends on its deflection alone is a polynomial that fits
@@ -105,7 +106,9 @@ def equations_of(device: Device, record: Record) -> Equations:
                 made.equations.append(_motor(made, signals, i, motor, springs))
             if isinstance(motor, ServoMotor) and f"servo_{i + 1}" in record.commands:
                 made.equations.append(_servo(made, signals, i, motor))
-        made.equations.append(_link(made, signals, springs))
+        # the torque of a rigid joint's drive acts on its link: without it the equation has no right side
+        if device.arrangement != "rigid" or device.drive == "position" or "tau_1" in record.channels:
+            made.equations.append(_link(made, signals, springs))
         if "tau_link" in record.channels:
             made.equations.append(_torque_sensor(made, signals, springs))
         if device.drive == "position" and "tau_1" in record.channels and "goal" in record.commands:
@@ -244,7 +247,7 @@ def _motor(
         signals.plain(BEND, 1.0, angle), signals.plain(SLOPE, -1.0, angle), signals.sign(angle),
         signals.plain(SLOPE, 1.0, torque),
     )  # fmt: skip
-    unknown = {name: (each,) for name, each in zip(names, parts, strict=True)}
+    unknown: dict[str, tuple[Part, ...]] = {name: (each,) for name, each in zip(names, parts, strict=True)}
     if i < len(springs):
         for name, each in (*springs[i].items(), *(_transmission_damper(made, signals).items() if i == 0 else ())):
             unknown[name] = tuple(p._replace(factor=-p.factor) for p in each)
@@ -255,27 +258,22 @@ def _link(made: Equations, signals: _Signals, springs: list[dict[str, tuple[Part
     """The equation of the link; its right side is the drive's torque of a rigid joint, else zero."""
     device, channels = signals.device, signals.record.channels
     link, tolerances = device.link, device.tolerances
-    typical = 0.05 * abs(link.gravity_torque) or _typical_torque(device)
-    one = np.ones(len(signals.record.time))
     inertia = Unknown("inertia of the link", "link", link.inertia, link.inertia, "kg m^2", tolerances.link_inertia)
     viscous = Unknown(
         "viscous friction of the link", "link", link.viscous_friction, max(link.viscous_friction, 1e-3), "N m s/rad",
         tolerances.link_friction,
     )  # fmt: skip
-    dry = Unknown(
-        "dry friction of the link", "link", link.coulomb_friction, max(link.coulomb_friction, typical), "N m", 1.0
-    )
-    unknown = {
+    unknown: dict[str, tuple[Part, ...]] = {
         made.name(inertia): (signals.plain(BEND, 1.0, "q"),),
         made.name(viscous): (signals.plain(SLOPE, -1.0, "q"),),
-        made.name(dry): (signals.sign("q"),),
+        _link_friction(made, device): (signals.sign("q"),),
     }
     if link.gravity_torque != 0.0:
         size, angle = abs(link.gravity_torque), channels["q"] - link.gravity_angle
         gravity = Unknown("gravity torque", "link", link.gravity_torque, size, "N m", tolerances.gravity)
         unknown[made.name(gravity)] = (Part(PSI, 1.0, np.sin(angle), {"q": np.cos(angle)}),)
-    for each in springs:
-        unknown |= each
+    for spring in springs:
+        unknown |= spring
     unknown |= _transmission_damper(made, signals)
     if device.damper is not None and device.damper.site == "link":
         unknown[_damper(made, device)] = signals.damped(1.0, signals.damper(), {"q": 1.0})
@@ -283,10 +281,8 @@ def _link(made: Equations, signals: _Signals, springs: list[dict[str, tuple[Part
     if not device.n_motors and "tau_1" in channels:
         known = signals.held("tau_1")
     elif device.drive == "position" and "goal" in signals.record.commands:
-        for name, each in _drive(made, signals).items():
-            unknown[name] = tuple(p._replace(factor=-p.factor) for p in each)
-    elif not device.n_motors:
-        known = (Part(PSI, 1.0, 0.0 * one, {}),)
+        for name, parts in _drive(made, signals).items():
+            unknown[name] = tuple(p._replace(factor=-p.factor) for p in parts)
     return Equation("link", unknown, known)
 
 
@@ -299,7 +295,7 @@ def _torque_sensor(made: Equations, signals: _Signals, springs: list[dict[str, t
     device = signals.device
     if device.arrangement == "rigid" and device.damper is not None and device.damper.site == "link":
         unknown[_damper(made, device)] = signals.damped(1.0, signals.damper(), {"q": 1.0})
-        unknown["dry friction of the link"] = (signals.sign("q"),)
+        unknown[_link_friction(made, device)] = (signals.sign("q"),)
     return Equation("torque sensor", unknown, (signals.plain(PSI, 1.0, "tau_link"),))
 
 
@@ -335,8 +331,14 @@ def _drive(made: Equations, signals: _Signals) -> dict[str, tuple[Part, ...]]:
         most = Unknown(
             "torque limit of the drive", "drive", servo.torque_limit, servo.torque_limit, "N m", tolerances.torque_limit
         )
-        found[made.name(most)] = (Part(PSI, 1.0, limited * np.sign(error), {}),)
+        found[made.name(most)] = (Part(PSI, 1.0, np.where(limited, np.sign(error), 0.0), {}),)
     return found
+
+
+def _link_friction(made: Equations, device: Device) -> str:
+    """Unknown dry friction of the link."""
+    filed, typical = device.link.coulomb_friction, 0.05 * abs(device.link.gravity_torque) or _typical_torque(device)
+    return made.name(Unknown("dry friction of the link", "link", filed, max(filed, typical), "N m", 1.0))
 
 
 def _damper(made: Equations, device: Device) -> str:

@@ -150,6 +150,11 @@ def information_of(device: Device, record: Record, noisy: bool, only: Sequence[s
     used = {name for each in equations for name in each.unknown}
     unknowns = tuple(each for each in made.unknowns if each.name in used)
     p = len(unknowns)
+    if not unknowns:
+        raise SignalError(
+            f"{', '.join(record.channels)}: no equation of '{device.name}' can be evaluated with these signals; "
+            f"measure all motor angles, or the torque of a rigid joint's drive"
+        )
     chunks = [_Chunk.of(equations, unknowns, record, starts, noisy) for starts in _windows(record.time)]
     if not chunks:
         raise SignalError(f"no window of {SPAN:g} s without gaps: {len(record.time)} samples")

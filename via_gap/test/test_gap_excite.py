@@ -11,7 +11,7 @@ from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_gap.design.excitation_file import commanded
-from via_gap.design.excite import RATE, Goal, Problem, Series, search
+from via_gap.design.excite import RATE, Effort, Goal, Problem, Series, search
 from via_gap.design.excite_check import Check
 from via_gap.design.excite_design import Settings, design
 from via_gap.design.prescribed import prescribed
@@ -52,11 +52,11 @@ def test_a_motion_begins_and_ends_at_rest():
 def test_the_search_keeps_the_limits_and_improves_on_its_start():
     given = problem("qbmove_a")
     start = given.candidate(series(), 3.0)
-    found = search(given, 3.0, seed=2, start=series())
+    found = search(given, 3.0, Effort(4, 12, seed=2), series())
     assert start is not None and found.score < start.score
     used = given.limits.exceeded(given.motion(found.series, 3.0, RATE))
     assert max(used.values()) <= 1.0
-    again = search(given, 3.0, seed=2, start=series())
+    again = search(given, 3.0, Effort(4, 12, seed=2), series())
     assert again.score == found.score and again.series.mean == found.series.mean
 
 
@@ -79,7 +79,7 @@ def test_information_grows_with_the_duration_and_with_less_noise():
 
 def test_a_design_reaches_what_it_claims_and_its_file_runs_on_the_node(tmp_path):
     device, lines = load_device("cubic_demo"), []
-    found = design(device, Goal(0.02), Settings(torque_noise=NOISE, seeds=4, max_duration=8.0), lines.append)
+    found = design(device, Goal(0.02), Settings(torque_noise=NOISE, seeds=4, max_duration=4.0, effort=Effort(6, 10)), lines.append)
     checked = found.verification
     assert found.reached and checked.stiffness_sd <= 0.02
     assert checked.stiffness_scatter <= 1.25 * checked.stiffness_sd and checked.coverage >= 0.85
@@ -102,7 +102,7 @@ def test_a_design_reaches_what_it_claims_and_its_file_runs_on_the_node(tmp_path)
 
 
 def test_an_unreachable_goal_is_reported_with_the_best():
-    found = design(load_device("cubic_demo"), Goal(1e-5), Settings(torque_noise=0.5, seeds=2, max_duration=2.0), id)
+    found = design(load_device("cubic_demo"), Goal(1e-5), Settings(torque_noise=0.5, seeds=2, max_duration=2.0, effort=Effort(4, 4)), id)
     assert not found.reached and found.duration == pytest.approx(2.0)
     assert found.verification.stiffness_sd > 1e-5
 

@@ -12,7 +12,7 @@ from via_core.command_files import columns_of, write_table
 from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.text_files import write_text
-from via_gap.design.excite import Goal
+from via_gap.design.excite import Effort, Goal
 from via_gap.design.excite_design import Designed, Settings, design
 from via_gap.design.observed import torque_noise_of
 
@@ -55,7 +55,7 @@ def excite(
     if goal.stiffness_sd is None and goal.damping_sd is None:
         raise ParameterError("--stiffness-sd or --damping-sd must state a wanted standard deviation")
     noise = torque_noise or torque_noise_of(described)
-    settings = Settings(margin, max_duration, noise, seed, seeds)
+    settings = Settings(margin, max_duration, noise, seeds, Effort(seed=seed))
     found = design(described, goal, settings, lambda text: errors.print(text))
     _print(found, noise)
     path = out or Path(f"excite_{described.name}.csv")

@@ -44,7 +44,6 @@ SLOWEST, FASTEST = 0.15, 2.0  # [Hz] of the first harmonic
 RESERVE = 0.8  # of the torque limit, for the spring alone, in the working range
 LOWEST, HIGHEST = 0.25, 0.9  # of the largest deflection: the working range of presets
 PRESETS = 8  # at which stiffness is judged
-STARTS, STEPS = 40, 80  # candidates of the random and of the local search
 SMALLER = 0.9  # factor of a candidate's size until it keeps the limits
 
 
@@ -60,6 +59,15 @@ class Goal:
     stiffness_sd: float | None = 0.02
     damping_sd: float | None = None
     preset: float | None = None
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Number of candidates of the random and of the local search, and the seed of both."""
+
+    starts: int = 40
+    steps: int = 80
+    seed: int = 1
 
 
 @dataclass(frozen=True)
@@ -225,19 +233,19 @@ class Problem:
         return max(information.standard_deviation(name) / sizes[name] for name in names)
 
 
-def search(problem: Problem, duration: float, seed: int, start: Series | None = None) -> Candidate:
+def search(problem: Problem, duration: float, effort: Effort, start: Series | None = None) -> Candidate:
     """The best series for a duration [s]: random starts, then random steps that shrink.
 
     Raises ParameterError if none keeps the limits.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(effort.seed)
     tried = [] if start is None else [start]
-    tried += [_drawn(problem, random) for _ in range(STARTS if start is None else STARTS // 4)]
+    tried += [_drawn(problem, random) for _ in range(effort.starts if start is None else effort.starts // 4)]
     found = [each for each in (problem.candidate(series, duration) for series in tried) if each is not None]
     if not found:
         raise ParameterError(f"no motion of '{problem.device.name}' keeps its limits")
     best, size = min(found, key=lambda each: each.score), 0.5
-    for _ in range(STEPS):
+    for _ in range(effort.steps):
         series = best.series
         scale = problem.limits.reach / HARMONICS
         step = Series(

@@ -12,7 +12,7 @@ from via_core.errors import ParameterError
 
 from via_gap.design.default_motion import excitation
 from via_gap.design.excitation_file import Commanded, commanded
-from via_gap.design.excite import Candidate, Goal, Problem, search
+from via_gap.design.excite import Candidate, Effort, Goal, Problem, search
 from via_gap.design.excite_check import Check, Reached, Verification, preset_of
 
 FIRST = 4.0  # [s] duration of the first search
@@ -59,13 +59,13 @@ class Designed:
 
 @dataclass(frozen=True)
 class Settings:
-    """margin: share of the limits; max_duration [s]; torque_noise [N m]; seed of the search; seeds of verification."""
+    """margin: share of the limits; max_duration [s]; torque_noise [N m]; seeds: number of runs of the verification."""
 
     margin: float = 0.9
     max_duration: float = 60.0
     torque_noise: float = 0.03
-    seed: int = 1
     seeds: int = 8
+    effort: Effort = Effort()
 
 
 def design(device: Device, goal: Goal, settings: Settings, progress: Progress) -> Designed:
@@ -77,7 +77,7 @@ def design(device: Device, goal: Goal, settings: Settings, progress: Progress) -
     duration, best = min(FIRST, settings.max_duration), None
     for attempt in (1, 2):
         progress(f"search {attempt} of 2: motions of {duration:.3g} s")
-        best = search(problem, duration, settings.seed, None if best is None else best.series)
+        best = search(problem, duration, settings.effort, None if best is None else best.series)
         before, duration = duration, _duration(problem, check, best, settings, progress)
         if max(duration / before, before / duration) < DIFFERENT:
             break

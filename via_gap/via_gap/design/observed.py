@@ -70,7 +70,8 @@ def signal_sets(device: Device) -> dict[str, tuple[str, ...]]:
         }
     if device.n_motors:
         return {"angles": ("q", "theta"), "angles and joint torque": ("q", "theta", "tau_link")}
-    sets = {"link angle": ("q",), "link angle and drive torque": ("q", "tau")}
+    sets: dict[str, tuple[str, ...]] = {"link angle": ("q",)} if device.drive == "position" else {}
+    sets["link angle and drive torque"] = ("q", "tau")
     if device.damper is not None:
         sets["link angle and joint torque"] = ("q", "tau_link")
     return sets

@@ -110,7 +110,7 @@ def _scale(device: Device, information: Information) -> str:
     involved += ["damper"] if "damper" in parts else []
     involved += ["gains of the drive"] if "drive" in parts else []
     share = 100.0 * device.tolerances.link_inertia
-    sensor = "motor torques or the joint torque" if device.drive == "torque" and device.n_motors else "a torque"
+    sensor = "motor torques or the joint torque" if device.drive == "torque" and device.n_motors else "the joint torque"
     if not device.n_motors:
         sensor = "the torque of the drive"
     return (
