@@ -79,7 +79,9 @@ def test_information_grows_with_the_duration_and_with_less_noise():
 
 def test_a_design_reaches_what_it_claims_and_its_file_runs_on_the_node(tmp_path):
     device, lines = load_device("cubic_demo"), []
-    found = design(device, Goal(0.02), Settings(torque_noise=NOISE, seeds=4, max_duration=4.0, effort=Effort(6, 10)), lines.append)
+    found = design(
+        device, Goal(0.02), Settings(torque_noise=NOISE, seeds=4, max_duration=4.0, effort=Effort(6, 10)), lines.append
+    )
     checked = found.verification
     assert found.reached and checked.stiffness_sd <= 0.02
     assert checked.stiffness_scatter <= 1.25 * checked.stiffness_sd and checked.coverage >= 0.85
@@ -102,7 +104,12 @@ def test_a_design_reaches_what_it_claims_and_its_file_runs_on_the_node(tmp_path)
 
 
 def test_an_unreachable_goal_is_reported_with_the_best():
-    found = design(load_device("cubic_demo"), Goal(1e-5), Settings(torque_noise=0.5, seeds=2, max_duration=2.0, effort=Effort(4, 4)), id)
+    found = design(
+        load_device("cubic_demo"),
+        Goal(1e-5),
+        Settings(torque_noise=0.5, seeds=2, max_duration=2.0, effort=Effort(4, 4)),
+        id,
+    )
     assert not found.reached and found.duration == pytest.approx(2.0)
     assert found.verification.stiffness_sd > 1e-5
 

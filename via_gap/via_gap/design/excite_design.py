@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 
 import numpy as np
@@ -65,7 +65,7 @@ class Settings:
     max_duration: float = 60.0
     torque_noise: float = 0.03
     seeds: int = 8
-    effort: Effort = Effort()
+    effort: Effort = field(default_factory=Effort)
 
 
 def design(device: Device, goal: Goal, settings: Settings, progress: Progress) -> Designed:

@@ -37,8 +37,8 @@ def remedies(device: Device, record: Record, information: Information) -> tuple[
         worst = max(information.misfit, key=lambda name: information.misfit[name])
         sentences.append(
             f"the equation of {_the(worst)} leaves {information.misfit[worst]:.1f} times the residual that sensor "
-            f"noise explains: standard deviations include this factor, but an unmodelled effect may also shift the values; "
-            f"`via gap diagnose` finds its cause"
+            f"noise explains: standard deviations include this factor, but an unmodelled effect may also shift the "
+            f"values; `via gap diagnose` finds its cause"
         )
     return tuple(dict.fromkeys(sentences))
 
