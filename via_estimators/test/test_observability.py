@@ -114,9 +114,9 @@ def test_predicted_standard_deviations_match_the_scatter_of_a_weighted_fit():
     scatter = np.std(found, axis=0, ddof=1)
     information = information_of(flexible(), record(signals), noisy=False, only=["motor 1"])
     names = [f"{what} of motor 1" for what in ("inertia", "viscous friction", "dry friction", "torque delay")]
-    told = [information.standard_deviation(name) for name in names]
-    told.append(sqrt(information.stiffness(1, np.array([0.2]))[0, 0]))
-    assert np.array(told) == pytest.approx(scatter, rel=0.2)
+    stated = [information.standard_deviation(name) for name in names]
+    stated.append(sqrt(information.stiffness(1, np.array([0.2]))[0, 0]))
+    assert np.array(stated) == pytest.approx(scatter, rel=0.2)
     assert np.mean(found, axis=0)[[0, 1, 4]] == pytest.approx([INERTIA, VISCOUS, STIFFNESS], rel=0.01)
 
 

@@ -16,7 +16,7 @@ link is zero: no external torque acts.
 A damper d(u) acts on the velocity v of an angle x by d v = (d x)' - d' x, so that no velocity is needed.
 
 Unknowns are relative to the device file. A spring law that depends on its deflection alone is a polynomial that fits
-the filed law to 1 % over the deflections visited, with one term more; its unknowns are the stiffnesses at as many
+the filed torque to 1 % over the deflections visited, with one term more; its unknowns are the stiffnesses at as many
 deflections: the same basis, in numbers that mean something. Any other spring law has one unknown, its gain.
 """
 
@@ -169,9 +169,9 @@ class _Signals:
 
     def spring(self, made: Equations, i: int) -> dict[str, tuple[Part, ...]]:
         """<tau_e,i, psi> by unknowns, which are added to `made`."""
-        law, tolerance, channels = self.device.spring_laws[i], self.device.tolerances.spring, self.record.channels
+        spring, tolerance, channels = self.device.spring_laws[i], self.device.tolerances.spring, self.record.channels
         phi, angle = channels["q"] - channels[f"theta_{i + 1}"], f"theta_{i + 1}"
-        if law.kind in (MACCEPA, TWO_LEVER) or self.device.drive != "torque":
+        if spring.kind in (MACCEPA, TWO_LEVER) or self.device.drive != "torque":
             gain = made.name(Unknown(f"gain of spring {i + 1}", f"spring {i + 1}", 1.0, 1.0, "-", tolerance))
             torque = self.device.torque_each(channels["q"], self.theta)[:, i]
             sigma = self.device.stiffness_each(channels["q"], self.theta)[:, i]
@@ -182,10 +182,10 @@ class _Signals:
                 slopes["theta_2"] = (self.device.torque_each(channels["q"], preset)[:, i] - torque) / step
             return {gain: (Part(PSI, 1.0, torque, slopes),)}
         found: dict[str, tuple[Part, ...]] = {}
-        scale, (powers, nodes) = law.max_deflection, _basis(law, phi)
+        scale, (powers, nodes) = spring.max_deflection, _basis(spring, phi)
         stiff = np.array([[(x / scale) ** (p - 1) for p in powers if p > 0] for x in nodes])
         shares = np.linalg.inv(stiff)  # coefficients (terms, nodes) of the polynomial that is 1 at one node
-        z, sizes = phi / scale, law.stiffness(nodes)
+        z, sizes = phi / scale, spring.stiffness(nodes)
         size = max(float(np.sqrt(np.mean(sizes**2))), 1e-9)
         for j, node in enumerate(nodes):
             terms = [(p, c) for p, c in zip([p for p in powers if p > 0], shares[:, j])]
@@ -197,25 +197,30 @@ class _Signals:
             found[made.name(unknown)] = (Part(PSI, 1.0, np.asarray(values), {"q": np.asarray(slope), angle: -slope}),)
         if 0 in powers:
             offset = Unknown(
-                f"torque of spring {i + 1} at rest", f"spring {i + 1}", float(law.torque(0.0)), size * scale, "N m", 1.0
+                f"torque of spring {i + 1} at rest",
+                f"spring {i + 1}",
+                float(spring.torque(0.0)),
+                size * scale,
+                "N m",
+                1.0,
             )
             found[made.name(offset)] = (Part(PSI, 1.0, np.ones(len(phi)), {}),)
         return found
 
 
-def _basis(law: SpringLaw, phi: Array) -> tuple[list[int], Array]:
+def _basis(spring: SpringLaw, phi: Array) -> tuple[list[int], Array]:
     """Powers of the deflection in the torque, and one deflection [rad] per power > 0, at which stiffness is unknown.
 
-    Odd powers fit an odd law over 0 to the largest |phi|, all powers any other law over the range of phi.
+    Odd powers fit an odd spring law over 0 to the largest |phi|; all powers fit any other one over the range of phi.
     """
-    stop = law.max_deflection
+    stop = spring.max_deflection
     share = np.linspace(-stop, stop, 129)
-    odd = bool(np.abs(law.torque(share) + law.torque(-share)).max() <= 1e-6 * np.abs(law.torque(share)).max())
+    odd = bool(np.abs(spring.torque(share) + spring.torque(-share)).max() <= 1e-6 * np.abs(spring.torque(share)).max())
     low, high = np.quantile(np.abs(phi) if odd else phi, (0.01, 0.99))
     middle, half = 0.5 * (low + high), 0.5 * max(high - low, NARROWEST * stop)
     middle = max(middle, half) if odd else middle
     at = np.linspace(0.0 if odd else middle - half, middle + half, 129)
-    torque, order = law.torque(at), 1
+    torque, order = spring.torque(at), 1
     while order < MOST_TERMS:
         terms = (at[:, None] / stop) ** (2 * np.arange(order) + 1 if odd else np.arange(order + 1))
         if np.abs(torque - terms @ np.linalg.lstsq(terms, torque)[0]).max() <= FITS * np.abs(torque).max():
@@ -357,7 +362,7 @@ def _transmission_damper(made: Equations, signals: _Signals) -> dict[str, tuple[
 def largest_torque(device: Device) -> float:
     """[N m] of the springs at their stops, at most the torque limit of the motors; 0 without springs."""
     limits = [motor.torque_limit or np.inf for motor in device.motors if isinstance(motor, TorqueMotor)]
-    torques = [abs(float(law.torque(law.max_deflection))) for law in device.spring_laws]
+    torques = [abs(float(spring.torque(spring.max_deflection))) for spring in device.spring_laws]
     return min([max([*torques, 0.0]), *limits])
 
 

@@ -43,7 +43,7 @@ FADE = 0.4  # [s] of rise and fall
 SLOWEST, FASTEST = 0.15, 2.0  # [Hz] of the first harmonic
 RESERVE = 0.8  # of the torque limit, for the spring alone, in the working range
 LOWEST, HIGHEST = 0.25, 0.9  # of the largest deflection: the working range of presets
-PRESETS = 8  # at which stiffness is judged
+PRESETS = 8  # at which stiffness is evaluated
 SMALLER = 0.9  # factor of a candidate's size until it keeps the limits
 
 
@@ -94,15 +94,16 @@ class Limits:
             )
         torque = np.array([motor.torque_limit or inf for motor in motors])
         speed = np.array([motor.speed_limit or inf for motor in motors])
-        stops = np.array([law.max_deflection for law in device.spring_laws])
+        stops = np.array([spring.max_deflection for spring in device.spring_laws])
         share = np.linspace(0.0, 1.0, 400)[1:]
         reaches = []
-        for law, most in zip(device.spring_laws, torque, strict=False):
+        for spring, most in zip(device.spring_laws, torque, strict=False):
             tau = np.maximum(
-                np.abs(law.torque(share * law.max_deflection)), np.abs(law.torque(-share * law.max_deflection))
+                np.abs(spring.torque(share * spring.max_deflection)),
+                np.abs(spring.torque(-share * spring.max_deflection)),
             )
             kept = share[tau <= RESERVE * margin * most]
-            reaches.append(float(kept[-1]) * law.max_deflection if len(kept) else 0.0)
+            reaches.append(float(kept[-1]) * spring.max_deflection if len(kept) else 0.0)
         reach = min(*reaches, *(margin * REACH * stops))
         return cls(margin * REACH * stops, margin * ArmLimits.drive_share * speed, margin * torque, reach)
 
@@ -174,7 +175,7 @@ class Problem:
 
     @property
     def presets(self) -> Array:
-        """(k,) [rad] at which stiffness is judged; of a joint with one motor, deflections."""
+        """(k,) [rad] at which stiffness is evaluated; of a joint with one motor, deflections."""
         if self.goal.preset is not None:
             if not 0.0 < self.goal.preset <= self.limits.reach:
                 raise ParameterError(f"preset must lie in (0, {self.limits.reach:.3g}] rad, got {self.goal.preset:g}")
@@ -219,10 +220,10 @@ class Problem:
         """Predicted relative standard deviation, root mean square over the presets."""
         slope = np.zeros((len(self.presets), len(information.unknowns)))
         sigma = np.zeros(len(self.presets))
-        for i, law in enumerate(self.device.spring_laws):
+        for i, spring in enumerate(self.device.spring_laws):
             phi = self.presets * (1.0 if i else -1.0)  # theta = (s, -s) at q = 0
             slope += information.stiffness_slope(i + 1, phi)
-            sigma += law.stiffness(phi)
+            sigma += spring.stiffness(phi)
         variance = np.einsum("ij,jk,ik->i", slope, information.covariance, slope)
         return sqrt(float(np.mean(variance)) / float(np.mean(sigma**2)))
 

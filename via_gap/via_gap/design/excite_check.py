@@ -72,7 +72,7 @@ class Check:
     """Runs of a device's default estimator.
 
     device   with the noise of its sensors
-    presets  (k,) [rad] at which stiffness is judged, one for a joint with one motor
+    presets  (k,) [rad] at which stiffness is evaluated, one for a joint with one motor
     """
 
     device: Device
