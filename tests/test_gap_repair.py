@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 from via_bringup import cli
+from via_core.command_files import write_table
 from via_core.devices import load_device
-from via_gap.design.motion_file import write_table
 from via_gap.report.report import GapReport, read_report
 
 RATE, SECONDS = 250, 16.0

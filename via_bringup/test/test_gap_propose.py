@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 from via_bringup.cli import app
+from via_core.command_files import read_motion
 from via_core.devices import load_device
-from via_gap.design.motion_file import read_motion
 from via_gap.logs.log import read_log
 from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValue, Value, read_report
 from via_gap.residual.nuisance import nuisances

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
+from via_core.command_files import read_motion, read_references
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device, load_device
-from via_core.errors import ParameterError
 from via_core.parameters import parameter
 
+from via_controllers.contract import require
 from via_controllers.joint_axes import JointAxes
 from via_controllers.joints.bang_bang_joint import JointBangBang
 from via_controllers.joints.equilibrium_preset import EquilibriumPreset, EquilibriumPresetState
 from via_controllers.joints.max_velocity import MaxVelocity, joint_of
 from via_controllers.joints.motor_position import MotorPositionControl
 from via_controllers.joints.multisine import Multisine
+from via_controllers.joints.played_commands import PlayedCommands
 from via_controllers.robot import ControlledJoint, ControllerParameters
 from via_controllers.supervision.joint_supervision import JointSupervisor
 
@@ -23,7 +27,7 @@ DEVICE = "device name or path to its YAML"
 
 @dataclass(frozen=True)
 class ExcitationParameters(ControllerParameters):
-    """Of `motor_position` with multisine references."""
+    """Of `motor_position` with multisine references, or of `played_commands` with a table of torques."""
 
     device: str = parameter("cubic_demo", DEVICE)
     equilibrium_mean: float = parameter(0.0, "mean of the equilibrium angle", "rad", (-10.0, 10.0))
@@ -37,26 +41,41 @@ class ExcitationParameters(ControllerParameters):
     derivative_gain: float = parameter(0.6, "K_D", "N m s/rad", (0.0, 1e6))
     velocity_bandwidth: float = parameter(300.0, "low pass of the motor velocity", "rad/s", (1e-3, 1e5))
     torque_limit: float = parameter(10.0, "limit of each motor where the device file has none", "N m", (1e-9, 1e6))
+    commands: str = parameter("", "table of motor torques to play (.csv); empty: the multisines")
 
     def build(self) -> ControlledJoint:
-        axes = JointAxes(self.limited_device())
-        own = {
-            "springs": axes.device.spring_laws,
+        return self.of(load_device(self.device))
+
+    def of(self, device: Device) -> ControlledJoint:
+        """The robot of a device, whatever its name. Raises ParameterError for a device that does not fit."""
+        limited = self._limited(device)
+        axes = JointAxes(limited)
+        own = {"torque_limit": tuple(axes.torque_limit.tolist())}
+        if self.commands:
+            path = Path(self.commands)
+            given = read_motion(path, limited)
+            require("motor" in given, f"commands: {path} has no motor torques")
+            played: dict[str, Any] = {
+                "time": given.time, "torque": given["motor"], "reference": read_references(path, limited),
+            }  # fmt: skip
+            player = PlayedCommands(**self.shared(PlayedCommands) | own | played)
+            return ControlledJoint(axes, JointSupervisor.of(player, axes))
+        sines: dict[str, Any] = {
+            "springs": limited.spring_laws,
             "equilibrium": Multisine(self.equilibrium_mean, self.equilibrium_amplitudes, self.equilibrium_frequencies),
             "preset": Multisine(self.preset_mean, self.preset_amplitudes, self.preset_frequencies),
-            "torque_limit": tuple(axes.torque_limit.tolist()),
         }
-        controller = MotorPositionControl(**self.shared(MotorPositionControl) | own)
+        controller = MotorPositionControl(**self.shared(MotorPositionControl) | own | sines)
         return ControlledJoint(axes, JointSupervisor.of(controller, axes))
 
-    def limited_device(self) -> Device:
-        """The device, its motors with torque limits; raises ParameterError unless antagonistic with torque drive."""
-        device = load_device(self.device)
-        if device.arrangement != "antagonistic" or device.drive != "torque":
-            raise ParameterError(
-                f"device: excitation needs an antagonistic device with torque drive, "
-                f"'{device.name}' is {device.arrangement} with {device.drive} drive"
-            )
+    def _limited(self, device: Device) -> Device:
+        """The device, its motors with torque limits; the multisines need an antagonistic device with torque drive."""
+        suits = device.drive == "torque" and (device.arrangement == "antagonistic" or self.commands != "")
+        require(
+            suits and device.n_motors > 0,
+            f"device: excitation needs an antagonistic device with torque drive, "
+            f"'{device.name}' is {device.arrangement} with {device.drive} drive",
+        )
         motors = tuple(
             motor.model_copy(update={"torque_limit": motor.torque_limit or self.torque_limit})
             for motor in device.motors

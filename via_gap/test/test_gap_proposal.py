@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from gap_logs import flexible, log_of, servo, wrong_plant
 from via_core.bags.reader import read_bag
+from via_core.command_files import read_motion
 from via_core.devices import Device, load_device
 from via_core.errors import ParameterError, SignalError
 from via_gap.design.commands import commands_of, rate_of, recorded
-from via_gap.design.motion_file import read_motion, write_motion
+from via_gap.design.motion_file import write_motion
 from via_gap.design.motions import DURATION, MOTIONS
 from via_gap.design.proposal import ENOUGH, propose, tied, with_proposal
 from via_gap.diagnose import diagnose

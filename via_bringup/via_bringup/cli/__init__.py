@@ -33,6 +33,14 @@ COMMANDS = {
     "estimate": Entry(
         "via_bringup.cli.estimate:estimate", "Estimate stiffness and damping from a bag and print the last values."
     ),
+    "observe": Entry(
+        "via_bringup.cli.observe:observe",
+        "Show which quantities of a joint the signals and the motion determine, how well, and what is missing.",
+    ),
+    "excite": Entry(
+        "via_bringup.cli.excite:excite",
+        "Design the shortest motion that reaches a standard deviation of stiffness or damping within the limits.",
+    ),
     "sim": Entry(
         "via_bringup.cli.simulate:run_simulator",
         "Run the simulator node until interrupted; it subscribes to VsaCommand on /<device>/command.",

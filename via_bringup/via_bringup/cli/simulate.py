@@ -8,8 +8,8 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from via_core.command_files import columns_of, read_motion, write_table
 from via_core.devices import Device, load_device
-from via_gap.design.motion_file import columns_of, read_motion, write_table
 from via_sim.effects import Effect
 from via_sim.effects.files import load_effects
 from via_sim.plants import JointPlant

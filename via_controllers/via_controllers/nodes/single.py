@@ -1,6 +1,6 @@
 """One executable per controller, e.g. `ros2 run via_controllers bang_bang --ros-args -p arm:=reference_4dof`.
 
-excitation          moves an antagonistic joint so that estimators can identify its stiffness
+excitation          moves an antagonistic joint so that estimators can identify it, or plays a file of torques
 equilibrium_preset  tracks an equilibrium and a stiffness of a joint: see nodes/equilibrium_preset.py
 bang_bang_joint     limit cycle of a joint by switching motors; starts with a push
 max_velocity        accelerates the link of a flexible joint to its largest velocity; reactivate it to repeat

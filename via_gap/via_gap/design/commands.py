@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import ceil, inf
 
 import numpy as np
+from via_core.command_files import COMMAND_UNITS
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.errors import ParameterError
@@ -14,7 +15,6 @@ from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, Simulator, simulate
 
-from via_gap.design.motion_file import COMMAND_UNITS
 from via_gap.design.motions import DURATION, REST, Motion
 from via_gap.logs.log import JointLog
 

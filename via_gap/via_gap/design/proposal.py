@@ -125,13 +125,13 @@ def propose(report: GapReport, device: Device, reach: float = RANGE) -> Proposed
     return max(made, key=lambda each: each.score)
 
 
-def general_motion(device: Device, reach: float = RANGE) -> tuple[Motion, Signals]:
-    """A motion of many speeds and its commands, for a log that tests a model without tied causes.
+def general_motion(device: Device, reach: float = RANGE, name: str = "ladder of speeds") -> tuple[Motion, Signals]:
+    """A motion of the family, by default of many speeds, and its commands.
 
     Raises ParameterError where no size of it keeps within the limits of the device.
     """
     plant = JointPlant.from_device(device)
-    motion = next(each for each in MOTIONS if each.name == "ladder of speeds")
+    motion = next(each for each in MOTIONS if each.name == name)
     for size in (share * reach for share in SMALLER):
         commands, start = commands_of(plant, motion, size)
         log = recorded(plant, commands, start, seed=0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from typing import Literal
 import numpy as np
 from via_core.bags.joints import JointRecording, joint_signals
 from via_core.bags.reader import Bag, read_bag
+from via_core.command_files import read_table
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
 from via_core.signals import Array, Signals
@@ -195,19 +195,6 @@ def read_logs(paths: Sequence[str | Path], device: Device) -> list[JointLog]:
     last = [each[-1] for each in parts]
     names = [str(Path(*each[-depth:])) if last.count(each[-1]) > 1 else each[-1] for each in parts]
     return [replace(read_log(path, device), name=name) for path, name in zip(paths, names, strict=True)]
-
-
-def read_table(path: Path) -> tuple[list[str], dict[str, Array]]:
-    """Header and columns (N,) of a CSV file of numbers. Raises SignalError."""
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
-        table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2, encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SignalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
-    except ValueError as error:
-        raise SignalError(f"{path}: {' '.join(str(error).split())[:120]}") from None
-    return header, {name: table[:, i] for i, name in enumerate(header) if i < table.shape[1]}
 
 
 def _in_si(columns: dict[str, Array], device: Device) -> dict[str, Array]:
