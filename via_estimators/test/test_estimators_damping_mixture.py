@@ -46,7 +46,7 @@ def moved(
     return np.column_stack([t, q, torque]), damping(t) + bend * v**2
 
 
-def judged(rows, truth, estimator=ESTIMATOR):
+def error_and_coverage(rows, truth, estimator=ESTIMATOR):
     """Mean relative error after 1 s, and share of OK intervals that contain the truth."""
     estimates = estimator.run_rows(rows)[1]
     value, sd = estimates.column("damping")
@@ -64,9 +64,9 @@ def test_friction_over_a_window_is_the_mean_over_a_gaussian():
     x = np.linspace(-9.0, 9.0, 40_001)
     weight = np.exp(-0.5 * x * x)
     weight /= weight.sum()
-    for mean, spread in ((0.0, 0.05), (0.03, 0.04), (-0.2, 0.05), (0.6, 0.1)):
-        v, out = mean + spread * x, np.empty((SHAPES, 2))
-        damping_models.shapes(mean, spread**2, out)
+    for mean, width in ((0.0, 0.05), (0.03, 0.04), (-0.2, 0.05), (0.6, 0.1)):
+        v, out = mean + width * x, np.empty((SHAPES, 2))
+        damping_models.shapes(mean, width**2, out)
 
         def of(b, v=v):
             return weight @ (np.sign(v) * np.exp(-((v / b) ** 2)))
@@ -192,7 +192,7 @@ def test_planted_coefficients_are_recovered():
 def test_a_late_torque_is_an_unknown():
     rows, truth = moved(delay=0.005, stribeck=0.05)
     assert ESTIMATOR.coefficients(state_after(rows))[U.late] == pytest.approx(0.005, abs=0.001)
-    error, covered = judged(rows, truth)
+    error, covered = error_and_coverage(rows, truth)
     assert error < 0.02 and covered > 0.85
 
 
@@ -213,7 +213,7 @@ def test_a_late_torque_is_an_unknown():
 )
 def test_error_and_coverage_hold_outside_the_table(damping, tones, settings):
     """Limits of the issue: mean error 5 %, coverage 85 %; each is the mean of three seeds."""
-    found = [judged(*moved(tones, damping=damping, seed=seed, **settings)) for seed in range(3)]
+    found = [error_and_coverage(*moved(tones, damping=damping, seed=seed, **settings)) for seed in range(3)]
     error, covered = np.mean(found, axis=0)
     assert error < 0.05 and covered > 0.85
 
@@ -235,12 +235,12 @@ def test_a_jump_is_followed_and_its_interval_holds():
 
 
 def test_the_noise_of_the_angle_is_measured_on_jittered_stamps():
-    for spread in (1e-4, 1e-3):
+    for noise in (1e-4, 1e-3):
         rows, _ = moved(bits=0, jitter=0.8, rate=500.0)
-        rows[:, 1] += spread * np.random.default_rng(2).normal(size=len(rows))
+        rows[:, 1] += noise * np.random.default_rng(2).normal(size=len(rows))
         state = state_after(rows)
         found = sqrt(damping_mixture._latest(state.copy())[damping_mixture.LATEST.angle])
-        assert found == pytest.approx(spread, rel=0.15)
+        assert found == pytest.approx(noise, rel=0.15)
 
 
 def test_the_window_has_the_span_at_any_sampling_rate():

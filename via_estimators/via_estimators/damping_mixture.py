@@ -7,8 +7,9 @@ Angle and torque pass the same modulating function psi = w_55 (`damping_equation
 standard deviation sigma = T / sqrt(52), so that neighbouring rows half a window apart have almost independent noise and
 contain all that is in the samples: one equation is taken per half window. The velocities in a window are described by
 their mean <zd, psi> and by their variance (sigma <zdd, psi>)^2, with which powers and friction are averaged in closed
-form. The window is SHORTEST intervals long at least, and else as many as fit into its span. Damping is reported at the velocity of the last sample, to which the window's velocity, acceleration and jerk are
-extrapolated, and at its time, to which the trend of the damping is extrapolated.
+form. A window has as many intervals as fit into its span, but at least SHORTEST. Damping is reported at the velocity of
+the last sample, to which the window's velocity, acceleration and jerk are extrapolated, and at its time, to which the
+trend of the damping is extrapolated.
 
 While the window is not informative, the covariance approaches that of the prior within the rest memory.
 """
@@ -271,7 +272,9 @@ def _enter(
         v[U.linear], v[U.cubic] = speed, speed * (ratio + 3.0 * share)
         v[U.quintic] = speed * (ratio * ratio + 10.0 * ratio * share + 15.0 * share * share)
         v[U.offset] = 1.0
-        v[U.late] = damping_models.late(_models(state), scales, par[P.damping_prior], speed, acceleration, square + 1e-18)
+        v[U.late] = damping_models.late(
+            _models(state), scales, par[P.damping_prior], speed, acceleration, square + 1e-18
+        )
         torque = dot(psi[0], torques) - par[P.damping_prior] * speed
         noise = par[P.torque_noise] ** 2 * par[P.colour_torque] / (length - 1)
         middle = row[0] - 0.5 * span

@@ -4,9 +4,9 @@ The torque of one window, with mean velocity m of variance S^2 inside the window
 
     tau = w_1 m + w_2 <v^3>/s^2 + w_3 <v^5>/s^4 + F <sgn v> + E <sgn v exp(-(v/b)^2)> + c - t dtau/dt
 
-with F Coulomb friction, E what breakaway friction exceeds it by (Stribeck), c the offset of the torque sensor and t its
-delay. Nobody can state b or the number n of powers, so each STRUCTURE (n, b) is a
-hypothesis with all its unknowns free, and each of CHANGES says how fast w_1 changes. One Kalman filter per pair,
+with F Coulomb friction, E the excess of breakaway friction (Stribeck), c the offset of the torque sensor and t its
+delay. The velocity b and the number n of powers are unknown, so each structure (n, b) is a hypothesis with its own
+values of all unknowns, and each of CHANGES a hypothesis on how fast w_1 changes. One Kalman filter per pair:
 
     interaction   among the filters of one structure, as in `interacting_models`; a structure keeps its own unknowns
     correction    S_j = row' P_j row + variance of noise; noise is found by each filter from its innovations
@@ -226,7 +226,7 @@ def _mix(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _predict(x: Array, P: Array, elapsed: float, walk: float, trend: float) -> None:
-    """x <- F x, P <- F P F' + Q, x (n,), P (n, n): the trend moves x_1 and decays; `walk`, `trend` are squared rates."""
+    """x <- F x, P <- F P F' + Q, x (n,), P (n, n): the trend moves x_1 and decays; `walk`, `trend`: squared rates."""
     n, at = x.size, U.trend
     if trend > 0.0:
         keep = exp(-elapsed / PERSISTENCE)

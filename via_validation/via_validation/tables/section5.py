@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from via_core.metrics import WIDTH_95
 from via_core.status import Status
+from via_estimators.damping_directional import DampingDirectional
+from via_estimators.damping_mixture import DampingMixture
 
 from via_validation.tables.printed_damping import Forgetting, algorithm_1
 from via_validation.tables.rows import Progress, Row
@@ -56,7 +58,7 @@ PRINTED_NRMSE = {"constant_stribeck": 2.89, "varying_stribeck": 3.17}
 SHIPPED = ("default", "directional")
 WITH_UNKNOWNS = 5.0  # [%] mean error where friction, offset or curvature of the damper are unknown
 SINGLE_MODEL = "one model with fixed n and friction velocity: the standard deviation does not include what it lacks"
-CAUTIOUS = "wider than the scatter, since it includes changes of damping that may have begun and friction of other forms"
+CAUTIOUS = "wider than the scatter: it includes changes of damping that may have begun and friction of other forms"
 NRMSE = "NRMSE [% of the torque's range]"
 RESTLESS = Forgetting(error=0.99, least=0.9, sensitivity=100.0, delta=1e-3)  # forgets at every sample
 
@@ -152,7 +154,7 @@ def _experiment(experiment: Experiment, seeds: int, report: Callable[[int], None
 
 
 def _standard_deviations(at: str, words: str, runs: Sequence[DampingErrors], experiment: Experiment) -> list[Row]:
-    """Rows of the reported over the empirical standard deviation, judged without friction, and of the coverage."""
+    """Rows of the reported over the empirical standard deviation, limited without friction, and of the coverage."""
     ratio = float(np.sqrt(np.mean([run.reported**2 for run in runs]) / np.mean([run.empirical**2 for run in runs])))
     default = at.endswith(".default")
     if experiment.stribeck:
@@ -184,7 +186,7 @@ def _standstill(seeds: int) -> list[Row]:
         "error_forgetting": RESTLESS.error,
         "correction": RESTLESS.delta,
     }
-    cases = {
+    cases: dict[str, tuple[str, DampingDirectional | DampingMixture]] = {
         "default": ("damping_mixture, the default", mixture()),
         "directional": ("damping_directional as shipped", directional(1)),
         "n1": ("n = 1", directional(1, dry_friction=0.0)),

@@ -99,15 +99,15 @@ def _variations() -> tuple[Experiment, ...]:
             title = f"{damper.format(CONSTANT)}, Stribeck .3/.1 N m over {velocity:g} rad/s"
             found.append(Experiment(f"{name}_stribeck_{velocity:g}".replace("0.", ""), title, varying, velocity))
         curved = f"{damper.format(2)} + .9 v^2"
-        bent = {"constant": 2.0, "bend": 0.9}
+        bent = Experiment(f"{name}_bend", curved, varying, 0.0, constant=2.0, bend=0.9)
         found += [
-            Experiment(f"{name}_bend", curved, varying, 0.0, **bent),
+            bent,
             Experiment(f"{name}_offset", f"{damper.format(CONSTANT)}, torque offset .1 N m", varying, 0.0, offset=0.1),
         ]
         for velocity in (0.05, 0.2, 0.5):
             title = f"{curved}, torque offset .1 N m, Stribeck .3/.1 N m over {velocity:g} rad/s"
             at = f"{name}_all_{velocity:g}".replace("0.", "")
-            found.append(Experiment(at, title, varying, velocity, offset=0.1, **bent))
+            found.append(replace(bent, name=at, title=title, stribeck=velocity, offset=0.1))
     return tuple(found)
 
 
