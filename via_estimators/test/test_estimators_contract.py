@@ -12,6 +12,7 @@ from via_core.signals import Signals
 from via_core.status import Status
 from via_estimators.contract import Parameters, rows_of, summarise
 from via_estimators.damping_directional import DampingDirectional, DampingDirectionalParameters
+from via_estimators.damping_mixture import DampingMixture, DampingMixtureParameters
 from via_estimators.damping_rls import DampingRLS, DampingRLSParameters
 from via_estimators.extended_kalman import ExtendedKalman, ExtendedKalmanParameters
 from via_estimators.filtered_signal_based import FilteredSignalBased, FilteredSignalBasedParameters
@@ -42,6 +43,7 @@ ESTIMATORS = {
         MACCEPA.spring_laws[0], LinkImpedanceParameters(window=60, sampling=1e-3, minimum_motion=0.02)
     ),
     "damping_directional": DampingDirectional(DampingDirectionalParameters(window=60, terms=2)),
+    "damping_mixture": DampingMixture(DampingMixtureParameters(span=0.06)),
     "damping_rls": DampingRLS(DampingRLSParameters(window=60, terms=2, stability_factor=10.0)),
 }
 

@@ -321,8 +321,8 @@ def test_the_error_recursion_is_the_covariance_of_the_estimate_as_a_function_of_
 
 
 def test_only_damping_actuators_get_this_method():
-    assert methods_for(VPDA) == ("damping_directional", "damping_rls")
-    estimator = estimator_for(VPDA)
+    assert methods_for(VPDA) == ("damping_mixture", "damping_directional", "damping_rls")
+    estimator = estimator_for(VPDA, "damping_directional")
     assert isinstance(estimator.inner, DampingDirectional)
     assert estimator.parameters.damping_prior == pytest.approx(2.55)
     assert estimator.parameters.damping_deviation == pytest.approx(3.1)

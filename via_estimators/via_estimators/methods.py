@@ -11,6 +11,7 @@ from via_core.errors import ParameterError
 from via_estimators.checked import Checked
 from via_estimators.contract import Estimator
 from via_estimators.damping_directional import DampingDirectional
+from via_estimators.damping_mixture import DampingMixture
 from via_estimators.damping_rls import DampingRLS
 from via_estimators.extended_kalman import ExtendedKalman
 from via_estimators.filtered_signal_based import FilteredSignalBased
@@ -35,6 +36,7 @@ METHODS: dict[str, type[Estimator]] = {
     "unscented_kalman": UnscentedKalman,
     "residual": Residual,
     "link_impedance": LinkImpedance,
+    "damping_mixture": DampingMixture,
     "damping_directional": DampingDirectional,
     "damping_rls": DampingRLS,
 }
