@@ -1,28 +1,33 @@
 """Damping and stiffness from the link's own motion, for joints without a torque sensor whose motors are servos.
 
-Weak form of the link equation (4) of the SAPHARI deliverable (Section 2) with the spring law scaled by a gain:
+Weak form of the link equation (4) of the SAPHARI deliverable (Section 2) with the spring law scaled by a gain and dry
+friction c, one row every quarter of a window:
 
-    -M <q, psi''> - <g(q), psi> = d (-<q, psi'>) + gain <tau_e(q - theta; preset), psi>
+    -M <q, psi''> - <g(q), psi> = d (-<q, psi'>) + gain <tau_e(q - theta; preset), psi> + c <sign(q'), psi>
 
-solved for d(t) [N m s/rad] and gain(t) [-] with a short memory, since commands vary both within a second.
+The equilibrium theta is the angle of a position servo driven by its command: dead time, speed limit, critically damped
+lag (via_core.servos). The logged servo angle of the MACCEPA-VD is correct at rest but wrong by up to 1.6 rad while the
+servo slews, so it only initialises the model. The servo's numbers are uncertain: servos around those of the file are
+hypotheses, each with its own filter for (d, gain, c), mixed by likelihood (via_estimators.servo_models).
 
-Observability: no torque is measured, so the equation is homogeneous in (M, d, gain) and only d/M and gain/M follow from
-motion. The link inertia of the device file sets the scale; every standard deviation includes its tolerance. d is the
-equivalent viscous damping of all resistance to motion, including dry friction and a saturated brake.
+Observability: no torque is measured, so the equation is homogeneous in (M, d, gain, c). Motion determines only their
+ratios, r = gain / (M / M_file) among them. The scale s = M / M_file has two sources: the file's inertia and the file's
+spring law, each with its tolerance. With log s ~ N(0, inertia_tolerance^2) and log gain ~ N(0, spring_tolerance^2),
 
-The equilibrium theta is taken from a model of the position servo driven by its command: dead time, speed limit,
-critically damped lag (via_core.servos). The logged servo angle of the MACCEPA-VD is correct at rest but wrong by up to
-1.6 rad while the servo slews, which no causal spike filter can correct; it only initialises the model. R^2 of the
-equation on that robot's good runs, median per damping strategy: logged angle .38-.61, lag alone .63-.71, with dead time
-and speed limit .81-.90. Both can be read off its servo record: it rests for 45 ms (median of 48 runs), then slews at
-about 6.5 rad/s; with 5.5 or 7.5, estimated damping changes by less than half a standard deviation.
+    log s | r ~ N(-log r prior / whole, prior (whole - prior) / whole),  whole = prior + spring_tolerance^2 + var(log r)
 
-The unexplained residual is not white: it is modelled as torque with a correlation time (`disturbance_memory`).
+where prior is the variance of log s. A payload that the file does not state is a second hypothesis of s with a wide
+prior, weighted by the likelihood of r. All estimates are multiplied by the geometric mean of s, and its mean square
+error is part of every standard deviation: twice the inertia and half the spring cannot be distinguished from motion.
+Gravity grows with the inertia, as that of a payload on the link does.
+
+d is viscous; dry friction is an unknown beside it. The rest of the torque is noise of unknown level with a correlation
+time (`disturbance_memory`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from math import exp, log, sin, sqrt
 
@@ -45,19 +50,24 @@ MODULATING_ORDER = 5
 SPAN = 0.1  # [s] of a window: a fifth of a swing of the intended robots
 ROWS_PER_WINDOW = 4  # rows overlap, so that no course of a signal falls between them
 MARGIN = 1.02  # deflections up to this multiple of the largest one visited count as visited
+LEAST_RATIO = 0.05  # of gain to s: motion has shown nothing on the scale then
 NEGLIGIBLE = 1e-4  # weight of a servo that adds nothing to the estimate
+STICKING = 0.1  # [-] standard deviation of dry friction that the file does not state, over the typical spring torque
 STILL = 8  # a direction of motion is that of an eighth of a window
 # `typical` is a typical stiffness [N m/rad]. Followed by the coefficients of the spring law.
 P = slots(
-    "length", "stride", "overlap", "shortness", "bend", "max_gap", "persistence", "torque_noise", "position_noise", "inertia",
-    "inertia_tolerance", "spring_tolerance", "payload_probability", "payload_deviation", "gravity_torque", "gravity_angle",
-    "minimum_motion", "spring_kind", "typical", "damping_prior", "gain_prior", "friction_prior", "damping_deviation",
-    "gain_deviation", "friction_deviation",
+    "length", "stride", "overlap", "shortness", "bend", "max_gap", "persistence", "torque_noise", "position_noise",
+    "inertia", "inertia_tolerance", "spring_tolerance", "payload_probability", "payload_deviation", "gravity_torque",
+    "gravity_angle", "minimum_motion", "spring_kind", "typical", "damping_prior", "gain_prior", "friction_prior",
+    "damping_deviation", "gain_deviation", "friction_deviation",
 )  # fmt: skip
-RING = slots("q", "equilibrium", "preset", "gravity")  # angle, commands, gravity torque; the torque of each model follows
+RING = slots(
+    "q", "equilibrium", "preset", "gravity"
+)  # angle, commands, gravity torque; the torque of each model follows
 OWN = slots("reached", "since")  # largest |phi| visited; samples since the last row
 OUTPUTS = ("stiffness", "damping", "gain")
-UNKNOWNS = 3  # damping, gain, dry friction
+UNKNOWNS = 3
+DAMPING, GAIN, FRICTION = range(UNKNOWNS)
 
 
 @dataclass(frozen=True)
@@ -78,7 +88,7 @@ class LinkImpedanceParameters(Parameters):
     gravity_angle: float = parameter(0.0, "angle at which the link hangs at rest", "rad", -10.0, 10.0)
     servo_bandwidth: float = parameter(25.0, "bandwidth of the position servos", "rad/s", 0.1, 1e4)
     servo_dead_time: float = parameter(0.0, "dead time of the servo", "s", 0.0, 1.0)
-    servo_speed_limit: float = parameter(1e4, "speed limit of the servo", "rad/s", 0.01, 1e4)
+    servo_speed_limit: float = parameter(0.0, "speed limit of the servo, 0: unknown", "rad/s", 0.0, 1e4)
     damping_prior: float = parameter(0.02, "damping before any data", "N m s/rad", 0.0, 1e4)
     damping_deviation: float = parameter(0.02, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
     gain_deviation: float = parameter(0.7, "standard deviation of the gain before any data", "-", 1e-6, 100.0)
@@ -99,7 +109,7 @@ class LinkImpedance(Estimator):
 
     spring: SpringLaw
     parameters: LinkImpedanceParameters = LinkImpedanceParameters()
-    servos: servo_models.Servos = servo_models.Servos()
+    servos: servo_models.Servos = field(default_factory=servo_models.Servos)
 
     @classmethod
     def from_device(cls, device: Device) -> LinkImpedance:
@@ -186,33 +196,28 @@ class LinkImpedance(Estimator):
         return state
 
     def condition(self, state: Array) -> float:
-        models = len(self._table)
-        mean, covariance = np.empty(UNKNOWNS), np.empty((UNKNOWNS, UNKNOWNS))
-        bank = np.array(state[-servo_models.size(models, UNKNOWNS) :])
-        servo_models.combine(bank, models, 0.0, self._constants[2], mean, covariance)
-        return float(np.sqrt(np.linalg.cond(covariance)))
+        bank = np.array(state[-servo_models.size(len(self._table), UNKNOWNS) :])
+        return float(np.sqrt(np.linalg.cond(servo_models.estimate_of(bank, UNKNOWNS)[1])))
 
     @cached_property
     def _advance(self) -> Kernel:
         return partial(_advance, *self._constants)
 
 
-STICKING = 0.1  # [-] standard deviation of dry friction that the file does not state, over the typical spring torque
-
-
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _store(
-    par: Array, table: Array, motions: Array, times: Array, ring: Array, sample: Array, slot: int, filled: int, step: float,
-    first: bool,
+    par: Array, table: Array, motions: Array, times: Array, ring: Array, sample: Array, slot: int, filled: int,
+    step: float, first: bool,
 ) -> None:  # fmt: skip
     """Write one sample into the ring, with every servo advanced to it."""
-    q, logged, command, preset = sample[1], sample[2], sample[3], sample[4]
+    q, logged = sample[1], sample[2]
+    ring[RING.equilibrium, slot] = sample[3] if window.sound(sample[3]) else np.nan
+    ring[RING.preset, slot] = sample[4] if window.sound(sample[4]) else np.nan
     if first or step < 0.0:
         motions[:, MOTION.angle] = logged if abs(logged - q) < 0.5 else q
-        motions[:, MOTION.preset] = preset if window.sound(preset) else 0.0
+        motions[:, MOTION.preset] = sample[4] if window.sound(sample[4]) else 0.0
         motions[:, MOTION.velocity] = motions[:, MOTION.preset_velocity] = 0.0
     ring[RING.q, slot] = q
-    ring[RING.equilibrium, slot], ring[RING.preset, slot] = command, preset
     ring[RING.gravity, slot] = par[P.gravity_torque] * sin(q - par[P.gravity_angle])
     kind, law = int(par[P.spring_kind]), par[P.size :]
     at, left, latest = slot, filled - 1, np.inf
@@ -225,12 +230,15 @@ def _store(
             while left > 0 and times[at] > when:
                 at = at - 1 if at > 0 else times.size - 1
                 left -= 1
-            servo_models.follow(motions[j], table[j], ring[RING.equilibrium, at], ring[RING.preset, at], step)
+            known = times[at] <= when  # else no command is old enough
+            command = ring[RING.equilibrium, at] if known else np.nan
+            preset = ring[RING.preset, at] if known else np.nan
+            servo_models.follow(motions[j], table[j], command, preset, step)
         ring[RING.size + j, slot] = spring_torque(kind, law, q - motions[j, MOTION.angle], motions[j, MOTION.preset])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _friction(weights: Array, q: Array, newest: int) -> float:
+def _direction(weights: Array, q: Array, newest: int) -> float:
     """<sign(q'), psi> of the full window that ends at position `newest`."""
     length = q.size
     reach = max(length // (2 * STILL), 1)
@@ -251,26 +259,26 @@ def _learn(
     """Add the equation of the present window, in scaled unknowns; row, gain (3,), each (K,) are overwritten."""
     noise = par[P.torque_noise]
     y = -par[P.inertia] * coloured.dot(psi[2], ring[RING.q]) - coloured.dot(psi[0], ring[RING.gravity])
-    row[0] = -coloured.dot(psi[1], ring[RING.q])
-    row[2] = _friction(psi[0], ring[RING.q], slot)
-    y -= row[0] * par[P.damping_prior] + row[2] * par[P.friction_prior]
-    row[0] *= par[P.damping_deviation]
-    row[2] *= par[P.friction_deviation]
+    row[DAMPING] = -coloured.dot(psi[1], ring[RING.q])
+    row[FRICTION] = _direction(psi[0], ring[RING.q], slot)
+    y -= row[DAMPING] * par[P.damping_prior] + row[FRICTION] * par[P.friction_prior]
+    row[DAMPING] *= par[P.damping_deviation]
+    row[FRICTION] *= par[P.friction_deviation]
     bend = par[P.inertia] * par[P.position_noise] / span**2
     variances[0], variances[1] = par[P.shortness] * noise * noise, par[P.bend] * bend * bend
     variances[2] = par[P.overlap]
     for j in range(table.shape[0]):
         each[j] = coloured.dot(psi[0], ring[RING.size + j])
     servo_models.take(
-        bank, table, time, memories, par[P.persistence], row, 1, each, par[P.gain_deviation], par[P.gain_prior], y,
+        bank, table, time, memories, par[P.persistence], row, GAIN, each, par[P.gain_deviation], par[P.gain_prior], y,
         variances, gain,
     )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _scale(par: Array, gain: float, variance: float) -> tuple[float, float]:
-    """Geometric mean of s and mean square deviation from it; s is the link inertia over that of the file, given gain / s from motion and its variance."""
-    floor = max(gain, 0.05)
+    """Geometric mean of s and mean square deviation from it, given gain / s from motion and its variance."""
+    floor = max(gain, LEAST_RATIO)
     r, seen = log(floor), min(variance / floor**2, 1.0)
     spring, total, mean, square, logarithm = par[P.spring_tolerance] ** 2 + seen, 0.0, 0.0, 0.0, 0.0
     for k in range(2):
@@ -288,45 +296,43 @@ def _scale(par: Array, gain: float, variance: float) -> tuple[float, float]:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _report(
-    par: Array, table: Array, bank: Array, memories: Array, q: float, age: float, reached: float, warming: bool,
-    moving: bool, value: Array, sd: Array, found: Array, covariance: Array,
-) -> int:  # fmt: skip
-    """Write stiffness at the present deflection, damping and gain to the outputs; returns the status."""
-    models = table.shape[0]
-    motions, filters = servo_models.motions_of(bank, models), servo_models.filters_of(bank, models)
-    kind, law = int(par[P.spring_kind]), par[P.size :]
-    servo_models.combine(bank, models, age, memories, found, covariance)
-    damping = par[P.damping_prior] + par[P.damping_deviation] * found[0]
-    gain = par[P.gain_prior] + par[P.gain_deviation] * found[1]
-    damping_variance = par[P.damping_deviation] ** 2 * covariance[0, 0]
-    gain_variance = par[P.gain_deviation] ** 2 * covariance[1, 1]
-    stiffness, square, phi = 0.0, 0.0, 0.0
-    at = servo_models.FILTER.size + 1
-    for j in range(models):
+def _stiffness(par: Array, filters: Array, motions: Array, q: float) -> tuple[float, float, float]:
+    """Mean and variance of the stiffness over the servos, for the inertia of the file; mean deflection [rad]."""
+    kind, law, at = int(par[P.spring_kind]), par[P.size :], servo_models.FILTER.size
+    mean, square, phi = 0.0, 0.0, 0.0
+    for j in range(filters.shape[0]):
         weight = filters[j, servo_models.FILTER.weight]
         if weight < NEGLIGIBLE:
             continue
         deflection = q - motions[j, MOTION.angle]
         own = spring_stiffness(kind, law, deflection, motions[j, MOTION.preset])
-        single = own * (par[P.gain_prior] + par[P.gain_deviation] * filters[j, at])
+        single = own * (par[P.gain_prior] + par[P.gain_deviation] * filters[j, at + GAIN])
+        variance = filters[j, at + UNKNOWNS + GAIN * (UNKNOWNS + 1)] * (own * par[P.gain_deviation]) ** 2
         phi += weight * deflection
-        stiffness += weight * single
-        square += weight * (single * single + own * own * par[P.gain_deviation] ** 2 * filters[j, at + UNKNOWNS + 3])
-    variance = max(square - stiffness * stiffness, 0.0)
-    scale, doubt = _scale(par, gain, gain_variance)
-    learning = warming or moving
-    transmissions.update(value, sd, 1, scale * damping, sqrt(scale**2 * damping_variance + doubt * damping**2), learning)
-    transmissions.update(value, sd, 2, scale * gain, sqrt(scale**2 * gain_variance + doubt * gain**2), learning)
-    value[0], sd[0] = scale * stiffness, sqrt(scale**2 * variance + doubt * stiffness**2)
+        mean += weight * single
+        square += weight * (single * single + variance)
+    return mean, max(square - mean * mean, 0.0), phi
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _report(
+    par: Array, stiffness: tuple[float, float], found: Array, covariance: Array, warming: bool, moving: bool,
+    value: Array, sd: Array,
+) -> None:  # fmt: skip
+    """Write stiffness, damping and gain, all for the inertia of the file, to the outputs, multiplied by the scale."""
     if warming:
-        value[1], value[2] = par[P.damping_prior], 1.0
+        value[1], value[2] = par[P.damping_prior], par[P.gain_prior]
         sd[1], sd[2] = par[P.damping_deviation], par[P.gain_deviation]
-        sd[0] = sd[2] * max(abs(value[0]), par[P.typical])
-        return WARMING_UP
-    if not moving:
-        return NOT_EXCITED
-    return OUTSIDE_RANGE if abs(phi) > MARGIN * reached else OK
+        value[0], sd[0] = stiffness[0], sd[2] * max(abs(stiffness[0]), par[P.typical])
+        return
+    damping = par[P.damping_prior] + par[P.damping_deviation] * found[DAMPING]
+    gain = par[P.gain_prior] + par[P.gain_deviation] * found[GAIN]
+    damping_variance = par[P.damping_deviation] ** 2 * covariance[DAMPING, DAMPING]
+    gain_variance = par[P.gain_deviation] ** 2 * covariance[GAIN, GAIN]
+    scale, doubt = _scale(par, gain, gain_variance)
+    transmissions.update(value, sd, 1, scale * damping, sqrt(scale**2 * damping_variance + doubt * damping**2), moving)
+    transmissions.update(value, sd, 2, scale * gain, sqrt(scale**2 * gain_variance + doubt * gain**2), moving)
+    value[0], sd[0] = scale * stiffness[0], sqrt(scale**2 * stiffness[1] + doubt * stiffness[0] ** 2)
 
 
 @njit(cache=True, error_model="numpy")
@@ -337,9 +343,10 @@ def _advance(par: Array, table: Array, memories: Array, state: Array, rows: Arra
     own = state[at : at + OWN.size]
     times, ring = window.rings(state, at + OWN.size, length, RING.size + models)
     bank = state[at + OWN.size + length * (1 + RING.size + models) :]
-    motions = servo_models.motions_of(bank, models)
+    motions, filters = servo_models.motions_of(bank, models, n), servo_models.filters_of(bank, models, n)
+    found, combined = servo_models.estimate_of(bank, n)
     psi, held, each = np.empty((3, length)), np.empty(length), np.empty(models)
-    row, gain, found, covariance, variances = np.empty(n), np.empty(n), np.empty(n), np.empty((n, n)), np.empty(3)
+    row, gain, covariance, variances = np.empty(n), np.empty(n), np.empty((n, n)), np.empty(3)
     for k in range(rows.shape[0]):
         before, first = state[HEADER.last], state[HEADER.samples] == 0.0
         entered = window.admit(state, times, rows[k], 2, par[P.max_gap])
@@ -357,15 +364,19 @@ def _advance(par: Array, table: Array, memories: Array, state: Array, rows: Arra
                 if own[OWN.since] >= par[P.stride]:
                     own[OWN.since] = 0.0
                     span = window.weigh(MODULATING_ORDER, times, slot, psi, held)
-                    _learn(
-                        par, table, memories, bank, rows[k, 0], slot, psi, ring, row, each, gain, variances, span
-                    )
+                    _learn(par, table, memories, bank, rows[k, 0], slot, psi, ring, row, each, gain, variances, span)
                 own[OWN.reached] = max(own[OWN.reached], _largest(rows[k, 1], motions))
         warming = bank[servo_models.HEAD.taken] < ROWS_PER_WINDOW
-        age = max(rows[k, 0] - bank[servo_models.HEAD.time], 0.0) if not warming else 0.0
-        status = _report(
-            par, table, bank, memories, rows[k, 1], age, own[OWN.reached], warming, moving, value, sd, found, covariance
-        )
+        covariance[:, :] = combined
+        servo_models.forget(covariance, max(rows[k, 0] - bank[servo_models.HEAD.time], 0.0), memories)
+        mean, variance, phi = _stiffness(par, filters, motions, rows[k, 1])
+        _report(par, (mean, variance), found, covariance, warming, moving, value, sd)
+        if warming:
+            status = WARMING_UP
+        elif not moving:
+            status = NOT_EXCITED
+        else:
+            status = OUTSIDE_RANGE if abs(phi) > MARGIN * own[OWN.reached] else OK
         state[HEADER.motion], state[HEADER.status] = moved, status
         window.answer(state, status, out[k])
     return int(out[-1, 1])
