@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from via_core.device_parts import ServoMotor
 from via_core.devices import Device
 from via_core.faults import fault_of
 from via_core.modulated_rows import Samples
@@ -155,7 +156,9 @@ def _variations_of_servo(device: Device) -> Mapping[str, Callable[[], Signals]]:
 
     def servos(bandwidth: float, **seen: float | None) -> Device:
         motors = tuple(
-            motor.model_copy(update={"bandwidth": bandwidth * getattr(motor, "bandwidth")}) for motor in device.motors
+            motor.model_copy(update={"bandwidth": bandwidth * motor.bandwidth})
+            for motor in device.motors
+            if isinstance(motor, ServoMotor)
         )
         return device.model_copy(update={"motors": motors, "observed": observed.model_copy(update=seen)})
 
