@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from ros_messages import CommandWriter
 from via_core.bags.inspection import check
 from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
@@ -11,7 +12,7 @@ from via_core.status import Status
 from via_estimators.contract import rows_of
 from via_estimators.methods import estimator_for, methods_for
 from via_interfaces.msg import VsaCommand
-from via_ros.conversions import Command, CommandWriter, JointStateWriter
+from via_ros.conversions import Command, JointStateWriter
 from via_validation.compare.faults import LATE, faults_of, moved, with_fault
 
 MOTOR, DAMPER, SERVO = DEVICES = tuple(load_device(name) for name in ("cubic_demo", "compact_vpda", "maccepavd"))
@@ -54,7 +55,8 @@ def record_commands(device, measured, bag):
     bag.add_topic(device.command_topic, "via_interfaces/msg/VsaCommand")
     for k in range(0, len(measured), 4):
         stamp = 10**9 + round(1e9 * measured.time[k])
-        command = Command(VsaCommand.EQUILIBRIUM_PRESET, measured["equilibrium"][k], measured["preset"][k], 0.0, np.empty(0))
+        angles = measured["equilibrium"][k], measured["preset"][k]
+        command = Command(VsaCommand.EQUILIBRIUM_PRESET, *angles, 0.0, np.empty(0))
         bag.write(device.command_topic, serialize_message(commander.numbered(stamp, command)), stamp)
 
 

@@ -95,7 +95,9 @@ def test_damping_that_changes_is_followed():
 
 
 def test_estimates_scale_with_the_inertia(constant):
-    heavy = exact(inertia=2.0 * INERTIA, memory=1e9, damping_deviation=10.0, gain_deviation=50.0, friction_deviation=1e-6)
+    heavy = exact(
+        inertia=2.0 * INERTIA, memory=1e9, damping_deviation=10.0, gain_deviation=50.0, friction_deviation=1e-6
+    )
     light = heavy.with_parameters(replace(heavy.parameters, inertia=INERTIA))
     double, single = (each.run_rows(constant)[1] for each in (heavy, light))
     for name in ("damping", "gain"):
@@ -136,23 +138,24 @@ def test_a_doubled_payload_is_inside_the_interval():
 
 @pytest.mark.parametrize("servo", [(15.0, 0.045, 6.5), (25.0, 0.045, 3.0), (18.0, 0.045, 4.0)])
 def test_other_servos_than_that_of_the_file_are_found(servo):
-    rows = swing(lambda _: 0.012, lambda t: 0.8 * np.sign(np.sin(5.0 * t)), duration=4.0, start=0.0, servo=servo)
+    rows = swing(lambda _: 0.012, lambda t: 0.8 * np.sin(7.0 * t), duration=4.0, start=0.0, servo=servo)
     right, wrong = (exact(each, memory=50.0).run_rows(rows)[1].column("gain") for each in (Servos(), ONE))
     error, alone = abs(right[0][-1] - 1.0), abs(wrong[0][-1] - 1.0)
     assert error < 0.12 and error < 0.6 * alone
 
 
 def test_dry_friction_is_not_counted_as_damping():
-    rows = swing(lambda _: 0.01, lambda t: 0.9 * np.sin(8.0 * t) + 0.3 * np.sin(19.0 * t), duration=4.0, dry=0.03)
+    rows = swing(lambda _: 0.01, lambda t: 0.9 * np.sin(8.0 * t) + 0.3 * np.sin(19.0 * t), duration=4.0, dry=0.05)
     free, bound = (exact(memory=50.0, friction_deviation=each).run_rows(rows)[1] for each in (0.03, 1e-6))
     right, wrong = (each.column("damping")[0][-1] for each in (free, bound))
-    assert right == pytest.approx(0.01, abs=0.003) and wrong > 0.013
+    assert right == pytest.approx(0.01, abs=0.003) and wrong > 0.0135
 
 
 def test_the_published_lag_alone_is_wrong_for_a_servo_with_dead_time_and_speed_limit(constant):
-    right = summarise(exact().run_rows(constant)[1], "gain").value
-    wrong = summarise(exact(servo_dead_time=0.0, servo_speed_limit=1e4).run_rows(constant)[1], "gain").value
-    assert abs(right - 1.2) < 0.1 and abs(wrong - 1.2) > 0.3
+    short = {"memory": 0.3, "spring_memory": 0.3}  # else what follows the slewing corrects it
+    lag = exact(servo_dead_time=0.0, servo_speed_limit=1e4, **short)
+    right, wrong = (summarise(each.run_rows(constant)[1], "gain").value for each in (exact(**short), lag))
+    assert abs(right - 1.2) < 0.03 and abs(wrong - 1.2) > 0.15
 
 
 def test_reported_standard_deviations_match_empirical_ones_with_quantisation_and_disturbance():
@@ -198,12 +201,12 @@ def disturbed_swing(drive, times, phase):
 def test_at_standstill_the_estimate_is_constant_and_its_standard_deviation_grows(constant):
     rows = np.concatenate([constant, np.repeat(constant[-1:], 400, axis=0)])
     rows[len(constant) :, 0] += 4.6e-3 * np.arange(1, 401)
-    _, estimates = exact(torque_noise=0.02, memory=0.5).run_rows(rows)
+    _, estimates = exact(torque_noise=0.02, memory=3.0).run_rows(rows)
     value, sd = estimates.column("damping")
     still = len(constant) + 30
     assert np.all(estimates.status[still:] == Status.NOT_EXCITED)
     assert np.ptp(value[still:]) < 1e-12 and np.all(np.diff(sd[still:]) >= -1e-12)
-    assert sd[-1] > 3.0 * sd[still]
+    assert 1.5 * sd[still] < sd[-1] < EXACT.damping_deviation
 
 
 def test_without_commands_the_servo_model_stays_at_rest(constant):
@@ -253,6 +256,7 @@ def test_forgetting_continues_during_a_gap():
     estimator = exact(memory=0.5, spring_memory=0.5)
     both = estimator.run_rows(np.concatenate([before, after]))[1]
     alone = estimator.run_rows(after)[1]
-    np.testing.assert_allclose(both.value[-1], alone.value[-1], rtol=1e-3)
+    # All but the level of the noise, whose last value remains the best guess.
+    assert np.all(np.abs(both.value[-1] - alone.value[-1]) < 0.1 * alone.standard_deviation[-1])
     first = len(before) + int(np.flatnonzero(both.status[len(before) :] == Status.OK)[0])
     assert both.standard_deviation[first, 1] > 2.0 * both.standard_deviation[len(before) - 1, 1]
