@@ -105,7 +105,7 @@ def test_estimates_scale_with_the_inertia(constant):
 
 
 def posterior_of_scale(ratio, inertia, spring, probability, payload):
-    """Geometric mean of s and mean square deviation from it, by sums over a fine grid of log s."""
+    """Geometric mean of s and mean square error of it, by sums over a fine grid of log s."""
     grid = np.linspace(-6.0, 6.0, 60001)
 
     def normal(x, sd):

@@ -61,8 +61,8 @@ def slow(table, rows):
     weights = np.exp([each[2] - max(other[2] for other in found) for each in found])
     weights /= weights.sum()
     mean = sum(w * each[0] for w, each in zip(weights, found, strict=True))
-    spread = [each[1] + np.outer(each[0] - mean, each[0] - mean) for each in found]
-    return mean, sum(w * each for w, each in zip(weights, spread, strict=True)), weights
+    each_square = [each[1] + np.outer(each[0] - mean, each[0] - mean) for each in found]
+    return mean, sum(w * each for w, each in zip(weights, each_square, strict=True)), weights
 
 
 def test_it_equals_the_slow_version():

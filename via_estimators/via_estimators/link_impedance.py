@@ -219,7 +219,7 @@ def _store(
         motions[:, MOTION.velocity] = motions[:, MOTION.preset_velocity] = 0.0
     ring[RING.q, slot] = q
     ring[RING.gravity, slot] = par[P.gravity_torque] * sin(q - par[P.gravity_angle])
-    kind, law = int(par[P.spring_kind]), par[P.size :]
+    kind, spring = int(par[P.spring_kind]), par[P.size :]
     at, left, latest = slot, filled - 1, np.inf
     for j in range(table.shape[0]):
         if not first and step > 0.0:
@@ -234,7 +234,7 @@ def _store(
             command = ring[RING.equilibrium, at] if known else np.nan
             preset = ring[RING.preset, at] if known else np.nan
             servo_models.follow(motions[j], table[j], command, preset, step)
-        ring[RING.size + j, slot] = spring_torque(kind, law, q - motions[j, MOTION.angle], motions[j, MOTION.preset])
+        ring[RING.size + j, slot] = spring_torque(kind, spring, q - motions[j, MOTION.angle], motions[j, MOTION.preset])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -277,7 +277,7 @@ def _learn(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _scale(par: Array, gain: float, variance: float) -> tuple[float, float]:
-    """Geometric mean of s and mean square deviation from it, given gain / s from motion and its variance."""
+    """Geometric mean of s and mean square error of it, given gain / s from motion and its variance."""
     floor = max(gain, LEAST_RATIO)
     r, seen = log(floor), min(variance / floor**2, 1.0)
     spring, total, mean, square, logarithm = par[P.spring_tolerance] ** 2 + seen, 0.0, 0.0, 0.0, 0.0
@@ -298,14 +298,14 @@ def _scale(par: Array, gain: float, variance: float) -> tuple[float, float]:
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _stiffness(par: Array, filters: Array, motions: Array, q: float) -> tuple[float, float, float]:
     """Mean and variance of the stiffness over the servos, for the inertia of the file; mean deflection [rad]."""
-    kind, law, at = int(par[P.spring_kind]), par[P.size :], servo_models.FILTER.size
+    kind, spring, at = int(par[P.spring_kind]), par[P.size :], servo_models.FILTER.size
     mean, square, phi = 0.0, 0.0, 0.0
     for j in range(filters.shape[0]):
         weight = filters[j, servo_models.FILTER.weight]
         if weight < NEGLIGIBLE:
             continue
         deflection = q - motions[j, MOTION.angle]
-        own = spring_stiffness(kind, law, deflection, motions[j, MOTION.preset])
+        own = spring_stiffness(kind, spring, deflection, motions[j, MOTION.preset])
         single = own * (par[P.gain_prior] + par[P.gain_deviation] * filters[j, at + GAIN])
         variance = filters[j, at + UNKNOWNS + GAIN * (UNKNOWNS + 1)] * (own * par[P.gain_deviation]) ** 2
         phi += weight * deflection

@@ -54,7 +54,7 @@ class Servos:
         (1.5, 0.6), (1.5, 0.0), (1.0, 0.0), (0.7, 0.0), (0.5, 0.0), (1.0, -0.7), (0.6, -0.7), (1.0, 0.8)
     )  # fmt: skip
     speeds: tuple[float, ...] = (0.35, 0.5, 0.7, 1.0, 4.0)
-    spread: float = 0.3  # standard deviation of the logarithms of factors and of the change, before any data
+    tolerance: float = 0.3  # standard deviation of the logarithms of factors and of the change, before any data
 
     def around(self, bandwidth: float, dead_time: float, speed_limit: float) -> Array:
         """The table (K, 4) of SERVO, of increasing dead time.
@@ -68,7 +68,7 @@ class Servos:
                 factor * bandwidth,
                 max(dead_time + change * max(dead_time, 1.0 / bandwidth), 0.0),
                 speed * reference,
-                -0.5 * (log(factor) ** 2 + change**2 + certainty * log(speed) ** 2) / self.spread**2,
+                -0.5 * (log(factor) ** 2 + change**2 + certainty * log(speed) ** 2) / self.tolerance**2,
             )
             for factor, change in sorted(self.lags, key=lambda lag: lag[1])
             for speed in self.speeds

@@ -70,7 +70,7 @@ class Found:
     ok: float  # samples
     missed: float  # OK samples outside their interval
     error: float  # RMS, over the RMS of the true values
-    deviation: float  # RMS of the standard deviation, likewise
+    sd: float  # RMS of the standard deviation, likewise
     worst: float  # missed, of the worst motion
 
 
@@ -145,7 +145,7 @@ def found_in(device: Device, case: Case, seeds: int) -> dict[str, Found]:
             if each:
                 sums[name].append(np.mean(each, axis=0).tolist())
     return {
-        name: Found(*np.mean(motions, axis=0).tolist(), worst=float(np.max(np.array(motions)[:, 1])))
+        name: Found(*np.mean(motions, axis=0).tolist(), float(np.max(np.array(motions)[:, 1])))
         for name, motions in sums.items()
     }
 
@@ -171,7 +171,7 @@ def _rows_of(case: Case, found: dict[str, Found], seeds: int) -> list[Row]:
             ("missed", "OK samples outside their 95 % interval", PERCENT * each.missed, MISSED),
             ("worst", "the same, worst motion", PERCENT * each.worst, None),
             ("error", "RMS error", PERCENT * each.error, None),
-            ("deviation", "RMS of the standard deviation", PERCENT * each.deviation, None),
+            ("sd", "RMS of the standard deviation", PERCENT * each.sd, None),
             ("ok", "samples with status OK", PERCENT * each.ok, None),
         )
         made += [
@@ -199,7 +199,7 @@ def _draw(found: Sequence[dict[str, Found]], path: Path) -> None:
     at = np.arange(len(CASES))
     for axes, name in zip(panels, ("stiffness", "damping"), strict=True):
         axes.barh(at - 0.2, [PERCENT * each[name].error for each in found], 0.4, label="RMS error")
-        axes.barh(at + 0.2, [PERCENT * each[name].deviation for each in found], 0.4, label="standard deviation")
+        axes.barh(at + 0.2, [PERCENT * each[name].sd for each in found], 0.4, label="standard deviation")
         axes.set_xlabel(f"{name} [% of its RMS value]")
     panels[0].set_yticks(at, [case.name for case in CASES])
     panels[0].invert_yaxis()
