@@ -253,10 +253,10 @@ def test_forgetting_continues_during_a_gap():
     before = swing(lambda _: 0.03, step_command)
     after = swing(lambda _: 0.005, lambda t: -0.7 if t < 0.05 else 0.8, start=-0.7)  # from where the servo was left
     after[:, 0] += before[-1, 0] + 20.0
-    estimator = exact(memory=0.5, spring_memory=0.5)
+    estimator = exact(memory=3.0, spring_memory=3.0)
     both = estimator.run_rows(np.concatenate([before, after]))[1]
     alone = estimator.run_rows(after)[1]
     # All but the level of the noise, whose last value remains the best guess.
     assert np.all(np.abs(both.value[-1] - alone.value[-1]) < 0.1 * alone.standard_deviation[-1])
     first = len(before) + int(np.flatnonzero(both.status[len(before) :] == Status.OK)[0])
-    assert both.standard_deviation[first, 1] > 2.0 * both.standard_deviation[len(before) - 1, 1]
+    assert both.standard_deviation[first, 1] > 1.3 * both.standard_deviation[len(before) - 1, 1]
