@@ -144,10 +144,11 @@ def found_in(device: Device, case: Case, seeds: int) -> dict[str, Found]:
         for name, each in per_seed.items():
             if each:
                 sums[name].append(np.mean(each, axis=0).tolist())
-    return {
-        name: Found(*np.mean(motions, axis=0).tolist(), float(np.max(np.array(motions)[:, 1])))
-        for name, motions in sums.items()
-    }
+    found = {}
+    for name, motions in sums.items():
+        ok_share, missed, error_share, sd_share = np.mean(motions, axis=0).tolist()
+        found[name] = Found(ok_share, missed, error_share, sd_share, float(np.max(np.array(motions)[:, 1])))
+    return found
 
 
 def rows(seeds: int, progress: Progress) -> list[Row]:
@@ -203,8 +204,8 @@ def _draw(found: Sequence[dict[str, Found]], path: Path) -> None:
         axes.set_xlabel(f"{name} [% of its RMS value]")
     panels[0].set_yticks(at, [case.name for case in CASES])
     panels[0].invert_yaxis()
-    panels[1].legend()
-    figure.tight_layout()
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="lower center", ncol=2)
+    figure.tight_layout(rect=(0.0, 0.06, 1.0, 1.0))
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)
