@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from ros_messages import CommandWriter
 from via_core.bags.inspection import check
 from via_core.bags.writer import BagWriter
 from via_core.devices import load_device
@@ -10,16 +11,17 @@ from via_core.signals import Signals
 from via_core.status import Status
 from via_estimators.contract import rows_of
 from via_estimators.methods import estimator_for, methods_for
-from via_ros.conversions import JointStateWriter
+from via_interfaces.msg import VsaCommand
+from via_ros.conversions import Command, JointStateWriter
 from via_validation.compare.faults import LATE, faults_of, moved, with_fault
 
-MOTOR, DAMPER = load_device("cubic_demo"), load_device("compact_vpda")
-SIGNALS = {device.name: moved(device) for device in (MOTOR, DAMPER)}
-CASES = [(device, name) for device in (MOTOR, DAMPER) for name in faults_of(device)]
+MOTOR, DAMPER, SERVO = DEVICES = tuple(load_device(name) for name in ("cubic_demo", "compact_vpda", "maccepavd"))
+SIGNALS = {device.name: moved(device) for device in DEVICES}
+CASES = [(device, name) for device in DEVICES for name in faults_of(device)]
 
 
 @pytest.mark.parametrize(
-    ("device", "method"), [(device, method) for device in (MOTOR, DAMPER) for method in methods_for(device)],
+    ("device", "method"), [(device, method) for device in DEVICES for method in methods_for(device)],
     ids=lambda each: each if isinstance(each, str) else each.name,
 )  # fmt: skip
 def test_no_method_calls_a_faulty_sample_ok(device, method):
@@ -48,16 +50,28 @@ def test_a_repaired_channel_is_estimated_anew():
     assert np.all(off < 3.0 * estimates.column("stiffness")[1][late])
 
 
+def record_commands(device, measured, bag):
+    commander = CommandWriter(device)
+    bag.add_topic(device.command_topic, "via_interfaces/msg/VsaCommand")
+    for k in range(0, len(measured), 4):
+        stamp = 10**9 + round(1e9 * measured.time[k])
+        angles = measured["equilibrium"][k], measured["preset"][k]
+        command = Command(VsaCommand.EQUILIBRIUM_PRESET, *angles, 0.0, np.empty(0))
+        bag.write(device.command_topic, serialize_message(commander.numbered(stamp, command)), stamp)
+
+
 def recorded(device, measured, folder):
     writer = JointStateWriter(device)
     with BagWriter(folder) as bag:
         bag.add_topic("/joint_states", "sensor_msgs/msg/JointState")
+        if device.drive == "servo":
+            record_commands(device, measured, bag)
         theta = measured.channels.get("theta", np.empty((len(measured), 0)))
         for k in range(len(measured)):
             writer.position[:] = [measured["q"][k], *theta[k]]
-            if device.n_motors:
+            if device.drive == "torque" and device.n_motors:
                 writer.effort[1:] = measured["tau"][k]
-            else:
+            elif not device.n_motors:
                 writer.effort[0] = measured["tau_link"][k]
             stamp = 10**9 + round(1e9 * measured.time[k])
             bag.write("/joint_states", serialize_message(writer.stamped(stamp)), stamp)

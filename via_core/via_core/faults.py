@@ -13,10 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from via_core.devices import Device
-from via_core.plausibility import INTERVAL, LEAST_SAMPLES, Samples, equations_of, worst
+from via_core.modulated_rows import LEAST_SAMPLES, Samples
+from via_core.plausibility import equations_of, interval_of, worst
 from via_core.signals import Array
 
 UNITS = {"N mm": 1e-3, "N cm": 1e-2}  # torque units met in logs -> N m
+ANGLES = {"degrees": np.pi / 180.0, "turns": 2.0 * np.pi}  # -> rad
 FEW = 0.9  # [-] of the intervals of a sound recording are plausible
 
 
@@ -55,6 +57,12 @@ def fault_of(device: Device, samples: Samples, suspected: bool = False) -> Fault
             found.append((worst(after).unexplained, fault._replace(proven=True)))
     if found:
         return min(found, key=lambda each: each[0])[1]
+    if samples.command is not None:
+        text = (
+            "the link does not follow its servo through the spring: "
+            "check commands, units, contacts and the numbers of the device file"
+        )
+        return Fault("q, equilibrium", text)
     subject = ", ".join(f"tau_{i + 1}" for i, each in enumerate(shares) if each.impossible)
     text = (
         "the torques fit no motor and spring near those of the device file: "
@@ -77,8 +85,9 @@ def faulty_time(device: Device, samples: Samples) -> FaultyTime | None:
     equations, known, faults = equations_of(device), 0, []
     if not equations or len(samples.time) < LEAST_SAMPLES:
         return None
-    for end in np.arange(samples.time[0] + INTERVAL, samples.time[-1] + 1e-9, INTERVAL):
-        interval = samples.between(end - INTERVAL, end)
+    length = interval_of(equations)
+    for end in np.arange(samples.time[0] + length, samples.time[-1] + 1e-9, length):
+        interval = samples.between(end - length, end)
         found = worst([each.share(interval) for each in equations])
         known += found.known
         if found.impossible:
@@ -89,11 +98,14 @@ def faulty_time(device: Device, samples: Samples) -> FaultyTime | None:
         return None
     count = Counter(fault for _, fault in faults)
     ends = [end for end, _ in faults]
-    return FaultyTime(count.most_common(1)[0][0], len(faults) / known, ends[0] - INTERVAL, ends[-1])
+    return FaultyTime(count.most_common(1)[0][0], len(faults) / known, ends[0] - length, ends[-1])
 
 
 def _channels(device: Device, samples: Samples) -> Iterator[tuple[str, Array]]:
     yield "q", samples.q
+    if samples.command is not None:  # the logged angle of a servo is not used, and its preset may rest
+        yield "equilibrium", samples.command[:, 0]
+        return
     for i, column in enumerate(samples.theta.T):
         yield f"theta_{i + 1}", column
     for i, column in enumerate(samples.torque.T):
@@ -115,6 +127,9 @@ def _frozen(device: Device, samples: Samples) -> Fault | None:
 
 def _changes(device: Device, samples: Samples) -> Iterator[tuple[Fault, Samples]]:
     """Each fault with the samples as they would be without it."""
+    if samples.command is not None:
+        yield from _changes_of_servo(samples, samples.command)
+        return
     q, theta, torque = samples.q, samples.theta, samples.torque
     tau = [name for name, _ in _channels(device, samples)][1 + theta.shape[1] :]
 
@@ -139,6 +154,18 @@ def _changes(device: Device, samples: Samples) -> Iterator[tuple[Fault, Samples]
         text = f"{subject} in {unit}, not in N m; convert (`scale: {scale:g}` under wire.columns)"
         yield Fault(subject, text), samples._replace(torque=scale * torque)
     angles = ", ".join(name for name, _ in _channels(device, samples))[: -len(subject) - 2]
-    for unit, scale in (("degrees", np.pi / 180.0), ("turns", 2.0 * np.pi)):
+    for unit, scale in ANGLES.items():
         text = f"{angles} in {unit}, not in rad; convert (`scale: {scale:.7g}` under wire.columns)"
         yield Fault(angles, text), samples._replace(q=scale * q, theta=scale * theta)
+
+
+def _changes_of_servo(samples: Samples, command: Array) -> Iterator[tuple[Fault, Samples]]:
+    """The same for a link angle and the commands of its servo: only their relation is known, not which one is wrong."""
+    both = "q, equilibrium"
+    text = "q and equilibrium have opposite signs; reverse one of them (`scale: -1` under wire.columns for q)"
+    yield Fault(both, text), samples._replace(q=-samples.q)
+    for unit, scale in ANGLES.items():
+        text = f"q in {unit}, not in rad; convert (`scale: {scale:.7g}` under wire.columns)"
+        yield Fault("q", text), samples._replace(q=scale * samples.q)
+        text = f"equilibrium in {unit}, not in rad; convert the command"
+        yield Fault("equilibrium", text), samples._replace(command=command * np.array([scale, 1.0]))

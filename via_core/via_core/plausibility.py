@@ -19,89 +19,46 @@ c, the declared friction or OFFSET of the largest part.
 The torque sensor of a damper reads what the damper dissipates: low v^2 <= tau v <= high v^2 in every row, up to dry
 friction. `unexplained` is the torque outside of that, compared likewise.
 
+A link that is driven by a servo has an equation of its own (via_core.servo_equation), which needs no torque.
+
 `via_core.faults` names the fault.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import exp, sqrt
-from typing import NamedTuple
+from math import sqrt
 
 import numpy as np
 from numba import njit
 
 from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
-from via_core.signals import Array, Signals
+from via_core.modulated_rows import (
+    CLEAR,
+    DAMPER_FACTOR,
+    FURTHEST,
+    INTERVAL,
+    LEAST_SAMPLES,
+    OFFSET,
+    ORDER,
+    RESTING,
+    Equation,
+    Samples,
+    Share,
+    bounded_least_squares,
+    device_factor,
+    finite_columns,
+    next_row,
+    noise_of,
+)
+from via_core.servo_equation import servo_equation
+from via_core.signals import Array
 from via_core.weak_form import fill_weights
 
-INTERVAL = 1.0  # [s] over which a share is computed: some periods of motion, yet shorter than a fault may last
-SPAN = 0.1  # [s] of a modulated row
-ROWS_PER_SPAN = 4  # rows overlap, so that no course of a signal falls between them
-LEAST_SAMPLES = 8  # of a row
-ORDER = 3  # of the modulating function
-OFFSET = 0.2  # [-] largest constant torque that no term explains, over the typical load
-IMPOSSIBLE = 0.3  # [-] unexplained share from which signals do not belong to the device
-CLEAR = 3.0  # [-] the largest part must exceed its noise by this factor, or nothing can be said
-DAMPER_FACTOR = 10.0  # [-] damping varies by command and speed; its number in the file is an order of magnitude
-FURTHEST = 2.0  # [max_deflection] no spring deflects further, and a spring law may overflow there
-RESTING = 10.0  # [encoder steps] in a row, less is no motion with a direction
 VARYING = 0.2  # [-] torques that vary less than this share of their size show no course
 PARTS = 6  # unknowns of the equation: b, d, c, s, e, g
-SWEEPS = 200  # of coordinate descent, more than five unknowns need
-
-
-def device_factor(tolerance: float) -> float:
-    """Largest plausible ratio of a number to that in the device file: 2 times three of its standard deviations."""
-    return 2.0 * exp(3.0 * tolerance)
-
-
-class Samples(NamedTuple):
-    """Samples of one joint: time (N,) [s], q (N,), theta (N, m) [rad], torque (N, m) of its motors or (N, 1) [N m]."""
-
-    time: Array
-    q: Array
-    theta: Array
-    torque: Array
-
-    @classmethod
-    def of_signals(cls, measured: Signals, device: Device) -> Samples | None:
-        """The samples of a recording with channels as in `bags.joints`; None where no torque is measured."""
-        torque = measured.channels.get("tau" if device.n_motors else "tau_link")
-        theta = measured.channels.get("theta", np.empty((len(measured), 0)))
-        if "q" not in measured or torque is None or theta.shape[1] != device.n_motors:
-            return None
-        return cls(measured.time, measured["q"], theta, torque.reshape(len(measured), -1))
-
-    def between(self, begin: float, end: float) -> Samples:
-        """The samples after `begin` up to `end` [s]."""
-        first, last = np.searchsorted(self.time, (begin, end), side="right")
-        return Samples(*(each[first:last] for each in self))
-
-
-class Share(NamedTuple):
-    """Share of the torques in an interval that no device of the file explains, and their ratio to their noise."""
-
-    unexplained: float
-    clearness: float
-
-    @property
-    def known(self) -> bool:
-        return self.clearness > CLEAR
-
-    @property
-    def impossible(self) -> bool:
-        return self.known and self.unexplained > IMPOSSIBLE
-
-
-class Equation(ABC):
-    """A torque equation of a device."""
-
-    @abstractmethod
-    def share(self, samples: Samples) -> Share:
-        """Unexplained share of the torques in the interval of the samples."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +80,7 @@ class MotorEquation(Equation):
         sensors, stiffness = self.device.sensors, spring.stiffness(np.clip(deflection, -reach, reach), angle)
         step, link = sensors.motor_quantum or 0.0, sensors.link_quantum or 0.0
         coarse = sqrt(float(np.nanmean(stiffness**2)) * (step * step + link * link) / 12.0) if len(angle) else 0.0
-        columns = _finite(samples.time, samples.torque[:, self.drive], angle, deflection, load)
+        columns = finite_columns(samples.time, samples.torque[:, self.drive], angle, deflection, load)
         return Share(*_motor_share(*columns, self.low, self.high, np.array([step, self.friction, coarse])))
 
 
@@ -136,13 +93,15 @@ class DamperEquation(Equation):
     friction: float
 
     def share(self, samples: Samples) -> Share:
-        columns = _finite(samples.time, samples.torque[:, 0], samples.q)
+        columns = finite_columns(samples.time, samples.torque[:, 0], samples.q)
         return Share(*_damper_share(*columns, self.low, self.high, self.friction))
 
 
 def equations_of(device: Device) -> tuple[Equation, ...]:
-    """The torque equations of a device; none where no torque is measured."""
+    """The torque equations of a device; none where no torque is measured and no servo moves the link."""
     given, endless = device.tolerances, np.inf
+    if device.drive == "servo":
+        return servo_equation(device)
     if device.drive != "torque":
         return ()
     if device.arrangement == "rigid":
@@ -165,38 +124,14 @@ def equations_of(device: Device) -> tuple[Equation, ...]:
     )
 
 
+def interval_of(equations: Sequence[Equation]) -> float:
+    """Length [s] of the interval of samples that all equations need."""
+    return max((each.interval for each in equations), default=INTERVAL)
+
+
 def worst(shares: list[Share]) -> Share:
     """The share of the equation that is violated most; Share(0, 0) if nothing is known."""
     return max((each for each in shares if each.known), default=Share(0.0, 0.0))
-
-
-def _finite(*columns: Array) -> list[Array]:
-    """The columns at the samples where all are finite, contiguous and writable as compiled code requires."""
-    good = np.logical_and.reduce([np.isfinite(each) for each in columns])
-    return [np.array(each[good], dtype=np.float64) for each in columns]
-
-
-@njit(cache=True, error_model="numpy")
-def _noise(values: Array) -> float:
-    """Standard deviation of white noise, from third differences, to which smooth motion contributes little."""
-    total = 0.0
-    for k in range(3, values.size):
-        third = values[k] - 3.0 * values[k - 1] + 3.0 * values[k - 2] - values[k - 3]
-        total += third * third
-    return sqrt(total / (20.0 * max(values.size - 3, 1)))
-
-
-@njit(cache=True, error_model="numpy")
-def _next(time: Array, first: int, last: int) -> tuple[int, int]:
-    """First and last sample of the next row after that from `first` to `last`; last < 0 begins, first < 0 ends."""
-    if last >= 0:
-        begin = time[first]
-        while first < time.size - 1 and time[first] - begin < SPAN / ROWS_PER_SPAN:
-            first += 1
-    last = max(first, last)
-    while last < time.size - 1 and time[last] - time[first] < SPAN:
-        last += 1
-    return (first, last) if last < time.size and time[last] - time[first] >= SPAN else (-1, -1)
 
 
 @njit(cache=True, error_model="numpy")
@@ -210,25 +145,6 @@ def _of_torque(weights: Array, values: Array, first: int) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _bounded(gram: Array, right: Array, low: Array, high: Array, x: Array) -> None:
-    """Least squares within bounds by coordinate descent: the minimum of x'Gx/2 - r'x, low <= x <= high, into x."""
-    for j in range(x.size):
-        x[j] = min(max(0.0, low[j]), high[j])
-    for _ in range(SWEEPS):
-        moved = 0.0
-        for j in range(x.size):
-            if gram[j, j] > 0.0:
-                step = right[j]
-                for k in range(x.size):
-                    step -= gram[j, k] * x[k]
-                new = min(max(x[j] + step / gram[j, j], low[j]), high[j])
-                moved = max(moved, gram[j, j] * (new - x[j]) ** 2)
-                x[j] = new
-        if moved <= 1e-12 * abs(right @ x):
-            break
-
-
-@njit(cache=True, error_model="numpy")
 def _motor_share(
     time: Array, torque: Array, angle: Array, deflection: Array, load: Array, low: Array, high: Array, rest: Array
 ) -> tuple[float, float]:  # fmt: skip
@@ -236,13 +152,13 @@ def _motor_share(
 
     rest  encoder step [rad] of the motor, declared dry friction [N m], and error of the load [N m] by encoder steps
     """
-    noises = np.array([_noise(torque), _noise(angle), _noise(load)]) ** 2
+    noises = np.array([noise_of(torque), noise_of(angle), noise_of(load)]) ** 2
     still = max(RESTING * rest[0], 6.0 * sqrt(noises[1]))  # a smaller range of angle is no motion
     rows, wanted = np.zeros((time.size, PARTS)), np.zeros(time.size)
     moving = np.zeros(time.size, dtype=np.bool_)
     quiet = np.zeros(3)
     count = 0
-    first, last = _next(time, 0, -1)
+    first, last = next_row(time, 0, -1)
     while first >= 0:
         n = last - first + 1
         if n >= LEAST_SAMPLES:
@@ -263,7 +179,7 @@ def _motor_share(
             quiet += noises * np.array([short, bend, short])
             quiet[2] += rest[2] * rest[2]  # slow motion repeats the error of an encoder step throughout a row
             count += 1
-        first, last = _next(time, first, last)
+        first, last = next_row(time, first, last)
     if count < PARTS:
         return 0.0, 0.0
     rows, wanted, moving = rows[:count], wanted[:count], moving[:count]
@@ -299,7 +215,7 @@ def _compare(
     above[5] = np.inf
     used, y = rows[moving], wanted[moving]
     if len(used) >= PARTS:
-        _bounded(used.T @ used, used.T @ y, below, above, x)
+        bounded_least_squares(used.T @ used, used.T @ y, below, above, x)
     else:  # at rest: springs and friction alone
         x[:4] = np.minimum(np.maximum(np.array([0.0, 0.0, 0.0, 1.0]), low), high)
     left = wanted - rows @ x
@@ -319,9 +235,9 @@ def _damper_share(
     time: Array, torque: Array, angle: Array, least: float, most: float, friction: float
 ) -> tuple[float, float]:  # fmt: skip
     """Share of the torque that no damping from `least` to `most` dissipates, and ratio of the torque to its noise."""
-    noise_torque, noise_angle = _noise(torque) ** 2, _noise(angle) ** 2
+    noise_torque, noise_angle = noise_of(torque) ** 2, noise_of(angle) ** 2
     left = largest_torque = largest_damping = noise = 0.0
-    first, last = _next(time, 0, -1)
+    first, last = next_row(time, 0, -1)
     while first >= 0:
         n = last - first + 1
         if n >= LEAST_SAMPLES:
@@ -338,7 +254,7 @@ def _damper_share(
             largest_torque += wanted * wanted
             largest_damping += (least * speed) ** 2
             noise += room * room
-        first, last = _next(time, first, last)
+        first, last = next_row(time, first, last)
     largest = max(largest_torque, largest_damping)
     if largest <= 0.0:
         return 0.0, 0.0

@@ -1,10 +1,10 @@
 """An estimator whose status says when signals or estimates cannot come from the device of the device file.
 
-The last INTERVAL of samples is compared with the torque equations of the device every EVERY seconds
-(via_core.plausibility). From the first impossible interval until HOLD seconds of possible ones have passed, estimates
-that would be OK are IMPLAUSIBLE; then the estimator starts anew, because its memory holds impossible samples. Intervals
-without motion say nothing and prolong neither. An estimate that is impossible by itself (a negative stiffness, an
-inertia or a stiffness many times that of the file) is IMPLAUSIBLE at once.
+The last seconds of samples are compared with the torque equations of the device, four times in the interval that these
+need (via_core.plausibility). From the first impossible interval until HOLD seconds of possible ones have passed,
+estimates that would be OK are IMPLAUSIBLE; then the estimator starts anew, because its memory holds impossible samples.
+Intervals without motion say nothing and prolong neither. An estimate that is impossible by itself (a negative
+stiffness, an inertia or a stiffness many times that of the file) is IMPLAUSIBLE at once.
 
 Samples are kept at no more than RATE, with the mean of the torques between them, so that a state remains small.
 """
@@ -18,15 +18,8 @@ import numpy as np
 from numba import njit
 from via_core.devices import Device
 from via_core.faults import fault_of
-from via_core.plausibility import (
-    DAMPER_FACTOR,
-    INTERVAL,
-    Equation,
-    Samples,
-    device_factor,
-    equations_of,
-    worst,
-)  # fmt: skip
+from via_core.modulated_rows import DAMPER_FACTOR, INTERVAL, Equation, Samples, device_factor
+from via_core.plausibility import equations_of, interval_of, worst
 from via_core.signals import Array
 from via_core.status import IMPLAUSIBLE, OK, OUTSIDE_RANGE, Status
 
@@ -34,11 +27,11 @@ from via_estimators.contract import Estimator, Health, Kernel, Parameters
 from via_estimators.slots import slots
 from via_estimators.window import RESTARTED, SKIPPED, TAKEN, sound
 
-EVERY = 0.25  # [s] between two comparisons
-FIRST = 0.75  # [s] before the first comparison
+EVERY = 0.25  # [intervals] between two comparisons
+FIRST = 0.75  # [intervals] before the first comparison
 HOLD = 3.0  # [s] of possible intervals after which a fault is over
 RATE = 250.0  # [Hz] of the samples kept
-KEPT = int(1.2 * INTERVAL * RATE)
+ROOM = 1.2  # [intervals] of samples kept
 NEVER = -1e300  # [s] before every stamp
 SURE = 3.0  # [standard deviations] by which an estimate must miss its bounds
 # Stamp of the last sample and of the last one kept; time of the next comparison; end of the suspicion; ring position
@@ -79,7 +72,7 @@ class Checked(Estimator):
         head = np.zeros(HEAD.size)
         head[[HEAD.last, HEAD.kept, HEAD.next, HEAD.until]] = NEVER
         columns = 1 + len(self.inputs)
-        state = np.concatenate([self.inner.init(), head, np.zeros(columns), np.zeros(KEPT * columns)])
+        state = np.concatenate([self.inner.init(), head, np.zeros(columns), np.zeros(self._kept * columns)])
         state.flags.writeable = False
         return state
 
@@ -97,7 +90,10 @@ class Checked(Estimator):
         self.inner.load()
         super().load()
         time, m = np.arange(100) / RATE, max(self.device.n_motors, 1)
-        still = Samples(time, 0.0 * time, np.zeros((len(time), self.device.n_motors)), np.zeros((len(time), m)))
+        command = np.zeros((len(time), 2))
+        still = Samples(
+            time, 0.0 * time, np.zeros((len(time), self.device.n_motors)), np.zeros((len(time), m)), command
+        )
         for each in self._equations:
             each.share(still)
 
@@ -109,7 +105,7 @@ class Checked(Estimator):
             return (
                 fault.text
                 if fault
-                else "torques of the last seconds do not fit the device file; no single fault explains them"
+                else "signals of the last seconds do not fit the device file; no single fault explains them"
             )
         if head[HEAD.outside]:
             at = int(head[HEAD.outside]) - 1
@@ -127,12 +123,25 @@ class Checked(Estimator):
     def _equations(self) -> tuple[Equation, ...]:
         known = set(self.inputs)
         needed = {"q", "tau_link"} if self.device.arrangement == "rigid" else {"q", "theta_1", "tau_1"}
+        if self.device.drive == "servo":
+            needed = {"q", "equilibrium", "preset"}
         return equations_of(self.device) if needed <= known else ()
 
     @cached_property
-    def _constants(self) -> tuple[Array, Array, Array]:
-        """Mask (1 + k,) of the torques in a row, which are averaged, and the bounds of the outputs."""
-        return (np.array([False, *(name.startswith("tau") for name in self.inputs)]), *self._bounds)
+    def _interval(self) -> float:
+        return interval_of(self._equations)
+
+    @cached_property
+    def _kept(self) -> int:
+        return int(ROOM * self._interval * RATE)
+
+    @cached_property
+    def _constants(self) -> tuple[Array, Array, Array, Array, float]:
+        """Masks (1 + k,) of the columns that the equations need and of averaged ones, the torques; bounds; interval."""
+        logged = {"theta_1"} if self.device.drive == "servo" else set()  # not part of the equation, often missing
+        needed = np.array([True, *(name not in logged for name in self.inputs)])
+        torques = np.array([False, *(name.startswith("tau") for name in self.inputs)])
+        return (needed, torques, *self._bounds, self._interval)
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
@@ -163,20 +172,22 @@ class Checked(Estimator):
         return state[self._size : self._size + HEAD.size]
 
     def _ring(self, state: Array) -> Array:
-        """The view (KEPT, 1 + k) of the samples kept."""
-        return state[state.size - KEPT * (1 + len(self.inputs)) :].reshape(KEPT, -1)
+        """The view (kept, 1 + k) of the samples kept."""
+        return state[state.size - self._kept * (1 + len(self.inputs)) :].reshape(self._kept, -1)
 
     def _samples(self, state: Array) -> Samples:
-        """The samples of the last INTERVAL, oldest first."""
+        """The samples of the last interval, oldest first."""
         head, ring = self._head(state), self._ring(state)
         slot, filled = int(head[HEAD.slot]), int(head[HEAD.filled])
-        rows = np.roll(ring, -slot, axis=0)[KEPT - filled :]
-        rows = rows[rows[:, 0] > head[HEAD.last] - INTERVAL]
+        rows = np.roll(ring, -slot, axis=0)[self._kept - filled :]
+        rows = rows[rows[:, 0] > head[HEAD.last] - self._interval]
         columns = dict(zip(("time", *self.inputs), rows.T, strict=True))
         theta = [columns[name] for name in self.inputs if name.startswith("theta_") and name[6:].isdigit()]
         torque = [columns[name] for name in self.inputs if name.startswith("tau")]
         angles = np.column_stack(theta) if theta else np.empty((len(rows), 0))
-        return Samples(columns["time"], columns["q"], angles, np.column_stack(torque))
+        command = np.column_stack([columns["equilibrium"], columns["preset"]]) if self.device.drive == "servo" else None
+        torques = np.column_stack(torque) if torque else np.empty((len(rows), 0))
+        return Samples(columns["time"], columns["q"], angles, torques, command)
 
     @property
     def _advance(self) -> Kernel:
@@ -187,7 +198,7 @@ class Checked(Estimator):
         size, at, count = self._size, 0, len(rows)
         inner, advance, constants = state[:size], self.inner._advance, self._constants
         while at < count:
-            end = _until(state, size, rows, at) if count > 1 else 1
+            end = _until(state, size, rows, at, constants[0], self._interval) if count > 1 else 1
             whole = end - at == count
             part, answers = (rows, out) if whole else (rows[at:end], out[at:end])
             advance(inner, part, answers)
@@ -209,12 +220,12 @@ class Checked(Estimator):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _kind(row: Array, last: float) -> int:
+def _kind(row: Array, needed: Array, last: float) -> int:
     """SKIPPED, TAKEN or RESTARTED (the first sample, after a gap, or of a log played again), as `window.admit`."""
     if not np.isfinite(row[0]):
         return SKIPPED
     for j in range(1, row.size):
-        if not sound(row[j]):
+        if needed[j] and not sound(row[j]):
             return SKIPPED
     step = row[0] - last
     if 0.0 < step < INTERVAL:
@@ -223,15 +234,15 @@ def _kind(row: Array, last: float) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def _until(state: Array, size: int, rows: Array, at: int) -> int:
+def _until(state: Array, size: int, rows: Array, at: int, needed: Array, interval: float) -> int:
     """Number of the row after the one behind which the next comparison is due, or of all rows."""
     last, due = state[size + HEAD.last], state[size + HEAD.next]
     for k in range(at, rows.shape[0]):
-        kind = _kind(rows[k], last)
+        kind = _kind(rows[k], needed, last)
         if kind != SKIPPED:
             last = rows[k, 0]
             if kind == RESTARTED:
-                due = last + FIRST
+                due = last + FIRST * interval
             if last >= due:
                 return k + 1
     return rows.shape[0]
@@ -239,28 +250,31 @@ def _until(state: Array, size: int, rows: Array, at: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def _finish(
-    state: Array, size: int, rows: Array, out: Array, torques: Array, low: Array, high: Array
+    state: Array, size: int, rows: Array, out: Array, needed: Array, torques: Array, low: Array, high: Array,
+    interval: float,
 ) -> bool:  # fmt: skip
     """Keep the samples of the rows and grade their estimates; returns whether a comparison is due.
 
     size        of the inner estimator's state, which the HEAD follows
+    needed      (1 + k,) columns of a row without which it is skipped
     torques     (1 + k,) columns of a row that are averaged
     low, high   bounds of the outputs
     """
     width = rows.shape[1]
     head = state[size : size + HEAD.size]
     sums = state[size + HEAD.size : size + HEAD.size + width]
-    ring = state[size + HEAD.size + width :].reshape(KEPT, width)
+    ring = state[size + HEAD.size + width :].reshape(-1, width)
+    kept = ring.shape[0]
     due, outside = False, 0
     for k in range(rows.shape[0]):
         outside = _grade(out[k], head[HEAD.implausible] > 0.0, low, high)
-        kind = _kind(rows[k], head[HEAD.last])
+        kind = _kind(rows[k], needed, head[HEAD.last])
         if kind == SKIPPED:
             continue
         time, step = rows[k, 0], rows[k, 0] - head[HEAD.last]
         if kind == RESTARTED:
             head[HEAD.slot] = head[HEAD.filled] = head[HEAD.summed] = 0.0
-            head[HEAD.kept], head[HEAD.next], step = NEVER, time + FIRST, 0.0
+            head[HEAD.kept], head[HEAD.next], step = NEVER, time + FIRST * interval, 0.0
             sums[:] = 0.0
         head[HEAD.last] = time
         head[HEAD.summed] += step
@@ -271,11 +285,11 @@ def _finish(
             for j in range(width):
                 ring[slot, j] = sums[j] / summed if torques[j] and summed > 0.0 else rows[k, j]
                 sums[j] = 0.0
-            head[HEAD.slot] = slot + 1 if slot + 1 < KEPT else 0
-            head[HEAD.filled] = min(head[HEAD.filled] + 1.0, KEPT)
+            head[HEAD.slot] = slot + 1 if slot + 1 < kept else 0
+            head[HEAD.filled] = min(head[HEAD.filled] + 1.0, kept)
             head[HEAD.kept], head[HEAD.summed] = time, 0.0
         if time >= head[HEAD.next]:
-            head[HEAD.next], due = time + EVERY, True
+            head[HEAD.next], due = time + EVERY * interval, True
     head[HEAD.outside] = outside
     return due
 

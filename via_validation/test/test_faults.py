@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from via_core.devices import load_device
-from via_core.plausibility import IMPOSSIBLE
+from via_core.modulated_rows import IMPOSSIBLE
 from via_validation.compare import faults, faults_page
 from via_validation.provenance import provenance
 

@@ -20,7 +20,7 @@ from via_core.bags.losses import NOTABLE, losses
 from via_core.device_parts import ServoMotor
 from via_core.devices import Device
 from via_core.faults import FEW, faulty_time
-from via_core.plausibility import Samples
+from via_core.modulated_rows import Samples
 from via_core.servos import servo_step
 from via_core.signals import Array, Signals
 
@@ -94,12 +94,12 @@ def check_recording(measured: Signals, commands: Signals | None, device: Device)
     findings = _angle_steps(measured, commands, device)
     if device.drive == "servo" and commands is not None and len(commands) and "theta" in measured:
         findings += _servos(measured, commands, device)
-    return (*findings, *_faults(measured, device))
+    return (*findings, *_faults(measured, commands, device))
 
 
-def _faults(measured: Signals, device: Device) -> list[Finding]:
+def _faults(measured: Signals, commands: Signals | None, device: Device) -> list[Finding]:
     """Finding for channels that no device near the device file explains."""
-    samples = Samples.of_signals(measured, device)
+    samples = Samples.of_signals(measured, device, commands)
     found = None if samples is None else faulty_time(device, samples)
     if found is None:
         return []

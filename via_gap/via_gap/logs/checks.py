@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from via_core.device_parts import TorqueMotor
 from via_core.faults import faulty_time
-from via_core.plausibility import Samples
+from via_core.modulated_rows import Samples
 from via_core.signals import Array
 
 from via_gap.logs.findings import Finding, worst_first
@@ -125,7 +125,7 @@ def _torques(log: JointLog) -> Iterator[Finding]:
 
 def _faults(log: JointLog) -> Iterator[Finding]:
     """A sign, unit or order of channels that is wrong; unproven faults are left to the diagnosis."""
-    samples = Samples.of_signals(log.measured, log.device)
+    samples = Samples.of_signals(log.measured, log.device, log.commands)
     found = None if samples is None else faulty_time(log.device, samples)
     if found is not None and found.fault.proven:
         yield log.finding("implausible", found.fault.subject, "refuse", found.share, found.fault.text)

@@ -15,7 +15,7 @@ PAGE = "faults.md"
 
 def faults(
     device: Annotated[
-        list[str] | None, typer.Option(help="Device with a torque equation (repeat for more); default: five devices.")
+        list[str] | None, typer.Option(help="Device with a torque equation (repeat for more); default: six devices.")
     ] = None,
     write: Annotated[Path | None, typer.Option(help=f"Also write {PAGE} and its picture into this folder.")] = None,
 ) -> None:
@@ -38,11 +38,11 @@ def faults(
         for cells in rows:
             shown.add_row(*(cell.strip("*") for cell in cells))
         answers.print(shown)
-    titles, rows = page.sound_table(sound)
-    shown = table("sound joints: IMPLAUSIBLE samples", *titles)
-    for cells in rows:
-        shown.add_row(*(cell.strip("*") for cell in cells))
-    answers.print(shown)
+    for titles, rows in page.sound_tables(sound):
+        shown = table("sound joints: IMPLAUSIBLE samples", *titles)
+        for cells in rows:
+            shown.add_row(*(cell.strip("*") for cell in cells))
+        answers.print(shown)
     if write is not None:
         words = ["via faults", *(f"--device {name}" for name in device or [])]
         page.draw(faulty, sound, write / "faults.png")

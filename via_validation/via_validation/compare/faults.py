@@ -7,18 +7,22 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from via_core.device_parts import ServoMotor
 from via_core.devices import Device
 from via_core.faults import fault_of
-from via_core.plausibility import INTERVAL, Samples, equations_of, worst
+from via_core.modulated_rows import Samples
+from via_core.plausibility import equations_of, interval_of, worst
 from via_core.signals import Array, Signals
 from via_core.status import Status
 from via_estimators.methods import estimator_for, methods_for
+from via_sim.effects import Effect
 from via_sim.plants import JointPlant
 from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, simulate
 
-DEVICES = ("cubic_demo", "qbmove_a", "dlr_bavs", "visco_elastic_demo", "compact_vpda")
+DEVICES = ("cubic_demo", "qbmove_a", "dlr_bavs", "visco_elastic_demo", "compact_vpda", "maccepavd")
 DURATION, ONSET, RATE = 8.0, 2.0, 1000.0  # [s], [s] of a fault that begins during the recording, [Hz]
+SERVO_SAMPLES, SERVO_COMMANDS = 200.0, 50.0  # [Hz] of joints driven by servos, as that of the MACCEPA-VD
 LATE = 2.0  # [s] after the onset of a fault from which samples count
 SIZE = 0.15  # torques, over the spring torque at the stop
 Channels = dict[str, Array]
@@ -33,25 +37,47 @@ class Fault(NamedTuple):
 
 
 def torques_of(device: Device, time: Array) -> Channels:
-    """Commands of several tones: motor torques, or a torque on the link of a joint with a damper."""
+    """Commands of several tones: motor torques, servo angles, or a torque on the link of a joint with a damper."""
     first, second, third, fourth = (
         np.sin(2.0 * np.pi * f * time + a) for f, a in ((0.7, 0.0), (1.9, 0.0), (1.1, 0.0), (2.3, 1.0))
     )
     if not device.n_motors:
         return {"external_torque": 4.0 * first + 2.0 * second, "damping": np.full(len(time), 0.5)}
+    if device.drive == "servo":
+        held = np.floor(time * SERVO_COMMANDS + 1e-9) / SERVO_COMMANDS
+        slow, fast = np.sin(2.0 * np.pi * 0.8 * held), np.sin(2.0 * np.pi * 1.9 * held)
+        return {"equilibrium": 0.5 * slow + 0.35 * fast, "preset": np.full(len(time), 0.6)}
     size = np.clip(2.0 * time, 0.0, 1.0) * SIZE * float(device.spring_laws[0].torque(device.springs[0].max_deflection))
     both = [size * (1.0 + 0.6 * first + 0.3 * second), -size * (1.0 + 0.6 * third + 0.3 * fourth)]
     return {"motor": np.column_stack(both[: device.n_motors])}
 
 
-def moved(device: Device, real: Device | None = None, rate: float = RATE, **sensors: float) -> Signals:
+def moved(device: Device, real: Device | None = None, rate: float | None = None, **sensors: float) -> Signals:
     """Measured signals of the joint `real`, by default `device` itself, with the sensors of the file, some changed."""
     time = np.arange(int(RATE * DURATION) + 1) / RATE
     channels = torques_of(device, time)
     commands = Signals(time, channels, dict.fromkeys(channels, "-"), frozenset(channels))
+    rate = rate or (SERVO_SAMPLES if device.drive == "servo" else RATE)
     given = replace(Sensors.of_device(device), velocity_noise=0.005, rate=rate, **sensors)
     plant = JointPlant.from_device(real or device)
-    return simulate(plant, commands, DURATION, RATE, given, InitialConditions(seed=3)).measured
+    if device.drive == "servo":
+        plant = plant.with_effects(servo_effects(real or device))
+    measured = simulate(plant, commands, DURATION, RATE, given, InitialConditions(seed=3)).measured
+    if device.drive != "servo":
+        return measured
+    held = {name: channels[name][np.rint(measured.time * RATE).astype(int)] for name in ("equilibrium", "preset")}
+    units = {**measured.units, "equilibrium": "rad", "preset": "rad"}
+    return Signals(measured.time, {**measured.channels, **held}, units, measured.held | set(held))
+
+
+def servo_effects(device: Device) -> tuple[Effect, ...]:
+    """Dead time and speed limit of the servos as observed, which the nominal joint does not have."""
+    observed, found = device.observed, []
+    if observed.servo_dead_time > 0.0:
+        found.append(Effect("actuator_delay", "command", {"delay": observed.servo_dead_time}))
+    if observed.servo_speed_limit is not None:
+        found.append(Effect("torque_saturation", "motor", {"limit": observed.servo_speed_limit}, motor=1))
+    return tuple(found)
 
 
 def _column(name: str, change: Callable[[Array], Array]) -> Callable[[Channels], Channels]:
@@ -68,12 +94,14 @@ def _column(name: str, change: Callable[[Array], Array]) -> Callable[[Channels],
 
 
 def _freeze(values: Array) -> Array:
-    onset = int(ONSET * RATE)
+    onset = round(ONSET / DURATION * (len(values) - 1))
     return np.concatenate([values[:onset], np.broadcast_to(values[onset], values[onset:].shape)])
 
 
 def faults_of(device: Device) -> Mapping[str, Fault]:
     """Name -> fault of the device's channels."""
+    if device.drive == "servo":
+        return _faults_of_servo()
     tau, several = ("tau", device.n_motors == 2) if device.n_motors else ("tau_link", False)
     one = f"{tau}_1" if device.n_motors else tau
     found = {
@@ -92,13 +120,68 @@ def faults_of(device: Device) -> Mapping[str, Fault]:
     return found
 
 
+def _faults_of_servo() -> Mapping[str, Fault]:
+    degrees = 180.0 / np.pi
+    return {
+        "link angle reversed": Fault(_column("q", np.negative), 0.0, "opposite signs"),
+        "link encoder frozen": Fault(_column("q", _freeze), ONSET, "q: one number repeated"),
+        "link angle zero": Fault(_column("q", np.zeros_like), 0.0, "q: zero throughout"),
+        "link angle in degrees": Fault(_column("q", lambda q: degrees * q), 0.0, "q in degrees"),
+        "command frozen": Fault(_column("equilibrium", _freeze), ONSET, "equilibrium: one number repeated"),
+        "command zero": Fault(_column("equilibrium", np.zeros_like), 0.0, "equilibrium: zero throughout"),
+        "command reversed": Fault(_column("equilibrium", np.negative), 0.0, "opposite signs"),
+        "command in degrees": Fault(_column("equilibrium", lambda u: degrees * u), 0.0, "equilibrium in degrees"),
+    }
+
+
 def with_fault(measured: Signals, fault: Fault) -> Signals:
     """The recording as it would be with the fault."""
     return Signals(measured.time, fault.change(dict(measured.channels)), measured.units, measured.held)
 
 
+def _thinned(device: Device, share: float) -> Signals:
+    full = moved(device)
+    kept = np.random.default_rng(1).random(len(full)) > share
+    return Signals(full.time[kept], {n: v[kept] for n, v in full.channels.items()}, full.units, full.held)
+
+
+def _variations_of_servo(device: Device) -> Mapping[str, Callable[[], Signals]]:
+    observed, typical = (
+        device.observed,
+        device.spring_laws[0].torque(np.linspace(0.0, device.springs[0].max_deflection)),
+    )
+
+    def link(**changed: float) -> Device:
+        return device.model_copy(update={"link": device.link.model_copy(update=changed)})
+
+    def servos(bandwidth: float, **seen: float | None) -> Device:
+        motors = tuple(
+            motor.model_copy(update={"bandwidth": bandwidth * motor.bandwidth})
+            for motor in device.motors
+            if isinstance(motor, ServoMotor)
+        )
+        return device.model_copy(update={"motors": motors, "observed": observed.model_copy(update=seen)})
+
+    slow = 0.46 * observed.servo_speed_limit if observed.servo_speed_limit is not None else None
+    return {
+        "as filed": lambda: moved(device),
+        "link inertia x 2": lambda: moved(device, link(inertia=2.0 * device.link.inertia)),
+        "bandwidth x .6": lambda: moved(device, servos(0.6)),
+        "speed limit x .46": lambda: moved(device, servos(1.0, servo_speed_limit=slow)),
+        "no dead time, no speed limit": lambda: moved(device, servos(1.0, servo_dead_time=0.0, servo_speed_limit=None)),
+        "dry friction 20 % of the torque": lambda: moved(
+            device, link(coulomb_friction=0.2 * float(np.mean(np.abs(typical))))
+        ),
+        "100 Hz": lambda: moved(device, rate=100.0),
+        "10 % of the samples lost": lambda: _thinned(device, 0.1),
+        "half of the samples lost": lambda: _thinned(device, 0.5),
+    }
+
+
 def variations_of(device: Device) -> Mapping[str, Callable[[], Signals]]:
     """Name -> recording of a sound joint that differs from its device file."""
+    if device.drive == "servo":
+        return _variations_of_servo(device)
 
     def motors(**factors: float) -> Device:
         changed = [
@@ -110,11 +193,6 @@ def variations_of(device: Device) -> Mapping[str, Callable[[], Signals]]:
     def rough(torque: float) -> Device:
         changed = [motor.model_copy(update={"coulomb_friction": torque}) for motor in device.motors]
         return device.model_copy(update={"motors": tuple(changed)})
-
-    def thinned(share: float) -> Signals:
-        full = moved(device)
-        kept = np.random.default_rng(1).random(len(full)) > share
-        return Signals(full.time[kept], {n: v[kept] for n, v in full.channels.items()}, full.units, full.held)
 
     def torque(change: Callable[[Array], Array]) -> Signals:
         full = moved(device)
@@ -134,8 +212,8 @@ def variations_of(device: Device) -> Mapping[str, Callable[[], Signals]]:
         "dry friction 30 % of the torque": lambda: moved(device, rough(0.3 * typical)),
         "200 Hz": lambda: moved(device, rate=200.0),
         "torque noise 10 %": lambda: moved(device, torque_noise=0.1 * typical),
-        "10 % of the samples lost": lambda: thinned(0.1),
-        "half of the samples lost": lambda: thinned(0.5),
+        "10 % of the samples lost": lambda: _thinned(device, 0.1),
+        "half of the samples lost": lambda: _thinned(device, 0.5),
         "torque constant + 30 %": lambda: torque(lambda tau: 1.3 * tau),
         "torque 5 ms late": lambda: torque(late),
     }
@@ -151,6 +229,7 @@ class FaultResult:
     impossible: float
     named: float
     unexplained: Array  # (n,) of the intervals after the onset
+    limit: float  # of `unexplained`
 
 
 @dataclass(frozen=True)
@@ -161,6 +240,8 @@ class SoundResult:
     variation: str
     implausible: float
     unexplained: Array
+    impossible: int  # intervals
+    limit: float
 
 
 def fault_result(device: Device, name: str, measured: Signals) -> FaultResult:
@@ -171,11 +252,12 @@ def fault_result(device: Device, name: str, measured: Signals) -> FaultResult:
         estimates = estimator_for(device, method).run(faulty)
         late = faulty.time > fault.onset + LATE
         ok[method] = float(np.mean(estimates.status[late] == Status.OK))
-    samples = Samples.of_signals(faulty, device)
+    samples = Samples.of_signals(faulty, device, faulty)
     assert samples is not None
-    ends = np.arange(fault.onset + INTERVAL, DURATION, INTERVAL)
-    intervals = [samples.between(end - INTERVAL, end) for end in ends]
-    shares = [worst([each.share(part) for each in equations_of(device)]) for part in intervals]
+    equations = equations_of(device)
+    length = interval_of(equations)
+    intervals = [samples.between(end - length, end) for end in np.arange(fault.onset + length, DURATION, length)]
+    shares = [worst([each.share(part) for each in equations]) for part in intervals]
     names = [fault_of(device, part) for part, share in zip(intervals, shares, strict=True) if share.impossible]
     right = [each is not None and fault.words in each.text for each in names]
     return FaultResult(
@@ -185,6 +267,7 @@ def fault_result(device: Device, name: str, measured: Signals) -> FaultResult:
         float(np.mean([each.impossible for each in shares])),
         float(np.mean(right)) if right else 0.0,
         np.array([each.unexplained for each in shares]),
+        shares[0].limit,
     )
 
 
@@ -192,15 +275,19 @@ def sound_result(device: Device, name: str) -> SoundResult:
     """The answers of the device's default method to one sound variation."""
     measured = variations_of(device)[name]()
     estimates = estimator_for(device).run(measured)
-    samples = Samples.of_signals(measured, device)
+    samples = Samples.of_signals(measured, device, measured)
     assert samples is not None
+    equations = equations_of(device)
+    length = interval_of(equations)
     shares = [
-        worst([each.share(samples.between(end - INTERVAL, end)) for each in equations_of(device)])
-        for end in np.arange(INTERVAL, DURATION, INTERVAL)
+        worst([each.share(samples.between(end - length, end)) for each in equations])
+        for end in np.arange(length, DURATION, length)
     ]
     return SoundResult(
         device.name,
         name,
         float(np.mean(estimates.status == Status.IMPLAUSIBLE)),
         np.array([each.unexplained for each in shares]),
+        sum(each.impossible for each in shares),
+        shares[0].limit,
     )

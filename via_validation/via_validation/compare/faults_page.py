@@ -7,7 +7,6 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from via_core.plausibility import IMPOSSIBLE
 
 from via_validation.compare.faults import LATE, FaultResult, SoundResult
 from via_validation.provenance import Provenance
@@ -26,7 +25,9 @@ def draw(faulty: Sequence[FaultResult], sound: Sequence[SoundResult], path: Path
         rows += [(each.fault, each.unexplained, FAULTY) for each in faulty if each.device == device]
         for at, (_, shares, colour) in enumerate(rows):
             axes.plot(shares, np.full(len(shares), at), "o", color=colour, alpha=0.5, markersize=4)
-        axes.axvline(IMPOSSIBLE, color="black", linestyle="--", linewidth=1)
+        axes.axvline(
+            next(each.limit for each in faulty if each.device == device), color="black", linestyle="--", linewidth=1
+        )
         axes.set_yticks(range(len(rows)), [name for name, _, _ in rows], fontsize=7)
         axes.invert_yaxis()
         axes.set_xlim(-0.03, 1.6)
@@ -53,15 +54,19 @@ def fault_tables(faulty: Sequence[FaultResult]) -> list[tuple[str, list[str], li
     return tables
 
 
-def sound_table(sound: Sequence[SoundResult]) -> tuple[list[str], list[list[str]]]:
-    """Titles and rows: IMPLAUSIBLE samples by variation and device."""
-    devices = list(dict.fromkeys(each.device for each in sound))
+def sound_tables(sound: Sequence[SoundResult]) -> list[tuple[list[str], list[list[str]]]]:
+    """Titles and rows of IMPLAUSIBLE samples by variation and device; one table for devices of equal variations."""
     found = {(each.variation, each.device): each.implausible for each in sound}
-    rows = [
-        [name, *(_share(found[name, device], found[name, device] == 0.0) for device in devices)]
-        for name in dict.fromkeys(each.variation for each in sound)
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for device in dict.fromkeys(each.device for each in sound):
+        groups.setdefault(tuple(each.variation for each in sound if each.device == device), []).append(device)
+    return [
+        (
+            ["variation", *devices],
+            [[name, *(_share(found[name, each], found[name, each] == 0.0) for each in devices)] for name in variations],
+        )
+        for variations, devices in groups.items()
     ]
-    return ["variation", *devices], rows
 
 
 def write(
@@ -71,15 +76,14 @@ def write(
     missed = [f"{each.device}, {each.fault}, {m}" for each in faulty for m, share in each.ok.items() if share > ALLOWED]
     values = {
         "tables": fault_tables(faulty),
-        "sound": sound_table(sound),
+        "sound": sound_tables(sound),
         "cases": sum(len(each.ok) for each in faulty),
         "missed": missed,
-        "impossible": sum(int(np.sum(each.unexplained > IMPOSSIBLE)) for each in sound),
+        "impossible": sum(each.impossible for each in sound),
         "intervals": sum(len(each.unexplained) for each in sound),
         "source": source,
         "picture": picture,
         "late": f"{LATE:g}",
-        "limit": f"{IMPOSSIBLE:g}",
         "allowed": f"{100 * ALLOWED:g}",
     }
     path.write_text(rendered("compare/faults.md", values), encoding="utf-8")

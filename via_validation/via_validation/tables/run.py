@@ -50,6 +50,7 @@ SECTIONS = (
     Section("4", "Stiffness from signals, without derivatives", "via_validation.tables.section4"),
     Section("5", "Variable physical damping", "via_validation.tables.section5"),
     Section("robot", "A real robot: the MACCEPA-VD", "via_validation.tables.robot", recordings=True),
+    Section("servo", "Servos, payload and friction that are not those of the file", "via_validation.tables.servo"),
     Section("6", "Cyclic motions of arms with flexible joints", "via_validation.tables.section6", "control"),
     Section("7", "The fastest link of a visco-elastic joint", "via_validation.tables.section7", "control"),
 )
