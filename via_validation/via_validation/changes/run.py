@@ -104,14 +104,14 @@ def _device(part: tuple[Device, Effort], report: Report) -> list[Followed]:
         report(f"{device.name}: {schedule.name}")
         joint = recording(device, schedule, effort.duration)
         joint = replace(joint, measured=cache(joint.measured))
-        least = LEAST if schedule is CONSTANT else 1
+        least = LEAST if schedule == CONSTANT else 1
         for method, estimator in estimators.items():
             runs = _runs(estimator, joint, effort, least)
             found[method][schedule.name] = outcome(schedule, runs, joint.unchanged)
-            if schedule is CONSTANT and (fixed := for_constant_springs(estimator)) is not None:
+            if schedule == CONSTANT and (fixed := for_constant_springs(estimator)) is not None:
                 same = replace(effort, seeds=len(runs))
                 steady[method] = outcome(schedule, _runs(fixed, joint, same, len(runs)), joint.unchanged).error
-            if schedule is STEP:
+            if schedule == STEP:
                 time, factor = factors(runs[0], joint.unchanged)
                 shown = (time - STEP_TIME >= SHOWN[0]) & (time - STEP_TIME <= SHOWN[1])
                 steps[method] = time[shown] - STEP_TIME, factor[shown]

@@ -116,8 +116,8 @@ def hitting_rows(at: str, case: Impacts, settings: str) -> list[Row]:
     at = f"{at}.wall{case.wall:g}.hold{case.hold:g}"
     words = f"wall at {case.wall:g}, held at {case.hold:g} of the free turning point"
     slow = (
-        f"within 5 % after {case.cycles_to_steady} cycles: the motors add energy at a limited rate, so that a release far "
-        "below the steady amplitude needs more than one cycle"
+        f"within 5 % after {case.cycles_to_steady} cycles: the motors add energy at a limited rate, so that a release "
+        "far below the steady amplitude needs more than one cycle"
     )
     settings = f"{settings}; wall 5e4 N/m, 300 N s/m; held {HELD:g} s, then 10 s, {SUBSTEPS} steps a ms"
     return [

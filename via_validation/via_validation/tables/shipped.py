@@ -1,4 +1,4 @@
-"""Rows at shipped settings: every method as `estimator_for` sets it up from a device file, with its status and interval.
+"""Rows at shipped settings: status and interval of every method as `estimator_for` sets it up from a device file.
 
 The device file has the sensors of the table. Nothing else is chosen for the plant.
 """

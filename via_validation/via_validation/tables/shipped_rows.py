@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import sqrt
 
 import numpy as np
@@ -9,7 +10,7 @@ from via_core.devices import load_device
 from via_core.signals import Array, Signals
 from via_estimators.methods import method_for
 
-from via_validation.tables.cubic_joint import EXCITATIONS, POSITION_RATIO, TAU, THETA, TORQUE_RATIO, cubic_log
+from via_validation.tables.cubic_joint import EXCITATIONS, POSITION_RATIO, TAU, THETA, TORQUE_RATIO, Log, cubic_log
 from via_validation.tables.rows import Row
 from via_validation.tables.shipped import Errors, Plant, errors, measured_methods, outside_row, with_sensors
 from via_validation.tables.vsa2 import DAMPING, FAST, INERTIA, SLOW, VARIANTS, Motion, motion
@@ -46,10 +47,7 @@ def cubic_rows(seeds: int) -> list[Row]:
         ):
             device = with_sensors(load_device("cubic_aa_vsa"), None, noise, error * sqrt(12.0) or None)
 
-            def measured(seed: int, noise: float = noise, error: float = error) -> Signals:
-                return _without_velocity(log.noisy(seed, noise, error))
-
-            plant = Plant(device, measured, log.stiffness, noise > 0.0)
+            plant = Plant(device, partial(_noisy_cubic, log, noise, error), log.stiffness, noise > 0.0)
             settings = f"cubic_aa_vsa (eq. 35), {case}, 1 kHz, 10 s, t >= 2 s; {words} as in Table 2; shipped settings"
             for method in measured_methods(plant):
                 each = errors(plant, method, seeds)
@@ -64,15 +62,16 @@ def vsa2_rows(seeds: int) -> list[Row]:
     for variant, name in VARIANTS.items():
         device = load_device(name)
         for drift, key, words in ((SLOW, "slow", ".0005 t"), (FAST, "fast", ".5 t")):
-            signals = _with_velocity(motion(variant, drift))
             truth = motion(variant, drift).stiffness
-            plant = Plant(with_sensors(device, None, 0.0, None), lambda _, ideal=signals: ideal, truth, False)
+            plant = Plant(
+                with_sensors(device, None, 0.0, None), partial(_with_velocity, motion(variant, drift)), truth, False
+            )
             settings = f"VSA-II, {variant.upper()}, k 500 + {words}, ideal signals, t >= 2 s; shipped settings"
             for method in measured_methods(plant):
                 at, what = f"4.shipped.table3.{variant}.{key}.{method}", f"{method}, {variant.upper()}, k 500 + {words}"
                 found.append(outside_row(at, what, errors(plant, method, 1), settings, REASONS.get(method, "")))
         run = motion(variant)
-        plant = Plant(device, lambda seed, run=run: _without_velocity(run.noisy(seed)), run.stiffness, True)
+        plant = Plant(device, partial(_noisy_vsa2, run), run.stiffness, True)
         settings = f"VSA-II, {variant.upper()}, 14 bit encoders, torque noise 1 N mm, 20 s; shipped settings"
         for method in measured_methods(plant):
             each, at = errors(plant, method, seeds), f"4.shipped.noisy.{variant}.{method}"
@@ -91,8 +90,8 @@ def _error_rows(at: str, what: str, each: Errors, settings: str, variant: str, j
         remark = f"of the OK estimates from 2 s on: {MM**2 * each.mse_ok:.3g}"
         if judged and squares > limit:
             remark += f"; {UNSEEN}" if key == "mse_2" else f"; {NOISY_REASON}"
-        after = f"{what}, device, t > {key[-1]} s"
-        found.append(Row(f"{at}.{key}", after, "MSE [(N mm/rad)^2]", None, squares, least, settings, each.seeds, remark))
+        after, unit = f"{what}, device, t > {key[-1]} s", "MSE [(N mm/rad)^2]"
+        found.append(Row(f"{at}.{key}", after, unit, None, squares, least, settings, each.seeds, remark))
     for symbol, (truth, limit) in MOTOR.items():
         values = each.inertia if symbol == "B" else each.damping
         if not np.all(np.isfinite(values)):
@@ -106,12 +105,20 @@ def _error_rows(at: str, what: str, each: Errors, settings: str, variant: str, j
     return found
 
 
+def _noisy_cubic(log: Log, torque: float, position: float, seed: int) -> Signals:
+    return _without_velocity(log.noisy(seed, torque, position))
+
+
+def _noisy_vsa2(run: Motion, seed: int) -> Signals:
+    return _without_velocity(run.noisy(seed))
+
+
 def _without_velocity(rows: Array) -> Signals:
     """Signals of rows (n, 6): t, q, theta_1, tau_1, theta_2, tau_2."""
     channels = {"q": rows[:, 1], "theta": rows[:, THETA], "tau": rows[:, TAU]}
     return Signals(rows[:, 0], channels, {name: UNITS[name] for name in channels})
 
 
-def _with_velocity(run: Motion) -> Signals:
+def _with_velocity(run: Motion, _seed: int) -> Signals:
     """Exact signals of a run, with motor velocities."""
     return Signals(run.time, {name: getattr(run, name) for name in UNITS}, UNITS)
