@@ -37,7 +37,7 @@ blind: setup ## diagnose and score 30 joints of the second simulator, keys seale
 
 results: setup ## rewrite docs/results: tables of the research document, comparison, change, faults (about half an hour)
 	@$(ENV) via tables --write docs/results && via compare --seeds 10 --write docs/results && \
-		via changes --write docs/results && via faults --write docs/results
+		via changes --seeds 3 --write docs/results && via faults --write docs/results
 
 clean: ## return to a fresh clone
 	@rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log out .numba_cache .pytest_cache .mypy_cache .ruff_cache \

@@ -59,16 +59,16 @@ def test_a_missed_interval_has_its_reason_and_no_ok_estimate_is_a_miss():
 def test_errors_of_4_4_are_judged_for_its_method_and_the_default():
     motor = np.array([[shipped_rows.INERTIA, 1.002 * shipped_rows.INERTIA]])
     errors = shipped.Errors(3.0, 98.0, 2e-4, 4e-6, 1e-6, motor, np.full((1, 2), shipped_rows.DAMPING), 5)
-    rows = {row.id: row for row in shipped_rows._error_rows("at", "what", errors, "", "v1", True)}
-    assert {name: row.limit for name, row in rows.items()} == {
-        "at.mse_5": 6.0, "at.mse_2": 100.0, "at.B.rms": 0.1, "at.D.rms": 2.0
-    }  # fmt: skip
-    assert rows["at.mse_2"].ours == pytest.approx(200.0) and "for the first time" in rows["at.mse_2"].remark
-    assert rows["at.mse_5"].ok and rows["at.B.rms"].ours == pytest.approx(0.2) and rows["at.D.rms"].ours == 0.0
-    shown = shipped_rows._error_rows("at", "what", errors, "", "v1", False)
+    found = shipped_rows._error_rows("4.modulated_torque", "what", errors, "", "v1", True)
+    rows = {row.id.removeprefix("4.modulated_torque."): row for row in found}
+    assert {name: row.limit for name, row in rows.items()} == {"mse_5": 6.0, "mse_2": 100.0, "B.rms": 0.1, "D.rms": 2.0}
+    assert rows["mse_2"].ours == pytest.approx(200.0) and "for the first time" in rows["mse_2"].remark
+    assert rows["mse_5"].ok and rows["B.rms"].ours == pytest.approx(0.2) and rows["D.rms"].ours == 0.0
+    assert "dry friction" in rows["B.rms"].remark
+    shown = shipped_rows._error_rows("4.modulated_torque", "what", errors, "", "v1", False)
     assert all(row.limit is None for row in shown)
     unknown = replace(errors, inertia=np.full((1, 2), nan), damping=np.full((1, 2), nan))
-    assert len(shipped_rows._error_rows("at", "what", unknown, "", "v1", True)) == 2
+    assert len(shipped_rows._error_rows("4.modulated_torque", "what", unknown, "", "v1", True)) == 2
 
 
 def test_the_shipped_files_of_the_vsa2_have_the_sensors_of_4_4():

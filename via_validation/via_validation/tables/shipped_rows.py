@@ -28,6 +28,10 @@ REASONS = {
     "signal_based": CONSTANT,
 }
 NOISY_REASON = "truncation error of the basis: the last term underestimates the first one left out"
+MORE_UNKNOWNS = (
+    "the default also estimates dry friction and the torque's delay, and expects that springs may change; the limit is "
+    "that of constant springs, with a basis chosen for this plant"
+)
 UNSEEN = (
     "at shipped settings the prior of the stiffness has the order of magnitude of the device file only. From 2 to 5 s "
     "the joint reaches deflections for the first time, and there the estimate is the prior's"
@@ -84,12 +88,12 @@ def vsa2_rows(seeds: int) -> list[Row]:
 
 def _error_rows(at: str, what: str, each: Errors, settings: str, variant: str, judged: bool) -> list[Row]:
     """MSE and, for methods that estimate the motor, RMS over seeds of its parameters; limits if `judged`."""
-    found = []
+    found, method = [], at.rpartition(".")[2]
     for key, value, limit in zip(("mse_5", "mse_2"), (each.mse_5, each.mse_2), LIMITS[variant], strict=True):
         squares, least = MM**2 * value, limit if judged else None
         remark = f"of the OK estimates from 2 s on: {MM**2 * each.mse_ok:.3g}"
         if judged and squares > limit:
-            remark += f"; {UNSEEN}" if key == "mse_2" else f"; {NOISY_REASON}"
+            remark += f"; {UNSEEN if key == 'mse_2' else NOISY_REASON if method == JUDGED else MORE_UNKNOWNS}"
         after, unit = f"{what}, device, t > {key[-1]} s", "MSE [(N mm/rad)^2]"
         found.append(Row(f"{at}.{key}", after, unit, None, squares, least, settings, each.seeds, remark))
     for symbol, (truth, limit) in MOTOR.items():
@@ -100,9 +104,14 @@ def _error_rows(at: str, what: str, each: Errors, settings: str, variant: str, j
         found.append(
             Row(f"{at}.{symbol}.rms", f"{what}, {symbol}: RMS over seeds, worse motor", "error [%]", None, rms,
                 limit if judged else None, settings, each.seeds,
-                f"the Cramer-Rao bound is in row 4.noisy.{variant}.{symbol}.bound" if judged and rms > limit else "")
+                _motor_reason(method, variant, symbol) if judged and rms > limit else "")
         )  # fmt: skip
     return found
+
+
+def _motor_reason(method: str, variant: str, symbol: str) -> str:
+    bound = f"the Cramer-Rao bound of constant springs is in row 4.noisy.{variant}.{symbol}.bound"
+    return bound if method == JUDGED else f"{MORE_UNKNOWNS}; {bound}"
 
 
 def _noisy_cubic(log: Log, torque: float, position: float, seed: int) -> Signals:
