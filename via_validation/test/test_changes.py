@@ -124,9 +124,9 @@ def planted_results():
 
 def test_limits_and_page_name_what_is_missed(tmp_path):
     found, defaults = planted_results(), {"qbmove_b": "modulated_torque"}
-    judged = page.judgements(found, defaults)
-    missed = [words for words, kept in judged if not kept]
-    assert len(judged) == len(SCHEDULES) + 1 and missed == [
+    limits = page.limits_of(found, defaults)
+    missed = [words for words, kept in limits if not kept]
+    assert len(limits) == len(SCHEDULES) + 1 and missed == [
         "qbmove_b, step x 1.5: coverage 0.40",
         "qbmove_b, 2 Hz: no sample is OK",
         "qbmove_b: extra error of 0.5 % on constant springs",

@@ -35,7 +35,7 @@ def test_every_limit_is_kept(found):
         f"4.noisy.{variant}.{symbol}": limit for variant in VARIANTS for symbol, limit in (("B", 0.1), ("D", 2.0))
     }
     for variant in VARIANTS:
-        assert found[f"4.noisy.{variant}.mse_2"].limit is None  # judged at shipped settings
+        assert found[f"4.noisy.{variant}.mse_2"].limit is None  # the shipped row has the limit
         assert found[f"4.noisy.{variant}.B.rms"].limit == 0.1 and found[f"4.noisy.{variant}.D.rms"].limit == 2.0
     for name, limit in wanted.items():
         assert found[name].limit == limit

@@ -37,19 +37,19 @@ SUMMARY = ("method", "bias [%]", "random error [%]", "extra error [%]", "fastest
 Defaults = Mapping[str, str]
 
 
-def judgements(found: Sequence[Followed], defaults: Defaults) -> list[tuple[str, bool]]:
+def limits_of(found: Sequence[Followed], defaults: Defaults) -> list[tuple[str, bool]]:
     """The limits of the defaults, each with whether it is kept."""
-    judged = []
+    limits = []
     for each in found:
         if defaults[each.device] != each.method:
             continue
         for name, outcome in each.outcomes.items():
-            judged.append((f"{each.device}, {name}: {_covered(outcome)}", outcome.coverage >= COVERED))
+            limits.append((f"{each.device}, {name}: {_covered(outcome)}", outcome.coverage >= COVERED))
         if each.output == "stiffness" and isfinite(each.extra):
-            judged.append(
+            limits.append(
                 (f"{each.device}: extra error of {percent(each.extra)} % on constant springs", each.extra <= EXTRA)
             )
-    return judged
+    return limits
 
 
 def _covered(outcome: Outcome) -> str:
@@ -92,9 +92,9 @@ def case_rows(own: Sequence[Followed], default: str) -> list[list[str]]:
     return rows
 
 
-def _cell(outcome: Outcome, judged: bool) -> str:
+def _cell(outcome: Outcome, limited: bool) -> str:
     coverage = f"{outcome.coverage:.2f}" if isfinite(outcome.coverage) else "-"
-    held = f"**{coverage}**" if judged and not outcome.coverage >= COVERED else coverage
+    held = f"**{coverage}**" if limited and not outcome.coverage >= COVERED else coverage
     ok = f", OK {100.0 * outcome.ok:.0f} %" if outcome.ok < 0.9 else ""
     return f"{percent(outcome.error)} %; {held}{ok}"
 
@@ -156,11 +156,11 @@ def draw(found: Sequence[Followed], path: Path) -> None:
 
 def write(found: Sequence[Followed], defaults: Defaults, source: Provenance, picture: str, path: Path) -> None:
     """Write the page; the picture is beside it."""
-    judged = judgements(found, defaults)
+    limits = limits_of(found, defaults)
     sines = np.array([each.frequency for each in SINES])
     values = {
-        "judged": judged,
-        "missed": [words for words, kept in judged if not kept],
+        "limits": limits,
+        "missed": [words for words, kept in limits if not kept],
         "summary_titles": SUMMARY,
         "tables": [
             (device, own[0].output, summary_rows(own, defaults[device]), ["method", *own[0].outcomes],

@@ -43,10 +43,10 @@ def changes(
         for cells in page.summary_rows(own, defaults[name]):
             shown.add_row(*cells)
         answers.print(shown)
-    judged = page.judgements(found, defaults)
-    missed = [words for words, kept in judged if not kept]
+    limits = page.limits_of(found, defaults)
+    missed = [words for words, kept in limits if not kept]
     answers.print(
-        f"{len(judged)} limits of the defaults, {len(missed)} missed" + "".join(f"\n  {each}" for each in missed)
+        f"{len(limits)} limits of the defaults, {len(missed)} missed" + "".join(f"\n  {each}" for each in missed)
     )
     if write is not None:
         words = [

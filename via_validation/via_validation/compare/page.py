@@ -63,13 +63,13 @@ def level_rows(comparison: Comparison, level: str) -> Iterator[list[str]]:
             method,
             *(percent(case.figures.accuracy) for case in cases),
             seconds(max(case.figures.convergence for case in cases)),
-            spread(case.figures.coverage for case in cases),
-            spread(case.figures.over_scatter for case in cases),
-            spread(case.figures.over_error for case in cases),
+            value_range(case.figures.coverage for case in cases),
+            value_range(case.figures.over_scatter for case in cases),
+            value_range(case.figures.over_error for case in cases),
             percent(min(case.figures.trusted for case in cases)),
             *([percent(max(wrong))] if wrong else []),
             f"{max(case.cost for case in cases):.2g}",
-            spread(case.seeds for case in cases),
+            value_range(case.seeds for case in cases),
         ]
 
 
@@ -100,7 +100,7 @@ def seconds(value: float) -> str:
     return f"{value:.0f}" if isfinite(value) else "never"
 
 
-def spread(values: Iterable[float]) -> str:
+def value_range(values: Iterable[float]) -> str:
     """Range of the finite values with two digits; '-' without any."""
     finite = [value for value in values if isfinite(value)]
     if not finite:

@@ -19,7 +19,7 @@ MM = 1e3  # N mm per N m
 UNITS = {"q": "rad", "theta": "rad", "tau": "N m", "theta_velocity": "rad/s"}
 # (t > 5 s, t > 2 s) [(N mm/rad)^2], B [%] and D [%]: limits of 4.4 for the method of 4.4 and for the default.
 LIMITS = {"v1": (6.0, 100.0), "v2": (0.5, 20.0), "v3": (0.3, 80.0)}
-JUDGED = "filtered_signal_based"  # the method of 4.4
+PRINTED_METHOD = "filtered_signal_based"  # the method of 4.4
 MOTOR = {"B": (INERTIA, 0.1), "D": (DAMPING, 2.0)}
 CONSTANT = "the spring law counts as constant: the estimate is a mean over its memory, and the interval has no drift"
 REASONS = {
@@ -80,20 +80,20 @@ def vsa2_rows(seeds: int) -> list[Row]:
         for method in measured_methods(plant):
             each, at = errors(plant, method, seeds), f"4.shipped.noisy.{variant}.{method}"
             what = f"{method}, noisy VSA-II, {variant.upper()}"
-            reason = NOISY_REASON if method == JUDGED else REASONS.get(method, "")
+            reason = NOISY_REASON if method == PRINTED_METHOD else REASONS.get(method, "")
             found.append(outside_row(at, what, each, settings, reason))
-            found += _error_rows(at, what, each, settings, variant, method in (JUDGED, method_for(device)))
+            found += _error_rows(at, what, each, settings, variant, method in (PRINTED_METHOD, method_for(device)))
     return found
 
 
-def _error_rows(at: str, what: str, each: Errors, settings: str, variant: str, judged: bool) -> list[Row]:
-    """MSE and, for methods that estimate the motor, RMS over seeds of its parameters; limits if `judged`."""
+def _error_rows(at: str, what: str, each: Errors, settings: str, variant: str, limited: bool) -> list[Row]:
+    """MSE and, for methods that estimate the motor, RMS over seeds of its parameters; limits if `limited`."""
     found, method = [], at.rpartition(".")[2]
     for key, value, limit in zip(("mse_5", "mse_2"), (each.mse_5, each.mse_2), LIMITS[variant], strict=True):
-        squares, least = MM**2 * value, limit if judged else None
+        squares, least = MM**2 * value, limit if limited else None
         remark = f"of the OK estimates from 2 s on: {MM**2 * each.mse_ok:.3g}"
-        if judged and squares > limit:
-            remark += f"; {UNSEEN if key == 'mse_2' else NOISY_REASON if method == JUDGED else MORE_UNKNOWNS}"
+        if limited and squares > limit:
+            remark += f"; {UNSEEN if key == 'mse_2' else NOISY_REASON if method == PRINTED_METHOD else MORE_UNKNOWNS}"
         after, unit = f"{what}, device, t > {key[-1]} s", "MSE [(N mm/rad)^2]"
         found.append(Row(f"{at}.{key}", after, unit, None, squares, least, settings, each.seeds, remark))
     for symbol, (truth, limit) in MOTOR.items():
@@ -103,15 +103,15 @@ def _error_rows(at: str, what: str, each: Errors, settings: str, variant: str, j
         rms = 100.0 * float(np.sqrt(np.mean((values / truth - 1.0) ** 2, axis=0)).max())
         found.append(
             Row(f"{at}.{symbol}.rms", f"{what}, {symbol}: RMS over seeds, worse motor", "error [%]", None, rms,
-                limit if judged else None, settings, each.seeds,
-                _motor_reason(method, variant, symbol) if judged and rms > limit else "")
+                limit if limited else None, settings, each.seeds,
+                _motor_reason(method, variant, symbol) if limited and rms > limit else "")
         )  # fmt: skip
     return found
 
 
 def _motor_reason(method: str, variant: str, symbol: str) -> str:
     bound = f"the Cramer-Rao bound of constant springs is in row 4.noisy.{variant}.{symbol}.bound"
-    return bound if method == JUDGED else f"{MORE_UNKNOWNS}; {bound}"
+    return bound if method == PRINTED_METHOD else f"{MORE_UNKNOWNS}; {bound}"
 
 
 def _noisy_cubic(log: Log, torque: float, position: float, seed: int) -> Signals:
