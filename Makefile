@@ -35,9 +35,9 @@ blind: setup ## diagnose and score 30 joints of the second simulator, keys seale
 		via gap blind run cases --results results --processes $(WORKERS) && \
 		via gap blind score cases --keys keys --results results --processes $(WORKERS) --write .
 
-results: setup ## rewrite docs/results: tables of the research document, comparison (about a quarter of an hour)
-	@$(ENV) via tables --write docs/results && via compare --write docs/results && \
-		via faults --write docs/results
+results: setup ## rewrite docs/results: tables of the research document, comparison, change, faults (about half an hour)
+	@$(ENV) via tables --write docs/results && via compare --seeds 10 --write docs/results && \
+		via changes --seeds 3 --write docs/results && via faults --write docs/results
 
 mutants: setup ## plant 200 small errors in the numerical heart and count those that the tests notice (some hours)
 	@$(ENV) rm -rf out/mutants && via mutants --processes $(WORKERS) --write docs/results

@@ -11,7 +11,7 @@ import pytest
 from via_bringup import cli
 from via_core.devices import load_device
 from via_core.errors import ViaError
-from via_estimators.methods import METHODS, methods_for
+from via_estimators.methods import METHODS, method_for, methods_for
 from via_validation.bench import eigen, estimators, kalman, kernels
 from via_validation.bench.timing import Contender, Times, take_turns
 from via_validation.commands import bench as command
@@ -111,7 +111,13 @@ def test_every_method_has_a_device_and_a_step_to_time(monkeypatch):
         for case in (*METHODS, *(f"one.{name}" for name in two))
         for how in ("call", "live", "fold")
     ]
-    assert all(row.limit == 10.0 and row.ours is not None and row.ours > 0.0 for row in rows)
+    assert all(row.ours is not None and row.ours > 0.0 for row in rows)
+    defaults = {name for name in METHODS if method_for(estimators.device_for(name)) == name}
+    for row in rows:
+        method = row.id.removeprefix("step.").removeprefix("one.").rpartition(".")[0]
+        assert row.limit == (10.0 if method in defaults else None)
+        assert bool(row.remark) == (method not in defaults)
+    assert next(row for row in rows if row.id == "step.residual.fold").remark.endswith(" times modulated_torque")
 
 
 def test_memory_is_that_of_this_process():

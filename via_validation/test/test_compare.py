@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from math import inf, isnan
 
 import numpy as np
 import pytest
 from via_core.devices import load_device
-from via_core.errors import ParameterError
+from via_core.errors import ParameterError, ViaError
 from via_core.status import Status
 from via_estimators.methods import estimator_for, methods_for
-from via_validation.compare import page
+from via_validation.compare import decision, page, picture
 from via_validation.compare.experiment import LEVELS, RATE, motion_of, seen_by_estimators
 from via_validation.compare.figures import Run, accuracy, convergence, figures
-from via_validation.compare.run import compare, outputs_of
+from via_validation.compare.parallel import results_of, within_budget
+from via_validation.compare.run import Effort, compare, outputs_of
 from via_validation.provenance import Provenance
 
 QBMOVE = load_device("qbmove_b")
@@ -97,14 +99,14 @@ def test_the_device_file_has_the_sensors_of_the_level_and_wrong_motors():
     with pytest.raises(ParameterError, match="'maccepavd' is not an antagonistic joint"):
         motion_of(load_device("maccepavd"), friction=True)
     with pytest.raises(ParameterError, match="no stiffness estimator suits all of qbmove_b, compact_vpda"):
-        compare([QBMOVE, load_device("compact_vpda")], 1, lambda *_: None)
+        compare([QBMOVE, load_device("compact_vpda")], Effort(1), lambda *_: None)
 
 
 @pytest.fixture(name="comparison", scope="module")
 def _comparison():
     reports = []
     levels = (IDEAL, REALISTIC)
-    made = compare([QBMOVE], 2, lambda *words: reports.append(words), levels, duration=12.0)
+    made = compare([QBMOVE], Effort(2, duration=12.0), lambda *words: reports.append(words), levels)
     assert reports[0][0] == 0 and reports[-1][0] == reports[-1][1]
     return made
 
@@ -117,8 +119,7 @@ def test_every_suitable_method_is_compared_and_exact_signals_give_exact_stiffnes
     assert best.accuracy < noisy.figures.accuracy < 0.3
     assert noisy.wrong_motors == pytest.approx(noisy.figures.accuracy, rel=0.3)  # it estimates them
     assert comparison.case("modulated_torque", "qbmove_b", "ideal").wrong_motors is None
-    for method in comparison.methods:
-        assert comparison.cost[method] > 0.0
+    assert all(case.cost > 0.0 and case.seeds == 2 for case in comparison.cases)
 
 
 def test_examples_are_runs_of_the_estimator_on_the_simulated_joint(comparison):
@@ -131,18 +132,81 @@ def test_examples_are_runs_of_the_estimator_on_the_simulated_joint(comparison):
 
 
 def test_table_page_picture_and_json_agree(comparison, tmp_path, monkeypatch):
-    monkeypatch.setattr(page, "SHOWN", (8.0, 12.0))
+    monkeypatch.setattr(picture, "SHOWN", (8.0, 12.0))
     source = Provenance("abc", "via compare", "3.11", "2", "0.6")
-    page.draw(comparison, tmp_path / "picture.png")
+    picture.draw(comparison, tmp_path / "picture.png")
     page.write_markdown(comparison, tmp_path / "picture.png", source, tmp_path / "docs" / "comparison.md")
     text = (tmp_path / "docs" / "comparison.md").read_text(encoding="utf-8")
-    rows = list(page.table_rows(comparison))
-    assert len(rows) == 2 * len(comparison.methods)
-    for row in rows:
-        assert len(row) == len(page.titles(comparison))
-        assert "| " + " | ".join(row) + " |" in text
-    assert "commit abc" in text and (tmp_path / "docs" / "comparison.png").stat().st_size < 150_000
+    tables = [(page.DECISION, list(page.decision_rows(comparison))), page.other_rules(comparison)]
+    for level in comparison.levels:
+        tables.append((page.titles(comparison, level.name), list(page.level_rows(comparison, level.name))))
+    assert [len(rows) for _, rows in tables] == [2, 2, len(comparison.methods), len(comparison.methods)]
+    for titles, rows in tables:
+        for row in rows:
+            assert len(row) == len(titles)
+            assert "| " + " | ".join(row) + " |" in text
+    assert "commit abc" in text and (tmp_path / "docs" / "comparison.png").stat().st_size < 200_000
     written = json.loads(json.dumps(page.as_json(comparison, source), allow_nan=False))
-    assert len(written["cases"]) == len(rows)
+    assert len(written["cases"]) == 2 * len(comparison.methods)
     assert written["cases"][0]["over_scatter"] is None
     assert written["cases"][0]["accuracy"] == comparison.cases[0].figures.accuracy
+    assert written["best"]["qbmove_b"]["ideal"] == tables[0][1][0][2]
+
+
+def cases_of(comparison, **figures):
+    """One case per name, with these (error, coverage, OK, convergence, cost)."""
+    base = comparison.cases[0]
+    return [
+        replace(
+            base, method=name, cost=cost, wrong_motors=None,
+            figures=replace(base.figures, accuracy=error, coverage=held, trusted=ok, convergence=converged),
+        )
+        for name, (error, held, ok, converged, cost) in figures.items()
+    ]  # fmt: skip
+
+
+def test_the_best_method_is_usable_then_accurate_then_cheap(comparison):
+    good, liar, silent = (0.02, 0.95, 0.99, 4.0, 5.0), (0.01, 0.5, 1.0, 1.0, 1.0), (0.001, 1.0, 0.5, 1.0, 1.0)
+    cheap, worse = (0.0209, 0.95, 0.99, 9.0, 1.0), (0.03, 0.95, 0.99, 2.0, 0.5)
+    cases = cases_of(comparison, good=good, liar=liar, silent=silent, worse=worse)
+    assert decision.best(cases).method == "good" and decision.usable(cases[0])
+    assert not decision.usable(cases[1]) and not decision.usable(cases[2])
+    assert decision.best(cases_of(comparison, good=good, cheap=cheap)).method == "cheap"  # 4.5 % more error is equal
+    assert decision.best(cases_of(comparison, liar=liar, silent=silent)).method == "silent"  # none is usable
+    undefined = cases_of(comparison, never=(0.01, np.nan, 0.0, 1.0, 1.0))
+    assert not decision.usable(undefined[0])
+    others = [rule(cases) for rule in decision.OTHER_RULES.values()]
+    assert [other and other.method for other in others] == ["silent", "worse", "worse", None]
+
+
+def test_a_better_method_replaces_the_default_of_its_device(comparison):
+    assert decision.replaced(comparison) == {}
+    swapped = replace(comparison, defaults={"qbmove_b": "residual"})
+    assert decision.replaced(swapped) == {"qbmove_b": decision.best(comparison.of("qbmove_b", "realistic")).method}
+    assert next(page.decision_rows(swapped))[-1].startswith("residual: error ")
+    assert next(page.decision_rows(comparison))[-1] == page.SAME
+
+
+def test_a_budget_of_processor_time_limits_the_seeds(monkeypatch):
+    clock = iter((0.0, 3.0) * 4)
+    monkeypatch.setattr("via_validation.compare.parallel.time.process_time", lambda: next(clock))
+    assert within_budget(int, 20, 20.0) == [0, 1, 2, 3, 4]  # 6 fit; rounded down
+    assert within_budget(int, 20, 1.0) == [0]
+    assert within_budget(int, 20, 1.0, least=2) == [0, 1]
+    assert within_budget(int, 2, 20.0) == [0, 1]
+
+
+def half(part, report):
+    """A part that fails for odd numbers."""
+    report(f"half of {part}")
+    if part % 2:
+        raise ParameterError(f"{part} is odd")
+    return part // 2
+
+
+def test_parts_run_in_processes_in_order_and_their_errors_arrive():
+    seen = []
+    assert results_of(half, [4, 8, 2], 3, lambda *words: seen.append(words)) == [2, 4, 1]
+    assert seen[0][:2] == (0, 3) and seen[-1][:2] == (3, 3)
+    with pytest.raises(ViaError, match="ParameterError: 3 is odd"):
+        results_of(half, [4, 3], 2, lambda *_: None)

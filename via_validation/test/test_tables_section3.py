@@ -12,7 +12,9 @@ from via_validation.tables.section3_methods import as_printed, differentiated, o
 @pytest.fixture(scope="module")
 def table():
     reports = []
-    rows = section3.rows(2, lambda done, of, what: reports.append((done, of)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(section3, "cubic_rows", lambda seeds: [])  # test_tables_shipped
+        rows = section3.rows(2, lambda done, of, what: reports.append((done, of)))
     assert reports[0][0] == 0 and reports[-1][0] == reports[-1][1]
     return {row.id: row for row in rows}, len(rows)
 

@@ -16,7 +16,7 @@ def test_every_number_has_its_limit(monkeypatch):
     assert found["frequency"].limit == pytest.approx(0.06) and found["swing"].limit is None
     assert found["frequency"].ours < 0.06
     assert found["nonlinear"].limit is None and found["bent"].limit is None and "plane" not in found
-    limits = {"second": 0.05, "steady": 5e-3, "missed": 0.0, "weak": None}
+    limits = {"second": 0.05, "steady": 5e-3, "missed": 0.0}
     case = hitting.hitting(0.3, 1.2, 1.5)
     monkeypatch.setattr(section6_bang_bang, "_case", lambda wall, hold: case)
     monkeypatch.setattr(section6_bang_bang, "WALLS", (0.3,))

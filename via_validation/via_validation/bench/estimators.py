@@ -19,7 +19,7 @@ from via_core.devices import Device, device_names, load_device
 from via_core.errors import ParameterError
 from via_core.signals import Array
 from via_estimators.contract import Estimator, Live
-from via_estimators.methods import METHODS, estimator_for, methods_for
+from via_estimators.methods import METHODS, estimator_for, method_for, methods_for
 from via_estimators.modulated_torque import ModulatedTorque
 
 from via_validation.bench.kalman import kalman_rows
@@ -27,7 +27,7 @@ from via_validation.bench.kernels import kernel_rows
 from via_validation.bench.timing import Contender, take_turns
 from via_validation.tables.rows import Row
 
-STEP_LIMIT = 10.0  # [us] of one full step, estimation.md
+STEP_LIMIT = 10.0  # [us] of one full step of a default method, estimation.md
 ONE_TRANSMISSION = "visco_elastic_demo"
 PREFERRED = (
     "qbmove_a",
@@ -73,7 +73,7 @@ def moving_rows(estimator: Estimator, count: int, start: int = 0) -> Array:
 
 
 def step_rows(turns: int) -> list[Row]:
-    """Rows of one full step of every method on a suitable device, called from Python and run over a log.
+    """Rows of one full step of every method on a suitable device, beside the default of that device.
 
     A step of an antagonistic joint has two regressions; these methods are also timed on a joint with one.
     """
@@ -90,17 +90,23 @@ def step_rows(turns: int) -> list[Row]:
             f"of {turns} alternating turns, one thread"
         )
     times = take_turns(contenders, turns)
-    return [
-        Row(f"step.{case}.{how}",
-            f"{case.removeprefix('one.')}{', one transmission' * case.startswith('one.')}: one full step, {what}",
-            "time [us]", None, 1e-3 * times[f"{case} {how}"].nanoseconds, STEP_LIMIT, settings[case])
-        for case in cases
+    rows = []
+    for case, device in cases.items():
+        one, method = case.startswith("one."), case.removeprefix("one.")
+        default = method_for(device)
         for how, what in (
             ("call", "pure, called from Python"),
             ("live", "in place, called from Python"),
             ("fold", "over a whole log"),
-        )
-    ]  # fmt: skip
+        ):
+            taken, known = times[f"{case} {how}"].nanoseconds, f"{'one.' * one}{default} {how}"
+            beside = known in times and method != default
+            rows.append(
+                Row(f"step.{case}.{how}", f"{method}{', one transmission' * one}: one full step, {what}", "time [us]",
+                    None, 1e-3 * taken, STEP_LIMIT if method == default else None, settings[case], 0,
+                    f"{taken / times[known].nanoseconds:.2g} times {default}" if beside else "")
+            )  # fmt: skip
+    return rows
 
 
 def _contenders(name: str, estimator: Estimator) -> dict[str, Contender]:

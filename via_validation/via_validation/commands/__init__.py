@@ -11,6 +11,10 @@ COMMANDS = {
         "via_validation.commands.compare:compare",
         "Compare accuracy, convergence, coverage, robustness and cost of all stiffness estimators.",
     ),
+    "changes": Entry(
+        "via_validation.commands.changes:changes",
+        "Report bias, random error, fastest change followed and coverage of every estimator on joints that change.",
+    ),
     "faults": Entry(
         "via_validation.commands.faults:faults",
         "Feed faulty and sound signals to every estimator and report its status.",

@@ -20,7 +20,10 @@ def compare(
         list[str] | None,
         typer.Option(help="Antagonistic joint with torque drive (repeat for more); default: three qbmoves."),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, max=1000, help="Noise realisations per case.")] = 20,
+    seeds: Annotated[int, typer.Option(min=1, max=1000, help="Noise realisations per case, at most.")] = 20,
+    budget: Annotated[
+        float, typer.Option(min=0.0, help="Processor time of a method per case [s]; slow methods have fewer seeds.")
+    ] = 20.0,
     out: Annotated[Path, typer.Option(help="Folder for the picture.")] = Path("out/compare"),
     as_numbers: Annotated[
         Path | None, typer.Option("--json", help="Write all results to this file; -: only to stdout.")
@@ -28,8 +31,9 @@ def compare(
     write: Annotated[Path | None, typer.Option(help=f"Also write {PAGE} and its picture into this folder.")] = None,
 ) -> None:
     """Compare accuracy, convergence, coverage, robustness and cost of all stiffness estimators."""
-    from via_validation.compare import page  # loads matplotlib and every estimator
+    from via_validation.compare import page, picture  # load matplotlib and every estimator
     from via_validation.compare.experiment import DEVICES
+    from via_validation.compare.run import Effort
     from via_validation.compare.run import compare as run_comparison
     from via_validation.provenance import provenance
 
@@ -44,25 +48,28 @@ def compare(
         def progress(done: int, of: int, what: str) -> None:
             bars.update(task, completed=done, total=of, description=f"{what:<52}")
 
-        done = run_comparison(chosen, seeds, progress)
+        done = run_comparison(chosen, Effort(seeds, budget), progress)
 
-    picture = out / "comparison.png"
-    page.draw(done, picture)
-    words = ["via compare", *(f"--device {name}" for name in device or []), f"--seeds {seeds}"]
+    drawn = out / "comparison.png"
+    picture.draw(done, drawn)
+    words = ["via compare", *(f"--device {name}" for name in device or []), f"--seeds {seeds}", f"--budget {budget:g}"]
     source = provenance(" ".join(words))
     if write is not None:
-        page.write_markdown(done, picture, source, write / PAGE)
+        page.write_markdown(done, drawn, source, write / PAGE)
     objects = json.dumps(page.as_json(done, source), indent=1, allow_nan=False) + "\n"
     if as_numbers == Path("-"):
         print(objects, end="")
         return
-    shown = table(f"Stiffness estimators, {seeds} seeds", *page.titles(done))
-    shown.columns[1].justify = "left"
-    for cells in page.table_rows(done):
+    for level in done.levels:
+        shown = table(f"{level.name}: {level}", *page.titles(done, level.name))
+        for cells in page.level_rows(done, level.name):
+            shown.add_row(*cells)
+        answers.print(shown)
+    shown = table("Which estimator to use", *page.DECISION)
+    shown.columns[2].justify = shown.columns[-1].justify = "left"
+    for cells in page.decision_rows(done):
         shown.add_row(*cells)
     answers.print(shown)
-    for level in done.levels:
-        answers.print(f"{level.name}: {level}")
-    answers.print(f"picture: {picture}; --write adds a page that explains the columns")
+    answers.print(f"picture: {drawn}; --write adds a page that explains the columns")
     if as_numbers is not None:
         as_numbers.write_text(objects, encoding="utf-8")

@@ -1,68 +1,111 @@
-"""The comparison as one table, one picture, one page, and as JSON."""
+"""The comparison as decision table, full tables, picture, page, and JSON."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
-import numpy as np
-from via_bringup.demo.pictures import STYLE
 from via_controllers.joints.multisine import Multisine
 
+from via_validation.compare import decision
 from via_validation.compare.experiment import EQUILIBRIUM, PRESET
 from via_validation.compare.figures import CONVERGED, START, WITHIN
-from via_validation.compare.run import WRONG_LEVEL, Case, Comparison
+from via_validation.compare.run import WRONG_LEVEL, WRONG_SEEDS, Case, Comparison
 from via_validation.provenance import Provenance
 from via_validation.tables.page import small_copy
 from via_validation.template import rendered
 
-COLOURS = ("#d1495b", "#1b4965", "#2a7f62", "#e8871e", "#7d5ba6", "#5a5a5a", "#00a6a6", "#9c6644")
-SHOWN = (20.0, 24.0)  # [s] of the stiffness drawn
-TITLES = ("method", "noise", "error [%] {}", "converged [s]", "in 95 % interval", "sd / scatter", "sd / error",
-          "OK [%]", "wrong motors [%]", "cost [us]")  # fmt: skip
+DECISION = ("device", "noise", "use", "error [%]", "in 95 % interval", "converged [s]", "cost [us]", "the default")
+SAME = "the same"
+UNUSABLE = "(no usable interval)"
+TITLES = ("method", "error [%] {}", "converged [s]", "in 95 % interval", "sd / scatter", "sd / error", "OK [%]",
+          "wrong motors [%]", "cost [us]", "seeds")  # fmt: skip
 
 
-def titles(comparison: Comparison) -> list[str]:
-    """Column titles of `table_rows`, with one column of accuracy per joint."""
-    return [each.format(device) for each in TITLES for device in (comparison.devices if "{}" in each else ("",))]
-
-
-def table_rows(comparison: Comparison) -> Iterator[list[str]]:
-    """One row of cells per method and level; except for accuracy, cells are the worst or the range over all joints."""
-    for method in comparison.methods:
+def decision_rows(comparison: Comparison) -> Iterator[list[str]]:
+    """One row per device and level: the best method and its figures, then those of the default."""
+    for device in comparison.devices:
         for level in comparison.levels:
-            cases = [comparison.case(method, device, level.name) for device in comparison.devices]
-            wrong = [case.wrong_motors for case in cases if case.wrong_motors is not None]
-            yield [
-                method,
-                level.name,
-                *(_percent(case.figures.accuracy) for case in cases),
-                _seconds(max(case.figures.convergence for case in cases)),
-                _range(cases, lambda case: case.figures.coverage),
-                _range(cases, lambda case: case.figures.over_scatter),
-                _range(cases, lambda case: case.figures.over_error),
-                _percent(min(case.figures.trusted for case in cases)),
-                _percent(max(wrong)) if wrong else "",
-                f"{comparison.cost[method]:.1f}" if level is comparison.levels[0] else "",
-            ]
+            cases = comparison.of(device, level.name)
+            best, default = decision.best(cases), decision.default_case(comparison, device, level.name)
+            note = "" if decision.usable(best) else f" {UNUSABLE}"
+            yield [device, level.name, best.method + note, *_summary(best), _beside(default, best)]
 
 
-def _percent(share: float) -> str:
+def other_rules(comparison: Comparison) -> tuple[list[str], list[list[str]]]:
+    """Titles and rows: what every other rule would choose; empty where it is the same."""
+    rows = []
+    for device in comparison.devices:
+        for level in comparison.levels:
+            cases = comparison.of(device, level.name)
+            best, words = decision.best(cases).method, []
+            for rule in decision.OTHER_RULES.values():
+                other = rule(cases)
+                words.append("-" if other is None else other.method if other.method != best else SAME)
+            rows.append([device, level.name, best, *words])
+    return ["device", "noise", "use", *decision.OTHER_RULES], rows
+
+
+def titles(comparison: Comparison, level: str) -> list[str]:
+    """Column titles of `level_rows`, with one column of errors per joint; wrong motors at one level only."""
+    shown = [each for each in TITLES if level == WRONG_LEVEL or not each.startswith("wrong")]
+    return [each.format(device) for each in shown for device in (comparison.devices if "{}" in each else ("",))]
+
+
+def level_rows(comparison: Comparison, level: str) -> Iterator[list[str]]:
+    """One row of cells per method; except for the errors, cells are the worst or the range over all joints."""
+    for method in comparison.methods:
+        cases = [comparison.case(method, device, level) for device in comparison.devices]
+        wrong = [case.wrong_motors for case in cases if case.wrong_motors is not None]
+        yield [
+            method,
+            *(percent(case.figures.accuracy) for case in cases),
+            seconds(max(case.figures.convergence for case in cases)),
+            value_range(case.figures.coverage for case in cases),
+            value_range(case.figures.over_scatter for case in cases),
+            value_range(case.figures.over_error for case in cases),
+            percent(min(case.figures.trusted for case in cases)),
+            *([percent(max(wrong))] if wrong else []),
+            f"{max(case.cost for case in cases):.2g}",
+            value_range(case.seeds for case in cases),
+        ]
+
+
+def _summary(case: Case) -> list[str]:
+    return [
+        percent(case.figures.accuracy),
+        f"{case.figures.coverage:.2f}" if isfinite(case.figures.coverage) else "-",
+        seconds(case.figures.convergence),
+        f"{case.cost:.2g}",
+    ]
+
+
+def _beside(case: Case | None, best: Case) -> str:
+    if case is None or case.method == best.method:
+        return SAME
+    error, coverage, converged, cost = _summary(case)
+    unit = "" if converged == "never" else " s"
+    return f"{case.method}: error {error} %, interval {coverage}, converged {converged}{unit}, {cost} us"
+
+
+def percent(share: float) -> str:
+    """A share as a number of percent with three digits."""
     return f"{100.0 * share:.3g}" if isfinite(share) else "-"
 
 
-def _seconds(value: float) -> str:
+def seconds(value: float) -> str:
+    """Whole seconds, 'never' for infinity."""
     return f"{value:.0f}" if isfinite(value) else "never"
 
 
-def _range(cases: list[Case], figure: Callable[[Case], float]) -> str:
-    values = [value for value in map(figure, cases) if isfinite(value)]
-    if not values:
+def value_range(values: Iterable[float]) -> str:
+    """Range of the finite values with two digits; '-' without any."""
+    finite = [value for value in values if isfinite(value)]
+    if not finite:
         return "-"
-    low, high = (f"{float(f'{value:.2g}'):g}" for value in (min(values), max(values)))
+    low, high = (f"{float(f'{value:.2g}'):g}" for value in (min(finite), max(finite)))
     return low if low == high else f"{low} .. {high}"
 
 
@@ -75,8 +118,13 @@ def as_json(comparison: Comparison, source: Provenance) -> dict[str, Any]:
     return {
         "provenance": vars(source),
         "seeds": comparison.seeds,
+        "budget_s": comparison.budget,
         "levels": {level.name: str(level) for level in comparison.levels},
-        "cost_us": comparison.cost,
+        "defaults": comparison.defaults,
+        "best": {
+            device: {level.name: decision.best(comparison.of(device, level.name)).method for level in comparison.levels}
+            for device in comparison.devices
+        },
         "cases": [
             {
                 "method": case.method,
@@ -84,45 +132,12 @@ def as_json(comparison: Comparison, source: Provenance) -> dict[str, Any]:
                 "level": case.level,
                 **{name: number(value) for name, value in vars(case.figures).items()},
                 "wrong_motors": number(case.wrong_motors),
+                "cost_us": case.cost,
+                "seeds": case.seeds,
             }
             for case in comparison.cases
         ],
     }
-
-
-def draw(comparison: Comparison, path: Path) -> None:
-    """Draw a column per joint: accuracy over noise, and a few seconds of stiffness at the realistic level."""
-    devices, names = comparison.devices, [level.name for level in comparison.levels]
-    shown = WRONG_LEVEL if WRONG_LEVEL in names else names[-1]
-    with plt.rc_context(STYLE):
-        figure, panels = plt.subplots(
-            2, len(devices), figsize=(4.4 * len(devices) + 0.6, 7.6), constrained_layout=True, squeeze=False
-        )
-        for column, device in enumerate(devices):
-            top, bottom = panels[:, column]
-            for method, colour in zip(comparison.methods, COLOURS, strict=False):
-                cases = [comparison.case(method, device, name) for name in names]
-                accuracies = [100.0 * case.figures.accuracy for case in cases]
-                top.semilogy(range(len(names)), accuracies, "o-", color=colour, label=method)
-                example = comparison.case(method, device, shown).example
-                part = (example.time >= SHOWN[0]) & (example.time <= SHOWN[1])
-                bottom.plot(example.time[part], example.value[part], color=colour, linewidth=1.3)
-            bottom.plot(example.time[part], example.truth[part], color="black", linestyle="--", label="truth")
-            reach = float(np.max(example.truth[part]))
-            bottom.set_ylim(-0.2 * reach, 1.5 * reach)
-            top.set_title(device, fontsize=12)
-            top.set_xticks(range(len(names)), names)
-            bottom.set_xlabel("time [s]")
-        limits = [limit for axes in panels[0] for limit in axes.get_ylim()]
-        for axes in panels[0]:
-            axes.set_ylim(min(limits), max(limits))
-        panels[0][0].set_ylabel("relative RMS error [%]")
-        panels[1][0].set_ylabel(f"total stiffness [N m/rad],\n{shown} noise")
-        panels[1][0].legend(fontsize=10)
-        figure.legend(*panels[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=10)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-        plt.close(figure)
 
 
 def write_markdown(comparison: Comparison, picture: Path, source: Provenance, path: Path) -> None:
@@ -130,10 +145,16 @@ def write_markdown(comparison: Comparison, picture: Path, source: Provenance, pa
     path.parent.mkdir(parents=True, exist_ok=True)
     target = path.with_suffix(".png")
     small_copy(picture, target)
+    rows = list(decision_rows(comparison))
     values = {
         "c": comparison,
-        "titles": titles(comparison),
-        "rows": list(table_rows(comparison)),
+        "decision_titles": DECISION,
+        "decision": rows,
+        "best_default": sum(row[-1] == SAME for row in rows),
+        "replaced": decision.replaced(comparison),
+        "others": other_rules(comparison),
+        "tables": [(level, titles(comparison, level.name), list(level_rows(comparison, level.name)))
+                   for level in comparison.levels],
         "source": source,
         "picture": target.name,
         "equilibrium": _tones(EQUILIBRIUM),
@@ -142,7 +163,10 @@ def write_markdown(comparison: Comparison, picture: Path, source: Provenance, pa
         "start": START,
         "within": 100.0 * WITHIN,
         "wrong_level": WRONG_LEVEL,
-    }
+        "wrong_seeds": WRONG_SEEDS,
+        "unusable": UNUSABLE,
+        "rule": {name.lower(): 100.0 * getattr(decision, name) for name in ("HONEST", "TRUSTED", "EQUAL")},
+    }  # fmt: skip
     path.write_text(rendered("compare/page.md", values), encoding="utf-8")
 
 

@@ -1,28 +1,26 @@
-"""Run every method in every case."""
+"""Run every method in every case, two joints and levels of noise at a time."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from statistics import median
 
-import numpy as np
 from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.status import Status
 from via_estimators.contract import Estimator
-from via_estimators.methods import estimator_for, methods_for
+from via_estimators.methods import estimator_for, method_for, methods_for
 from via_sim.simulate import Simulation
 
-from via_validation.compare.experiment import DURATION, LEVELS, Level, Motion, motion_of, seen_by_estimators
+from via_validation.compare.experiment import DURATION, LEVELS, Level, motion_of, seen_by_estimators
 from via_validation.compare.figures import Figures, Run, accuracy, figures
+from via_validation.compare.parallel import Progress, Report, results_of, within_budget
 
 WRONG = tuple(product((0.8, 1.2), (0.8, 1.2)))  # factors of inertia and damping
 WRONG_LEVEL, WRONG_SEEDS = "realistic", 3
-COST_TURNS = 5
-Progress = Callable[[int, int, str], None]
+BUDGET = 20.0  # [s] processor time of a method per case, from which the number of its seeds follows
 
 
 @dataclass(frozen=True)
@@ -34,6 +32,8 @@ class Case:
     level: str
     figures: Figures
     wrong_motors: float | None  # worst accuracy with wrong inertia and damping; None except at WRONG_LEVEL
+    seeds: int  # noise realisations
+    cost: float  # [us] processor time per sample over a log, least of the seeds
     example: Run  # the first seed
 
 
@@ -44,23 +44,43 @@ class Comparison:
     methods: tuple[str, ...]
     devices: tuple[str, ...]
     levels: tuple[Level, ...]
-    cases: tuple[Case, ...]  # by method, then device, then level
-    cost: dict[str, float]  # [us] per sample over a log, on the first joint
-    seeds: int
+    cases: tuple[Case, ...]  # by device, then level, then method
+    defaults: dict[str, str]  # default method by device
+    seeds: int  # at most
+    budget: float  # [s]
 
     def case(self, method: str, device: str, level: str) -> Case:
         """The case of a method, a device and a level."""
         return next(c for c in self.cases if (c.method, c.device, c.level) == (method, device, level))
 
+    def of(self, device: str, level: str) -> tuple[Case, ...]:
+        """The cases of all methods on a device at a level."""
+        return tuple(case for case in self.cases if (case.device, case.level) == (device, level))
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long a comparison may take."""
+
+    seeds: int  # noise realisations per case, at most
+    budget: float = BUDGET  # [s]
+    duration: float = DURATION  # [s] of a run
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A device at a level of noise, with the methods to run on it."""
+
+    device: Device
+    level: Level
+    methods: tuple[str, ...]
+    effort: Effort
+
 
 def compare(
-    devices: Sequence[Device],
-    seeds: int,
-    progress: Progress,
-    levels: Sequence[Level] = LEVELS,
-    duration: float = DURATION,
+    devices: Sequence[Device], effort: Effort, progress: Progress, levels: Sequence[Level] = LEVELS
 ) -> Comparison:
-    """Compare all stiffness methods that suit every device; `duration` [s]. Raises ParameterError if there is none."""
+    """Compare all stiffness methods that suit every device. Raises ParameterError if there is none."""
     methods = tuple(
         method
         for method in methods_for(devices[0])
@@ -68,32 +88,16 @@ def compare(
     )
     if not methods:
         raise ParameterError(f"no stiffness estimator suits all of {', '.join(device.name for device in devices)}")
-    cases: dict[tuple[str, str, str], Case] = {}
-    done, steps = 0, len(devices) * len(levels) * (len(methods) + 1)
-
-    def report(what: str) -> None:
-        nonlocal done
-        progress(done, steps, what)
-        done += 1
-
-    for device in devices:
-        motions: dict[bool, Motion] = {}
-        for level in levels:
-            report(f"{device.name}: measuring, {level.name}")
-            if level.friction not in motions:
-                motions[level.friction] = motion_of(device, level.friction, duration)
-            measured = [motions[level.friction].measured(level, seed) for seed in range(seeds)]
-            for method in methods:
-                report(f"{device.name}, {level.name}: {method}")
-                cases[method, device.name, level.name] = _case(device, level, method, measured)
-    progress(steps, steps, "costs")
+    parts = [_Part(device, level, methods, effort) for device in devices for level in levels]
+    found = results_of(_cases, parts, len(parts) * (len(methods) + 1), progress)
     return Comparison(
         methods,
         tuple(device.name for device in devices),
         tuple(levels),
-        tuple(cases[m, d.name, lv.name] for m in methods for d in devices for lv in levels),
-        {method: cost(devices[0], method) for method in methods},
-        seeds,
+        tuple(case for cases in found for case in cases),
+        {device.name: method_for(device) for device in devices},
+        effort.seeds,
+        effort.budget,
     )
 
 
@@ -110,29 +114,37 @@ def estimated(estimator: Estimator, simulation: Simulation) -> Run:
     return Run(simulation.truth.time, truth, value, sd, estimates.status == Status.OK)
 
 
-def _case(device: Device, level: Level, method: str, measured: Sequence[Simulation]) -> Case:
+def _cases(part: _Part, report: Report) -> list[Case]:
+    """Every method on one device at one level."""
+    report(f"{part.device.name}: simulation, {part.level.name}")
+    motion = motion_of(part.device, part.level.friction, part.effort.duration)
+    measured = [motion.measured(part.level, seed) for seed in range(part.effort.seeds)]
+    found = []
+    for method in part.methods:
+        report(f"{part.device.name}, {part.level.name}: {method}")
+        found.append(_case(part, method, measured))
+    return found
+
+
+def _case(part: _Part, method: str, measured: Sequence[Simulation]) -> Case:
+    device, level = part.device, part.level
     estimator = estimator_for(seen_by_estimators(device, level), method)
-    runs = [estimated(estimator, simulation) for simulation in measured]
+    estimator.load()
+    taken = []
+
+    def run(seed: int) -> Run:
+        begin = time.process_time()
+        found = estimated(estimator, measured[seed])
+        taken.append(time.process_time() - begin)
+        return found
+
+    runs = within_budget(run, len(measured), part.effort.budget)
     worst = None
     if level.name == WRONG_LEVEL:
         worst = 0.0
         for inertia, damping in WRONG:
             wrong = estimator_for(seen_by_estimators(device, level, inertia, damping), method)
-            worst = max(worst, accuracy([estimated(wrong, simulation) for simulation in measured[:WRONG_SEEDS]]))
-    return Case(method, device.name, level.name, figures(runs), worst, runs[0])
-
-
-def cost(device: Device, method: str, count: int = 5000) -> float:
-    """Median time per sample of a run over a log [us]."""
-    estimator = estimator_for(device, method)
-    t = np.arange(count) * 1e-3
-    columns = [0.3 * np.sin((5.0 + at) * t + at) for at, _ in enumerate(estimator.inputs)]
-    rows = np.column_stack([t, *columns])
-    state, _ = estimator.run_rows(rows)
-    rows[:, 0] += t[-1] + 1e-3
-    taken = []
-    for _ in range(COST_TURNS):
-        begin = time.perf_counter()
-        estimator.run_rows(rows, state)
-        taken.append(time.perf_counter() - begin)
-    return 1e6 * median(taken) / count
+            some = measured[: min(WRONG_SEEDS, len(runs))]
+            worst = max(worst, accuracy([estimated(wrong, simulation) for simulation in some]))
+    cost = 1e6 * min(taken) / len(measured[0].measured)
+    return Case(method, device.name, level.name, figures(runs), worst, len(runs), cost, runs[0])

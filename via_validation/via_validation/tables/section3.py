@@ -37,6 +37,7 @@ from via_validation.tables.section3_methods import (
     with_torque_noise,
 )
 from via_validation.tables.section3_pictures import pictures
+from via_validation.tables.shipped_rows import cubic_rows
 
 __all__ = ["pictures", "rows"]
 
@@ -69,6 +70,7 @@ def rows(seeds: int, progress: Progress) -> list[Row]:
         ("the undifferentiated equation", _undifferentiated),
         ("w_33 against w_55", _orders),
         ("standard deviations", _standard_deviations),
+        ("shipped settings", cubic_rows),
     ]
     table: list[Row] = []
     for done, (what, part) in enumerate(parts):

@@ -115,10 +115,15 @@ def hitting_rows(at: str, case: Impacts, settings: str) -> list[Row]:
     """Rows of number 6 for one case."""
     at = f"{at}.wall{case.wall:g}.hold{case.hold:g}"
     words = f"wall at {case.wall:g}, held at {case.hold:g} of the free turning point"
+    slow = (
+        f"within 5 % after {case.cycles_to_steady} cycles: the motors add energy at a limited rate, so that a release "
+        "far below the steady amplitude needs more than one cycle"
+    )
     settings = f"{settings}; wall 5e4 N/m, 300 N s/m; held {HELD:g} s, then 10 s, {SUBSTEPS} steps a ms"
     return [
         Row(f"{at}.second", f"{words}: peak to peak of the tip from the second full cycle on",
-            "largest relative difference from steady [-]", None, case.second, 0.05, settings),
+            "largest relative difference from steady [-]", None, case.second, 0.05, settings,
+            0, slow if case.second > 0.05 else ""),
         Row(f"{at}.steady", f"{words}: steady peak to peak", "std / mean [-]", None, case.steady_sd, 5e-3,
             settings),
         Row(f"{at}.missed", f"{words}: steady cycles without contact; weakest impact {case.least_force:.0f} N",
@@ -132,13 +137,7 @@ def _hitting() -> list[Row]:
         for hold in HOLDS:
             case = _case(wall, hold)
             found += hitting_rows("6.2.hitting", case, SETTINGS)
-    wall, hold = WEAK
-    weak = _case(wall, hold)
-    found.append(
-        Row("6.2.hitting.weak", f"wall at {wall:g}, held at {hold:g} only: cycles until within 5 %", "cycles", None,
-            float(weak.cycles_to_steady), None, SETTINGS, 0, f"its second cycle is {weak.second:.1%} off")
-    )  # fmt: skip
-    return found
+    return found + hitting_rows("6.2.hitting", _case(*WEAK), SETTINGS)
 
 
 @cache
