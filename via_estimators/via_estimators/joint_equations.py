@@ -367,5 +367,6 @@ def largest_torque(device: Device) -> float:
 
 
 def _typical_torque(device: Device) -> float:
-    """[N m] order of size of an unknown dry friction: a twentieth of the largest torque."""
-    return max(0.05 * largest_torque(device), 1e-3)
+    """[N m] order of size of an unknown dry friction: a twentieth of that of springs, or of a damper at 1 rad/s."""
+    damper = float(device.damping_of(1.0)) if device.damper is not None else 0.0
+    return max(0.05 * largest_torque(device), 0.05 * damper, 1e-3)
