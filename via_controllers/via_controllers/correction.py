@@ -27,6 +27,8 @@ from via_controllers.contract import require, require_positive
 
 SILENCE = 0.1  # [s] age from which an estimate is not used
 LONGEST = 0.1  # [s] longest time step; after a longer gap this step is used
+LARGEST_FACTOR = 3.0  # bound of the correction of a spring law, up or down
+NOTHING = 1e-9  # smaller corrections are none, so that the fallback ends
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,3 @@ class CorrectionRule:
         kept = exp(-step * rate)
         value = kept * state.value + (1.0 - kept) * towards
         return Correction(value if abs(value) > NOTHING else 0.0, state.estimate, state.weight, state.stamp)
-
-
-NOTHING = 1e-9  # smaller corrections are none, so that the fallback ends
