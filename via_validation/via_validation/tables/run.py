@@ -51,6 +51,7 @@ SECTIONS = (
     Section("5", "Variable physical damping", "via_validation.tables.section5"),
     Section("robot", "A real robot: the MACCEPA-VD", "via_validation.tables.robot", recordings=True),
     Section("6", "Cyclic motions of arms with flexible joints", "via_validation.tables.section6", "control"),
+    Section("errors", "Controllers of arms under model errors", "via_validation.tables.model_errors", "control"),
     Section("7", "The fastest link of a visco-elastic joint", "via_validation.tables.section7", "control"),
 )
 
