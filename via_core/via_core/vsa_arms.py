@@ -112,6 +112,7 @@ class VsaArm:
     link_friction   Dq [N m s/rad]
     torque_limit    [N m], infinite where unknown
     speed_limit     [rad/s], infinite where unknown
+    spring_scale    spring torques over those of `springs` [-]; empty: 1
 
     Not thread-safe: the arm owns the workspace of pinocchio.
     """
@@ -126,13 +127,13 @@ class VsaArm:
     link_friction: Array
     torque_limit: Array
     speed_limit: Array
+    spring_scale: Array = field(default_factory=lambda: np.ones(0))
     _data: pinocchio.Data = field(init=False, repr=False)
     _kinds: Array = field(init=False, repr=False)
     _rows: Array = field(init=False, repr=False)
     _along: tuple[Array, ...] = field(init=False, repr=False)
     _tip: int = field(init=False, repr=False)
     _stops: Array = field(init=False, repr=False)
-    _scale: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         n = len(self.springs)
@@ -140,7 +141,10 @@ class VsaArm:
             raise ParameterError(f"model has {self.model.nv} velocities and {self.model.nq} angles for {n} springs")
         if not self.model.existFrame(self.tip):
             raise ParameterError(f"tip: no frame '{self.tip}'")
-        for name in ("presets", "motor_inertia", "motor_friction", "link_friction", "torque_limit", "speed_limit"):
+        if not len(self.spring_scale):
+            object.__setattr__(self, "spring_scale", np.ones(n))
+        vectors = ("motor_inertia", "motor_friction", "link_friction", "torque_limit", "speed_limit", "spring_scale")
+        for name in ("presets", *vectors):
             values = locked(getattr(self, name), name)
             if values.shape != (n,) or np.isnan(values).any():
                 raise ParameterError(f"{name} must hold {n} numbers, got {values}")
@@ -154,7 +158,6 @@ class VsaArm:
         object.__setattr__(self, "_stops", locked([spring.max_deflection for spring in self.springs], "stops"))
         object.__setattr__(self, "_along", tuple(np.eye(n)))
         object.__setattr__(self, "_rows", np.array([spring.coefficients() for spring in self.springs]))
-        object.__setattr__(self, "_scale", np.ones(n))
 
     def corrected(self, payload: float, spring_scale: Array) -> VsaArm:
         """This arm with a point mass `payload` [kg] at the tip, its spring torques times `spring_scale` (n,) [-].
@@ -166,13 +169,8 @@ class VsaArm:
         point = pinocchio.Inertia(payload, frame.placement.translation, np.zeros((3, 3)))
         model.inertias[frame.parentJoint] = model.inertias[frame.parentJoint] + point
         object.__setattr__(arm, "model", model)
-        object.__setattr__(arm, "_scale", self._scale * spring_scale)
+        object.__setattr__(arm, "spring_scale", locked(self.spring_scale * spring_scale, "spring_scale"))
         return arm
-
-    @property
-    def spring_scale(self) -> Array:
-        """Spring torques over those of `springs` (n,) [-]; 1 unless `corrected`."""
-        return self._scale.copy()
 
     @property
     def n(self) -> int:
@@ -256,7 +254,7 @@ class VsaArm:
     def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
         """tau_e [N m], sigma [N m/rad] and d sigma/d phi [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
         out = np.empty((3, self.n))
-        _springs(self._kinds, self._rows, self._scale, deflection, self.presets, out)
+        _springs(self._kinds, self._rows, self.spring_scale, deflection, self.presets, out)
         return out[0], out[1], out[2]
 
     def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
@@ -266,7 +264,7 @@ class VsaArm:
 
     def deflection(self, spring_torque: Array) -> Array:
         """phi (n,) [rad] with spring torques tau_e (n,) [N m]. Raises ParameterError where there is none."""
-        each = zip(self.springs, spring_torque / self._scale, self.presets, strict=True)
+        each = zip(self.springs, spring_torque / self.spring_scale, self.presets, strict=True)
         return np.array([spring.inverse(float(torque), float(preset)) for spring, torque, preset in each])
 
     def accelerations(
@@ -280,7 +278,7 @@ class VsaArm:
         """Time derivative (4, n) of `state`, rows q, qd, theta, thd [rad, rad/s]; torques as in `accelerations`."""
         out = np.empty_like(state)
         links = _rates(
-            self._kinds, self._rows, self._scale, self.presets, self.motor_inertia, self.motor_friction,
+            self._kinds, self._rows, self.spring_scale, self.presets, self.motor_inertia, self.motor_friction,
             self.link_friction, state, torque, external, out,
         )  # fmt: skip
         out[1] = pinocchio.aba(self.model, self._data, state[0], state[1], links)

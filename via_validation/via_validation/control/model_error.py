@@ -7,7 +7,7 @@ differences of rounded angles behind a low pass; without an encoder all values a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import tanh
 from typing import Any
 
@@ -44,8 +44,7 @@ class ModelError:
     def plant(self, arm: VsaArm) -> VsaArm:
         """The real arm, without dry friction."""
         real = arm.corrected(self.payload, np.full(arm.n, self.spring_scale))
-        object.__setattr__(real, "link_friction", arm.link_friction + self.link_friction)
-        return real
+        return replace(real, link_friction=arm.link_friction + self.link_friction)
 
 
 class Estimators:
