@@ -20,7 +20,10 @@ payload does not disturb its estimate.
 - The noise r_i^2 of each joint's equation is measured by its innovations.
 - A hand or a wall at the tip is a force that no mass explains: what an equation's innovations e contain besides the
   direction a of a mass, v = (e' S^-1 e - g) / (n - 1) with g = (a' S^-1 e)^2 / (a' S^-1 a), is 1 on average. Above 1,
-  this window's noise is larger by that factor. A force that acts on every joint as a weight does is a payload.
+  this window's noise is larger by that factor. A force lasts for many windows and is not averaged away: the share of
+  (v - 1) / (a' S^-1 a), what it may look like as a mass, that enters with m is added to the variance. A force that acts
+  on every joint as a weight does is a payload.
+- Where more than MISFIT of the torques remains unexplained, a channel is wrong or a strong force acts: IMPLAUSIBLE.
 - A payload that is picked up or put down: g has one degree of freedom. Above JUMP^2 the variance of m grows by what
   the innovation exceeds it by.
 - A motor at rest may bear its dry friction in either direction, which is noise.
@@ -60,7 +63,10 @@ P = slots(
     "length", "max_gap", "noise", "payload_deviation", "damping_deviation", "friction_deviation", "payload_drift",
     "still", "lightest", "heaviest",
 )  # fmt: skip
-HEAD = slots("since", "taken", "before", "contact")  # samples and equations; time of the last one [s]; v of it
+MISFIT, FADING = 0.3, 0.8  # share of the torques from which a misfit is IMPLAUSIBLE; factor on it per window
+# Samples since the last window; windows taken; time of the last one [s]; variance of m due to forces [kg^2]; share of
+# the squared torques that is not explained, the largest one, fading.
+HEAD = slots("since", "taken", "before", "forces", "misfit")
 PART = slots("momentum", "force", "unit_momentum", "unit_force", "velocity", "direction", "still", "tau")
 
 
@@ -205,11 +211,13 @@ def _take(state: Array, time: float, parts: Array, own: Array, out: Array) -> in
     status = WARMING_UP
     if head[HEAD.taken] >= EARLIEST:
         passed = max(time - head[HEAD.before], 0.0)
-        value[0], sd[0] = x[0], np.sqrt(variance[0, 0] + own[P.payload_drift] ** 2 * passed)
+        value[0], sd[0] = x[0], np.sqrt(variance[0, 0] + head[HEAD.forces] + own[P.payload_drift] ** 2 * passed)
         status = OK
         if sd[0] > INFORMED * own[P.payload_deviation]:
             status = NOT_EXCITED
         elif value[0] + SURE * sd[0] < own[P.lightest] or value[0] - SURE * sd[0] > own[P.heaviest]:
+            status = IMPLAUSIBLE
+        if head[HEAD.misfit] > MISFIT**2:
             status = IMPLAUSIBLE
     state[HEADER.status] = status
     window.answer(state, status, out)
@@ -228,16 +236,18 @@ def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
     passed = times[newest] - head[HEAD.before] if head[HEAD.taken] > 0.0 else 0.0
     head[HEAD.before] = times[newest]
     variance[0, 0] += own[P.payload_drift] ** 2 * passed
-    A, e, R = np.zeros((n, x.size)), np.empty(n), np.empty(n)
+    A, y, R, torques = np.zeros((n, x.size)), np.empty(n), np.empty(n), 0.0
     for i in range(n):
         A[i, 0] = psi[1] @ columns[PART.unit_momentum, i] + psi[0] @ columns[PART.unit_force, i]
         A[i, 1 + i] = -(psi[0] @ columns[PART.velocity, i])
         A[i, 1 + n + i] = -(psi[0] @ columns[PART.direction, i])
-        y = -(psi[1] @ columns[PART.momentum, i]) - psi[0] @ columns[PART.force, i] - held @ columns[PART.tau, i]
-        e[i] = y - A[i] @ x
+        torque = held @ columns[PART.tau, i]
+        y[i] = -(psi[1] @ columns[PART.momentum, i]) - psi[0] @ columns[PART.force, i] - torque
+        torques += torque**2
         stuck = psi[0] @ columns[PART.still, i]
         friction = x[1 + n + i] ** 2 + variance[1 + n + i, 1 + n + i]
         R[i] = noise[i] + friction * stuck**2
+    e = y - A @ x
     S = A @ variance @ A.T + np.diag(R)
     weighted, along = np.linalg.solve(S, e), np.linalg.solve(S, np.ascontiguousarray(A[:, 0]))
     information = along @ A[:, 0]
@@ -245,7 +255,6 @@ def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
     explained = mass**2 * information
     unexplained = (e @ weighted - explained) / max(n - 1, 1)
     more = max(unexplained, 1.0) if n > 1 else 1.0
-    head[HEAD.contact] = unexplained
     if explained > JUMP**2 * more:
         variance[0, 0] += mass**2 - 1.0 / information
     for i in range(n):
@@ -254,7 +263,13 @@ def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
         weight[i] = count + 1.0
         R[i] *= more
     S = A @ variance @ A.T + np.diag(R)
+    if information > 0.0:
+        moved = min(variance[0, 0] * (A[:, 0] @ np.linalg.solve(S, np.ascontiguousarray(A[:, 0]))), 1.0)
+        head[HEAD.forces] += moved * ((more - 1.0) / information - head[HEAD.forces])
     gain = np.linalg.solve(S, A @ variance).T
     x += gain @ e
     variance -= gain @ (A @ variance)
     variance[:, :] = 0.5 * (variance + variance.T)
+    left = y - A @ x
+    share = (left @ left) / torques if torques > 0.0 else 0.0
+    head[HEAD.misfit] = max(share, FADING * head[HEAD.misfit])
