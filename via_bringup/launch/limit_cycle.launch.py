@@ -3,8 +3,8 @@
 With modal_limit_cycle the arm starts to swing on its own once the controller is active, unless the node parameter
 `start` is 0. With bang_bang it stays at rest until it is pushed.
 
-With `adapt:=true` modal_limit_cycle corrects its model while it runs: node `payload` estimates the mass at the tip, node
-`estimator` the stiffness of each joint. `payload` and `softer` change the simulated arm, which the model does not contain.
+With `adapt:=true` modal_limit_cycle corrects its model while it runs: node `payload` estimates the mass at the tip,
+node `estimator` the stiffness of each joint. `payload` and `softer` change the simulated arm, but not the model.
 
 ros2 launch via_bringup limit_cycle.launch.py
 ros2 launch via_bringup limit_cycle.launch.py law:=bang_bang mode:=lockstep bag:=swing
@@ -56,7 +56,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument("arm", default_value="reference_4dof", description="arm name or path to its YAML"),
             DeclareLaunchArgument(ARGUMENT, default_value=DEFAULT, description=" or ".join(CONTROLLERS)),
             DeclareLaunchArgument("adapt", default_value="false", description="true: estimators correct the model"),
-            DeclareLaunchArgument("payload", default_value="0.0", description="mass at the tip of the simulated arm [kg]"),
+            DeclareLaunchArgument("payload", default_value="0.0", description="mass at the simulated tip [kg]"),
             DeclareLaunchArgument(
                 "softer", default_value="0.0", description="share by which the simulated springs are softer than filed"
             ),

@@ -170,7 +170,7 @@ def at_rest(controller, wanted=6.0):
 
 def with_estimates(controller, state, ratio, seconds, status=Status.OK, sd=0.0):
     """The state after estimates at 1 kHz of `ratio` times the model's stiffness."""
-    for tick in range(1, round(1000 * seconds)):
+    for _ in range(1, round(1000 * seconds)):
         value = ratio * float(DEVICE.stiffness(state.q, state.theta))
         state = controller.with_estimate(state, state.time, status, value, sd * value)
         state, _ = controller.step(state, JointSample(state.time + 1e-3, 0.0, np.array(state.theta)))

@@ -3,7 +3,7 @@
     device = load_device("reference_4dof:elbow")     # motor and spring of that joint in the arm's file
 
 Names in messages are those of ADR 7: the device has the name of the joint. The link is that of the arm at zero angles
-without gravity: no torque-based stiffness estimator uses it. Arm files describe no sensors; samples are those of an arm.
+without gravity: no torque-based stiffness estimator uses it. Arm files describe no sensors.
 """
 
 from __future__ import annotations

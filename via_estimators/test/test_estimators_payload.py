@@ -106,7 +106,7 @@ def test_a_strong_force_at_the_tip_is_not_called_a_payload():
 
 
 def test_a_payload_picked_up_is_followed():
-    rows = np.vstack([course(0.0), course(0.6) + [2.0, *np.zeros(5 * N)]])
+    rows = np.vstack([course(0.0), course(0.6) + np.eye(1, 1 + 5 * N) * 2.0])
     value, _ = estimated(rows).column("payload")
     assert abs(value[1999]) < 5e-3 and value[-1] == pytest.approx(0.6, abs=0.02)
 

@@ -123,7 +123,7 @@ class Payload(Estimator):
         window.start(state)
         value, sd = window.outputs(state, 1)
         value[0], sd[0] = 0.0, own.payload_deviation
-        x, variance, noise, weight = _filter(state, n)
+        _, variance, noise, weight = _filter(state, n)
         variance[np.diag_indices(1 + 2 * n)] = np.concatenate(
             [[own.payload_deviation**2], np.full(n, own.damping_deviation**2), np.full(n, own.friction_deviation**2)]
         )

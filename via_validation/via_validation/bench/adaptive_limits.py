@@ -35,8 +35,8 @@ NOISE = 0.02  # relative noise of right estimates
 WRONG = (np.nan, np.inf, -np.inf, -1e9, 0.0, 0.5, 30.0, 1e9)  # faulty values and standard deviations
 KINDS = ("right estimates", "faulty estimates")
 SETTINGS = (
-    f"as limits.1, {DURATION:g} s; payload up to {PAYLOAD:g} kg, springs up to {SPRINGS:.0%} off; modes 1 and 2 in turn; "
-    f"time constants of the correction {QUICK:g} s"
+    f"as limits.1, {DURATION:g} s; payload up to {PAYLOAD:g} kg, springs up to {SPRINGS:.0%} off; modes 1 and 2 in "
+    f"turn; time constants of the correction {QUICK:g} s"
 )
 
 
@@ -106,7 +106,7 @@ def adaptive_limit_rows(seeds: Iterable[int]) -> list[Row]:
         payload, scale = np.max([furthest for _, furthest in runs], axis=0).tolist()
         rows += [
             Row(f"{at}.payload", what, "largest payload of the model / bound [-]", None, payload, 1.0, SETTINGS),
-            Row(f"{at}.springs", what, f"largest |log scale| of a spring / log {LARGEST_FACTOR:g} [-]", None, scale, 1.0,
-                SETTINGS),
+            Row(f"{at}.springs", what, f"largest |log scale| of a spring / log {LARGEST_FACTOR:g} [-]", None, scale,
+                1.0, SETTINGS),
         ]  # fmt: skip
     return rows

@@ -1,8 +1,8 @@
 """Controllers of arms under model errors: the published modal limit cycle, the adaptive one, and bang-bang control.
 
 The document has no such table. Every case changes one thing that the controllers' model does not contain; the plant is
-`via_validation.control.model_error`. The adaptive controller gets the estimates of `payload` and, joint by joint, of the
-default stiffness estimator, as over DDS.
+`via_validation.control.model_error`. The adaptive controller gets the estimates of `payload` and, joint by joint, of
+the default stiffness estimator, as over DDS.
 """
 
 from __future__ import annotations
@@ -138,10 +138,11 @@ def pictures(folder: Path, progress: Progress) -> list[Path]:
     progress(0, 1, "picture")
     with plt.rc_context(STYLE):
         figure, panels = plt.subplots(3, 2, figsize=(11, 9), sharex=True, constrained_layout=True)
-        for (key, name, unit), column in zip(
-            (("payload20", "payload", "payload [kg]"), ("springs-10", "spring_scale_4", "scale of the elbow spring [-]")),
-            panels.T, strict=True,
-        ):  # fmt: skip
+        shown = (
+            ("payload20", "payload", "payload [kg]"),
+            ("springs-10", "spring_scale_4", "scale of the elbow spring [-]"),
+        )
+        for (key, name, unit), column in zip(shown, panels.T, strict=True):
             _panel(key, name, unit, column)
         drawn = save_figure(figure, folder / "adaptation.png")
     progress(1, 1, "done")
