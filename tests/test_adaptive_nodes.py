@@ -38,7 +38,7 @@ def largest_step(bench, since):
 
 
 def test_estimators_correct_the_model_and_its_fallback_is_smooth(graph):
-    """Payload 20 % of the forearm, springs 10 % soft: H within 2 %; later without estimators, as in the file's model."""
+    """Payload 20 % of the forearm, springs 10 % soft: H within 2 %; without estimators, the file's model."""
     estimators = [graph.add(PayloadNode), graph.add(EstimatorNode, devices=JOINTS)]
     bench = ArmBench(
         graph, NODES["modal_limit_cycle"], {"adapt": True, "correction_time": 0.2, "fallback_time": 0.2}, posture=REST,

@@ -1,6 +1,6 @@
 """Correction of a model parameter by an estimator, with fallback to the file's value.
 
-x is the deviation of the parameter from the file, e the estimated deviation with standard deviation s:
+x is the difference of the parameter from the file, e its estimate with standard deviation s:
 
     estimate OK and not older than SILENCE    x' = w (e - x) / T,   w = 1 / (1 + (s / S)^2)
     otherwise                                 x' = -x / T_fallback
@@ -43,7 +43,7 @@ class Correction:
 
 @dataclass(frozen=True)
 class CorrectionRule:
-    """The rule. Raises ParameterError for times or deviations that are not positive, or bounds without 0 between."""
+    """The rule. Raises ParameterError for a time or standard deviation that is not positive, or bounds without 0 between."""
 
     time: float  # T [s]
     fallback_time: float  # T_fallback [s]

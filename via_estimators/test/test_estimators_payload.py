@@ -98,11 +98,8 @@ def test_it_equals_least_squares_over_the_same_windows():
 
 def test_a_strong_force_at_the_tip_is_not_called_a_payload():
     found, free = estimated(course(0.3, force=15.0)), estimated(course(0.3))
-    value, sd = found.column("payload")
-    assert value[999] == free.value[999, 0] and sd[1150:].min() > 5.0 * sd[999]
-    ok = found.status[1000:] == Status.OK
-    assert (np.abs(value[1000:] - 0.3) < 2.0 * sd[1000:])[ok].mean() > 0.9 if ok.any() else True
-    assert ok.mean() < 0.5
+    assert np.array_equal(found.value[:1000], free.value[:1000])
+    assert np.mean(found.status[1000:] == Status.OK) < 0.5 and np.mean(free.status[1000:] == Status.OK) == 1.0
 
 
 def test_a_payload_picked_up_is_followed():

@@ -272,4 +272,4 @@ def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
     variance[:, :] = 0.5 * (variance + variance.T)
     left = y - A @ x
     share = (left @ left) / torques if torques > 0.0 else 0.0
-    head[HEAD.misfit] = max(share, FADING * head[HEAD.misfit])
+    head[HEAD.misfit] = max(min(share, 1.0), FADING * head[HEAD.misfit])

@@ -47,30 +47,30 @@ class AdaptiveSwing:
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveLimitCycle(ArmController[AdaptiveSwing]):
-    """`law` with a corrected model; the rules bound payload [kg] and log scales [-]."""
+    """`published` with a corrected model; the rules bound payload [kg] and log scales [-]."""
 
-    law: VsaModalLimitCycle
+    published: VsaModalLimitCycle
     payload_rule: CorrectionRule
     spring_rule: CorrectionRule
 
     @property
     def arm(self) -> VsaArm:
         """The arm of the file."""
-        return self.law.cycle.arm
+        return self.published.cycle.arm
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
         joints = range(1, self.arm.n + 1)
         scales = (Quantity(f"spring_scale_{joint}", "-") for joint in joints)
-        return (*self.law.quantities, Quantity("payload", "kg"), *scales)
+        return (*self.published.quantities, Quantity("payload", "kg"), *scales)
 
     def observe(self, state: AdaptiveSwing) -> Array:
         scales = [exp(each.value) for each in state.springs]
-        return np.concatenate([self.law.observe(state.swing), [state.payload.value, *scales]])
+        return np.concatenate([self.published.observe(state.swing), [state.payload.value, *scales]])
 
     def init(self, sample: ArmSample) -> AdaptiveSwing:
         none = Correction()
-        return AdaptiveSwing(self.law.init(sample), none, (none,) * self.arm.n, *_deflected(sample))
+        return AdaptiveSwing(self.published.init(sample), none, (none,) * self.arm.n, *_deflected(sample))
 
     def step(self, state: AdaptiveSwing, sample: ArmSample) -> tuple[AdaptiveSwing, Torques]:
         if not sample.valid:
@@ -78,15 +78,15 @@ class AdaptiveLimitCycle(ArmController[AdaptiveSwing]):
         passed = max(sample.time - state.swing.time, 0.0)
         payload = self.payload_rule.advanced(state.payload, sample.time, passed)
         springs = tuple(self.spring_rule.advanced(each, sample.time, passed) for each in state.springs)
-        swing, torques = self.law_for(payload, springs).step(state.swing, sample)
+        swing, torques = self.controller_for(payload, springs).step(state.swing, sample)
         return AdaptiveSwing(swing, payload, springs, *_deflected(sample)), torques
 
-    def law_for(self, payload: Correction, springs: tuple[Correction, ...]) -> VsaModalLimitCycle:
-        """The controller with this model; `law` itself without any correction."""
+    def controller_for(self, payload: Correction, springs: tuple[Correction, ...]) -> VsaModalLimitCycle:
+        """The controller with this model; `published` itself without any correction."""
         logs = [each.value for each in springs]
         if payload.value == 0.0 and not any(logs):
-            return self.law
-        return self.law.on(self.arm.corrected(payload.value, np.exp(logs)))
+            return self.published
+        return self.published.on(self.arm.corrected(payload.value, np.exp(logs)))
 
     def with_payload(
         self, state: AdaptiveSwing, stamp: float, status: Status, value: float, standard_deviation: float
@@ -103,9 +103,9 @@ class AdaptiveLimitCycle(ArmController[AdaptiveSwing]):
         phi = state.deflection - age * state.deflection_rate if abs(age) <= OLDEST else state.deflection
         nominal = float(self.arm.spring_state(phi)[1][joint])
         good = status == Status.OK and value > 0.0 and nominal > 0.0 and abs(age) <= OLDEST
-        ratio, deviation = (log(value / nominal), standard_deviation / value) if good else (0.0, 0.0)
+        ratio, relative_sd = (log(value / nominal), standard_deviation / value) if good else (0.0, 0.0)
         usable = status if good or status != Status.OK else Status.BAD_SAMPLE
-        changed = self.spring_rule.informed(state.springs[joint], stamp, usable, ratio, deviation)
+        changed = self.spring_rule.informed(state.springs[joint], stamp, usable, ratio, relative_sd)
         springs = (*state.springs[:joint], changed, *state.springs[joint + 1 :])
         return replace(state, springs=springs)
 

@@ -146,9 +146,9 @@ class EquilibriumPreset(Controller[EquilibriumPresetState]):
             return state
         nominal = float(self.references.device.stiffness(state.q, state.theta))
         good = status == Status.OK and value > 0.0 and nominal > 0.0
-        ratio, deviation = (log(value / nominal), standard_deviation / value) if good else (0.0, 0.0)
+        ratio, relative_sd = (log(value / nominal), standard_deviation / value) if good else (0.0, 0.0)
         usable = status if good or status != Status.OK else Status.BAD_SAMPLE
-        return replace(state, correction=self.rule.informed(state.correction, time, usable, ratio, deviation))
+        return replace(state, correction=self.rule.informed(state.correction, time, usable, ratio, relative_sd))
 
     def step(self, state: EquilibriumPresetState, sample: JointSample) -> tuple[EquilibriumPresetState, Torques]:
         if not sample.valid:

@@ -2,7 +2,7 @@
 
 Runs are those of `limits`, shorter, with a random payload and springs that differ from the file. In half of them the
 estimates are right: true payload and stiffness with 2 % noise, status OK. In the other half they are faulty: random,
-infinite or NaN values and deviations with random status.
+infinite or NaN values and standard deviations with random status.
 """
 
 from __future__ import annotations
@@ -65,13 +65,13 @@ class _Informant:
     def _informed(self, sample: ArmSample, state: AdaptiveSwing) -> AdaptiveSwing:
         n = ARM.n
         if self.faulty:
-            values, deviations = self.random.choice(WRONG, (2, 1 + n))
+            values, sds = self.random.choice(WRONG, (2, 1 + n))
             status = [Status(int(each)) for each in self.random.integers(0, len(Status), 1 + n)]
         else:
             stiffness = self.truth.spring_state(sample.q - sample.theta)[1]
             values = np.append(self.payload, stiffness) * (1.0 + self.random.normal(0.0, NOISE, 1 + n))
-            deviations, status = NOISE * np.abs(values), [Status.OK] * (1 + n)
-        given = [(sample.time, *each) for each in zip(status, values.tolist(), deviations.tolist(), strict=True)]
+            sds, status = NOISE * np.abs(values), [Status.OK] * (1 + n)
+        given = [(sample.time, *each) for each in zip(status, values.tolist(), sds.tolist(), strict=True)]
         state = self.controller.with_payload(state, *given[0])
         for joint in range(n):
             state = self.controller.with_stiffness(state, joint, *given[1 + joint])

@@ -144,7 +144,9 @@ class _Measured:
     """Measurements of the state (4, n), rounded by encoders."""
 
     def __init__(self, error: ModelError) -> None:
-        self.step, self.before, self.velocity = error.encoder, None, None
+        self.step = error.encoder
+        self.before: Array | None = None
+        self.velocity = np.zeros((2, 0))
 
     def at(self, x: Array, passed: float) -> Array:
         """(4, n) at the true state `x`, `passed` [s] after the last call."""

@@ -27,7 +27,7 @@ from via_validation.tables.rows import Progress, Row
 
 FOREARM = 2.2  # [kg] mass of reference_4dof's forearm
 MODES = (0, 1)
-DURATION, FROM = 6.0, 5.0  # [s] of a run, and from where on it is judged
+DURATION, FROM = 6.0, 5.0  # [s] of a run, and from where on it is evaluated
 BANG_BANG, STEADY = 14.0, 8.0  # [s] likewise
 H_LIMIT, LEAK_LIMIT, NOMINAL_H = 0.02, 0.005, 2e-3
 ANGLE, RATIO = 3.0, (1.07, 1.09)  # [deg] of w_1 from a mode; f / f_lin, of bang-bang control
@@ -36,12 +36,12 @@ OFF, LEAK = "|H / H_d - 1| [-]", "largest other mode over amplitude [-]"
 
 @dataclass(frozen=True)
 class Case:
-    """One model error; `judged`: whether the adaptive controller has to keep the limits."""
+    """One model error; `limited`: whether the adaptive controller has to keep the limits."""
 
     key: str
     what: str
     error: ModelError
-    judged: bool = False
+    limited: bool = False
 
 
 CASES = (
@@ -91,26 +91,26 @@ def rows(seeds: int, progress: Progress) -> list[Row]:
 @cache
 def cycle_run(key: str, mode: int, adapt: bool) -> tuple[ErrorRun, CycleCourse]:
     """The limit cycle under the error of this case, k = `mode`."""
-    law = limit_cycle_controller(mode)
+    published = limit_cycle_controller(mode)
     parameters = ModalLimitCycleParameters(mode=mode + 1, adapt=adapt)
-    controller, estimators = (parameters.adaptive(), Estimators(ARM, ARM.name)) if adapt else (law, None)
-    run = run_with_error(ARM, controller, start(law), BY_KEY[key].error, DURATION, estimators)
-    return run, in_modes(law, run)
+    controller, estimators = (parameters.adaptive(), Estimators(ARM, ARM.name)) if adapt else (published, None)
+    run = run_with_error(ARM, controller, start(published), BY_KEY[key].error, DURATION, estimators)
+    return run, in_modes(published, run)
 
 
 def _cycle_rows(case: Case, mode: int) -> list[Row]:
-    judged = {}
+    largest = {}
     for adapt in (False, True):
         run, course = cycle_run(case.key, mode, adapt)
         late = run.time >= FROM
-        judged[adapt] = [float(np.abs(each[late]).max()) if run.finished else np.nan
+        largest[adapt] = [float(np.abs(each[late]).max()) if run.finished else np.nan
                          for each in (course.H, course.leak)]  # fmt: skip
     at, words = f"6.errors.{case.key}.mode{mode + 1}", f"{case.what}, mode {mode + 1}"
-    limits = (NOMINAL_H if case.key == "nominal" else H_LIMIT, LEAK_LIMIT) if case.judged else (None, None)
+    limits = (NOMINAL_H if case.key == "nominal" else H_LIMIT, LEAK_LIMIT) if case.limited else (None, None)
     names = (("H", OFF), ("leak", LEAK))
     return [
         Row(f"{at}.{name}", f"{words}; published controller {printed:.3g}", quantity, None, ours, limit, SETTINGS)
-        for (name, quantity), printed, ours, limit in zip(names, judged[False], judged[True], limits, strict=True)
+        for (name, quantity), printed, ours, limit in zip(names, largest[False], largest[True], limits, strict=True)
     ]
 
 
