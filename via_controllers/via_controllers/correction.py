@@ -43,7 +43,7 @@ class Correction:
 
 @dataclass(frozen=True)
 class CorrectionRule:
-    """The rule. Raises ParameterError for a time or standard deviation that is not positive, or bounds without 0 between."""
+    """The rule. Raises ParameterError for a time or standard deviation <= 0, or for bounds without 0 between them."""
 
     time: float  # T [s]
     fallback_time: float  # T_fallback [s]
