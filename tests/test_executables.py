@@ -55,6 +55,7 @@ NEEDS = {
     "estimator_bank": Needs((f"device:={DEVICE.name}",), samples=True),
     "gap_monitor": Needs((f"device:={DEVICE.name}",)),
     "simulator": Needs((f"device:={DEVICE.name}",)),
+    "payload": Needs(("arm:=reference_2dof",)),
     "arm_simulator": Needs(("arm:=reference_2dof",)),
     "modal_limit_cycle": Needs(("arm:=reference_2dof", "equilibrium:=[0.3, 0.9]")),
     **dict.fromkeys(("bang_bang_joint", "equilibrium_preset"), Needs((f"device:={DEVICE.name}",), samples=True)),

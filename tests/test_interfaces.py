@@ -8,7 +8,7 @@ import pytest
 from via_core.status import Status
 from via_interfaces import action, msg, srv
 
-WITH_STATUS = ["StiffnessEstimate", "DampingEstimate", "MotorEstimate", "GapStatus"]
+WITH_STATUS = ["StiffnessEstimate", "DampingEstimate", "MotorEstimate", "PayloadEstimate", "GapStatus"]
 EXPECTED = {*WITH_STATUS, "ControlState", "JointReference", "VsaCommand", "Effect", "EffectHypothesis", "SiteShare"}
 
 
@@ -40,7 +40,7 @@ def test_all_interface_files_are_built():
 
 def test_every_field_is_documented_and_every_number_has_a_unit(root):
     files = sorted((root / "via_interfaces").glob("*/*.*"))
-    assert len(files) == 16
+    assert len(files) == 17
     for path in files:
         for line in path.read_text(encoding="utf-8").splitlines():
             field = re.match(r"([\w/\[\]]+)\s+(\w+)\s*(#.*)?$", line)

@@ -32,6 +32,7 @@ setup(
         "console_scripts": [
             "estimator = via_estimators.nodes.estimator:main",
             "estimator_bank = via_estimators.nodes.estimator:bank",
+            "payload = via_estimators.nodes.payload:main",
             *(f"{method} = via_estimators.nodes.single:{method}" for method in methods()),
         ]
     },

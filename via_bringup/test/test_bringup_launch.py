@@ -13,11 +13,13 @@ from typing import Any
 
 import pytest
 import yaml
-from via_bringup.demo.reference import MOTORS, damped_arm, wall_scene
+from via_bringup.demo.reference import ARM, MOTORS, damped_arm, wall_scene
 from via_bringup.demo.scenes import START_AT, WALL_AT
 from via_controllers.arm_methods import BangBangParameters, HoppingParameters, ModalLimitCycleParameters
 from via_controllers.joint_methods import ExcitationParameters, MaxVelocityParameters
+from via_core.devices import load_device
 from via_estimators.nodes.estimator import BankParameters, EstimatorParameters
+from via_estimators.nodes.payload import PayloadNodeParameters
 from via_gap.run.monitor import MonitorParameters
 from via_ros.nodes.player import Parameters as PlayerParameters
 from via_ros.nodes.recorder import Parameters as RecorderParameters
@@ -48,6 +50,7 @@ PARAMETERS = {
 OWN = {  # parameter classes of the executables in launch files
     **{executable: kind for each in PARAMETERS.values() for executable, kind in each.items()},
     "estimator_bank": BankParameters,
+    "payload": PayloadNodeParameters,
     "player": PlayerParameters,
     "recorder": RecorderParameters,
 }
@@ -153,6 +156,19 @@ def test_every_node_is_an_installed_executable(file, described):
         package, executable = node.options["package"], node.options["executable"]
         assert any(script.startswith(f"{executable} = {package}.nodes.") for script in console_scripts(package))
         assert node.options["output"] == "screen"
+
+
+def test_adapt_starts_the_estimators_of_payload_and_joints(described, monkeypatch):
+    monkeypatch.setattr(Context, "__init__", lambda self, declared: adapting(self, declared))
+
+    def adapting(context, declared):
+        dict.__init__(context, {each.args[0]: each.options.get("default_value") for each in declared}, adapt="true")
+        context.read = []
+
+    nodes = of(described(PACKAGE / "launch" / "limit_cycle.launch.py"), Node)
+    given = {node.options["executable"]: node.options["parameters"][-1] for node in nodes}
+    assert given["payload"] == {"arm": "reference_4dof"} and given["arm_simulator"]["listeners"] == 3
+    assert [load_device(name).name for name in given["estimator"]["devices"]] == list(ARM.joints)
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)

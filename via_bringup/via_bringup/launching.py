@@ -22,6 +22,11 @@ def number(name: str) -> ParameterValue:
     return ParameterValue(LaunchConfiguration(name), value_type=float)
 
 
+def flag(name: str) -> ParameterValue:
+    """Value of a launch argument, true or false, as a boolean parameter."""
+    return ParameterValue(LaunchConfiguration(name), value_type=bool)
+
+
 def if_equal(name: str, value: str) -> IfCondition:
     """Condition that a launch argument has this value."""
     return IfCondition(PythonExpression(["'", LaunchConfiguration(name), f"' == '{value}'"]))

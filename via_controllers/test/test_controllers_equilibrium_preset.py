@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 from via_controllers.contract import JointSample
-from via_controllers.joints.equilibrium_preset import LARGEST_FACTOR, EquilibriumPreset
+from via_controllers.correction import LARGEST_FACTOR
+from via_controllers.joints.equilibrium_preset import EquilibriumPreset
 from via_controllers.joints.motor_references import MotorReferences, UnreachableError, resting
 from via_core.devices import load_device
 from via_core.errors import ParameterError
@@ -169,9 +170,16 @@ def at_rest(controller, wanted=6.0):
 
 def with_estimates(controller, state, ratio, seconds, status=Status.OK, sd=0.0):
     """The state after estimates at 1 kHz of `ratio` times the model's stiffness."""
-    for tick in range(1, round(1000 * seconds)):
+    for _ in range(1, round(1000 * seconds)):
         value = ratio * float(DEVICE.stiffness(state.q, state.theta))
-        state = controller.with_estimate(state, 1e-3 * tick, status, value, sd * value)
+        state = controller.with_estimate(state, state.time, status, value, sd * value)
+        state, _ = controller.step(state, JointSample(state.time + 1e-3, 0.0, np.array(state.theta)))
+    return state
+
+
+def without_estimates(controller, state, seconds):
+    for _ in range(round(1000 * seconds)):
+        state, _ = controller.step(state, JointSample(state.time + 1e-3, 0.0, np.array(state.theta)))
     return state
 
 
@@ -192,6 +200,21 @@ def test_bad_estimates_change_nothing_and_uncertain_ones_little():
     assert with_estimates(controller, at_rest(controller), np.nan, 1.0).factor == 1.0
     sure, unsure = (with_estimates(controller, at_rest(controller), 1.15, 1.0, sd=s).factor for s in (0.0, 0.3))
     assert 1.0 < unsure < 1.0 + 0.2 * (sure - 1.0)
+
+
+@pytest.mark.parametrize("status", [None, *(each for each in Status if each != Status.OK)])
+def test_without_an_estimate_that_is_ok_the_spring_laws_of_the_file_return(status):
+    controller = replace(EquilibriumPreset.from_device(DEVICE), correction_time=0.2, fallback_time=0.3)
+    state = with_estimates(controller, at_rest(controller), 1.15, 2.0)
+    assert state.factor == pytest.approx(1.15, rel=1e-3)
+    if status is None:
+        after = without_estimates(controller, state, 0.9)  # a killed estimator
+    else:
+        after = with_estimates(controller, state, 1.5, 0.9, status)
+    silence = 0.1 if status is None else 0.0
+    assert np.log(after.factor) == pytest.approx(np.exp(-(0.9 - silence) / 0.3) * np.log(1.15), rel=0.02)
+    end = without_estimates(controller, after, 6.5)
+    assert end.factor == 1.0 and end.target == pytest.approx(at_rest(controller).target, abs=1e-3)
 
 
 def test_the_correction_of_a_wrong_estimate_is_bounded():

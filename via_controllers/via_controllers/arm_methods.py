@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import log
+from typing import Any
 
 import numpy as np
 from via_core.hopper import JOINTS, Hopper
@@ -10,11 +12,13 @@ from via_core.parameters import parameter
 from via_core.signals import Array
 from via_core.vsa_arms import load_vsa_arm
 
+from via_controllers.arms.adaptive_limit_cycle import AdaptiveLimitCycle
 from via_controllers.arms.bang_bang import ModalBangBang
 from via_controllers.arms.modal_limit_cycle import ModalLimitCycle
 from via_controllers.arms.modal_limit_cycle_vsa import VsaModalLimitCycle
 from via_controllers.arms.motor_pd import MotorPd
 from via_controllers.arms.self_start import START
+from via_controllers.correction import LARGEST_FACTOR, CorrectionRule
 from via_controllers.robot import ControlledArm, ControllerParameters, joint_values
 from via_controllers.supervision.arm_limits import ArmLimits
 from via_controllers.supervision.arm_supervision import Supervisor
@@ -22,7 +26,7 @@ from via_controllers.supervision.arm_supervision import Supervisor
 
 @dataclass(frozen=True)
 class ModalLimitCycleParameters(ControllerParameters):
-    """Of `modal_limit_cycle_vsa`.
+    """Of `modal_limit_cycle_vsa`, and with `adapt` of `adaptive_limit_cycle`, whose node subscribes to estimates.
 
     The default `level` suits the soft modes of reference_4dof. Modes 3 and 4 need a tenth of it or less: otherwise the
     motors stay at their limits and no limit cycle develops.
@@ -39,8 +43,34 @@ class ModalLimitCycleParameters(ControllerParameters):
         START, "shift of the rest position that starts the motion, over the amplitude; 0: wait for a push", "-", (0, 1)
     )
     bandwidth: float = parameter(100.0, "omega_tau of the spring torque control", "rad/s", (1.0, 1e4))
+    adapt: bool = parameter(False, "correct payload and springs of the model by estimators")
+    correction_time: float = parameter(0.5, "T, time constant of the correction", "s", (1e-2, 1e4))
+    fallback_time: float = parameter(
+        1.0, "time constant at which the correction ends while an estimator is not OK", "s", (1e-2, 1e6)
+    )
+    trusted_deviation: float = parameter(
+        0.1, "S, relative standard deviation at which a stiffness estimate has half weight", "-", (1e-3, 10.0)
+    )
+    trusted_payload: float = parameter(
+        0.2, "S, standard deviation at which a payload estimate has half weight", "kg", (1e-6, 1e3)
+    )
+    heaviest: float = parameter(5.0, "largest payload that the model is corrected for", "kg", (0.0, 1e3))
+
+    def adaptive(self) -> AdaptiveLimitCycle:
+        """The controller that corrects its model; raises ParameterError or DeviceError."""
+        times, scale = (self.correction_time, self.fallback_time), log(LARGEST_FACTOR)
+        return AdaptiveLimitCycle(
+            self.controller(),
+            CorrectionRule(*times, self.trusted_payload, 0.0, self.heaviest),
+            CorrectionRule(*times, self.trusted_deviation, -scale, scale),
+        )
 
     def build(self) -> ControlledArm:
+        controller: Any = self.adaptive() if self.adapt else self.controller()
+        return ControlledArm.with_holding(load_vsa_arm(self.arm), controller)
+
+    def controller(self) -> VsaModalLimitCycle:
+        """The controller with the model of the file; raises ParameterError or DeviceError."""
         arm = load_vsa_arm(self.arm)
         stiffness = self.stiffness or tuple(arm.spring_state(np.zeros(arm.n))[1])
         own = {
@@ -49,8 +79,7 @@ class ModalLimitCycleParameters(ControllerParameters):
             "stiffness": np.diag(joint_values("stiffness", stiffness, arm)),
             "mode": self.mode - 1,
         }
-        cycle = ModalLimitCycle(**self.shared(ModalLimitCycle) | own)
-        return ControlledArm.with_holding(arm, VsaModalLimitCycle(cycle, self.bandwidth))
+        return VsaModalLimitCycle(ModalLimitCycle(**self.shared(ModalLimitCycle) | own), self.bandwidth)
 
 
 @dataclass(frozen=True)

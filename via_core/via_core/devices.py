@@ -202,6 +202,7 @@ def device_names() -> tuple[str, ...]:
 def load_device(name_or_path: str | Path) -> Device:
     """The shipped device of that name, or the device of a YAML file.
 
+    'reference_4dof:elbow' is a joint of an arm: its name, or the path of its YAML, and the name of the joint.
     'elbow=qbmove_a' is the device qbmove_a named elbow, with joint names and topics to match, so that one file serves
     several joints of an arm. Names listed under `wire` in the file stay.
     Raises DeviceError: no such device, unreadable file, bad YAML, or an invalid key or value.
@@ -209,6 +210,11 @@ def load_device(name_or_path: str | Path) -> Device:
     renamed = re.fullmatch(r"([a-z][a-z0-9_]*)=(.+)", name_or_path) if isinstance(name_or_path, str) else None
     if renamed:
         return load_device(renamed[2]).model_copy(update={"name": renamed[1]})
+    of_arm = re.fullmatch(r"(.+):([a-z][a-z0-9_]*)", name_or_path) if isinstance(name_or_path, str) else None
+    if of_arm:
+        from via_core.arm_joints import arm_joint  # imports pinocchio
+
+        return arm_joint(of_arm[1], of_arm[2])
     if isinstance(name_or_path, Path) or re.search(r"[/\\]|\.ya?ml$", name_or_path):
         where, shown = Path(name_or_path), str(name_or_path)
     else:

@@ -12,6 +12,7 @@ rotors contribute the kinetic energy of their own spin only. Rigid bodies by pin
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
@@ -50,23 +51,23 @@ class VsaArmFile(Described, ArmFile):
 
 
 @njit(cache=True, error_model="numpy")
-def _springs(kinds: Array, c: Array, phi: Array, presets: Array, out: Array) -> None:
+def _springs(kinds: Array, c: Array, scale: Array, phi: Array, presets: Array, out: Array) -> None:
     """Torque, stiffness and stiffness slope of every joint into out (3, n)."""
     for i in range(phi.size):
-        out[0, i] = spring_torque(kinds[i], c[i], phi[i], presets[i])
-        out[1, i] = spring_stiffness(kinds[i], c[i], phi[i], presets[i])
-        out[2, i] = spring_stiffness_slope(kinds[i], c[i], phi[i], presets[i])
+        out[0, i] = scale[i] * spring_torque(kinds[i], c[i], phi[i], presets[i])
+        out[1, i] = scale[i] * spring_stiffness(kinds[i], c[i], phi[i], presets[i])
+        out[2, i] = scale[i] * spring_stiffness_slope(kinds[i], c[i], phi[i], presets[i])
 
 
 @njit(cache=True, error_model="numpy")
 def _rates(
-    kinds: Array, c: Array, presets: Array, inertia: Array, friction: Array, link_friction: Array, x: Array, tau: Array,
-    load: Array, out: Array,
+    kinds: Array, c: Array, scale: Array, presets: Array, inertia: Array, friction: Array, link_friction: Array,
+    x: Array, tau: Array, load: Array, out: Array,
 ) -> Array:  # fmt: skip
     """Rates of a state x (4, n) into out (4, n), except qdd; the torques (n,) [N m] on the links."""
     links = np.empty(tau.size)
     for i in range(tau.size):
-        tau_e = spring_torque(kinds[i], c[i], x[0, i] - x[2, i], presets[i])
+        tau_e = scale[i] * spring_torque(kinds[i], c[i], x[0, i] - x[2, i], presets[i])
         out[0, i], out[2, i] = x[1, i], x[3, i]
         out[3, i] = (tau[i] + tau_e - friction[i] * x[3, i]) / inertia[i]
         links[i] = load[i] - tau_e - link_friction[i] * x[1, i]
@@ -111,6 +112,7 @@ class VsaArm:
     link_friction   Dq [N m s/rad]
     torque_limit    [N m], infinite where unknown
     speed_limit     [rad/s], infinite where unknown
+    spring_scale    spring torques over those of `springs` [-]; empty: 1
 
     Not thread-safe: the arm owns the workspace of pinocchio.
     """
@@ -125,6 +127,7 @@ class VsaArm:
     link_friction: Array
     torque_limit: Array
     speed_limit: Array
+    spring_scale: Array = field(default_factory=lambda: np.ones(0))
     _data: pinocchio.Data = field(init=False, repr=False)
     _kinds: Array = field(init=False, repr=False)
     _rows: Array = field(init=False, repr=False)
@@ -138,7 +141,10 @@ class VsaArm:
             raise ParameterError(f"model has {self.model.nv} velocities and {self.model.nq} angles for {n} springs")
         if not self.model.existFrame(self.tip):
             raise ParameterError(f"tip: no frame '{self.tip}'")
-        for name in ("presets", "motor_inertia", "motor_friction", "link_friction", "torque_limit", "speed_limit"):
+        if not len(self.spring_scale):
+            object.__setattr__(self, "spring_scale", np.ones(n))
+        vectors = ("motor_inertia", "motor_friction", "link_friction", "torque_limit", "speed_limit", "spring_scale")
+        for name in ("presets", *vectors):
             values = locked(getattr(self, name), name)
             if values.shape != (n,) or np.isnan(values).any():
                 raise ParameterError(f"{name} must hold {n} numbers, got {values}")
@@ -152,6 +158,19 @@ class VsaArm:
         object.__setattr__(self, "_stops", locked([spring.max_deflection for spring in self.springs], "stops"))
         object.__setattr__(self, "_along", tuple(np.eye(n)))
         object.__setattr__(self, "_rows", np.array([spring.coefficients() for spring in self.springs]))
+
+    def corrected(self, payload: float, spring_scale: Array) -> VsaArm:
+        """This arm with a point mass `payload` [kg] at the tip, its spring torques times `spring_scale` (n,) [-].
+
+        For controllers that correct their model while they run: arguments are not checked, and the arm shares the
+        workspace of this one.
+        """
+        arm, model, frame = copy(self), self.model.copy(), self.model.frames[self._tip]
+        point = pinocchio.Inertia(payload, frame.placement.translation, np.zeros((3, 3)))
+        model.inertias[frame.parentJoint] = model.inertias[frame.parentJoint] + point
+        object.__setattr__(arm, "model", model)
+        object.__setattr__(arm, "spring_scale", locked(self.spring_scale * spring_scale, "spring_scale"))
+        return arm
 
     @property
     def n(self) -> int:
@@ -235,7 +254,7 @@ class VsaArm:
     def spring_state(self, deflection: Array) -> tuple[Array, Array, Array]:
         """tau_e [N m], sigma [N m/rad] and d sigma/d phi [N m/rad^2] at `deflection` (n,) [rad], each (n,)."""
         out = np.empty((3, self.n))
-        _springs(self._kinds, self._rows, deflection, self.presets, out)
+        _springs(self._kinds, self._rows, self.spring_scale, deflection, self.presets, out)
         return out[0], out[1], out[2]
 
     def loads(self, q: Array, velocity: Array, theta: Array, motor_velocity: Array) -> tuple[Array, Array]:
@@ -245,7 +264,7 @@ class VsaArm:
 
     def deflection(self, spring_torque: Array) -> Array:
         """phi (n,) [rad] with spring torques tau_e (n,) [N m]. Raises ParameterError where there is none."""
-        each = zip(self.springs, spring_torque, self.presets, strict=True)
+        each = zip(self.springs, spring_torque / self.spring_scale, self.presets, strict=True)
         return np.array([spring.inverse(float(torque), float(preset)) for spring, torque, preset in each])
 
     def accelerations(
@@ -259,8 +278,8 @@ class VsaArm:
         """Time derivative (4, n) of `state`, rows q, qd, theta, thd [rad, rad/s]; torques as in `accelerations`."""
         out = np.empty_like(state)
         links = _rates(
-            self._kinds, self._rows, self.presets, self.motor_inertia, self.motor_friction, self.link_friction,
-            state, torque, external, out,
+            self._kinds, self._rows, self.spring_scale, self.presets, self.motor_inertia, self.motor_friction,
+            self.link_friction, state, torque, external, out,
         )  # fmt: skip
         out[1] = pinocchio.aba(self.model, self._data, state[0], state[1], links)
         return out
@@ -296,6 +315,11 @@ class VsaArm:
 def vsa_arm_names() -> tuple[str, ...]:
     """Names of the shipped arms, sorted."""
     return arm_names("vsa_arms")
+
+
+def arm_file(name_or_path: str | Path) -> VsaArmFile:
+    """Contents of the file of a shipped arm, or of the arm of a YAML file. Raises DeviceError."""
+    return read_arm(VsaArmFile, "vsa_arms", name_or_path)[1]
 
 
 def load_vsa_arm(name_or_path: str | Path) -> VsaArm:

@@ -171,6 +171,7 @@ class RowReader:
     wanted     device and columns after time of each row, e.g. ('q', 'theta_1', 'tau_1', 'theta_2', 'tau_2')
     rows       (1, 1 + k) each, of a `JointReader` that wants the link of the device
     malformed  as of `JointReader`
+    origins    as of `JointReader`
     """
 
     def __init__(self, wanted: Sequence[tuple[Device, Sequence[str]]]) -> None:
@@ -184,6 +185,7 @@ class RowReader:
         ]
         self.rows = [row[None] for row in self._joints.rows]
         self.malformed = self._joints.malformed
+        self.origins = self._joints.origins
         self.read = self._joints.read  # indices of the rows updated by the contents of a JointState
 
     def forget(self, row: int) -> None:

@@ -104,7 +104,7 @@ def test_the_folder_of_recordings_goes_to_those_that_take_one(module, tmp_path):
 def test_sections_by_name():
     assert chosen([]) == SECTIONS
     assert [section.name for section in chosen(["5", "3"])] == ["5", "3"]
-    with pytest.raises(ParameterError, match="no section '8'; there are: 3, 4, 5, robot, servo, 6, 7"):
+    with pytest.raises(ParameterError, match="no section '8'; there are: 3, 4, 5, robot, servo, 6, errors, 7"):
         chosen(["8"])
 
 

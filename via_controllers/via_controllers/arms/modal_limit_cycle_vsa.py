@@ -12,12 +12,14 @@ Source: the document's Section 6.1, (107), which does not state the derivatives.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numba import njit
 from via_core.signals import Array
+from via_core.vsa_arms import VsaArm
 
 from via_controllers.arms import self_start
 from via_controllers.arms.flexibility_torque import FlexibilityState, FlexibilityTorque, TorqueReference
@@ -52,6 +54,14 @@ class VsaModalLimitCycle(ArmController[Swing]):
     def tracking(self) -> FlexibilityTorque:
         """The control of the spring torques."""
         return FlexibilityTorque(self.cycle.arm, self.bandwidth)
+
+    def on(self, arm: VsaArm) -> VsaModalLimitCycle:
+        """This controller with another model of the same arm (`VsaArm.corrected`), not validated again."""
+        other, cycle = copy(self), copy(self.cycle)
+        object.__setattr__(cycle, "arm", arm)
+        object.__setattr__(other, "cycle", cycle)
+        other.__dict__["tracking"] = FlexibilityTorque(arm, self.bandwidth)
+        return other
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:

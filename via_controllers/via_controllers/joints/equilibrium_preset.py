@@ -3,21 +3,22 @@
     theta_d from `motor_references` for the commanded angle and stiffness, approached at most at `speed`
     tau = -K_P (theta - theta_d) - K_D thd + tau_0,   tau_0,i = -tau_e,i(q_d - theta_d,i)
 
-If an estimator provides the actual stiffness, one factor r corrects the spring laws:
+If an estimator provides the actual stiffness, one factor r corrects the spring laws: x = log r follows
 
-    e = log(sigma_est / sigma_model(q, theta)),   log r' = (e - log r) / T * 1 / (1 + (s_est / (S sigma_est))^2)
+    e = log(sigma_est / sigma_model(q, theta)),   s = s_est / sigma_est
 
-The estimate is compared with the model's stiffness at the measured angles and not with the commanded stiffness: motion
-that excites the estimator changes both alike. The motors then move to where the model has the stiffness
-sigma_command / r. The standard deviation s_est sets the weight of an estimate, one half at S of its value. Only
-estimates with status OK are used; without them the correction stays constant.
+as `correction` describes, and returns to 0, the spring laws of the file, while the estimator is not OK. The estimate is
+compared with the model's stiffness at the measured angles and not with the commanded stiffness: motion that excites the
+estimator changes both alike. The motors then move to where the model has the stiffness sigma_command / r. A joint at
+rest does not excite the estimator: `fallback_time` is the time for which a correction outlasts the motion.
 A preset motor of a serial joint has no static torque here: spring laws do not include the load of the preset.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, isfinite, isnan, log, nan
+from functools import cached_property
+from math import exp, isnan, log, nan
 
 import numpy as np
 from via_core.device_parts import TorqueMotor
@@ -27,12 +28,11 @@ from via_core.signals import Array, locked
 from via_core.status import Status
 
 from via_controllers.contract import Controller, JointSample, Quantity, Torques, limited, passive, require
+from via_controllers.correction import LARGEST_FACTOR, Correction, CorrectionRule
 from via_controllers.joints.motor_references import MotorReferences, UnreachableError
 from via_controllers.low_pass import low_passed
 
-LARGEST_FACTOR = 3.0  # bound of r and of 1 / r
 NEAR = 5e-3  # relative change of r below which the motors keep their target
-LONGEST = 0.1  # [s] longest time step of the correction; after a longer gap this step is used
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,17 @@ class EquilibriumPresetState:
     target: Array  # (2,) [rad] motor angles for the command
     target_factor: float  # r [-] for which the target was computed
     reached: bool  # False: the target has the closest stiffness within reach
-    factor: float  # r [-]
-    factor_time: float  # [s] of the last estimate used, NaN before
+    correction: Correction  # of log r [-]
     time: float  # [s] of the last sample
     q: float  # [rad] at that sample
     theta: Array  # (2,) [rad] at that sample
     reference: Array  # (2,) [rad] of the motors, moving to the target
     velocity: Array  # (2,) [rad/s] of the motors, low-passed
+
+    @property
+    def factor(self) -> float:
+        """r [-], the correction factor of the spring laws."""
+        return exp(self.correction.value)
 
 
 @dataclass(frozen=True)
@@ -64,13 +68,21 @@ class EquilibriumPreset(Controller[EquilibriumPresetState]):
     torque_limit: tuple[float, float]  # [N m]
     speed: float = 2.0  # [rad/s] of the motor references
     correction_time: float = 1.0  # T [s]
+    fallback_time: float = 30.0  # [s]
     trusted_deviation: float = 0.1  # S [-]
 
     def __post_init__(self) -> None:
         pairs, numbers = ("proportional_gain", "derivative_gain", "torque_limit"), ("velocity_bandwidth", "speed")
-        for name in (*pairs, *numbers, "correction_time", "trusted_deviation"):
+        for name in (*pairs, *numbers):
             value = min(getattr(self, name)) if name in pairs else getattr(self, name)
             require(value > 0.0, f"{name} must be > 0, got {value}")
+        _ = self.rule
+
+    @cached_property
+    def rule(self) -> CorrectionRule:
+        """The rule that log r follows."""
+        limit = log(LARGEST_FACTOR)
+        return CorrectionRule(self.correction_time, self.fallback_time, self.trusted_deviation, -limit, limit)
 
     @classmethod
     def from_device(cls, device: Device, bandwidth: float = 60.0) -> EquilibriumPreset:
@@ -103,7 +115,7 @@ class EquilibriumPreset(Controller[EquilibriumPresetState]):
 
     def init(self) -> EquilibriumPresetState:
         zeros = locked(np.zeros(2), "theta")
-        return EquilibriumPresetState(nan, nan, zeros, 1.0, True, 1.0, nan, nan, nan, zeros, zeros, zeros)
+        return EquilibriumPresetState(nan, nan, zeros, 1.0, True, Correction(), nan, nan, zeros, zeros, zeros)
 
     def with_reference(
         self, state: EquilibriumPresetState, equilibrium: float, stiffness: float
@@ -129,23 +141,14 @@ class EquilibriumPreset(Controller[EquilibriumPresetState]):
     def with_estimate(
         self, state: EquilibriumPresetState, time: float, status: Status, value: float, standard_deviation: float
     ) -> EquilibriumPresetState:
-        """`state` corrected by an estimate of the device's stiffness [N m/rad] at `time` [s]."""
-        good = status == Status.OK and value > 0.0 and all(map(isfinite, (value, standard_deviation, time)))
-        if not good or isnan(state.time) or isnan(state.equilibrium):
+        """`state` with an estimate of the device's stiffness [N m/rad] at `time` [s], in the time of samples."""
+        if isnan(state.time):
             return state
         nominal = float(self.references.device.stiffness(state.q, state.theta))
-        if not nominal > 0.0:
-            return state
-        step = min(max(time - state.factor_time, 0.0), LONGEST) if isfinite(state.factor_time) else 0.0
-        weight = 1.0 / (1.0 + (standard_deviation / (self.trusted_deviation * value)) ** 2)
-        share = -np.expm1(-step * weight / self.correction_time)
-        limit = log(LARGEST_FACTOR)
-        error = min(max(log(value / nominal), -limit), limit)
-        factor = exp(log(state.factor) + share * (error - log(state.factor)))
-        state = replace(state, factor=factor, factor_time=max(time, state.factor_time) if step else time)
-        if abs(factor / state.target_factor - 1.0) <= NEAR:
-            return state
-        return self.with_reference(state, state.equilibrium, state.stiffness)
+        good = status == Status.OK and value > 0.0 and nominal > 0.0
+        ratio, relative_sd = (log(value / nominal), standard_deviation / value) if good else (0.0, 0.0)
+        usable = status if good or status != Status.OK else Status.BAD_SAMPLE
+        return replace(state, correction=self.rule.informed(state.correction, time, usable, ratio, relative_sd))
 
     def step(self, state: EquilibriumPresetState, sample: JointSample) -> tuple[EquilibriumPresetState, Torques]:
         if not sample.valid:
@@ -158,6 +161,10 @@ class EquilibriumPreset(Controller[EquilibriumPresetState]):
         state = replace(state, time=max(sample.time, state.time), q=sample.q, theta=theta, velocity=velocity)
         if isnan(state.equilibrium):
             return state, passive(2)  # no reference yet
+        state = replace(state, correction=self.rule.advanced(state.correction, state.time, step))
+        ended = state.factor == 1.0 != state.target_factor
+        if ended or abs(state.factor / state.target_factor - 1.0) > NEAR:
+            state = self.with_reference(state, state.equilibrium, state.stiffness)
         change = np.clip(state.target - state.reference, -self.speed * step, self.speed * step)
         reference = locked(state.reference + change, "reference")
         torque = (

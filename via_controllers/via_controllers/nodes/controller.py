@@ -31,9 +31,10 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
 from via_core.signals import Array
+from via_core.wire import seconds
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.conversions import Command, set_stamp
+from via_ros.conversions import Command, nanoseconds, set_stamp
 from via_ros.parameters import declare
 from via_ros.serialised import CommandBytes, JointStateDecoder
 from via_ros.spin import STEADY
@@ -167,6 +168,11 @@ class ControllerNode(LifecycleNode):
     def answered(self) -> int:
         """Number of samples answered since configuration."""
         return self._answered
+
+    def time_of(self, stamp: Any) -> float:
+        """[s] of a message's stamp in the time of samples; NaN before the first sample."""
+        origin = self._reader.origin
+        return np.nan if origin is None else seconds(nanoseconds(stamp), origin)
 
     def update(self, change: Change) -> None:
         """Apply `change` to the controller's state if the controller is active."""

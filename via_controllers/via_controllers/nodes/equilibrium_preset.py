@@ -7,8 +7,9 @@ subscribes  /<device>/reference  via_interfaces/JointReference, the new referenc
             /<device>/stiffness  via_interfaces/StiffnessEstimate, with parameter `feedback`
 
 Other topics and the lifecycle: see `controller`. /<device>/control reports the references, whether they are reached,
-and the correction factor of the spring laws. The factor is kept until the node is cleaned up. A reference out of reach
-is refused with a warning. The estimator needs motion to converge: move the reference.
+and the correction factor of the spring laws. The factor outlasts a deactivation; without an estimate with status OK it
+returns to 1 within `fallback_time`. A reference out of reach is refused with a warning. The estimator needs motion to
+converge: move the reference.
 """
 
 from __future__ import annotations
@@ -18,10 +19,8 @@ from typing import Any
 
 from via_core.errors import ViaError
 from via_core.status import Status
-from via_core.wire import seconds
 from via_interfaces.msg import JointReference, StiffnessEstimate
 from via_ros import qos
-from via_ros.conversions import nanoseconds
 
 from via_controllers.joint_axes import JointAxes
 from via_controllers.joint_methods import EquilibriumPresetParameters
@@ -41,7 +40,6 @@ class EquilibriumPresetNode(ControllerNode):
         self._controller = parameters.controller()
         # The controller restarts from here: with the latest references and the latest correction of the spring laws.
         self._start = parameters.initial(self._controller)
-        self._origin: int | None = None  # [ns] stamp of the first estimate
         device = self._controller.references.device
         inputs: list[Input] = [(JointReference, f"/{device.name}/reference", self._refer, qos.CONTROL)]
         if parameters.feedback:
@@ -55,26 +53,18 @@ class EquilibriumPresetNode(ControllerNode):
         except ViaError as error:
             self.get_logger().warning(f"reference refused: {error}")
             return
-        self.update(lambda state: _with_target(state, self._start))
+        given = (message.equilibrium, message.stiffness)
+        self.update(lambda state: self._controller.with_reference(state, *given))
 
     def _estimate(self, message: StiffnessEstimate) -> None:
-        stamp, status = nanoseconds(message.header.stamp), Status(message.status)
-        if self._origin is None:
-            self._origin = stamp
-        time = seconds(stamp, self._origin)
+        time, status = self.time_of(message.header.stamp), Status(message.status)
 
         def estimated(state: EquilibriumPresetState) -> EquilibriumPresetState:
             after = self._controller.with_estimate(state, time, status, message.value, message.standard_deviation)
-            if after.target_factor != state.target_factor:
-                self._start = replace(_with_target(self._start, after), factor=after.factor)
+            self._start = replace(
+                self._start, target=after.target, target_factor=after.target_factor, reached=after.reached,
+                correction=after.correction,
+            )  # fmt: skip
             return after
 
         self.update(estimated)
-
-
-def _with_target(state: EquilibriumPresetState, source: EquilibriumPresetState) -> EquilibriumPresetState:
-    """`state` with the references and the target of `source`."""
-    return replace(
-        state, equilibrium=source.equilibrium, stiffness=source.stiffness, target=source.target,
-        target_factor=source.target_factor, reached=source.reached,
-    )  # fmt: skip

@@ -24,6 +24,11 @@ class ArmSampleReader:
         """Number of arrays so far whose length differed from that of the names."""
         return self._reader.malformed[0]
 
+    @property
+    def origin(self) -> int | None:
+        """[ns] stamp at which the time of samples is 0; None before the first one."""
+        return self._reader.origins[0]
+
     def read(self, joints: Joints) -> tuple[int, ArmSample] | None:
         """Stamp [ns] and sample of a message; None where the message is about other joints."""
         if not self._reader.read(joints):
@@ -42,6 +47,10 @@ class JointSampleReader:
     @property
     def malformed(self) -> int:
         return self._reader.malformed[0]
+
+    @property
+    def origin(self) -> int | None:
+        return self._reader.origins[0]
 
     def read(self, joints: Joints) -> tuple[int, JointSample] | None:
         if not self._reader.read(joints):

@@ -34,6 +34,8 @@ class ArmSimulatorParameters(RobotParameters):
     link_friction: tuple[float, ...] = parameter(
         (), "viscous friction of the links [N m s/rad]; empty: as in the arm file"
     )
+    payload: float = parameter(0.0, "point mass at the tip, beyond the arm file", "kg", (0.0, 1e3))
+    spring_scale: tuple[float, ...] = parameter((), "spring torques over those of the arm file [-]; empty: 1")
 
 
 def body_of(parameters: ArmSimulatorParameters) -> ArmBody:
@@ -43,6 +45,10 @@ def body_of(parameters: ArmSimulatorParameters) -> ArmBody:
         raise ParameterError(f"parameter walls must hold {WALL} numbers per wall, got {len(numbers)}")
     if parameters.link_friction:
         arm = replace(arm, link_friction=np.array(parameters.link_friction, dtype=float))
+    scale = np.array(parameters.spring_scale or [1.0] * arm.n, dtype=float)
+    if scale.shape != (arm.n,) or not (np.isfinite(scale).all() and scale.min() > 0.0):
+        raise ParameterError(f"parameter spring_scale must hold {arm.n} numbers > 0, got {scale.tolist()}")
+    arm = arm.corrected(parameters.payload, scale)
     walls = tuple(Wall(row[:3], row[3:]) for row in numbers.reshape(-1, WALL))
     return ArmBody(arm, np.array(parameters.posture or [0.0] * arm.n, dtype=float), walls)
 

@@ -9,14 +9,14 @@ An impact that accelerates a link beyond motor speed can exceed the spring's def
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from via_bringup.demo.reference import ARM, EQUILIBRIUM
 from via_controllers.contract import ArmController, ArmSample, Quantity, Torques
 from via_controllers.supervision.arm_limits import ArmLimits
-from via_controllers.supervision.arm_supervision import Supervisor
+from via_controllers.supervision.arm_supervision import Supervised, Supervisor
 from via_controllers.supervision.hold_still import HoldStill
 from via_core.errors import ParameterError
 from via_core.signals import Array
@@ -111,12 +111,19 @@ def worst_rows(at: str, what: str, runs: list[Worst], settings: str) -> list[Row
     return [*rows, Row(f"{at}.guarded", what, quantity, None, share, None, settings)]
 
 
-def disturbed_run(seed: int, supervisor: Supervisor) -> Worst:
-    """One run of DURATION with the random numbers of `seed`."""
+def disturbed_run(
+    seed: int, supervisor: Supervisor, plant: VsaArm = ARM, duration: float = DURATION,
+    informed: Callable[[Supervised, ArmSample], Supervised] = lambda state, _: state,
+) -> Worst:  # fmt: skip
+    """One run of `duration` [s] with the random numbers of `seed`.
+
+    plant     the real arm, which the supervisor's model need not be
+    informed  the state after estimates that arrive before the controller's step
+    """
     random, arm, unknown = np.random.default_rng(seed), ARM, np.full(ARM.n, np.nan)
     q = EQUILIBRIUM + random.uniform(-POSTURE, POSTURE, arm.n)
     body = ArmState(q, random.uniform(-VELOCITY, VELOCITY, arm.n), arm.rest(q), np.zeros(arm.n))
-    ticks = round(DURATION / PERIOD)
+    ticks = round(duration / PERIOD)
     impact, held = random.integers(ticks // 8, ticks, 2)
     released = held + random.integers(20, ticks // 4)
     state, active = supervisor.init(), True
@@ -127,7 +134,7 @@ def disturbed_run(seed: int, supervisor: Supervisor) -> Worst:
         if random.random() < LOST:
             sample = ArmSample(tick * PERIOD, unknown, unknown, unknown, unknown, unknown)
         active ^= bool(random.random() < OFF)
-        state, answer = supervisor.step(state, sample, active)
+        state, answer = supervisor.step(informed(state, sample), sample, active)
         guarded += bool(answer.limited)
         velocity = body.velocity + (random.uniform(-IMPACT, IMPACT, arm.n) if tick == impact else 0.0)
         if tick == held:
@@ -136,7 +143,7 @@ def disturbed_run(seed: int, supervisor: Supervisor) -> Worst:
             hands = ()
         try:
             body = arm_step(
-                arm, ArmState(body.q, velocity, body.theta, body.motor_velocity), answer.torque,
+                plant, ArmState(body.q, velocity, body.theta, body.motor_velocity), answer.torque,
                 PERIOD, 4 if hands else 2, hands,
             )  # fmt: skip
         except ParameterError:

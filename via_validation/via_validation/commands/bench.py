@@ -65,12 +65,14 @@ def limits(
     starts: Annotated[int, typer.Option(min=1, max=100_000, help="Random runs; a thousand take ten minutes.")] = 30,
     as_rows: Json = None,
 ) -> None:
-    """Limits of an arm and of joints with random starts, impacts, holds, lost samples and a faulty controller."""
+    """Limits of an arm and of joints: random starts, impacts, holds, lost samples, faulty controllers and estimates."""
+    from via_validation.bench.adaptive_limits import adaptive_limit_rows
     from via_validation.bench.joint_limits import joint_limit_rows
     from via_validation.bench.limits import limit_rows
 
+    adaptive = adaptive_limit_rows(track(range(starts), "runs with estimates", console=errors))
     joints = joint_limit_rows(track(range(starts), "runs of joints", console=errors))
-    shown("Limits", [*limit_rows(track(range(starts), "runs of the arm", console=errors)), *joints], as_rows)
+    shown("Limits", [*limit_rows(track(range(starts), "runs of the arm", console=errors)), *adaptive, *joints], as_rows)
 
 
 @app.command()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import exp
+from typing import Protocol
 
 import numpy as np
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS
@@ -87,7 +88,14 @@ def cycling(
     return run_arm(controller.cycle.arm, controller, start(controller, share), (Phase(duration),), noise=noise)
 
 
-def in_modes(controller: VsaModalLimitCycle, run: ArmRun[Swing]) -> CycleCourse:
+class Observed(Protocol):
+    """A run with the controller's quantities."""
+
+    def quantity(self, name: str) -> Array:
+        """(N,) the quantity of this name."""
+
+
+def in_modes(controller: VsaModalLimitCycle, run: Observed) -> CycleCourse:
     """Modal quantities of a run, from the controller's quantities."""
     k, level = controller.cycle.mode, controller.cycle.level
     z = np.stack([run.quantity(f"z_{i + 1}") for i in range(controller.cycle.arm.n)], axis=1)

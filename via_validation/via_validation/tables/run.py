@@ -52,6 +52,7 @@ SECTIONS = (
     Section("robot", "A real robot: the MACCEPA-VD", "via_validation.tables.robot", recordings=True),
     Section("servo", "Servos, payload and friction that are not those of the file", "via_validation.tables.servo"),
     Section("6", "Cyclic motions of arms with flexible joints", "via_validation.tables.section6", "control"),
+    Section("errors", "Controllers of arms under model errors", "via_validation.tables.model_errors", "control"),
     Section("7", "The fastest link of a visco-elastic joint", "via_validation.tables.section7", "control"),
 )
 

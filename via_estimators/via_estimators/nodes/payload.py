@@ -1,0 +1,134 @@
+"""Node `payload`: the payload at the tip of an arm of flexible joints, from its joint states.
+
+ros2 run via_estimators payload --ros-args -p arm:=reference_4dof
+
+subscribes  /joint_states    sensor_msgs/JointState with all links and motors of the arm: angles, velocities, and the
+                             motors' efforts, the torques over the interval that ends at the stamp
+publishes   /<arm>/payload   via_interfaces/PayloadEstimate, one for each sample
+            /diagnostics     once per second of wall time
+offers      ~/reset          via_interfaces/ResetEstimator: forget all samples
+
+The method and its parameters: via_estimators.payload. Springs do not enter, so that they may differ from the file.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from via_core.parameters import parameter
+from via_core.status import Status
+from via_core.vsa_arms import load_vsa_arm
+from via_core.wire import link_name, motor_name
+from via_interfaces.msg import PayloadEstimate
+from via_interfaces.srv import ResetEstimator
+from via_ros import qos
+from via_ros.conversions import JointReader, set_stamp
+from via_ros.parameters import declare
+from via_ros.serialised import JointStateDecoder
+from via_ros.spin import STEADY, run
+
+from via_estimators.contract import Live
+from via_estimators.payload import SIGNALS, Payload, PayloadParameters
+
+REPORT = 1.0  # [s] between two diagnostics
+PLACES = {  # signal -> array of a JointState, and whether it is of the motor
+    "q": ("position", False), "q_velocity": ("velocity", False), "theta": ("position", True),
+    "theta_velocity": ("velocity", True), "tau": ("effort", True),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PayloadNodeParameters:
+    """Parameters of `payload` besides those of its method."""
+
+    arm: str = parameter("reference_4dof", "arm name or path to its YAML")
+
+
+class PayloadNode(Node):
+    """The estimator of one arm."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("payload", **options)
+        arm = load_vsa_arm(declare(self, PayloadNodeParameters).arm)
+        self._live = Live(Payload(arm, declare(self, PayloadParameters)))
+        self._live.estimator.load()
+        self._decoder = JointStateDecoder()
+        self._reader = JointReader([_wanted(arm.joints)])
+        self._broken = self._reported = 0
+        self._message = PayloadEstimate(method="payload")
+        self._message.header.frame_id = arm.name
+        self._estimates = self.create_publisher(PayloadEstimate, f"/{arm.name}/payload", qos.SAMPLES)
+        self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
+        self.create_service(ResetEstimator, "~/reset", self._reset)
+        self.create_subscription(JointState, "/joint_states", self._take, qos.SAMPLES, raw=True)
+        self.create_timer(REPORT, self._report, clock=STEADY)
+
+    def _take(self, data: bytes) -> None:
+        joints = self._decoder.decode(data)
+        if joints is None:
+            self._broken += 1
+            return
+        if not self._reader.read(joints):
+            return
+        message = self._message
+        message.status = int(self._live.take(self._reader.rows[0][None]))
+        message.value, message.standard_deviation = self._live.numbers.tolist()
+        set_stamp(message.header.stamp, joints.stamp)
+        self._estimates.publish(message)
+        message.sequence += 1
+
+    def _reset(self, _: ResetEstimator.Request, answer: ResetEstimator.Response) -> ResetEstimator.Response:
+        samples = self._live.health().samples
+        self._live.restart()
+        self._reader.origins[0] = None
+        answer.success, answer.message = True, f"{samples} samples forgotten"
+        return answer
+
+    def _report(self) -> None:
+        health, count = self._live.health(), self._message.sequence - self._reported
+        self._reported = self._message.sequence
+        malformed = self._broken + self._reader.malformed[0]
+        troubles = {
+            "no samples": count == 0,
+            "impossible payload: check signs and units of efforts, and the arm file":
+                health.status is Status.IMPLAUSIBLE,
+            "bad samples": health.bad > 0, "gaps": health.gaps > 0, "malformed messages": malformed > 0,
+        }  # fmt: skip
+        problems = [text for text, present in troubles.items() if present]
+        values = {
+            "status": health.status.name, "rate [Hz]": count / REPORT, "samples": health.samples,
+            "bad samples": health.bad, "gaps": health.gaps, "malformed messages": malformed,
+        }  # fmt: skip
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
+            name=f"{self.get_name()}: {self._message.header.frame_id}",
+            message=", ".join(problems) or health.status.name,
+            hardware_id=self._message.header.frame_id,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        report = DiagnosticArray(status=[status])
+        report.header.stamp = self.get_clock().now().to_msg()
+        self._reports.publish(report)
+
+
+def _wanted(joints: tuple[str, ...]) -> tuple[tuple[str, ...], list[tuple[str, str] | None]]:
+    """Names that a message must have, and the entries of a sample in the order of `Payload.inputs`."""
+    names = {False: [link_name(joint) for joint in joints], True: [motor_name(joint, 1) for joint in joints]}
+    entries: list[tuple[str, str] | None] = []
+    for signal in SIGNALS:
+        array, of_motor = PLACES[signal]
+        entries += [(array, name) for name in names[of_motor]]
+    return (*names[False], *names[True]), entries
+
+
+main = partial(run, PayloadNode)  # the executable
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,275 @@
+"""Payload of an arm of flexible joints: the mass at its tip, from motor torques and the motion of links and motors.
+
+The equations of links and motors, (9) and (10), added joint by joint do not contain the springs:
+
+    M qdd + C qd + Dq qd + g + B thdd + D thd + F sign(thd) = tau,   Mdot = C + C'
+
+M, C and g are linear in a point mass m at the tip. With the momentum p = M qd + B thd = p_0 + m p_1
+
+    d/dt (p_0 + m p_1) = C_0' qd - Dq qd - g_0 - D thd + m (C_1' qd - g_1) - c qd - F sign(thd) + tau
+
+is multiplied by a modulating function psi and integrated by parts, so that no acceleration is needed. Joint by joint
+
+    <-p_0, psi'> - <f_0, psi> - <tau, psi> = m (<p_1, psi'> + <f_1, psi>) - c <qd, psi> - F <sign(thd), psi>
+
+with f_0 = C_0' qd - Dq qd - g_0 - D thd and f_1 = C_1' qd - g_1. Unknowns x are m and, of each joint, the viscous
+friction c of the link and the dry friction F of the motor beyond those of the arm's file. They follow from a Kalman
+filter with two equations per joint and window. The equations hold under any controller: a controller that uses the
+payload does not disturb its estimate.
+
+- The noise r_i^2 of each joint's equation is measured by its innovations.
+- A hand or a wall at the tip is a force that no mass explains: what an equation's innovations e contain besides the
+  direction a of a mass, v = (e' S^-1 e - g) / (n - 1) with g = (a' S^-1 e)^2 / (a' S^-1 a), is 1 on average. Above 1,
+  this window's noise is larger by that factor. A force lasts for many windows and is not averaged away: the share of
+  (v - 1) / (a' S^-1 a), what it may look like as a mass, that enters with m is added to the variance. A force that acts
+  on every joint as a weight does is a payload.
+- Where more than MISFIT of the torques remains unexplained, a channel is wrong or a strong force acts: IMPLAUSIBLE.
+- A payload that is picked up or put down: g has one degree of freedom. Above JUMP^2 the variance of m grows by what
+  the innovation exceeds it by.
+- A motor at rest may bear its dry friction in either direction, which is noise.
+
+Source: our own; momentum form of A. De Luca and R. Mattone, ICRA 2005 (sensorless collision detection), modulating
+functions as in the SAPHARI deliverable 'Control and estimation algorithms for VIA robots', Section 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from via_core.devices import Device
+from via_core.errors import ParameterError
+from via_core.signals import Array
+from via_core.status import BAD_SAMPLE, IMPLAUSIBLE, NOT_EXCITED, OK, WARMING_UP
+from via_core.vsa_arms import VsaArm
+
+from via_estimators import window
+from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
+from via_estimators.slots import row_of, slots
+from via_estimators.window import HEADER
+
+SIGNALS = ("q", "q_velocity", "theta", "theta_velocity", "tau")  # of each joint; effort as in `modulated_torque`
+ROWS_PER_WINDOW = 2  # as in `modulated_torque`
+ORDER = 5  # h of the modulating function w_hh
+NOISE_MEMORY = 40.0  # equations over which noise is measured
+NOISE_WEIGHT = 2.0  # equations that the declared noise counts for
+JUMP = 4.0  # standard deviations of an innovation that shows another payload
+EARLIEST = 3.0  # windows before the first estimate
+INFORMED = 0.5  # over the prior's standard deviation: no better estimate is NOT_EXCITED
+SURE = 3.0  # standard deviations beyond an impossible payload
+P = slots(
+    "length", "max_gap", "noise", "payload_deviation", "damping_deviation", "friction_deviation", "payload_drift",
+    "still", "lightest", "heaviest",
+)  # fmt: skip
+MISFIT, FADING = 0.3, 0.8  # share of the torques from which a misfit is IMPLAUSIBLE; factor on it per window
+# Samples since the last window; windows taken; time of the last one [s]; variance of m due to forces [kg^2]; share of
+# the squared torques that is not explained, the largest one, fading.
+HEAD = slots("since", "taken", "before", "forces", "misfit")
+PART = slots("momentum", "force", "unit_momentum", "unit_force", "velocity", "direction", "still", "tau")
+
+
+@dataclass(frozen=True)
+class PayloadParameters(Parameters):
+    """Parameters of `Payload`."""
+
+    window: int = parameter(200, "sampling intervals per window", "-", 20, 2000)
+    max_gap: float = parameter(0.05, "longest step between samples that keeps the window", "s", 1e-4, 10.0)
+    noise: float = parameter(0.05, "expected standard deviation of an equation's torque", "N m", 1e-9, 1e6)
+    payload_deviation: float = parameter(1.0, "standard deviation of the payload before any data", "kg", 1e-6, 1e4)
+    damping_deviation: float = parameter(0.5, "standard deviation of links' viscous friction", "N m s/rad", 1e-9, 1e4)
+    friction_deviation: float = parameter(0.5, "standard deviation of motors' dry friction", "N m", 1e-9, 1e4)
+    payload_drift: float = parameter(0.003, "change of the payload in a second", "kg", 0.0, 1e3)
+    still: float = parameter(0.01, "velocity below which a motor may be stuck", "rad/s", 0.0, 10.0)
+    lightest: float = parameter(-0.5, "least possible payload: the arm may be lighter than its file", "kg", -1e4, 0.0)
+    heaviest: float = parameter(10.0, "largest possible payload", "kg", 0.0, 1e4)
+
+
+@dataclass(frozen=True, eq=False)
+class Payload(Estimator):
+    """The payload of `arm`; one output, `payload` [kg]."""
+
+    arm: VsaArm
+    parameters: PayloadParameters = PayloadParameters()
+    _loaded: VsaArm = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_loaded", self.arm.corrected(1.0, np.ones(self.arm.n)))
+
+    @classmethod
+    def from_device(cls, device: Device) -> Payload:
+        """A payload belongs to an arm: use `Payload(arm)`."""
+        raise ParameterError(f"'{device.name}' is a joint; the payload is that of an arm")
+
+    def with_parameters(self, parameters: Parameters) -> Payload:
+        return replace(self, parameters=expect(parameters, PayloadParameters))
+
+    @cached_property
+    def inputs(self) -> tuple[str, ...]:
+        return tuple(f"{name}_{joint}" for name in SIGNALS for joint in range(1, self.arm.n + 1))
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return ("payload",)
+
+    @cached_property
+    def _constants(self) -> Array:
+        return row_of(P, self.parameters, length=self.parameters.window + 1)
+
+    def init(self) -> Array:
+        own, n, length = self.parameters, self.arm.n, self.parameters.window + 1
+        state = np.zeros(_ring_at(n) + length * (1 + PART.size * n))
+        window.start(state)
+        value, sd = window.outputs(state, 1)
+        value[0], sd[0] = 0.0, own.payload_deviation
+        _, variance, noise, weight = _filter(state, n)
+        variance[np.diag_indices(1 + 2 * n)] = np.concatenate(
+            [[own.payload_deviation**2], np.full(n, own.damping_deviation**2), np.full(n, own.friction_deviation**2)]
+        )
+        noise[:], weight[:] = own.noise**2, NOISE_WEIGHT
+        state.setflags(write=False)
+        return state
+
+    @property
+    def _advance(self) -> Kernel:
+        return self._fold_rows
+
+    def _fold_rows(self, state: Array, rows: Array, out: Array) -> int:
+        """Momentum and forces of each sample by pinocchio, then the compiled fold of one sample."""
+        status, n = BAD_SAMPLE, self.arm.n
+        for row, written in zip(rows, out, strict=True):
+            parts = self._parts(row[1:].reshape(len(SIGNALS), n))
+            status = _take(state, float(row[0]), parts, self._constants, written)
+        return status
+
+    def _parts(self, sample: Array) -> Array:
+        """(PART.size, n) of a sample (5, n)."""
+        q, v, _, w, tau = sample
+        parts = np.full((PART.size, self.arm.n), np.nan)
+        if not np.isfinite(sample).all() or np.abs(sample).max() > window.LARGEST:
+            return parts
+        arm, loaded = self.arm, self._loaded
+        momentum, force = arm.inertia(q) @ v, arm.coriolis(q, v).T @ v - arm.gravity(q)
+        heavier, pushed = loaded.inertia(q) @ v, loaded.coriolis(q, v).T @ v - loaded.gravity(q)
+        parts[PART.momentum] = momentum + arm.motor_inertia * w
+        parts[PART.force] = force - arm.link_friction * v - arm.motor_friction * w
+        parts[PART.unit_momentum], parts[PART.unit_force] = heavier - momentum, pushed - force
+        still = np.abs(w) <= self.parameters.still
+        parts[PART.velocity], parts[PART.direction], parts[PART.still] = v, np.where(still, 0.0, np.sign(w)), still
+        parts[PART.tau] = tau
+        return parts
+
+    def condition(self, state: Array) -> float:
+        """Condition number [-] of the unknowns' covariance in units of their prior."""
+        own, n = self.parameters, self.arm.n
+        variance = _filter(state, n)[1]
+        scale = np.concatenate(
+            [[own.payload_deviation], np.full(n, own.damping_deviation), np.full(n, own.friction_deviation)]
+        )
+        return float(np.linalg.cond(variance / np.outer(scale, scale)))
+
+
+@njit(cache=True, error_model="numpy")
+def _ring_at(n: int) -> int:
+    """Position of the ring buffer, after header, outputs, HEAD, x, its covariance, noise and its weight."""
+    k = 1 + 2 * n
+    return HEADER.size + 2 + HEAD.size + k + k * k + 2 * n
+
+
+@njit(cache=True, error_model="numpy")
+def _filter(state: Array, n: int) -> tuple[Array, Array, Array, Array]:
+    """Views: x (1 + 2 n,), covariance, noise r^2 (n,) [N^2 m^2] and the number of equations it was measured by (n,)."""
+    k, at = 1 + 2 * n, HEADER.size + 2 + HEAD.size
+    x, variance = state[at : at + k], state[at + k : at + k + k * k].reshape(k, k)
+    at += k + k * k
+    return x, variance, state[at : at + n], state[at + n : at + 2 * n]
+
+
+@njit(cache=True, error_model="numpy")
+def _take(state: Array, time: float, parts: Array, own: Array, out: Array) -> int:
+    """One sample with its parts (PART.size, n); writes the output row (4,) and returns the status."""
+    n, length = parts.shape[1], int(own[P.length])
+    times, columns = window.rings(state, _ring_at(n), length, parts.size)
+    row = np.empty(1 + parts.size)
+    row[0], row[1:] = time, parts.ravel()
+    entered = window.admit(state, times, row, row.size, own[P.max_gap])
+    if entered == window.SKIPPED:
+        window.answer(state, BAD_SAMPLE, out)
+        return BAD_SAMPLE
+    head = state[HEADER.size + 2 : HEADER.size + 2 + HEAD.size]
+    slot = int(state[HEADER.slot])
+    columns[:, slot] = row[1:]
+    head[HEAD.since] = 0.0 if entered == window.RESTARTED else head[HEAD.since] + 1.0
+    full = state[HEADER.filled] == length
+    if full and head[HEAD.since] >= (length - 1) // ROWS_PER_WINDOW:
+        head[HEAD.since] = 0.0
+        _window(state, times, columns.reshape(PART.size, n, length), own)
+        head[HEAD.taken] += 1.0
+    x, variance, _, _ = _filter(state, n)
+    value, sd = window.outputs(state, 1)
+    status = WARMING_UP
+    if head[HEAD.taken] >= EARLIEST:
+        passed = max(time - head[HEAD.before], 0.0)
+        value[0], sd[0] = x[0], np.sqrt(variance[0, 0] + head[HEAD.forces] + own[P.payload_drift] ** 2 * passed)
+        status = OK
+        if sd[0] > INFORMED * own[P.payload_deviation]:
+            status = NOT_EXCITED
+        elif value[0] + SURE * sd[0] < own[P.lightest] or value[0] - SURE * sd[0] > own[P.heaviest]:
+            status = IMPLAUSIBLE
+        if head[HEAD.misfit] > MISFIT**2:
+            status = IMPLAUSIBLE
+    state[HEADER.status] = status
+    window.answer(state, status, out)
+    return status
+
+
+@njit(cache=True, error_model="numpy")
+def _window(state: Array, times: Array, columns: Array, own: Array) -> None:
+    """Add the equations of the full window to the filter."""
+    n, length = columns.shape[1], times.size
+    psi, held = np.empty((3, length)), np.empty(length)
+    newest = int(state[HEADER.slot])
+    window.weigh(ORDER, times, newest, psi, held)
+    head = state[HEADER.size + 2 : HEADER.size + 2 + HEAD.size]
+    x, variance, noise, weight = _filter(state, n)
+    passed = times[newest] - head[HEAD.before] if head[HEAD.taken] > 0.0 else 0.0
+    head[HEAD.before] = times[newest]
+    variance[0, 0] += own[P.payload_drift] ** 2 * passed
+    A, y, R, torques = np.zeros((n, x.size)), np.empty(n), np.empty(n), 0.0
+    for i in range(n):
+        A[i, 0] = psi[1] @ columns[PART.unit_momentum, i] + psi[0] @ columns[PART.unit_force, i]
+        A[i, 1 + i] = -(psi[0] @ columns[PART.velocity, i])
+        A[i, 1 + n + i] = -(psi[0] @ columns[PART.direction, i])
+        torque = held @ columns[PART.tau, i]
+        y[i] = -(psi[1] @ columns[PART.momentum, i]) - psi[0] @ columns[PART.force, i] - torque
+        torques += torque**2
+        stuck = psi[0] @ columns[PART.still, i]
+        friction = x[1 + n + i] ** 2 + variance[1 + n + i, 1 + n + i]
+        R[i] = noise[i] + friction * stuck**2
+    e = y - A @ x
+    S = A @ variance @ A.T + np.diag(R)
+    weighted, along = np.linalg.solve(S, e), np.linalg.solve(S, np.ascontiguousarray(A[:, 0]))
+    information = along @ A[:, 0]
+    mass = (along @ e) / information if information > 0.0 else 0.0
+    explained = mass**2 * information
+    unexplained = (e @ weighted - explained) / max(n - 1, 1)
+    more = max(unexplained, 1.0) if n > 1 else 1.0
+    if explained > JUMP**2 * more:
+        variance[0, 0] += mass**2 - 1.0 / information
+    for i in range(n):
+        count = min(weight[i], NOISE_MEMORY)
+        noise[i] = (count * noise[i] + e[i] ** 2 * R[i] / S[i, i] * noise[i] / R[i] / more) / (count + 1.0)
+        weight[i] = count + 1.0
+        R[i] *= more
+    S = A @ variance @ A.T + np.diag(R)
+    if information > 0.0:
+        moved = min(variance[0, 0] * (A[:, 0] @ np.linalg.solve(S, np.ascontiguousarray(A[:, 0]))), 1.0)
+        head[HEAD.forces] += moved * ((more - 1.0) / information - head[HEAD.forces])
+    gain = np.linalg.solve(S, A @ variance).T
+    x += gain @ e
+    variance -= gain @ (A @ variance)
+    variance[:, :] = 0.5 * (variance + variance.T)
+    left = y - A @ x
+    share = (left @ left) / torques if torques > 0.0 else 0.0
+    head[HEAD.misfit] = max(min(share, 1.0), FADING * head[HEAD.misfit])
