@@ -39,37 +39,32 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import sqrt
+from typing import Any
 
 import numpy as np
 from numba import njit
+from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array
 from via_core.springs import SpringLaw
 from via_core.status import BAD_SAMPLE
 
-from via_estimators import interacting_models, transmissions, window
+from via_estimators import interacting_models, torque_equation, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.slots import row_of, slots
+from via_estimators.torque_equation import PHI, TAU, THETA, P, U
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
 MOST_TERMS = 6
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
 ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
+SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
+ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
-REACH = 0.025  # [windows] to each side, over which a motor's direction is measured
-QUANTUM = sqrt(12.0)  # encoder step over the standard deviation of its rounding
-# Followed by the means (n,) and the standard deviations (n,) of the prior.
-P = slots(
-    "length", "transmissions", "order", "even_terms", "memory", "max_gap", "torque_noise", "position_noise",
-    "deflection_scale", "minimum_motion", "range_margin", "truncation", "modulating_order",
-    "torque_scale_deviation", "steadiness",
-)  # fmt: skip
-U = slots("inertia", "damping", "friction", "delay")  # unknowns, followed by the coefficients of the spring law
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative.
 KEPT = slots("moved", "moving", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
-THETA, TAU, PHI = range(3)  # columns of a transmission in the ring
 
 
 @dataclass(frozen=True)
@@ -117,7 +112,7 @@ class ModulatedTorque(Estimator):
         motor, spring = transmissions.motors_of(device)[0], device.spring_laws[0]
         typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
-        known |= {"torque_scale_deviation": device.tolerances.torque_scale}
+        known |= {"torque_scale_deviation": device.tolerances.torque_scale, "window": _window_for(motor, known, device)}
         order, even = _terms_for(device.spring_laws)
         return cls(ModulatedTorqueParameters(**known, order=order, even_terms=even))
 
@@ -171,6 +166,17 @@ class ModulatedTorque(Estimator):
         return partial(_advance, self._constants)
 
 
+def _window_for(motor: TorqueMotor, known: dict[str, Any], device: Device) -> int:
+    """Sampling intervals of the shortest window in which torque noise exceeds that of the encoders five times.
+
+    A longer window delays the estimate and hides motion, a shorter one adds encoder noise through psi''. The variances
+    are proportional to c_0 torque_noise^2 / T and c_2 (B position_noise)^2 / T^5, with c_i = T^(2i+1) <psi^(i), psi^(i)>.
+    """
+    balance = motor.inertia * known["position_noise"] / known["torque_noise"]
+    span = max(SHORTEST, sqrt(balance) * (5.0 * ENERGY[1] / ENERGY[0]) ** 0.25)
+    return int(min(max(round(span * device.sensors.rate), FEWEST), MOST))
+
+
 def _terms_for(springs: tuple[SpringLaw, ...]) -> tuple[int, int]:
     """Numbers of odd and even terms that fit the spring laws to 1 % of their largest torque, plus one each."""
     share = np.linspace(-1.0, 1.0, 129)
@@ -183,26 +189,6 @@ def _terms_for(springs: tuple[SpringLaw, ...]) -> tuple[int, int]:
         if np.abs(misfit).max() <= 0.01 * largest:
             return order + 1, 0 if odd else order + 1
     return MOST_TERMS, 0 if odd else MOST_TERMS
-
-
-@njit(cache=True, error_model="numpy")
-def _power(term: int, order: int) -> int:
-    """Power of phi in a term: odd powers first, then even ones from 0."""
-    return 2 * term + 1 if term < order else 2 * (term - order)
-
-
-@njit(cache=True, error_model="numpy")
-def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array, covariance: Array) -> float:
-    """Squared stiffness [(N m/rad)^2] of the terms left out, bounded by the size of the last term without its noise.
-
-    Over the deflections visited, |phi| <= far s, a power n of phi contains 2^(1-n) far^n of the Chebyshev polynomial
-    T_n, and the Chebyshev coefficients of a smooth function decrease.
-    """
-    j = U.size + term
-    n = _power(term, order) - 1
-    size = 2.0 ** (1 - n) * far**n if n > 0 else 0.0
-    share, variance = mean[j] + width[j] * x[j], width[j] * width[j] * covariance[j, j]
-    return size * size * max(share * share - 4.0 * variance, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -229,86 +215,6 @@ def _unroll(ring: Array, oldest: int, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _friction(theta: Array, psi: Array, quantum: float) -> tuple[float, float]:
-    """<sign of the motor's velocity, psi>, and the share of the window in which that sign is not known.
-
-    The change of the angle over REACH to each side has a sign if it is at least two encoder steps; a motor that sticks
-    has none, and friction may then have any value up to its limit.
-    """
-    length = theta.size
-    reach = max(int(REACH * length), 1)
-    total = unknown = 0.0
-    for k in range(length):
-        change = theta[min(k + reach, length - 1)] - theta[max(k - reach, 0)]
-        sign = 1.0 if change > 0.0 else -1.0 if change < 0.0 else 0.0
-        if abs(change) < 2.0 * quantum:
-            sign = 0.5 * change / quantum
-        total += psi[k] * sign
-        unknown += psi[k] * (1.0 - abs(sign))
-    return total, unknown
-
-
-@njit(cache=True, error_model="numpy")
-def _fill_row(
-    par: Array, psi: Array, held: Array, late: Array, own: Array, delay: float, row: Array
-) -> tuple[float, float]:  # fmt: skip
-    """Write the modulated equation's regressors into row (n,); returns its left side and the share without direction.
-
-    own    (3, L) THETA, TAU, PHI of the window, oldest first
-    delay  [s] estimated so far
-    """
-    order, scale, quantum = int(par[P.order]), par[P.deflection_scale], par[P.position_noise] * QUANTUM
-    theta, tau, phi = own[THETA], own[TAU], own[PHI]
-    y = 0.0
-    row[:] = 0.0
-    for k in range(phi.size):
-        y += (held[k] + 0.5 * delay * delay * psi[2, k]) * tau[k]
-        row[U.inertia] += psi[2, k] * theta[k]
-        row[U.damping] -= psi[1, k] * theta[k]
-        row[U.delay] += late[k] * tau[k]
-        z = phi[k] / scale
-        weight, squared = psi[0, k] * scale, z * z
-        odd, even = weight * z, weight
-        for term in range(order):
-            row[U.size + term] -= odd / (2 * term + 1)
-            odd *= squared
-        for term in range(order, row.size - U.size - 1):
-            row[U.size + term] -= even / max(2 * (term - order), 1)
-            even *= squared
-    row[U.friction], unknown = _friction(theta, psi[0], quantum)
-    return y, unknown
-
-
-@njit(cache=True, error_model="numpy")
-def _stiffness(par: Array, mean: Array, width: Array, x: Array, phi: float, slope: Array) -> tuple[float, float]:
-    """Stiffness [N m/rad] and its derivative by phi at phi [rad]; slope (n,) = d stiffness / dx, overwritten."""
-    order, z = int(par[P.order]), phi / par[P.deflection_scale]
-    stiffness, bend = 0.0, 0.0
-    slope[: U.size], slope[x.size - 1] = 0.0, 0.0
-    for j in range(U.size, x.size - 1):
-        p = _power(j - U.size, order)
-        share = mean[j] + width[j] * x[j]
-        rise = z ** (p - 1) if p > 0 else 0.0
-        slope[j] = width[j] * rise
-        stiffness += share * rise
-        bend += share * (p - 1) * z ** (p - 2) / par[P.deflection_scale] if p > 1 else 0.0
-    return stiffness, bend
-
-
-@njit(cache=True, error_model="numpy")
-def _truncation(par: Array, mean: Array, width: Array, kept: Array, x: Array, covariance: Array) -> float:
-    """Variance of stiffness [(N m/rad)^2] due to the terms left out, of either parity."""
-    order, even = int(par[P.order]), int(par[P.even_terms])
-    if not par[P.truncation] > 0.0:
-        return 0.0
-    far = max(abs(kept[VISITED.low]), abs(kept[VISITED.high])) / par[P.deflection_scale]
-    tail = _tail(order - 1, order, far, mean, width, x, covariance)
-    if even > 1:
-        tail += _tail(order + even - 1, order, far, mean, width, x, covariance)
-    return par[P.truncation] ** 2 * tail
-
-
-@njit(cache=True, error_model="numpy")
 def _learn(
     par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, kept: Array, equation: Array,
     row: Array, direction: Array, work: Array,
@@ -317,9 +223,9 @@ def _learn(
     n, length, noise = row.size, times.size, par[P.torque_noise]
     mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
     x, covariance = interacting_models.estimate_of(equation, n)
-    y, unknown = _fill_row(par, psi, held, late, own, width[U.delay] * x[U.delay], row)
+    y, unknown = torque_equation.fill_row(par, psi, held, late, own, width[U.delay] * x[U.delay], row)
     middle = own[PHI, length // 2]
-    stiffness = _stiffness(par, mean, width, x, middle, direction)[0]
+    stiffness = torque_equation.stiffness(par, mean, width, x, middle, direction)[0]
     inertia, damping, friction = mean[:3] + width[:3] * x[:3]
     within = angles = 0.0
     for k in range(length):
@@ -354,7 +260,7 @@ def _report(
     mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
     x, covariance = interacting_models.estimate_of(equation, n)
     warming = equation[interacting_models.HEAD.taken] <= ROWS_PER_WINDOW
-    stiffness, bend = _stiffness(par, mean, width, x, phi, slope)
+    stiffness, bend = torque_equation.stiffness(par, mean, width, x, phi, slope)
     factor = par[P.torque_scale_deviation] ** 2
     if not warming:
         age = max(now - equation[interacting_models.HEAD.time], 0.0)
@@ -364,7 +270,7 @@ def _report(
     uncertain = (
         interacting_models.quadratic(covariance, slope)
         + factor * stiffness**2
-        + _truncation(par, mean, width, kept, x, covariance)
+        + torque_equation.truncation(par, mean, width, kept, x, covariance)
         + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
     )
     learning = warming or kept[KEPT.moving] > 0.0
@@ -373,7 +279,8 @@ def _report(
         found = mean[j] + width[j] * x[j]
         doubt = width[j] ** 2 * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
         transmissions.update(value, sd, at, found, sqrt(doubt), learning)
-    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2)
+    common = sd[1 + i] * sqrt(equation[interacting_models.HEAD.changing])  # springs may change for the same reason
+    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, common)
     return warming
 
 
