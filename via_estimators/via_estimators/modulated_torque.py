@@ -113,11 +113,17 @@ class ModulatedTorque(Estimator):
         typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= {"torque_scale_deviation": device.tolerances.torque_scale, "window": _window_for(motor, known, device)}
+        if device.tolerances.torque_timing > 0.0:
+            known["delay_deviation"] = device.tolerances.torque_timing
         order, even = _terms_for(device.spring_laws)
         return cls(ModulatedTorqueParameters(**known, order=order, even_terms=even))
 
     def with_parameters(self, parameters: Parameters) -> ModulatedTorque:
         return replace(self, parameters=expect(parameters, ModulatedTorqueParameters))
+
+    @property
+    def models_torque_errors(self) -> bool:
+        return True
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
@@ -279,7 +285,9 @@ def _report(
         found = mean[j] + width[j] * x[j]
         doubt = width[j] ** 2 * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
         transmissions.update(value, sd, at, found, sqrt(doubt), learning)
-    common = sd[1 + i] * sqrt(equation[interacting_models.HEAD.changing])  # springs may change for the same reason
+    # A change or a wrong torque constant may have the same cause in all transmissions.
+    change, of_scale = equation[interacting_models.HEAD.changing], par[P.torque_scale_deviation] * stiffness
+    common = sqrt(change * sd[1 + i] ** 2 + (1.0 - change) * of_scale**2)
     transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, common)
     return warming
 
