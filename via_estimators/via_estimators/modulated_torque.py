@@ -52,7 +52,7 @@ from via_core.status import BAD_SAMPLE
 from via_estimators import interacting_models, torque_equation, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.slots import row_of, slots
-from via_estimators.torque_equation import PHI, TAU, THETA, P, U
+from via_estimators.torque_equation import PHI, QUANTUM, TAU, THETA, P, U
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
@@ -111,6 +111,8 @@ class ModulatedTorque(Estimator):
         known = {**transmissions.priors_of(device), **transmissions.known_of(device)}
         motor, spring = transmissions.motors_of(device)[0], device.spring_laws[0]
         typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
+        quantum = QUANTUM * known["position_noise"]
+        known["minimum_motion"] = max(0.001 * spring.max_deflection, 3.0 * quantum)  # rounding alone reaches 2 steps
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= {"torque_scale_deviation": device.tolerances.torque_scale, "window": _window_for(motor, known, device)}
         if device.tolerances.torque_timing > 0.0:
