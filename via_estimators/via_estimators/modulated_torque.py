@@ -4,7 +4,8 @@ Source: SAPHARI deliverable, Sections 2-4. The motor equation (5), B thdd + D th
 F and a torque that is reported d late, is multiplied by a modulating function psi that vanishes with its derivatives at
 both ends of a window (Prop. 1):
 
-    <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + d <tau, psi'> - sum_p a_p <f_p(phi), psi>
+    <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + G <sat(thd / v_s), psi> + d <tau, psi'>
+                 - sum_p a_p <f_p(phi), psi>
 
 with f_p = s (phi/s)^p / p, f_0 = s, so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of
 stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned
@@ -13,7 +14,8 @@ right side is less by d^2 <tau, psi''> / 2.
 
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
 D, F and d are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change
-in time (`interacting_models`).
+in time (`interacting_models`). sat is linear within -1..1 and constant beyond: friction that builds up (presliding) or
+falls (Stribeck) with speed is a sum of F and G. Without G it would be taken for damping.
 
 There are two equations per window length. Neighbours then share so little of psi that their noise is independent (its
 correlation is .04), and still they use 91 % of the information in all samples. An equation holds in the middle of its
@@ -149,7 +151,10 @@ class ModulatedTorque(Estimator):
             own.inertia_prior, own.damping_prior, own.friction_prior, own.stiffness_prior,
         )  # fmt: skip
         width[n - 1] = 1.0
-        width[: U.size] = own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.delay_deviation
+        width[: U.size] = (
+            own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.friction_deviation,
+            own.delay_deviation,
+        )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
     def init(self) -> Array:
@@ -228,10 +233,11 @@ def _learn(
     row: Array, direction: Array, work: Array,
 ) -> None:  # fmt: skip
     """Add the equation of the present window, and its middle part to the deflections visited, which include 0."""
-    n, length, noise = row.size, times.size, par[P.torque_noise]
+    n, length, noise, dry = row.size, times.size, par[P.torque_noise], slice(U.friction, U.slow + 1)
     mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
     x, covariance = interacting_models.estimate_of(equation, n)
-    y, unknown = torque_equation.fill_row(par, psi, held, late, own, width[U.delay] * x[U.delay], row)
+    span = times[length - 1] - times[0]
+    y, unknown = torque_equation.fill_row(par, psi, held, late, own, span, width[U.delay] * x[U.delay], row)
     middle = own[PHI, length // 2]
     stiffness = torque_equation.stiffness(par, mean, width, x, middle, direction)[0]
     inertia, damping, friction = mean[:3] + width[:3] * x[:3]
@@ -241,13 +247,13 @@ def _learn(
         of_motor = inertia * psi[2, k] - damping * psi[1, k] + of_link
         within += held[k] * held[k]
         angles += of_motor * of_motor + of_link * of_link
-    any_friction = friction**2 + width[U.friction] ** 2 * covariance[U.friction, U.friction]
+    friction += mean[U.slow] + width[U.slow] * x[U.slow]
+    any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
     beside = par[P.position_noise] ** 2 * angles + unknown**2 * any_friction
     for j in range(n):
         y -= row[j] * mean[j]
         row[j] *= width[j] / noise
         direction[j] = mean[j] / width[j] + x[j] if U.size <= j < n - 1 else 0.0
-    span = times[length - 1] - times[0]
     interacting_models.take(
         equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, row, y / noise,
         within, beside / noise**2, WOBBLE * span, work,

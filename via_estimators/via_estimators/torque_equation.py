@@ -22,7 +22,8 @@ P = slots(
     "deflection_scale", "minimum_motion", "range_margin", "truncation", "modulating_order",
     "torque_scale_deviation", "steadiness",
 )  # fmt: skip
-U = slots("inertia", "damping", "friction", "delay")  # unknowns, followed by the coefficients of the spring law
+U = slots("inertia", "damping", "friction", "slow", "delay")  # followed by the coefficients of the spring law
+SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 THETA, TAU, PHI = range(3)  # columns of a transmission in the ring
 
 
@@ -48,31 +49,34 @@ def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array
 
 
 @njit(cache=True, error_model="numpy")
-def _friction(theta: Array, psi: Array, quantum: float) -> tuple[float, float]:
-    """<sign of the motor's velocity, psi>, and the share of the window in which that sign is not known.
+def _friction(theta: Array, psi: Array, quantum: float, step: float) -> tuple[float, float, float]:
+    """<sign v, psi> and <v / SLOW within -1..1, psi> of the motor's velocity v, and the share of unknown sign.
 
     The change of the angle over REACH to each side has a sign if it is at least two encoder steps; a motor that sticks
     has none, and friction may then have any value up to its limit.
     """
     length = theta.size
     reach = max(int(REACH * length), 1)
-    total = unknown = 0.0
+    total = slow = unknown = 0.0
     for k in range(length):
-        change = theta[min(k + reach, length - 1)] - theta[max(k - reach, 0)]
+        after, before = min(k + reach, length - 1), max(k - reach, 0)
+        change = theta[after] - theta[before]
+        slow += psi[k] * min(max(change / ((after - before) * step * SLOW), -1.0), 1.0)
         sign = 1.0 if change > 0.0 else -1.0 if change < 0.0 else 0.0
         if abs(change) < 2.0 * quantum:
             sign = 0.5 * change / quantum
         total += psi[k] * sign
         unknown += psi[k] * (1.0 - abs(sign))
-    return total, unknown
+    return total, slow, unknown
 
 
 @njit(cache=True, error_model="numpy")
 def fill_row(
-    par: Array, psi: Array, held: Array, late: Array, own: Array, delay: float, row: Array
+    par: Array, psi: Array, held: Array, late: Array, own: Array, span: float, delay: float, row: Array
 ) -> tuple[float, float]:  # fmt: skip
     """Write the modulated equation's regressors into row (n,); returns its left side and the share without direction.
 
+    span   [s] of the window
     own    (3, L) THETA, TAU, PHI of the window, oldest first
     delay  [s] estimated so far
     """
@@ -94,7 +98,7 @@ def fill_row(
         for term in range(order, row.size - U.size - 1):
             row[U.size + term] -= even / max(2 * (term - order), 1)
             even *= squared
-    row[U.friction], unknown = _friction(theta, psi[0], quantum)
+    row[U.friction], row[U.slow], unknown = _friction(theta, psi[0], quantum, span / (phi.size - 1))
     return y, unknown
 
 
