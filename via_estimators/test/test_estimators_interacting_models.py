@@ -19,18 +19,23 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
     for time, row, y, g in equations:
         dt = 0.0 if last is None else time - last
         last, stay = time, np.exp(-(0.0 if last is None else dt) / memory)
-        c = np.maximum(stay * mu + (1.0 - stay) * prior, models.NEVER)
-        likely = np.empty(K)
+        x_before, P_before, likely, c = x.copy(), P.copy(), np.empty(K), np.empty(K)
         for j in range(K):
-            a = stay * mu[j] / c[j]
-            mixed = a * x[j] + (1.0 - a) * mean
-            P[j] = a * (P[j] + np.outer(x[j] - mixed, x[j] - mixed)) + (1.0 - a) * (
-                covariance + np.outer(mean - mixed, mean - mixed)
-            )
-            x[j] = mixed
+            jumped = j >= models.JUMPING
+            level = models.JUMPING + j % len(models.LEVELS)  # the jump at the same noise level
+            own = 0.0 if jumped else stay * mu[j]
+            after = stay * mu[level] * prior[j] * len(models.LEVELS)
+            c[j] = max(own + after + (1.0 - stay) * prior[j], models.NEVER)
+            parts = [
+                (own, x_before[j], P_before[j]), (after, x_before[level], P_before[level]),
+                (c[j] - own - after, mean, covariance),
+            ]  # fmt: skip
+            x[j] = sum(p * each for p, each, _ in parts) / c[j]
+            P[j] = sum(p * (C + np.outer(each - x[j], each - x[j])) for p, each, C in parts) / c[j]
             if models.TRENDS[j] == 0.0:
                 x[j][-1] = P[j][-1, :] = P[j][:, -1] = 0.0
-                P[j] += min(models.WALKS[j] ** 2 * dt, models.FURTHEST) * np.outer(g, g)
+                walked = min(models.WALKS[j] ** 2 * dt, models.FURTHEST)
+                P[j] += (models.JUMP**2 if jumped else walked) * np.outer(g, g)
             else:
                 F, q = np.eye(N), models.TRENDS[j] ** 2
                 F[:, -1] += models.PERSISTENCE * (1.0 - np.exp(-dt / models.PERSISTENCE)) * g
@@ -39,7 +44,8 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
                 w = min(dt, models.PERSISTENCE, np.cbrt(3.0 * models.FURTHEST / q))
                 Q = w**3 / 3.0 * np.outer(g, g) + 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g))
                 x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * (Q + w * np.outer(unit, unit))
-            error = noise[j] * within + beside + models.WALKS[j] ** 2 * wobble * (row @ g) ** 2
+            walk = models.JUMP**2 / max(dt, wobble) if jumped else models.WALKS[j] ** 2
+            error = noise[j] * within + beside + walk * wobble * (row @ g) ** 2
             S, nu = row @ P[j] @ row + error, y - row @ x[j]
             likely[j] = np.log(c[j]) - 0.5 * (nu**2 / S + np.log(S))
             share = (noise[j] * within / S) ** 2
@@ -131,6 +137,16 @@ def test_a_changing_scale_is_followed_within_its_intervals(scale, walks):
     assert np.median(relative) < 0.05
     steady = answers[-1][2][: len(models.LEVELS)].sum()
     assert steady < 0.05 if walks else steady > 0.8
+
+
+def test_after_a_jump_the_scale_is_constant_again():
+    """The interval shrinks as fast as after the first equations: a random walk would keep it wide."""
+    given = equations(160, 1.0, lambda t: 1.0 if t < 10.0 else 1.5)
+    answers = fast(given, 0.5, 1.0, 0.0, 0.01)
+    mean, covariance, probability = answers[-1]
+    assert np.abs(mean[:3] - 0.75 * G[:3]).max() < 0.3
+    assert probability[: len(models.LEVELS)].sum() > 0.5
+    assert np.trace(covariance) < 2.0 * np.trace(answers[90][1])
 
 
 def test_a_trend_is_learnt_and_continued():
