@@ -163,7 +163,7 @@ def test_probabilities_and_covariances_stay_sound_over_rests_and_outliers():
         time += 1e4 if k % 500 == 0 else 0.1
         row, y = np.append(rng.normal(size=3), 0.0), 1e6 if k % 300 == 0 else rng.normal()
         models.take(state, N, time, MEMORY, 0.5, G, row, y, 1.0, 0.0, 0.01, work)
-        mean, covariance = models.estimate_of(state, N)
+        _, covariance = models.estimate_of(state, N)
         probability = models.models_of(state)[models.MODEL.probability]
         assert np.all(np.isfinite(state)) and probability.sum() == pytest.approx(1.0)
         assert np.linalg.eigvalsh(covariance)[0] > -1e-9 * np.trace(covariance)

@@ -142,16 +142,16 @@ class Checked(Estimator):
 
     @cached_property
     def _motors(self) -> Array:
-        """Output of the inertia, inertia of the file [kg m^2] and its squared tolerance, for each motor with one (m, 3)."""
+        """Output of the inertia, inertia of the file [kg m^2] and its squared tolerance, for each motor (m, 3)."""
         found = [name for name in self.outputs if name.startswith("motor_inertia_")]
         inertia = [getattr(self.device.motors[int(name[14:]) - 1], "inertia", np.nan) for name in found]
-        square = self.device.tolerances.motor_inertia ** 2
+        square = self.device.tolerances.motor_inertia**2
         rows = [(self.outputs.index(name), B, square) for name, B in zip(found, inertia, strict=True)]
         return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
     @cached_property
     def _owners(self) -> Array:
-        """The motor, from 0, of every output (k,) that is proportional to its torque; ALL for a sum, NONE for others."""
+        """The motor, from 0, of every output (k,) proportional to its torque; ALL for a sum, NONE for others."""
         numbers = [name.rpartition("_") for name in self.outputs]
         own = {"stiffness", "motor_inertia", "motor_damping"}
         return np.array(

@@ -183,7 +183,7 @@ def _window_for(motor: TorqueMotor, known: dict[str, Any], device: Device) -> in
     """Sampling intervals of the shortest window in which torque noise exceeds that of the encoders five times.
 
     A longer window delays the estimate and hides motion, a shorter one adds encoder noise through psi''. The variances
-    are proportional to c_0 torque_noise^2 / T and c_2 (B position_noise)^2 / T^5, with c_i = T^(2i+1) <psi^(i), psi^(i)>.
+    are proportional to c_0 torque_noise^2 / T and c_2 (B position_noise)^2 / T^5, c_i = T^(2i+1) <psi^(i), psi^(i)>.
     """
     balance = motor.inertia * known["position_noise"] / known["torque_noise"]
     span = max(SHORTEST, sqrt(balance) * (5.0 * ENERGY[1] / ENERGY[0]) ** 0.25)

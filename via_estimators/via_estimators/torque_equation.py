@@ -1,7 +1,7 @@
 """The modulated torque equation of one motor as regressors of its unknowns, and the stiffness of a spring law in them.
 
-Source and equation: `modulated_torque`. Unknowns are U, then the coefficients a_p, then the trend of `interacting_models`;
-each is its prior mean plus its prior standard deviation times x.
+Source and equation: `modulated_torque`. Unknowns are U, then the coefficients a_p, then the trend of
+`interacting_models`; each is its prior mean plus its prior standard deviation times x.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ P = slots(
 U = slots("inertia", "damping", "friction", "slow", "delay")  # followed by the coefficients of the spring law
 SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
 THETA, TAU, PHI = range(3)  # columns of a transmission in the ring
-
 
 
 @njit(cache=True, error_model="numpy")
