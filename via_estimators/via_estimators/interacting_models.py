@@ -3,8 +3,8 @@
 Source: H. A. P. Blom, Y. Bar-Shalom, The interacting multiple model algorithm for systems with Markovian switching
 coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 
-The first n - 1 unknowns x change along one direction g, which the caller renews: for a spring law, g is the law itself,
-so that what changes is its scale s. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
+The first n - 1 unknowns x change along one direction g, which the caller renews. With g the present spring
+law, what changes is its scale s. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
 a noise level and one way of changing (CHANGES): none, a random walk of s, a random walk of the trend, which decays
 with time constant PERSISTENCE, or a jump of s since the last equation. Equations arrive one at a time,
 
@@ -28,7 +28,7 @@ and a jump only, and a step costs K n^2. The rho of models without change sum to
 those that followed. That is the innovation test of this method: it has no limit to choose.
 
 Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
-a spring that changes: both explain large innovations v, and only their course tells which. Between its neighbours each
+a spring that changes: both explain large innovations v, and only their course shows which. Between its neighbours each
 model finds its noise as the mean of noise + (v^2 - S) / within, weighted by (noise within / S)^2, the inverse of that
 number's variance.
 
