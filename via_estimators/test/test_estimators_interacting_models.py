@@ -44,7 +44,7 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
                 w = min(dt, models.PERSISTENCE, np.cbrt(3.0 * models.FURTHEST / q))
                 Q = w**3 / 3.0 * np.outer(g, g) + 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g))
                 x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * (Q + w * np.outer(unit, unit))
-            walk = models.JUMP**2 / max(dt, wobble) if jumped else models.WALKS[j] ** 2
+            walk = models.JUMP**2 / max(dt, wobble, models.NEVER) if jumped else models.WALKS[j] ** 2
             error = noise[j] * within + beside + walk * wobble * (row @ g) ** 2
             S, nu = row @ P[j] @ row + error, y - row @ x[j]
             likely[j] = np.log(c[j]) - 0.5 * (nu**2 / S + np.log(S))
@@ -172,7 +172,6 @@ def test_probabilities_and_covariances_stay_sound_over_rests_and_outliers():
 def test_what_time_alone_can_add_is_bounded():
     state = np.zeros(models.size(N))
     models.start(state, N, 0.0)
-    assert models.wander(state, 1.0) == pytest.approx(
-        np.mean(np.square(models.WALKS[len(models.LEVELS) :]) + np.square(models.TRENDS[len(models.LEVELS) :]) / 3.0)
-    )
+    walks, trends = (np.square(each[len(models.LEVELS) :]) for each in (models.WALKS, models.TRENDS))
+    assert models.wander(state, 0.5) == pytest.approx(np.mean(0.5 * walks + 0.5**3 / 3.0 * trends))
     assert models.wander(state, 1e9) == models.FURTHEST

@@ -3,8 +3,8 @@
 Source: H. A. P. Blom, Y. Bar-Shalom, The interacting multiple model algorithm for systems with Markovian switching
 coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 
-The first n - 1 unknowns x change along one direction g, which the caller renews. With g the present spring
-law, what changes is its scale s. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
+The first n - 1 unknowns x change along one direction g, which the caller renews. If g is the present
+spring law, its scale s changes. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
 a noise level and one way of changing (CHANGES): none, a random walk of s, a random walk of the trend, which decays
 with time constant PERSISTENCE, or a jump of s since the last equation. Equations arrive one at a time,
 
@@ -271,7 +271,7 @@ def take(
         walk, noise = WALKS[j] ** 2, models[MODEL.noise, j]
         added = min(walk * elapsed, FURTHEST)
         if j >= JUMPING:
-            walk, added = JUMP**2 / max(elapsed, wobble), JUMP**2
+            walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
         _predict(x, P, g, elapsed, added, TRENDS[j] ** 2)
         innovation, doubt = y, 0.0
         for i in range(n):
