@@ -60,6 +60,22 @@ def record_commands(device, measured, bag):
         bag.write(device.command_topic, serialize_message(commander.numbered(stamp, command)), stamp)
 
 
+@pytest.mark.parametrize("change", ["step", "sine"])
+def test_a_spring_that_changes_is_no_fault(change):
+    """x 1.5 within a comparison, or 30 % at .5 Hz: tau is what the motor equation of the changed spring requires."""
+    t = np.arange(6000) * 1e-3
+    scale = np.where(t < 3.1, 1.0, 1.5) if change == "step" else 1.0 + 0.3 * np.sin(np.pi * t)
+    q, theta = 0.3 * np.sin(5.0 * t), np.column_stack([0.7 + 0.2 * np.sin(7.0 * t), -0.7 + 0.2 * np.sin(9.0 * t)])
+    motors, springs = MOTOR.motors, MOTOR.spring_laws
+    speed, bend = np.gradient(theta, t, axis=0), np.gradient(np.gradient(theta, t, axis=0), t, axis=0)
+    tau = np.column_stack(
+        [motors[i].inertia * bend[:, i] + motors[i].viscous_friction * speed[:, i]
+         - scale * springs[i].torque(q - theta[:, i]) for i in range(2)]
+    )  # fmt: skip
+    measured = Signals(t, {"q": q, "theta": theta, "tau": tau}, {"q": "rad", "theta": "rad", "tau": "N m"})
+    assert Status.IMPLAUSIBLE not in estimator_for(MOTOR).run(measured).status
+
+
 def recorded(device, measured, folder):
     writer = JointStateWriter(device)
     with BagWriter(folder) as bag:

@@ -2,10 +2,11 @@
 
 Motor i with a measured torque, multiplied by modulating functions (via_core.weak_form), one row per short window:
 
-    tau_i = b theta_i'' + d theta_i' + c sign(theta_i') + s load_i + e - g phi_i',    load_i = -tau_e,i(phi_i)
+    tau_i = b theta_i'' + d theta_i' + c sign(theta_i') + s(t) load_i + e - g phi_i',    load_i = -tau_e,i(phi_i)
 
 with phi_i = q - theta_i is solved by least squares with inertia b and load factor s within `device_factor` of the file,
-friction d, c >= 0, damping g >= 0 of the transmission and an offset |e| <= OFFSET of the load. What remains is compared
+friction d, c >= 0, damping g >= 0 of the transmission and an offset |e| <= OFFSET of the load. Springs may change
+during the interval: s(t) is piecewise linear with KNOTS values, each within its bounds. What remains is compared
 with the largest part of the equation,
 
     unexplained = sqrt((rss - noise) / max(|tau|^2, |b theta''|^2, |s load|^2)),
@@ -58,7 +59,9 @@ from via_core.signals import Array
 from via_core.weak_form import fill_weights
 
 VARYING = 0.2  # [-] torques that vary less than this share of their size show no course
-PARTS = 6  # unknowns of the equation: b, d, c, s, e, g
+KNOTS = 4  # values of the load factor in an interval: a sound spring may soften or stiffen within it
+FIXED = 5  # unknowns before them: b, d, c, e, g
+PARTS = FIXED + KNOTS
 
 
 @dataclass(frozen=True)
@@ -164,15 +167,18 @@ def _motor_share(
         if n >= LEAST_SAMPLES:
             weights = np.empty((3, n))
             fill_weights(ORDER, time[first : last + 1], 0, weights)
-            row = rows[count]
+            row, pull = rows[count], 0.0
             for k in range(n):
                 at = first + k
                 row[0] += weights[2, k] * angle[at]
                 row[1] -= weights[1, k] * angle[at]
                 row[2] += weights[0, k] * np.sign(angle[min(at + 1, angle.size - 1)] - angle[max(at - 1, 0)])
-                row[3] += weights[0, k] * load[at]
-                row[5] += weights[1, k] * deflection[at]
-            row[4] = 1.0
+                row[4] += weights[1, k] * deflection[at]
+                pull += weights[0, k] * load[at]
+            row[3] = 1.0
+            place = (KNOTS - 1) * (0.5 * (time[first] + time[last]) - time[0]) / (time[-1] - time[0])
+            knot = min(int(place), KNOTS - 2)
+            row[FIXED + knot], row[FIXED + knot + 1] = (knot + 1 - place) * pull, (place - knot) * pull
             wanted[count] = _of_torque(weights[0], torque, first)
             moving[count] = np.ptp(angle[first : last + 1]) > still
             short, bend = weights[0] @ weights[0], weights[2] @ weights[2]
@@ -184,23 +190,36 @@ def _motor_share(
         return 0.0, 0.0
     rows, wanted, moving = rows[:count], wanted[:count], moving[:count]
     filed = np.sqrt(low * high)  # the numbers of the file, in the middle of their bounds
-    whole = _largest(rows, wanted, filed[0], filed[3])
+    springs = np.full(KNOTS, filed[3])
+    whole = _largest(rows, wanted, filed[0], springs)
     size, clearness = _compare(rows, wanted, moving, low, high, quiet, rest[1])
-    for j in (0, 1, 2, 3, 5):
-        rows[:, j] -= rows[:, j].mean()
+    for j in range(PARTS):
+        if j != 3:
+            rows[:, j] -= rows[:, j].mean()
     wanted -= wanted.mean()
     course, course_clearness = _compare(rows, wanted, moving, low, high, quiet, rest[1])
-    varying = _largest(rows, wanted, filed[0], filed[3])
+    varying = _largest(rows, wanted, filed[0], springs)
     if course > size and course_clearness > CLEAR and varying > VARYING * VARYING * whole:
         return course, course_clearness
     return size, clearness
 
 
 @njit(cache=True, error_model="numpy")
-def _largest(rows: Array, wanted: Array, inertia: float, spring: float) -> float:
+def _load(rows: Array) -> Array:
+    """Load (n,) of the file's spring: the sum of its shares of the knots."""
+    total = np.zeros(len(rows))
+    for j in range(KNOTS):
+        total += rows[:, FIXED + j]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _largest(rows: Array, wanted: Array, inertia: float, spring: Array) -> float:
     """Square of the largest part of the equation: measured torque, inertia, load."""
-    parts = rows[:, 0] * inertia, rows[:, 3] * spring
-    return max(float(wanted @ wanted), float(parts[0] @ parts[0]), float(parts[1] @ parts[1]))
+    load = np.zeros(len(rows))
+    for j in range(KNOTS):
+        load += spring[j] * rows[:, FIXED + j]
+    return max(float(wanted @ wanted), inertia * inertia * float(np.sum(rows[:, 0] ** 2)), float(load @ load))
 
 
 @njit(cache=True, error_model="numpy")
@@ -209,22 +228,23 @@ def _compare(
 ) -> tuple[float, float]:  # fmt: skip
     """Unexplained share of rows (n, PARTS) and torques (n,), and ratio of the largest part to its noise."""
     x, below, above = np.zeros(PARTS), np.zeros(PARTS), np.zeros(PARTS)
-    below[:4], above[:4] = low, high
-    above[4] = OFFSET * low[3] * sqrt(np.mean(rows[:, 3] ** 2))
-    below[4] = -above[4]
-    above[5] = np.inf
+    below[:3], above[:3] = low[:3], high[:3]
+    below[FIXED:], above[FIXED:] = low[3], high[3]
+    above[3] = OFFSET * low[3] * sqrt(np.mean(_load(rows) ** 2))
+    below[3] = -above[3]
+    above[4] = np.inf
     used, y = rows[moving], wanted[moving]
     if len(used) >= PARTS:
         bounded_least_squares(used.T @ used, used.T @ y, below, above, x)
     else:  # at rest: springs and friction alone
-        x[:4] = np.minimum(np.maximum(np.array([0.0, 0.0, 0.0, 1.0]), low), high)
+        x[0], x[FIXED:] = low[0], 1.0
     left = wanted - rows @ x
-    largest = _largest(rows, wanted, x[0], x[3])
-    free = max(friction, x[2] + abs(x[4]), OFFSET * sqrt(largest / len(rows)))
+    largest = _largest(rows, wanted, x[0], x[FIXED:])
+    free = max(friction, x[2] + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
     for k in range(len(left)):
         if not moving[k]:
             left[k] = np.sign(left[k]) * max(abs(left[k]) - free, 0.0)
-    noise = quiet[0] + x[0] * x[0] * quiet[1] + x[3] * x[3] * quiet[2]
+    noise = quiet[0] + x[0] * x[0] * quiet[1] + np.mean(x[FIXED:] ** 2) * quiet[2]
     if largest <= 0.0:
         return 0.0, 0.0
     return sqrt(max(left @ left - noise, 0.0) / largest), sqrt(largest / max(noise, 1e-300))

@@ -52,7 +52,7 @@ def test_covariances_of_rows_on_both_sides_of_a_gap_add():
 
 @pytest.mark.parametrize(("gap", "share"), [(0.1, 0.45), (20.0, 0.0)])
 def test_forgetting_continues_during_a_gap(gap, share):
-    """A spring exchanged during the gap: after 20 s with a memory of 1 s only the leak's target remains of the old one."""
+    """A spring exchanged during the gap: after 20 s with a memory of 1 s the leak's target alone remains of it."""
     first = log(0.0, 1500, 20.0, 1)
     second = log(first[-1, 0] + gap, 500, 8.0, 2)
     estimator = ModulatedStiffness(replace(KNOWN_MOTOR, memory=1.0))

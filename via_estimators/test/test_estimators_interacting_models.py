@@ -19,18 +19,23 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
     for time, row, y, g in equations:
         dt = 0.0 if last is None else time - last
         last, stay = time, np.exp(-(0.0 if last is None else dt) / memory)
-        c = np.maximum(stay * mu + (1.0 - stay) * prior, models.NEVER)
-        likely = np.empty(K)
+        x_before, P_before, likely, c = x.copy(), P.copy(), np.empty(K), np.empty(K)
         for j in range(K):
-            a = stay * mu[j] / c[j]
-            mixed = a * x[j] + (1.0 - a) * mean
-            P[j] = a * (P[j] + np.outer(x[j] - mixed, x[j] - mixed)) + (1.0 - a) * (
-                covariance + np.outer(mean - mixed, mean - mixed)
-            )
-            x[j] = mixed
+            jumped = j >= models.JUMPING
+            level = models.JUMPING + j % len(models.LEVELS)  # the jump at the same noise level
+            own = 0.0 if jumped else stay * mu[j]
+            after = stay * mu[level] * prior[j] * len(models.LEVELS)
+            c[j] = max(own + after + (1.0 - stay) * prior[j], models.NEVER)
+            parts = [
+                (own, x_before[j], P_before[j]), (after, x_before[level], P_before[level]),
+                (c[j] - own - after, mean, covariance),
+            ]  # fmt: skip
+            x[j] = sum(p * each for p, each, _ in parts) / c[j]
+            P[j] = sum(p * (C + np.outer(each - x[j], each - x[j])) for p, each, C in parts) / c[j]
             if models.TRENDS[j] == 0.0:
                 x[j][-1] = P[j][-1, :] = P[j][:, -1] = 0.0
-                P[j] += min(models.WALKS[j] ** 2 * dt, models.FURTHEST) * np.outer(g, g)
+                walked = min(models.WALKS[j] ** 2 * dt, models.FURTHEST)
+                P[j] += (models.JUMP**2 if jumped else walked) * np.outer(g, g)
             else:
                 F, q = np.eye(N), models.TRENDS[j] ** 2
                 F[:, -1] += models.PERSISTENCE * (1.0 - np.exp(-dt / models.PERSISTENCE)) * g
@@ -39,7 +44,8 @@ def slow(equations, steadiness, within, beside, wobble, memory=MEMORY):
                 w = min(dt, models.PERSISTENCE, np.cbrt(3.0 * models.FURTHEST / q))
                 Q = w**3 / 3.0 * np.outer(g, g) + 0.5 * w**2 * (np.outer(g, unit) + np.outer(unit, g))
                 x[j], P[j] = F @ x[j], F @ P[j] @ F.T + q * (Q + w * np.outer(unit, unit))
-            error = noise[j] * within + beside + models.WALKS[j] ** 2 * wobble * (row @ g) ** 2
+            walk = models.JUMP**2 / max(dt, wobble, models.NEVER) if jumped else models.WALKS[j] ** 2
+            error = noise[j] * within + beside + walk * wobble * (row @ g) ** 2
             S, nu = row @ P[j] @ row + error, y - row @ x[j]
             likely[j] = np.log(c[j]) - 0.5 * (nu**2 / S + np.log(S))
             share = (noise[j] * within / S) ** 2
@@ -133,6 +139,16 @@ def test_a_changing_scale_is_followed_within_its_intervals(scale, walks):
     assert steady < 0.05 if walks else steady > 0.8
 
 
+def test_after_a_jump_the_scale_is_constant_again():
+    """The interval shrinks as fast as after the first equations: a random walk would keep it wide."""
+    given = equations(160, 0.1, lambda t: 1.0 if t < 10.0 else 1.5)
+    answers = fast(given, 0.5, 0.01, 0.0, 0.01)
+    mean, covariance, probability = answers[-1]
+    assert np.abs(mean[:3] - 0.75 * G[:3]).max() < 0.3
+    assert probability[: len(models.LEVELS)].sum() > 0.5
+    assert np.trace(covariance) < 4.0 * np.trace(answers[90][1])  # twice the standard deviations
+
+
 def test_a_trend_is_learnt_and_continued():
     mean, covariance, _ = fast(equations(300, 0.01, lambda t: 1.0 + 0.05 * t), 0.5, 1e-4, 0.0, 0.0)[-1]
     assert mean[-1] == pytest.approx(0.05, abs=3.0 * np.sqrt(covariance[-1, -1]))
@@ -147,7 +163,7 @@ def test_probabilities_and_covariances_stay_sound_over_rests_and_outliers():
         time += 1e4 if k % 500 == 0 else 0.1
         row, y = np.append(rng.normal(size=3), 0.0), 1e6 if k % 300 == 0 else rng.normal()
         models.take(state, N, time, MEMORY, 0.5, G, row, y, 1.0, 0.0, 0.01, work)
-        mean, covariance = models.estimate_of(state, N)
+        _, covariance = models.estimate_of(state, N)
         probability = models.models_of(state)[models.MODEL.probability]
         assert np.all(np.isfinite(state)) and probability.sum() == pytest.approx(1.0)
         assert np.linalg.eigvalsh(covariance)[0] > -1e-9 * np.trace(covariance)
@@ -156,7 +172,6 @@ def test_probabilities_and_covariances_stay_sound_over_rests_and_outliers():
 def test_what_time_alone_can_add_is_bounded():
     state = np.zeros(models.size(N))
     models.start(state, N, 0.0)
-    assert models.wander(state, 1.0) == pytest.approx(
-        np.mean(np.square(models.WALKS[len(models.LEVELS) :]) + np.square(models.TRENDS[len(models.LEVELS) :]) / 3.0)
-    )
+    walks, trends = (np.square(each[len(models.LEVELS) :]) for each in (models.WALKS, models.TRENDS))
+    assert models.wander(state, 0.5) == pytest.approx(np.mean(0.5 * walks + 0.5**3 / 3.0 * trends))
     assert models.wander(state, 1e9) == models.FURTHEST

@@ -365,7 +365,7 @@ CONSTANT = lambda t: np.ones_like(t)  # noqa: E731
     ids=["constant", ".1 % per s", ".3 % per s", "step", "30 % at .5 Hz"],
 )
 def test_a_spring_that_changes_is_followed_within_its_intervals(scale, begin, end, largest):
-    """The cases of the issue's table: coverage of at least 85 % of the 95 % intervals, error relative to the stiffness."""
+    """Drift, step and swing: coverage of at least 85 % of the 95 % intervals, error relative to the stiffness."""
     rows, truth = changing(scale)
     _, estimates = ALERT.run_rows(rows)
     value, sd = estimates.column("stiffness")

@@ -6,6 +6,10 @@ estimates that would be OK are IMPLAUSIBLE; then the estimator starts anew, beca
 Intervals without motion say nothing and prolong neither. An estimate that is impossible by itself (a negative
 stiffness, an inertia or a stiffness many times that of the file) is IMPLAUSIBLE at once.
 
+The motor inertia found is also the only evidence of a wrong torque scale that the device file does not state: all
+values are proportional to it. With inertia B +- tolerance b in the file, found B' +- sd, its most likely variance is
+max(0, (B'/B - 1)^2 - (sd/B)^2 - b^2), which is added to the relative variances of stiffness, inertia and damping.
+
 Samples are kept at no more than RATE, with the mean of the torques between them, so that a state remains small.
 """
 
@@ -13,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import sqrt
 
 import numpy as np
 from numba import njit
@@ -34,6 +39,7 @@ RATE = 250.0  # [Hz] of the samples kept
 ROOM = 1.2  # [intervals] of samples kept
 NEVER = -1e300  # [s] before every stamp
 SURE = 3.0  # [standard deviations] by which an estimate must miss its bounds
+ALL, NONE = -1, -2  # owners of an output that is a sum over the motors, or that has no motor
 # Stamp of the last sample and of the last one kept; time of the next comparison; end of the suspicion; ring position
 # and filling; 1 while implausible; time over which the torques are summed; number of the last output outside its
 # bounds, from 1, or 0.
@@ -136,12 +142,31 @@ class Checked(Estimator):
         return int(ROOM * self._interval * RATE)
 
     @cached_property
-    def _constants(self) -> tuple[Array, Array, Array, Array, float]:
-        """Masks (1 + k,) of the columns that the equations need and of averaged ones, the torques; bounds; interval."""
+    def _constants(self) -> tuple[Array, Array, Array, Array, Array, Array, float]:
+        """Masks (1 + k,) of needed columns and of averaged ones, bounds, `_motors`, `_owners`, interval [s]."""
         logged = {"theta_1"} if self.device.drive == "servo" else set()  # not part of the equation, often missing
         needed = np.array([True, *(name not in logged for name in self.inputs)])
         torques = np.array([False, *(name.startswith("tau") for name in self.inputs)])
-        return (needed, torques, *self._bounds, self._interval)
+        return (needed, torques, *self._bounds, self._motors, self._owners, self._interval)
+
+    @cached_property
+    def _motors(self) -> Array:
+        """Output of the inertia, inertia of the file [kg m^2] and its squared tolerance, for each motor (m, 3)."""
+        found = [name for name in self.outputs if name.startswith("motor_inertia_")]
+        inertia = [getattr(self.device.motors[int(name[14:]) - 1], "inertia", np.nan) for name in found]
+        square = self.device.tolerances.motor_inertia**2
+        rows = [(self.outputs.index(name), B, square) for name, B in zip(found, inertia, strict=True)]
+        return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+    @cached_property
+    def _owners(self) -> Array:
+        """The motor, from 0, of every output (k,) proportional to its torque; ALL for a sum, NONE for others."""
+        numbers = [name.rpartition("_") for name in self.outputs]
+        own = {"stiffness", "motor_inertia", "motor_damping"}
+        return np.array(
+            [ALL if name == "stiffness" else int(number) - 1 if kind in own else NONE
+             for name, (kind, _, number) in zip(self.outputs, numbers, strict=True)]
+        )  # fmt: skip
 
     @cached_property
     def _bounds(self) -> tuple[Array, Array]:
@@ -251,7 +276,7 @@ def _until(state: Array, size: int, rows: Array, at: int, needed: Array, interva
 @njit(cache=True, error_model="numpy")
 def _finish(
     state: Array, size: int, rows: Array, out: Array, needed: Array, torques: Array, low: Array, high: Array,
-    interval: float,
+    motors: Array, owners: Array, interval: float,
 ) -> bool:  # fmt: skip
     """Keep the samples of the rows and grade their estimates; returns whether a comparison is due.
 
@@ -259,6 +284,8 @@ def _finish(
     needed      (1 + k,) columns of a row without which it is skipped
     torques     (1 + k,) columns of a row that are averaged
     low, high   bounds of the outputs
+    motors      (m, 3), as `Checked._motors`
+    owners      (k,), as `Checked._owners`
     """
     width = rows.shape[1]
     head = state[size : size + HEAD.size]
@@ -267,6 +294,7 @@ def _finish(
     kept = ring.shape[0]
     due, outside = False, 0
     for k in range(rows.shape[0]):
+        _doubt(out[k], motors, owners)
         outside = _grade(out[k], head[HEAD.implausible] > 0.0, low, high)
         kind = _kind(rows[k], needed, head[HEAD.last])
         if kind == SKIPPED:
@@ -292,6 +320,23 @@ def _finish(
             head[HEAD.next], due = time + EVERY * interval, True
     head[HEAD.outside] = outside
     return due
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _doubt(row: Array, motors: Array, owners: Array) -> None:
+    """Add to the standard deviations what the motor inertias found show of a wrong torque scale."""
+    k, total = owners.size, 0.0
+    for i in range(motors.shape[0]):
+        at, inertia, tolerance = int(motors[i, 0]), motors[i, 1], motors[i, 2]
+        off, sd = row[2 + at] / inertia - 1.0, row[2 + k + at] / inertia
+        excess = off * off - sd * sd - tolerance
+        if excess > 0.0:
+            for j in range(k):
+                if owners[j] == i:
+                    row[2 + k + j] = sqrt(row[2 + k + j] ** 2 + excess * row[2 + j] ** 2)
+            total += sqrt(excess) * abs(row[3 + i])
+    if total > 0.0:
+        row[2 + k] = sqrt(row[2 + k] ** 2 + total * total)
 
 
 @njit(cache=True, error_model="numpy", inline="always")

@@ -158,6 +158,11 @@ class Estimator(ABC):
     def condition(self, state: Array) -> float:
         """Largest condition number [-] of the scaled normal equations."""
 
+    @property
+    def models_torque_errors(self) -> bool:
+        """Whether standard deviations include the tolerances of the torques' scale and timing (`torque_errors`)."""
+        return False
+
     def load(self) -> None:
         """Load every compiled function, so that no sample waits for one."""
         self.run_rows(np.full((1, 1 + len(self.inputs)), np.nan))

@@ -318,4 +318,4 @@ def report(
     transmissions.update(value, sd, 1 + i, found[E.stiffness], sqrt(found[at] + blur), learning)
     transmissions.update(value, sd, 1 + m + i, found[E.inertia], sqrt(found[at + 1]), learning)
     transmissions.update(value, sd, 1 + 2 * m + i, found[E.damping], sqrt(found[at + 2]), learning)
-    transmissions.add(joint, found[E.stiffness], sd[1 + i], found[E.slope], q_variance)
+    transmissions.add(joint, found[E.stiffness], sd[1 + i], found[E.slope], q_variance, 0.0)

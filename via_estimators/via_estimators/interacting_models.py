@@ -3,29 +3,32 @@
 Source: H. A. P. Blom, Y. Bar-Shalom, The interacting multiple model algorithm for systems with Markovian switching
 coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 
-The first n - 1 unknowns x change along one direction g, which the caller renews: for a spring law, g is the law itself,
-so that what changes is its scale s. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
-a noise level and one way of changing (CHANGES): none, a random walk of s, or a random walk of the trend, which decays
-with time constant PERSISTENCE. Equations arrive one at a time,
+The first n - 1 unknowns x change along one direction g, which the caller renews. If g is the present
+spring law, its scale s changes. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
+a noise level and one way of changing (CHANGES): none, a random walk of s, a random walk of the trend, which decays
+with time constant PERSISTENCE, or a jump of s since the last equation. Equations arrive one at a time,
 
     y = row' x + e,    variance of e = noise_j within + beside + walk_j^2 wobble (row' g)^2
 
 One step of time dt with one equation is
 
-    1. interaction   with probability 1 - e, e = exp(-dt / memory), another model holds, j with probability rho_j:
-                     c_j = e mu_j + (1 - e) rho_j,  a_j = e mu_j / c_j,  x_j <- a_j x_j + (1 - a_j) mean,
-                     P_j <- a_j (P_j + d d') + (1 - a_j) (covariance + D D'), d and D to the mixed x_j
-    2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt
+    1. interaction   with probability 1 - e, e = exp(-dt / memory), another model holds, j with probability rho_j. After
+                     a jump another change holds at once, at the same noise level l, j with probability L rho_j:
+                     c_j = own_j + after_j + (1 - e) rho_j,  own_j = e mu_j (jumps: 0),  after_j = e mu_jump(l) L rho_j,
+                     x_j <- mean of x_j, x_jump(l) and the combined mean with weights own_j, after_j, (1 - e) rho_j,
+                     P_j <- covariance of that mixture
+    2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt; a jump adds JUMP^2 = walk_j^2 dt
     3. correction    S_j = row' P_j row + variance of e, and Kalman's gain in Joseph's form
     4. probability   mu_j ~ c_j S_j^(-1/2) exp(-(y - row' x_j)^2 / (2 S_j))
     5. combination   mean and covariance of the mixture
 
 Since the model after a change does not depend on the one before, step 1 mixes each filter with the combined estimate
-only, and a step costs K n^2. The rho of models without change sum to `steadiness`, the rest share 1 - steadiness. A filter without change that missed one has lost its probability and is thereby set to the estimate of
+and a jump only, and a step costs K n^2. The rho of models without change sum to `steadiness`, the rest share
+1 - steadiness. A filter without change that missed one has lost its probability and is thereby set to the estimate of
 those that followed. That is the innovation test of this method: it has no limit to choose.
 
 Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
-a spring that changes: both explain large innovations v, and only their course tells which. Between its neighbours each
+a spring that changes: both explain large innovations v, and only their course shows which. Between its neighbours each
 model finds its noise as the mean of noise + (v^2 - S) / within, weighted by (noise within / S)^2, the inverse of that
 number's variance.
 
@@ -48,13 +51,14 @@ CHANGES = (
     (0.0, 0.0),
     (0.01, 0.0),
     (0.1, 0.0),
-    (0.3, 0.0),
-    (1.0, 0.0),
     (0.0, 0.003),
     (0.0, 0.03),
     (0.0, 0.3),
     (0.0, 1.0),
+    (0.0, 5.0),
+    (0.0, 0.0),
 )
+JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
 LEVELS = (0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
 WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)
@@ -63,10 +67,11 @@ NOISES = tuple(level**2 for _ in CHANGES for level in LEVELS)
 MODELS = len(NOISES)
 PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
 FURTHEST = 1.0  # variance of the scale that time alone can add
+JUMPING = MODELS - len(LEVELS)  # the first model of a jump, one per noise level
 NEVER = 1e-300  # probability of a model that is excluded
 KNOWN = 1.0  # weight of a model's noise level, in equations
 LEAST_NOISE = 1e-12  # of the declared variance
-HEAD = slots("taken", "time")  # equations taken; time of the last one [s]
+HEAD = slots("taken", "time", "changing")  # equations taken; time of the last one [s]; probability of a change
 MODEL = slots("probability", "noise", "weight")  # rows (K,) that follow: noise in units of the declared variance
 
 
@@ -140,25 +145,35 @@ def wander(state: Array, age: float) -> float:
 @njit(cache=True, error_model="numpy")
 def scratch(n: int) -> Array:
     """Work space of `take`, allocated once since allocations are slow."""
-    return np.empty((4, max(n, MODELS)))
+    return np.empty((5, max(n, MODELS)))
 
 
 @njit(cache=True, error_model="numpy")
-def _interact(state: Array, n: int, stay: float, steadiness: float, probable: Array, before: Array) -> None:
-    """Step 1; c_j into `probable` (K,); `before` (n,) is overwritten."""
+def _interact(
+    state: Array, n: int, stay: float, steadiness: float, probable: Array, before: Array, there: Array
+) -> None:  # fmt: skip
+    """Step 1; c_j into `probable` (K,); `before` and `there` (n,) are overwritten."""
     probability = models_of(state)[MODEL.probability]
     mean, covariance = estimate_of(state, n)
-    for j in range(MODELS):
+    for j in range(MODELS):  # the jumps last, since all read them
         x, P = _block(state, n, j + 1)
-        probable[j] = max(stay * probability[j] + (1.0 - stay) * _of_prior(j, steadiness), NEVER)
-        own = stay * probability[j] / probable[j]
-        before[:] = x
+        jump = JUMPING + j % len(LEVELS)
+        landed, cover = _block(state, n, jump + 1)
+        rho = _of_prior(j, steadiness)
+        own = stay * probability[j] if j < JUMPING else 0.0
+        after = stay * probability[jump] * rho * len(LEVELS)
+        probable[j] = max(own + after + (1.0 - stay) * rho, NEVER)
+        own, after = own / probable[j], after / probable[j]
+        rest = 1.0 - own - after
         for i in range(n):
-            x[i] = own * x[i] + (1.0 - own) * mean[i]
+            before[i], there[i] = x[i], landed[i]
+            x[i] = own * before[i] + after * there[i] + rest * mean[i]
         for i in range(n):
             for k in range(n):
-                P[i, k] = own * (P[i, k] + (before[i] - x[i]) * (before[k] - x[k])) + (1.0 - own) * (
-                    covariance[i, k] + (mean[i] - x[i]) * (mean[k] - x[k])
+                P[i, k] = (
+                    own * (P[i, k] + (before[i] - x[i]) * (before[k] - x[k]))
+                    + after * (cover[i, k] + (there[i] - x[i]) * (there[k] - x[k]))
+                    + rest * (covariance[i, k] + (mean[i] - x[i]) * (mean[k] - x[k]))
                 )
         if TRENDS[j] == 0.0:  # what this model does not assume
             x[n - 1] = 0.0
@@ -166,10 +181,9 @@ def _interact(state: Array, n: int, stay: float, steadiness: float, probable: Ar
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(x: Array, P: Array, g: Array, elapsed: float, walk: float, trend: float) -> None:
-    """Step 2: x <- F x, P <- F P F' + Q, F = [[1, moved g], [0, keep]]; `walk`, `trend` are squared rates."""
+def _predict(x: Array, P: Array, g: Array, elapsed: float, added: float, trend: float) -> None:
+    """Step 2: x <- F x, P <- F P F' + Q, F = [[1, moved g], [0, keep]]; `added` variance of s, `trend` squared rate."""
     last = x.size - 1
-    added = min(walk * elapsed, FURTHEST)
     if trend > 0.0:
         keep = exp(-elapsed / PERSISTENCE)
         steady = min(elapsed, PERSISTENCE, (3.0 * FURTHEST / trend) ** (1.0 / 3.0))  # over which the trend walks
@@ -248,14 +262,17 @@ def take(
     gain, before, probable, likely = work[0, :n], work[1, :n], work[2], work[3]
     models, elapsed = models_of(state), max(time - state[HEAD.time], 0.0) if state[HEAD.taken] > 0.0 else 0.0
     stay = exp(-elapsed / memory)
-    _interact(state, n, stay, steadiness, probable, before)
+    _interact(state, n, stay, steadiness, probable, before, work[4, :n])
     along, highest, total = 0.0, -inf, 0.0
     for i in range(n):
         along += row[i] * g[i]
     for j in range(MODELS):
         x, P = _block(state, n, j + 1)
         walk, noise = WALKS[j] ** 2, models[MODEL.noise, j]
-        _predict(x, P, g, elapsed, walk, TRENDS[j] ** 2)
+        added = min(walk * elapsed, FURTHEST)
+        if j >= JUMPING:
+            walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
+        _predict(x, P, g, elapsed, added, TRENDS[j] ** 2)
         innovation, doubt = y, 0.0
         for i in range(n):
             gain[i] = 0.0
@@ -279,4 +296,5 @@ def take(
     models[MODEL.probability] /= total
     state[HEAD.taken] += 1.0
     state[HEAD.time] = time
+    state[HEAD.changing] = models[MODEL.probability, len(LEVELS) :].sum()
     _combine(state, n)

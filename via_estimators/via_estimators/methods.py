@@ -21,6 +21,7 @@ from via_estimators.modulated_torque import ModulatedTorque
 from via_estimators.moving_horizon import MovingHorizon
 from via_estimators.residual import Residual
 from via_estimators.signal_based import SignalBased
+from via_estimators.torque_errors import with_torque_errors
 from via_estimators.unknown_input_observer import UnknownInputObserver
 from via_estimators.unscented_kalman import UnscentedKalman
 
@@ -62,9 +63,11 @@ def method_for(device: Device, method: str = "auto") -> str:
 def estimator_for(device: Device, method: str = "auto") -> Checked:
     """The estimator of that name with the device's scales and priors, and with the check of its samples (`checked`).
 
+    The tolerances of the torques' scale and timing are in its standard deviations (`torque_errors`).
     Raises ParameterError if the method does not apply.
     """
-    return Checked(METHODS[method_for(device, method)].from_device(device), device)
+    inner = METHODS[method_for(device, method)].from_device(device)
+    return Checked(with_torque_errors(inner, device), device)
 
 
 class Pair(NamedTuple):

@@ -324,7 +324,7 @@ def _advance(par: Array, r: Array, state: Array, rows: Array, out: Array) -> int
                 counted = min(equation[coloured.HEAD.taken] - length + 1.0, equation[coloured.HEAD.weight])
                 part[KEPT.squared_stiffness] += (stiffness * stiffness - part[KEPT.squared_stiffness]) / counted
             transmissions.update(value, sd, 1 + i, stiffness, sqrt(max(uncertain, 0.0)), warming or moving)
-            transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2)
+            transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, 0.0)
             inside = transmissions.inside(part, own[POWERS, slot], par[P.range_margin])
             transmissions.grade(joint, warming, moving, inside)
         transmissions.finish(joint, state, value, sd, out[k])

@@ -4,7 +4,8 @@ Source: SAPHARI deliverable, Sections 2-4. The motor equation (5), B thdd + D th
 F and a torque that is reported d late, is multiplied by a modulating function psi that vanishes with its derivatives at
 both ends of a window (Prop. 1):
 
-    <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + d <tau, psi'> - sum_p a_p <f_p(phi), psi>
+    <tau, psi> = B <theta, psi''> - D <theta, psi'> + F <sign(thd), psi> + G <sat(thd / v_s), psi> + d <tau, psi'>
+                 - sum_p a_p <f_p(phi), psi>
 
 with f_p = s (phi/s)^p / p, f_0 = s, so that sigma(phi) = sum_p a_p (phi/s)^(p-1), with a_p [N m/rad] in units of
 stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law that is not odd (springs pretensioned
@@ -13,7 +14,8 @@ right side is less by d^2 <tau, psi''> / 2.
 
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
 D, F and d are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change
-in time (`interacting_models`).
+in time (`interacting_models`). sat is linear within -1..1 and constant beyond: friction that builds up (presliding) or
+falls (Stribeck) with speed is a sum of F and G. Without G it would be taken for damping.
 
 There are two equations per window length. Neighbours then share so little of psi that their noise is independent (its
 correlation is .04), and still they use 91 % of the information in all samples. An equation holds in the middle of its
@@ -39,36 +41,31 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import sqrt
+from typing import Any
 
 import numpy as np
 from numba import njit
+from via_core.device_parts import TorqueMotor
 from via_core.devices import Device
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE
 
-from via_estimators import interacting_models, transmissions, window
+from via_estimators import interacting_models, torque_equation, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
 from via_estimators.slots import row_of, slots
-from via_estimators.spring_series import MOST_TERMS, power, tail, terms_for
+from via_estimators.spring_series import MOST_TERMS, terms_for
+from via_estimators.torque_equation import PHI, QUANTUM, TAU, THETA, P, U
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
 ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
+SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
+ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
-REACH = 0.025  # [windows] to each side, over which a motor's direction is measured
-QUANTUM = sqrt(12.0)  # encoder step over the standard deviation of its rounding
-# Followed by the means (n,) and the standard deviations (n,) of the prior.
-P = slots(
-    "length", "transmissions", "order", "even_terms", "memory", "max_gap", "torque_noise", "position_noise",
-    "deflection_scale", "minimum_motion", "range_margin", "truncation", "modulating_order",
-    "torque_scale_deviation", "steadiness",
-)  # fmt: skip
-U = slots("inertia", "damping", "friction", "delay")  # unknowns, followed by the coefficients of the spring law
 # Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative.
 KEPT = slots("moved", "moving", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
-THETA, TAU, PHI = range(3)  # columns of a transmission in the ring
 
 
 @dataclass(frozen=True)
@@ -115,13 +112,21 @@ class ModulatedTorque(Estimator):
         known = {**transmissions.priors_of(device), **transmissions.known_of(device)}
         motor, spring = transmissions.motors_of(device)[0], device.spring_laws[0]
         typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
+        quantum = QUANTUM * known["position_noise"]
+        known["minimum_motion"] = max(0.001 * spring.max_deflection, 3.0 * quantum)  # rounding alone reaches 2 steps
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
-        known |= {"torque_scale_deviation": device.tolerances.torque_scale}
+        known |= {"torque_scale_deviation": device.tolerances.torque_scale, "window": _window_for(motor, known, device)}
+        if device.tolerances.torque_timing > 0.0:
+            known["delay_deviation"] = device.tolerances.torque_timing
         order, even = terms_for(device.spring_laws)
         return cls(ModulatedTorqueParameters(**known, order=order, even_terms=even))
 
     def with_parameters(self, parameters: Parameters) -> ModulatedTorque:
         return replace(self, parameters=expect(parameters, ModulatedTorqueParameters))
+
+    @property
+    def models_torque_errors(self) -> bool:
+        return True
 
     @cached_property
     def inputs(self) -> tuple[str, ...]:
@@ -145,7 +150,10 @@ class ModulatedTorque(Estimator):
             own.inertia_prior, own.damping_prior, own.friction_prior, own.stiffness_prior,
         )  # fmt: skip
         width[n - 1] = 1.0
-        width[: U.size] = own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.delay_deviation
+        width[: U.size] = (
+            own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.friction_deviation,
+            own.delay_deviation,
+        )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
     def init(self) -> Array:
@@ -170,12 +178,15 @@ class ModulatedTorque(Estimator):
         return partial(_advance, self._constants)
 
 
-@njit(cache=True, error_model="numpy")
-def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array, covariance: Array) -> float:
-    """`spring_series.tail` of a term."""
-    j = U.size + term
-    share, variance = mean[j] + width[j] * x[j], width[j] * width[j] * covariance[j, j]
-    return tail(power(term, order) - 1, far, share, variance)
+def _window_for(motor: TorqueMotor, known: dict[str, Any], device: Device) -> int:
+    """Sampling intervals of the shortest window in which torque noise exceeds that of the encoders five times.
+
+    A longer window delays the estimate and hides motion, a shorter one adds encoder noise through psi''. The variances
+    are proportional to c_0 torque_noise^2 / T and c_2 (B position_noise)^2 / T^5, c_i = T^(2i+1) <psi^(i), psi^(i)>.
+    """
+    balance = motor.inertia * known["position_noise"] / known["torque_noise"]
+    span = max(SHORTEST, sqrt(balance) * (5.0 * ENERGY[1] / ENERGY[0]) ** 0.25)
+    return int(min(max(round(span * device.sensors.rate), FEWEST), MOST))
 
 
 @njit(cache=True, error_model="numpy")
@@ -202,97 +213,18 @@ def _unroll(ring: Array, oldest: int, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _friction(theta: Array, psi: Array, quantum: float) -> tuple[float, float]:
-    """<sign of the motor's velocity, psi>, and the share of the window in which that sign is not known.
-
-    The change of the angle over REACH to each side has a sign if it is at least two encoder steps; a motor that sticks
-    has none, and friction may then have any value up to its limit.
-    """
-    length = theta.size
-    reach = max(int(REACH * length), 1)
-    total = unknown = 0.0
-    for k in range(length):
-        change = theta[min(k + reach, length - 1)] - theta[max(k - reach, 0)]
-        sign = 1.0 if change > 0.0 else -1.0 if change < 0.0 else 0.0
-        if abs(change) < 2.0 * quantum:
-            sign = 0.5 * change / quantum
-        total += psi[k] * sign
-        unknown += psi[k] * (1.0 - abs(sign))
-    return total, unknown
-
-
-@njit(cache=True, error_model="numpy")
-def _fill_row(
-    par: Array, psi: Array, held: Array, late: Array, own: Array, delay: float, row: Array
-) -> tuple[float, float]:  # fmt: skip
-    """Write the modulated equation's regressors into row (n,); returns its left side and the share without direction.
-
-    own    (3, L) THETA, TAU, PHI of the window, oldest first
-    delay  [s] estimated so far
-    """
-    order, scale, quantum = int(par[P.order]), par[P.deflection_scale], par[P.position_noise] * QUANTUM
-    theta, tau, phi = own[THETA], own[TAU], own[PHI]
-    y = 0.0
-    row[:] = 0.0
-    for k in range(phi.size):
-        y += (held[k] + 0.5 * delay * delay * psi[2, k]) * tau[k]
-        row[U.inertia] += psi[2, k] * theta[k]
-        row[U.damping] -= psi[1, k] * theta[k]
-        row[U.delay] += late[k] * tau[k]
-        z = phi[k] / scale
-        weight, squared = psi[0, k] * scale, z * z
-        odd, even = weight * z, weight
-        for term in range(order):
-            row[U.size + term] -= odd / (2 * term + 1)
-            odd *= squared
-        for term in range(order, row.size - U.size - 1):
-            row[U.size + term] -= even / max(2 * (term - order), 1)
-            even *= squared
-    row[U.friction], unknown = _friction(theta, psi[0], quantum)
-    return y, unknown
-
-
-@njit(cache=True, error_model="numpy")
-def _stiffness(par: Array, mean: Array, width: Array, x: Array, phi: float, slope: Array) -> tuple[float, float]:
-    """Stiffness [N m/rad] and its derivative by phi at phi [rad]; slope (n,) = d stiffness / dx, overwritten."""
-    order, z = int(par[P.order]), phi / par[P.deflection_scale]
-    stiffness, bend = 0.0, 0.0
-    slope[: U.size], slope[x.size - 1] = 0.0, 0.0
-    for j in range(U.size, x.size - 1):
-        p = power(j - U.size, order)
-        share = mean[j] + width[j] * x[j]
-        rise = z ** (p - 1) if p > 0 else 0.0
-        slope[j] = width[j] * rise
-        stiffness += share * rise
-        bend += share * (p - 1) * z ** (p - 2) / par[P.deflection_scale] if p > 1 else 0.0
-    return stiffness, bend
-
-
-@njit(cache=True, error_model="numpy")
-def _truncation(par: Array, mean: Array, width: Array, kept: Array, x: Array, covariance: Array) -> float:
-    """Variance of stiffness [(N m/rad)^2] due to the terms left out, of either parity."""
-    order, even = int(par[P.order]), int(par[P.even_terms])
-    if not par[P.truncation] > 0.0:
-        return 0.0
-    far = max(abs(kept[VISITED.low]), abs(kept[VISITED.high])) / par[P.deflection_scale]
-    tail = _tail(order - 1, order, far, mean, width, x, covariance)
-    if even > 1:
-        tail += _tail(order + even - 1, order, far, mean, width, x, covariance)
-    return par[P.truncation] ** 2 * tail
-
-
-@njit(cache=True, error_model="numpy")
 def _learn(
     par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, kept: Array, equation: Array,
     row: Array, direction: Array, work: Array,
 ) -> None:  # fmt: skip
     """Add the equation of the present window, and its middle part to the deflections visited, which include 0."""
-    n, length, noise = row.size, times.size, par[P.torque_noise]
+    n, length, noise, dry = row.size, times.size, par[P.torque_noise], slice(U.friction, U.slow + 1)
     mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
     x, covariance = interacting_models.estimate_of(equation, n)
-    y, unknown = _fill_row(par, psi, held, late, own, width[U.delay] * x[U.delay], row)
+    span = times[length - 1] - times[0]
+    y, unknown = torque_equation.fill_row(par, psi, held, late, own, span, width[U.delay] * x[U.delay], row)
     middle = own[PHI, length // 2]
-    stiffness = _stiffness(par, mean, width, x, middle, direction)[0]
+    stiffness = torque_equation.stiffness(par, mean, width, x, middle, direction)[0]
     inertia, damping, friction = mean[:3] + width[:3] * x[:3]
     within = angles = 0.0
     for k in range(length):
@@ -300,13 +232,13 @@ def _learn(
         of_motor = inertia * psi[2, k] - damping * psi[1, k] + of_link
         within += held[k] * held[k]
         angles += of_motor * of_motor + of_link * of_link
-    any_friction = friction**2 + width[U.friction] ** 2 * covariance[U.friction, U.friction]
+    friction += mean[U.slow] + width[U.slow] * x[U.slow]
+    any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
     beside = par[P.position_noise] ** 2 * angles + unknown**2 * any_friction
     for j in range(n):
         y -= row[j] * mean[j]
         row[j] *= width[j] / noise
         direction[j] = mean[j] / width[j] + x[j] if U.size <= j < n - 1 else 0.0
-    span = times[length - 1] - times[0]
     interacting_models.take(
         equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, row, y / noise,
         within, beside / noise**2, WOBBLE * span, work,
@@ -327,7 +259,7 @@ def _report(
     mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
     x, covariance = interacting_models.estimate_of(equation, n)
     warming = equation[interacting_models.HEAD.taken] <= ROWS_PER_WINDOW
-    stiffness, bend = _stiffness(par, mean, width, x, phi, slope)
+    stiffness, bend = torque_equation.stiffness(par, mean, width, x, phi, slope)
     factor = par[P.torque_scale_deviation] ** 2
     if not warming:
         age = max(now - equation[interacting_models.HEAD.time], 0.0)
@@ -337,7 +269,7 @@ def _report(
     uncertain = (
         interacting_models.quadratic(covariance, slope)
         + factor * stiffness**2
-        + _truncation(par, mean, width, kept, x, covariance)
+        + torque_equation.truncation(par, mean, width, kept, x, covariance)
         + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
     )
     learning = warming or kept[KEPT.moving] > 0.0
@@ -346,7 +278,10 @@ def _report(
         found = mean[j] + width[j] * x[j]
         doubt = width[j] ** 2 * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
         transmissions.update(value, sd, at, found, sqrt(doubt), learning)
-    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2)
+    # A change or a wrong torque constant may have the same cause in all transmissions.
+    change, of_scale = equation[interacting_models.HEAD.changing], par[P.torque_scale_deviation] * stiffness
+    common = sqrt(change * sd[1 + i] ** 2 + (1.0 - change) * of_scale**2)
+    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, common)
     return warming
 
 

@@ -289,7 +289,7 @@ def _advance(par: Array, kinematic: Array, state: Array, rows: Array, out: Array
             stiffness, slope, uncertain = _evaluate(par, part, g, bend, warming)
             found = sqrt(uncertain + slope * slope * (link[kalman.F.p_xx] + motor[kalman.F.p_xx]))
             transmissions.update(value, sd, 1 + i, stiffness, found, warming or moving)
-            transmissions.add(joint, stiffness, sd[1 + i], slope, link[kalman.F.p_xx])
+            transmissions.add(joint, stiffness, sd[1 + i], slope, link[kalman.F.p_xx], 0.0)
             transmissions.grade(joint, warming, moving, transmissions.inside(part, phi, par[P.range_margin]))
         transmissions.finish(joint, state, value, sd, out[k])
     return int(out[-1, 1])

@@ -22,7 +22,7 @@ from via_estimators.slots import slots
 
 VISITED = slots("low", "high", "any")  # smallest and largest deflection visited [rad], 1 if there is any
 # Sums over the transmissions of a joint; worst status and smallest range of motion of them.
-JOINT = slots("stiffness", "variance", "slope", "status", "motion")
+JOINT = slots("stiffness", "variance", "slope", "common", "status", "motion")
 
 
 def motors_of(device: Device) -> tuple[TorqueMotor, ...]:
@@ -139,15 +139,17 @@ def update(value: Array, sd: Array, at: int, new_value: float, new_sd: float, le
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def add(joint: Array, stiffness: float, sd: float, slope: float, q_variance: float) -> None:
+def add(joint: Array, stiffness: float, sd: float, slope: float, q_variance: float, common: float) -> None:
     """Add one transmission's stiffness [N m/rad] to the joint's; the transmissions share the noise of q.
 
     slope       d stiffness / d phi [N m/rad^2]
     q_variance  [rad^2]
+    common      part of sd whose cause may be the same in all transmissions: these parts add without squares
     """
     joint[JOINT.stiffness] += stiffness
-    joint[JOINT.variance] += sd**2 + 2.0 * joint[JOINT.slope] * slope * q_variance
+    joint[JOINT.variance] += sd**2 + 2.0 * (joint[JOINT.slope] * slope * q_variance + joint[JOINT.common] * common)
     joint[JOINT.slope] += slope
+    joint[JOINT.common] += common
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -21,6 +21,7 @@ from via_core.signals import Array
 from via_estimators.contract import Estimator, Live
 from via_estimators.methods import METHODS, estimator_for, method_for, methods_for
 from via_estimators.modulated_torque import ModulatedTorque
+from via_estimators.torque_equation import U
 
 from via_validation.bench.kalman import kalman_rows
 from via_validation.bench.kernels import kernel_rows
@@ -141,8 +142,8 @@ def growth_rows(turns: int) -> list[Row]:
     base = ModulatedTorque.from_device(load_device("qbmove_a"))
     cases: dict[str, tuple[str, Estimator]] = {}
     for order in (1, 2, 3, 4, 5, 6):
-        cases[f"parameters.{order + 2}"] = (
-            f"{order + 2} unknowns per transmission",
+        cases[f"parameters.{U.size + order}"] = (
+            f"{U.size + order} unknowns per transmission",
             base.with_parameters(replace(base.parameters, order=order, even_terms=0)),
         )
     for intervals in (50, 100, 200, 400, 800):

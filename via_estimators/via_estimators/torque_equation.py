@@ -1,0 +1,119 @@
+"""The modulated torque equation of one motor as regressors of its unknowns, and the stiffness of a spring law in them.
+
+Source and equation: `modulated_torque`. Unknowns are U, then the coefficients a_p, then the trend of
+`interacting_models`; each is its prior mean plus its prior standard deviation times x.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from numba import njit
+from via_core.signals import Array
+
+from via_estimators.slots import slots
+from via_estimators.spring_series import power, tail
+from via_estimators.transmissions import VISITED
+
+REACH = 0.05  # [windows] to each side, over which a motor's direction is measured
+QUANTUM = sqrt(12.0)  # encoder step over the standard deviation of its rounding
+# Followed by the means (n,) and the standard deviations (n,) of the prior.
+P = slots(
+    "length", "transmissions", "order", "even_terms", "memory", "max_gap", "torque_noise", "position_noise",
+    "deflection_scale", "minimum_motion", "range_margin", "truncation", "modulating_order",
+    "torque_scale_deviation", "steadiness",
+)  # fmt: skip
+U = slots("inertia", "damping", "friction", "slow", "delay")  # followed by the coefficients of the spring law
+SLOW = 0.1  # [rad/s] at which the friction `slow` saturates
+THETA, TAU, PHI = range(3)  # columns of a transmission in the ring
+
+
+@njit(cache=True, error_model="numpy")
+def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array, covariance: Array) -> float:
+    """`spring_series.tail` of a term."""
+    j = U.size + term
+    share, variance = mean[j] + width[j] * x[j], width[j] * width[j] * covariance[j, j]
+    return tail(power(term, order) - 1, far, share, variance)
+
+
+@njit(cache=True, error_model="numpy")
+def _friction(theta: Array, psi: Array, quantum: float, step: float) -> tuple[float, float, float]:
+    """<sign v, psi> and <v / SLOW within -1..1, psi> of the motor's velocity v, and the share of unknown sign.
+
+    The change of the angle over REACH to each side has a sign if it is at least two encoder steps; a motor that sticks
+    has none, and friction may then have any value up to its limit.
+    """
+    length = theta.size
+    reach = max(int(REACH * length), 1)
+    total = slow = unknown = 0.0
+    for k in range(length):
+        after, before = min(k + reach, length - 1), max(k - reach, 0)
+        change = theta[after] - theta[before]
+        slow += psi[k] * min(max(change / ((after - before) * step * SLOW), -1.0), 1.0)
+        sign = 1.0 if change > 0.0 else -1.0 if change < 0.0 else 0.0
+        if abs(change) < 2.0 * quantum:
+            sign = 0.5 * change / quantum
+        total += psi[k] * sign
+        unknown += psi[k] * (1.0 - abs(sign))
+    return total, slow, unknown
+
+
+@njit(cache=True, error_model="numpy")
+def fill_row(
+    par: Array, psi: Array, held: Array, late: Array, own: Array, span: float, delay: float, row: Array
+) -> tuple[float, float]:  # fmt: skip
+    """Write the modulated equation's regressors into row (n,); returns its left side and the share without direction.
+
+    span   [s] of the window
+    own    (3, L) THETA, TAU, PHI of the window, oldest first
+    delay  [s] estimated so far
+    """
+    order, scale, quantum = int(par[P.order]), par[P.deflection_scale], par[P.position_noise] * QUANTUM
+    theta, tau, phi = own[THETA], own[TAU], own[PHI]
+    y = 0.0
+    row[:] = 0.0
+    for k in range(phi.size):
+        y += (held[k] + 0.5 * delay * delay * psi[2, k]) * tau[k]
+        row[U.inertia] += psi[2, k] * theta[k]
+        row[U.damping] -= psi[1, k] * theta[k]
+        row[U.delay] += late[k] * tau[k]
+        z = phi[k] / scale
+        weight, squared = psi[0, k] * scale, z * z
+        odd, even = weight * z, weight
+        for term in range(order):
+            row[U.size + term] -= odd / (2 * term + 1)
+            odd *= squared
+        for term in range(order, row.size - U.size - 1):
+            row[U.size + term] -= even / max(2 * (term - order), 1)
+            even *= squared
+    row[U.friction], row[U.slow], unknown = _friction(theta, psi[0], quantum, span / (phi.size - 1))
+    return y, unknown
+
+
+@njit(cache=True, error_model="numpy")
+def stiffness(par: Array, mean: Array, width: Array, x: Array, phi: float, slope: Array) -> tuple[float, float]:
+    """Stiffness [N m/rad] and its derivative by phi at phi [rad]; slope (n,) = d stiffness / dx, overwritten."""
+    order, z = int(par[P.order]), phi / par[P.deflection_scale]
+    stiffness, bend = 0.0, 0.0
+    slope[: U.size], slope[x.size - 1] = 0.0, 0.0
+    for j in range(U.size, x.size - 1):
+        p = power(j - U.size, order)
+        share = mean[j] + width[j] * x[j]
+        rise = z ** (p - 1) if p > 0 else 0.0
+        slope[j] = width[j] * rise
+        stiffness += share * rise
+        bend += share * (p - 1) * z ** (p - 2) / par[P.deflection_scale] if p > 1 else 0.0
+    return stiffness, bend
+
+
+@njit(cache=True, error_model="numpy")
+def truncation(par: Array, mean: Array, width: Array, kept: Array, x: Array, covariance: Array) -> float:
+    """Variance of stiffness [(N m/rad)^2] due to the terms left out, of either parity."""
+    order, even = int(par[P.order]), int(par[P.even_terms])
+    if not par[P.truncation] > 0.0:
+        return 0.0
+    far = max(abs(kept[VISITED.low]), abs(kept[VISITED.high])) / par[P.deflection_scale]
+    total = _tail(order - 1, order, far, mean, width, x, covariance)
+    if even > 1:
+        total += _tail(order + even - 1, order, far, mean, width, x, covariance)
+    return par[P.truncation] ** 2 * total
