@@ -24,7 +24,6 @@ LEAST_ANGLE_NOISE = 1e-6  # [deflection scales] of collocation, where encoders a
 P = slots(
     "length", "transmissions", "order", "even_terms", "stride", "intervals", "every", "max_gap", "torque_noise",
     "position_noise", "deflection_scale", "minimum_motion", "range_margin", "truncation", "drift", "friction_velocity",
-    "torque_scale_deviation",
 )  # fmt: skip
 # Of each transmission: range of deflection in the horizon [rad], 1 if informative, solutions so far, time of the last
 # one [s], innovations and their sum of squares, intervals in the horizon, 1 if a solution is due.

@@ -46,7 +46,7 @@ SURE = 2.0  # standard deviations by which the inverse of inertia, by which the 
 # Followed by the prior means (n,) and standard deviations (n,) of the state.
 P = slots(
     "length", "transmissions", "even_terms", "max_gap", "torque_noise", "position_noise", "minimum_motion",
-    "range_margin", "truncation", "torque_scale_deviation", "spring_change", "motor_change", *MODEL._fields[:-1],
+    "range_margin", "truncation", "spring_change", "motor_change", *MODEL._fields[:-1],
 )  # fmt: skip
 # Of each transmission, before x and P: steps from which it has learned, 1 while its filter runs.
 KEPT = slots("learned", "running", after=VISITED)
@@ -79,7 +79,6 @@ class MotorKalmanParameters(Parameters):
     friction_prior: float = parameter(0.0, "dry friction of a motor before any data", "N m", 0.0, 1e6)
     friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-12, 1e6)
     friction_velocity: float = parameter(0.02, "velocity at which dry friction is at 71 %", "rad/s", 1e-6, 1e3)
-    torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     minimum_motion: float = parameter(0.01, "least range of deflection in an informative window", "rad", 0.0, 1.0)
@@ -105,7 +104,6 @@ class MotorKalman(Estimator):
         slowest = motor.coulomb_friction / (motor.inertia * device.sensors.rate)
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= {"friction_velocity": max(cls.kind.friction_velocity, slowest)}
-        known |= {"torque_scale_deviation": device.tolerances.torque_scale}
         known |= {"inertia_deviation": INERTIA_KNOWN * motor.inertia}
         order, even = terms_for(device.spring_laws)
         return cls(cls.kind(**known, order=order, even_terms=even))
@@ -322,17 +320,16 @@ def report(
         slope[: X.size] = 0.0
         spring(model, x, phi, work[1], slope[X.size :])
         stiffness, variance = quotient(x, covariance, slope)
-        bent, scale = bend(model, x, phi) / inverse, par[P.torque_scale_deviation] ** 2
-        variance += scale * stiffness**2 + _truncation(par, kept, x, covariance) / inverse**2
+        bent = bend(model, x, phi) / inverse
+        variance += _truncation(par, kept, x, covariance) / inverse**2
         variance += 2.0 * (bent * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
         transmissions.update(value, sd, 1 + i, stiffness, sqrt(variance), moving)
         inertia = par[P.inertia] / inverse
-        relative = sqrt((doubt / inverse) ** 2 + scale)
-        transmissions.update(value, sd, 1 + m + i, inertia, inertia * relative, moving)
+        transmissions.update(value, sd, 1 + m + i, inertia, inertia * doubt / inverse, moving)
         slope[:] = 0.0
         slope[X.damping] = 1.0
         damping, variance = quotient(x, covariance, slope)
-        transmissions.update(value, sd, 1 + 2 * m + i, damping, sqrt(variance + scale * damping**2), moving)
-    transmissions.add(joint, value[1 + i], sd[1 + i], bent, par[P.position_noise] ** 2)
+        transmissions.update(value, sd, 1 + 2 * m + i, damping, sqrt(variance), moving)
+    transmissions.add(joint, value[1 + i], sd[1 + i], bent, par[P.position_noise] ** 2, 0.0)
     reached = phi if par[P.even_terms] > 0.0 else abs(phi)
     transmissions.grade(joint, warming, moving, transmissions.inside(kept, reached, par[P.range_margin]))

@@ -72,7 +72,6 @@ class MovingHorizonParameters(Parameters):
     damping_deviation: float = parameter(10.0, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
     friction_prior: float = parameter(0.0, "dry friction of a motor before any data", "N m", 0.0, 1e6)
     friction_deviation: float = parameter(1.0, "standard deviation of the prior dry friction", "N m", 1e-9, 1e6)
-    torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     minimum_motion: float = parameter(0.01, "least range of deflection in an informative horizon", "rad", 0.0, 1.0)
@@ -99,7 +98,6 @@ class MovingHorizon(Estimator):
         motor, spring = transmissions.motors_of(device)[0], device.spring_laws[0]
         typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
-        known |= {"torque_scale_deviation": device.tolerances.torque_scale}
         order, even = terms_for(device.spring_laws)
         return cls(MovingHorizonParameters(**known, order=order, even_terms=even))
 
@@ -241,9 +239,9 @@ def _report(par: Array, now: float, phi: float, part: Array, i: int, value: Arra
     kept, _, _, _, _, z, _, covariance = horizon.views(par, part)
     m, n, warming = int(par[P.transmissions]), z.size, kept[KEPT.solved] == 0.0
     stiffness, bend = horizon.stiffness(par, z, phi, slope)
-    factor = par[P.torque_scale_deviation] ** 2
+    factor = 0.0
     if not warming:
-        factor += min(par[P.drift] ** 2 * max(now - kept[KEPT.time], 0.0), WIDEST)
+        factor = min(par[P.drift] ** 2 * max(now - kept[KEPT.time], 0.0), WIDEST)
     uncertain = factor * stiffness**2 + 2.0 * (bend * par[P.position_noise]) ** 2
     uncertain += _truncation(par, kept, z, covariance)
     for j in range(n):
@@ -253,9 +251,8 @@ def _report(par: Array, now: float, phi: float, part: Array, i: int, value: Arra
     transmissions.update(value, sd, 1 + i, stiffness, sqrt(max(uncertain, 0.0)), learning)
     for at, j in ((1 + m + i, U.inertia), (1 + 2 * m + i, U.damping)):
         found, width = par[P.size + j] + par[P.size + n + j] * z[j], par[P.size + n + j]
-        doubt = width * width * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
-        transmissions.update(value, sd, at, found, sqrt(max(doubt, 0.0)), learning)
-    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2)
+        transmissions.update(value, sd, at, found, width * sqrt(max(covariance[j, j], 0.0)), learning)
+    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, 0.0)
     reached = phi if par[P.even_terms] > 0.0 else abs(phi)
     joint[JOINT.motion] = min(joint[JOINT.motion], kept[KEPT.moved])
     inside = transmissions.inside(kept, reached, par[P.range_margin])

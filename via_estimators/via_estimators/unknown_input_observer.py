@@ -56,7 +56,7 @@ KNOWN = 10.0  # equations that the declared noise counts for
 P = slots(
     "length", "transmissions", "basis", "terms", "memory", "max_gap", "deflection_scale", "torque_noise",
     "position_noise", "minimum_motion", "range_margin", "inertia", "damping", "inertia_tolerance", "damping_tolerance",
-    "truncation", "torque_scale_deviation",
+    "truncation",
 )  # fmt: skip
 # Of a transmission: whether the last window was informative and its range [rad]; equations taken; end of the last
 # window used [s]; weight, and squares of the innovations over their variances, of w and of v.
@@ -83,7 +83,6 @@ class UnknownInputObserverParameters(Parameters):
     inertia_tolerance: float = parameter(0.0, "standard deviation of the motor inertia", "kg m^2", 0.0, 1e3)
     damping: float = parameter(0.1, "motor damping D", "N m s/rad", 0.0, 1e4)
     damping_tolerance: float = parameter(0.0, "standard deviation of the motor damping", "N m s/rad", 0.0, 1e4)
-    torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     minimum_motion: float = parameter(0.01, "least range of deflection in an informative window", "rad", 0.0, 1.0)
@@ -114,7 +113,6 @@ class UnknownInputObserver(Estimator):
                 friction_prior=motor.coulomb_friction,
                 friction_deviation=max(motor.coulomb_friction, typical),
                 inertia=motor.inertia,
-                torque_scale_deviation=tolerances.torque_scale,
                 inertia_tolerance=tolerances.motor_inertia * motor.inertia,
                 damping=motor.viscous_friction,
                 damping_tolerance=tolerances.motor_friction * motor.viscous_friction,
@@ -313,10 +311,9 @@ def _report(
             for j in range(n):
                 along += x[j] * information[j, n + k]
             uncertain += (along * par[P.inertia_tolerance if k == 0 else P.damping_tolerance]) ** 2
-    uncertain += (par[P.torque_scale_deviation] * stiffness) ** 2
     learning = warming or kept[KEPT.moving] > 0.0
     transmissions.update(value, sd, 1 + i, stiffness, sqrt(uncertain), learning)
-    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2)
+    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, 0.0)
     joint[JOINT.motion] = min(joint[JOINT.motion], kept[KEPT.moved])
     inside = transmissions.inside(kept, phi, par[P.range_margin])
     transmissions.grade(joint, warming, kept[KEPT.moving] > 0.0, inside)
