@@ -7,10 +7,13 @@ package = "via_estimators"
 
 
 def methods():
-    """Names in METHODS of methods.py, read and not imported: what it needs may not be installed yet."""
-    tree = ast.parse(Path(package, "methods.py").read_text(encoding="utf-8"))
-    tables = [node.value for node in tree.body if isinstance(node, ast.AnnAssign) and node.target.id == "METHODS"]
-    return [ast.literal_eval(key) for key in tables[0].keys]
+    """Names in the registry, read and not imported: what it needs may not be installed yet."""
+    names = []
+    for file, table in (("methods.py", "METHODS"), ("peers.py", "PEERS")):
+        tree = ast.parse(Path(package, file).read_text(encoding="utf-8"))
+        tables = [node.value for node in tree.body if isinstance(node, ast.AnnAssign) and node.target.id == table]
+        names += [ast.literal_eval(key) for key in tables[0].keys if key is not None]  # None: ** of another table
+    return names
 
 
 setup(

@@ -13,17 +13,14 @@ from via_estimators.contract import Estimator
 from via_estimators.damping_directional import DampingDirectional
 from via_estimators.damping_mixture import DampingMixture
 from via_estimators.damping_rls import DampingRLS
-from via_estimators.extended_kalman import ExtendedKalman
 from via_estimators.filtered_signal_based import FilteredSignalBased
 from via_estimators.link_impedance import LinkImpedance
 from via_estimators.modulated_stiffness import ModulatedStiffness
 from via_estimators.modulated_torque import ModulatedTorque
-from via_estimators.moving_horizon import MovingHorizon
+from via_estimators.peers import PEERS
 from via_estimators.residual import Residual
 from via_estimators.signal_based import SignalBased
 from via_estimators.torque_errors import with_torque_errors
-from via_estimators.unknown_input_observer import UnknownInputObserver
-from via_estimators.unscented_kalman import UnscentedKalman
 
 # In order of preference: the first one that suits a device is its default.
 METHODS: dict[str, type[Estimator]] = {
@@ -31,10 +28,7 @@ METHODS: dict[str, type[Estimator]] = {
     "modulated_stiffness": ModulatedStiffness,
     "filtered_signal_based": FilteredSignalBased,
     "signal_based": SignalBased,
-    "moving_horizon": MovingHorizon,
-    "unknown_input_observer": UnknownInputObserver,
-    "extended_kalman": ExtendedKalman,
-    "unscented_kalman": UnscentedKalman,
+    **PEERS,
     "residual": Residual,
     "link_impedance": LinkImpedance,
     "damping_mixture": DampingMixture,

@@ -16,6 +16,7 @@ from via_sim.sensors import IDEAL
 from via_sim.simulate import simulate
 from via_validation.changes import experiment, figures, page, run
 from via_validation.changes.schedules import AMPLITUDE, CONSTANT, SCHEDULES, SINES, STEP, STEP_SIZE, STEP_TIME
+from via_validation.changes.springs import changing_springs
 from via_validation.compare.figures import Run
 from via_validation.provenance import provenance
 
@@ -27,7 +28,7 @@ def test_a_drift_by_the_tick_is_the_drift_of_the_simulator():
     time, rate = TIME[:1500], 0.05
     torques = 0.3 * np.stack([np.sin(5.0 * time), -np.sin(7.0 * time)], axis=1)
     plant = JointPlant.from_device(JOINT)
-    _, truth = experiment.changing_springs(plant, 1.0 + rate * time, lambda k, _: torques[k], IDEAL)
+    _, truth = changing_springs(plant, 1.0 + rate * time, lambda k, _: torques[k], IDEAL)
     effects = [Effect("stiffness_drift", "transmission", {"rate": rate}, 0)]
     commands = Signals(time, {"motor": torques}, {"motor": "N m"}, frozenset({"motor"}))
     wanted = simulate(plant.with_effects(effects), commands, (len(time) - 1) / 1000.0, 1000.0).truth

@@ -1,7 +1,6 @@
 """Joints whose springs or damper follow a schedule, and their measured signals, the same for every method.
 
 Springs: motors under position control along the multisines of `via compare`, whose angles are scaled to the joint. The
-simulator's parameter row is set anew at every tick, so that the factor on the springs is linear within a tick. The
 torques of a noise-free run are replayed for every seed. Sensors and dry friction are those of LEVEL.
 
 Dampers: the damping command follows the schedule. The link of compact_vpda is moved by a torque, as in Section 5 of the
@@ -23,15 +22,12 @@ from via_core.devices import Device
 from via_core.errors import ParameterError
 from via_core.signals import Array, Signals
 from via_sim.effects import Effect
-from via_sim.joint.kernel import run
-from via_sim.joint.measurements import MEASURED, TRUTH
-from via_sim.joint.parameters import P
-from via_sim.joint.torques import N_COMMANDS
 from via_sim.plants import JointPlant
 from via_sim.sensors import IDEAL, Sensors
-from via_sim.simulate import InitialConditions, initial_state, simulate
+from via_sim.simulate import InitialConditions, simulate
 
 from via_validation.changes.schedules import Schedule
+from via_validation.changes.springs import changing_springs, signals_of, true_stiffness
 from via_validation.compare import experiment
 from via_validation.compare.experiment import LEVELS, seen_by_estimators
 
@@ -84,33 +80,6 @@ def recording(device: Device, schedule: Schedule, duration: float) -> Recording:
     return _damped_link(device, schedule, duration) if device.n_motors == 0 else _servo(device, schedule, duration)
 
 
-def changing_springs(
-    plant: JointPlant, factor: Array, command: Callable[[int, Array], Array], sensors: Sensors, seed: int = 0
-) -> tuple[Array, Array]:
-    """Measured (n, 9) and true (n, 16) rows of a joint at 1 kHz whose springs have `factor` (n,) at the samples.
-
-    command  motor torques [N m] (2,) after sample k, from k and its measured row (9,)
-    """
-    rate, sensor_row = experiment.RATE, sensors.row()
-    row, state = plant.at_rate(rate), initial_state(plant, rate, None, seed)
-    measured, truth = np.empty((len(factor), len(MEASURED))), np.empty((len(factor), len(TRUTH)))
-    commands = np.zeros((1, N_COMMANDS))
-
-    def set_factor(k: int) -> None:
-        last = factor[min(k + 1, len(factor) - 1)]
-        row[P.spring_scale : P.spring_scale + 2] = factor[k]
-        row[P.stiffness_rate : P.stiffness_rate + 2] = (last / factor[k] - 1.0) * rate
-        row[P.origin] = -k / rate  # the factor counts from the beginning of this tick
-
-    set_factor(0)
-    run(row, sensor_row, state, commands[:0], measured[:1], truth[:1])
-    for k in range(len(factor) - 1):
-        set_factor(k)
-        commands[0, :2] = command(k, measured[k])
-        run(row, sensor_row, state, commands, measured[k : k + 2], truth[k : k + 2])
-    return measured, truth
-
-
 def _with_springs(device: Device, schedule: Schedule, duration: float) -> Recording:
     time = np.arange(round(duration * experiment.RATE)) / experiment.RATE
     plant, factor = JointPlant.from_device(device), schedule.factor(time)
@@ -133,15 +102,9 @@ def _with_springs(device: Device, schedule: Schedule, duration: float) -> Record
 
     def measured(seed: int) -> Signals:
         rows, _ = changing_springs(plant, factor, lambda k, _: torques[k], sensors, seed)
-        columns = {
-            "q": rows[:, MEASURED.q],
-            "theta": rows[:, MEASURED.theta_1 : MEASURED.theta_1 + 2],
-            "theta_velocity": rows[:, MEASURED.theta_velocity_1 : MEASURED.theta_velocity_1 + 2],
-            "tau": rows[:, MEASURED.tau_1 : MEASURED.tau_1 + 2],
-        }
-        return Signals(time, columns, {"q": "rad", "theta": "rad", "theta_velocity": "rad/s", "tau": "N m"})
+        return signals_of(time, rows)
 
-    stiffness = truth[:, TRUTH.stiffness]
+    stiffness = true_stiffness(truth)
     return Recording("stiffness", time, stiffness, stiffness / factor, measured)
 
 
