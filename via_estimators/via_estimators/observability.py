@@ -16,8 +16,8 @@ Identification: Experiment Design and Data Analysis, 1977). Four windows per win
 contain the information up to the frequencies that a window passes.
 
 Noise in A counts as motion: measured with A + dA, J is too large by E = E[dA' C^-1 dA], which is known. In a direction
-without any motion, v' J v is chi-square distributed with N degrees of freedom and mean v' E v; its relative standard
-deviation is (2/N)^(1/2). For measured signals
+without any motion, v' J v is chi-square distributed with N degrees of freedom and mean v' E v; its standard deviation
+is (2/N)^(1/2) of that mean. For measured signals
 
     J = A' C^-1 A - (1 + 2 (2/N)^(1/2)) E,      negative eigenvalues set to 0,
 
