@@ -36,6 +36,7 @@ ROSDEP = {
 # import name -> name on PyPI, where no rosdep key is known: setup.py declares it and a comment in package.xml names it
 PYPI = {
     "distributed": "distributed",
+    "filterpy": "filterpy",
     "llvmlite": "llvmlite",
     "lz4": "lz4",
     "markupsafe": "markupsafe",

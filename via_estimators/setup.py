@@ -29,7 +29,7 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest"]},
+    extras_require={"test": ["pytest", "filterpy"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

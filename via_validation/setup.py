@@ -15,7 +15,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "llvmlite", "mcap", "mcap-ros2-support", "padasip"],
+    install_requires=["setuptools", "filterpy", "llvmlite", "mcap", "mcap-ros2-support", "padasip"],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     entry_points={"via.commands": ["validation = via_validation.commands:COMMANDS"]},

@@ -22,7 +22,7 @@ def compare(
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, max=1000, help="Noise realisations per case, at most.")] = 20,
     budget: Annotated[
-        float, typer.Option(min=0.0, help="Processor time of a method per case [s]; slow methods have fewer seeds.")
+        float, typer.Option(min=0.0, help="Processor time of a method per case \\[s]; slow methods have fewer seeds.")
     ] = 20.0,
     out: Annotated[Path, typer.Option(help="Folder for the picture.")] = Path("out/compare"),
     as_numbers: Annotated[
