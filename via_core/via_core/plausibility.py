@@ -60,6 +60,7 @@ from via_core.weak_form import fill_weights
 
 VARYING = 0.2  # [-] torques that vary less than this share of their size show no course
 KNOTS = 4  # values of the load factor in an interval: a sound spring may soften or stiffen within it
+TIE = 0.01  # [-] weight of their squared differences against the load of the whole interval
 FIXED = 5  # unknowns before them: b, d, c, e, g
 PARTS = FIXED + KNOTS
 
@@ -234,8 +235,14 @@ def _compare(
     below[3] = -above[3]
     above[4] = np.inf
     used, y = rows[moving], wanted[moving]
-    if len(used) >= PARTS:
-        bounded_least_squares(used.T @ used, used.T @ y, below, above, x)
+    if len(used) > FIXED:
+        gram, tie = used.T @ used, TIE * float(np.sum(_load(used) ** 2))
+        for j in range(FIXED, PARTS - 1):  # ties the load factor of a time without motion to that of its neighbours
+            gram[j, j] += tie
+            gram[j + 1, j + 1] += tie
+            gram[j, j + 1] -= tie
+            gram[j + 1, j] -= tie
+        bounded_least_squares(gram, used.T @ y, below, above, x)
     else:  # at rest: springs and friction alone
         x[0], x[FIXED:] = low[0], 1.0
     left = wanted - rows @ x

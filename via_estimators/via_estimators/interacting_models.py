@@ -59,7 +59,7 @@ CHANGES = (
     (0.0, 0.0),
 )
 JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
-LEVELS = (0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
+LEVELS = (0.0316, 0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
 HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
 WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)
 TRENDS = tuple(trend for _, trend in CHANGES for _ in LEVELS)

@@ -60,6 +60,7 @@ from via_estimators.window import HEADER
 
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
 ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
+SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
@@ -112,10 +113,11 @@ class ModulatedTorque(Estimator):
         known = {**transmissions.priors_of(device), **transmissions.known_of(device)}
         motor, spring = transmissions.motors_of(device)[0], device.spring_laws[0]
         typical = 0.05 * abs(float(spring.torque(spring.max_deflection)))
-        quantum = QUANTUM * known["position_noise"]
-        known["minimum_motion"] = max(0.001 * spring.max_deflection, 3.0 * quantum)  # rounding alone reaches 2 steps
+        window, quantum = _window_for(motor, known, device), QUANTUM * known["position_noise"]
+        slowest = SLOWEST * spring.max_deflection * window / device.sensors.rate
+        known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
-        known |= {"torque_scale_deviation": device.tolerances.torque_scale, "window": _window_for(motor, known, device)}
+        known |= {"torque_scale_deviation": device.tolerances.torque_scale}
         if device.tolerances.torque_timing > 0.0:
             known["delay_deviation"] = device.tolerances.torque_timing
         order, even = terms_for(device.spring_laws)
