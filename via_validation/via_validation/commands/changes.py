@@ -20,7 +20,7 @@ def changes(
     ] = None,
     seeds: Annotated[int, typer.Option(min=1, max=1000, help="Noise realisations per schedule, at most.")] = 5,
     budget: Annotated[
-        float, typer.Option(min=0.0, help="Processor time of a method per schedule \\[s]; slow methods have fewer seeds.")
+        float, typer.Option(min=0.0, help="Processor time of a method per schedule \\[s]; slow ones have fewer seeds.")
     ] = 10.0,
     write: Annotated[Path | None, typer.Option(help=f"Also write {PAGE} and its picture into this folder.")] = None,
 ) -> None:
