@@ -100,7 +100,7 @@ def test_a_design_reaches_what_it_claims_and_its_file_runs_on_the_node(tmp_path)
         np.diff(found.commanded.reference, axis=0)
     ).max()  # [rad] that a motor moves between two samples
     for k, angle in enumerate(found.commanded.reference):
-        assert np.abs(measured[1:3] - angle).max() < one_sample
+        assert np.abs(measured[1:3] - angle).max() < two_samples
         sample = JointSample(1e-3 * k, float(measured[0]), measured[1:3].copy())
         memory, answer = joint.supervisor.step(memory, sample, True)
         state, measured, _ = simulator.step(state, [*answer.torque, 0.0, 0.0])
