@@ -48,14 +48,14 @@ def test_estimators_correct_the_model_and_its_fallback_is_smooth(graph):
     assert model(bench) == pytest.approx([0.44, 0.9, 0.9, 0.9, 0.9], abs=0.01)
     H = bench.quantity("H")[: len(bench.states)] / LEVEL - 1.0
     assert np.abs(H[2200:]).max() < 0.02
-    regular = largest_step(bench, 2000)
     for node in estimators:  # killed
         graph.executor.remove_node(node)
     killed = len(bench.states)
     graph.until(lambda: bench.simulator.finished.done() and len(bench.states) >= 4000)
     assert model(bench) == pytest.approx([0.0, 1.0, 1.0, 1.0, 1.0], abs=0.01)
     assert np.abs(bench.quantity("H")[-500:] / LEVEL - 1.0).max() > 0.1
-    assert largest_step(bench, killed) < 2.0 * regular
+    # The fallback begins at full rate (`correction`): the torque bends, by less than a hundredth of its limit a sample.
+    assert largest_step(bench, killed) < 0.01
     assert within_limits(bench) and {each[0] for each in bench.states} == {ControlState.ACTIVE}
 
 

@@ -32,6 +32,7 @@ EXCEPTED = {  # start of a command -> why it does not run here
     "ros2 ": "README states that the wheels have no `ros2` command",
     "via tables": "a quarter of an hour; via_validation/test/test_tables_*.py",
     "via compare": "some minutes; via_validation/test/test_compare.py",
+    "via changes": "some minutes; via_validation/test/test_changes.py",
     "via faults": "some minutes; tests/test_faulty_signals.py, via_validation/test/test_faults.py",
     "via bench ": "some minutes; via_validation/test/test_bench_*.py",
     "via gap diagnose out/bags/*": "twelve recordings; tests/test_demo.py diagnoses the same ones",
