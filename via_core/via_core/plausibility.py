@@ -59,7 +59,7 @@ from via_core.signals import Array
 from via_core.weak_form import fill_weights
 
 VARYING = 0.2  # [-] torques that vary less than this share of their size show no course
-KNOTS = 4  # values of the load factor in an interval: a sound spring may soften or stiffen within it
+KNOTS = 2  # values of the load factor in an interval: a sound spring may soften or stiffen within it
 TIE = 0.01  # [-] weight of their squared differences against the load of the whole interval
 FIXED = 5  # unknowns before them: b, d, c, e, g
 PARTS = FIXED + KNOTS
@@ -85,7 +85,10 @@ class MotorEquation(Equation):
         step, link = sensors.motor_quantum or 0.0, sensors.link_quantum or 0.0
         coarse = sqrt(float(np.nanmean(stiffness**2)) * (step * step + link * link) / 12.0) if len(angle) else 0.0
         columns = finite_columns(samples.time, samples.torque[:, self.drive], angle, deflection, load)
-        return Share(*_motor_share(*columns, self.low, self.high, np.array([step, self.friction, coarse])))
+        # Where the link's encoder repeats one number, a frozen encoder is likelier than a spring that changes.
+        knots = KNOTS if np.nanmax(samples.q) > np.nanmin(samples.q) else 1
+        rest = np.array([step, self.friction, coarse, knots])
+        return Share(*_motor_share(*columns, self.low, self.high, rest))
 
 
 @dataclass(frozen=True)
@@ -154,7 +157,8 @@ def _motor_share(
 ) -> tuple[float, float]:  # fmt: skip
     """Unexplained share and ratio of the largest part to its noise, (0, 0) if unknown.
 
-    rest  encoder step [rad] of the motor, declared dry friction [N m], and error of the load [N m] by encoder steps
+    rest  encoder step [rad] of the motor, declared dry friction [N m], error of the load [N m] by encoder steps, number
+          of knots
     """
     noises = np.array([noise_of(torque), noise_of(angle), noise_of(load)]) ** 2
     still = max(RESTING * rest[0], 6.0 * sqrt(noises[1]))  # a smaller range of angle is no motion
@@ -177,9 +181,12 @@ def _motor_share(
                 row[4] += weights[1, k] * deflection[at]
                 pull += weights[0, k] * load[at]
             row[3] = 1.0
-            place = (KNOTS - 1) * (0.5 * (time[first] + time[last]) - time[0]) / (time[-1] - time[0])
-            knot = min(int(place), KNOTS - 2)
-            row[FIXED + knot], row[FIXED + knot + 1] = (knot + 1 - place) * pull, (place - knot) * pull
+            if rest[3] > 1.0:
+                place = (KNOTS - 1) * (0.5 * (time[first] + time[last]) - time[0]) / (time[-1] - time[0])
+                knot = min(int(place), KNOTS - 2)
+                row[FIXED + knot], row[FIXED + knot + 1] = (knot + 1 - place) * pull, (place - knot) * pull
+            else:
+                row[FIXED] = pull
             wanted[count] = _of_torque(weights[0], torque, first)
             moving[count] = np.ptp(angle[first : last + 1]) > still
             short, bend = weights[0] @ weights[0], weights[2] @ weights[2]
@@ -193,12 +200,12 @@ def _motor_share(
     filed = np.sqrt(low * high)  # the numbers of the file, in the middle of their bounds
     springs = np.full(KNOTS, filed[3])
     whole = _largest(rows, wanted, filed[0], springs)
-    size, clearness = _compare(rows, wanted, moving, low, high, quiet, rest[1])
+    size, clearness = _compare(rows, wanted, moving, low, high, quiet, rest)
     for j in range(PARTS):
         if j != 3:
             rows[:, j] -= rows[:, j].mean()
     wanted -= wanted.mean()
-    course, course_clearness = _compare(rows, wanted, moving, low, high, quiet, rest[1])
+    course, course_clearness = _compare(rows, wanted, moving, low, high, quiet, rest)
     varying = _largest(rows, wanted, filed[0], springs)
     if course > size and course_clearness > CLEAR and varying > VARYING * VARYING * whole:
         return course, course_clearness
@@ -225,7 +232,7 @@ def _largest(rows: Array, wanted: Array, inertia: float, spring: Array) -> float
 
 @njit(cache=True, error_model="numpy")
 def _compare(
-    rows: Array, wanted: Array, moving: Array, low: Array, high: Array, quiet: Array, friction: float
+    rows: Array, wanted: Array, moving: Array, low: Array, high: Array, quiet: Array, rest: Array
 ) -> tuple[float, float]:  # fmt: skip
     """Unexplained share of rows (n, PARTS) and torques (n,), and ratio of the largest part to its noise."""
     x, below, above = np.zeros(PARTS), np.zeros(PARTS), np.zeros(PARTS)
@@ -237,17 +244,20 @@ def _compare(
     used, y = rows[moving], wanted[moving]
     if len(used) > FIXED:
         gram, tie = used.T @ used, TIE * float(np.sum(_load(used) ** 2))
-        for j in range(FIXED, PARTS - 1):  # ties the load factor of a time without motion to that of its neighbours
+        for j in range(
+            FIXED, FIXED + int(rest[3]) - 1
+        ):  # ties the load factor of a time without motion to that of its neighbours
             gram[j, j] += tie
             gram[j + 1, j + 1] += tie
             gram[j, j + 1] -= tie
             gram[j + 1, j] -= tie
         bounded_least_squares(gram, used.T @ y, below, above, x)
+        x[FIXED + int(rest[3]) :] = x[FIXED]
     else:  # at rest: springs and friction alone
         x[0], x[FIXED:] = low[0], 1.0
     left = wanted - rows @ x
     largest = _largest(rows, wanted, x[0], x[FIXED:])
-    free = max(friction, x[2] + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
+    free = max(rest[1], x[2] + abs(x[3]), OFFSET * sqrt(largest / len(rows)))
     for k in range(len(left)):
         if not moving[k]:
             left[k] = np.sign(left[k]) * max(abs(left[k]) - free, 0.0)
