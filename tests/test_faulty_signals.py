@@ -37,6 +37,16 @@ def test_no_method_calls_a_faulty_sample_ok(device, method):
             assert fault.words in estimator.fault(state), name
 
 
+@pytest.mark.parametrize("name", ["link encoder frozen", "link angle reversed"])
+def test_a_spring_that_may_change_does_not_explain_a_wrong_link_angle(name):
+    """The light link of qbmove_a: a load factor free to vary within a second explains both faults."""
+    device = load_device("qbmove_a")
+    fault = faults_of(device)[name]
+    estimates = estimator_for(device).run(with_fault(moved(device), fault))
+    late = estimates.time > fault.onset + LATE
+    assert np.mean(estimates.status[late] == Status.OK) <= 0.05
+
+
 def test_a_repaired_channel_is_estimated_anew():
     """After a fault the memory holds impossible rows: the estimator starts again, and its interval holds."""
     measured = SIGNALS[MOTOR.name]

@@ -6,7 +6,9 @@ Motor i with a measured torque, multiplied by modulating functions (via_core.wea
 
 with phi_i = q - theta_i is solved by least squares with inertia b and load factor s within `device_factor` of the file,
 friction d, c >= 0, damping g >= 0 of the transmission and an offset |e| <= OFFSET of the load. Springs may change
-during the interval: s(t) is piecewise linear with KNOTS values, each within its bounds. What remains is compared
+during the interval: s(t) is piecewise linear with KNOTS values, each within its bounds; more values also explain a
+reversed link angle. s is constant where the link's encoder repeats one number, since a frozen encoder looks like such a
+change. What remains is compared
 with the largest part of the equation,
 
     unexplained = sqrt((rss - noise) / max(|tau|^2, |b theta''|^2, |s load|^2)),

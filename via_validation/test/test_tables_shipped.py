@@ -20,7 +20,10 @@ def _plant():
     log = cubic_log("E2")
     noise = log.noise_sd(TAU, TORQUE_RATIO)
     device = shipped.with_sensors(DEVICE, None, noise, None)
-    signals = lambda seed: shipped_rows._without_velocity(log.noisy(seed, noise))  # noqa: E731
+
+    def signals(seed):
+        return shipped_rows._without_velocity(log.noisy(seed, noise))
+
     return shipped.Plant(device, signals, log.stiffness, True)
 
 
