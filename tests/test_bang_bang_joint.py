@@ -70,6 +70,16 @@ def test_it_hangs_where_gravity_and_springs_balance():
     assert 0.0 < q < 0.4
 
 
+def test_without_a_rest_within_reach_of_the_springs_the_joint_is_refused():
+    device = load_device("vsa2")
+    pulled_away = device.model_copy(
+        update={"link": device.link.model_copy(update={"gravity_torque": 500.0, "gravity_angle": 2.5})}
+    )
+    for refused, theta in ((pulled_away, pulled_away.motor_angles(0.4, 0.6)), (device, device.motor_angles(2.0, 0.6))):
+        with pytest.raises(ParameterError, match="no rest"):
+            hanging(refused, theta, 0.4)
+
+
 def test_at_rest_motors_carry_the_springs_and_nothing_switches():
     controller = CONTROLLERS["antagonistic"]
     theta = controller.device.motor_angles(0.1, 0.7)

@@ -217,6 +217,12 @@ def test_without_an_estimate_that_is_ok_the_spring_laws_of_the_file_return(statu
     assert end.factor == 1.0 and end.target == pytest.approx(at_rest(controller).target, abs=1e-3)
 
 
+def test_the_estimate_of_a_soft_joint_counts_as_well():
+    controller = EquilibriumPreset.from_device(DEVICE)
+    state = with_estimates(controller, at_rest(controller, 0.5), 1.15, 6.0)
+    assert state.factor == pytest.approx(1.15, rel=1e-3)
+
+
 def test_the_correction_of_a_wrong_estimate_is_bounded():
     controller = EquilibriumPreset.from_device(DEVICE)
     state = with_estimates(controller, at_rest(controller, 12.0), 0.01, 8.0)

@@ -142,3 +142,7 @@ def test_modes_are_numbered_at_the_equilibrium_and_tracked_from_there():
 def test_invalid_parameters_are_refused(change):
     with pytest.raises(ParameterError):
         replace(cycle(0), **change)
+
+
+def test_a_soft_stiffness_is_accepted():
+    assert np.array_equal(replace(cycle(0), stiffness=0.01 * K).stiffness, 0.01 * K)
