@@ -11,12 +11,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from via_core.device_parts import Part, Text
 from via_core.errors import ImportMapError
-from via_core.text_files import read_text
+from via_core.text_files import read_text, read_yaml
 
 TO_SI = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": 0.017453292519943295, "rad/s": 1.0,
@@ -172,14 +171,12 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
             raise ImportMapError(f"no mapping '{name_or_path}'; there are: {', '.join(mapping_names())}")
         where = Path(str(resources.files("via_core").joinpath("mappings", f"{name_or_path}.yaml")))
     try:
-        mapping = Mapping.model_validate(yaml.safe_load(read_text(where, ImportMapError)))
+        mapping = Mapping.model_validate(read_yaml(read_text(where, ImportMapError), where.name, ImportMapError))
     except ValidationError as error:
         problems = "; ".join(
             f"{'.'.join(map(str, each['loc'])) or 'mapping'}: {each['msg']}" for each in error.errors()
         )
         raise ImportMapError(f"{where.name}: {problems}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: invalid dates
-        raise ImportMapError(f"{where.name}: not YAML: {' '.join(str(error).split())}") from None
     if mapping.device is not None and re.search(r"[/\\]|\.ya?ml$", mapping.device):
         return mapping.model_copy(update={"device": str(where.parent / mapping.device)})  # relative to the mapping
     return mapping

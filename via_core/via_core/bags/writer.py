@@ -21,7 +21,8 @@ import yaml
 from mcap.writer import CompressionType, IndexType, Writer
 
 from via_core.bags.definitions import Definition, definition_of
-from via_core.errors import BagError
+from via_core.errors import BagError, ViaError
+from via_core.text_files import read_yaml
 
 CHUNK_SIZE = 64 * 1024  # [bytes] before compression: the most that a killed recorder loses
 UNFINISHED = ".active"
@@ -42,7 +43,7 @@ class OfferedQos:
     def from_rosbag2(text: str) -> tuple[OfferedQos, ...]:
         """The profiles in an offered_qos_profiles text of any version; the default where it is invalid."""
         try:
-            profiles = yaml.safe_load(text) or []
+            profiles = read_yaml(text, "offered_qos_profiles") or []
             return tuple(
                 OfferedQos(
                     _word(each["reliability"], {2: "best_effort"}, "reliable"),
@@ -52,7 +53,7 @@ class OfferedQos:
                 )
                 for each in profiles
             ) or (OfferedQos(),)
-        except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError):
+        except (ViaError, KeyError, TypeError, ValueError, OverflowError):
             return (OfferedQos(),)
 
     def as_rosbag2(self) -> dict[str, Any]:
