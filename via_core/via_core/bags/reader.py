@@ -26,7 +26,7 @@ from rosbags.typesys.store import Typestore
 from via_core.bags.container import Channel, Container, Messages, files_of, joined, read_container
 from via_core.bags.definitions import Definition, typestore_from_text
 from via_core.bags.layout import NoFixedLayoutError, column, decoded, layout_of, scalar_formats, shares_layout
-from via_core.bags.writer import STORAGE_METADATA
+from via_core.bags.writer import JUMPS, STORAGE_METADATA
 from via_core.errors import BagError
 from via_core.text_files import read_text, read_yaml
 from via_core.wire import JOINT_STATE, SECOND
@@ -335,6 +335,8 @@ def _metadata(path: Path, containers: list[Container]) -> tuple[dict[str, str], 
             content = read_yaml(text, "metadata", BagError, _YamlLoader)
             content = content.get("rosbag2_bagfile_information", content)
             custom = content.get("custom_data") or {}
+            if JUMPS in custom:
+                remarks.append(f"simulated time has jumped {custom[JUMPS]} times during the recording")
             return {str(key): str(value) for key, value in custom.items()}, remarks
         except (BagError, AttributeError):
             remarks.append("the metadata of the bag is invalid")

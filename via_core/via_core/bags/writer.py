@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from errno import ENOENT
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -24,9 +25,10 @@ from via_core.bags.definitions import Definition, definition_of
 from via_core.errors import BagError, ViaError
 from via_core.text_files import read_yaml
 
-CHUNK_SIZE = 64 * 1024  # [bytes] before compression: the most that a killed recorder loses
+CHUNK_SIZE = 64 * 1024  # [bytes] before compression; a recorder also ends a chunk by time, see `flush`
 UNFINISHED = ".active"
 STORAGE_METADATA = "rosbag2"  # name of the MCAP metadata record with rosbag2's copy of metadata.yaml
+JUMPS = "clock_jumps"  # custom data: how often simulated time has jumped during the recording
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -168,6 +170,17 @@ class BagWriter:
         declared.messages += 1
         self._first = log_time if self._first is None else min(self._first, log_time)
         self._last = max(self._last, log_time)
+
+    def flush(self) -> None:
+        """End the present chunk and hand it to the operating system: a killed process loses only later messages.
+
+        Raises BagError on a full disk, and when the file has been removed or replaced.
+        """
+        writer = self._open_writer()
+        with self._filing():
+            writer.flush()
+            if not os.path.samestat(os.stat(self._active), os.fstat(self._file.fileno())):
+                raise FileNotFoundError(ENOENT, "it has been replaced")
 
     def messages(self) -> dict[str, int]:
         """Number of messages written, by topic."""

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from pydantic import model_validator
 from via_core.errors import ParameterError
 from via_sim.effects import Effect
 from via_sim.effects.catalogue import DEVICE_NUMBERS
@@ -109,6 +110,12 @@ class NuisanceValue(Record):
     at_bound: bool
     low: Number | None = None  # of the range it was fitted in
     high: Number | None = None
+
+    @model_validator(mode="after")
+    def _is_a_factor(self) -> NuisanceValue:
+        if self.filed == 0.0 and self.fitted != 0.0:
+            raise ValueError(f"{self.name}: filed as 0 and fitted as {self.fitted:g}, which is no factor")
+        return self
 
 
 class HeldOutInterval(Record):
