@@ -28,7 +28,7 @@ from via_ros.spin import close_all, make_executor, spin_until
 
 middleware.prepare()
 
-DEADLINE = float(os.environ.get("VIA_TEST_DEADLINE", 600.0))  # [s] after which something hangs: how fast it goes is not what is tested
+DEADLINE = 600.0  # [s] after which something hangs: how fast it goes is not what is tested
 
 
 @pytest.fixture(scope="session")

@@ -148,8 +148,9 @@ def test_transitions_while_samples_arrive_do_not_end_a_controller(graph):
     graph.until(lambda: simulator.ticks > 10)
     client = peer.node.create_client(ChangeState, "/excitation/change_state")
     graph.until(client.service_is_ready)
-    cycle = (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP, 99, Transition.TRANSITION_CONFIGURE,
-             Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_ACTIVATE)  # fmt: skip
+    configure, activate = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+    cycle = [Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP, 99, configure, configure]
+    cycle += [activate, activate]
     answers = []
     for number in 20 * cycle:
         answer = client.call_async(ChangeState.Request(transition=Transition(id=number)))
@@ -231,5 +232,3 @@ def test_a_second_simulator_of_a_joint_does_not_begin_and_both_are_named(graph):
     assert second.ticks == 0
     graph.remove(first)
     graph.until(lambda: second.ticks > 20)
-
-

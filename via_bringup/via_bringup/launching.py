@@ -61,7 +61,7 @@ def parameter_file(default: Any, description: str = "parameter file of the nodes
 
 
 def simulation(defaults: Any, **more: Any) -> list[Any]:
-    """Launch arguments `discovery`, `mode`, `bag` and `parameters` (as in `parameter_file`); a recorder starts if `bag` is given."""
+    """Launch arguments `discovery`, `mode`, `bag`, `parameters` (as in `parameter_file`); `bag` starts a recorder."""
     return [
         *network(),
         DeclareLaunchArgument("mode", default_value="realtime", description="realtime, lockstep or free"),

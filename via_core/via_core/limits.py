@@ -17,6 +17,7 @@ class Limits:
     """Limits of one file."""
 
     text: int = 16 << 20  # characters of a text file
+    yaml: int = 1 << 20  # characters of a YAML text
     depth: int = 64  # of nesting
     values: int = 100_000  # of a YAML text, those that aliases repeat included
     chunk: int = 256 << 20  # [bytes] of one chunk of a bag, uncompressed

@@ -52,22 +52,24 @@ def read_yaml(text: str, name: str, error: type[ViaError] = ViaError, loader: An
     loader  a SafeLoader
     """
     try:
-        _require_small(text)
+        _require_small(text, loader)
         return yaml.load(text, loader)
     except Exception as problem:  # constructors raise any exception for odd values of odd tags
         mark = getattr(problem, "problem_mark", None)
         line = f" line {mark.line + 1}" if mark is not None else ""
         what = getattr(problem, "problem", None) or getattr(problem, "reason", None) or str(problem)
-        what = " ".join(str(what).split())[:200] or type(problem).__name__
-        raise error(f"{name}:{line} not YAML: {shown(what)}") from None
+        what = ("" if line else "not YAML: ") + (" ".join(str(what).split())[:200] or type(problem).__name__)
+        raise error(f"{name}:{line} {shown(what)}") from None
 
 
-def _require_small(text: str) -> None:
+def _require_small(text: str, loader: Any) -> None:
     """Raise YAMLError beyond the limits of depth and of values, those that aliases repeat included."""
     sizes: dict[str, int] = {}  # of anchored values
     open_: list[tuple[str | None, int]] = []  # anchor and size of each open collection
     total = 0
-    for event in yaml.parse(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # one event at a time, not recursive
+    if len(text) > LIMITS.yaml:
+        raise yaml.YAMLError(f"more than {LIMITS.yaml} characters")
+    for event in yaml.parse(text, loader):  # one event at a time, not recursive
         anchor = getattr(event, "anchor", None)
         size = 0
         if isinstance(event, yaml.CollectionStartEvent):
@@ -80,7 +82,7 @@ def _require_small(text: str) -> None:
             if name is not None:
                 sizes[name] = total - before
         elif isinstance(event, yaml.AliasEvent):
-            size = sizes.get(event.anchor, LIMITS.values)  # of a value that contains itself: without end
+            size = sizes.get(str(event.anchor), LIMITS.values)  # of a value that contains itself: without end
         elif isinstance(event, yaml.ScalarEvent):
             size = 1
             if anchor is not None:

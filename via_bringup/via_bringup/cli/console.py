@@ -17,6 +17,7 @@ from via_core.text_files import shown
 
 WIDTH = 160  # characters per line if stdout is not a terminal
 
+
 class HarmlessConsole(Console):
     """A console whose texts do not control the terminal."""
 

@@ -32,22 +32,20 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
 from via_core.signals import Array
-from via_core.wire import seconds
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.conversions import Command, nanoseconds, set_stamp
-from via_ros.gate import Gate
+from via_ros.conversions import Command, set_stamp
+from via_ros.gate import Gate, RenewedSubscription
 from via_ros.parameters import declare
 from via_ros.peers import commanders, drivers, rivalry
-from via_ros.renewal import RenewedSubscription
 from via_ros.serialised import CommandBytes, JointStateDecoder
 from via_ros.spin import STEADY
 
 from via_controllers.methods import CONTROLLERS
-from via_controllers.nodes.samples import sample_reader
+from via_controllers.nodes.samples import sample_reader, time_since
 from via_controllers.robot import ControlledArm, ControlledJoint
 from via_controllers.supervision.arm_limits import Limit
-from via_controllers.supervision.arm_supervision import GAP, Activity, Answer, Change
+from via_controllers.supervision.arm_supervision import GAP, Answer, Change
 
 REPORT = 1.0  # [s] between two diagnostics
 SILENCE = 0.02  # [s] without a later stamp after which torque is zero
@@ -181,8 +179,7 @@ class ControllerNode(LifecycleNode):
 
     def time_of(self, stamp: Any) -> float:
         """[s] of a message's stamp in the time of samples; NaN before the first sample."""
-        origin = self._reader.origin
-        return np.nan if origin is None else seconds(nanoseconds(stamp), origin)
+        return time_since(self._reader.origin, stamp)
 
     def update(self, change: Change) -> None:
         """Apply `change` to the controller's state if the controller is active."""

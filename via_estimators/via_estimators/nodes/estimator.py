@@ -34,8 +34,8 @@ from via_interfaces.msg import VsaCommand
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
 from via_ros.conversions import RowReader
+from via_ros.gate import RenewedSubscription
 from via_ros.parameters import declare
-from via_ros.renewal import RenewedSubscription
 from via_ros.serialised import JointStateDecoder
 from via_ros.spin import STEADY, run
 

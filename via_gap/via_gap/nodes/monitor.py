@@ -35,7 +35,6 @@ from via_interfaces.msg import GapStatus, VsaCommand
 from via_ros import qos
 from via_ros.conversions import RowReader, nanoseconds, unchecked_command
 from via_ros.parameters import declare
-from via_ros.renewal import RenewedSubscription
 from via_ros.serialised import JointStateDecoder
 from via_ros.spin import STEADY, run
 
@@ -62,7 +61,7 @@ class MonitorNode(Node):
         self._message.header.frame_id = device.name
         self._gap = self.create_publisher(GapStatus, f"/{device.name}/gap", qos.CONTROL)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
-        self._samples = RenewedSubscription(self, JointState, own.joint_topic, self._on_sample, qos.SAMPLES)
+        self.create_subscription(JointState, own.joint_topic, self._on_sample, qos.SAMPLES, raw=True)
         self.create_subscription(VsaCommand, device.command_topic, self._on_command, qos.SAMPLES)
         self._server = ActionServer(
             self, DiagnoseGap, "~/diagnose", partial(_conclude, failure("no outcome")),

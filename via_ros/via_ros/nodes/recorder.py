@@ -4,9 +4,10 @@ ros2 run via_ros recorder --ros-args -p bag:=joint -p "topics:=['/joint_states',
 
 A topic with its type, '/joint_states:sensor_msgs/msg/JointState', is subscribed before it has a publisher, so that its
 first message is recorded. Without `topics` all topics are recorded as they appear. A log line names each topic at its
-first message. Only a properly closed bag gets its final name; otherwise the file keeps its unfinished name. Messages are
-handed to the operating system every 50 ms, so that a killed recorder loses those of the last 100 ms at most. The log time
-is that of this machine, even if the node uses simulated time; jumps of the simulated time make the bag incomplete.
+first message. Only a properly closed bag gets its final name; otherwise the file keeps its unfinished name.
+
+Messages are handed to the operating system every 50 ms, so that a killed recorder loses those of the last 100 ms at most.
+The log time is that of this machine, even if the node uses simulated time; jumps of simulated time make the bag incomplete.
 """
 
 from __future__ import annotations

@@ -35,10 +35,9 @@ from via_core.parameters import parameter
 from via_core.wire import SECOND
 from via_interfaces.msg import VsaCommand
 from via_ros import qos
-from via_ros.conversions import Command, StateWriter, set_stamp
-from via_ros.gate import Gate
+from via_ros.conversions import Command, set_stamp
+from via_ros.gate import Gate, RenewedSubscription
 from via_ros.peers import CommandOrigin, DriverOrigin, commanders, drivers, rivalry
-from via_ros.renewal import RenewedSubscription
 from via_ros.serialised import decoded_command
 from via_ros.spin import STEADY
 
@@ -106,7 +105,7 @@ class SimulationNode(Node, Generic[Row]):
 
     # ---- the robot
 
-    _samples: StateWriter
+    _samples: Any  # StateWriter of the robot
 
     @abstractmethod
     def _passive(self) -> Row:
