@@ -4,9 +4,9 @@ A callback behind the gate may raise for a message that it cannot use: a status 
 overflows, a reference out of reach. Messages that are never decoded because of their size: see `serialised`.
 
 RenewedSubscription survives a message that the middleware cannot deliver. A serialised message of zero bytes is such:
-Fast DDS 2.14 neither delivers it nor skips it, and a reliable reader receives nothing more until the writer's history has
-been replaced, seconds later. When a stream falls silent, a second reader without reliability listens too. If it hears
-what the first one does not, the first one is replaced.
+Fast DDS 2.14 neither delivers it nor skips it, and a reliable reader receives nothing more until the writer's history
+has been replaced, seconds later. When a stream falls silent, a second reader without reliability listens too. If it
+hears what the first one does not, the first one is replaced.
 """
 
 from __future__ import annotations

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import os
 import shutil
-from errno import ENOENT
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from errno import ENOENT
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self

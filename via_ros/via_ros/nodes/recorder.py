@@ -6,8 +6,9 @@ A topic with its type, '/joint_states:sensor_msgs/msg/JointState', is subscribed
 first message is recorded. Without `topics` all topics are recorded as they appear. A log line names each topic at its
 first message. Only a properly closed bag gets its final name; otherwise the file keeps its unfinished name.
 
-Messages are handed to the operating system every 50 ms, so that a killed recorder loses those of the last 100 ms at most.
-The log time is that of this machine, even if the node uses simulated time; jumps of simulated time make the bag incomplete.
+Messages are handed to the operating system every 50 ms, so that a killed recorder loses at most those of the last
+100 ms. The log time is that of this machine, even if the node uses simulated time; jumps of simulated time make the bag
+incomplete.
 """
 
 from __future__ import annotations
