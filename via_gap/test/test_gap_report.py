@@ -78,3 +78,10 @@ def test_a_device_parameter_filed_as_zero_has_no_factor():
     with pytest.raises(ValueError, match="which is no factor"):
         NuisanceValue.model_validate(given)
     assert NuisanceValue.model_validate(given | {"fitted": 0.0}).filed == 0.0
+
+
+def test_effects_that_are_no_causes_are_refused():
+    given = json.loads(report().to_json())
+    given["effects"][0]["effect"] = "stiction"
+    with pytest.raises(ParameterError, match="stiction at transmission 1 is not among the causes"):
+        read_report(json.dumps(given), "report.json")

@@ -169,6 +169,14 @@ class GapReport(Record):
     held_out: tuple[HeldOutInterval, ...] = ()  # where `gap` was measured
     lined: NotNegative | None = None  # [s] by which commands act late on lines between samples; None: in steps
 
+    @model_validator(mode="after")
+    def _repair_is_among_the_causes(self) -> GapReport:
+        known = {(c.effect, c.site, c.motor) for c in self.causes}
+        for place in self.effects:
+            if (place.effect, place.site, place.motor) not in known:
+                raise ValueError(f"effects: {place.effect} at {place.site} {place.motor} is not among the causes")
+        return self
+
     def to_json(self) -> str:
         return self.model_dump_json(indent=2)
 

@@ -13,7 +13,10 @@ def fuzz(
     kind: Annotated[list[str] | None, typer.Option(help="Kind of file (repeat for more); default: all.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the damage.")] = 0,
 ) -> None:
-    """Damage files and read them; the exit code is 1 if anything but a result or an error of the project comes out."""
+    """Damage files and give them to the loaders: each must be read or refused in one line.
+
+    The exit code is 1 if one is not.
+    """
     from via_validation.fuzz.inputs import kinds
     from via_validation.fuzz.run import batches
 
