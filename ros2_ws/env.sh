@@ -39,6 +39,9 @@ _via_root=$(dirname "$_via_ws")
 _via_key=$(find "$_via_root"/via_*/via_* -name '*.py' | LC_ALL=C sort | xargs -d '\n' cat | cksum | cut -d' ' -f1)
 case ${NUMBA_CACHE_DIR:-} in '' | "$_via_root"/.numba_cache/*) export NUMBA_CACHE_DIR=$_via_root/.numba_cache/$_via_key ;; esac
 
+# Nodes are found on this host only; `export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET` opens them to the network.
+export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
+
 # Without a writable home directory, logs of ROS go to the workspace.
 if [ ! -w "${HOME:-}" ]; then
     export ROS_LOG_DIR=${ROS_LOG_DIR:-$_via_ws/log/ros} MPLCONFIGDIR=${MPLCONFIGDIR:-$_via_ws/log/matplotlib}

@@ -303,3 +303,41 @@ def test_an_interrupt_while_modules_load_gives_no_traceback(tmp_path):
         check=False,
     )
     assert (done.returncode, done.stderr) == (-2, b"")
+
+
+@pytest.mark.parametrize(
+    ("commands", "options", "complaint"),
+    [
+        ("time,motor_1,motor_2\n0,0,0\n1e9,0,0\n", (), "more than 5000000 samples"),
+        (
+            "time,motor_1,motor_2\n0,0,0\n1,0,0\n",
+            ("--rate", "1e12"),
+            "rate must lie in (0, 1e+06] Hz, got 1000000000000",
+        ),
+        ("time,motor_1,motor_2\n0,0,0\n1,0,0\n", ("--rate", "nan"), "rate must lie in"),
+        ("time,motor_1,motor_2\n0,0,0\n1e308,0,0\n", (), "duration must be finite"),
+    ],
+)
+def test_absurd_times_and_rates_are_refused(via, tmp_path, commands, options, complaint):
+    (tmp_path / "c.csv").write_text(commands)
+    code, _, errors = via("sim", "cubic_demo", "--commands", "c.csv", *options)
+    assert code == 2 and complaint in errors and errors.count("\n") == 1
+
+
+def test_names_in_files_do_not_control_the_terminal(via, tmp_path):
+    with BagWriter(tmp_path / "bag", {"title\x1b[2J": "\x1b]0;owned\x07"}) as bag:
+        bag.add_topic("/a\x1b[31mb", "std_msgs/msg/Float64")
+        bag.write("/a\x1b[31mb", bytes(12), 1)
+    for words in (("bag", "info", "bag"), ("bag", "check", "bag"), ("bag", "info", "no\x1b[2J.mcap")):
+        _, out, errors = via(*words)
+        assert "\x1b[31m" not in out + errors and "\x1b[2J" not in out + errors and "\x07" not in out + errors
+    assert "\u241b[2J" in errors
+
+
+def test_a_node_is_found_on_this_host_only(via, started, monkeypatch):
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    via("run", "via_sim", "simulator")
+    assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    via("run", "via_sim", "simulator")
+    assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET" and len(started) == 2

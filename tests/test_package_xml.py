@@ -43,6 +43,7 @@ PYPI = {
     "mcap": "mcap",
     "mcap_ros2": "mcap-ros2-support",
     "padasip": "padasip",
+    "regex": "regex",
     "zstandard": "zstandard",
 }
 

@@ -13,7 +13,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from via_bringup.launching import node, parameter_file
+from via_bringup.launching import network, node, parameter_file
 from via_core.devices import load_device
 
 MOTION = {
@@ -50,6 +50,7 @@ def nodes(context: LaunchContext) -> list[Node]:
 def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
+            *network(),
             DeclareLaunchArgument(
                 "joints",
                 default_value="j1=qbmove_a j2=qbmove_a j3=qbmove_a j4=qbmove_a",

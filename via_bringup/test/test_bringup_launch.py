@@ -201,6 +201,18 @@ def test_every_configuration_is_declared_with_a_description(file, described):
     assert all(each.options["description"] for each in arguments)
 
 
+@pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
+def test_nodes_are_found_on_this_host_unless_opened(file, described):
+    parts = described(file)
+    (argument,) = [each for each in of(parts, DeclareLaunchArgument) if each.args[0] == "discovery"]
+    given = argument.options["default_value"]
+    assert (given.args, given.options) == (("ROS_AUTOMATIC_DISCOVERY_RANGE",), {"default_value": "LOCALHOST"})
+    setting = [each for each in parts if each.args[:1] == ("ROS_AUTOMATIC_DISCOVERY_RANGE",) and len(each.args) == 2]
+    assert [each.args[1].args for each in setting] == [("discovery",)]
+    nodes = [at for at, each in enumerate(parts) if isinstance(each, Node)]
+    assert parts.index(setting[0]) < min(nodes)
+
+
 @pytest.mark.parametrize("file", SIMULATIONS, ids=lambda file: file.name)
 def test_a_bag_starts_exactly_the_recorder(file, described):
     conditional = []

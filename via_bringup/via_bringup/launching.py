@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch.substitutions import (
+    EnvironmentVariable,
+    LaunchConfiguration,
+    PathJoinSubstitution,
+    PythonExpression,
+)
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
@@ -37,6 +42,18 @@ def node(package: str, executable: str, *parameters: Any, **more: Any) -> Node:
     return Node(package=package, executable=executable, parameters=list(parameters), output="screen", **more)
 
 
+def network() -> list[Any]:
+    """Launch argument `discovery`: where the nodes are found. Nodes of this launch file that follow it obey it."""
+    name = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+    given = EnvironmentVariable(name, default_value="LOCALHOST")
+    return [
+        DeclareLaunchArgument(
+            "discovery", default_value=given, description="LOCALHOST: this host only; SUBNET: open to the network"
+        ),
+        SetEnvironmentVariable(name, LaunchConfiguration("discovery")),
+    ]
+
+
 def parameter_file(default: Any, description: str = "parameter file of the nodes") -> DeclareLaunchArgument:
     """Launch argument `parameters`. `default` is the name of a file in this package's `config` folder."""
     path = PathJoinSubstitution([FindPackageShare("via_bringup"), "config", default])
@@ -44,8 +61,9 @@ def parameter_file(default: Any, description: str = "parameter file of the nodes
 
 
 def simulation(defaults: Any, **more: Any) -> list[Any]:
-    """Launch arguments `mode`, `bag` and `parameters` (as in `parameter_file`); a recorder starts if `bag` is given."""
+    """Launch arguments `discovery`, `mode`, `bag`, `parameters` (as in `parameter_file`); `bag` starts a recorder."""
     return [
+        *network(),
         DeclareLaunchArgument("mode", default_value="realtime", description="realtime, lockstep or free"),
         DeclareLaunchArgument("bag", default_value="", description="folder of the bag to record; empty: none"),
         parameter_file(defaults, **more),
@@ -54,9 +72,10 @@ def simulation(defaults: Any, **more: Any) -> list[Any]:
 
 
 def playback(speed: str = "playback speed") -> list[Any]:
-    """Launch arguments `bag` and `rate`; a player starts if `bag` is given. `speed` describes `rate`."""
+    """Launch arguments `discovery`, `bag` and `rate`; a player starts if `bag` is given. `speed` describes `rate`."""
     played = {"bag": string("bag"), "rate": number("rate")}
     return [
+        *network(),
         DeclareLaunchArgument("bag", default_value="", description="bag to play; empty: use the robot's topics"),
         DeclareLaunchArgument("rate", default_value="1.0", description=speed),
         node("via_ros", "player", played, condition=_if_bag()),

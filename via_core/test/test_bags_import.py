@@ -318,7 +318,7 @@ def test_shipped_mappings_load_and_wrong_ones_name_the_key(tmp_path: Path) -> No
     whole = load_mapping("maccepavd").model_dump(exclude_none=True)
     cases = [
         ({"recordings": {**whole["recordings"], "time": {"column": "header", "unit": "rad"}}}, "recordings.time.unit"),
-        ({"recordings": {**whole["recordings"], "bag": "{nobody}"}}, "a group that recordings.pattern does not name"),
+        ({"recordings": {**whole["recordings"], "bag": "{nobody}"}}, "no plain name of a group of recordings.pattern"),
         ({"recordings": {**whole["recordings"], "pattern": "("}}, "not a regular expression"),
         ({"recordings": {**whole["recordings"], "ignore": {"header": "twice"}}}, "mapped twice: 'header'"),
         ({"device": None}, "needs a device"),
@@ -331,7 +331,7 @@ def test_shipped_mappings_load_and_wrong_ones_name_the_key(tmp_path: Path) -> No
             load_mapping(path)
         assert words in str(error.value)
     (tmp_path / "wrong.yaml").write_text("a: [")
-    with pytest.raises(ImportMapError, match="not YAML"):
+    with pytest.raises(ImportMapError, match="line 1 expected the node content"):
         load_mapping(tmp_path / "wrong.yaml")
 
 

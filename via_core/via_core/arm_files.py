@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TypeVar
 
 import pinocchio
-import yaml
 from pydantic import ValidationError
 
 from via_core.device_parts import Part, Text
 from via_core.errors import DeviceError
+from via_core.text_files import read_text, read_yaml
 
 
 class ArmFile(Part):
@@ -37,12 +37,12 @@ def read_arm(kind: type[File], folder: str, name_or_path: str | Path) -> tuple[P
     if not path.is_file():
         raise DeviceError(f"no arm '{name_or_path}'; there are: {', '.join(arm_names(folder))}")
     try:
-        file = kind.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-        return path, file, pinocchio.buildModelFromXML((path.parent / file.urdf).read_text(encoding="utf-8"))
+        file = kind.model_validate(read_yaml(read_text(path, DeviceError, path.name), path.name, DeviceError))
+        return path, file, pinocchio.buildModelFromXML(read_text(path.parent / file.urdf, DeviceError, file.urdf))
     except ValidationError as error:
         first = error.errors()[0]
         raise DeviceError(f"{path.name}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
-    except (OSError, yaml.YAMLError, ValueError) as error:
+    except ValueError as error:
         raise DeviceError(f"{path.name}: {' '.join(str(error).split())[:120]}") from None
 
 

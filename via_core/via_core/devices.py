@@ -38,7 +38,7 @@ from via_core.device_parts import (
 from via_core.errors import DeviceError, ParameterError
 from via_core.signals import Array
 from via_core.springs import SpringLaw
-from via_core.text_files import read_text
+from via_core.text_files import read_text, read_yaml
 from via_core.wire import DRIVE, MOTOR, command_topic, link_name, motor_name
 
 MOTORS = {"rigid": 0, "flexible": 1, "antagonistic": 2, "serial": 2}
@@ -228,15 +228,7 @@ def load_device(name_or_path: str | Path) -> Device:
 
 def parse_device(text: str, file: str) -> Device:
     """The device described by YAML `text`; `file` is the name in errors. Raises DeviceError."""
-    try:
-        content = yaml.load(text, _Loader)  # a SafeLoader
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" line {mark.line + 1}" if mark is not None else ""
-        what = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
-        raise DeviceError(_one_line(f"{file}:{line} {what}")) from None
-    except (TypeError, ValueError, RecursionError) as error:
-        raise DeviceError(_one_line(f"{file}: not YAML: {error}")) from None
+    content = read_yaml(text, file, DeviceError, _Loader)
     if not isinstance(content, dict):
         raise DeviceError(f"{file}: a device file is a mapping of keys, got {type(content).__name__}")
     try:

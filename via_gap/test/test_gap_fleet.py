@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from distributed import Client
+from distributed.security import Security
 from gap_logs import flexible, log_of
 from via_core.errors import ViaError
 from via_gap.diagnose import diagnose
 from via_gap.logs.log import read_log
+from via_gap.run import fleet
 from via_gap.run.fleet import Row, Workers, key_of, row_of, run_fleet
 from via_sim.effects import Effect
 
@@ -129,3 +132,16 @@ def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
     with pytest.raises(ViaError, match=r"scheduler tcp://127[.]0[.]0[.]1:9") as raised:
         run_fleet(logs, DEVICE, tmp_path / "results", workers=Workers("tcp://127.0.0.1:9"))
     assert "\n" not in str(raised.value)
+
+
+def test_processes_of_a_fleet_obey_only_this_run():
+    """Its scheduler and workers take no connection without the keys of the run."""
+    with fleet._client(Workers(count=1)) as client:
+        addresses = [client.scheduler.address, *client.scheduler_info()["workers"]]
+        assert all(address.startswith("tls://127.0.0.1:") for address in addresses)
+        for address in addresses:
+            for tried in (address, address.replace("tls://", "tcp://")):
+                security = Security.temporary() if tried.startswith("tls") else None
+                with pytest.raises(OSError, match="Timed out"):
+                    Client(tried, timeout="3s", set_as_default=False, security=security)
+        assert client.submit(pow, 2, 3).result() == 8

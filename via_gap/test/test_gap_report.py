@@ -5,7 +5,7 @@ from importlib import resources
 
 import pytest
 from via_core.errors import ParameterError
-from via_gap.report.report import Cause, EffectLocation, GapReport, Value, Where, read_report
+from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValue, Value, Where, read_report
 from via_gap.selection.gap import Gap, SignalGap
 from via_sim.effects import Effect
 from via_sim.effects.files import load_effects, save_effects
@@ -71,3 +71,17 @@ def test_repair_is_an_effects_file_that_the_simulator_loads(tmp_path):
     assert effect == Effect("backlash", "transmission", {"gap": 0.02}, 1)
     save_effects(tmp_path / "repair.yaml", report().repair())
     assert load_effects(tmp_path / "repair.yaml") == (effect,)
+
+
+def test_a_device_parameter_filed_as_zero_has_no_factor():
+    given = {"name": "n", "unit": "-", "filed": 0.0, "fitted": 1.0, "offset": 0.0, "at_bound": False}
+    with pytest.raises(ValueError, match="which is no factor"):
+        NuisanceValue.model_validate(given)
+    assert NuisanceValue.model_validate(given | {"fitted": 0.0}).filed == 0.0
+
+
+def test_effects_that_are_no_causes_are_refused():
+    given = json.loads(report().to_json())
+    given["effects"][0]["effect"] = "stiction"
+    with pytest.raises(ParameterError, match="stiction at transmission 1 is not among the causes"):
+        read_report(json.dumps(given), "report.json")

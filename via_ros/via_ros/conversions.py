@@ -245,6 +245,11 @@ class StateWriter:
         self.velocity: Array = np.frombuffer(self._message.velocity)
         self.effort: Array = np.frombuffer(self._message.effort)
 
+    @property
+    def names(self) -> list[str]:
+        """Names of the joints."""
+        return list(self._message.name)
+
     def stamped(self, time: int) -> JointState:
         """The message with the stamp `time` [ns]."""
         set_stamp(self._message.header.stamp, time)

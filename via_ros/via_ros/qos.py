@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from via_core.bags.writer import OfferedQos
+from via_core.errors import ViaError
+from via_core.text_files import read_yaml
 
 # The other policies are rclpy's defaults: keep last, reliable, volatile.
 CONTROL = QoSProfile(depth=10)  # commands and responses: a reader may be ten messages behind without loss
@@ -52,8 +53,8 @@ def from_bag(text: str) -> QoSProfile:
     some recorders write "unlimited" as the largest integer.
     """
     try:
-        entries: Any = yaml.safe_load(text) or []
-    except (yaml.YAMLError, ValueError):
+        entries: Any = read_yaml(text, "offered_qos_profiles") or []
+    except ViaError:
         entries = []
     first = entries[0] if isinstance(entries, list) and entries and isinstance(entries[0], dict) else {}
     depth = first.get("depth")

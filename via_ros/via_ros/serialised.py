@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
+from via_core.limits import LIMITS
 from via_core.signals import Array
 from via_core.wire import FIELDS, SECOND
 from via_interfaces.msg import VsaCommand
@@ -60,7 +61,9 @@ class JointStateDecoder:
         self._turn = 0  # first candidate: devices publish in a fixed order
 
     def decode(self, data: bytes) -> Joints | None:
-        """Contents of a message; None for invalid bytes."""
+        """Contents of a message; None for invalid bytes and for messages beyond the limits."""
+        if len(data) > LIMITS.message:
+            return None
         try:
             if not data.startswith(NATIVE):
                 return joints_of(deserialize_message(data, JointState), Names(()))
@@ -82,6 +85,8 @@ class JointStateDecoder:
         mask_bytes = bytearray()
         _, at = _text(data, AFTER_STAMP, mask_bytes)
         (count,) = LENGTH.unpack_from(data, at)
+        if count > LIMITS.joints:
+            raise ValueError(f"{count} joints")
         mask_bytes += b"\xff" * LENGTH.size
         at += LENGTH.size
         names = []

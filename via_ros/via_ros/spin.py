@@ -25,6 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from via_core.errors import ParameterError, ViaError
+from via_core.text_files import shown
 
 from via_ros import middleware
 
@@ -138,7 +139,7 @@ def _warn_of_unknown_parameters(node: Any) -> None:
 
 
 def _complain(nodes: list[Any], error: Exception) -> None:
-    print(f"{nodes[0].get_name() if nodes else 'error'}: {error}", file=sys.stderr)
+    print(shown(f"{nodes[0].get_name() if nodes else 'error'}: {error}"), file=sys.stderr)
 
 
 def _end_on_signals(ended: Future) -> None:

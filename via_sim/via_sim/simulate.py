@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from via_core.devices import Device
 from via_core.errors import ParameterError
+from via_core.limits import LIMITS
 from via_core.signals import Array, Signals
 
 from via_sim.effects.catalogue import MAX_DELAY
@@ -227,6 +228,8 @@ def simulate(
     every = sensors.decimation(rate)
     if not (np.isfinite(duration) and duration >= 0.0):
         raise ParameterError(f"duration must be finite and >= 0 s, got {duration}")
+    if duration * rate > LIMITS.samples:
+        raise ParameterError(f"{duration:g} s at {rate:g} Hz are more than {LIMITS.samples} samples")
     time = initial.time + np.arange(round(duration * rate) + 1) / rate
     state = initial_state(plant, rate, initial.motion, initial.seed)
     if commands is None:

@@ -1,27 +1,52 @@
 """Consoles of the `via` command: `answers` prints results to stdout, `errors` everything else to stderr.
 
-Markup is off: brackets and colons in file and topic names are printed literally.
+Markup is off: brackets and colons in file and topic names are printed literally. Characters that control a terminal are
+printed as their pictures: names in files of others may contain them.
 """
 
 from __future__ import annotations
 
 import sys
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
+from via_core.text_files import shown
 
 WIDTH = 160  # characters per line if stdout is not a terminal
 
-answers = Console(
+
+class HarmlessConsole(Console):
+    """A console whose texts do not control the terminal."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        super().print(*map(_harmless, objects), **options)
+
+
+class HarmlessTable(Table):
+    """A table whose cells do not control the terminal."""
+
+    def add_row(self, *cells: Any, **options: Any) -> None:
+        super().add_row(*map(_harmless, cells), **options)
+
+
+def _harmless(given: Any) -> Any:
+    if isinstance(given, Text):
+        given.plain = shown(given.plain)  # of the same length: styles stay in place
+    return shown(given) if isinstance(given, str) else given
+
+
+answers = HarmlessConsole(
     markup=False, emoji=False, highlight=False, width=None if sys.stdout and sys.stdout.isatty() else WIDTH
 )
-errors = Console(stderr=True, markup=False, emoji=False, highlight=False)
+errors = HarmlessConsole(stderr=True, markup=False, emoji=False, highlight=False)
 
 
 def table(title: str, *columns: str) -> Table:
     """An empty table. The first column holds names: left-aligned and never truncated. The others are right-aligned."""
-    made = Table(title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    made = HarmlessTable(title=shown(title), title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
     for number, column in enumerate(columns):
         made.add_column(column, justify="left" if number == 0 else "right", no_wrap=number == 0, overflow="fold")
     return made

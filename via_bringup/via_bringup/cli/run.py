@@ -28,6 +28,7 @@ def run(
 def execute_node(package: str, executable: str, arguments: list[str]) -> NoReturn:
     """Replace this process by the executable, which then receives the signals and returns the exit code."""
     path = find_executable(package, executable)
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # SUBNET opens the node to the network
     os.execv(path, [str(path), *arguments])
 
 

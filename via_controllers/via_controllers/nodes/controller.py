@@ -12,8 +12,9 @@ inactive      the arm or joint is held where it was
 active        the controller runs
 
 With `autostart` the node configures and activates itself, so that `ros2 run` alone suffices. After 20 ms without a
-sample the node sends zero torque once. Drivers and simulators have watchdogs in case the node itself is gone. In
-lockstep the zero has no effect: its stamp belongs to a sample that is already answered.
+later stamp the node sends zero torque once, and answers samples whose stamps stand still with zero torque. Drivers and
+simulators have watchdogs in case the node itself is gone. In lockstep the zero has no effect: its stamp belongs to a
+sample that is already answered. Diagnostics name a second commander or a second driver of the robot.
 """
 
 from __future__ import annotations
@@ -31,22 +32,25 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from sensor_msgs.msg import JointState
 from via_core.errors import ParameterError, ViaError
 from via_core.signals import Array
-from via_core.wire import seconds
 from via_interfaces.msg import ControlState, VsaCommand
 from via_ros import qos
-from via_ros.conversions import Command, nanoseconds, set_stamp
+from via_ros.conversions import Command, set_stamp
+from via_ros.gate import Gate, RenewedSubscription
 from via_ros.parameters import declare
+from via_ros.peers import commanders, drivers, rivalry
 from via_ros.serialised import CommandBytes, JointStateDecoder
 from via_ros.spin import STEADY
 
 from via_controllers.methods import CONTROLLERS
-from via_controllers.nodes.samples import sample_reader
+from via_controllers.nodes.samples import sample_reader, time_since
 from via_controllers.robot import ControlledArm, ControlledJoint
 from via_controllers.supervision.arm_limits import Limit
-from via_controllers.supervision.arm_supervision import GAP, Activity, Answer, Change
+from via_controllers.supervision.arm_supervision import GAP, Answer, Change
 
 REPORT = 1.0  # [s] between two diagnostics
-SILENCE = 0.02  # [s] without a sample after which zero torque is sent
+SILENCE = 0.02  # [s] without a later stamp after which torque is zero
+STOPPED = "stamps stand still"
+STALLED = "a motor does not follow its torque: its sensor is frozen, or it is blocked"
 LOOK = 0.004  # [s] period of the check for silence
 SAME_CLOCK = 1_000_000_000  # [ns] largest age of a stamp from this machine's clock when silence is noticed
 SLOW = f"samples more than {1e3 * GAP:g} ms apart restart the controller: publish /joint_states at 100 Hz or more"
@@ -132,23 +136,27 @@ class ControllerNode(LifecycleNode):
         self._writer = CommandBytes(self._robot.name)
         self._control_state = _ControlStateWriter(self._robot, self.get_name())
         self._decoder, self._reader = JointStateDecoder(), sample_reader(self._robot)
-        self._answered = self._unusable = self._reported = self._silences = self._broken = 0
+        self._answered = self._unusable = self._reported = self._silences = self._broken = self._stopped = 0
+        self._stalled = False  # since the last report
+        self._gate = Gate(self.get_logger())
         self._limited, self._gaps = Limit.NONE, 0  # since the last report
         self._warned = False  # of the present gaps
         self._time = np.inf  # [s] of the last usable sample
-        self._received: float | None = None  # [s] steady clock at the last sample; None: silence is handled already
-        self._last = 0  # [ns] stamp of the last sample
+        self._progress: float | None = None  # [s] steady clock at the last later stamp
+        self._silent = True  # the present silence is handled already
+        self._last: int | None = None  # [ns] stamp of the last sample
         publisher = self._creator(self.create_publisher, self.destroy_publisher)
-        self._commands = publisher(VsaCommand, self._robot.command_topic, qos.CONTROL)
+        self._commands = publisher(VsaCommand, self._robot.command_topic, qos.SAMPLES)
         self._states = publisher(ControlState, f"/{self._robot.name}/control", qos.SAMPLES)
         self._reports = publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         timer = self._creator(self.create_timer, self.destroy_timer)
         timer(REPORT, self._report, clock=STEADY)
-        timer(LOOK, self._check_silence, clock=STEADY)
+        timer(LOOK, self._look, clock=STEADY)
         subscription = self._creator(self.create_subscription, self.destroy_subscription)
-        for each in inputs:
-            subscription(*each)
-        subscription(JointState, "/joint_states", self._answer, qos.CONTROL, raw=True)
+        for kind, topic, callback, profile in inputs:
+            subscription(kind, topic, self._gate.message(callback), profile)
+        renewed = RenewedSubscription(self, JointState, "/joint_states", self._answer, qos.CONTROL)
+        self._entities.append((RenewedSubscription.destroy, renewed))
 
     def _creator(self, create: Callable[..., Any], destroy: Callable[[Any], Any]) -> Callable[..., Any]:
         def created(*args: Any, **options: Any) -> Any:
@@ -171,14 +179,15 @@ class ControllerNode(LifecycleNode):
 
     def time_of(self, stamp: Any) -> float:
         """[s] of a message's stamp in the time of samples; NaN before the first sample."""
-        origin = self._reader.origin
-        return np.nan if origin is None else seconds(nanoseconds(stamp), origin)
+        return time_since(self._reader.origin, stamp)
 
     def update(self, change: Change) -> None:
         """Apply `change` to the controller's state if the controller is active."""
         self._state = self._supervisor.updated(self._state, change)
 
     def _answer(self, data: bytes) -> None:
+        if not self._entities:  # the sample was received before its subscription was destroyed
+            return
         joints = self._decoder.decode(data)
         if joints is None:
             self._broken += 1
@@ -187,11 +196,19 @@ class ControllerNode(LifecycleNode):
         if found is None:
             return
         stamp, sample = found
-        self._state, answer = self._supervisor.step(self._state, sample, self._active)
+        now = time.monotonic()
+        if self._last is None or stamp > self._last:
+            self._progress, self._silent = now, False
+        self._last = stamp
+        if self._progress is not None and now - self._progress > SILENCE:
+            self._stopped += 1
+            answer = self._supervisor.passive()
+        else:
+            self._state, answer = self._supervisor.step(self._state, sample, self._active)
         self._send(stamp, answer.torque)
-        self._received, self._last = time.monotonic(), stamp
         self._answered += 1
-        if answer.activity is Activity.PASSIVE:
+        self._stalled |= answer.stalled
+        if answer.unusable:
             self._unusable += 1
         else:
             self._gaps += sample.time - self._time > GAP
@@ -205,10 +222,12 @@ class ControllerNode(LifecycleNode):
         command = Command(VsaCommand.MOTOR_TORQUE, 0.0, 0.0, self._robot.damping, torque)
         self._commands.publish(self._writer.numbered(stamp, command))
 
-    def _check_silence(self) -> None:
-        """Send zero torque once when samples stop: the last torque then no longer fits the motion."""
-        if self._received is not None and time.monotonic() - self._received > SILENCE - LOOK:
-            self._received = None
+    def _look(self) -> None:
+        """Send zero torque once when stamps stop: the last torque then no longer fits the motion."""
+        if not self._entities or self._silent or self._progress is None or self._last is None:
+            return
+        if time.monotonic() - self._progress > SILENCE - LOOK:
+            self._silent = True
             self._silences += 1
             self._send(_stamp_now(self._last), np.zeros(self._supervisor.limits.arm.n))
 
@@ -216,23 +235,33 @@ class ControllerNode(LifecycleNode):
         if not self._entities:  # the timer was due already when its publisher was destroyed
             return
         malformed, silent = self._broken + self._reader.malformed, self._answered == self._reported
+        topic = self._robot.command_topic
+        commanding, driving = commanders(self, topic), drivers(self, "/joint_states", topic)
         rate, self._reported = (self._answered - self._reported) / REPORT, self._answered
         conditions = {
             "no samples": silent,
             SLOW: self._gaps > 0,
             "unusable samples": self._unusable > 0,
             "malformed messages": malformed > 0,
+            f"refused messages: {self._gate.reason}": self._gate.refused > 0,
+            STOPPED: self._stopped > 0,
+            STALLED: self._stalled,
+            rivalry("commanders", commanding): len(commanding) > 1,
+            rivalry("drivers", driving): len(driving) > 1,
             "at a limit": self._limited != Limit.NONE,
         }
         warnings = [text for text, present in conditions.items() if present]
         values = {
             "samples": self._answered, "rate [Hz]": f"{rate:g}", "unusable samples": self._unusable,
-            "malformed messages": malformed, "gaps": self._gaps, "silences": self._silences,
+            "malformed messages": malformed, "refused messages": self._gate.refused, "gaps": self._gaps,
+            "silences": self._silences, "samples with an old stamp": self._stopped,
+            "commanders": ", ".join(commanding), "drivers": ", ".join(driving),
             "limits": _names(self._limited), **self._control_state.limits,
         }  # fmt: skip
         if self._gaps and not self._warned:
             self.get_logger().warning(SLOW)
         self._limited, self._gaps, self._warned = Limit.NONE, 0, self._gaps > 0
+        self._stopped, self._stalled = 0, False
         status = DiagnosticStatus(
             level=DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK,
             name=f"{self.get_name()}: {'active' if self._active else 'holding still'}",

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from via_core.wire import link_name, motor_name
-from via_ros.conversions import JointReader, Joints, RowReader
+from math import nan
+from typing import Any
+
+from via_core.wire import link_name, motor_name, seconds
+from via_ros.conversions import JointReader, Joints, RowReader, nanoseconds
 
 from via_controllers.contract import ArmSample, JointSample
 from via_controllers.robot import ControlledArm, ControlledJoint
@@ -62,3 +65,8 @@ class JointSampleReader:
 def sample_reader(robot: ControlledArm | ControlledJoint) -> ArmSampleReader | JointSampleReader:
     """The reader for a robot's samples."""
     return ArmSampleReader(robot) if isinstance(robot, ControlledArm) else JointSampleReader(robot)
+
+
+def time_since(origin: int | None, stamp: Any) -> float:
+    """[s] from `origin` [ns] to a message's stamp; NaN without an origin."""
+    return nan if origin is None else seconds(nanoseconds(stamp), origin)

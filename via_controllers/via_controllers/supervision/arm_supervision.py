@@ -3,6 +3,7 @@
     active, usable sample      the controller                        ACTIVE
     inactive, usable sample    the holding controller                HOLDING
     unusable sample            no torque                             PASSIVE
+    stalled motor              no torque, see `stall`                PASSIVE
 
 Limits are enforced in every case. A controller restarts with the first sample after it is selected, after a stamp that
 goes backward, and after a gap, because its state no longer fits the motion. For joints see `joint_supervision`.
@@ -11,7 +12,7 @@ goes backward, and after a gap, because its state no longer fits the motion. For
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any
 
@@ -21,6 +22,7 @@ from via_core.signals import Array
 
 from via_controllers.contract import ArmController, ArmSample
 from via_controllers.supervision.arm_limits import ArmLimits, Limit
+from via_controllers.supervision.stall import Stall, StallDetection
 
 GAP = 0.02  # [s] between two samples after which a controller restarts
 Change = Callable[[Any], Any]  # of a controller's state
@@ -42,6 +44,8 @@ class Answer:
     torque: Array  # (n,) [N m]
     activity: Activity
     limited: Limit
+    stalled: bool = False  # whether a motor does not follow its torque
+    unusable: bool = False  # whether a value is missing or impossible
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,9 @@ class Supervised:
     deciding: Activity = Activity.PASSIVE  # at the last usable sample
     inner: Any = None  # state of the controller that ran then
     time: float = -np.inf  # [s] of the last usable sample
+    torque: Array | None = None  # (n,) [N m] of the last answer
+    stall: Stall | None = None
+    active: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +67,10 @@ class Supervisor:
     controller: ArmController[Any]
     holding: ArmController[Any]
     limits: ArmLimits
+    _stalls: StallDetection = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_stalls", StallDetection(self.limits.arm))
 
     def init(self) -> Supervised:
         """The state before the first sample."""
@@ -68,14 +79,28 @@ class Supervisor:
     def step(self, state: Supervised, sample: ArmSample, active: bool) -> tuple[Supervised, Answer]:
         """The next state and the torques for `sample`."""
         if not _usable(sample):
-            return state, Answer(np.zeros(len(sample.q)), Activity.PASSIVE, Limit.NONE)
+            return state, replace(self.passive(), unusable=True)
+        stall = self._stall(state, sample, active)
+        if self._stalls.holds(stall):
+            waiting = Supervised(time=sample.time, stall=stall, active=active)
+            return waiting, replace(self.passive(), stalled=True)
         deciding, controller = (Activity.ACTIVE, self.controller) if active else (Activity.HOLDING, self.holding)
         continued = state.deciding is deciding and 0.0 <= sample.time - state.time <= GAP
         inner, out = controller.step(state.inner if continued else controller.init(sample), sample)
         torque, changed = self.limits.kept(sample, out.torque)
         if out.saturated:
             changed |= Limit.TORQUE
-        return Supervised(deciding, inner, sample.time), Answer(torque, deciding, changed)
+        return Supervised(deciding, inner, sample.time, torque, stall, active), Answer(torque, deciding, changed)
+
+    def passive(self) -> Answer:
+        """No torque."""
+        return Answer(np.zeros(self.limits.arm.n), Activity.PASSIVE, Limit.NONE)
+
+    def _stall(self, state: Supervised, sample: ArmSample, active: bool) -> Stall:
+        if state.stall is None or active != state.active:
+            return self._stalls.init(sample)
+        torque = np.zeros(len(sample.theta)) if state.torque is None else state.torque
+        return self._stalls.step(state.stall, sample, torque, GAP)
 
     def updated(self, state: Supervised, change: Change) -> Supervised:
         """`state` with `change` applied to the controller's state; unchanged while the controller is not active."""

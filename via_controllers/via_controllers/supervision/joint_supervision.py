@@ -80,9 +80,13 @@ class JointSupervisor:
             sample.time, np.full(n, angles[0]), np.full(n, velocities[0]), angles[1:], velocities[1:], np.full(n, nan)
         )
         inner, answer = self.supervisor.step(state.inner, motion, active)
-        if inner is state.inner:
-            return state, answer  # the sample is not usable
+        if answer.unusable:
+            return state, answer
         return SupervisedJoint(inner, sample.time, locked(angles, "angles"), locked(velocities, "velocities")), answer
+
+    def passive(self) -> Answer:
+        """No torque."""
+        return self.supervisor.passive()
 
     def updated(self, state: SupervisedJoint, change: Change) -> SupervisedJoint:
         """As `Supervisor.updated`."""

@@ -21,6 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from via_core.errors import BagError
+from via_core.limits import LIMITS, require_regular
 
 Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
@@ -84,6 +85,7 @@ class Container:
 def read_container(path: Path, wanted: Callable[[str], bool] = lambda topic: True) -> Container:
     """All intact messages of the topics `wanted`. Raises BagError when `path` is not a readable MCAP file."""
     try:
+        require_regular(path)
         with path.open("rb") as file:
             head = file.read(len(MAGIC))
             if not head:
@@ -92,7 +94,7 @@ def read_container(path: Path, wanted: Callable[[str], bool] = lambda topic: Tru
                 raise BagError(f"{path.name} is not an MCAP file (it begins with {head!r})")
             mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)  # unmapped with its last view
     except OSError as error:
-        raise BagError(f"cannot read {path}: {error.strerror}") from None
+        raise BagError(f"cannot read {path}: {error.strerror or error}") from None
     return _Walk(path, np.frombuffer(mapped, dtype=np.uint8), wanted).container()
 
 
@@ -143,7 +145,7 @@ class _Walk:
     pieces: dict[int, list[Messages]] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     count: int = 0
-    zstd: zstandard.ZstdDecompressor = field(default_factory=zstandard.ZstdDecompressor)
+    unpacked: int = 0  # [bytes]
 
     def container(self) -> Container:
         opcodes, offsets, lengths, end = _records(self.data, len(MAGIC), len(self.data))
@@ -153,9 +155,9 @@ class _Walk:
             profile = _Fields(self._content(offsets[0], lengths[0])).text()
         except (struct.error, IndexError, UnicodeDecodeError):
             raise BagError(f"{self.path.name} has an invalid header") from None
-        self._declarations(self.data, opcodes, offsets, lengths)
         loose = opcodes == _MESSAGE
         if loose.any():
+            self._declarations(self.data, opcodes, offsets, lengths)
             self._messages(self.data, offsets[loose], lengths[loose])
         batch: list[bytes] = []
         size = 0
@@ -171,6 +173,7 @@ class _Walk:
         if not footer:
             batch.append(self._partial_chunk(end))
         self._batch(batch)
+        self._declarations(self.data, opcodes, offsets, lengths)  # the summary repeats those of the chunks
         self._ending(footer, end)
         for offset in offsets[(opcodes == _STATISTICS) & (lengths >= 8)].tolist():
             promised = int.from_bytes(self._content(offset, 8), "little")
@@ -204,17 +207,28 @@ class _Walk:
         elif opcode == _SCHEMA:
             number = fields.number("<H")
             name, encoding = fields.text(), fields.text()
-            self.schemas[number] = Schema(name, encoding, bytes(fields.piece(fields.number("<I"))))
+            schema = Schema(name, encoding, bytes(fields.piece(fields.number("<I"))))
+            self._declare("schema", number, self.schemas, schema, LIMITS.schemas)
         else:
-            number, schema = fields.number("<H"), fields.number("<H")
+            number, of_schema = fields.number("<H"), fields.number("<H")
             topic, encoding = fields.text(), fields.text()
-            self.channels.setdefault(number, Channel(topic, self.schemas.get(schema), encoding, fields.text_map()))
+            channel = Channel(topic, self.schemas.get(of_schema), encoding, fields.text_map())
+            self._declare("channel", number, self.channels, channel, LIMITS.channels)
+
+    def _declare(self, kind: str, number: int, known: dict[int, Any], declared: Any, most: int) -> None:
+        """Keep a declaration; the first one of a number counts."""
+        if known.setdefault(number, declared) != declared:
+            self.remarks.append(f"{kind} {number} is declared twice, and differently")
+        if len(known) > most:
+            raise BagError(f"{self.path.name} has more than {most} {kind}s")
 
     def _whole_chunk(self, offset: int, length: int) -> bytes | None:
         """The records of one chunk; None, with a remark, when it is damaged."""
         try:
             fields = _Fields(self.data[offset : offset + length].data)
             size, checksum, compression = _chunk_head(fields)
+            if size > LIMITS.chunk:
+                raise BagError(f"it states {size} bytes, more than {LIMITS.chunk}")
             records = self._unpacked(fields.piece(fields.number("<Q")), compression, size)
         except BagError as error:
             reason = str(error)
@@ -226,18 +240,27 @@ class _Walk:
             elif checksum and zlib.crc32(records) != checksum:
                 reason = "its checksum differs"
             else:
+                self._pay(size)
                 return records
         self.remarks.append(f"the chunk at byte {offset - _RECORD_HEAD} is left out: {reason}")
         return None
 
     def _unpacked(self, packed: Any, compression: str, size: int) -> bytes:
+        """The content of a chunk, at most one byte more than `size`; of a truncated one its beginning."""
         if compression == "":
-            return bytes(packed)
+            return bytes(packed[: size + 1])
         if compression == "zstd":
-            return self.zstd.decompress(packed, max_output_size=min(size, 1 << 31))
+            with zstandard.ZstdDecompressor().stream_reader(packed) as reader:
+                return bytes(reader.read(size + 1))
         if compression == "lz4":
-            return bytes(lz4.frame.decompress(packed))
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
         raise BagError(f"compression '{compression}' is unknown")
+
+    def _pay(self, size: int) -> None:
+        """Raise BagError when the bag becomes larger than the limit."""
+        self.unpacked += size
+        if self.unpacked > LIMITS.bag:
+            raise BagError(f"{self.path.name} is larger than {LIMITS.bag} bytes, half of this machine's memory")
 
     def _partial_chunk(self, begin: int) -> bytes:
         """The readable part of the chunk record at `begin` that the end of the file truncates; may be empty."""
@@ -246,15 +269,10 @@ class _Walk:
             return b""
         fields = _Fields(rest[_RECORD_HEAD:])
         try:
-            _, _, compression = _chunk_head(fields)
+            size, _, compression = _chunk_head(fields)
             fields.number("<Q")
-            packed = fields.rest()
-            if compression == "zstd":
-                return zstandard.ZstdDecompressor().decompressobj().decompress(packed)
-            if compression == "lz4":
-                return lz4.frame.LZ4FrameDecompressor().decompress(packed)
-            return packed if compression == "" else b""
-        except (struct.error, UnicodeDecodeError, IndexError, zstandard.ZstdError, RuntimeError, MemoryError):
+            return self._unpacked(fields.rest(), compression, min(size, LIMITS.chunk))
+        except (struct.error, UnicodeDecodeError, IndexError, zstandard.ZstdError, RuntimeError, MemoryError, BagError):
             return b""
 
     def _batch(self, chunks: list[bytes]) -> None:

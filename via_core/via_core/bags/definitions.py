@@ -7,6 +7,7 @@ prefixes of AMENT_PREFIX_PATH, in sys.prefix or in the source tree. rclpy is not
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,13 +15,17 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
 from via_core.errors import BagError
+from via_core.limits import LIMITS
+from via_core.text_files import shown
 
 _SEPARATOR = "=" * 80
+NAME, TYPE = re.compile(r"[A-Za-z]\w*", re.ASCII), re.compile(r"\w+/msg/[A-Za-z]\w*", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -55,11 +60,43 @@ def typestore_from_text(type_name: str, text: str) -> Typestore:
     """A type store with the types of the schema `text` of a bag only. Raises BagError when it does not parse."""
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(get_types_from_msg(text, type_name))
+        if len(text) > LIMITS.schema:
+            raise BagError(f"more than {LIMITS.schema} characters")
+        found = get_types_from_msg(text, type_name)
+        _require_small(found, type_name)
+        store.register(found)
         store.get_msgdef(type_name)
-    except (TypesysError, KeyError, AssertionError) as error:
-        raise BagError(f"the definition of {type_name} is invalid: {_one_line(error)}") from None
+    except Exception as error:  # rosbags parses untrusted text and runs code that it generates from it
+        reason = shown(_one_line(error))[:200] or type(error).__name__
+        raise BagError(f"the definition of {shown(type_name)} is invalid: {reason}") from None
     return store
+
+
+def _require_small(found: Typesdict, type_name: str) -> None:
+    """Raise BagError for odd names and beyond the limit of members: rosbags unrolls arrays of messages and texts."""
+    counts: dict[str, int] = {}
+
+    def count(name: str, depth: int) -> int:
+        if depth > LIMITS.depth:
+            raise BagError(f"types are nested more than {LIMITS.depth} deep")
+        if name not in counts:
+            total = 1
+            for member, (kind, inner) in found[name][1] if name in found else ():
+                if not NAME.fullmatch(member):
+                    raise BagError(f"'{member}' is no name of a member")
+                times, unrolled = 1, kind == Nodetype.ARRAY
+                if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+                    (kind, inner), length = inner
+                    times = max(length, 1) if unrolled and (kind == Nodetype.NAME or inner[0] == "string") else 1
+                total += times * (count(inner, depth + 1) if kind == Nodetype.NAME else 1)
+                if total > LIMITS.members:
+                    raise BagError(f"more than {LIMITS.members} members")
+            counts[name] = total
+        return counts[name]
+
+    if not all(TYPE.fullmatch(name) for name in (*found, type_name)):
+        raise BagError("odd names of types")
+    count(type_name, 0)
 
 
 @cache

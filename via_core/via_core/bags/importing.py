@@ -26,7 +26,9 @@ from via_core.bags.recording_checks import check_recording, check_samples, usabl
 from via_core.bags.writer import BagWriter
 from via_core.devices import Device, load_device
 from via_core.errors import BagError, ImportMapError
+from via_core.limits import require_regular
 from via_core.signals import Array, Signals
+from via_core.text_files import shown
 from via_core.wire import JOINT_STATE, SECOND, UNITS, VSA_COMMAND
 
 FLOAT64 = "std_msgs/msg/Float64"
@@ -142,15 +144,15 @@ def _recordings(folder: Path, mapping: Mapping) -> list[_Source]:
         raise ImportMapError(f"no folder {folder}")
     found: dict[str, _Source] = {}
     for path in sorted((path for path in folder.rglob("*") if path.is_file()), key=_natural):
-        match = re.fullmatch(mapping.recordings.pattern, path.relative_to(folder).as_posix())
-        if match is None:
+        groups = mapping.recordings.match(path.relative_to(folder).as_posix())
+        if groups is None:
             continue
-        name = mapping.recordings.bag.format(**match.groupdict(""))
+        name = mapping.recordings.bag.format(**groups)
         if Path(name).name != name or name in ("", ".."):  # a mapping must not write outside of `out`
             raise ImportMapError(f"recordings.bag makes '{name}' of {path.name}, which is not the name of one folder")
         if name in found:
             raise ImportMapError(f"{found[name].path.name} and {path.name} would both become the bag '{name}'")
-        found[name] = _Source(name, path, match.groupdict(""))
+        found[name] = _Source(name, path, groups)
     if not found:
         raise ImportMapError(f"no file in {folder} matches {mapping.recordings.pattern}")
     return list(found.values())
@@ -202,6 +204,8 @@ class _Importer:
         command_table = recording
         if self.mapping.commands is not None:
             file = self.mapping.commands.file.format(**source.groups)
+            if not (self.folder / file).resolve().is_relative_to(self.folder.resolve()):
+                raise ImportMapError(f"commands.file makes '{shown(file)}', which lies outside {self.folder}")
             if not (self.folder / file).is_file():
                 raise _BadFileError(f"its commands {file} are missing")
             command_table = _read_table(self.folder / file, given)
@@ -297,6 +301,7 @@ def _command_findings(time: Array, in_order: NDArray[np.bool_], commands: dict[s
 def _read_table(path: Path, table: Table) -> dict[str, Array]:
     """Column name -> (N,) numbers of the file; an empty cell is NaN. Raises ImportMapError and _BadFileError."""
     try:
+        require_regular(path)
         with path.open(encoding="utf-8-sig", newline="") as file:
             lines = list(csv.reader(file, delimiter=table.delimiter))
     except (OSError, UnicodeDecodeError, csv.Error) as error:

@@ -9,14 +9,16 @@ from __future__ import annotations
 import re
 from importlib import resources
 from pathlib import Path
+from string import Formatter
 from typing import Annotated, Any, Literal
 
-import yaml
+import regex
 from pydantic import Field, ValidationError, model_validator
 
 from via_core.device_parts import Part, Text
 from via_core.errors import ImportMapError
-from via_core.text_files import read_text
+from via_core.limits import LIMITS
+from via_core.text_files import read_text, read_yaml, shown
 
 TO_SI = {
     "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": 0.017453292519943295, "rad/s": 1.0,
@@ -95,7 +97,7 @@ class Table(Part):
     def check_header(self, header: list[str], file: str) -> None:
         """Raise ImportMapError for unknown, missing or repeated columns."""
         wanted = {each.column for each in self.mapped} | self.ignore.keys()
-        unknown = [name for name in header if name not in wanted]
+        unknown = [shown(name)[:40] for name in header if name not in wanted]
         missing = sorted(wanted - set(header))
         twice = sorted({name for name in header if header.count(name) > 1})
         problems = [
@@ -114,8 +116,16 @@ class Recordings(Table):
     bag      name of the bag
     """
 
-    pattern: Text
+    pattern: Annotated[str, Field(min_length=1, max_length=1000)]
     bag: Text
+
+    def match(self, file: str) -> dict[str, str] | None:
+        """Groups of a relative path that matches. Raises ImportMapError when matching takes too long."""
+        try:
+            found = regex.fullmatch(self.pattern, file, timeout=LIMITS.matching)
+        except TimeoutError:
+            raise ImportMapError(f"recordings.pattern takes more than {LIMITS.matching:g} s for {file}") from None
+        return None if found is None else found.groupdict("")
 
 
 class CommandFile(Table):
@@ -137,15 +147,15 @@ class Mapping(Part):
     @model_validator(mode="after")
     def _fits_together(self) -> Mapping:
         try:
-            groups = re.compile(self.recordings.pattern).groupindex
-        except re.error as error:
+            groups = regex.compile(self.recordings.pattern).groupindex
+        except regex.error as error:
             raise ValueError(f"recordings.pattern is not a regular expression: {error}") from None
         templates = [self.recordings.bag] + ([self.commands.file] if self.commands else [])
         for template in templates:
-            try:
-                template.format(**dict.fromkeys(groups, ""))
-            except (KeyError, IndexError, ValueError, AttributeError) as error:
-                raise ValueError(f"'{template}' uses a group that recordings.pattern does not name: {error}") from None
+            for _, name, form, conversion in Formatter().parse(template):
+                if name is not None and (name not in groups or form or conversion):
+                    text = f"{{{name}{f':{form}' if form else ''}}} of '{template}'"
+                    raise ValueError(f"{text[:80]} is no plain name of a group of recordings.pattern")
         if self.device is None:
             roles = [each.joint for each in self.recordings.joints if re.fullmatch(r"link|motor_\d+", each.joint)]
             if roles:
@@ -172,14 +182,12 @@ def load_mapping(name_or_path: str | Path) -> Mapping:
             raise ImportMapError(f"no mapping '{name_or_path}'; there are: {', '.join(mapping_names())}")
         where = Path(str(resources.files("via_core").joinpath("mappings", f"{name_or_path}.yaml")))
     try:
-        mapping = Mapping.model_validate(yaml.safe_load(read_text(where, ImportMapError)))
+        mapping = Mapping.model_validate(read_yaml(read_text(where, ImportMapError), where.name, ImportMapError))
     except ValidationError as error:
         problems = "; ".join(
             f"{'.'.join(map(str, each['loc'])) or 'mapping'}: {each['msg']}" for each in error.errors()
         )
         raise ImportMapError(f"{where.name}: {problems}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: invalid dates
-        raise ImportMapError(f"{where.name}: not YAML: {' '.join(str(error).split())}") from None
     if mapping.device is not None and re.search(r"[/\\]|\.ya?ml$", mapping.device):
         return mapping.model_copy(update={"device": str(where.parent / mapping.device)})  # relative to the mapping
     return mapping

@@ -26,8 +26,9 @@ from rosbags.typesys.store import Typestore
 from via_core.bags.container import Channel, Container, Messages, files_of, joined, read_container
 from via_core.bags.definitions import Definition, typestore_from_text
 from via_core.bags.layout import NoFixedLayoutError, column, decoded, layout_of, scalar_formats, shares_layout
-from via_core.bags.writer import STORAGE_METADATA
+from via_core.bags.writer import JUMPS, STORAGE_METADATA
 from via_core.errors import BagError
+from via_core.text_files import read_text, read_yaml
 from via_core.wire import JOINT_STATE, SECOND
 
 Integers = NDArray[np.int64]
@@ -325,17 +326,19 @@ def _metadata(path: Path, containers: list[Container]) -> tuple[dict[str, str], 
     remarks = []
     if path.is_dir():
         try:
-            texts.append((path / "metadata.yaml").read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError):
+            texts.append(read_text(path / "metadata.yaml", BagError))
+        except BagError:
             remarks.append("metadata.yaml is missing or cannot be read")
     texts += [each.metadata.get(STORAGE_METADATA, {}).get("serialized_metadata", "") for each in containers]
     for text in filter(None, texts):
         try:
-            content = yaml.load(text, _YamlLoader)  # a SafeLoader
+            content = read_yaml(text, "metadata", BagError, _YamlLoader)
             content = content.get("rosbag2_bagfile_information", content)
             custom = content.get("custom_data") or {}
+            if JUMPS in custom:
+                remarks.append(f"simulated time has jumped {custom[JUMPS]} times during the recording")
             return {str(key): str(value) for key, value in custom.items()}, remarks
-        except (yaml.YAMLError, AttributeError, ValueError, RecursionError):  # ValueError: invalid dates
+        except (BagError, AttributeError):
             remarks.append("the metadata of the bag is invalid")
     return {}, remarks
 

@@ -30,7 +30,8 @@ class RecoveryReport:
 def recover(path: str | Path, out: str | Path) -> RecoveryReport:
     """Copy every intact message of `path` (bag directory or .mcap file) into a new, finished bag `out`.
 
-    Damaged chunks are skipped; of a chunk truncated by the end of the file the intact messages are recovered.
+    Damaged chunks are skipped. Of a chunk truncated by the end of the file the messages in complete compressed blocks
+    are recovered: all whole messages without compression, none of chunks below 128 KiB with zstd.
     Invalid messages (no CDR header, negative time) are skipped and counted in the remarks.
     Raises BagError when nothing can be read from `path`, or `out` exists.
     """

@@ -13,6 +13,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from errno import ENOENT
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -21,11 +22,13 @@ import yaml
 from mcap.writer import CompressionType, IndexType, Writer
 
 from via_core.bags.definitions import Definition, definition_of
-from via_core.errors import BagError
+from via_core.errors import BagError, ViaError
+from via_core.text_files import read_yaml
 
-CHUNK_SIZE = 64 * 1024  # [bytes] before compression: the most that a killed recorder loses
+CHUNK_SIZE = 64 * 1024  # [bytes] before compression; a recorder also ends a chunk by time, see `flush`
 UNFINISHED = ".active"
 STORAGE_METADATA = "rosbag2"  # name of the MCAP metadata record with rosbag2's copy of metadata.yaml
+JUMPS = "clock_jumps"  # custom data: how often simulated time has jumped during the recording
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -42,7 +45,7 @@ class OfferedQos:
     def from_rosbag2(text: str) -> tuple[OfferedQos, ...]:
         """The profiles in an offered_qos_profiles text of any version; the default where it is invalid."""
         try:
-            profiles = yaml.safe_load(text) or []
+            profiles = read_yaml(text, "offered_qos_profiles") or []
             return tuple(
                 OfferedQos(
                     _word(each["reliability"], {2: "best_effort"}, "reliable"),
@@ -52,7 +55,7 @@ class OfferedQos:
                 )
                 for each in profiles
             ) or (OfferedQos(),)
-        except (yaml.YAMLError, KeyError, TypeError, ValueError, OverflowError):
+        except (ViaError, KeyError, TypeError, ValueError, OverflowError):
             return (OfferedQos(),)
 
     def as_rosbag2(self) -> dict[str, Any]:
@@ -167,6 +170,17 @@ class BagWriter:
         declared.messages += 1
         self._first = log_time if self._first is None else min(self._first, log_time)
         self._last = max(self._last, log_time)
+
+    def flush(self) -> None:
+        """End the present chunk and hand it to the operating system: a killed process loses only later messages.
+
+        Raises BagError on a full disk, and when the file has been removed or replaced.
+        """
+        writer = self._open_writer()
+        with self._filing():
+            writer.flush()
+            if not os.path.samestat(os.stat(self._active), os.fstat(self._file.fileno())):
+                raise FileNotFoundError(ENOENT, "it has been replaced")
 
     def messages(self) -> dict[str, int]:
         """Number of messages written, by topic."""

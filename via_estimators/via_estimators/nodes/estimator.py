@@ -29,10 +29,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from via_core.devices import load_device
 from via_core.errors import ParameterError
+from via_core.text_files import shown
 from via_interfaces.msg import VsaCommand
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
 from via_ros.conversions import RowReader
+from via_ros.gate import RenewedSubscription
 from via_ros.parameters import declare
 from via_ros.serialised import JointStateDecoder
 from via_ros.spin import STEADY, run
@@ -43,6 +45,7 @@ from via_estimators.nodes.channel import EstimatorChannel
 from via_estimators.nodes.pipeline import REPORT, DevicePipeline
 
 DEFAULT_DEVICE = "cubic_demo"
+MOST_SHOWN = 20  # joint names in a warning
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,8 @@ class EstimatorNode(Node):
             self.create_service(ResetEstimator, f"~/{pipeline.device.name}/reset", partial(_reset, [pipeline]))
             if pipeline.commanded:
                 self.create_subscription(VsaCommand, pipeline.device.command_topic, pipeline.hold, qos.SAMPLES)
-        self.create_subscription(JointState, own.joint_topic, self._take, qos.samples_of(len(self.pipelines)), raw=True)
+        depth = qos.samples_of(len(self.pipelines))
+        self._samples = RenewedSubscription(self, JointState, own.joint_topic, self._take, depth)
         # One device at a time, so that diagnostics do not delay samples.
         self.create_timer(REPORT / len(self.pipelines), self._report, clock=STEADY)
 
@@ -153,7 +157,7 @@ class EstimatorNode(Node):
         if not rows:
             if not self._foreign:
                 wanted = ", ".join(f"'{each.device.link_joint}' of '{each.device.name}'" for each in self.pipelines)
-                self.get_logger().warning(f"no {wanted} among: {', '.join(joints.names.joints)}")
+                self.get_logger().warning(f"no {wanted} among: {shown(', '.join(joints.names.joints[:MOST_SHOWN]))}")
             self._foreign += 1
 
     def _report(self) -> None:

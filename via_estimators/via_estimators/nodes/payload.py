@@ -29,6 +29,7 @@ from via_interfaces.msg import PayloadEstimate
 from via_interfaces.srv import ResetEstimator
 from via_ros import qos
 from via_ros.conversions import JointReader, set_stamp
+from via_ros.gate import RenewedSubscription
 from via_ros.parameters import declare
 from via_ros.serialised import JointStateDecoder
 from via_ros.spin import STEADY, run
@@ -66,7 +67,7 @@ class PayloadNode(Node):
         self._estimates = self.create_publisher(PayloadEstimate, f"/{arm.name}/payload", qos.SAMPLES)
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         self.create_service(ResetEstimator, "~/reset", self._reset)
-        self.create_subscription(JointState, "/joint_states", self._take, qos.SAMPLES, raw=True)
+        self._samples = RenewedSubscription(self, JointState, "/joint_states", self._take, qos.SAMPLES)
         self.create_timer(REPORT, self._report, clock=STEADY)
 
     def _take(self, data: bytes) -> None:

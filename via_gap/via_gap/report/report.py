@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+from pydantic import model_validator
 from via_core.errors import ParameterError
 from via_sim.effects import Effect
 from via_sim.effects.catalogue import DEVICE_NUMBERS
@@ -110,6 +111,12 @@ class NuisanceValue(Record):
     low: Number | None = None  # of the range it was fitted in
     high: Number | None = None
 
+    @model_validator(mode="after")
+    def _is_a_factor(self) -> NuisanceValue:
+        if self.filed == 0.0 and self.fitted != 0.0:
+            raise ValueError(f"{self.name}: filed as 0 and fitted as {self.fitted:g}, which is no factor")
+        return self
+
 
 class HeldOutInterval(Record):
     """Part of a log that was held out; [s] since its first sample.
@@ -161,6 +168,14 @@ class GapReport(Record):
     figures: Figures | None = None
     held_out: tuple[HeldOutInterval, ...] = ()  # where `gap` was measured
     lined: NotNegative | None = None  # [s] by which commands act late on lines between samples; None: in steps
+
+    @model_validator(mode="after")
+    def _repair_is_among_the_causes(self) -> GapReport:
+        known = {(c.effect, c.site, c.motor) for c in self.causes}
+        for place in self.effects:
+            if (place.effect, place.site, place.motor) not in known:
+                raise ValueError(f"effects: {place.effect} at {place.site} {place.motor} is not among the causes")
+        return self
 
     def to_json(self) -> str:
         return self.model_dump_json(indent=2)

@@ -27,6 +27,7 @@ import via_core
 import via_sim
 from distributed import Client, LocalCluster, as_completed
 from distributed.scheduler import KilledWorker
+from distributed.security import Security
 from via_core.devices import Device
 from via_core.errors import ViaError
 from via_sim.effects import place_name
@@ -225,7 +226,7 @@ def _write(path: Path, text: str) -> None:
 
 @contextmanager
 def _client(workers: Workers) -> Iterator[Client]:
-    """A client of the scheduler, or of local processes that only this machine can reach."""
+    """A client of the scheduler, or of local processes that only this one can command: TLS with keys of this run."""
     with ExitStack() as stack:
         if workers.scheduler is not None:
             try:
@@ -240,7 +241,7 @@ def _client(workers: Workers) -> Iterator[Client]:
             with undisturbed():
                 cluster = LocalCluster(
                     n_workers=count, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
-                    local_directory=folder, silence_logs=logging.CRITICAL,
+                    local_directory=folder, silence_logs=logging.CRITICAL, security=Security.temporary(),
                 )  # fmt: skip
             client = Client(stack.enter_context(cluster), set_as_default=False)
         stack.enter_context(client)

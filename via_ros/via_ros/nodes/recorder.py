@@ -5,21 +5,28 @@ ros2 run via_ros recorder --ros-args -p bag:=joint -p "topics:=['/joint_states',
 A topic with its type, '/joint_states:sensor_msgs/msg/JointState', is subscribed before it has a publisher, so that its
 first message is recorded. Without `topics` all topics are recorded as they appear. A log line names each topic at its
 first message. Only a properly closed bag gets its final name; otherwise the file keeps its unfinished name.
+
+Messages are handed to the operating system every 50 ms, so that a killed recorder loses at most those of the last
+100 ms. The log time is that of this machine, even if the node uses simulated time; jumps of simulated time make the bag
+incomplete.
 """
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.task import Future
-from via_core.bags.writer import BagWriter
+from via_core.bags.writer import JUMPS, BagWriter
 from via_core.errors import BagError, ParameterError
 from via_core.parameters import parameter
 
@@ -29,6 +36,8 @@ from via_ros.parameters import declare
 from via_ros.spin import STEADY, run
 
 POLL = 0.1  # [s] interval of discovery
+FLUSH = 0.05  # [s] between two chunks at most
+JUMP = Duration(seconds=1)  # of simulated time, forward; backward any
 REPORT = 1.0  # [s] interval of diagnostics
 
 
@@ -47,6 +56,7 @@ class Count:
     size: int = 0  # [bytes]
     lost: int = 0  # missing sequence numbers of a numbered type with one publisher
     last: int = -1  # sequence number of the last message
+    before: int = 0  # sequence number of the first message: so many were sent before it
     malformed: int = 0  # discarded: shorter than its header, or than its sequence number for a numbered type
 
 
@@ -68,6 +78,12 @@ class Recorder(Node):
         for type_name in filter(None, self._wanted.values()):
             message_class(type_name)  # raises for a wrong type, before the bag is created
         self._writer = BagWriter(self.parameters.bag)
+        self._epoch = time.time_ns() - time.monotonic_ns()  # [ns] a bag's time neither jumps nor runs backward
+        self._jumps = 0
+        self._jump = self.get_clock().create_jump_callback(
+            JumpThreshold(min_forward=JUMP, min_backward=Duration(nanoseconds=-1), on_clock_change=False),
+            post_callback=self._jumped,
+        )
         self._reports = self.create_publisher(DiagnosticArray, "/diagnostics", qos.CONTROL)
         for name, type_name in self._wanted.items():
             if type_name:
@@ -75,6 +91,7 @@ class Recorder(Node):
         self._look()
         self.create_timer(POLL, self._look, clock=STEADY)
         self.create_timer(REPORT, self._report, clock=STEADY)
+        self.create_timer(FLUSH, self._flush, clock=STEADY)
 
     def _look(self) -> None:
         while self._refused:
@@ -125,10 +142,9 @@ class Recorder(Node):
             if len(data) < ENCAPSULATION or (opening is not None and opened is None):
                 count.malformed += 1
                 return
-            self._writer.write(name, data, self.get_clock().now().nanoseconds, sequence=count.messages)
-        except BagError as error:  # caught here, since the executor would print a traceback
-            print(f"{self.get_name()}: {error}", file=sys.stderr)
-            self.finished.set_result(2)
+            self._writer.write(name, data, self._epoch + time.monotonic_ns(), sequence=count.messages)
+        except BagError as error:
+            self._end(error)
             return
         if count.messages == 0:
             self.get_logger().info(f"recording {name}")
@@ -137,8 +153,28 @@ class Recorder(Node):
         if opened is not None:
             # A restarted publisher counts from 0: no loss is known.
             _, number = opened
-            count.lost += max(number - count.last - 1, 0) if count.last >= 0 else 0
+            if count.messages == 1:
+                count.before = number
+            else:
+                count.lost += max(number - count.last - 1, 0)
             count.last = number
+
+    def _flush(self) -> None:
+        if not self.finished.done():
+            try:
+                self._writer.flush()
+            except BagError as error:
+                self._end(error)
+
+    def _end(self, error: BagError) -> None:
+        """End the node; an exception would make the executor print a traceback."""
+        print(f"{self.get_name()}: {error}", file=sys.stderr)
+        self.finished.set_result(2)
+
+    def _jumped(self, _: object) -> None:
+        self._jumps += 1
+        self._writer.metadata[JUMPS] = str(self._jumps)
+        self.get_logger().warning(f"simulated time has jumped {self._jumps} times")
 
     def _report(self) -> None:
         report = DiagnosticArray()
@@ -152,10 +188,12 @@ class Recorder(Node):
                 level, text = DiagnosticStatus.ERROR, "messages are missing"
             elif count.malformed:
                 level, text = DiagnosticStatus.WARN, "malformed messages are left out"
+            elif count.before:
+                level, text = DiagnosticStatus.WARN, "messages were sent before the first recorded one"
             status = DiagnosticStatus(level=level, name=f"{self.get_name()}: {name}", message=text)
             if count is not None:
                 shown = {"messages": count.messages, "lost": count.lost, "malformed": count.malformed}
-                shown["bytes"] = count.size
+                shown |= {"sent before the first": count.before, "bytes": count.size}
                 status.values = [KeyValue(key=key, value=str(value)) for key, value in shown.items()]
             report.status.append(status)
         self._reports.publish(report)
@@ -171,6 +209,8 @@ class Recorder(Node):
         empty = sorted(name for name in self._wanted.keys() | self.counts.keys() if not self._received(name))
         topics = len(self.counts.keys() - set(empty))
         text = f"{self.parameters.bag}: {total} messages on {topics} topics, {lost} missing"
+        late = [f"{each.before} on {name}" for name, each in sorted(self.counts.items()) if each.before]
+        text += f"; sent before the first recorded one: {', '.join(late)}" if late else ""
         # Not the logger: the context may be gone.
         print(text + (f"; no message on {', '.join(empty)}" if empty else ""), file=sys.stderr)
 

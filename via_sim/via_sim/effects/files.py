@@ -24,7 +24,7 @@ from typing import Any
 
 import yaml
 from via_core.errors import ParameterError
-from via_core.text_files import read_text
+from via_core.text_files import read_text, read_yaml
 
 from via_sim.effects import PAIRED, Effect
 from via_sim.effects.catalogue import EFFECTS
@@ -40,12 +40,7 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
 
 def parse_effects(text: str, file: str) -> tuple[Effect, ...]:
     """The effects in YAML `text`; `file` is the name in errors."""
-    try:
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" line {mark.line + 1}" if mark is not None else ""
-        raise ParameterError(f"{file}:{line} {getattr(error, 'problem', None) or 'not YAML'}") from None
+    content = read_yaml(text, file, ParameterError)
     if content is None:
         return ()
     if not isinstance(content, list):

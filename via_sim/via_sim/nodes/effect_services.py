@@ -22,8 +22,8 @@ class EffectServices:
     def __init__(self, node: Any, change: Callable[[Sequence[Effect]], None]) -> None:
         self._change = change
         self.active = ""  # as text
-        node.create_service(SetEffects, "~/set_effects", self._set)
-        node.create_service(ClearEffects, "~/clear_effects", self._clear)
+        node.create_service(SetEffects, "~/set_effects", node.gate.request(self._set))
+        node.create_service(ClearEffects, "~/clear_effects", node.gate.request(self._clear))
 
     def apply(self, effects: Sequence[Effect]) -> None:
         """Change to these effects; raises ParameterError for one that does not fit."""

@@ -31,7 +31,7 @@ from via_ros import qos
 from via_ros.conversions import ArmStateWriter, Command, followed, set_stamp
 from via_ros.parameters import declare
 
-from via_sim.nodes.simulation import SimulationNode, TimeParameters
+from via_sim.nodes.simulation import LONGEST, SimulationNode, TimeParameters
 from via_sim.robots.bodies import Body
 from via_sim.simulate import MAX_SEED
 
@@ -80,8 +80,8 @@ class RobotSimulationNode(SimulationNode[Array]):
         if self._body.base(self._state) is not None:
             self._bases = self.create_publisher(PoseStamped, f"/{self._body.name}/base", qos.SAMPLES)
             self._beside.append(self._bases)
-        self.create_service(Push, "~/push", self._push)
-        self.create_service(Hold, "~/hold", self._hold)
+        self.create_service(Push, "~/push", self.gate.request(self._push))
+        self.create_service(Hold, "~/hold", self.gate.request(self._hold))
         self.start_listening(own, self._body.name, command_topic(self._body.name))
 
     # ---- the body
@@ -158,9 +158,9 @@ class RobotSimulationNode(SimulationNode[Array]):
         return answer
 
     def _hold(self, request: Hold.Request, answer: Hold.Response) -> Hold.Response:
-        answer.success = bool(np.isfinite(request.duration)) and request.duration >= 0.0
+        answer.success = 0.0 <= request.duration <= LONGEST
         if not answer.success:
-            answer.message = f"duration must be 0 s or more, got {request.duration}"
+            answer.message = f"duration must lie in [0, {LONGEST:g}] s, got {request.duration}"
         elif request.duration == 0.0:
             self._body, self._held_until = self._body.released(), 0
             answer.message = "released"

@@ -12,7 +12,9 @@ realtime  ticks with the wall clock and catches up when late (late ticks are cou
 lockstep  ticks when a command with the stamp of the last sample arrives; waits for a publisher of commands
 free      ticks as fast as possible under the last command
 
-Commands that do not fit the robot, and commands that make the state overflow, are ignored and counted.
+Commands that do not fit the robot, and commands that make the state overflow, are ignored and counted. While two nodes
+command the robot, all commands are refused. A simulator does not begin while another node publishes samples of its
+joints, and refuses all commands if one begins later. Diagnostics name these nodes.
 """
 
 from __future__ import annotations
@@ -34,6 +36,8 @@ from via_core.wire import SECOND
 from via_interfaces.msg import VsaCommand
 from via_ros import qos
 from via_ros.conversions import Command, set_stamp
+from via_ros.gate import Gate, RenewedSubscription
+from via_ros.peers import CommandOrigin, DriverOrigin, commanders, drivers, rivalry
 from via_ros.serialised import decoded_command
 from via_ros.spin import STEADY
 
@@ -45,6 +49,7 @@ MAX_LATE = 100_000_000  # [ns] beyond it time is skipped instead of caught up
 POLL = 0.02  # [s] between checks of the connections
 STABLE = 5  # successive checks with all connections, so that discovery is complete on both sides
 REPEAT = 100  # checks without an answer before lockstep publishes a sample again
+LONGEST = 1e9  # [s]
 EPOCH = SECOND  # [ns] stamp of the first sample in simulated time; in ROS a stamp of 0 means 'no time'
 
 
@@ -54,7 +59,7 @@ class TimeParameters:
 
     mode: str = parameter("realtime", "mode of time", choices=("realtime", "lockstep", "free"))
     rate: float = parameter(1000.0, "tick rate", "Hz", (1.0, 1e5))
-    duration: float = parameter(0.0, "simulated time; 0: no end", "s", (0.0, 1e9))
+    duration: float = parameter(0.0, "simulated time; 0: no end", "s", (0.0, LONGEST))
     listeners: int = parameter(1, "number of subscribers of samples to wait for before time begins", "", (0, 100))
 
 
@@ -67,8 +72,9 @@ class SimulationNode(Node, Generic[Row]):
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
         self.finished = Future()
+        self.gate = Gate(self.get_logger())
         self._tick = self._late = self._skipped = self._refused = self._unmatched = self._repeats = 0
-        self._taken = self._overtaken = 0
+        self._taken = self._overtaken = self._looks = self._mixed = 0
         self._last = sys.maxsize
         self._running = False
         self._polls = self._reported = 0
@@ -91,11 +97,15 @@ class SimulationNode(Node, Generic[Row]):
         self._command_stamp = -WATCHDOG  # [ns] stamp from which the command's time counts
         if times.mode != "realtime":
             self._clock_publisher = self.create_publisher(Clock, "/clock", qos.CONTROL)
-        self._commands = self.create_subscription(VsaCommand, command_topic, self._take, qos.CONTROL, raw=True)
+        self._commands = RenewedSubscription(self, VsaCommand, command_topic, self._take, qos.CONTROL)
+        self._commanders = CommandOrigin()
+        self._drivers = DriverOrigin(self, "/joint_states", command_topic, self._samples.names)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self.create_timer(POLL, self._poll, clock=STEADY)
 
     # ---- the robot
+
+    _samples: Any  # StateWriter of the robot
 
     @abstractmethod
     def _passive(self) -> Row:
@@ -143,8 +153,11 @@ class SimulationNode(Node, Generic[Row]):
     def _poll(self) -> None:
         """Begin when all connections are there; in lockstep publish an unanswered sample again."""
         self._polls += 1
+        self._looks += 1
+        if not self._running or self._looks % STABLE == 0:
+            self._drivers.look()
         if not self._running:
-            if not self._is_connected():
+            if not (self._is_connected() and self._drivers.is_alone()):
                 self._polls = 0
             elif self._polls >= STABLE:
                 self._begin()
@@ -161,7 +174,7 @@ class SimulationNode(Node, Generic[Row]):
         own = (self._joint_states, *self._beside)
         return (
             self._tick < self._last
-            and self._joint_states.get_subscription_count() >= listeners
+            and self._joint_states.get_subscription_count() >= listeners + self._drivers.listens
             and self._commands.get_publisher_count() >= commanders
             and all(each.get_subscription_count() >= self.count_subscribers(each.topic_name) for each in own)
         )
@@ -215,6 +228,7 @@ class SimulationNode(Node, Generic[Row]):
             set_stamp(self._clock_message.clock, stamp)
             self._clock_publisher.publish(self._clock_message)
         self._last_sample = self._sample(stamp)
+        self._drivers.sent(stamp)
         self._joint_states.publish(self._last_sample)
 
     # ---- commands
@@ -224,6 +238,10 @@ class SimulationNode(Node, Generic[Row]):
         row = None if decoded is None else self._row_of(decoded[1])
         if decoded is None or row is None:
             self._refused += 1
+            return
+        if (self._commands.get_publisher_count() > 1 and self._commanders.is_mixed(data)) or self._drivers.is_mixed():
+            self._mixed += 1
+            self._command = self._passive()
             return
         now, stamp = self._stamp(), decoded[0]
         if self._times.mode == "lockstep":
@@ -243,7 +261,12 @@ class SimulationNode(Node, Generic[Row]):
     def _report(self) -> None:
         mode, silent = self._times.mode, self._stamp() - self._command_stamp > WATCHDOG
         troubles, values = self._diagnose()
+        commanding = commanders(self, self._commands.topic_name)
+        driving = drivers(self, "/joint_states", self._commands.topic_name)
         troubles = {
+            rivalry("commanders", commanding): len(commanding) > 1,
+            rivalry("drivers", driving): len(driving) > 1,
+            f"refused requests: {self.gate.reason}": self.gate.refused > 0,
             "waiting for listeners and commands": not self._running and not self.finished.done(),
             "passive, no command": mode == "realtime" and silent and self._running,
             "late ticks": self._late > 0,
@@ -262,6 +285,8 @@ class SimulationNode(Node, Generic[Row]):
         values = {
             "ticks": self._tick, "rate [Hz]": f"{rate:g}", "late ticks": self._late, "skips of time": self._skipped,
             "late commands": f"{self.late_commands:.4f}", "refused commands": self._refused,
+            "commands refused for a second commander or driver": self._mixed,
+            "commanders": ", ".join(commanding), "drivers": ", ".join(driving),
             "unmatched commands": self._unmatched, "repeated samples": self._repeats,
             **values,
         }  # fmt: skip

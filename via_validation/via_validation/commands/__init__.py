@@ -19,6 +19,10 @@ COMMANDS = {
         "via_validation.commands.faults:faults",
         "Feed faulty and sound signals to every estimator and report its status.",
     ),
+    "fuzz": Entry(
+        "via_validation.commands.fuzz:fuzz",
+        "Damage files and give them to the loaders: each must be read or refused in one line.",
+    ),
     "mutants": Entry(
         "via_validation.commands.mutants:mutants",
         "Plant small errors in the numerical heart and count those that the tests notice (hours for 200).",

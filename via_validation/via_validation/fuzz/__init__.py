@@ -1,0 +1,1 @@
+"""Random damage to files, given to the public loaders."""

@@ -1,0 +1,102 @@
+"""Files to damage: the shipped ones and generated ones, with the public functions that read them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+from via_core.bags.inspection import check, info
+from via_core.bags.mapping import load_mapping
+from via_core.bags.messages import command_messages, joint_messages
+from via_core.bags.writer import BagWriter
+from via_core.command_files import read_motion
+from via_core.devices import device_names, load_device
+from via_core.wire import JOINT_STATE, VSA_COMMAND
+from via_sim.effects import Effect
+from via_sim.effects.files import effects_text, load_effects
+from via_sim.plants import JointPlant
+from via_sim.simulate import simulate
+
+from via_validation.fuzz.reports import read_whole_report, sample_report
+
+TICKS = 5  # of a simulation with a damaged device
+TOKENS = (
+    b"0", b"-1", b"1e308", b"1e-308", b".nan", b".inf", b"9" * 30, b"[", b"]", b"{", b"}", b"&a ", b"*a", b"<<: ",
+    b"null", b"!!bool x", b"!!timestamp x", b"!!binary x", b"\x1b[2J", b"\0", b"\xff\xff\xff\xff", b"../",
+    b"string[1000000]",
+)  # fmt: skip
+
+
+class Kind(NamedTuple):
+    """One kind of file: ending, originals, and the function that reads a file."""
+
+    ending: str
+    originals: tuple[bytes, ...]
+    read: Callable[[Path], Any]
+
+
+def kinds() -> dict[str, Kind]:
+    """Kinds of files by name."""
+    core = files("via_core")
+    devices = tuple(core.joinpath("devices", f"{name}.yaml").read_bytes() for name in device_names())
+    mappings = tuple(each.read_bytes() for each in core.joinpath("mappings").iterdir() if each.name.endswith(".yaml"))
+    effects = [Effect("coulomb_friction", "link", {"torque": 0.02}), Effect("torque_gain", "motor", {"gain": 0.9}, 1)]
+    commands = "time,motor_1,motor_2\n" + "".join(f"{1e-3 * k:g},{0.1 * k:g},0\n" for k in range(20))
+    return {
+        "device": Kind(".yaml", devices, _device),
+        "mapping": Kind(".yaml", mappings, load_mapping),
+        "effects": Kind(".yaml", (effects_text(effects).encode(),), load_effects),
+        "commands": Kind(".csv", (commands.encode(),), lambda path: read_motion(path, load_device("cubic_demo"))),
+        "bag": Kind(".mcap", (_bag(),), _read_bag),
+        "report": Kind(".json", (sample_report(),), read_whole_report),
+    }
+
+
+def damaged(rng: np.random.Generator, original: bytes) -> bytes:
+    """The file with one to four random changes."""
+    data = bytearray(original)
+    for _ in range(rng.integers(1, 5)):
+        begin, end = np.sort(rng.integers(0, len(data) + 1, 2)).tolist()
+        end = min(end, begin + int(rng.integers(1, 40)))
+        change = int(rng.integers(5))
+        if change == 0 and begin < len(data):
+            data[begin] ^= 1 << int(rng.integers(8))
+        elif change == 1:
+            del data[begin:end]
+        elif change == 2:
+            data[begin:begin] = data[begin:end] * int(rng.integers(1, 50))
+        elif change == 3:
+            data[begin:end] = TOKENS[rng.integers(len(TOKENS))]
+        else:
+            data[begin:end] = rng.bytes(end - begin)
+    return bytes(data)
+
+
+def _device(path: Path) -> None:
+    device = load_device(path)
+    simulate(JointPlant.from_device(device), None, TICKS / 1000.0, 1000.0)
+
+
+def _read_bag(path: Path) -> None:
+    info(path)
+    check(path)
+
+
+def _bag() -> bytes:
+    stamp = np.arange(300) * 1_000_000
+    angles = np.sin(0.01 * np.arange(900)).reshape(300, 3)
+    joints = joint_messages("robot", ["link", "motor_1", "motor_2"], stamp, {"position": angles})
+    with TemporaryDirectory() as folder:
+        with BagWriter(Path(folder) / "bag", {"title": "fuzz"}) as bag:
+            bag.add_topic("/joint_states", JOINT_STATE)
+            bag.add_topic("/robot/command", VSA_COMMAND)
+            for at, joint, command in zip(
+                stamp.tolist(), joints, command_messages("robot", stamp, {"motor": angles[:, 1:]})
+            ):
+                bag.write("/joint_states", joint, at)
+                bag.write("/robot/command", command, at)
+        return (Path(folder) / "bag" / "bag_0.mcap").read_bytes()
