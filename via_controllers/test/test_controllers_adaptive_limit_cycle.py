@@ -64,7 +64,9 @@ def test_a_step_corrects_by_the_time_that_passed():
     informed = replace(informed, springs=(Correction(0.1, 0.1, 0.0, 0.0), *informed.springs[1:]))
     after, _ = CONTROLLER.step(informed, sample_at(2.0625))
     assert after.payload == CONTROLLER.payload_rule.advanced(informed.payload, 2.0625, 0.0625) != informed.payload
-    assert after.springs[0] == CONTROLLER.spring_rule.advanced(informed.springs[0], 2.0625, 0.0625) != informed.springs[0]
+    assert (
+        after.springs[0] == CONTROLLER.spring_rule.advanced(informed.springs[0], 2.0625, 0.0625) != informed.springs[0]
+    )
     back, _ = CONTROLLER.step(informed, sample_at(1.95))  # a stamp that goes backward
     assert back.payload.value == informed.payload.value
     assert after.deflection == pytest.approx(PHI) and after.deflection_rate == pytest.approx(RATE)

@@ -61,7 +61,7 @@ def test_the_derivative_acts_on_the_low_passed_error_of_velocity():
 
 def test_an_accelerated_joint_on_its_reference_gets_the_torques_of_the_table():
     t = 0.001 * np.arange(300)
-    angles = np.column_stack([np.sin(30.0 * t) ** 2, -np.sin(40.0 * t) ** 2])
+    angles = np.column_stack([np.sin(30.0 * t) ** 2, -(np.sin(40.0 * t) ** 2)])
     table = 0.1 * np.cos(np.column_stack([20.0 * t, 30.0 * t]))
     controller = PlayedCommands(t, table, angles, 20.0, 0.6, 300.0, (2.5, 2.5), 0.1)
     torque = played(controller, {time: row.tolist() for time, row in zip(t.tolist(), angles, strict=True)})

@@ -23,7 +23,7 @@ torque only, so that estimator and controller are a cascade and no loop in which
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, inf, isfinite
+from math import expm1, inf, isfinite
 
 from via_core.status import Status
 
@@ -83,5 +83,4 @@ class CorrectionRule:
 
 def _lagged(value: float, towards: float, passed: float) -> float:
     """A first-order lag `passed` time constants later, under a constant input."""
-    kept = exp(-passed)
-    return kept * value + (1.0 - kept) * towards
+    return value - expm1(-passed) * (towards - value)

@@ -91,9 +91,7 @@ class PlayedCommands(Controller[PlayedState]):
             return replace(state, time=sample.time), limited(torque, np.asarray(self.torque_limit))
         error = self._wanted(self.reference, row, elapsed, state.origin) - sample.theta
         rate = low_passed(state.error_rate, state.error, error, sample.time - state.time, self.velocity_bandwidth)
-        after = replace(
-            state, time=sample.time, error=locked(error, "error"), error_rate=locked(rate, "error_rate")
-        )
+        after = replace(state, time=sample.time, error=locked(error, "error"), error_rate=locked(rate, "error_rate"))
         torque = self.torque[row] + self.proportional_gain * error + self.derivative_gain * rate
         return after, limited(torque, np.asarray(self.torque_limit))
 
