@@ -61,6 +61,12 @@ def test_without_estimates_it_returns_to_exactly_nothing():
     assert course(ended, 1.0, start=9.0)[-1] == replace(reached, value=0.0, wanted=0.0)
 
 
+def test_it_ends_with_both_lags():
+    """An estimate that just came and is gone still moves x."""
+    assert RULE.advanced(Correction(0.0, 1.0), 0.0, STEP).value > 0.0
+    assert RULE.advanced(Correction(1.0, 0.0), 0.0, STEP).value > 0.9
+
+
 def test_a_slow_correction_does_not_end_before_it_begins():
     slow = replace(RULE, time=1e7)
     assert 0.0 < course(Correction(), 0.003, 1.0, slow)[-1].wanted < NOTHING
