@@ -1,7 +1,7 @@
 """Correction of a model parameter by an estimator, with fallback to the file's value.
 
-Two lags in series, L = T/2 each, take the difference x of the parameter from the file to its estimate e, whose standard
-deviation is s:
+Two lags in series, L = T/2 each, take the difference x of the parameter from the file to its estimate e, which has the
+standard deviation s:
 
     estimate OK and not older than SILENCE    y' = w (e - y) / L,   w = 1 / (1 + (s / S)^2)
     otherwise                                 y' = -y / T_fallback
