@@ -7,9 +7,9 @@ import pytest
 from typer.testing import CliRunner
 from via_bringup.cli import app
 from via_core.command_files import write_table
-from via_core.devices import load_device
+from via_core.devices import device_names, load_device
 from via_gap.design.default_motion import default_motion
-from via_gap.design.observed import observe_default
+from via_gap.design.observed import observe_default, torque_noise_of
 
 BAR = """name: bar
 title: Bar with a damper
@@ -70,6 +70,27 @@ def test_without_a_log_each_signal_set_has_a_column_and_its_gaps(tmp_path):
     assert "link angle and joint torque" in text and "rank" in text
     assert "scale of the damper" in text and "4 of 4" in text and "2 of 2" in text
     assert "the scale of torque sensors" in text
+
+
+KINDS = {(each.arrangement, each.drive): each.name for each in map(load_device, reversed(device_names()))}
+MAIN = (
+    "stiffness",
+    "gain of spring",
+    "position gain",
+    "scale of the damper",
+)  # what each kind of joint is identified for
+
+
+@pytest.mark.parametrize("device", [*KINDS.values(), "xl330_kp800"])
+def test_all_signals_of_a_shipped_device_determine_what_it_is_identified_for(device):
+    described = load_device(device)
+    _, sets = observe_default(described)
+    for each in sets:
+        assert each.information.rank == len(each.information.unknowns) > 0 or each.remedies
+    last = sets[-1].information
+    main = [each for each in last.unknowns if each.name.startswith(MAIN)]
+    assert main and all(last.standard_deviation(each.name) <= 0.05 * each.value for each in main)
+    assert torque_noise_of(described) > 1e-5 or described.drive == "torque"  # a commanded torque is exact
 
 
 @pytest.mark.parametrize(

@@ -51,9 +51,21 @@ def test_other_angles_at_the_start_fade_into_the_reference_without_a_jump():
     assert later == pytest.approx([2.0, -2.0])
 
 
-def test_the_derivative_acts_on_the_error_of_velocity():
-    steady = {k * 0.001: [k * 0.001, -k * 0.001] for k in range(80)}  # at the speed of the reference
-    assert played(player(derivative=0.5), steady)[-1] == pytest.approx([1.0, -1.0], abs=1e-3)
+def test_the_derivative_acts_on_the_low_passed_error_of_velocity():
+    slow = {k * 0.001: [k * 0.0005, -k * 0.001] for k in range(100)}  # the first motor at half the reference's speed
+    torque = np.array(played(replace(player(derivative=0.5), fade_in=1e-3), slow))
+    t = 0.001 * np.arange(100)
+    expected = 1.0 + 20.0 * 0.5 * t + 0.5 * 0.5 * (1.0 - np.exp(-300.0 * t))
+    assert torque[:, 0] == pytest.approx(expected) and torque[:, 1] == pytest.approx(-1.0)
+
+
+def test_an_accelerated_joint_on_its_reference_gets_the_torques_of_the_table():
+    t = 0.001 * np.arange(300)
+    angles = np.column_stack([np.sin(30.0 * t) ** 2, -(np.sin(40.0 * t) ** 2)])
+    table = 0.1 * np.cos(np.column_stack([20.0 * t, 30.0 * t]))
+    controller = PlayedCommands(t, table, angles, 20.0, 0.6, 300.0, (2.5, 2.5), 0.1)
+    torque = played(controller, {time: row.tolist() for time, row in zip(t.tolist(), angles, strict=True)})
+    assert np.array(torque) == pytest.approx(table, abs=1e-9)
 
 
 def test_tables_that_do_not_fit_are_refused():

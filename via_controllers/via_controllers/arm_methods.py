@@ -44,7 +44,7 @@ class ModalLimitCycleParameters(ControllerParameters):
     )
     bandwidth: float = parameter(100.0, "omega_tau of the spring torque control", "rad/s", (1.0, 1e4))
     adapt: bool = parameter(False, "correct payload and springs of the model by estimators")
-    correction_time: float = parameter(0.5, "T, time constant of the correction", "s", (1e-2, 1e4))
+    correction_time: float = parameter(0.5, "T, mean delay of the correction", "s", (1e-2, 1e4))
     fallback_time: float = parameter(
         1.0, "time constant at which the correction ends while an estimator is not OK", "s", (1e-2, 1e6)
     )

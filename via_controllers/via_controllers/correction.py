@@ -1,25 +1,29 @@
 """Correction of a model parameter by an estimator, with fallback to the file's value.
 
-x is the difference of the parameter from the file, e its estimate with standard deviation s:
+Two lags in series, L = T/2 each, take the difference x of the parameter from the file to its estimate e, which has the
+standard deviation s:
 
-    estimate OK and not older than SILENCE    x' = w (e - x) / T,   w = 1 / (1 + (s / S)^2)
-    otherwise                                 x' = -x / T_fallback
+    estimate OK and not older than SILENCE    y' = w (e - y) / L,   w = 1 / (1 + (s / S)^2)
+    otherwise                                 y' = -y / T_fallback
+    always                                    x' = (y - x) / L
 
 so that x = 0, the model of the file, is where x goes when the estimator is gone, warming up, not excited or doubts its
-signals. An estimate with s = S has half weight. e is clipped to [low, high], which contains 0. Each step is a convex
-combination of x with e or with 0, hence
+signals. An estimate with s = S has half weight; with w = 1 the filter is critically damped and T is its mean delay.
+The lag of x never changes, so that x' is continuous when an estimate comes or goes: the torque has no kink.
+e is clipped to [low, high], which contains 0. Each step makes y a convex combination of y with e or with 0, and x one
+of x with y, hence
 
-    low <= x <= high   and   |x'| <= (high - low) / min(T, T_fallback)
+    low <= x <= high,   |x'| <= (high - low) / L,   |x''| <= (high - low) (2 / L + 1 / T_fallback) / L
 
-whatever the estimator says: x is bounded and never jumps, and no estimate moves it faster. For constant e it converges
-exponentially at the rate w / T. Estimates come from equations of the plant that hold under any torque. x enters the
+whatever the estimator says: neither x nor x' jumps, and no estimate moves x faster. For constant e it converges
+exponentially at the rate w / L. Estimates come from equations of the plant that hold under any torque. x enters the
 torque only, so that estimator and controller are a cascade and no loop in which both could diverge.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, inf, isfinite
+from math import expm1, inf, isfinite
 
 from via_core.status import Status
 
@@ -36,6 +40,7 @@ class Correction:
     """State of a corrected parameter."""
 
     value: float = 0.0  # x
+    wanted: float = 0.0  # y
     estimate: float = 0.0  # e, clipped
     weight: float = 0.0  # w; 0: the last estimate was not OK
     stamp: float = -inf  # [s] of the last estimate
@@ -62,15 +67,20 @@ class CorrectionRule:
         if status != Status.OK or not (isfinite(value) and isfinite(sd) and sd >= 0.0):
             return replace(state, weight=0.0, stamp=stamp)
         weight = 1.0 / (1.0 + (sd / self.trusted_deviation) ** 2)
-        return Correction(state.value, min(max(value, self.low), self.high), weight, stamp)
+        return replace(state, estimate=min(max(value, self.low), self.high), weight=weight, stamp=stamp)
 
     def advanced(self, state: Correction, time: float, step: float) -> Correction:
         """`state` at `time` [s], `step` >= 0 [s] after the last call."""
-        step = min(step, LONGEST)
+        step, lag = min(step, LONGEST), 0.5 * self.time
         used = state.weight > 0.0 and abs(time - state.stamp) <= SILENCE
-        if not used and state.value == 0.0:
-            return state
-        rate, towards = (state.weight / self.time, state.estimate) if used else (1.0 / self.fallback_time, 0.0)
-        kept = exp(-step * rate)
-        value = kept * state.value + (1.0 - kept) * towards
-        return Correction(value if abs(value) > NOTHING else 0.0, state.estimate, state.weight, state.stamp)
+        towards, rate = (state.estimate, state.weight / lag) if used else (0.0, 1.0 / self.fallback_time)
+        wanted = _lagged(state.wanted, towards, step * rate)
+        value = _lagged(state.value, wanted, step / lag)
+        if not used and max(abs(value), abs(wanted)) <= NOTHING:
+            value = wanted = 0.0
+        return replace(state, value=value, wanted=wanted)
+
+
+def _lagged(value: float, towards: float, passed: float) -> float:
+    """A first-order lag `passed` time constants later, under a constant input."""
+    return value - expm1(-passed) * (towards - value)

@@ -96,7 +96,7 @@ class EquilibriumPresetParameters(ControllerParameters):
     feedback: bool = parameter(False, "correct the spring laws with the estimated stiffness")
     bandwidth: float = parameter(60.0, "w of the motor control", "rad/s", (1.0, 1e4))
     speed: float = parameter(2.0, "largest rate of the motor references", "rad/s", (1e-3, 1e3))
-    correction_time: float = parameter(1.0, "T, time constant of the correction", "s", (1e-2, 1e4))
+    correction_time: float = parameter(1.0, "T, mean delay of the correction", "s", (1e-2, 1e4))
     fallback_time: float = parameter(
         30.0, "time constant at which the correction ends while the estimator is not OK", "s", (1e-2, 1e6)
     )

@@ -208,4 +208,6 @@ def test_a_filter_that_diverges_starts_anew(kind):
     motor_kalman.filter_of(part, estimator.size)[1][3] = np.inf
     later, estimate = estimator.step(broken, rows[900])
     assert estimate.status == Status.WARMING_UP and np.isfinite(estimate.value).all()
-    assert np.isfinite(motor_kalman.filter_of(motor_kalman.views(estimator._constants, later)[3][0], 7)[2]).all()
+    later, _ = estimator.step(later, rows[901])
+    _, x, covariance = motor_kalman.filter_of(motor_kalman.views(estimator._constants, later)[3][0], 7)
+    assert np.isfinite(covariance).all() and x[0] == rows[901, 2]  # at the measured angle

@@ -20,6 +20,7 @@ PLAIN = MovingHorizonParameters(
 )  # fmt: skip
 MODEL = Model(2, 3, 0.8, 0.1, np.array([0.02, 0.3, 0.1, 8.0, 1.0, 0.2, 3.0, -2.0]), np.linspace(0.5, 1.5, 8))
 SURE = Model(1, 0, 1.0, 0.1, np.array([INERTIA, DAMPING, 0.0, 8.0]), np.array([1e-9, 1e-9, 1e-9, 1e-9]))
+POSITION_NOISE = PLAIN.position_noise
 COUNT, SPAN = 24, 0.01  # intervals, [s]
 
 
@@ -161,6 +162,70 @@ def test_standard_deviations_match_the_scatter_between_seeds():
     scatter = np.std([each.value[looks, 0] for each in runs], axis=0, ddof=1)
     reported = np.sqrt(np.mean([each.standard_deviation[looks, 0] ** 2 for each in runs], axis=0))
     assert 0.8 < np.sqrt(np.mean(reported**2) / np.mean(scatter**2)) < 1.25
+
+
+def test_samples_are_condensed_to_integrals_means_and_a_line():
+    """Equal to numpy over the same samples, at unequal steps."""
+    estimator, rng = MovingHorizon(PLAIN), np.random.default_rng(6)
+    rows = rng.normal(size=(31, 4))
+    rows[:, 0] = 2.0 + np.cumsum(1e-3 * rng.uniform(0.5, 1.5, 31))
+    state, _ = estimator.run_rows(rows)
+    par = estimator._constants
+    _, _, data, nodes, *_ = horizon_samples.views(par, horizon_samples.parts(par, state)[0])
+    for k in range(3):
+        t, q, theta, tau = rows[10 * k : 10 * k + 11].T
+        step, span, s = np.diff(t), t[-1] - t[0], t - t[0]
+        rate, middle = np.polyfit(s - 0.5 * span, q, 1)
+        assert data[k, DATA.span] == pytest.approx(span)
+        assert data[k, DATA.impulse] == pytest.approx(step @ tau[1:])
+        arms = 0.5 * span - 0.5 * (s[1:] + s[:-1])
+        assert data[k, DATA.moment] == pytest.approx(step @ (arms * tau[1:]), abs=1e-12)
+        line = middle + rate * span * np.array([-0.5, 0.0, 0.5])
+        assert data[k, [DATA.q_start, DATA.q_middle, DATA.q_end]] == pytest.approx(line)
+        assert data[k, DATA.theta] == pytest.approx(np.trapezoid(theta, t) / span)
+        assert data[k, [DATA.low, DATA.high]] == pytest.approx([(q - theta).min(), (q - theta).max()])
+        noise = (PLAIN.torque_noise**2 + (5.0 * POSITION_NOISE) ** 2) * span / 10.0
+        assert data[k, DATA.sd_impulse] == pytest.approx(np.sqrt(noise * span))
+        assert data[k, DATA.sd_moment] == pytest.approx(np.sqrt(noise * span / 12.0) * span)
+        assert data[k, DATA.sd_theta] == pytest.approx(np.sqrt((POSITION_NOISE**2 + (1e-6) ** 2) / 10.0))
+        assert nodes[k, 0] == theta[0] and nodes[k + 1] == pytest.approx([theta[-1], (theta[-1] - theta[0]) / span])
+
+
+def test_stiffness_and_its_derivatives_are_those_of_the_spring_law():
+    par = MovingHorizon(replace(PLAIN, order=2, even_terms=2, deflection_scale=0.8))._constants
+    z, slope, step = np.array([0.1, -0.2, 0.3, 0.5, 0.2, -0.1, 0.4]), np.empty(7), 1e-6
+    found, bend = horizon_samples.stiffness(par, z, 0.3, slope)
+    a, share = 30.0 * z[3:] + np.array([5.0, 0.0, 0.0, 0.0]), 0.3 / 0.8
+    assert found == pytest.approx(a @ [1.0, share**2, 0.0, share])  # powers 1, 3, 0 and 2 of the torque
+    ends = [horizon_samples.stiffness(par, z, 0.3 + each, np.empty(7))[0] for each in (step, -step)]
+    assert bend == pytest.approx((ends[0] - ends[1]) / (2.0 * step), rel=1e-6)
+    for j, unit in enumerate(np.eye(7)):
+        ends = [horizon_samples.stiffness(par, z + step * each, 0.3, np.empty(7))[0] for each in (unit, -unit)]
+        assert slope[j] == pytest.approx((ends[0] - ends[1]) / (2.0 * step), abs=1e-6)
+
+
+def test_between_solutions_the_interval_grows_by_the_drift():
+    own = replace(PLAIN, drift=0.1)
+    rows, _ = planted(count=2003)
+    state, _ = MovingHorizon(own).run_rows(rows)
+    later = np.tile(rows[-1], (2, 1))
+    later[:, 0] += [1e-3, 3e-3]
+    one, other = (MovingHorizon(own).step(state, row)[1] for row in later)
+    assert one.status == Status.OK and one.value[0] == other.value[0]
+    grown = other.standard_deviation[1] ** 2 - one.standard_deviation[1] ** 2
+    assert grown == pytest.approx(own.drift**2 * 2e-3 * one.value[1] ** 2, rel=1e-6)
+
+
+def test_after_a_gap_the_unknowns_are_kept_and_the_angles_are_not():
+    estimator, (rows, truth) = MovingHorizon(PLAIN), planted(count=4000)
+    state, before = estimator.run_rows(rows[:3000])
+    later = rows[3000:].copy()
+    later[:, 0] += 5.0
+    _, after = estimator.run_rows(later, state)
+    assert np.all(np.abs(after.value[:, 0] / truth[3000:] - 1.0) < 0.02)
+    again = np.flatnonzero(after.status == Status.OK)
+    assert len(again) and again[0] >= PLAIN.window - 1  # the horizon fills anew
+    assert after.column("motor_inertia_1")[0][0] == before.column("motor_inertia_1")[0][-1]
 
 
 def test_a_horizon_shorter_than_the_step_between_solutions_is_refused():

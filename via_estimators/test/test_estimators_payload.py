@@ -1,4 +1,4 @@
-"""Payload of an arm: planted masses, intervals, contacts, rest, faults, and agreement with a slow least-squares fit."""
+"""Payload of an arm: planted masses, intervals, contacts, rest, faults, and agreement with a slow filter."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,8 +9,9 @@ from via_core.errors import ParameterError
 from via_core.status import Status
 from via_core.vsa_arms import load_vsa_arm
 from via_core.weak_form import window_weights
+from via_estimators import payload
 from via_estimators.contract import Live
-from via_estimators.payload import ORDER, SIGNALS, Payload, PayloadParameters
+from via_estimators.payload import JUMP, MISFIT, ORDER, SIGNALS, Payload, PayloadParameters
 
 ARM = load_vsa_arm("reference_2dof")
 N, RATE = ARM.n, 1000.0
@@ -19,9 +20,9 @@ KICK = 0.4
 
 
 @cache
-def course(payload, duration=2.0, dry=0.0, force=0.0, still=False):
+def course(mass, duration=2.0, dry=0.0, force=0.0, still=False):
     """Rows of an arm whose motors follow two tones, springs half as stiff as filed; `force` [N] at the tip from 1 s."""
-    arm = ARM.corrected(payload, np.full(N, 0.5))
+    arm = ARM.corrected(mass, np.full(N, 0.5))
     q0 = np.array([0.4, 1.0])
     theta0 = arm.rest(q0)
     x, rows, tau, h = np.array([q0, np.zeros(N), theta0, np.zeros(N)]), [], np.zeros(N), 5e-4
@@ -47,12 +48,12 @@ def estimated(rows, parameters=PARAMETERS):
     return Payload(ARM, parameters).run_rows(rows)[1]
 
 
-@pytest.mark.parametrize("payload", [0.0, 0.3, 1.1])
-def test_a_planted_payload_is_found_whatever_the_springs(payload):
-    found = estimated(course(payload))
+@pytest.mark.parametrize("mass", [0.0, 0.3, 1.1])
+def test_a_planted_payload_is_found_whatever_the_springs(mass):
+    found = estimated(course(mass))
     value, sd = found.column("payload")
     assert found.status[-1] == Status.OK
-    assert value[-1] == pytest.approx(payload, abs=2e-3) and sd[-1] < 0.02
+    assert value[-1] == pytest.approx(mass, abs=2e-3) and sd[-1] < 0.02
 
 
 def test_the_interval_covers_with_noise_and_dry_friction():
@@ -70,30 +71,83 @@ def test_the_interval_covers_with_noise_and_dry_friction():
     assert np.mean(inside) > 0.85
 
 
-def test_it_equals_least_squares_over_the_same_windows():
-    """Without drift and with little noise: all equations, prior included, in one weighted fit."""
-    own = replace(PARAMETERS, payload_drift=0.0, noise=0.05)
-    rows, estimator = course(0.3), Payload(ARM, own)
-    length, at = own.window + 1, own.window
+def slow_filter(rows, own):
+    """Time, payload, variance with forces, and misfit after each window: the equations in information form."""
+    estimator, k = Payload(ARM, own), 1 + 2 * N
     parts = np.array([estimator._parts(row[1:].reshape(len(SIGNALS), N)) for row in rows])
-    A, y = [], []
-    while at < len(rows):
-        inside = slice(at - own.window, at + 1)
-        psi = window_weights(ORDER, rows[inside, 0])
-        steps, each = np.diff(rows[inside, 0]), parts[inside]
-        density = psi[0] / np.gradient(rows[inside, 0])
+    x = np.zeros(k)
+    P = np.diag([own.payload_deviation**2] + N * [own.damping_deviation**2] + N * [own.friction_deviation**2])
+    noise, weight, forces, misfit, before, found = np.full(N, own.noise**2), np.full(N, 2.0), 0.0, 0.0, None, []
+    for at in range(own.window, len(rows), own.window // 2):
+        t, each = rows[at - own.window : at + 1, 0], parts[at - own.window : at + 1]
+        psi, steps = window_weights(ORDER, t), np.diff(t)
+        density = psi[0] / np.gradient(t)
         density[[0, -1]] = 0.0
         held = np.concatenate([[0.0], steps * 0.5 * (density[1:] + density[:-1])])
-        for i in range(N):
-            row = np.zeros(1 + 2 * N)
-            row[0] = psi[1] @ each[:, 2, i] + psi[0] @ each[:, 3, i]
-            row[1 + i], row[1 + N + i] = -psi[0] @ each[:, 4, i], -psi[0] @ each[:, 5, i]
-            A.append(row)
-            y.append(-psi[1] @ each[:, 0, i] - psi[0] @ each[:, 1, i] - held @ each[:, 7, i])
-        at += own.window // 2
-    assert length == 101
-    slow = np.linalg.lstsq(np.array(A), np.array(y), rcond=None)[0]
-    assert estimated(rows, own).column("payload")[0][-1] == pytest.approx(slow[0], abs=1e-3)
+        A, tau, stuck = np.zeros((N, k)), held @ each[:, 7], psi[0] @ each[:, 6]
+        A[:, 0] = psi[1] @ each[:, 2] + psi[0] @ each[:, 3]
+        A[range(N), range(1, 1 + N)], A[range(N), range(1 + N, k)] = -psi[0] @ each[:, 4], -psi[0] @ each[:, 5]
+        y = -psi[1] @ each[:, 0] - psi[0] @ each[:, 1] - tau
+        P[0, 0] += own.payload_drift**2 * (t[-1] - before) if before is not None else 0.0
+        before = t[-1]
+        R = noise + (x[1 + N :] ** 2 + np.diag(P)[1 + N :]) * stuck**2
+        e, inverse = y - A @ x, np.linalg.inv(A @ P @ A.T + np.diag(R))
+        information = A[:, 0] @ inverse @ A[:, 0]
+        mass = A[:, 0] @ inverse @ e / information
+        more = max((e @ inverse @ e - mass**2 * information) / (N - 1), 1.0)
+        expected = np.diag(A @ P @ A.T) + R
+        if mass**2 * information > JUMP**2 * more:
+            P[0, 0] += mass**2 - 1.0 / information
+        count = np.minimum(weight, 40.0)
+        noise, weight, R = (count * noise + e**2 / expected * noise / more) / (count + 1.0), count + 1.0, R * more
+        moved = min(P[0, 0] * (A[:, 0] @ np.linalg.inv(A @ P @ A.T + np.diag(R)) @ A[:, 0]), 1.0)
+        forces += moved * ((more - 1.0) / information - forces)
+        P = np.linalg.inv(np.linalg.inv(P) + A.T @ (A / R[:, None]))
+        x = x + P @ A.T @ (e / R)
+        left = y - A @ x
+        misfit = max(min(left @ left / (tau @ tau), 1.0), 0.8 * misfit)
+        found.append([before, x[0], P[0, 0] + forces, misfit])
+    return np.array(found)
+
+
+def test_every_window_equals_the_slow_filter():
+    """Noise, dry friction, rest, a force from 1 s on, then a payload picked up."""
+    own = replace(PARAMETERS, payload_drift=0.2)
+    first, second = course(0.3, dry=0.2, force=4.0), course(0.9, duration=1.0)
+    pause = np.repeat(first[:1], 200, axis=0)
+    rows = np.vstack([pause, first, second])
+    rows[:, 0] = np.arange(len(rows)) / RATE
+    rows[:, 1:] += np.random.default_rng(1).normal(0.0, 1e-3, rows[:, 1:].shape)
+    slow, found = slow_filter(rows, own), estimated(rows, own)
+    value, sd = found.column("payload")
+    at = np.searchsorted(rows[:, 0], slow[2:, 0])  # the first windows are not reported
+    assert np.all(found.status[: at[0]] == Status.WARMING_UP) and found.status[at[0]] != Status.WARMING_UP
+    assert value[at] == pytest.approx(slow[2:, 1], rel=1e-6, abs=1e-9)
+    assert sd[at] ** 2 == pytest.approx(slow[2:, 2], rel=1e-6)
+    assert sd[at[-1] - 1] ** 2 == pytest.approx(slow[-2, 2] + own.payload_drift**2 * 0.049, rel=1e-6)
+    doubted = slow[2:, 3] > MISFIT**2
+    assert 0 < doubted.sum() < len(doubted)
+    assert np.array_equal(found.status[at] == Status.IMPLAUSIBLE, doubted)
+
+
+def test_planted_friction_of_links_and_motors_is_recovered():
+    rows, state = course(0.3, dry=0.5), None
+    state, _ = Payload(ARM, PARAMETERS).run_rows(rows)
+    x, variance, _, _ = payload._filter(state.copy(), N)
+    assert x[1 : 1 + N] == pytest.approx(0.0, abs=0.02) and x[1 + N :] == pytest.approx(0.5, abs=0.03)
+    assert np.linalg.eigvalsh(variance)[0] > 0.0
+
+
+@pytest.mark.parametrize("bounds", [{"heaviest": 0.2}, {"lightest": 0.0}])
+def test_an_impossible_payload_is_implausible(bounds):
+    rows = course(0.3 if "heaviest" in bounds else -0.1)
+    assert estimated(rows, replace(PARAMETERS, **bounds)).status[-1] == Status.IMPLAUSIBLE
+    assert estimated(rows).status[-1] == Status.OK
+
+
+def test_a_payload_that_data_do_not_determine_is_not_excited():
+    status = estimated(course(0.3, still=True, duration=1.0), replace(PARAMETERS, payload_deviation=0.02)).status
+    assert set(status[200:]) == {Status.NOT_EXCITED}
 
 
 def test_a_strong_force_at_the_tip_is_not_called_a_payload():

@@ -15,7 +15,7 @@ Samples are kept at no more than RATE, with the mean of the torques between them
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
 
@@ -28,9 +28,10 @@ from via_core.plausibility import equations_of, interval_of, worst
 from via_core.signals import Array
 from via_core.status import IMPLAUSIBLE, OK, OUTSIDE_RANGE, Status
 
-from via_estimators.contract import Estimator, Health, Kernel, Parameters
+from via_estimators.contract import Health, Kernel
 from via_estimators.slots import slots
 from via_estimators.window import RESTARTED, SKIPPED, TAKEN, sound
+from via_estimators.wrapped import Wrapped
 
 EVERY = 0.25  # [intervals] between two comparisons
 FIRST = 0.75  # [intervals] before the first comparison
@@ -47,32 +48,10 @@ HEAD = slots("last", "kept", "next", "until", "slot", "filled", "implausible", "
 
 
 @dataclass(frozen=True)
-class Checked(Estimator):
+class Checked(Wrapped):
     """`inner` with a check of its samples and estimates against the device file."""
 
-    inner: Estimator
     device: Device
-
-    @classmethod
-    def from_device(cls, device: Device) -> Checked:
-        """Use `methods.estimator_for`, which knows the method."""
-        raise NotImplementedError("methods.estimator_for(device, method) returns checked estimators")
-
-    @property
-    def parameters(self) -> Parameters:  # type: ignore[override]
-        """Those of the estimator inside."""
-        return self.inner.parameters
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        return self.inner.inputs
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        return self.inner.outputs
-
-    def with_parameters(self, parameters: Parameters) -> Checked:
-        return replace(self, inner=self.inner.with_parameters(parameters))
 
     def init(self) -> Array:
         head = np.zeros(HEAD.size)
@@ -81,9 +60,6 @@ class Checked(Estimator):
         state = np.concatenate([self.inner.init(), head, np.zeros(columns), np.zeros(self._kept * columns)])
         state.flags.writeable = False
         return state
-
-    def condition(self, state: Array) -> float:
-        return self.inner.condition(state[: self._size])
 
     def health(self, state: Array) -> Health:
         found, head = self.inner.health(state[: self._size]), self._head(state)
@@ -120,10 +96,6 @@ class Checked(Estimator):
                 f"{self._bounds[0][at]:.3g} to {self._bounds[1][at]:.3g}: check signs, units and the device file"
             )
         return ""
-
-    @cached_property
-    def _size(self) -> int:
-        return len(self.inner.init())
 
     @cached_property
     def _equations(self) -> tuple[Equation, ...]:

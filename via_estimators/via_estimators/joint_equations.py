@@ -360,10 +360,11 @@ def _transmission_damper(made: Equations, signals: _Signals) -> dict[str, tuple[
 
 
 def largest_torque(device: Device) -> float:
-    """[N m] of the springs at their stops, at most the torque limit of the motors; 0 without springs."""
+    """[N m] of the springs at their stops or of a position drive, at most the torque limit of the motors; else 0."""
+    drive = (device.servo.torque_limit or 0.0) if device.servo is not None else 0.0
     limits = [motor.torque_limit or np.inf for motor in device.motors if isinstance(motor, TorqueMotor)]
     torques = [abs(float(spring.torque(spring.max_deflection))) for spring in device.spring_laws]
-    return min([max([*torques, 0.0]), *limits])
+    return min([max([*torques, drive]), *limits])
 
 
 def _typical_torque(device: Device) -> float:

@@ -28,13 +28,14 @@ import numpy as np
 from numba import njit
 from via_core.devices import Device
 from via_core.signals import Array
+from via_core.status import BAD_SAMPLE
 
 from via_estimators import transmissions, window
 from via_estimators.contract import Estimator, Parameters, expect, parameter
-from via_estimators.motor_model import INPUT, MODEL, X, bend, drift, spring
+from via_estimators.motor_model import INPUT, MODEL, X, add_noise, bend, drift, noise, spring
 from via_estimators.slots import row_of, slots
 from via_estimators.spring_series import MOST_TERMS, power, tail, terms_for
-from via_estimators.transmissions import VISITED
+from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
@@ -246,30 +247,88 @@ def divide(sample: Array, i: int, last: Array, given: Array) -> int:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def next_piece(given: Array) -> None:
-    """Move `given` (INPUT) to the next of equal time steps."""
+def size_of(par: Array) -> int:
+    """Number n of states of one filter."""
+    return X.size + int(par[P.order]) + int(par[P.even_terms])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def enter(par: Array, state: Array, sample: Array, joint: Array, out: Array) -> bool:
+    """Whether a sample is used; `joint` (JOINT.size,) is overwritten. One that is not is answered in `out`."""
+    times = views(par, state)[1]
+    furthest = FURTHEST * par[P.deflection_scale]
+    if transmissions.enter(state, times, sample, 2, furthest, par[P.max_gap]) == window.SKIPPED:
+        window.answer(state, BAD_SAMPLE, out)
+        return False
+    transmissions.begin(joint)
+    return True
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def begin(par: Array, state: Array, sample: Array, i: int, joint: Array, given: Array) -> tuple[Array, Array, int]:
+    """x, covariance and number of time steps for motor i, 0 if its filter pauses; the parameters have walked.
+
+    given  INPUT of the first step, overwritten
+    """
+    last, times, ring, parts = views(par, state)
+    kept, x, covariance = filter_of(parts[i], size_of(par))
+    full, theta = state[HEADER.filled] == times.size, sample[2 + 2 * i]
+    elapsed = max(sample[0] - last[ROW.time], 0.0) if state[HEADER.samples] > 1.0 else 0.0
+    ring[i, int(state[HEADER.slot])] = sample[1] - theta
+    moved = window.span_of(ring[i]) if full else 0.0
+    joint[JOINT.motion] = min(joint[JOINT.motion], moved)
+    moving = full and moved >= par[P.minimum_motion]
+    n = x.size
+    drift(x, covariance, elapsed, par[P.spring_change], par[P.motor_change], par[P.size + n : P.size + 2 * n])
+    pieces = 0
+    if moving and kept[KEPT.running] > 0.0:
+        pieces = divide(sample, i, last, given)
+    else:
+        restart_motion(par, x, covariance, theta)
+    kept[KEPT.running] = 1.0 if moving else 0.0
+    return x, covariance, pieces
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def noise_of(par: Array, x: Array, covariance: Array, given: Array, pieces: int, work: Array) -> float:
+    """Variance of the process noise of one of `pieces` time steps; work (4, n) is overwritten for `move_on`."""
+    torque_noise = sqrt(pieces) * par[P.torque_noise]
+    return float(noise(par[P.order : P.size], x, covariance, given, torque_noise, par[P.position_noise], work))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def move_on(par: Array, x: Array, covariance: Array, given: Array, variance: float, work: Array) -> None:
+    """Add the process noise of a time step, and move `given` (INPUT) to the next one."""
+    add_noise(par[P.order : P.size], x, given[INPUT.step], variance, work, covariance)
     moved = given[INPUT.next_q] - given[INPUT.q]
     given[INPUT.q] = given[INPUT.next_q]
     given[INPUT.next_q] += moved
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def age(par: Array, x: Array, covariance: Array, elapsed: float) -> None:
-    """Random walk of the parameters over `elapsed` [s]."""
-    n = x.size
-    drift(x, covariance, elapsed, par[P.spring_change], par[P.motor_change], par[P.size + n : P.size + 2 * n])
+def end(par: Array, state: Array, sample: Array, i: int, pieces: int, joint: Array, work: Array) -> None:
+    """Correct motor i's filter by its measured angle if it moved by `pieces` steps, and report; work is overwritten."""
+    _, _, _, parts = views(par, state)
+    kept, x, covariance = filter_of(parts[i], size_of(par))
+    phi, moving = sample[1] - sample[2 + 2 * i], kept[KEPT.running] > 0.0
+    if pieces > 0:
+        correct(x, covariance, sample[2 + 2 * i], par[P.position_noise] ** 2, work[0])
+        if converging(x, covariance):
+            transmissions.visit(kept, phi if par[P.even_terms] > 0.0 else abs(phi))
+            kept[KEPT.learned] += 1.0
+        else:
+            start(par, kept, x, covariance)
+    value, sd = window.outputs(state, 1 + 3 * parts.shape[0])
+    report(par, kept, x, covariance, phi, i, moving, value, sd, joint, work)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def take(par: Array, kept: Array, x: Array, covariance: Array, sample: Array, i: int, gain: Array) -> None:
-    """Correct motor i's filter by its measured angle, and extend the deflections visited."""
-    correct(x, covariance, sample[2 + 2 * i], par[P.position_noise] ** 2, gain)
-    if not converging(x, covariance):
-        start(par, kept, x, covariance)
-        return
-    phi = sample[1] - sample[2 + 2 * i]
-    transmissions.visit(kept, phi if par[P.even_terms] > 0.0 else abs(phi))
-    kept[KEPT.learned] += 1.0
+def finish(par: Array, state: Array, sample: Array, joint: Array, out: Array) -> None:
+    """Answer a sample whose motors are all reported."""
+    last, _, _, parts = views(par, state)
+    last[ROW.time], last[ROW.q] = sample[0], sample[1]
+    value, sd = window.outputs(state, 1 + 3 * parts.shape[0])
+    transmissions.finish(joint, state, value, sd, out)
 
 
 @njit(cache=True, error_model="numpy")

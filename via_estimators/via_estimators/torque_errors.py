@@ -12,7 +12,7 @@ method that models these errors itself (`Estimator.models_torque_errors`) has no
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
 
@@ -21,40 +21,19 @@ from numba import njit
 from via_core.devices import Device
 from via_core.signals import Array
 
-from via_estimators.contract import Estimator, Health, Kernel, Parameters
+from via_estimators.contract import Estimator, Health, Kernel
 from via_estimators.window import sound
+from via_estimators.wrapped import Wrapped
 
 NEVER = -1e300  # [s] before every stamp
 
 
 @dataclass(frozen=True)
-class WithTorqueErrors(Estimator):
+class WithTorqueErrors(Wrapped):
     """`inner` with twins for a relative scale error and a delay [s] of the torques; 0: no such twin."""
 
-    inner: Estimator
     scale: float
     delay: float
-
-    @classmethod
-    def from_device(cls, device: Device) -> WithTorqueErrors:
-        """Use `with_torque_errors`, which gets the method."""
-        raise NotImplementedError("with_torque_errors(estimator, device) returns these estimators")
-
-    @property
-    def parameters(self) -> Parameters:  # type: ignore[override]
-        """Those of the estimator inside."""
-        return self.inner.parameters
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        return self.inner.inputs
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        return self.inner.outputs
-
-    def with_parameters(self, parameters: Parameters) -> WithTorqueErrors:
-        return replace(self, inner=self.inner.with_parameters(parameters))
 
     def init(self) -> Array:
         lag = np.zeros(1 + len(self._torques))  # time of the last sample [s], then the lagged torques [N m]
@@ -63,18 +42,11 @@ class WithTorqueErrors(Estimator):
         state.flags.writeable = False
         return state
 
-    def condition(self, state: Array) -> float:
-        return self.inner.condition(state[: self._size])
-
     def health(self, state: Array) -> Health:
         return self.inner.health(state[: self._size])
 
     def fault(self, state: Array) -> str:
         return self.inner.fault(state[: self._size])
-
-    @cached_property
-    def _size(self) -> int:
-        return len(self.inner.init())
 
     @cached_property
     def _torques(self) -> Array:

@@ -24,14 +24,12 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 from via_core.signals import Array
-from via_core.status import BAD_SAMPLE
 
-from via_estimators import motor_kalman, transmissions, window
+from via_estimators import motor_kalman
 from via_estimators.contract import Kernel
-from via_estimators.motor_kalman import FURTHEST, KEPT, ROW, MotorKalman, MotorKalmanParameters, P
-from via_estimators.motor_model import INPUT, X, add_noise, advance, noise
+from via_estimators.motor_kalman import MotorKalman, MotorKalmanParameters, P
+from via_estimators.motor_model import INPUT, X, advance
 from via_estimators.transmissions import JOINT
-from via_estimators.window import HEADER
 
 _ROUNDING = 1e-14  # of a variance: what rounding leaves of a pivot that is zero
 
@@ -108,41 +106,18 @@ def predict(model: Array, x: Array, covariance: Array, given: Array, work: Array
 
 @njit(cache=True, error_model="numpy")
 def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
-    n = X.size + int(par[P.order]) + int(par[P.even_terms])
-    model, far = par[P.order : P.size], FURTHEST * par[P.deflection_scale]
-    last, times, ring, parts = motor_kalman.views(par, state)
-    m = parts.shape[0]
-    value, sd = window.outputs(state, 1 + 3 * m)
+    n, model, m = motor_kalman.size_of(par), par[P.order : P.size], int(par[P.transmissions])
     given, work, points = np.empty(INPUT.size), np.empty((4, n)), np.empty((n + 5, n))
     joint = np.empty(JOINT.size)
     for k in range(rows.shape[0]):
-        if transmissions.enter(state, times, rows[k], 2, far, par[P.max_gap]) == window.SKIPPED:
-            window.answer(state, BAD_SAMPLE, out[k])
+        if not motor_kalman.enter(par, state, rows[k], joint, out[k]):
             continue
-        full, slot = state[HEADER.filled] == times.size, int(state[HEADER.slot])
-        elapsed = max(rows[k, 0] - last[ROW.time], 0.0) if state[HEADER.samples] > 1.0 else 0.0
-        transmissions.begin(joint)
         for i in range(m):
-            kept, x, covariance = motor_kalman.filter_of(parts[i], n)
-            theta = rows[k, 2 + 2 * i]
-            ring[i, slot] = phi = rows[k, 1] - theta
-            moved = window.span_of(ring[i]) if full else 0.0
-            joint[JOINT.motion] = min(joint[JOINT.motion], moved)
-            moving = full and moved >= par[P.minimum_motion]
-            motor_kalman.age(par, x, covariance, elapsed)
-            if moving and kept[KEPT.running] > 0.0:
-                pieces = motor_kalman.divide(rows[k], i, last, given)
-                torque_noise = sqrt(pieces) * par[P.torque_noise]
-                for _ in range(pieces):
-                    variance = noise(model, x, covariance, given, torque_noise, par[P.position_noise], work)
-                    predict(model, x, covariance, given, work, points)
-                    add_noise(model, x, given[INPUT.step], variance, work, covariance)
-                    motor_kalman.next_piece(given)
-                motor_kalman.take(par, kept, x, covariance, rows[k], i, points[0])
-            else:
-                motor_kalman.restart_motion(par, x, covariance, theta)
-            kept[KEPT.running] = 1.0 if moving else 0.0
-            motor_kalman.report(par, kept, x, covariance, phi, i, moving, value, sd, joint, work)
-        last[ROW.time], last[ROW.q] = rows[k, 0], rows[k, 1]
-        transmissions.finish(joint, state, value, sd, out[k])
+            x, covariance, pieces = motor_kalman.begin(par, state, rows[k], i, joint, given)
+            for _ in range(pieces):
+                variance = motor_kalman.noise_of(par, x, covariance, given, pieces, work)
+                predict(model, x, covariance, given, work, points)
+                motor_kalman.move_on(par, x, covariance, given, variance, work)
+            motor_kalman.end(par, state, rows[k], i, pieces, joint, work)
+        motor_kalman.finish(par, state, rows[k], joint, out[k])
     return int(out[-1, 1])

@@ -60,7 +60,8 @@ def test_kalman_rows_have_times_and_ratios(monkeypatch):
     monkeypatch.setattr(kalman, "LOG", 100)
     monkeypatch.setattr(kalman, "SLOW", 5)
     rows = {row.id: row for row in kalman.kalman_rows(1)}
-    assert {"kalman.ekf", "kalman.ukf", "kalman.ekf_over_ekf_eigen", "kalman.ukf_over_ukf_filterpy"} <= set(rows)
+    ratios = {"kalman.ekf_over_ekf_eigen", "kalman.ukf_over_ukf_filterpy", "kalman.default_over_ekf_eigen"}
+    assert {"kalman.ekf", "kalman.ukf", "kalman.default", "kalman.default_live"} | ratios <= set(rows)
     monkeypatch.setattr(kalman, "filterpy_ekf", lambda rows, start, diagonal: np.zeros(8))
     with pytest.raises(ViaError, match="contenders of ekf disagree"):
         kalman.kalman_rows(1)

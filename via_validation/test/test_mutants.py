@@ -73,16 +73,21 @@ def test_tests_are_found_by_imports_and_the_nearest_comes_first():
     )
 
 
+KERNEL = "from numba import njit\n\n@njit(cache=True)\n"
+TWICE = "def twice(x):\n    return double(double(x))\n"
+
+
 @pytest.fixture
 def repository(tmp_path):
-    """A small package with a test that notices an error of `double` and none of `triple`."""
+    """A small package with a test that notices an error of `double`, by a kernel of another file, none of `triple`."""
     import subprocess
 
     root = tmp_path / "repository"
     for name, text in {
         "via_a/via_a/__init__.py": "",
-        "via_a/via_a/sums.py": "def double(x):\n    return 2.0 * x\n\n\ndef triple(x):\n    return 3.0 * x\n",
-        "via_a/test/test_sums.py": "from via_a.sums import double\ndef test_double():\n    assert double(2) == 4\n",
+        "via_a/via_a/sums.py": KERNEL + "def double(x):\n    return 2.0 * x\n\n\ndef triple(x):\n    return 3.0 * x\n",
+        "via_a/via_a/twice.py": KERNEL.replace("\n\n", "\nfrom via_a.sums import double\n\n") + TWICE,
+        "via_a/test/test_sums.py": "from via_a.twice import twice\ndef test_double():\n    assert twice(2.0) == 8.0\n",
         "pyproject.toml": '[tool.pytest.ini_options]\npythonpath = ["via_a"]\n',
     }.items():
         path = root / name
@@ -103,7 +108,7 @@ def test_a_noticed_error_is_killed_and_an_unnoticed_one_survives_on_the_page(rep
     page.write(page.Results(done, [], set(), 4, 1, 0, limits), provenance("via mutants"), tmp_path / "mutants.md")
     text = (tmp_path / "mutants.md").read_text("utf-8")
     assert "| sample | 2 | 1 | 0 | 1 | 50.0 % |" in text and "**Missed**: 50.0 %" in text
-    assert "`via_a/via_a/sums.py:6`: `*` -> `/` in `return 3.0 * x`" in text
+    assert "`via_a/via_a/sums.py:9`: `*` -> `/` in `return 3.0 * x`" in text
     page.write(
         page.Results(done, [], {mutations[1]}, 4, 1, 0, limits), provenance("via mutants"), tmp_path / "mutants.md"
     )

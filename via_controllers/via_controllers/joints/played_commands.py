@@ -1,12 +1,13 @@
 """Plays motor torques of a table, corrected by feedback on the motor angles if the table has their references.
 
-    tau = tau_c(t) + K_P (theta_c(t) - theta) + K_D (thd_c(t) - thd)
+    tau = tau_c(t) + K_P e + K_D ed,   e = theta_c(t) - theta
 
 Torques hold from row to row; references are interpolated. The torques of a model alone would let the motors drift,
 because nothing else returns them to their references. The difference of the motor angles at the start from the first
 reference fades out, without a jump: it is multiplied by 1 - u^2 (3 - 2u), u = t / fade_in. After the last row the joint
 is held at the last reference; without references torques are zero.
-Motor velocities are derivatives of the angles behind a first-order low pass of bandwidth w_f.
+ed is the derivative of e behind a first-order low pass of bandwidth w_f. The reference passes the same low pass as the
+measurement, so that a joint on its reference gets the torques of the table, whatever its acceleration.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ class PlayedState:
     start: float  # [s] time of the first sample, NaN before it
     origin: Array  # (m,) [rad] motor angles of the first sample
     time: float  # [s] of the last sample
-    theta: Array  # (m,) [rad]
-    velocity: Array  # (m,) [rad/s] low-passed
+    error: Array  # e (m,) [rad]
+    error_rate: Array  # ed (m,) [rad/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,35 +74,32 @@ class PlayedCommands(Controller[PlayedState]):
         return np.array([state.time - state.start])
 
     def init(self) -> PlayedState:
-        zeros = locked(np.zeros(self.torque.shape[1]), "theta")
+        zeros = locked(np.zeros(self.torque.shape[1]), "origin")
         return PlayedState(nan, zeros, 0.0, zeros, zeros)
 
     def step(self, state: PlayedState, sample: JointSample) -> tuple[PlayedState, Torques]:
         if not (isfinite(sample.time) and np.all(np.abs(sample.theta) < LARGEST)):  # the link angle is not used
             return state, passive(self.torque.shape[1])
         if isnan(state.start):
-            theta = locked(sample.theta, "origin")
-            state = PlayedState(sample.time, theta, sample.time, theta, np.zeros(len(theta)))
-        step = sample.time - state.time
-        velocity = low_passed(state.velocity, state.theta, sample.theta, step, self.velocity_bandwidth)
-        after = replace(
-            state, time=sample.time, theta=locked(sample.theta, "theta"), velocity=locked(velocity, "velocity")
-        )
-        return after, limited(self._torque(after), np.asarray(self.torque_limit))
-
-    def _torque(self, state: PlayedState) -> Array:
-        """(m,) [N m] before the limit."""
-        elapsed = state.time - state.start
+            state = replace(state, start=sample.time, origin=locked(sample.theta, "origin"), time=sample.time)
+        elapsed = sample.time - state.start
         # stamps are rounded: a sample at 0.14 s is in the row of 0.14 s
         row = int(np.searchsorted(self.time - self.time[0], elapsed + 1e-9, side="right")) - 1
-        ended = row >= len(self.time) - 1
         if self.reference is None:
-            return np.zeros(self.torque.shape[1]) if ended else self.torque[row]
-        wanted, rate = self.reference[row], np.zeros(self.torque.shape[1])
-        if not ended:
-            rate = (self.reference[row + 1] - wanted) / (self.time[row + 1] - self.time[row])
-            wanted = wanted + rate * (elapsed - (self.time[row] - self.time[0]))
+            ended = row >= len(self.time) - 1
+            torque = np.zeros(self.torque.shape[1]) if ended else self.torque[row]
+            return replace(state, time=sample.time), limited(torque, np.asarray(self.torque_limit))
+        error = self._wanted(self.reference, row, elapsed, state.origin) - sample.theta
+        rate = low_passed(state.error_rate, state.error, error, sample.time - state.time, self.velocity_bandwidth)
+        after = replace(state, time=sample.time, error=locked(error, "error"), error_rate=locked(rate, "error_rate"))
+        torque = self.torque[row] + self.proportional_gain * error + self.derivative_gain * rate
+        return after, limited(torque, np.asarray(self.torque_limit))
+
+    def _wanted(self, reference: Array, row: int, elapsed: float, origin: Array) -> Array:
+        """theta_c (m,) [rad] in a row of the table, `elapsed` [s] after the first sample."""
+        wanted = reference[row]
+        if row < len(reference) - 1:
+            passed = elapsed - (self.time[row] - self.time[0])
+            wanted = wanted + (reference[row + 1] - wanted) * (passed / (self.time[row + 1] - self.time[row]))
         u = min(elapsed / self.fade_in, 1.0)
-        wanted = wanted + (1.0 - u * u * (3.0 - 2.0 * u)) * (state.origin - self.reference[0])
-        feedback = self.proportional_gain * (wanted - state.theta) + self.derivative_gain * (rate - state.velocity)
-        return self.torque[row] + feedback
+        return np.asarray(wanted + (1.0 - u * u * (3.0 - 2.0 * u)) * (origin - reference[0]))

@@ -2,7 +2,7 @@
 
 Runs are those of `limits`, shorter, with a random payload and springs that differ from the file. In half of them the
 estimates are right: true payload and stiffness with 2 % noise, status OK. In the other half they are faulty: random,
-infinite or NaN values and standard deviations with random status.
+infinite or NaN values and standard deviations with random status, constant for about 20 samples.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ from via_validation.tables.rows import Row
 
 DURATION = 0.4  # [s] of a run
 PAYLOAD, SPRINGS = 1.1, 0.2  # [kg] largest payload; largest relative change of a spring's torque
-QUICK = 0.05  # [s] time constants of the correction, so that a short run corrects and falls back
+QUICK = 0.02  # [s] times of the correction, so that a short run corrects and falls back
+CHANGED = 0.05  # share of samples at which faulty estimates change
 NOISE = 0.02  # relative noise of right estimates
 WRONG = (np.nan, np.inf, -np.inf, -1e9, 0.0, 0.5, 30.0, 1e9)  # faulty values and standard deviations
 KINDS = ("right estimates", "faulty estimates")
 SETTINGS = (
     f"as limits.1, {DURATION:g} s; payload up to {PAYLOAD:g} kg, springs up to {SPRINGS:.0%} off; modes 1 and 2 in "
-    f"turn; time constants of the correction {QUICK:g} s"
+    f"turn; times of the correction {QUICK:g} s"
 )
 
 
@@ -50,6 +51,7 @@ class _Informant:
     payload: float
     faulty: bool
     random: np.random.Generator
+    wrong: tuple[Array, Array, list[Status]] | None = None  # faulty values, standard deviations and status
     furthest: Array = field(default_factory=lambda: np.zeros(2))  # payload over its bound, log scale over its bound
 
     def __call__(self, state: Supervised, sample: ArmSample) -> Supervised:
@@ -65,8 +67,10 @@ class _Informant:
     def _informed(self, sample: ArmSample, state: AdaptiveSwing) -> AdaptiveSwing:
         n = ARM.n
         if self.faulty:
-            values, sds = self.random.choice(WRONG, (2, 1 + n))
-            status = [Status(int(each)) for each in self.random.integers(0, len(Status), 1 + n)]
+            if self.wrong is None or self.random.random() < CHANGED:
+                status = [Status(int(each)) for each in self.random.integers(0, len(Status), 1 + n)]
+                self.wrong = (*self.random.choice(WRONG, (2, 1 + n)), status)
+            values, sds, status = self.wrong
         else:
             stiffness = self.truth.spring_state(sample.q - sample.theta)[1]
             values = np.append(self.payload, stiffness) * (1.0 + self.random.normal(0.0, NOISE, 1 + n))
@@ -106,7 +110,7 @@ def adaptive_limit_rows(seeds: Iterable[int]) -> list[Row]:
         payload, scale = np.max([furthest for _, furthest in runs], axis=0).tolist()
         rows += [
             Row(f"{at}.payload", what, "largest payload of the model / bound [-]", None, payload, 1.0, SETTINGS),
-            Row(f"{at}.springs", what, f"largest |log scale| of a spring / log {LARGEST_FACTOR:g} [-]", None, scale,
+            Row(f"{at}.springs", what, f"largest log scale of a spring / log {LARGEST_FACTOR:g} [-]", None, scale,
                 1.0, SETTINGS),
         ]  # fmt: skip
     return rows

@@ -23,13 +23,12 @@ from via_estimators.methods import METHODS, estimator_for, method_for, methods_f
 from via_estimators.modulated_torque import ModulatedTorque
 from via_estimators.torque_equation import U
 
-from via_validation.bench.kalman import kalman_rows
+from via_validation.bench.kalman import ONE_TRANSMISSION, kalman_rows
 from via_validation.bench.kernels import kernel_rows
 from via_validation.bench.timing import Contender, take_turns
 from via_validation.tables.rows import Row
 
 STEP_LIMIT = 10.0  # [us] of one full step of a default method, estimation.md
-ONE_TRANSMISSION = "visco_elastic_demo"
 PREFERRED = (
     "qbmove_a",
     "vsa2",

@@ -2,7 +2,8 @@
 
 All process the same log of one motor with eight states (angle, velocity, inertia, damping, dry friction, three terms of
 the spring law) from the same prior. The results must agree before anything is timed. A filter of filterpy gets our
-compiled model, so that its own cost is that of its matrices in numpy.
+compiled model, so that its own cost is that of its matrices in numpy. The default estimator gets the same log; its step
+also includes standard deviations, status and the check of its samples.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ from pathlib import Path
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, JulierSigmaPoints, UnscentedKalmanFilter
 from numba import njit
+from via_core.devices import load_device
 from via_core.errors import ViaError
 from via_core.signals import Array
 from via_estimators import extended_kalman, unscented_kalman
+from via_estimators.contract import Live
+from via_estimators.methods import estimator_for
 from via_estimators.motor_kalman import correct
 from via_estimators.motor_model import add_noise, advance, derivatives, noise
 
@@ -25,6 +29,7 @@ from via_validation.bench.timing import Contender, take_turns
 from via_validation.tables.rows import Row
 
 N = 8
+ONE_TRANSMISSION = "visco_elastic_demo"
 LOG, SLOW = 20_000, 500  # time steps of the log, and of its part for filterpy
 SCALE, INERTIA, SLOWEST, TORQUE_NOISE, POSITION_NOISE = 1.0, 0.02, 0.05, 0.05, 1e-4  # [rad, kg m^2, rad/s, N m, rad]
 SETTINGS = np.array([SCALE, INERTIA, SLOWEST, TORQUE_NOISE, POSITION_NOISE])
@@ -49,7 +54,7 @@ def log(count: int, seed: int = 0) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def fold_ekf(rows: Array, start: Array, diagonal: Array) -> Array:
-    """x (n,) of our extended filter after rows (N, 5)."""
+    """x (n,) of our extended Kalman filter after rows (N, 5)."""
     n = start.size
     x, P, work, of = start.copy(), np.diag(diagonal), np.empty((4, n)), np.empty((4, n))
     for k in range(rows.shape[0]):
@@ -63,7 +68,7 @@ def fold_ekf(rows: Array, start: Array, diagonal: Array) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def fold_ukf(rows: Array, start: Array, diagonal: Array) -> Array:
-    """x (n,) of our unscented filter after rows (N, 5)."""
+    """x (n,) of our unscented Kalman filter after rows (N, 5)."""
     n = start.size
     x, P, work, points = start.copy(), np.diag(diagonal), np.empty((4, n)), np.empty((n + 5, n))
     for k in range(rows.shape[0]):
@@ -115,6 +120,28 @@ def filterpy_ukf(rows: Array, start: Array, diagonal: Array) -> Array:
     return np.asarray(found.x)
 
 
+def default_contenders(rows: Array) -> dict[str, Contender]:
+    """Full steps of the default estimator with one transmission on a log: folded, and in place as in a node."""
+    estimator = estimator_for(load_device(ONE_TRANSMISSION))
+    samples = np.column_stack([1e-3 * np.arange(1.0, len(rows) + 1.0), rows[:, 2], rows[:, 4], rows[:, 3]])
+    begin, fed = len(rows) // 4, Live(estimator)
+    state, _ = estimator.run_rows(samples[:begin])
+    for row in samples[:begin]:
+        fed.take(row[None])
+    block = samples[begin : begin + SLOW, None, :].copy()
+
+    def live() -> None:
+        for row in block:
+            fed.take(row)
+        block[:, 0, 0] += 1e-3 * SLOW  # stamps must increase
+
+    later = samples[begin:]
+    return {
+        "default": Contender(len(later), lambda: estimator.run_rows(later, state)),
+        "default_live": Contender(SLOW, live),
+    }
+
+
 def kalman_rows(turns: int) -> list[Row]:
     """Rows of the times per time step and of their ratios."""
     rows = log(LOG)
@@ -127,6 +154,7 @@ def kalman_rows(turns: int) -> list[Row]:
             "ukf": Contender(LOG, partial(fold_ukf, rows, *given)),
             "ekf_filterpy": Contender(SLOW, partial(filterpy_ekf, few, *given)),
             "ukf_filterpy": Contender(SLOW, partial(filterpy_ukf, few, *given)),
+            **default_contenders(rows),
         }
         agreeing = [("ekf", filterpy_ekf(few, *given)), ("ukf", filterpy_ukf(few, *given))]
         if isinstance(reference, eigen.Reference):
@@ -139,17 +167,20 @@ def kalman_rows(turns: int) -> list[Row]:
         times = take_turns(contenders, turns)
     settings = f"n = {N}, one motor, median of {turns} alternating turns, one thread"
     what = {
-        "ekf": "our extended filter over a log", "ukf": "our unscented filter over a log",
-        "ekf_filterpy": "filterpy's extended filter", "ukf_filterpy": "filterpy's unscented filter",
-        "ekf_eigen": "extended filter in C++ with Eigen over a log",
+        "ekf": "our extended Kalman filter over a log", "ukf": "our unscented Kalman filter over a log",
+        "ekf_filterpy": "filterpy's extended Kalman filter", "ukf_filterpy": "filterpy's unscented Kalman filter",
+        "ekf_eigen": "extended Kalman filter in C++ with Eigen over a log",
+        "default": "full step of the default estimator over a log",
+        "default_live": "full step of the default estimator in place, called from Python",
     }  # fmt: skip
     found = [
-        Row(f"kalman.{who}", f"Kalman filter: {what[who]}", "time per step [ns]", None, times[who].nanoseconds, None,
+        Row(f"kalman.{who}", what[who], "time per step [ns]", None, times[who].nanoseconds, None,
             settings)
         for who in contenders
     ]  # fmt: skip
     missing = "" if isinstance(reference, eigen.Reference) else reference
-    for one, other in (("ekf", "ekf_eigen"), ("ukf", "ekf_eigen"), ("ekf", "ekf_filterpy"), ("ukf", "ukf_filterpy")):
+    pairs = [(one, other) for one in ("ekf", "default", "default_live") for other in ("ekf_eigen", "ekf_filterpy")]
+    for one, other in (*pairs, ("ukf", "ekf_eigen"), ("ukf", "ukf_filterpy")):
         ratio = times[one].over(times[other]) if other in times else None
         found.append(
             Row(f"kalman.{one}_over_{other}", f"{what[one]} over {what[other]}", "ratio of times [-]", None, ratio,

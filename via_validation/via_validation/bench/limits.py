@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from via_bringup.demo.reference import ARM, EQUILIBRIUM
@@ -25,7 +26,10 @@ from via_sim.robots.arm import ArmState, arm_step
 from via_sim.robots.contacts import Hand
 
 from via_validation.control.limit_cycle import limit_cycle_controller
+from via_validation.provenance import Provenance
+from via_validation.tables.page import number, verdict
 from via_validation.tables.rows import Row
+from via_validation.template import rendered
 
 PERIOD = 1e-3  # [s]
 DURATION = 0.8  # [s] of a run
@@ -109,6 +113,19 @@ def worst_rows(at: str, what: str, runs: list[Worst], settings: str) -> list[Row
     share = float(np.mean([each.guarded for each in runs]))
     quantity = "samples at which limits changed a torque [-]"
     return [*rows, Row(f"{at}.guarded", what, quantity, None, share, None, settings)]
+
+
+def write_markdown(rows: list[Row], source: Provenance, path: Path) -> None:
+    """Write the page of all rows of this benchmark."""
+    settings = {row.id.rpartition(".")[0]: row.settings for row in rows}
+    values = {
+        "rows": rows,
+        "limited": sum(row.ok is not None for row in rows),
+        "missed": [row.id for row in rows if row.ok is False],
+        "groups": settings,
+        "source": source,
+    }
+    path.write_text(rendered("bench/limits.md", values, {"number": number, "verdict": verdict}), encoding="utf-8")
 
 
 def disturbed_run(

@@ -25,8 +25,8 @@ from via_validation.changes.schedules import (
     STEP_TIME,
 )
 from via_validation.compare.figures import WITHIN
+from via_validation.compare.looks import LOOKS
 from via_validation.compare.page import percent
-from via_validation.compare.picture import COLOURS, MARKERS
 from via_validation.provenance import Provenance
 from via_validation.template import rendered
 
@@ -110,8 +110,7 @@ def _seeds(counts: Sequence[int]) -> str:
 def draw(found: Sequence[Followed], path: Path) -> None:
     """Per device: what a method misses of a sine over its frequency, its coverage, and its answer to the step."""
     parts = devices_of(found)
-    methods = list(dict.fromkeys(each.method for each in found))
-    looks = {m: (COLOURS[at % len(COLOURS)], MARKERS[at % len(MARKERS)]) for at, m in enumerate(methods)}
+    methods = dict.fromkeys(each.method for each in found)
     frequencies = [each.frequency for each in SINES]
     with plt.rc_context({**STYLE, "font.size": 10}):
         figure, panels = plt.subplots(
@@ -120,12 +119,11 @@ def draw(found: Sequence[Followed], path: Path) -> None:
         for row, (device, own) in enumerate(parts.items()):
             lost, held, step = panels[row]
             for each in own:
-                colour, marker = looks[each.method]
                 outcomes = [each.outcomes[sine.name] for sine in SINES]
-                look = {"color": colour, "marker": marker, "label": each.method, "linewidth": 1.4}
+                look = {**LOOKS[each.method], "linewidth": 1.4}
                 lost.plot(frequencies, [min(one.missed, 1.6) for one in outcomes], **look)
                 held.plot(frequencies, [one.coverage for one in outcomes], **look)
-                step.plot(*each.step, color=colour, linewidth=1.4)
+                step.plot(*each.step, color=look["color"], linewidth=1.4)
             lost.axhline(BANDWIDTH, color="black", linestyle="--", linewidth=1)
             lost.set_ylim(-0.05, 1.65)
             held.axhline(COVERED, color="black", linestyle="--", linewidth=1)
@@ -147,7 +145,7 @@ def draw(found: Sequence[Followed], path: Path) -> None:
             axes.set_xlabel(label)
         for axes, title in zip(panels[0], ("share of a sine that is missed", "coverage", "step"), strict=True):
             axes.set_title(title, fontsize=11)
-        handles = [plt.Line2D([], [], color=c, marker=m, label=name) for name, (c, m) in looks.items()]
+        handles = [plt.Line2D([], [], **LOOKS[method]) for method in methods]
         figure.legend(handles=handles, loc="outside upper center", ncols=5, fontsize=9)
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=90)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -64,15 +65,20 @@ def estimators(turns: Turns = 15, as_rows: Json = None) -> None:
 def limits(
     starts: Annotated[int, typer.Option(min=1, max=100_000, help="Random runs; a thousand take ten minutes.")] = 30,
     as_rows: Json = None,
+    write: Annotated[Path | None, typer.Option(help="Also write limits.md into this folder.")] = None,
 ) -> None:
     """Limits of an arm and of joints: random starts, impacts, holds, lost samples, faulty controllers and estimates."""
     from via_validation.bench.adaptive_limits import adaptive_limit_rows
     from via_validation.bench.joint_limits import joint_limit_rows
-    from via_validation.bench.limits import limit_rows
+    from via_validation.bench.limits import limit_rows, write_markdown
+    from via_validation.provenance import provenance
 
     adaptive = adaptive_limit_rows(track(range(starts), "runs with estimates", console=errors))
     joints = joint_limit_rows(track(range(starts), "runs of joints", console=errors))
-    shown("Limits", [*limit_rows(track(range(starts), "runs of the arm", console=errors)), *adaptive, *joints], as_rows)
+    rows = [*limit_rows(track(range(starts), "runs of the arm", console=errors)), *adaptive, *joints]
+    shown("Limits", rows, as_rows)
+    if write is not None:
+        write_markdown(rows, provenance(f"via bench limits --starts {starts}"), write / "limits.md")
 
 
 @app.command()

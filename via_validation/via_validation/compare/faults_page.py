@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from via_validation.compare.faults import LATE, FaultResult, SoundResult
+from via_validation.compare.looks import MARKERS
 from via_validation.provenance import Provenance
 from via_validation.template import rendered
 
@@ -17,23 +19,33 @@ SOUND, FAULTY = "#1b6ca8", "#c0392b"
 
 
 def draw(faulty: Sequence[FaultResult], sound: Sequence[SoundResult], path: Path) -> None:
-    """One point per interval: the share of its torques that no device near the file explains."""
-    devices = list(dict.fromkeys(each.device for each in faulty))
-    figure, panels = plt.subplots(1, len(devices), figsize=(3.1 * len(devices) + 1.6, 5.2), sharex=True)
-    for axes, device in zip(np.atleast_1d(panels), devices, strict=True):
-        rows = [(each.variation, each.unexplained, SOUND) for each in sound if each.device == device]
-        rows += [(each.fault, each.unexplained, FAULTY) for each in faulty if each.device == device]
-        for at, (_, shares, colour) in enumerate(rows):
-            axes.plot(shares, np.full(len(shares), at), "o", color=colour, alpha=0.5, markersize=4)
-        axes.axvline(
-            next(each.limit for each in faulty if each.device == device), color="black", linestyle="--", linewidth=1
-        )
-        axes.set_yticks(range(len(rows)), [name for name, _, _ in rows], fontsize=7)
-        axes.invert_yaxis()
-        axes.set_xlim(-0.03, 1.6)
-        axes.set_title(device, fontsize=10)
-        axes.set_xlabel("unexplained share", fontsize=9)
-    figure.tight_layout()
+    """One point per interval: the share of its torques that no device near the file explains. A panel per limit."""
+    devices = {each.device: each.limit for each in faulty}
+    marks = dict(zip(devices, itertools.cycle(MARKERS), strict=False))
+    shares = [(each.device, each.variation, each.unexplained, SOUND) for each in sound]
+    shares += [(each.device, each.fault, each.unexplained, FAULTY) for each in faulty]
+    panels = []
+    for limit in dict.fromkeys(devices.values()):
+        own = [each for each in shares if devices[each[0]] == limit]
+        panels.append((limit, own, list(dict.fromkeys(name for _, name, _, _ in own))))
+    heights = [len(rows) for *_, rows in panels]
+    figure, drawn = plt.subplots(
+        len(panels), figsize=(6.6, 0.27 * sum(heights) + 1.2 * len(panels)), height_ratios=heights, sharex=True,
+        constrained_layout=True, squeeze=False,
+    )  # fmt: skip
+    for axes, (limit, own, rows) in zip(drawn[:, 0], panels, strict=True):
+        inside = [device for device in devices if devices[device] == limit]
+        for device, name, values, colour in own:
+            at = rows.index(name) + 0.7 * ((inside.index(device) + 0.5) / len(inside) - 0.5)
+            axes.plot(values, np.full(len(values), at), marks[device], color=colour, alpha=0.5, markersize=4)
+        axes.axvline(limit, color="black", linestyle="--", linewidth=1)
+        axes.set_yticks(range(len(rows)), rows)
+        axes.set_ylim(len(rows) - 0.4, -0.6)
+        axes.grid(axis="y", alpha=0.25)
+        handles = [plt.Line2D([], [], color="black", marker=marks[each], linestyle="", label=each) for each in inside]
+        axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.3, 1.0), ncols=3, frameon=False, fontsize=9)
+    axes.set_xlim(-0.03, 1.6)
+    axes.set_xlabel("unexplained share of the torques")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)

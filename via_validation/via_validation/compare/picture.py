@@ -10,10 +10,9 @@ import numpy as np
 from via_bringup.demo.pictures import STYLE
 
 from via_validation.compare import decision
+from via_validation.compare.looks import LOOKS
 from via_validation.compare.run import WRONG_LEVEL, Comparison
 
-COLOURS = ("#d1495b", "#1b4965", "#2a7f62", "#e8871e", "#7d5ba6", "#5a5a5a", "#00a6a6", "#9c6644", "#b5bd00", "#e377c2")
-MARKERS = "osD^vPX*<>"
 SHOWN = (20.0, 24.0)  # [s] of the stiffness drawn
 NEVER = "#c8c8c8"
 
@@ -22,9 +21,6 @@ def draw(comparison: Comparison, path: Path) -> None:
     """Draw a column per joint: error and coverage over noise, and the stiffness of default and best method."""
     devices, names = comparison.devices, [level.name for level in comparison.levels]
     shown = WRONG_LEVEL if WRONG_LEVEL in names else names[-1]
-    looks = {
-        m: {"color": c, "marker": k, "label": m} for m, c, k in zip(comparison.methods, COLOURS, MARKERS, strict=False)
-    }
     with plt.rc_context(STYLE):
         figure, panels = plt.subplots(
             3, len(devices), figsize=(4.4 * len(devices) + 0.6, 10.5), constrained_layout=True, squeeze=False,
@@ -32,11 +28,11 @@ def draw(comparison: Comparison, path: Path) -> None:
         )  # fmt: skip
         for column, device in enumerate(devices):
             top, middle, bottom = panels[:, column]
-            for method, look in looks.items():
+            for method in comparison.methods:
                 cases = [comparison.case(method, device, name) for name in names]
-                top.semilogy(range(len(names)), [100.0 * case.figures.accuracy for case in cases], **look)
+                top.semilogy(range(len(names)), [100.0 * case.figures.accuracy for case in cases], **LOOKS[method])
                 held = [case.figures.coverage if isfinite(case.figures.coverage) else np.nan for case in cases]
-                middle.plot(range(len(names)), held, **look)
+                middle.plot(range(len(names)), held, **LOOKS[method])
             middle.axhspan(decision.HONEST, 1.0, color=NEVER, alpha=0.4, linewidth=0)
             middle.set_ylim(-0.03, 1.03)
             top.set_title(device, fontsize=12)
@@ -60,7 +56,7 @@ def _stiffness(axes: plt.Axes, comparison: Comparison, device: str, level: str) 
     part = (cases[0].example.time >= SHOWN[0]) & (cases[0].example.time <= SHOWN[1])
     mean = float(np.mean(cases[0].example.truth[part]))
     for case in cases:
-        colour, run = COLOURS[comparison.methods.index(case.method) % len(COLOURS)], case.example
+        colour, run = LOOKS[case.method]["color"], case.example
         value, sd = run.value[part] / mean, run.sd[part] / mean
         axes.plot(run.time[part], value, color=colour, linewidth=1.3, label=case.method)
         axes.fill_between(run.time[part], value - 1.96 * sd, value + 1.96 * sd, color=colour, alpha=0.2, linewidth=0)

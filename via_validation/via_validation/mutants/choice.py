@@ -19,6 +19,7 @@ HEART = (
         for name in ("weak_form", "plausibility", "springs", "servos", "dampers", "metrics")
     ),
     "via_estimators/via_estimators/*.py",
+    "via_controllers/via_controllers/correction.py",
     "via_controllers/via_controllers/arms/*.py",
     "via_controllers/via_controllers/joints/*.py",
     "via_controllers/via_controllers/supervision/*.py",

@@ -2,7 +2,7 @@
 
 Every worker has a copy of the tracked files and a cache of compiled kernels. A test file is first run on the copy as it
 is, which must pass and fills the cache; then on the mutated copy, with a copy of the cache. numba checks only the file
-that defines a kernel, so files that import the mutated module also get a new time stamp.
+that defines a kernel, so the copy lacks the kernels of all files that import the mutated module.
 """
 
 from __future__ import annotations
@@ -90,18 +90,16 @@ class Worker:
         """The name of the failing test, '' if all pass."""
         path, scratch = self.tree / mutation.path, self.cache.with_name("mutated")
         source = path.read_text(encoding="utf-8")
-        touched = [self.tree / each for each in dependents(self.imports, mutation.path)]
-        stamps = [(each, each.stat()) for each in touched]
         shutil.copytree(self.cache, scratch, copy_function=os.link)  # numba replaces files, it does not write into them
+        stale = {Path(each).stem for each in dependents(self.imports, mutation.path)}
+        for kernel in scratch.rglob("*.nb[ic]"):
+            if kernel.name.partition(".")[0] in stale:
+                kernel.unlink()
         try:
             path.write_text(mutation.applied(source), encoding="utf-8")
-            for each in touched:
-                os.utime(each)
             code, output = self._pytest(test, scratch, limit)
         finally:
             path.write_text(source, encoding="utf-8")
-            for each, stamp in stamps:
-                os.utime(each, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
             shutil.rmtree(scratch)
         if code in (0, NO_TESTS):
             return ""

@@ -1,0 +1,116 @@
+"""The limit cycle with a corrected model: whose torques it commands, and how it uses estimates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import log
+
+import numpy as np
+import pytest
+from via_controllers.arm_methods import ModalLimitCycleParameters
+from via_controllers.contract import ArmSample
+from via_controllers.correction import Correction
+from via_core.status import Status
+
+PARAMETERS = ModalLimitCycleParameters(adapt=True, correction_time=0.2, fallback_time=0.3)
+CONTROLLER = PARAMETERS.adaptive()
+ARM = CONTROLLER.arm
+REST = np.array(PARAMETERS.equilibrium)
+PHI = REST - ARM.rest(REST) + np.array([0.002, -0.001, 0.003, 0.001])  # [rad] springs nearly bear the weight
+RATE = np.array([0.1, -0.08, 0.06, 0.07])  # [rad/s]
+PAYLOAD, SCALE = 0.05, np.array([0.98, 1.02, 0.97, 1.03])  # so small that no torque is at its limit
+
+
+def sample_at(time=0.0):
+    return ArmSample(time, REST, 0.5 * RATE, REST - PHI, -0.5 * RATE, np.full(4, np.nan))
+
+
+def started(time=0.0):
+    return CONTROLLER.init(sample_at(time))
+
+
+def held_at(state, payload, logs):
+    """`state` with a constant correction."""
+    fixed = [Correction(each, each, each, 1.0, state.swing.time) for each in (payload, *logs)]
+    return replace(state, payload=fixed[0], springs=tuple(fixed[1:]))
+
+
+def test_without_a_correction_it_is_the_published_controller():
+    state, torques = CONTROLLER.step(started(), sample_at(1e-3))
+    _, published = CONTROLLER.published.step(CONTROLLER.published.init(sample_at()), sample_at(1e-3))
+    assert np.array_equal(torques.torque, published.torque)
+    assert CONTROLLER.controller_for(state.payload, state.springs) is CONTROLLER.published
+
+
+@pytest.mark.parametrize(("payload", "scale"), [(PAYLOAD, SCALE), (PAYLOAD, np.ones(4)), (0.0, SCALE)])
+def test_a_correction_is_the_published_controller_on_the_corrected_arm(payload, scale):
+    state, torques = CONTROLLER.step(held_at(started(), payload, np.log(scale)), sample_at(1e-3))
+    real = ARM.corrected(payload, scale)
+    cycle = replace(CONTROLLER.published.cycle, arm=real)
+    expected = replace(CONTROLLER.published, cycle=cycle)
+    _, published = expected.step(CONTROLLER.published.init(sample_at()), sample_at(1e-3))
+    assert torques.torque == pytest.approx(published.torque, rel=1e-9)
+    nominal = CONTROLLER.step(started(), sample_at(1e-3))[1]
+    assert not torques.saturated and np.abs(torques.torque - nominal.torque).max() > 1.0
+    assert CONTROLLER.observe(state)[-5:] == pytest.approx([payload, *scale])
+    names = [each.name for each in CONTROLLER.quantities]
+    assert names[-5:] == ["payload", *(f"spring_scale_{joint}" for joint in range(1, 5))]
+    assert len(names) == len(CONTROLLER.observe(state))
+
+
+def test_a_step_corrects_by_the_time_that_passed():
+    informed = CONTROLLER.with_payload(started(2.0), 2.0, Status.OK, PAYLOAD, 0.0)
+    informed = replace(informed, springs=(Correction(0.1, 0.1, 0.0, 0.0), *informed.springs[1:]))
+    after, _ = CONTROLLER.step(informed, sample_at(2.0625))
+    assert after.payload == CONTROLLER.payload_rule.advanced(informed.payload, 2.0625, 0.0625) != informed.payload
+    assert (
+        after.springs[0] == CONTROLLER.spring_rule.advanced(informed.springs[0], 2.0625, 0.0625) != informed.springs[0]
+    )
+    back, _ = CONTROLLER.step(informed, sample_at(1.95))  # a stamp that goes backward
+    assert back.payload.value == informed.payload.value
+    assert after.deflection == pytest.approx(PHI) and after.deflection_rate == pytest.approx(RATE)
+
+
+def test_an_invalid_sample_is_passive_and_changes_nothing():
+    state = held_at(started(), PAYLOAD, np.log(SCALE))
+    after, torques = CONTROLLER.step(state, replace(sample_at(1e-3), q=np.full(4, np.nan)))
+    assert after is state and np.array_equal(torques.torque, np.zeros(4))
+
+
+def test_a_payload_is_bounded_by_its_rule():
+    informed = CONTROLLER.with_payload(started(), 0.1, Status.OK, 1e3, PARAMETERS.trusted_payload)
+    assert informed.payload == Correction(0.0, 0.0, PARAMETERS.heaviest, 0.5, 0.1)
+    assert CONTROLLER.with_payload(informed, 0.2, Status.OK, -1.0, 0.0).payload.estimate == 0.0
+
+
+@pytest.mark.parametrize("age", [0.0, 0.019, -0.019])
+@pytest.mark.parametrize("joint", range(4))
+def test_a_stiffness_is_compared_with_that_of_the_file_at_its_own_time(joint, age):
+    state = started(1.0)
+    nominal = ARM.spring_state(PHI - age * RATE)[1][joint]
+    sd = PARAMETERS.trusted_deviation * 0.8 * nominal
+    informed = CONTROLLER.with_stiffness(state, joint, 1.0 - age, Status.OK, 0.8 * nominal, sd)
+    found = informed.springs[joint]
+    assert found.estimate == pytest.approx(log(0.8)) and found.weight == pytest.approx(0.5)
+    assert found.stamp == 1.0 - age
+    others = [each for k, each in enumerate(informed.springs) if k != joint]
+    assert others == [Correction()] * 3 and informed.payload == Correction()
+
+
+@pytest.mark.parametrize(
+    ("age", "status", "value"),
+    [(0.021, Status.OK, 80.0), (-0.021, Status.OK, 80.0), (0.0, Status.OK, -80.0),
+     (0.0, Status.OK, 0.0), (0.0, Status.OK, np.nan), (0.0, Status.NOT_EXCITED, 80.0), (0.0, Status.IMPLAUSIBLE, 80.0)],
+)  # fmt: skip
+def test_old_impossible_and_doubtful_stiffnesses_are_not_used(age, status, value):
+    state = held_at(started(), 0.0, np.full(4, 0.1))
+    state = replace(state, swing=replace(state.swing, time=1.0))
+    informed = CONTROLLER.with_stiffness(state, 2, 1.0 - age, status, value, 0.1)
+    assert informed.springs[2].weight == 0.0 and informed.springs[2].estimate == 0.1
+
+
+def test_a_wild_stiffness_is_bounded():
+    informed = CONTROLLER.with_stiffness(started(), 1, 0.0, Status.OK, 1e9, 0.0)
+    assert informed.springs[1].estimate == pytest.approx(log(3.0))
+    informed = CONTROLLER.with_stiffness(started(), 1, 0.0, Status.OK, 1e-9, 0.0)
+    assert informed.springs[1].estimate == pytest.approx(-log(3.0))
