@@ -40,7 +40,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from math import sqrt
+from math import cos, sin, sqrt
 from typing import Any
 
 import numpy as np
@@ -52,9 +52,10 @@ from via_core.status import BAD_SAMPLE
 
 from via_estimators import interacting_models, torque_equation, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
+from via_estimators.interacting_models import Bank, Work
 from via_estimators.slots import row_of, slots
 from via_estimators.spring_series import MOST_TERMS, terms_for
-from via_estimators.torque_equation import PHI, QUANTUM, TAU, THETA, P, U
+from via_estimators.torque_equation import LINK, PHI, QUANTUM, TAU, THETA, P, U
 from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
@@ -62,10 +63,12 @@ FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
 ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
+EXACTNESS = 1e-4  # [-] least noise of the link's torques, over the torque at the stop
+SLOW_FORCE = 1.0  # [s] how long forces at the link last that exceed its noise
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
 WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
-# Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative.
-KEPT = slots("moved", "moving", after=VISITED)
+# Of each transmission: range of the deflection in the last window [rad], 1 if it was informative; equations taken.
+KEPT = slots("moved", "moving", "taken", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
 
 
@@ -95,6 +98,17 @@ class ModulatedTorqueParameters(Parameters):
         0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
     )
     torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
+    link_inertia_prior: float = parameter(0.0, "link inertia before any data", "kg m^2", 0.0, 1e3)
+    link_inertia_deviation: float = parameter(0.1, "standard deviation of the prior inertia", "kg m^2", 1e-9, 1e3)
+    link_damping_prior: float = parameter(0.0, "link damping before any data", "N m s/rad", 0.0, 1e4)
+    link_damping_deviation: float = parameter(10.0, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
+    link_friction_prior: float = parameter(0.0, "dry friction of the link before any data", "N m", 0.0, 1e6)
+    gravity_sine_prior: float = parameter(0.0, "factor of sin q in the link's gravity torque", "N m", -1e6, 1e6)
+    gravity_cosine_prior: float = parameter(0.0, "factor of cos q in the link's gravity torque", "N m", -1e6, 1e6)
+    force_deviation: float = parameter(
+        1.0, "standard deviation of unknown torques at the link: friction, gravity, contact", "N m", 1e-9, 1e6
+    )
+    force_noise: float = parameter(1e-3, "least noise of the link's torques", "N m", 1e-12, 1e6)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     minimum_motion: float = parameter(0.01, "least range of deflection in an informative window", "rad", 0.0, 1.0)
@@ -118,6 +132,7 @@ class ModulatedTorque(Estimator):
         known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
+        known |= _link_priors(device, typical)
         if device.tolerances.torque_timing > 0.0:
             known["delay_deviation"] = device.tolerances.torque_timing
         order, even = terms_for(device.spring_laws)
@@ -139,41 +154,53 @@ class ModulatedTorque(Estimator):
         return transmissions.outputs_of(self.parameters.transmissions, "motor_inertia", "motor_damping")
 
     @property
-    def _unknowns(self) -> int:
-        """Number of unknowns: those of the motor and the coefficients of the spring law."""
-        return U.size + self.parameters.order + self.parameters.even_terms + 1
+    def _layout(self) -> tuple[int, int]:
+        """Number of unknowns of a transmission, and of all, of which the last are the trends."""
+        own = self.parameters
+        block = U.size + own.order + own.even_terms
+        return block, own.transmissions * (block + 1) + LINK.size
 
     @cached_property
     def _constants(self) -> Array:
         """Parameter row of the kernel; writable, since a locked array compiles again."""
-        own, n = self.parameters, self._unknowns
-        mean, width = np.zeros(n), np.full(n, own.stiffness_deviation)
-        mean[[U.inertia, U.damping, U.friction, U.size]] = (
-            own.inertia_prior, own.damping_prior, own.friction_prior, own.stiffness_prior,
+        own, (block, n) = self.parameters, self._layout
+        m = own.transmissions
+        mean, width = np.zeros(n), np.ones(n)
+        for each in (slice(i * block, (i + 1) * block) for i in range(m)):
+            mean[each][: U.size + 1] = (
+                own.inertia_prior, own.damping_prior, own.friction_prior, 0.0, 0.0, own.stiffness_prior,
+            )  # fmt: skip
+            width[each] = own.stiffness_deviation
+            width[each][: U.size] = (
+                own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.friction_deviation,
+                own.delay_deviation,
+            )  # fmt: skip
+        link = slice(m * block, m * block + LINK.size)
+        mean[link] = (
+            own.link_inertia_prior, own.link_damping_prior, own.link_friction_prior, 0.0, own.gravity_sine_prior,
+            own.gravity_cosine_prior,
         )  # fmt: skip
-        width[n - 1] = 1.0
-        width[: U.size] = (
-            own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.friction_deviation,
-            own.delay_deviation,
-        )  # fmt: skip
+        width[link] = own.force_deviation
+        width[link][: LINK.friction] = own.link_inertia_deviation, own.link_damping_deviation
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
     def init(self) -> Array:
-        own = self.parameters
-        m, n, length, k = own.transmissions, self._unknowns, own.window + 1, len(self.outputs)
-        state = np.zeros(HEADER.size + 2 * k + ROW.size + length * (1 + 3 * m) + m * _part_size(n))
+        own, n = self.parameters, self._layout[1]
+        m, length, k = own.transmissions, own.window + 1, len(self.outputs)
+        bank = interacting_models.size(n, m + 1)
+        state = np.zeros(HEADER.size + 2 * k + ROW.size + length * (1 + 3 * m) + m * KEPT.size + bank)
         window.start(state)
         state[HEADER.size : HEADER.size + 2 * k] = transmissions.prior_outputs(own, "inertia", "damping")
-        for part in _parts(state, m, n):
-            interacting_models.start(part[KEPT.size :], n, own.steadiness)
+        interacting_models.start(state[-bank:], n, m, m + 1, own.steadiness)
         state.flags.writeable = False
         return state
 
     def condition(self, state: Array) -> float:
-        n = self._unknowns
-        parts = _parts(state, self.parameters.transmissions, n)
-        known = [interacting_models.estimate_of(part[KEPT.size :], n)[1][:-1, :-1] for part in parts]  # but the trend
-        return float(np.sqrt(max(np.linalg.cond(each) for each in known)))
+        block, n = self._layout
+        m = self.parameters.transmissions
+        known = interacting_models.bank_of(np.array(state[-interacting_models.size(n, m + 1) :]), n, m + 1).P[-1]
+        parts = [known[i * block : (i + 1) * block, i * block : (i + 1) * block] for i in range(m)]
+        return float(np.sqrt(max(np.linalg.cond(each) for each in parts)))
 
     @cached_property
     def _advance(self) -> Kernel:
@@ -191,17 +218,20 @@ def _window_for(motor: TorqueMotor, known: dict[str, Any], device: Device) -> in
     return int(min(max(round(span * device.sensors.rate), FEWEST), MOST))
 
 
-@njit(cache=True, error_model="numpy")
-def _part_size(n: int) -> int:
-    """Numbers in the state of one transmission."""
-    return KEPT.size + interacting_models.size(n)
-
-
-@njit(cache=True, error_model="numpy")
-def _parts(state: Array, m: int, n: int) -> Array:
-    """The view (m, ..) of each transmission's KEPT and equation, at the end of the state."""
-    each = _part_size(n)
-    return state[state.size - m * each :].reshape(m, each)
+def _link_priors(device: Device, typical: float) -> dict[str, float]:
+    """Priors of the link that also admit payloads and contacts; `typical` torque [N m] of friction and contact."""
+    link = device.link
+    return {
+        "link_inertia_prior": link.inertia,
+        "link_inertia_deviation": link.inertia,
+        "link_damping_prior": link.viscous_friction,
+        "link_damping_deviation": max(link.viscous_friction, typical),
+        "link_friction_prior": link.coulomb_friction,
+        "gravity_sine_prior": link.gravity_torque * cos(link.gravity_angle),
+        "gravity_cosine_prior": -link.gravity_torque * sin(link.gravity_angle),
+        "force_deviation": max(link.coulomb_friction, abs(link.gravity_torque), typical),
+        "force_noise": EXACTNESS * 20.0 * typical,
+    }
 
 
 @njit(cache=True, error_model="numpy")
@@ -215,18 +245,21 @@ def _unroll(ring: Array, oldest: int, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _learn(
-    par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, kept: Array, equation: Array,
-    row: Array, direction: Array, work: Array,
+def _learn_motor(
+    par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, i: int, bank: Bank, row: Array,
+    none: Array, work: Work,
 ) -> None:  # fmt: skip
-    """Add the equation of the present window, and its middle part to the deflections visited, which include 0."""
-    n, length, noise, dry = row.size, times.size, par[P.torque_noise], slice(U.friction, U.slow + 1)
-    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
-    x, covariance = interacting_models.estimate_of(equation, n)
-    span = times[length - 1] - times[0]
-    y, unknown = torque_equation.fill_row(par, psi, held, late, own, span, width[U.delay] * x[U.delay], row)
-    middle = own[PHI, length // 2]
-    stiffness = torque_equation.stiffness(par, mean, width, x, middle, direction)[0]
+    """Add the equation of motor i in the present window `own`; `row`, `none` (n,) are overwritten."""
+    n, length, m = row.size, times.size, int(par[P.transmissions])
+    block = (n - m - LINK.size) // m
+    part = slice(i * block, (i + 1) * block)
+    mean, width = par[P.size : P.size + n][part], par[P.size + n : P.size + 2 * n][part]
+    x, covariance = bank.x[-1][part], bank.P[-1][part, part]
+    row[:], none[:] = 0.0, 0.0
+    own_row, span, dry = row[part], times[length - 1] - times[0], slice(U.friction, U.slow + 1)
+    y, unknown = torque_equation.fill_motor(par, psi, held, late, own, span, width[U.delay] * x[U.delay], own_row)
+    stiffness = torque_equation.stiffness(par, mean, width, x, own[PHI, length // 2], none[part])[0]
+    none[:] = 0.0
     inertia, damping, friction = mean[:3] + width[:3] * x[:3]
     within = angles = 0.0
     for k in range(length):
@@ -237,67 +270,144 @@ def _learn(
     friction += mean[U.slow] + width[U.slow] * x[U.slow]
     any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
     beside = par[P.position_noise] ** 2 * angles + unknown**2 * any_friction
-    for j in range(n):
+    for j in range(block):
+        y -= own_row[j] * mean[j]
+        own_row[j] *= width[j]
+    within *= par[P.torque_noise] ** 2
+    interacting_models.take(bank, i, row, y, within, beside, none, 0.0, 0.0, (0, 0), work)
+
+
+@njit(cache=True, error_model="numpy")
+def _learn_link(
+    par: Array, times: Array, psi: Array, own: Array, bank: Bank, row: Array, noisy: Array, work: Work
+) -> None:  # fmt: skip
+    """Add the equation of the link in the present windows `own` (m, 3, L); `row`, `noisy` (n,) are overwritten."""
+    n, length, m = row.size, times.size, own.shape[0]
+    first = n - m - LINK.size
+    block, link = first // m, slice(first, first + LINK.size)
+    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    x, covariance, span = bank.x[-1], bank.P[-1], times[length - 1] - times[0]
+    row[:], noisy[:] = 0.0, 0.0
+    unknown = torque_equation.fill_link(par, psi, own[0], span, row[link])
+    stiff, slopes, of_link = np.empty(m), np.empty(m), mean[link] + width[link] * x[link]
+    for i in range(m):
+        part = slice(i * block, (i + 1) * block)
+        torque_equation.fill_spring(par, psi, own[i, PHI], 1.0, row[part])
+        middle = own[i, PHI, length // 2]
+        stiff[i] = torque_equation.stiffness(par, mean[part], width[part], x[part], middle, noisy[part])[0]
+    doubt = width[first] ** 2 * covariance[first, first]
+    within = torque_equation.link_noise(par, psi, of_link, doubt, stiff, noisy[first:], slopes)
+    for i in range(m):
+        noisy[i * block : (i + 1) * block] *= slopes[i]
+    noisy[link] *= width[link]
+    noisy /= within
+    dry = slice(first + LINK.friction, first + LINK.slow + 1)
+    friction = of_link[LINK.friction] + of_link[LINK.slow]
+    any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
+    y = 0.0
+    for j in range(first + LINK.size):
         y -= row[j] * mean[j]
-        row[j] *= width[j] / noise
-        direction[j] = mean[j] / width[j] + x[j] if U.size <= j < n - 1 else 0.0
+        row[j] *= width[j]
     interacting_models.take(
-        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, row, y / noise,
-        within, beside / noise**2, WOBBLE * span, work,
+        bank, m, row, y, within, unknown**2 * any_friction, noisy, SLOW_FORCE / (0.5 * span),
+        par[P.force_deviation] ** 2, (first, first + LINK.size), work,
     )  # fmt: skip
-    quarter = length // (2 * ROWS_PER_WINDOW)
-    for k in range(quarter, length - quarter):
-        transmissions.visit(kept, own[PHI, k] if par[P.even_terms] > 0.0 else abs(own[PHI, k]))
-    kept[VISITED.high] = max(kept[VISITED.high], 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _learn(
+    par: Array, times: Array, psi: Array, held: Array, late: Array, ring: Array, slot: int, own: Array, parts: Array,
+    bank: Bank, directions: Array, row: Array, spare: Array, work: Work,
+) -> None:  # fmt: skip
+    """Add the equations of the present window, and its middle part to the deflections visited, which include 0."""
+    n, length, m = row.size, times.size, own.shape[0]
+    block, oldest = (n - m - LINK.size) // m, window.oldest_of(slot, length)
+    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    span, any_moving = times[length - 1] - times[0], False
+    directions[:] = 0.0
+    for i in range(m):
+        _unroll(ring[i], oldest, own[i])
+        kept, moved = parts[i], window.span_of(own[i, PHI])
+        kept[KEPT.moved], kept[KEPT.moving] = moved, 1.0 if moved >= par[P.minimum_motion] else 0.0
+        any_moving = any_moving or kept[KEPT.moving] > 0.0
+        for j in range(i * block + U.size, (i + 1) * block):
+            directions[i, j] = mean[j] / width[j] + bank.x[-1, j]
+    if not any_moving:
+        return
+    middle = times[length // 2]
+    interacting_models.begin(bank, middle, par[P.memory], par[P.steadiness], directions, WOBBLE * span, work)
+    for i in range(m):
+        kept = parts[i]
+        if kept[KEPT.moving] > 0.0:
+            _learn_motor(par, times, psi, held, late, own[i], i, bank, row, spare, work)
+            kept[KEPT.taken] += 1.0
+            quarter = length // (2 * ROWS_PER_WINDOW)
+            for k in range(quarter, length - quarter):
+                transmissions.visit(kept, own[i, PHI, k] if par[P.even_terms] > 0.0 else abs(own[i, PHI, k]))
+            kept[VISITED.high] = max(kept[VISITED.high], 0.0)
+    _learn_link(par, times, psi, own, bank, row, spare, work)
+    interacting_models.combine(bank)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _report(
-    par: Array, now: float, phi: float, kept: Array, equation: Array, i: int, value: Array, sd: Array, joint: Array,
-    slope: Array,
+    par: Array, now: float, phi: float, kept: Array, bank: Bank, i: int, value: Array, sd: Array, joint: Array,
+    slope: Array, own: Array,
 ) -> bool:  # fmt: skip
-    """Write the outputs of transmission i and add it to the joint; returns whether it is still warming up."""
+    """Write the outputs of transmission i and add it to the joint; returns whether it is still warming up.
+
+    slope  (n,) sum of the derivatives of the stiffnesses by x
+    own    (n,) work space
+    """
     n, m = slope.size, int(par[P.transmissions])
-    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
-    x, covariance = interacting_models.estimate_of(equation, n)
-    warming = equation[interacting_models.HEAD.taken] <= ROWS_PER_WINDOW
-    stiffness, bend = torque_equation.stiffness(par, mean, width, x, phi, slope)
+    block = (n - m - LINK.size) // m
+    part, trend = slice(i * block, (i + 1) * block), n - m + i
+    mean, width = par[P.size : P.size + n][part], par[P.size + n : P.size + 2 * n][part]
+    x, covariance = bank.x[-1], bank.P[-1]
+    warming = kept[KEPT.taken] <= ROWS_PER_WINDOW
+    own[:] = 0.0
+    stiffness, bend = torque_equation.stiffness(par, mean, width, x[part], phi, own[part])
     factor = par[P.torque_scale_deviation] ** 2
     if not warming:
-        age = max(now - equation[interacting_models.HEAD.time], 0.0)
-        factor += interacting_models.wander(equation, age)
-        slope[n - 1] = age * stiffness
-        stiffness += slope[n - 1] * x[n - 1]
+        age = max(now - bank.head[interacting_models.HEAD.time], 0.0)
+        factor += interacting_models.wander(bank, age)
+        own[trend] = age * stiffness
+        stiffness += own[trend] * x[trend]
+    of_unknowns = interacting_models.quadratic(covariance, own)
     uncertain = (
-        interacting_models.quadratic(covariance, slope)
+        of_unknowns
         + factor * stiffness**2
-        + torque_equation.truncation(par, mean, width, kept, x, covariance)
+        + torque_equation.truncation(par, mean, width, kept, x[part], covariance[part, part])
         + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
     )
     learning = warming or kept[KEPT.moving] > 0.0
     transmissions.update(value, sd, 1 + i, stiffness, sqrt(uncertain), learning)
     for at, j in ((1 + m + i, U.inertia), (1 + 2 * m + i, U.damping)):
-        found = mean[j] + width[j] * x[j]
-        doubt = width[j] ** 2 * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
+        found = mean[j] + width[j] * x[part][j]
+        doubt = width[j] ** 2 * covariance[part, part][j, j] + (par[P.torque_scale_deviation] * found) ** 2
         transmissions.update(value, sd, at, found, sqrt(doubt), learning)
-    # A change or a wrong torque constant may have the same cause in all transmissions.
-    change, of_scale = equation[interacting_models.HEAD.changing], par[P.torque_scale_deviation] * stiffness
-    common = sqrt(change * sd[1 + i] ** 2 + (1.0 - change) * of_scale**2)
-    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, common)
+    # A wrong torque constant, or a change since the last equation, may have the same cause in all transmissions.
+    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, sqrt(factor) * stiffness)
+    joint[JOINT.variance] -= of_unknowns
+    slope += own
     return warming
 
 
 @njit(cache=True, error_model="numpy")
 def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
     length, m, even = int(par[P.length]), int(par[P.transmissions]), int(par[P.even_terms])
-    n, outputs = U.size + int(par[P.order]) + even + 1, 1 + 3 * m
+    block, outputs = U.size + int(par[P.order]) + even, 1 + 3 * m
+    n = m * (block + 1) + LINK.size
     value, sd = window.outputs(state, outputs)
     schedule = state[HEADER.size + 2 * outputs : HEADER.size + 2 * outputs + ROW.size]
-    times, columns = window.rings(state, HEADER.size + 2 * outputs + ROW.size, length, 3 * m)
-    ring, parts = columns.reshape(m, 3, length), _parts(state, m, n)
+    at = HEADER.size + 2 * outputs + ROW.size
+    times, columns = window.rings(state, at, length, 3 * m)
+    at += length * (1 + 3 * m)
+    ring, parts = columns.reshape(m, 3, length), state[at : at + m * KEPT.size].reshape(m, KEPT.size)
+    bank = interacting_models.bank_of(state[at + m * KEPT.size :], n, m + 1)
     psi, held, late = np.empty((3, length)), np.empty(length), np.empty(length)
-    stamps, own = np.empty((1, length)), np.empty((3, length))
-    row, slope, work, joint = np.empty(n), np.empty(n), interacting_models.scratch(n), np.empty(JOINT.size)
+    stamps, own, directions = np.empty((1, length)), np.empty((m, 3, length)), np.empty((m, n))
+    row, slope, spare, work, joint = np.empty(n), np.empty(n), np.empty(n), interacting_models.scratch(n), np.empty(JOINT.size)
     for k in range(rows.shape[0]):
         entered = transmissions.enter(state, times, rows[k], 2, FURTHEST * par[P.deflection_scale], par[P.max_gap])
         if entered == window.SKIPPED:
@@ -309,28 +419,23 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             ring[i, PHI, slot] = rows[k, 1] - rows[k, 2 + 2 * i]
         full = state[HEADER.filled] == length
         schedule[ROW.since] = schedule[ROW.since] + 1.0 if full else length
-        due = full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1
-        transmissions.begin(joint)
-        if due:
+        if full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1:
             schedule[ROW.since] = 0.0
             _unroll(times.reshape(1, length), window.oldest_of(slot, length), stamps)
             window.weigh(int(par[P.modulating_order]), stamps[0], length - 1, psi, held)
             window.hold_slope(stamps[0], length - 1, psi[0], late)
+            _learn(par, stamps[0], psi, held, late, ring, slot, own, parts, bank, directions, row, spare, work)
+        transmissions.begin(joint)
+        slope[:] = 0.0
         for i in range(m):
-            kept, equation = parts[i, : KEPT.size], parts[i, KEPT.size :]
-            if due:
-                _unroll(ring[i], window.oldest_of(slot, length), own)
-                moved = window.span_of(own[PHI])
-                kept[KEPT.moved], kept[KEPT.moving] = moved, 1.0 if moved >= par[P.minimum_motion] else 0.0
-                if kept[KEPT.moving] > 0.0:
-                    _learn(par, stamps[0], psi, held, late, own, kept, equation, row, slope, work)
-            elif not full:
+            kept, phi = parts[i], ring[i, PHI, slot]
+            if not full:
                 kept[KEPT.moved] = kept[KEPT.moving] = 0.0
             joint[JOINT.motion] = min(joint[JOINT.motion], kept[KEPT.moved])
-            phi = ring[i, PHI, slot]
-            warming = _report(par, rows[k, 0], phi, kept, equation, i, value, sd, joint, slope)
+            warming = _report(par, rows[k, 0], phi, kept, bank, i, value, sd, joint, slope, spare)
             reached = phi if even else abs(phi)
             inside = transmissions.inside(kept, reached, par[P.range_margin])
             transmissions.grade(joint, warming, kept[KEPT.moving] > 0.0, inside)
+        joint[JOINT.variance] += interacting_models.quadratic(bank.P[-1], slope)
         transmissions.finish(joint, state, value, sd, out[k])
     return int(out[-1, 1])
