@@ -74,13 +74,13 @@ TRENDS = tuple(trend for _, trend in CHANGES)
 MODELS, JUMPING = len(CHANGES), len(CHANGES) - 1  # the last is the jump
 JUMP = 0.5  # standard deviation of the scale in a jump
 SHARED = 0.5  # correlation of the changes of two springs
-LEVELS = 25
-NOISES = tuple(10.0 ** (-3.0 + 0.25 * k) for k in range(LEVELS))  # variance over the declared one
+LEVELS, DECLARED = 25, 12
+NOISES = tuple(10.0 ** (-3.0 + 0.25 * k) for k in range(LEVELS))  # variance over the declared one, which is k = DECLARED
 PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
 FURTHEST = 1.0  # variance of the scale that time alone can add
 NEVER = 1e-300  # probability of a model that is excluded
 LASTING = 0.5  # probability that an equation that failed fails again
-NEGLIGIBLE = 1e-6  # probability of failing that changes no estimate
+NEGLIGIBLE = 0.01  # probability of failing that is not mixed: its wide prior would let the unknowns walk
 HEAD = slots("taken", "time", "changing")  # times of equations; the last one [s]; probability of a change
 # Views of the state: HEAD; probability of the models (K,), of failing (K,), of the levels (K, channels, LEVELS); means
 # (K + 1, n) and covariances (K + 1, n, n), the last ones combined.
@@ -124,11 +124,21 @@ def _of_prior(j: int, steadiness: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def _of_level(channel: int, channels: int, k: int) -> float:
+    """Prior probability of a level: all alike, but for the last channel none below the declared noise."""
+    if channel < channels - 1:
+        return 1.0 / LEVELS
+    return 1.0 / (LEVELS - DECLARED) if k >= DECLARED else 0.0
+
+
+@njit(cache=True, error_model="numpy")
 def start(state: Array, n: int, m: int, channels: int, steadiness: float) -> None:
     """Overwrite the state with the prior of n unknowns, the last m of them trends; `steadiness` as in `begin`."""
     state[:] = 0.0
     bank = bank_of(state, n, channels)
-    bank.levels[:] = 1.0 / LEVELS
+    for c in range(channels):
+        for k in range(LEVELS):
+            bank.levels[:, c, k] = _of_level(c, channels, k)
     for j in range(MODELS + 1):
         if j < MODELS:
             bank.probability[j] = _of_prior(j, steadiness)
@@ -188,7 +198,9 @@ def _interact(bank: Bank, m: int, stay: float, steadiness: float, work: Work) ->
             x[n - m :] = 0.0
             P[n - m :, :], P[:, n - m :] = 0.0, 0.0
         mixed = own * bank.levels[j] + after * bank.levels[JUMPING] + rest * levels
-        bank.levels[j] = stay * mixed + (1.0 - stay) / LEVELS
+        for c in range(mixed.shape[0]):
+            for k in range(LEVELS):
+                bank.levels[j, c, k] = stay * mixed[c, k] + (1.0 - stay) * _of_level(c, mixed.shape[0], k)
         failed = own * bank.fails[j] + after * bank.fails[JUMPING] + rest * fails
         bank.fails[j] = failed * LASTING + (1.0 - failed) * (1.0 - stay)
 

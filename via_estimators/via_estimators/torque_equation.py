@@ -41,11 +41,12 @@ def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array
 def _friction(theta: Array, psi: Array, quantum: float, step: float) -> tuple[float, float, float]:
     """<sign v, psi> and <v / SLOW within -1..1, psi> of the motor's velocity v, and the share of unknown sign.
 
-    The change of the angle over REACH to each side has a sign if it is at least two encoder steps; a motor that sticks
-    has none, and friction may then have any value up to its limit.
+    The change of the angle over REACH to each side, or over the time of an encoder step at SLOW if that is longer, has a
+    sign if it is at least two encoder steps; a motor that sticks has none, and friction may then have any value up to
+    its limit.
     """
     length = theta.size
-    reach = max(int(REACH * length), 1)
+    reach = max(int(max(REACH * length, quantum / (SLOW * step))), 1)
     total = slow = unknown = 0.0
     for k in range(length):
         after, before = min(k + reach, length - 1), max(k - reach, 0)
