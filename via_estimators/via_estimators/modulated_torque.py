@@ -304,13 +304,15 @@ def _learn_link(
     dry = slice(first + LINK.friction, first + LINK.slow + 1)
     friction = of_link[LINK.friction] + of_link[LINK.slow]
     any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
-    y = 0.0
+    y = springs = 0.0
     for j in range(first + LINK.size):
         y -= row[j] * mean[j]
+        springs += row[j] * (mean[j] + width[j] * x[j]) if j < first else 0.0
         row[j] *= width[j]
+    force = par[P.force_deviation] ** 2 + springs**2  # a contact may take up all that the springs exert
     interacting_models.take(
-        bank, m, row, y, within, unknown**2 * any_friction, noisy, SLOW_FORCE / (0.5 * span),
-        par[P.force_deviation] ** 2, (first, first + LINK.size), work,
+        bank, m, row, y, within, unknown**2 * any_friction, noisy, SLOW_FORCE / (0.5 * span), force,
+        (first, first + LINK.size), work,
     )  # fmt: skip
 
 
