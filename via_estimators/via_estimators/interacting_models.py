@@ -6,12 +6,15 @@ coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 The unknowns x (n,) contain the spring laws of m transmissions. Law i changes along a direction g_i (n,), which the caller
 renews: if g_i is the present law, its scale s_i changes. The last m unknowns are the trends ds_i/dt. Each of the K models
 assumes one way of changing (CHANGES): none, a random walk of the scales, a random walk of their trends, which decay with
-time constant PERSISTENCE, or a jump since the last equations. A change has a part that all springs share and an own
-part of each, equally large: the s_i change by walks with covariance C = (I + 1 1') / 2.
+time constant PERSISTENCE, or a jump since the last equations. All springs may change by one cause, or one alone: walks
+of the s_i have the covariance C = (I + 1 1') m / (m + 1), by which a unit change of either kind has the same probability
+as one standard deviation of a single spring.
 
 Equations arrive at their times, one of each channel,
 
-    y = row' x + e,    variance of e = level within + beside + wobble walk_j^2 sum_ik C_ik (row' g_i) (row' g_k)
+    y = row' x + e,    variance of e = level within + beside + wobbling_j sum_ik C_ik (row' g_i) (row' g_k)
+
+where wobbling_j is the variance by which a scale of model j changes within the equation's window.
 
 A filter alone cannot distinguish noise that is larger than declared from a spring that changes: both explain large
 innovations, and only their course shows which. So the level of a channel's noise is unknown, one of LEVELS, and each
@@ -73,7 +76,7 @@ WALKS = tuple(walk for walk, _ in CHANGES)
 TRENDS = tuple(trend for _, trend in CHANGES)
 MODELS, JUMPING = len(CHANGES), len(CHANGES) - 1  # the last is the jump
 JUMP = 0.5  # standard deviation of the scale in a jump
-SHARED = 0.5  # correlation of the changes of two springs
+WOBBLE, BENDING = 0.034, 0.00031  # [spans], [spans^3] variance of <w, w_55> of a walk w of rate 1 about the middle, and of its integral
 LEVELS, DECLARED = 25, 12
 NOISES = tuple(10.0 ** (-3.0 + 0.25 * k) for k in range(LEVELS))  # variance over the declared one, which is k = DECLARED
 PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
@@ -85,8 +88,8 @@ HEAD = slots("taken", "time", "changing")  # times of equations; the last one [s
 # Views of the state: HEAD; probability of the models (K,), of failing (K,), of the levels (K, channels, LEVELS); means
 # (K + 1, n) and covariances (K + 1, n, n), the last ones combined.
 Bank = namedtuple("Bank", ("head", "probability", "fails", "levels", "x", "P"))
-# Work space: (n,) three times; row of likelihoods (LEVELS + 1,); walk^2 of the models (K,); sum C_ik g_i g_k' (n, n).
-Work = namedtuple("Work", ("before", "there", "gain", "likely", "walks", "along"))
+# Work space: (n,) three times; likelihoods (LEVELS,); wobbling_j (K,); sum C_ik g_i g_k' (n, n).
+Work = namedtuple("Work", ("before", "there", "gain", "likely", "wobbling", "along"))
 
 
 @njit(cache=True, error_model="numpy")
@@ -114,7 +117,7 @@ def bank_of(state: Array, n: int, channels: int) -> Bank:
 @njit(cache=True, error_model="numpy")
 def scratch(n: int) -> Work:
     """Work space, allocated once since allocations are slow."""
-    return Work(np.empty(n), np.empty(n), np.empty(n), np.empty(LEVELS + 1), np.zeros(MODELS), np.zeros((n, n)))
+    return Work(np.empty(n), np.empty(n), np.empty(n), np.empty(LEVELS), np.zeros(MODELS), np.zeros((n, n)))
 
 
 @njit(cache=True, error_model="numpy")
@@ -129,6 +132,12 @@ def _of_level(channel: int, channels: int, k: int) -> float:
     if channel < channels - 1:
         return 1.0 / LEVELS
     return 1.0 / (LEVELS - DECLARED) if k >= DECLARED else 0.0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _shared(i: int, k: int, m: int) -> float:
+    """C_ik."""
+    return (2.0 if i == k else 1.0) * m / (m + 1.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -231,7 +240,7 @@ def _predict(x: Array, P: Array, g: Array, elapsed: float, added: float, trend: 
         P[:, last:] *= keep
         for i in range(m):
             for k in range(m):
-                shared = 1.0 if i == k else SHARED
+                shared = _shared(i, k, m)
                 P[last + i, last + k] += shared * trend * steady
                 for a in range(last):
                     half = 0.5 * shared * trend * steady**2 * g[i, a]
@@ -246,14 +255,14 @@ def _predict(x: Array, P: Array, g: Array, elapsed: float, added: float, trend: 
 
 @njit(cache=True, error_model="numpy")
 def begin(
-    bank: Bank, time: float, memory: float, steadiness: float, g: Array, wobble: float, work: Work
+    bank: Bank, time: float, memory: float, steadiness: float, g: Array, span: float, work: Work
 ) -> None:  # fmt: skip
     """Steps 1 and 2 to `time` [s].
 
     memory      [s] mean time between changes of the model
     steadiness  prior probability that no spring changes
     g           (m, n) change of x per unit of each scale, 0 at the trends
-    wobble      [s] variance, over an equation's window, of a random walk of rate 1 about its middle
+    span        [s] of an equation's window, to which x belongs in its middle
     """
     m, n = g.shape
     elapsed = max(time - bank.head[HEAD.time], 0.0) if bank.head[HEAD.taken] > 0.0 else 0.0
@@ -261,16 +270,15 @@ def begin(
     work.along[:] = 0.0
     for i in range(m):
         for k in range(m):
-            shared = 1.0 if i == k else SHARED
+            shared = _shared(i, k, m)
             for a in range(n):
                 for b in range(n):
                     work.along[a, b] += shared * g[i, a] * g[k, b]
     for j in range(MODELS):
-        walk = WALKS[j] ** 2
-        added = min(walk * elapsed, FURTHEST)
+        walk, added = WALKS[j] ** 2, min(WALKS[j] ** 2 * elapsed, FURTHEST)
         if j == JUMPING:
-            walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
-        work.walks[j] = walk * wobble
+            walk, added = JUMP**2 / max(elapsed, WOBBLE * span, NEVER), JUMP**2
+        work.wobbling[j] = WOBBLE * span * walk + BENDING * span**3 * TRENDS[j] ** 2
         _predict(bank.x[j], bank.P[j], g, elapsed, added, TRENDS[j] ** 2, work.along)
     bank.head[HEAD.taken] += 1.0
     bank.head[HEAD.time] = time
@@ -358,13 +366,13 @@ def take(
     for j in range(MODELS):
         x, P, weights = bank.x[j], bank.P[j], bank.levels[j, channel]
         _times(P, row, gain)
-        v, doubt, wobbling = y, 0.0, 0.0
+        v, doubt, known = y, 0.0, beside
         for i in range(n):
             v -= row[i] * x[i]
             doubt += row[i] * gain[i]
-        if work.walks[j] > 0.0:
-            wobbling = work.walks[j] * quadratic(work.along, row)
-        known, failing = beside + wobbling, bank.fails[j] if force > 0.0 else 0.0
+        if work.wobbling[j] > 0.0:
+            known += work.wobbling[j] * quadratic(work.along, row)
+        failing = bank.fails[j] if force > 0.0 else 0.0
         fit, failed = _weigh(v, max(doubt, 0.0) + known, within, force, weights, failing, work.likely)
         bank.probability[j] = log(max(bank.probability[j], NEVER)) + fit
         highest = max(highest, bank.probability[j])

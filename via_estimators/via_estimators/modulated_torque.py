@@ -66,7 +66,6 @@ SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a d
 EXACTNESS = 1e-4  # [-] least noise of the link's torques, over the torque at the stop
 SLOW_FORCE = 1.0  # [s] how long forces at the link last that exceed its noise
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
-WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
 # Of each transmission: range of the deflection in the last window [rad], 1 if it was informative; equations taken.
 KEPT = slots("moved", "moving", "taken", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
@@ -337,7 +336,7 @@ def _learn(
     if not any_moving:
         return
     middle = times[length // 2]
-    interacting_models.begin(bank, middle, par[P.memory], par[P.steadiness], directions, WOBBLE * span, work)
+    interacting_models.begin(bank, middle, par[P.memory], par[P.steadiness], directions, span, work)
     for i in range(m):
         kept = parts[i]
         if kept[KEPT.moving] > 0.0:
