@@ -29,7 +29,8 @@ import numpy as np
 from numba import njit
 from via_core.signals import Array
 
-from via_estimators.interacting_models import NEVER, PERSISTENCE
+from via_estimators.interacting_models import PERSISTENCE
+from via_estimators.noise_levels import NEVER
 from via_estimators.slots import slots
 
 U = slots("linear", "cubic", "quintic", "coulomb", "stribeck", "between", "offset", "late", "trend")  # unknowns

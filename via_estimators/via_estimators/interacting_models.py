@@ -52,12 +52,13 @@ Unknowns are scaled so that the prior is x = 0, P = 1, but for the trends, which
 from __future__ import annotations
 
 from collections import namedtuple
-from math import exp, inf, log, sqrt
+from math import exp, inf, log
 
 import numpy as np
 from numba import njit
 from via_core.signals import Array
 
+from via_estimators.noise_levels import LEVELS, NEVER, NOISES, of_level, weigh
 from via_estimators.slots import slots
 
 # Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)].
@@ -79,12 +80,10 @@ WALKS = tuple(walk for walk, _ in CHANGES)
 TRENDS = tuple(trend for _, trend in CHANGES)
 MODELS, JUMPING = len(CHANGES), len(CHANGES) - 1  # the last is the jump
 JUMP = 0.5  # standard deviation of the scale in a jump
-WOBBLE, BENDING = 0.034, 0.00031  # [spans], [spans^3] variance of <w, w_55> of a walk w of rate 1 about the middle, and of its integral
-LEVELS, DECLARED = 25, 12
-NOISES = tuple(10.0 ** (-3.0 + 0.25 * k) for k in range(LEVELS))  # variance over the declared one, which is k = DECLARED
+# [spans], [spans^3] variance of <w, w_55> of a walk w of rate 1 from the middle of the window, and of its integral
+WOBBLE, BENDING = 0.034, 0.00031
 PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
 FURTHEST = 1.0  # variance of the scale that time alone can add
-NEVER = 1e-300  # probability of a model that is excluded
 LASTING = 0.5  # probability that an equation that failed fails again
 NEGLIGIBLE = 0.01  # probability of failing that is not mixed: its wide prior would let the unknowns walk
 HEAD = slots("taken", "time", "changing")  # times of equations; the last one [s]; probability of a change
@@ -129,14 +128,6 @@ def _of_prior(j: int, steadiness: float) -> float:
     return steadiness if j == 0 else max((1.0 - steadiness) / (MODELS - 1), NEVER)
 
 
-@njit(cache=True, error_model="numpy")
-def _of_level(channel: int, channels: int, k: int) -> float:
-    """Prior probability of a level: all alike, but for the last channel none below the declared noise."""
-    if channel < channels - 1:
-        return 1.0 / LEVELS
-    return 1.0 / (LEVELS - DECLARED) if k >= DECLARED else 0.0
-
-
 @njit(cache=True, error_model="numpy", inline="always")
 def _shared(i: int, k: int, m: int) -> float:
     """C_ik."""
@@ -150,7 +141,7 @@ def start(state: Array, n: int, m: int, channels: int, steadiness: float) -> Non
     bank = bank_of(state, n, channels)
     for c in range(channels):
         for k in range(LEVELS):
-            bank.levels[:, c, k] = _of_level(c, channels, k)
+            bank.levels[:, c, k] = of_level(c, channels, k)
     for j in range(MODELS + 1):
         if j < MODELS:
             bank.probability[j] = _of_prior(j, steadiness)
@@ -212,7 +203,7 @@ def _interact(bank: Bank, m: int, stay: float, steadiness: float, work: Work) ->
         mixed = own * bank.levels[j] + after * bank.levels[JUMPING] + rest * levels
         for c in range(mixed.shape[0]):
             for k in range(LEVELS):
-                bank.levels[j, c, k] = stay * mixed[c, k] + (1.0 - stay) * _of_level(c, mixed.shape[0], k)
+                bank.levels[j, c, k] = stay * mixed[c, k] + (1.0 - stay) * of_level(c, mixed.shape[0], k)
         failed = own * bank.fails[j] + after * bank.fails[JUMPING] + rest * fails
         bank.fails[j] = failed * LASTING + (1.0 - failed) * (1.0 - stay)
 
@@ -298,31 +289,6 @@ def _times(P: Array, row: Array, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _weigh(
-    v: float, known: float, within: float, force: float, weights: Array, failing: float, likely: Array
-) -> tuple[float, float]:  # fmt: skip
-    """Update the probabilities of the levels; returns the logarithm of the likelihood and the probability of failing.
-
-    known  variance of v without the noise within
-    """
-    highest = -0.5 * v * v / (known + max(NOISES[LEVELS - 1] * within, force))
-    held = 0.0
-    for k in range(LEVELS):
-        S = known + NOISES[k] * within
-        likely[k] = weights[k] * exp(-0.5 * v * v / S - highest) / sqrt(S)
-        held += likely[k]
-    failed = failing * exp(-0.5 * v * v / (known + force) - highest) / sqrt(known + force) if force > 0.0 else 0.0
-    total = (1.0 - failing) * held + failed
-    if not total > 0.0:
-        return log(NEVER), failing
-    failed /= total
-    if held > 0.0:
-        for k in range(LEVELS):
-            weights[k] += (1.0 - failed) * (likely[k] / held - weights[k])
-    return highest + log(total), failed
-
-
-@njit(cache=True, error_model="numpy")
 def _mix(
     x: Array, P: Array, gain: Array, step: float, shrink: float, failed: float, own: tuple[int, int], change: Array
 ) -> None:  # fmt: skip
@@ -376,7 +342,7 @@ def take(
         if work.wobbling[j] > 0.0:
             known += work.wobbling[j] * quadratic(work.along, row)
         failing = bank.fails[j] if force > 0.0 else 0.0
-        fit, failed = _weigh(v, max(doubt, 0.0) + known, within, force, weights, failing, work.likely)
+        fit, failed = weigh(v, max(doubt, 0.0) + known, within, force, weights, failing, work.likely)
         bank.probability[j] = log(max(bank.probability[j], NEVER)) + fit
         highest = max(highest, bank.probability[j])
         of_row = 0.0  # the share of v that is noise of the row

@@ -1,4 +1,4 @@
-"""The default stiffness estimator: the modulated torque equation of each motor, whose spring may change.
+"""The default stiffness estimator: the modulated torque equations of motors and link, whose springs may change.
 
 Source: SAPHARI deliverable, Sections 2-4. The motor equation (5), B thdd + D thd - tau_e(phi) = tau, with dry friction
 F and a torque that is reported d late, is multiplied by a modulating function psi that vanishes with its derivatives at
@@ -12,14 +12,27 @@ stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law 
 against each other) also needs 0, 2, 4, .. The delay also enters to second order, with the present estimate of d: the
 right side is less by d^2 <tau, psi''> / 2.
 
+The equation of the link, (3) without external torque, in the same form
+
+    0 = M <q, psi''> - Dq <q, psi'> + Fq <sign(qd), psi> + Gq <sat(qd / v_s), psi> + c <sin q, psi> + e <cos q, psi>
+        + sum_i sum_p a_p,i <f_p(phi_i), psi>
+
+has no measured torque and thus far less noise: that of the link's encoder, M n through psi''. On qbmove_a it amounts to
+.00012 N m, that of the motor equation to .0042 N m, while the springs exert about .02 N m. But it is homogeneous: it
+determines the springs up to a factor. The motor equations determine that factor over the log, for both springs
+together. M, Dq, Fq, Gq, c and e are unknowns with priors as wide as their size, so that a payload, friction and
+contacts that are linear in these terms belong to the model; the Fisher information hardly depends on these priors (ADR 14). Any
+other force is a failure of the equation (`interacting_models`): while it acts, the motor equations alone count. Noise
+beyond that of the encoder counts as a force that lasts for SLOW_FORCE.
+
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
 D, F and d are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change
 in time (`interacting_models`). sat is linear within -1..1 and constant beyond: friction that builds up (presliding) or
 falls (Stribeck) with speed is a sum of F and G. Without G it would be taken for damping.
 
-There are two equations per window length. Neighbours then share so little of psi that their noise is independent (its
-correlation is .04), and still they use 91 % of the information in all samples. An equation holds in the middle of its
-window, half a window ago: up to the present sample the estimate is continued with its trend, and its standard deviation
+There are equations at two times per window length. Neighbours then share so little of psi that their noise is
+independent (its correlation is .04), and still they use 91 % of the information in all samples. An equation holds in
+the middle of its window, half a window ago: up to the present sample the estimate is continued with its trend, and its standard deviation
 grows by what the spring may have changed since.
 
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
@@ -50,24 +63,21 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE
 
-from via_estimators import interacting_models, torque_equation, transmissions, window
+from via_estimators import interacting_models, torque_bank, torque_equation, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
-from via_estimators.interacting_models import Bank, Work
+from via_estimators.interacting_models import Bank
 from via_estimators.slots import row_of, slots
 from via_estimators.spring_series import MOST_TERMS, terms_for
+from via_estimators.torque_bank import KEPT, ROWS_PER_WINDOW
 from via_estimators.torque_equation import LINK, PHI, QUANTUM, TAU, THETA, P, U
-from via_estimators.transmissions import JOINT, VISITED
+from via_estimators.transmissions import JOINT
 from via_estimators.window import HEADER
 
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
-ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
 EXACTNESS = 1e-4  # [-] least noise of the link's torques, over the torque at the stop
-SLOW_FORCE = 1.0  # [s] how long forces at the link last that exceed its noise
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
-# Of each transmission: range of the deflection in the last window [rad], 1 if it was informative; equations taken.
-KEPT = slots("moved", "moving", "taken", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
 
 
@@ -233,123 +243,6 @@ def _link_priors(device: Device, typical: float) -> dict[str, float]:
     }
 
 
-@njit(cache=True, error_model="numpy")
-def _unroll(ring: Array, oldest: int, out: Array) -> None:
-    """Copy a ring (.., L) into out (.., L), oldest first."""
-    length = ring.shape[-1]
-    for i in range(ring.shape[0]):
-        for k in range(length):
-            at = oldest + k
-            out[i, k] = ring[i, at if at < length else at - length]
-
-
-@njit(cache=True, error_model="numpy")
-def _learn_motor(
-    par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, i: int, bank: Bank, row: Array,
-    none: Array, work: Work,
-) -> None:  # fmt: skip
-    """Add the equation of motor i in the present window `own`; `row`, `none` (n,) are overwritten."""
-    n, length, m = row.size, times.size, int(par[P.transmissions])
-    block = (n - m - LINK.size) // m
-    part = slice(i * block, (i + 1) * block)
-    mean, width = par[P.size : P.size + n][part], par[P.size + n : P.size + 2 * n][part]
-    x, covariance = bank.x[-1][part], bank.P[-1][part, part]
-    row[:], none[:] = 0.0, 0.0
-    own_row, span, dry = row[part], times[length - 1] - times[0], slice(U.friction, U.slow + 1)
-    y, unknown = torque_equation.fill_motor(par, psi, held, late, own, span, width[U.delay] * x[U.delay], own_row)
-    stiffness = torque_equation.stiffness(par, mean, width, x, own[PHI, length // 2], none[part])[0]
-    none[:] = 0.0
-    inertia, damping, friction = mean[:3] + width[:3] * x[:3]
-    within = angles = 0.0
-    for k in range(length):
-        of_link = stiffness * psi[0, k]
-        of_motor = inertia * psi[2, k] - damping * psi[1, k] + of_link
-        within += held[k] * held[k]
-        angles += of_motor * of_motor + of_link * of_link
-    friction += mean[U.slow] + width[U.slow] * x[U.slow]
-    any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
-    beside = par[P.position_noise] ** 2 * angles + unknown**2 * any_friction
-    for j in range(block):
-        y -= own_row[j] * mean[j]
-        own_row[j] *= width[j]
-    within *= par[P.torque_noise] ** 2
-    interacting_models.take(bank, i, row, y, within, beside, none, 0.0, 0.0, (0, 0), work)
-
-
-@njit(cache=True, error_model="numpy")
-def _learn_link(
-    par: Array, times: Array, psi: Array, own: Array, bank: Bank, row: Array, noisy: Array, work: Work
-) -> None:  # fmt: skip
-    """Add the equation of the link in the present windows `own` (m, 3, L); `row`, `noisy` (n,) are overwritten."""
-    n, length, m = row.size, times.size, own.shape[0]
-    first = n - m - LINK.size
-    block, link = first // m, slice(first, first + LINK.size)
-    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
-    x, covariance, span = bank.x[-1], bank.P[-1], times[length - 1] - times[0]
-    row[:], noisy[:] = 0.0, 0.0
-    unknown = torque_equation.fill_link(par, psi, own[0], span, row[link])
-    stiff, slopes, of_link = np.empty(m), np.empty(m), mean[link] + width[link] * x[link]
-    for i in range(m):
-        part = slice(i * block, (i + 1) * block)
-        torque_equation.fill_spring(par, psi, own[i, PHI], 1.0, row[part])
-        middle = own[i, PHI, length // 2]
-        stiff[i] = torque_equation.stiffness(par, mean[part], width[part], x[part], middle, noisy[part])[0]
-    doubt = width[first] ** 2 * covariance[first, first]
-    within = torque_equation.link_noise(par, psi, of_link, doubt, stiff, noisy[first:], slopes)
-    for i in range(m):
-        noisy[i * block : (i + 1) * block] *= slopes[i]
-    noisy[link] *= width[link]
-    noisy /= within
-    dry = slice(first + LINK.friction, first + LINK.slow + 1)
-    friction = of_link[LINK.friction] + of_link[LINK.slow]
-    any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
-    y = springs = 0.0
-    for j in range(first + LINK.size):
-        y -= row[j] * mean[j]
-        springs += row[j] * (mean[j] + width[j] * x[j]) if j < first else 0.0
-        row[j] *= width[j]
-    force = par[P.force_deviation] ** 2 + springs**2  # a contact may take up all that the springs exert
-    interacting_models.take(
-        bank, m, row, y, within, unknown**2 * any_friction, noisy, SLOW_FORCE / (0.5 * span), force,
-        (first, first + LINK.size), work,
-    )  # fmt: skip
-
-
-@njit(cache=True, error_model="numpy")
-def _learn(
-    par: Array, times: Array, psi: Array, held: Array, late: Array, ring: Array, slot: int, own: Array, parts: Array,
-    bank: Bank, directions: Array, row: Array, spare: Array, work: Work,
-) -> None:  # fmt: skip
-    """Add the equations of the present window, and its middle part to the deflections visited, which include 0."""
-    n, length, m = row.size, times.size, own.shape[0]
-    block, oldest = (n - m - LINK.size) // m, window.oldest_of(slot, length)
-    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
-    span, any_moving = times[length - 1] - times[0], False
-    directions[:] = 0.0
-    for i in range(m):
-        _unroll(ring[i], oldest, own[i])
-        kept, moved = parts[i], window.span_of(own[i, PHI])
-        kept[KEPT.moved], kept[KEPT.moving] = moved, 1.0 if moved >= par[P.minimum_motion] else 0.0
-        any_moving = any_moving or kept[KEPT.moving] > 0.0
-        for j in range(i * block + U.size, (i + 1) * block):
-            directions[i, j] = mean[j] / width[j] + bank.x[-1, j]
-    if not any_moving:
-        return
-    middle = times[length // 2]
-    interacting_models.begin(bank, middle, par[P.memory], par[P.steadiness], directions, span, work)
-    for i in range(m):
-        kept = parts[i]
-        if kept[KEPT.moving] > 0.0:
-            _learn_motor(par, times, psi, held, late, own[i], i, bank, row, spare, work)
-            kept[KEPT.taken] += 1.0
-            quarter = length // (2 * ROWS_PER_WINDOW)
-            for k in range(quarter, length - quarter):
-                transmissions.visit(kept, own[i, PHI, k] if par[P.even_terms] > 0.0 else abs(own[i, PHI, k]))
-            kept[VISITED.high] = max(kept[VISITED.high], 0.0)
-    _learn_link(par, times, psi, own, bank, row, spare, work)
-    interacting_models.combine(bank)
-
-
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _report(
     par: Array, now: float, phi: float, kept: Array, bank: Bank, i: int, value: Array, sd: Array, joint: Array,
@@ -408,7 +301,13 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
     bank = interacting_models.bank_of(state[at + m * KEPT.size :], n, m + 1)
     psi, held, late = np.empty((3, length)), np.empty(length), np.empty(length)
     stamps, own, directions = np.empty((1, length)), np.empty((m, 3, length)), np.empty((m, n))
-    row, slope, spare, work, joint = np.empty(n), np.empty(n), np.empty(n), interacting_models.scratch(n), np.empty(JOINT.size)
+    row, slope, spare, work, joint = (
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        interacting_models.scratch(n),
+        np.empty(JOINT.size),
+    )
     for k in range(rows.shape[0]):
         entered = transmissions.enter(state, times, rows[k], 2, FURTHEST * par[P.deflection_scale], par[P.max_gap])
         if entered == window.SKIPPED:
@@ -422,10 +321,12 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
         schedule[ROW.since] = schedule[ROW.since] + 1.0 if full else length
         if full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1:
             schedule[ROW.since] = 0.0
-            _unroll(times.reshape(1, length), window.oldest_of(slot, length), stamps)
+            torque_bank.unroll(times.reshape(1, length), window.oldest_of(slot, length), stamps)
             window.weigh(int(par[P.modulating_order]), stamps[0], length - 1, psi, held)
             window.hold_slope(stamps[0], length - 1, psi[0], late)
-            _learn(par, stamps[0], psi, held, late, ring, slot, own, parts, bank, directions, row, spare, work)
+            torque_bank.learn(
+                par, stamps[0], psi, held, late, ring, slot, own, parts, bank, directions, row, spare, work
+            )
         transmissions.begin(joint)
         slope[:] = 0.0
         for i in range(m):

@@ -1,7 +1,8 @@
 """The modulated torque equations of motors and link as regressors of their unknowns, and the stiffness in these.
 
-Source and equations: `modulated_torque`. The unknowns are a block of each transmission, U and then the coefficients a_p,
-then LINK, then the trends of `interacting_models`; each is its prior mean plus its prior standard deviation times x.
+Source and equations: `modulated_torque`. The unknowns are a block of each transmission, U and then the coefficients
+a_p, then LINK, then the trends of `interacting_models`; each is its prior mean plus its prior standard deviation
+times x.
 """
 
 from __future__ import annotations
@@ -41,9 +42,9 @@ def _tail(term: int, order: int, far: float, mean: Array, width: Array, x: Array
 def _friction(theta: Array, psi: Array, quantum: float, step: float) -> tuple[float, float, float]:
     """<sign v, psi> and <v / SLOW within -1..1, psi> of the motor's velocity v, and the share of unknown sign.
 
-    The change of the angle over REACH to each side, or over the time of an encoder step at SLOW if that is longer, has a
-    sign if it is at least two encoder steps; a motor that sticks has none, and friction may then have any value up to
-    its limit.
+    The change of the angle over REACH to each side, or over the time of an encoder step at SLOW if that is longer, has
+    a sign if it is at least two encoder steps; a motor that sticks has none, and friction may then have any value up
+    to its limit.
     """
     length = theta.size
     reach = max(int(max(REACH * length, quantum / (SLOW * step))), 1)
