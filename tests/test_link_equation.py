@@ -23,7 +23,7 @@ def torques():
 
 
 def run(torques, force=lambda t: 0.0 * t, **link):
-    """Relative errors and their standard deviations after 4 s, where OK; `link` replaces entries of the device's link."""
+    """Relative errors and standard deviations after 4 s, where OK; `link` replaces entries of the device's link."""
     time = torques.time
     commands = Signals(
         time, {"motor": torques["motor"], "external_torque": force(time)}, {"motor": "N m", "external_torque": "N m"},

@@ -3,12 +3,12 @@
 Source: H. A. P. Blom, Y. Bar-Shalom, The interacting multiple model algorithm for systems with Markovian switching
 coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 
-The unknowns x (n,) contain the spring laws of m transmissions. Law i changes along a direction g_i (n,), which the caller
-renews: if g_i is the present law, its scale s_i changes. The last m unknowns are the trends ds_i/dt. Each of the K models
-assumes one way of changing (CHANGES): none, a random walk of the scales, a random walk of their trends, which decay with
-time constant PERSISTENCE, or a jump since the last equations. All springs may change by one cause, or one alone: walks
-of the s_i have the covariance C = (I + 1 1') m / (m + 1), by which a unit change of either kind has the same probability
-as one standard deviation of a single spring.
+The unknowns x (n,) contain the spring laws of m transmissions. Law i changes along a direction g_i (n,), which the
+caller renews: if g_i is the present law, its scale s_i changes. The last m unknowns are the trends ds_i/dt. Each of the
+K models assumes one way of changing (CHANGES): none, a random walk of the scales, a random walk of their trends, which
+decay with time constant PERSISTENCE, or a jump since the last equations. All springs may change by one cause, or one
+alone: walks of the s_i have the covariance C = (I + 1 1') m / (m + 1), by which a unit change of either kind has the
+same probability as one standard deviation of a single spring.
 
 Equations arrive at their times, one of each channel,
 
@@ -35,16 +35,17 @@ and a jump only, and a step costs K n^2. The rho of the model without change is 
 1 - steadiness. A filter without change that missed one has lost its probability and is thereby set to the estimate of
 those that followed. That is the innovation test of this method: it has no limit to choose.
 
-**An equation that may fail.** The last channel may have a block of unknowns of its own and a hypothesis that it does not
-hold: a force of variance `force` acts, or its unknowns changed. Then the equation is not used, and its unknowns return to
-their prior. It begins to fail with probability 1 - e and goes on with probability LASTING; likelihood and correction are
-mixed by it like the levels. Level l > 1 of this channel means that something else than noise disturbs it, which lasts for
-`slow` equations: its excess counts so many times more in the gain than in the likelihood.
+**An equation that may fail.** The last channel may have a block of unknowns of its own and a hypothesis that it does
+not hold: a force of variance `force` acts, or its unknowns changed. Then the equation is not used, and its unknowns
+return to their prior. It begins to fail with probability 1 - e and goes on with probability LASTING; likelihood and
+correction are mixed by it like the levels. Level l > 1 of this channel means that something else than noise disturbs
+it, which lasts for `slow` equations: its excess counts so many times more in the gain than in the likelihood.
 
-**Noise of its coefficients.** Where y = 0 and noise of variance within = x' Sigma x enters through the row, least squares
-would make x smaller to reduce the noise. The expected noise of the row given v, -Sigma x v / S, is therefore removed from
-it: row <- row + v / S Sigma x, with `noisy` = Sigma x / within. After convergence these are the rows of total least
-squares (S. Van Huffel, J. Vandewalle, The Total Least Squares Problem, SIAM 1991), whose residual belongs to the row.
+**Noise of its coefficients.** Where y = 0 and noise of variance within = x' Sigma x enters through the row, least
+squares would make x smaller to reduce the noise. The expected noise of the row given v, -Sigma x v / S, is therefore
+removed from it: row <- row + v / S Sigma x, with `noisy` = Sigma x / within. After convergence these are the rows of
+total least squares (S. Van Huffel, J. Vandewalle, The Total Least Squares Problem, SIAM 1991), whose residual belongs
+to the row.
 
 Unknowns are scaled so that the prior is x = 0, P = 1, but for the trends, which are 0 before any data.
 """

@@ -21,9 +21,9 @@ has no measured torque and thus far less noise: that of the link's encoder, M n 
 .00012 N m, that of the motor equation to .0042 N m, while the springs exert about .02 N m. But it is homogeneous: it
 determines the springs up to a factor. The motor equations determine that factor over the log, for both springs
 together. M, Dq, Fq, Gq, c and e are unknowns with priors as wide as their size, so that a payload, friction and
-contacts that are linear in these terms belong to the model; the Fisher information hardly depends on these priors (ADR 14). Any
-other force is a failure of the equation (`interacting_models`): while it acts, the motor equations alone count. Noise
-beyond that of the encoder counts as a force that lasts for SLOW_FORCE.
+contacts that are linear in these terms belong to the model; the Fisher information hardly depends on these priors (ADR
+14). Any other force is a failure of the equation (`interacting_models`): while it acts, the motor equations alone
+count. Noise beyond that of the encoder counts as a force that lasts for SLOW_FORCE.
 
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
 D, F and d are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change
@@ -32,8 +32,8 @@ falls (Stribeck) with speed is a sum of F and G. Without G it would be taken for
 
 There are equations at two times per window length. Neighbours then share so little of psi that their noise is
 independent (its correlation is .04), and still they use 91 % of the information in all samples. An equation holds in
-the middle of its window, half a window ago: up to the present sample the estimate is continued with its trend, and its standard deviation
-grows by what the spring may have changed since.
+the middle of its window, half a window ago: up to the present sample the estimate is continued with its trend, and its
+standard deviation grows by what the spring may have changed since.
 
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
