@@ -86,7 +86,7 @@ class Experiment:
             names = [known.get(s.log.name, i) for i, s in enumerate(segments) if len(train[i])]
             return made._crossed(names)
         open_loop = made.evaluated.device.drive == "torque"  # otherwise the control loop is part of the model
-        if open_loop and made.witness is not None and not clearly_worse(made.baseline, made.tuned):
+        if open_loop and made.witness is not None and not made.predicts(made.tuned):
             return made._by_equations() or made
         return made
 
@@ -113,6 +113,23 @@ class Experiment:
         """The residual model of all segments, fitted and held out."""
         every = [np.flatnonzero(each.valid) for each in self.segments]
         return ResidualModel.of(self.segments, every, _view(self.by_equations), self.fitted.robust)
+
+    def predicts(self, each: Evaluation) -> bool:
+        """Whether a model is clearly better than a prediction without one, on all segments where the latter errs.
+
+        Fitted segments count as well: a few parameters cannot make a model follow them. Segments that the prediction
+        without a model explains up to the noise (a joint that rests) cannot show that a model is better.
+        """
+        without, own = self.baseline.segments, each.segments
+        if self.folds is None:
+            without, own = (
+                np.concatenate((self.fitted.per_segment(fitted), held))
+                for fitted, held in ((self.fitted.baseline(), without), (each.fit.residual, own))
+            )
+        errs = without > NUMBERS.no_gap
+        if not np.any(errs):
+            return False
+        return clearly_worse(*(replace(each, segments=segments[errs]) for segments in (without, own)))
 
     @property
     def contradicts(self) -> bool:
