@@ -106,7 +106,8 @@ def test_every_effect_has_starts_and_a_size():
     for name in searched:
         location = Location(name, EFFECTS[name].sites[0], 1 if EFFECTS[name].sites[0] == "motor" else 0)
         sized = size_parameters(location)
-        assert sized and set(sized) <= {p.name for p in EFFECTS[name].parameters}, name
+        assert set(sized) & {p.name for p in location.parameters}, name
+        assert set(sized) <= {p.name for p in EFFECTS[name].all_parameters}, name
 
 
 def test_no_effect_is_put_twice_at_one_place():
