@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +11,6 @@ from gap_models import evaluated, scales
 from via_gap.candidates.fit import Fit, bounds_of
 from via_gap.candidates.location import Location
 from via_gap.selection.comparison import _supported
-from via_gap.selection.experiment import Experiment
 from via_gap.selection.plausibility import absurd, doubt
 from via_sim.effects.catalogue import EFFECTS
 
@@ -99,14 +97,10 @@ def test_on_a_subset_only_what_no_more_data_would_help_is_left_out():
 
 def predicting(without: object, held: object, fitted: object = (), fitted_without: object = ()) -> bool:
     """Whether a model with the errors `held` and `fitted` may be named beside the errors without a model."""
-    measured = np.asarray(fitted_without, dtype=np.float64)
-    model = SimpleNamespace(per_segment=np.asarray, baseline=lambda: measured)
-    experiment = SimpleNamespace(
-        contradicts=False, folds=None, fitted=model, baseline=evaluated(without), tuned=evaluated(without)
-    )
-    experiment.predicts = partial(Experiment.predicts, experiment)
-    explained = replace(fit(COULOMB, 0.001, 0.01), residual=np.asarray(fitted, dtype=np.float64))
-    return _supported(experiment, SimpleNamespace(scales=scales()))(replace(evaluated(held), fit=explained))
+    baseline = replace(evaluated(without), fitted=np.asarray(fitted_without, dtype=np.float64))
+    model = replace(evaluated(held), fit=fit(COULOMB, 0.001, 0.01), fitted=np.asarray(fitted, dtype=np.float64))
+    experiment = SimpleNamespace(contradicts=False, baseline=baseline, tuned=evaluated(without))
+    return _supported(experiment, SimpleNamespace(scales=scales()))(model)
 
 
 LEVEL = np.exp(0.01 * np.random.default_rng(1).normal(size=40))
