@@ -8,9 +8,10 @@ than the one before. With E the whitened held-out error, and the bound that of a
 E is the root mean square, to which rare large errors contribute most, or the error of a typical segment, to which they
 contribute little. An effect may act rarely (a contact), and so may what disturbs: the larger of both fractions counts.
 
-The last step that matters is the answer. If it explains everything above the noise, in held-out and in fitted segments,
-it is the cause (`effect`, `several_effects`); if most of the explainable error, the main cause (`main_effect`); if less,
-nothing is named (`unknown`). If no model of the motion explains the error, the verdict is `cannot_tell`.
+The last step that matters is the answer. If it explains everything above the noise, in held-out and in fitted
+segments, it is the cause (`effect`, `several_effects`); if most of the explainable error, the main cause
+(`main_effect`); if less, nothing is named (`unknown`). If no model of the motion explains the error, the verdict is
+`cannot_tell`.
 """
 
 from __future__ import annotations
