@@ -59,7 +59,7 @@ BOTH = Location("torque_gain", "motor", 0)
 EACH = tuple(Location("torque_gain", "motor", i) for i in (1, 2))
 SCALES = Scales(
     torque=np.array([0.5, 0.3, 0.2]), speed=np.array([2.0, 3.0, 4.0]), peak=np.array([0.7, 0.9]), slew=5.0, angle=0.4,
-    range=np.array([-1.0, -0.5, 0.5, 1.0]), deflection=0.2, duration=8.0, busy=((1.0, 2.0),),
+    range=np.array([-1.0, -0.5, 0.5, 1.0]), travel=np.full(3, 2.0), deflection=0.2, duration=8.0, busy=((1.0, 2.0),),
     orders=((1.0, 2.0), (3.0, 4.0), (5.0, 6.0)),
 )  # fmt: skip
 
@@ -106,7 +106,8 @@ def test_every_effect_has_starts_and_a_size():
     for name in searched:
         location = Location(name, EFFECTS[name].sites[0], 1 if EFFECTS[name].sites[0] == "motor" else 0)
         sized = size_parameters(location)
-        assert sized and set(sized) <= {p.name for p in EFFECTS[name].parameters}, name
+        assert set(sized) & {p.name for p in location.parameters}, name
+        assert set(sized) <= {p.name for p in EFFECTS[name].all_parameters}, name
 
 
 def test_no_effect_is_put_twice_at_one_place():

@@ -95,10 +95,46 @@ def test_on_a_subset_only_what_no_more_data_would_help_is_left_out():
     assert absurd(fit(COULOMB, 0.0, 0.0), scales()).endswith("is absent")
 
 
+def predicting(without: object, held: object, fitted: object = (), fitted_without: object = ()) -> bool:
+    """Whether a model with the errors `held` and `fitted` may be named beside the errors without a model."""
+    baseline = replace(evaluated(without), fitted=np.asarray(fitted_without, dtype=np.float64))
+    model = replace(evaluated(held), fit=fit(COULOMB, 0.001, 0.01), fitted=np.asarray(fitted, dtype=np.float64))
+    experiment = SimpleNamespace(contradicts=False, baseline=baseline, tuned=evaluated(without))
+    return _supported(experiment, SimpleNamespace(scales=scales()))(model)
+
+
+LEVEL = np.exp(0.01 * np.random.default_rng(1).normal(size=40))
+
+
 @pytest.mark.parametrize(("left", "named"), [(30.0, True), (97.0, False), (100.0, False), (140.0, False)])
 def test_only_what_is_clearly_better_than_no_model_is_named(left, named):
     """Against a prediction without a model that leaves 100 in every segment; within the margin is not better."""
-    level, tuned = np.exp(0.01 * np.random.default_rng(1).normal(size=40)), evaluated(np.full(40, 400.0))
-    experiment = SimpleNamespace(contradicts=False, baseline=evaluated(np.full(40, 100.0)), tuned=tuned)
-    supported = _supported(experiment, SimpleNamespace(scales=scales()))
-    assert supported(replace(evaluated(left * level, COULOMB), fit=fit(COULOMB, 0.001, 0.01))) == named
+    assert predicting(np.full(40, 100.0), left * LEVEL) == named
+
+
+@pytest.mark.parametrize(("left", "named"), [(30.0, True), (100.0, False)])
+def test_where_the_joint_rests_no_model_can_be_better_than_a_straight_line(left, named):
+    """It rests in half of the segments, where the line is exact and the model slides by 20 times the noise."""
+    rests = np.arange(40) % 2 == 0
+    assert predicting(np.where(rests, 0.0, 100.0), np.where(rests, 400.0, left) * LEVEL) == named
+
+
+def test_a_joint_that_always_rests_supports_no_model():
+    assert not predicting(np.full(40, 0.5), np.full(40, 0.1))
+
+
+@pytest.mark.parametrize(("left", "named"), [(30.0, True), (100.0, False)])
+def test_fitted_segments_count_beside_few_held_out_ones(left, named):
+    """One of four held-out segments is predicted badly, but not those that were fitted."""
+    assert not predicting(np.full(4, 100.0), [50.0, 50.0, 50.0, 3000.0])
+    assert predicting(np.full(4, 100.0), [50.0, 50.0, 50.0, 3000.0], left * LEVEL, np.full(40, 100.0)) == named
+
+
+def test_a_ripple_has_a_whole_period_in_the_motion():
+    """Otherwise it would be any function of the angle; the travel is that of its own axis."""
+    travelled = replace(scales(), travel=np.array([9.0, 0.5, 4.0]))
+    for motor, periods in ((1, 4.0 * np.pi), (2, 0.5 * np.pi)):
+        low, high = bounds_of(Location("torque_ripple", "motor", motor), travelled)
+        assert low[1] == pytest.approx(periods) and high[1] > 80.0
+    eccentric = Location("encoder_eccentricity", "sensor", 1, ("order",))
+    assert bounds_of(eccentric, travelled)[0][2] == min(p.low for p in eccentric.parameters if p.name == "order")

@@ -325,6 +325,15 @@ def test_how_much_is_explained_of_what_can_be(left, bound, verdict):
     assert decision.shares[0][0] == BACKLASH
 
 
+@pytest.mark.parametrize(("left", "verdict"), [(1.0, "effect"), (40.0, "main_effect")])
+def test_an_answer_is_complete_only_if_it_explains_the_fitted_segments_too(left, verdict):
+    """Held-out motion may be too poor to show what is missing."""
+    tuned = replace(leaving(100.0), fitted=np.full(60, 100.0))
+    model = replace(leaving(1.0, BACKLASH), fitted=np.full(60, left))
+    decision = decide(tuned, [model], reaching(1.0))
+    assert decision.verdict == verdict and decision.named == (BACKLASH,)
+
+
 def test_a_second_effect_is_named_where_it_matters_and_not_where_it_does_not():
     tuned, best = leaving(100.0), leaving(5.0, BACKLASH)
     both = leaving(1.0, BACKLASH, PAYLOAD, seed=1)

@@ -133,10 +133,18 @@ def fit_device_numbers(problem: ResidualModel) -> Fit:
 
 
 def bounds_of(location: Location, scales: Scales) -> tuple[Array, Array]:
-    """Lowest and highest value (p,) of every parameter; torques and inertias at most WIDEST times the typical size."""
+    """Lowest and highest value (p,) of every parameter; torques and inertias at most WIDEST times the typical size.
+
+    A torque ripple has at least one period within the travel of its axis: part of a period would be any function of
+    the angle, such as an error of gravity.
+    """
     limited = [(p, p.unit in SCALED and p.neutral == 0.0) for p in location.parameters]
     reach = np.array([WIDEST * size_of(p, location, scales) if has_limit else np.inf for p, has_limit in limited])
     low, high = np.array([(p.low, p.high) for p in location.parameters]).T
+    if location.name == "torque_ripple":
+        whole = 2.0 * np.pi / max(float(scales.travel[location.axis]), 1e-9)
+        is_order = np.array([p.unit == "1/rev" for p in location.parameters])
+        low = np.where(is_order, np.minimum(np.maximum(low, whole), high), low)
     return np.maximum(low, -reach), np.minimum(high, reach)
 
 

@@ -30,6 +30,7 @@ class Scales:
     slew        [rad/s] largest speed of a motor; for a position drive of the link
     angle       [rad] standard deviation of the link angle
     range       (4,) [rad] its 2, 10, 90 and 98 percent quantiles
+    travel      (3,) [rad] between the smallest and the largest angle of each axis; of unseen motors that of the link
     deflection  [rad] typical
     duration    [s]
     busy        intervals [s] that contain most of the residual
@@ -42,6 +43,7 @@ class Scales:
     slew: float
     angle: float
     range: Array
+    travel: Array
     deflection: float
     duration: float
     busy: tuple[tuple[float, float], ...]
@@ -58,6 +60,8 @@ def scales_of(
     speed = np.sqrt(np.mean(np.nan_to_num(start[:, 3:6]) ** 2, axis=0))
     q = start[:, 0]
     angle = float(np.std(q))
+    seen = np.isfinite(start[:, :3]).all(axis=0)
+    travel = np.where(seen, np.ptp(np.nan_to_num(start[:, :3]), axis=0), np.ptp(q))
     peak = np.max(np.abs(commands[:, :2]), axis=0)
     acceleration = float(np.std(np.gradient(start[:, 3], 1.0 / segments[0].rate)))
     link, motors = device.link, device.n_motors
@@ -87,8 +91,8 @@ def scales_of(
         orders[1] = orders[0]
     return Scales(
         torque, speed, peak, max(float(slew), 1e-3), max(angle, 1e-3),
-        np.quantile(q, [0.02, 0.1, 0.9, 0.98]), max(deflection, 1e-3), max(each.log.duration for each in segments),
-        _busiest(time, excess), tuple(orders),
+        np.quantile(q, [0.02, 0.1, 0.9, 0.98]), travel, max(deflection, 1e-3),
+        max(each.log.duration for each in segments), _busiest(time, excess), tuple(orders),
     )  # fmt: skip
 
 

@@ -223,7 +223,10 @@ _STARTS: Mapping[str, _Starts] = {
     ),
     "quadratic_drag": _one(coefficient=lambda h: 0.1 * h.torque / h.speed**2),
     "presliding_friction": _sliding(lambda h: [share * h.scales.angle for share in (0.01, 0.05, 0.2)]),
-    "load_dependent_friction": _one(coefficient=lambda _h: 0.05),
+    "load_dependent_friction": _grid(
+        "coefficient", "counter_coefficient", "stribeck", "counter_stribeck", "quadratic",
+        at=lambda _h: [{"coefficient": 0.05}],
+    ),
     "backlash": _one(gap=lambda h: 0.2 * h.scales.deflection),
     "hysteresis": _sliding(lambda h: [share * h.scales.deflection for share in (0.05, 0.2, 0.8)]),
     "spring_damping": _one(coefficient=lambda h: 0.1 * h.torque / h.speed),

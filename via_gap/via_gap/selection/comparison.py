@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, event_times, members_of, refine
 from via_gap.selection.between import between_samples
-from via_gap.selection.evidence import Evaluation, clearly_worse, vetoed
+from via_gap.selection.evidence import Evaluation, predicts, vetoed
 from via_gap.selection.experiment import Experiment
 from via_gap.selection.plausibility import doubt
 from via_gap.selection.search import Progress, Search
@@ -86,7 +86,7 @@ def _supported(experiment: Experiment, candidates: CandidateSet) -> Callable[[Ev
     contradicts = experiment.contradicts
 
     def supported(each: Evaluation) -> bool:
-        if doubt(each.fit, candidates.scales) or not clearly_worse(experiment.baseline, each):
+        if doubt(each.fit, candidates.scales) or not predicts(each, experiment.baseline):
             return False
         return not (contradicts and vetoed(each, experiment.tuned))
 

@@ -12,7 +12,7 @@ clearly worse than model b if the lower end of the confidence interval of loss(a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -38,6 +38,7 @@ class Evaluation:
     block     number of segments that are resampled together
     whole     whether segments are runs over whole recordings
     witness   (W,) mean squared whitened error of each segment in the other view; empty if it is not available
+    fitted    (F,) that of each fitted segment; empty for cross-validation, where every segment is held out once
     """
 
     fit: Fit
@@ -46,6 +47,7 @@ class Evaluation:
     block: int
     whole: bool = False
     witness: Array = field(default_factory=lambda: np.empty(0))
+    fitted: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def score(self) -> float:
@@ -67,13 +69,20 @@ class Evaluation:
         return float(np.sqrt(np.expm1(self.score)))
 
     @property
+    def on_fitted(self) -> Evaluation:
+        """The same fit with its error on the fitted segments."""
+        return Evaluation(self.fit, self.fitted, self.fitted, self.block)
+
+    @property
     def by_witness(self) -> Evaluation:
         """The same fit with its error in the other view."""
         return Evaluation(self.fit, self.witness, self.witness, self.block)
 
 
-def evaluate(held: ResidualModel, fits: Sequence[Fit], other: ResidualModel | None = None) -> list[Evaluation]:
-    """Evaluation of every fit on the held-out segments `held`, and in the `other` view."""
+def evaluate(
+    held: ResidualModel, fits: Sequence[Fit], other: ResidualModel | None = None, fitted: ResidualModel | None = None
+) -> list[Evaluation]:
+    """Evaluation of every fit on the held-out segments `held`, in the `other` view, and on the `fitted` segments."""
     if not fits:
         return []
     rows = [held.row(fit.effects, fit.offsets) for fit in fits]
@@ -81,9 +90,10 @@ def evaluate(held: ResidualModel, fits: Sequence[Fit], other: ResidualModel | No
     first = held.views[0].segments
     block = max(1, round(BLOCK * first.rate / first.ticks))
     seen = other.per_segment(other.residual(rows)) if other is not None else np.empty((len(fits), 0))
+    known = [fitted.per_segment(fit.residual) if fitted is not None else np.empty(0) for fit in fits]
     return [
-        Evaluation(fit, residual, held.per_segment(residual), block, witness=witness)
-        for fit, residual, witness in zip(fits, residuals, seen, strict=True)
+        Evaluation(fit, residual, held.per_segment(residual), block, witness=witness, fitted=own)
+        for fit, residual, witness, own in zip(fits, residuals, seen, known, strict=True)
     ]
 
 
@@ -116,6 +126,19 @@ def refuted_beside(a: Evaluation, b: Evaluation) -> bool:
     """
     factor = NUMBERS.no_gap**2
     return b.mean_square <= factor and a.mean_square > factor * max(b.mean_square, 1.0)
+
+
+def predicts(each: Evaluation, without: Evaluation) -> bool:
+    """Whether a model is clearly better than `without` a model, on all segments in which the latter errs.
+
+    Fitted segments count as well: a few parameters cannot make a model follow them. Segments that the prediction
+    without a model explains up to the noise (a joint that rests) cannot show that a model is better.
+    """
+    line, own = (np.concatenate((e.fitted, e.segments)) for e in (without, each))
+    errs = line > NUMBERS.no_gap
+    if not np.any(errs):
+        return False
+    return clearly_worse(*(replace(each, segments=segments[errs]) for segments in (line, own)))
 
 
 def vetoed(candidate: Evaluation, reference: Evaluation) -> bool:

@@ -22,7 +22,7 @@ from via_gap.residual.inverse_dynamics import InverseDynamics
 from via_gap.residual.residual_model import ResidualModel, View
 from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import Indices, Segments, lined
-from via_gap.selection.evidence import Evaluation, clearly_worse, evaluate
+from via_gap.selection.evidence import Evaluation, clearly_worse, evaluate, predicts
 from via_gap.selection.folds import Folds
 from via_gap.selection.holdout import one_sided, split, split_finely
 from via_gap.selection.numbers import NUMBERS
@@ -86,13 +86,13 @@ class Experiment:
             names = [known.get(s.log.name, i) for i, s in enumerate(segments) if len(train[i])]
             return made._crossed(names)
         open_loop = made.evaluated.device.drive == "torque"  # otherwise the control loop is part of the model
-        if open_loop and made.witness is not None and not clearly_worse(made.baseline, made.tuned):
+        if open_loop and made.witness is not None and not predicts(made.tuned, made.baseline):
             return made._by_equations() or made
         return made
 
     def evaluate(self, fits: Sequence[Fit]) -> list[Evaluation]:
         """Held-out errors of fits in both views."""
-        return evaluate(self.evaluated, fits, self.witness)
+        return evaluate(self.evaluated, fits, self.witness, self.fitted)
 
     @property
     def by_equations(self) -> bool:
@@ -162,9 +162,9 @@ def _experiment(
         except SignalError:
             witness = None
     base = fit_device_numbers(fitted)
-    filed = Fit((), np.zeros_like(base.offsets), 0.0, np.empty(0), np.empty((0, 0)))
-    nominal, tuned = evaluate(evaluated, [filed, base], witness)
-    baseline = _baseline(evaluated, tuned)
+    filed = Fit((), np.zeros_like(base.offsets), 0.0, fitted.residual([fitted.row(())])[0], np.empty((0, 0)))
+    nominal, tuned = evaluate(evaluated, [filed, base], witness, fitted)
+    baseline = replace(_baseline(evaluated, tuned), fitted=fitted.per_segment(fitted.baseline()))
     by: By = "inverse dynamics" if equations else "segments"
     return Experiment(
         tuple(segments), tuple(train), tuple(held), by, fitted, evaluated, witness, nominal, tuned, baseline

@@ -19,6 +19,7 @@ import numpy as np
 
 from via_gap.candidates.candidate_set import CandidateSet
 from via_gap.candidates.fit import FINISHING, Budget, Fit, Members, fit_on, member_slopes, members_of, refine
+from via_gap.candidates.gear_friction import with_gear_terms
 from via_gap.candidates.location import PLAINER, Location
 from via_gap.candidates.periodic import with_harmonics
 from via_gap.candidates.scales import Scales
@@ -105,12 +106,14 @@ class Search:
         return list(models.values())
 
     def _evaluated(self, fits: Sequence[Fit], models: dict[frozenset[Location], Evaluation]) -> list[Evaluation]:
-        """Held-out evaluations of those `fits` that may be named; `models` keeps the best of each set of locations."""
+        """Held-out evaluations of those `fits` that may be named; `models` keeps one for each set of locations.
+
+        That is the best one without terms that do not matter (`simplest`).
+        """
         found = [each for each in self.evaluate(fits) if self.supported(each)]
         for each in found:
             kind = frozenset(each.fit.locations)
-            if kind not in models or each.score < models[kind].score:
-                models[kind] = each
+            models[kind] = simplest([models[kind], each]) if kind in models else each
         return found
 
     def _beside(self, fit: Fit) -> Search:
@@ -221,7 +224,8 @@ class Search:
         if self.few is not self.whole:
             done = [refine(self.whole, fit, members_of(fit), self.scales, FINISHING) for fit in near]
             found = [fit for fit in done if fit is not None]
-        return found + with_harmonics(self.whole, found, self.candidates.equations, self.scales)
+        more = with_harmonics(self.whole, found, self.candidates.equations, self.scales)
+        return found + more + with_gear_terms(self.whole, found, self.scales)
 
 
 def _distinct(pairs: Sequence[tuple[float, Members]]) -> list[tuple[float, Members]]:

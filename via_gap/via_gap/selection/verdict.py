@@ -8,9 +8,10 @@ than the one before. With E the whitened held-out error, and the bound that of a
 E is the root mean square, to which rare large errors contribute most, or the error of a typical segment, to which they
 contribute little. An effect may act rarely (a contact), and so may what disturbs: the larger of both fractions counts.
 
-The last step that matters is the answer. If it explains everything above the noise, it is the cause (`effect`,
-`several_effects`); if most of the explainable error, the main cause (`main_effect`); if less, nothing is named
-(`unknown`). If no model of the motion explains the error, the verdict is `cannot_tell`.
+The last step that matters is the answer. If it explains everything above the noise, in held-out and in fitted
+segments, it is the cause (`effect`, `several_effects`); if most of the explainable error, the main cause
+(`main_effect`); if less, nothing is named (`unknown`). If no model of the motion explains the error, the verdict is
+`cannot_tell`.
 """
 
 from __future__ import annotations
@@ -131,7 +132,8 @@ def _verdict(tuned: Evaluation, model: Evaluation, flexible: Evaluation) -> tupl
     if max(share) < NUMBERS.substantial:
         place = model.fit.locations[0]
         return "cannot_tell", f"error that does not repeat with the motion exceeds the part that {place} explains"
-    if min(*explained, *share) < NUMBERS.complete:
+    fitted = fractions(tuned.on_fitted, model.on_fitted) if model.fitted.size else share
+    if min(*explained, *share, *fitted) < NUMBERS.complete:
         return "main_effect", ""
     return "effect" if len(model.fit.effects) == 1 else "several_effects", ""
 
