@@ -94,6 +94,12 @@ class SimulationNode(Node, Generic[Row]):
         self._commands = self.create_subscription(VsaCommand, command_topic, self._take, qos.CONTROL, raw=True)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self.create_timer(POLL, self._poll, clock=STEADY)
+        needs = f"{max(times.listeners, int(times.mode == 'lockstep'))} subscribers"
+        needs += " and a publisher of commands" if times.mode == "lockstep" else ""
+        self.get_logger().info(
+            f"simulates {name} at {times.rate:g} Hz, {times.mode}: publishes {self._joint_states.topic_name}, takes "
+            f"{command_topic}; starts with {needs}"
+        )
 
     # ---- the robot
 
@@ -174,6 +180,7 @@ class SimulationNode(Node, Generic[Row]):
             self._pace = self.create_timer(1.0 / rate, self._keep_pace, clock=STEADY)
         elif mode == "free":
             self._pace = self.create_timer(1e-6, self._step, clock=STEADY)
+        self.get_logger().info(f"started: {self._name} publishes")
         self._publish()
 
     @property
