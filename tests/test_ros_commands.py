@@ -57,7 +57,7 @@ def via(graph, *words: str, end=lambda out, err: False) -> Done:
         return process.poll() is not None
 
     try:
-        graph.until(ended)
+        graph.until(ended, 90.0)
     finally:
         process.kill()
     for each in readers:

@@ -40,12 +40,12 @@ class Session:
         return future.result()
 
     def discover(self, found: Callable[[], bool] | None = None) -> bool:
-        """Wait until found(), at most LONGEST; without it until the graph has not changed for QUIET."""
+        """Wait until found(), or until the graph has other nodes and has not changed for QUIET; at most LONGEST."""
         if found is not None:
             return self.wait(found, LONGEST)
         seen: list[Any] = []
         since = began = time.monotonic()
-        while time.monotonic() - since < QUIET and time.monotonic() - began < LONGEST:
+        while time.monotonic() - began < LONGEST and (time.monotonic() - since < QUIET or not self.nodes()):
             self.executor.spin_once(timeout_sec=0.05)
             graph = [sorted(self.nodes()), sorted(self.node.get_topic_names_and_types())]
             if graph != seen:
