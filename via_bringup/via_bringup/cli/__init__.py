@@ -69,6 +69,10 @@ COMMANDS = {
         "Start the nodes of a launch file and end them together; --show-args lists its arguments.",
         RAW,
     ),
+    "watch": Entry(
+        "via_bringup.cli.ros.watch:watch",
+        "Show rate, stiffness, damping, status, gap and causes of every joint, and the warnings of all nodes, live.",
+    ),
     "bag import": Entry(
         "via_bringup.cli.bag:import_folder",
         "Convert CSV recordings to bags; refuse unusable ones and list the reasons.",

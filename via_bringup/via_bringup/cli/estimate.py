@@ -42,7 +42,7 @@ def estimate(
     read = read_bag(bag)
     for remark in read.remarks:
         errors.print(f"note: {remark}")
-    results = []
+    results: list[tuple[Pair, BagEstimates]] = []
     with working(f"estimating from {bag.name}") as progress:
         for pair in pairs:
             progress(f"{pair.device.name} by {pair.method}", len(results) / len(pairs))

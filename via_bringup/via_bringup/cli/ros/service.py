@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from typing import Annotated
 
 import typer
@@ -58,7 +57,6 @@ def send(
         try:
             outcome = now.result(handle.get_result_async())
         except KeyboardInterrupt:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
             cancelled = handle.cancel_goal_async()
             if not now.wait(cancelled.done, PATIENCE / 4):
                 errors.print("the goal may still run: its cancellation was not confirmed")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Event
 from typing import Any
 
 import rclpy
@@ -29,10 +31,25 @@ class Session:
 
     node: Any
     executor: Any
+    interrupted: Event  # set by Ctrl-C: an exception within a callback can leave rclpy's executor locked
 
     def wait(self, condition: Callable[[], bool], timeout: float = FOREVER) -> bool:
-        """Run callbacks until condition(); False after `timeout` [s]."""
-        return spin_until(self.executor, condition, timeout)
+        """Run callbacks until condition(); False after `timeout` [s]. Raises KeyboardInterrupt after Ctrl-C."""
+        done = spin_until(self.executor, lambda: self.interrupted.is_set() or condition(), timeout)
+        self._end_if_interrupted()
+        return done
+
+    def pause(self, duration: float) -> None:
+        """Wait for `duration` [s] without running callbacks. Raises KeyboardInterrupt after Ctrl-C."""
+        until = time.monotonic() + duration
+        while (left := until - time.monotonic()) > 0.0 and not self.interrupted.is_set():
+            time.sleep(min(left, 0.05))
+        self._end_if_interrupted()
+
+    def _end_if_interrupted(self) -> None:
+        if self.interrupted.is_set():
+            self.interrupted.clear()
+            raise KeyboardInterrupt
 
     def result(self, future: Future) -> Any:
         """Run callbacks until the future is done; its result."""
@@ -46,7 +63,7 @@ class Session:
         seen: list[Any] = []
         since = began = time.monotonic()
         while time.monotonic() - began < LONGEST and (time.monotonic() - since < QUIET or not self.nodes()):
-            self.executor.spin_once(timeout_sec=0.05)
+            self.wait(lambda: False, 0.05)
             graph = [sorted(self.nodes()), sorted(self.node.get_topic_names_and_types())]
             if graph != seen:
                 seen, since = graph, time.monotonic()
@@ -109,7 +126,9 @@ def session() -> Iterator[Session]:
         )
         executor = make_executor(context=context)
         executor.add_node(node)
-        yield Session(node, executor)
+        interrupted = Event()
+        signal.signal(signal.SIGINT, lambda *_: interrupted.set())
+        yield Session(node, executor, interrupted)
     except REFUSALS as error:
         raise ParameterError(" ".join(str(error).split())) from None
     finally:
