@@ -20,7 +20,7 @@ import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from via_core.errors import ParameterError, ViaError
 
-from via_bringup.cli.run import find_executable
+from via_bringup.cli.run import find_executable, node_command
 
 Context = dict[str, str]  # values of the launch arguments
 
@@ -123,8 +123,7 @@ class Node:
 
     def command(self, context: Context) -> list[str]:
         """Executable and arguments. Raises ViaError if the executable is not installed."""
-        words = [str(find_executable(self.package, self.executable))]
-        words += [*(text(each, context) for each in self.arguments), "--ros-args"]
+        words = [*(text(each, context) for each in self.arguments), "--ros-args"]
         words += ["-r", f"__node:={self.name}"] if self.name else []
         for given in self.parameters:
             if not isinstance(given, dict):
@@ -136,7 +135,7 @@ class Node:
                 elif isinstance(value, Substitution):
                     value = yaml.safe_load(value.perform(context))
                 words += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]
-        return words
+        return node_command(find_executable(self.package, self.executable), words)
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ def _add(made: Table, watched: Watched, name: str) -> None:
 
 def _band(estimate: Any) -> str:
     """Value and half the width of its 95 % interval."""
-    if estimate is None:
+    if estimate is None or not isfinite(estimate.value):
         return "-"
     return f"{_number(estimate.value)} ± {_number(WIDTH_95 * estimate.standard_deviation)}"
 
