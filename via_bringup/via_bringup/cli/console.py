@@ -35,14 +35,10 @@ def table(title: str, *columns: str) -> Table:
 def working(text: str) -> Iterator[Callable[[str, float], None]]:
     """Show what is done and for how long; the function given takes a step and the share done, NaN if unknown.
 
-    Without a terminal, `text` is printed once.
+    Without a terminal nothing is shown.
     """
-    if not errors.is_terminal:
-        errors.print(f"{text} ...")
-        yield lambda step, share: None
-        return
     columns = (SpinnerColumn(), TextColumn("{task.fields[share]}{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=errors, transient=True) as bar:
+    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
         task = bar.add_task(text, total=None, share="")
 
         def show(step: str, share: float) -> None:

@@ -28,7 +28,7 @@ def run(
 def execute_node(package: str, executable: str, arguments: list[str]) -> NoReturn:
     """Replace this process by the executable, which then receives the signals and returns the exit code."""
     command = node_command(find_executable(package, executable), arguments)
-    os.execvp(command[0], command)
+    os.execv(command[0], command)
 
 
 # Ctrl-C while a script imports its modules would print a traceback.
