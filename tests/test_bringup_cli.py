@@ -224,7 +224,10 @@ def test_errors_of_import(via, folder, mapping, complaint):
     ("words", "complaint"),
     [
         (("gap", "diagnose", "absent", "--device", DEVICE.name, "--json", "nowhere/r.json"), "no folder nowhere"),
-        (("gap", "diagnose", "absent", "--device", DEVICE.name, "--effects-out", "."), "cannot write .: it is a folder"),
+        (
+            ("gap", "diagnose", "absent", "--device", DEVICE.name, "--effects-out", "."),
+            "cannot write .: it is a folder",
+        ),
         (("gap", "render", "absent", "--html", "nowhere/p.html"), "no folder nowhere"),
         (("gap", "simulate", "absent", "--device", DEVICE.name, "--json", "nowhere/s.json"), "no folder nowhere"),
         (("gap", "propose", "absent", "--out", "nowhere/m.csv"), "no folder nowhere"),

@@ -94,10 +94,10 @@ def test_arguments_have_the_types_of_the_parameters():
 
 
 def test_the_law_chooses_the_controller():
-    def names(law):
-        return {each.executable for each in described_nodes("limit_cycle", [f"law:={law}"])}
+    def started(controller):
+        return {each.executable for each in described_nodes("limit_cycle", [f"law:={controller}"])}
 
-    assert names("bang_bang") - names("modal_limit_cycle") == {"bang_bang"}
+    assert started("bang_bang") - started("modal_limit_cycle") == {"bang_bang"}
 
 
 @pytest.mark.parametrize(

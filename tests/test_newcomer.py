@@ -63,7 +63,7 @@ def test_the_recorder_names_wanted_topics_that_nobody_publishes(graph, printed):
     node.create_publisher(String, "/spoken", 10)
     printed(
         ["via", "bag", "record", "rec", "/joint_stats"],
-        "records /joint_stats into rec as messages arrive; Ctrl-C closes the bag",
+        "records /joint_stats into rec as messages arrive; Ctrl-C ends the bag",
         "nobody publishes /joint_stats yet; published are: ",
         "/spoken",
     )

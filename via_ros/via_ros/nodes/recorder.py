@@ -78,7 +78,7 @@ class Recorder(Node):
         self.create_timer(REPORT, self._report, clock=STEADY)
         self._hint = self.create_timer(HINT, self._name_missing, clock=STEADY)
         what = ", ".join(self._wanted) or "all topics"
-        self.get_logger().info(f"records {what} into {self.parameters.bag} as messages arrive; Ctrl-C closes the bag")
+        self.get_logger().info(f"records {what} into {self.parameters.bag} as messages arrive; Ctrl-C ends the bag")
 
     def _look(self) -> None:
         while self._refused:
