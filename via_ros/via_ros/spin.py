@@ -149,9 +149,8 @@ def _name_defaults(node: Any) -> None:
     for name in ("device", "arm"):
         if node.has_parameter(name) and not {name, f"{name}s"} & node._parameter_overrides.keys():
             taken = node.get_parameter(name).value
-            node.get_logger().info(
-                f"no {name} was given: this is '{taken}'; choose one with -p {name}:=NAME or its file"
-            )
+            text = f"no {name} was given, so '{taken}' is used; choose one with -p {name}:=NAME"
+            node.get_logger().info(text)
 
 
 def _complain(nodes: list[Any], error: Exception) -> None:

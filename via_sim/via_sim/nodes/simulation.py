@@ -94,11 +94,11 @@ class SimulationNode(Node, Generic[Row]):
         self._commands = self.create_subscription(VsaCommand, command_topic, self._take, qos.CONTROL, raw=True)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self.create_timer(POLL, self._poll, clock=STEADY)
-        needs = f"{max(times.listeners, int(times.mode == 'lockstep'))} subscribers"
-        needs += " and a publisher of commands" if times.mode == "lockstep" else ""
+        needs = str(max(times.listeners, int(times.mode == "lockstep")))
+        needs += ", and a publisher of commands" if times.mode == "lockstep" else ""
         self.get_logger().info(
             f"simulates {name} at {times.rate:g} Hz, {times.mode}: publishes {self._joint_states.topic_name}, takes "
-            f"{command_topic}; starts with {needs}"
+            f"{command_topic}; subscribers needed to start: {needs}"
         )
 
     # ---- the robot
