@@ -15,13 +15,31 @@ fail() {
     exit 1
 }
 
+# On a terminal, shows every second how long a stage runs and what it wrote last.
+watch_stage() {
+    while sleep 1; do
+        printf '\r\033[Ksetup: %-44s %3d s  %s' "$1" "$((SECONDS - $2))" "$(tail -n 1 "$log" | tr -cd '[:print:]' | cut -c1-60)"
+    done
+}
+
 # stage TITLE COMMAND...: runs the command and prints one line with its duration; output goes to the log.
+watcher=
+trap '[ -z "$watcher" ] || kill "$watcher" 2>/dev/null || true' EXIT
 stage() {
     local title=$1 start=$SECONDS code=0
     shift
     printf 'setup: %-44s ' "$title ..."
+    if [ -t 1 ]; then
+        watch_stage "$title ..." "$start" 2>/dev/null &
+        watcher=$!
+    fi
     echo "=== $title: $*" >>"$log"
     "$@" >>"$log" 2>&1 </dev/null || code=$?
+    if [ -n "$watcher" ]; then
+        kill "$watcher" 2>/dev/null || true
+        watcher=
+        printf '\r\033[Ksetup: %-44s ' "$title ..."
+    fi
     [ $code -eq 0 ] && echo "$((SECONDS - start)) s" || echo failed
     return $code
 }

@@ -45,8 +45,8 @@ def started(monkeypatch):
     """Argument lists of the programs that `via` would have executed."""
     programs = []
 
-    def execute(_path, words):
-        programs.append(words)
+    def execute(_interpreter, words):
+        programs.append(words[words.index("-c") + 2 :])  # without the interpreter and its start-up code
         raise SystemExit(0)
 
     monkeypatch.setattr(os, "execv", execute)
@@ -131,7 +131,7 @@ def test_estimate_takes_several_devices_and_methods(via, tmp_path):
         (("bag", "--device", DEVICE.name, "--method", "magic"), "no method 'magic'; there are: "),
         (("bag", "--device", DEVICE.name, "--joint-topic", "/x"), "no topic /x in bag; there are: /joint_states"),
         (("bag", "--device", DEVICE.name, "--csv", "/dev/full"), "cannot write /dev/full: No space left on device"),
-        (("bag", "--device", DEVICE.name, "--csv", "nowhere/e.csv"), "No such file or directory"),
+        (("bag", "--device", DEVICE.name, "--csv", "nowhere/e.csv"), "there is no folder nowhere"),
     ],
 )
 def test_errors_of_estimate(via, bag, words, complaint):
@@ -187,7 +187,7 @@ def test_recover_writes_a_complete_bag_and_overwrites_none(via, bag, tmp_path):
     assert "messages saved into saved" in out and "note: " in errors
     assert read_bag(tmp_path / "saved").complete
     fails(via("bag", "recover", "bag", "saved"), "saved exists already")
-    fails(via("bag", "recover", "bag", "/dev/null/x"), "cannot create the bag")
+    fails(via("bag", "recover", "bag", "/dev/null/x"), "cannot write into /dev/null/x")
 
 
 def test_import_lists_refused_recordings_and_writes_a_report(via, tmp_path):
@@ -204,7 +204,7 @@ def test_import_lists_refused_recordings_and_writes_a_report(via, tmp_path):
     assert read_bag(tmp_path / "bags" / report["files"][0]["bag"]).complete
     fails(via(*words), "exists already")
     shutil.rmtree(tmp_path / "bags")
-    fails(via(*words, "--json", "nowhere/report.json"), "nowhere/report.json: No such file or directory")
+    fails(via(*words, "--json", "nowhere/report.json"), "nowhere/report.json: there is no folder nowhere")
 
 
 @pytest.mark.parametrize(
@@ -218,6 +218,41 @@ def test_import_lists_refused_recordings_and_writes_a_report(via, tmp_path):
 )
 def test_errors_of_import(via, folder, mapping, complaint):
     fails(via("bag", "import", folder, "--mapping", mapping, "--out", "bags"), complaint)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("gap", "diagnose", "absent", "--device", DEVICE.name, "--json", "nowhere/r.json"), "no folder nowhere"),
+        (
+            ("gap", "diagnose", "absent", "--device", DEVICE.name, "--effects-out", "."),
+            "cannot write .: it is a folder",
+        ),
+        (("gap", "render", "absent", "--html", "nowhere/p.html"), "no folder nowhere"),
+        (("gap", "simulate", "absent", "--device", DEVICE.name, "--json", "nowhere/s.json"), "no folder nowhere"),
+        (("gap", "propose", "absent", "--out", "nowhere/m.csv"), "no folder nowhere"),
+        (("gap", "fleet", "absent", "--device", DEVICE.name, "--results", "file/x"), "file is a file"),
+        (("estimate", "absent", "--device", DEVICE.name, "--csv", "nowhere/e.csv"), "no folder nowhere"),
+        (("observe", DEVICE.name, "--json", "nowhere/o.json"), "no folder nowhere"),
+        (("excite", DEVICE.name, "--out", "nowhere/m.csv"), "no folder nowhere"),
+        (("sim", DEVICE.name, "--commands", "absent.csv", "--record", "nowhere/l.csv"), "no folder nowhere"),
+        (("bag", "import", "absent", "--mapping", "maccepavd", "--out", "file/x"), "file is a file"),
+        (("bag", "record", "file/x"), "file is a file"),
+        (("demo", "throw", "--out", "file/x"), "file is a file"),
+    ],
+)
+def test_output_paths_are_checked_before_the_work_begins(via, tmp_path, words, complaint):
+    """The inputs do not exist either, or the work would take seconds: the output is complained about first."""
+    (tmp_path / "file").touch()
+    fails(via(*words), "cannot write", complaint)
+
+
+@pytest.mark.parametrize("content", ["{}", "[1", '{"schema": 3}', "null"])
+def test_a_file_that_is_no_report_is_refused_in_words(via, tmp_path, content):
+    (tmp_path / "report.json").write_text(content)
+    answer = via("gap", "render", "report.json")
+    fails(answer, "report.json: not a gap report")
+    assert not {"pydantic", "type=", "https:", "validation error"} & set(answer[2].replace("[", " ").split())
 
 
 def test_record_play_sim_and_run_execute_their_nodes(via, started):
@@ -302,7 +337,7 @@ def test_an_interrupt_while_modules_load_gives_no_traceback(tmp_path):
         timeout=600,
         check=False,
     )
-    assert (done.returncode, done.stderr) == (-2, b"")
+    assert (done.returncode, done.stderr) == (130, b"interrupted\n")
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,12 @@
-"""Every block of README.md: shell commands run as written, in order, in one folder; files and programs are used.
+"""Every block of README.md and docs/*.md: commands run as written and in order; files and programs are used.
 
 A recording ends after SAMPLES joint states instead of half a minute. EXCEPTED names what does not run here, and why.
+Blocks without a language are shell commands; diagrams are blocks of language `text`.
 """
 
 from __future__ import annotations
 
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -23,13 +23,15 @@ from rclpy.node import Node
 from via_core.devices import load_device
 from via_ros import qos
 from via_ros.spin import make_executor, spin_until
+from via_sim.effects.files import load_effects
 
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = 8000  # joint states of a recording that README lets run for half a minute
 DEADLINE = 1800.0  # [s] for one command: only what hangs
+INTERRUPTED = 130  # exit code of `via` after Ctrl-C
 EXCEPTED = {  # start of a command -> why it does not run here
     "make ": "sets up, or runs the tests that contain this one; tests/test_demo.py runs the demo",
-    "ros2 ": "README states that the wheels have no `ros2` command",
+    "via action send": "diagnoses again; tests/test_ros_commands.py sends goals",
     "via tables": "a quarter of an hour; via_validation/test/test_tables_*.py",
     "via compare": "some minutes; via_validation/test/test_compare.py",
     "via changes": "some minutes; via_validation/test/test_changes.py",
@@ -44,8 +46,9 @@ EXCEPTED = {  # start of a command -> why it does not run here
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block of the page, its language ('' for shell), and the line of text before it."""
+    """A fenced block of a page, its language ('' for shell), and the line of text before it."""
 
+    page: str
     line: int
     language: str
     lines: tuple[str, ...]
@@ -57,10 +60,10 @@ class Block:
         return [command for line in self.lines if (command := re.sub(r"\s{2,}#.*$", "", line).strip())]
 
 
-def blocks(page: str) -> Iterator[Block]:
+def blocks(page: Path) -> Iterator[Block]:
     """The fenced blocks of a Markdown page."""
     before, language, start, inside = "", "", 0, None
-    for number, line in enumerate(page.splitlines(), start=1):
+    for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), start=1):
         if not line.startswith("```"):
             if inside is not None:
                 inside.append(line)
@@ -69,12 +72,18 @@ def blocks(page: str) -> Iterator[Block]:
         elif inside is None:
             language, start, inside = line[3:].strip(), number, []
         else:
-            yield Block(start, language, tuple(inside), before)
+            yield Block(page.stem, start, language, tuple(inside), before)
             inside = None
 
 
-BLOCKS = list(blocks((ROOT / "README.md").read_text(encoding="utf-8")))
+BLOCKS = [block for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))) for block in blocks(page)]
 SHELL = [block for block in BLOCKS if block.language == ""]
+
+
+def of_language(language: str) -> Any:
+    """Parametrises a test by the blocks of a language."""
+    chosen = [block for block in BLOCKS if block.language == language]
+    return pytest.mark.parametrize("block", chosen, ids=lambda block: f"{block.page}{block.line}")
 
 
 @dataclass
@@ -125,11 +134,19 @@ class Shell:
         self.stop(recorder)
         self.node.destroy_subscription(subscription)
 
+    def follow_output(self, command: str) -> None:
+        """Start a command that prints until it is stopped, and stop it after its first line."""
+        job = subprocess.Popen(["bash", "-c", f"exec {command}"], cwd=self.folder, stdout=subprocess.PIPE)
+        self.jobs.append(job)
+        assert job.stdout is not None and job.stdout.readline(), f"{command} printed nothing"
+        job.stdout.close()
+        self.stop(job)
+
     def stop(self, job: subprocess.Popen[bytes], with_signal: signal.Signals = signal.SIGINT) -> None:
         """End a job as Ctrl-C or `kill` does; fails unless it ends cleanly."""
         before = len(self._nodes())
         job.send_signal(with_signal)
-        assert job.wait(DEADLINE) == 0, job.args
+        assert job.wait(DEADLINE) in (0, INTERRUPTED), job.args
         self.jobs.remove(job)
         spin_until(self.executor, lambda: len(self._nodes()) < before, 60.0)  # the graph forgets it a moment later
 
@@ -146,17 +163,18 @@ class Shell:
 
 def excepted(command: str) -> str | None:
     """The reason why a command does not run here; None if it does."""
-    if command.startswith("ros2 ") and shutil.which("ros2"):
-        return None
     return next((reason for start, reason in EXCEPTED.items() if command.startswith(start)), None)
 
 
 def is_node(command: str) -> bool:
     """Whether a command runs until it is stopped."""
     words = command.split()
-    return words[:2] in (["via", "run"], ["ros2", "launch"]) or (
-        words[:2] == ["via", "sim"] and "--record" not in words
-    )
+    return words[:2] in (["via", "run"], ["via", "launch"]) or (words[:2] == ["via", "sim"] and "--record" not in words)
+
+
+def prints_until_stopped(command: str) -> bool:
+    """Whether a command prints messages until it is stopped."""
+    return command.startswith(("via topic echo", "via topic hz", "via watch")) and "--once" not in command
 
 
 def follow(shell: Shell, commands: list[str]) -> None:
@@ -174,6 +192,8 @@ def follow(shell: Shell, commands: list[str]) -> None:
             jobs.append(shell.start(command.removesuffix("&").strip()))
         elif command.startswith("via bag record"):
             shell.record(command)
+        elif prints_until_stopped(command):
+            shell.follow_output(command)
         elif is_node(command):
             shell.stop(shell.start(command))
         else:
@@ -226,7 +246,7 @@ def test_the_page_has_blocks_and_every_exception_is_needed():
     assert sum(excepted(command) is None for command in commands) > 25
 
 
-@pytest.mark.parametrize("block", SHELL, ids=lambda block: f"line{block.line}")
+@of_language("")
 def test_shell_block_runs(block: Block, page: Shell, request: pytest.FixtureRequest):
     text = "\n".join(block.lines)
     if "my_bag" in text or "my_joint" in text:
@@ -241,14 +261,22 @@ def test_shell_block_runs(block: Block, page: Shell, request: pytest.FixtureRequ
         page.close()
 
 
-@pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "python"], ids=lambda block: f"line{block.line}")
+@of_language("python")
 def test_python_block_runs(block: Block, page: Shell, my_bag: None):
     subprocess.run([sys.executable, "-c", "\n".join(block.lines)], cwd=page.folder, check=True, timeout=DEADLINE)
 
 
-@pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "yaml"], ids=lambda block: f"line{block.line}")
-def test_yaml_block_is_valid(block: Block, page: Shell):
-    assert yaml.safe_load("\n".join(block.lines))
+@of_language("yaml")
+def test_yaml_block_is_valid(block: Block, page: Shell, tmp_path: Path):
+    content = yaml.safe_load("\n".join(block.lines))
+    assert content
+    if isinstance(content, list):
+        (tmp_path / "effects.yaml").write_text("\n".join(block.lines))
+        assert load_effects(tmp_path / "effects.yaml")
+
+
+def test_every_block_is_a_command_a_file_a_program_or_a_diagram():
+    assert {block.language for block in BLOCKS} <= {"", "yaml", "python", "text"}
 
 
 def test_the_described_joint_loads(page: Shell):

@@ -11,7 +11,7 @@ from via_core.hopper import Hopper
 
 def test_an_unknown_scene_is_refused(tmp_path):
     with pytest.raises(ParameterError, match="no scene 'dance'; there are: limit-cycle, hitting, hopper, throw"):
-        scenes.run_scene("dance", tmp_path, 1.0)
+        scenes.run_scene("dance", tmp_path, 1.0, print)
 
 
 def test_the_hoppers_feet_are_below_its_hips_in_a_crouch():
@@ -26,7 +26,7 @@ def test_the_hoppers_feet_are_below_its_hips_in_a_crouch():
 
 def test_the_throw_writes_a_bag_a_picture_and_an_animation(tmp_path, monkeypatch):
     monkeypatch.setattr(animations, "FRAMES", 2)
-    bag, drawn, moving = scenes.run_scene("throw", tmp_path / "throw", 1.0)
+    bag, drawn, moving = scenes.run_scene("throw", tmp_path / "throw", 1.0, print)
     states = read_bag(bag)["/visco_elastic_demo/control"]
     link = np.array(list(states["value"]))[:, list(states["name"][0]).index("link_velocity")]
     assert link.max() > 4.0  # four times the speed limit of its motor
@@ -37,7 +37,7 @@ def test_the_throw_writes_a_bag_a_picture_and_an_animation(tmp_path, monkeypatch
 
 def test_the_limit_cycle_writes_a_bag_a_picture_and_an_animation(tmp_path, monkeypatch):
     monkeypatch.setattr(animations, "FRAMES", 5)
-    bag, picture, moving = scenes.run_scene("limit-cycle", tmp_path, 0.6)
+    bag, picture, moving = scenes.run_scene("limit-cycle", tmp_path, 0.6, print)
     assert len(read_bag(bag).topic("/joint_states")) >= 600
     assert picture.stat().st_size > 10_000
     with Image.open(moving) as animation:
@@ -46,7 +46,7 @@ def test_the_limit_cycle_writes_a_bag_a_picture_and_an_animation(tmp_path, monke
 
 def test_the_hopper_bag_contains_the_motion_of_the_trunk(tmp_path, monkeypatch):
     monkeypatch.setattr(animations, "FRAMES", 5)
-    bag, _, moving = scenes.run_scene("hopper", tmp_path, 0.4)
+    bag, _, moving = scenes.run_scene("hopper", tmp_path, 0.4, print)
     base = read_bag(bag)["/hopper/base"]
     height = base["pose.position.z"]
     assert len(height) >= 400 and height[0] - height.min() > 0.03  # it falls and bends its legs

@@ -1,7 +1,7 @@
 """Several simulated joints and one node that estimates all of them with several methods.
 
-ros2 launch via_bringup arm.launch.py
-ros2 launch via_bringup arm.launch.py joints:="shoulder=qbmove_a elbow=qbmove_b" methods:=auto
+via launch arm
+via launch arm joints:="shoulder=qbmove_a elbow=qbmove_b" methods:=auto
 
 Every joint has its own simulator and controller, and publishes its joint states as separate messages. Estimates are
 published on /<joint>/<method>/stiffness and similar topics. For a real robot use `simulated:=false`, which starts only

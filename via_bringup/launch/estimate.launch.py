@@ -1,7 +1,7 @@
 """An estimator for a robot that publishes /joint_states, or for a bag that is played.
 
-ros2 launch via_bringup estimate.launch.py device:=/path/to/my_joint.yaml
-ros2 launch via_bringup estimate.launch.py device:=maccepavd bag:=/path/to/bag rate:=1.0
+via launch estimate device:=/path/to/my_joint.yaml
+via launch estimate device:=maccepavd bag:=/path/to/bag rate:=1.0
 """
 
 from launch import LaunchDescription

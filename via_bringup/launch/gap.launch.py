@@ -1,7 +1,7 @@
 """The gap monitor for a robot that publishes /joint_states, or for a bag that is played.
 
-ros2 launch via_bringup gap.launch.py device:=/path/to/my_joint.yaml
-ros2 launch via_bringup gap.launch.py device:=maccepavd bag:=/path/to/bag rate:=1.0
+via launch gap device:=/path/to/my_joint.yaml
+via launch gap device:=maccepavd bag:=/path/to/bag rate:=1.0
 """
 
 from launch import LaunchDescription

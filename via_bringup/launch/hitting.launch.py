@@ -1,9 +1,9 @@
 """The 4-DOF arm swings against a wall under bang-bang control. The controller has no model of the wall.
 
-ros2 launch via_bringup hitting.launch.py
-ros2 launch via_bringup hitting.launch.py mode:=lockstep bag:=hitting
+via launch hitting
+via launch hitting mode:=lockstep bag:=hitting
 
-ros2 topic echo /reference_4dof/contact
+via topic echo /reference_4dof/contact
 """
 
 from launch import LaunchDescription

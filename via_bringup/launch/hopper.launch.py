@@ -1,9 +1,9 @@
 """A two-legged hopper, dropped from just above the ground. No hopping frequency is prescribed.
 
-ros2 launch via_bringup hopper.launch.py
-ros2 launch via_bringup hopper.launch.py payload:=6.0 bag:=hop
+via launch hopper
+via launch hopper payload:=6.0 bag:=hop
 
-ros2 topic echo /hopper/base          # pose of the trunk
+via topic echo /hopper/base          # pose of the trunk
 """
 
 from launch import LaunchDescription

@@ -1,6 +1,6 @@
 """A simulated joint with its controller and its estimator. With `bag` the run is recorded.
 
-ros2 launch via_bringup joint.launch.py device:=cubic_demo bag:=joint
+via launch joint device:=cubic_demo bag:=joint
 """
 
 from launch import LaunchDescription

@@ -6,13 +6,13 @@ With modal_limit_cycle the arm starts to swing on its own once the controller is
 With `adapt:=true` modal_limit_cycle corrects its model while it runs: node `payload` estimates the mass at the tip,
 node `estimator` the stiffness of each joint. `payload` and `softer` change the simulated arm, but not the model.
 
-ros2 launch via_bringup limit_cycle.launch.py
-ros2 launch via_bringup limit_cycle.launch.py law:=bang_bang mode:=lockstep bag:=swing
-ros2 launch via_bringup limit_cycle.launch.py adapt:=true payload:=0.44 softer:=0.1
+via launch limit_cycle
+via launch limit_cycle law:=bang_bang mode:=lockstep bag:=swing
+via launch limit_cycle adapt:=true payload:=0.44 softer:=0.1
 
-ros2 service call /arm_simulator/push via_interfaces/srv/Push "{impulse: [0.3, 0.3, 0.1, 0.1]}"
-ros2 service call /arm_simulator/hold via_interfaces/srv/Hold "{duration: 1.0}"
-ros2 lifecycle set /modal_limit_cycle deactivate
+via service call /arm_simulator/push via_interfaces/srv/Push "{impulse: [0.3, 0.3, 0.1, 0.1]}"
+via service call /arm_simulator/hold via_interfaces/srv/Hold "{duration: 1.0}"
+via lifecycle set /modal_limit_cycle deactivate
 """
 
 from launch import LaunchContext, LaunchDescription

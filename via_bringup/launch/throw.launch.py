@@ -1,9 +1,9 @@
 """A flexible joint that reaches the highest possible link velocity at a given time.
 
-ros2 launch via_bringup throw.launch.py
-ros2 launch via_bringup throw.launch.py mode:=lockstep bag:=throw
+via launch throw
+via launch throw mode:=lockstep bag:=throw
 
-To repeat the throw: ros2 lifecycle set /max_velocity deactivate, then activate
+To repeat the throw: via lifecycle set /max_velocity deactivate, then activate
 """
 
 from launch import LaunchDescription

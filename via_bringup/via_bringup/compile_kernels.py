@@ -10,9 +10,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-from via_bringup.cli.console import errors
+from via_bringup.cli.console import errors, working
+from via_bringup.cli.interrupts import end_on_interrupt, leave
 
 STAMP = ".via-kernels"  # file in NUMBA_CACHE_DIR that marks a complete cache
 AMPLITUDE = 0.3  # [rad] of the simulated motion
@@ -24,10 +23,11 @@ def main() -> None:
     folder = os.environ.get("NUMBA_CACHE_DIR")
     if not folder or (Path(folder) / STAMP).exists():
         return
-    columns = (TextColumn("setup: compiling kernels, about two minutes:"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=errors, transient=True) as bar:
-        task = bar.add_task("", total=1.0)
-        compile_kernels(lambda share: bar.update(task, completed=share))
+    what = "setup: compiling kernels, about two minutes"
+    if not errors.is_terminal:
+        errors.print(f"{what} ...")
+    with working(what) as show:
+        compile_kernels(lambda share: show(what, share))
     Path(folder).mkdir(parents=True, exist_ok=True)
     (Path(folder) / STAMP).touch()
 
@@ -57,4 +57,8 @@ def compile_kernels(progress: Callable[[float], None]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    end_on_interrupt()
+    try:
+        main()
+    except KeyboardInterrupt:
+        leave()

@@ -36,9 +36,9 @@ class ModalLimitCycleParameters(ControllerParameters):
     equilibrium: tuple[float, ...] = parameter((0.2, 0.4, 0.3, 1.2), "q_d, link angles at the equilibrium", "rad")
     stiffness: tuple[float, ...] = parameter((), "diagonal of K_d; empty: stiffness of the springs at rest", "N m/rad")
     mode: int = parameter(1, "mode that swings, 1 is the softest", "", (1, 64))
-    damping_ratio: float = parameter(0.7, "xi of the other modes", "-", (1e-3, 10.0))
-    gain: float = parameter(3.0, "k_V, rate at which H converges to H_d", "s/(kg m^2)", (1e-6, 1e6))
-    level: float = parameter(0.02, "H_d, half the squared amplitude of z", "kg m^2", (1e-9, 1e3))
+    damping_ratio: float = parameter(0.7, "xi of the other modes", "-", (1e-3, 10.0), live=True)
+    gain: float = parameter(3.0, "k_V, rate at which H converges to H_d", "s/(kg m^2)", (1e-6, 1e6), live=True)
+    level: float = parameter(0.02, "H_d, half the squared amplitude of z", "kg m^2", (1e-9, 1e3), live=True)
     start: float = parameter(
         START, "shift of the rest position that starts the motion, over the amplitude; 0: wait for a push", "-", (0, 1)
     )
@@ -90,9 +90,9 @@ class BangBangParameters(ControllerParameters):
     motors: tuple[float, ...] = parameter((0.2, 0.5, 0.3, 1.3), "theta_0, motor angles at the equilibrium", "rad")
     direction: tuple[float, ...] = parameter((0.0, 1.0, 0.0, 1.0), "w_1(0), initial direction of the swing", "-")
     bandwidth: float = parameter(60.0, "omega_m of the motor control", "rad/s", (1.0, 1e4))
-    amplitude: float = parameter(0.03, "theta_hat, switching amplitude of the motors", "rad", (0.0, 10.0))
-    threshold: float = parameter(0.5, "epsilon, least |tau_z| at which the motors switch", "N m", (0.0, 1e6))
-    adaptation: float = parameter(50.0, "gamma, adaptation rate of w_1", "1/(rad^2 s)", (0.0, 1e6))
+    amplitude: float = parameter(0.03, "theta_hat, switching amplitude of the motors", "rad", (0.0, 10.0), live=True)
+    threshold: float = parameter(0.5, "epsilon, least |tau_z| at which the motors switch", "N m", (0.0, 1e6), live=True)
+    adaptation: float = parameter(50.0, "gamma, adaptation rate of w_1", "1/(rad^2 s)", (0.0, 1e6), live=True)
 
     def build(self) -> ControlledArm:
         arm = load_vsa_arm(self.arm)
@@ -108,9 +108,9 @@ class HoppingParameters(ControllerParameters):
 
     crouch: float = parameter(0.6, "a_0, angle of the thighs from the vertical", "rad", (0.01, 1.5))
     bandwidth: float = parameter(120.0, "omega_m of the motor control", "rad/s", (1.0, 1e4))
-    amplitude: float = parameter(0.1, "theta_hat, switching amplitude of the motors", "rad", (0.0, 10.0))
-    threshold: float = parameter(1.0, "epsilon, least |tau_z| at which the motors switch", "N m", (0.0, 1e6))
-    adaptation: float = parameter(50.0, "gamma, adaptation rate of w_1", "1/(rad^2 s)", (0.0, 1e6))
+    amplitude: float = parameter(0.1, "theta_hat, switching amplitude of the motors", "rad", (0.0, 10.0), live=True)
+    threshold: float = parameter(1.0, "epsilon, least |tau_z| at which the motors switch", "N m", (0.0, 1e6), live=True)
+    adaptation: float = parameter(50.0, "gamma, adaptation rate of w_1", "1/(rad^2 s)", (0.0, 1e6), live=True)
 
     def build(self) -> ControlledArm:
         legs = HopperWithLimits()

@@ -128,8 +128,8 @@ class BangBangJointParameters(ControllerParameters):
     device: str = parameter("visco_elastic_demo", DEVICE)
     equilibrium: float = parameter(0.0, "equilibrium of theta_0", "rad", (-10.0, 10.0))
     preset: float = parameter(0.0, "stiffness preset of theta_0", "rad", (-10.0, 10.0))
-    amplitude: float = parameter(0.03, "theta_hat, switching amplitude of the motors", "rad", (0.0, 10.0))
-    threshold: float = parameter(0.1, "epsilon, least |tau_z| at which the motors switch", "N m", (0.0, 1e6))
+    amplitude: float = parameter(0.03, "theta_hat, switching amplitude of the motors", "rad", (0.0, 10.0), live=True)
+    threshold: float = parameter(0.1, "epsilon, least |tau_z| at which the motors switch", "N m", (0.0, 1e6), live=True)
     bandwidth: float = parameter(60.0, "omega_m of the motor control", "rad/s", (1.0, 1e4))
     velocity_bandwidth: float = parameter(500.0, "low pass of the motor velocities", "rad/s", (1e-3, 1e5))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,24 @@ class ControllerParameters(ABC):
 
     autostart: bool = parameter(True, "configure and activate at start-up")
     told_every: int = parameter(1, "number of samples per ControlState message", "", (1, 1_000_000))
+
+    def tuned(self, supervisor: Any) -> Any:
+        """The supervisor with the live parameters in its controller; what holds the robot still is not changed."""
+        if "controller" in {each.name for each in fields(supervisor)}:
+            return replace(supervisor, controller=self._with_live(supervisor.controller))
+        return replace(supervisor, supervisor=self.tuned(supervisor.supervisor))
+
+    def _with_live(self, part: Any) -> Any:
+        """The dataclass `part` with the live parameters in all its fields of the same name."""
+        live = {each.name for each in fields(self) if each.metadata.get("live")}
+        changed = {}
+        for each in fields(part):
+            value = getattr(part, each.name)
+            inner = self._with_live(value) if is_dataclass(value) else value
+            new = getattr(self, each.name) if each.name in live else inner
+            if new is not value:
+                changed[each.name] = new
+        return replace(part, **changed) if changed else part
 
     def shared(self, controller: type) -> dict[str, Any]:
         """The parameters that are fields of the same name in `controller`."""

@@ -12,7 +12,11 @@ def parameter(
     unit: str = "",
     limits: tuple[float, float] | None = None,
     choices: tuple[str, ...] = (),
+    live: bool = False,
 ) -> Any:
-    """A dataclass field with description, unit, inclusive range and choices; what is not given is not declared."""
-    about = {"description": description, "unit": unit, "range": limits, "choices": choices}
+    """A dataclass field with description, unit, inclusive range and choices; what is not given is not declared.
+
+    live  whether the value may change while a node runs
+    """
+    about = {"description": description, "unit": unit, "range": limits, "choices": choices, "live": live}
     return field(default=default, metadata={key: value for key, value in about.items() if value})

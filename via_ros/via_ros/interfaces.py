@@ -22,13 +22,18 @@ HEADER = struct.Struct("<iII")  # stamp, length of frame_id
 
 def message_class(type_name: str) -> Any:
     """Class of 'package/msg/Name'. Raises BagError where it is not installed."""
-    words = re.fullmatch(r"(\w+)/msg/(\w+)", type_name)
+    return interface_class(type_name, "msg", "message")
+
+
+def interface_class(type_name: str, kind: str, called: str) -> Any:
+    """Class of 'package/<kind>/Name', kind 'msg', 'srv' or 'action'. Raises BagError with `called` if not installed."""
+    words = re.fullmatch(rf"(\w+)/{kind}/(\w+)", type_name)
     try:
-        if words and words[2][0].isupper():  # other names in the module are not messages
-            return getattr(import_module(f"{words[1]}.msg"), words[2])
+        if words and words[2][0].isupper():  # other names in the module are not interfaces
+            return getattr(import_module(f"{words[1]}.{kind}"), words[2])
     except (ImportError, AttributeError):
         pass
-    raise BagError(f"message type {type_name} is not installed here; source its workspace")
+    raise BagError(f"{called} type {type_name} is not installed here; source its workspace")
 
 
 def stamp_of(data: bytes) -> int | None:

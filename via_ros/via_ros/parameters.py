@@ -7,28 +7,31 @@
 
     parameters = declare(node, Parameters)
 
-A float parameter accepts an integer (`rate:=2`). Parameters are read-only, as those of algorithms are frozen.
+A float parameter accepts an integer (`rate:=2`). Parameters are read-only, except those declared `live` in a node that
+takes changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import MISSING, fields
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields, replace
 from math import inf
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import InvalidParameterValueException
-from via_core.errors import ParameterError
+from via_core.errors import ParameterError, ViaError
 
 T = TypeVar("T")
 WHOLE = 2**63 - 1  # bounds of a ROS integer parameter
 
 
-def declare(node: Any, kind: type[T], prefix: str = "") -> T:
+def declare(node: Any, kind: type[T], prefix: str = "", changed: Callable[[T], None] | None = None) -> T:
     """Declare one parameter per field of the dataclass `kind` and return an instance with their values.
 
-    prefix  prepended to the names with a dot, for nodes with several sets
+    prefix   prepended to the names with a dot, for nodes with several sets
+    changed  called with new parameters when a live one is set while the node runs; a ViaError refuses them
+
     Every field needs a default of the parameter's type: float, int, bool, str, or a tuple of one of these.
     Raises ParameterError with the name of the parameter, its value and the allowed range.
     """
@@ -37,18 +40,45 @@ def declare(node: Any, kind: type[T], prefix: str = "") -> T:
     for item in fields(kind):  # type: ignore[arg-type]
         name = f"{prefix}{item.name}"
         default = item.default_factory() if item.default_factory is not MISSING else item.default
-        given = _declared(node, name, default, item.metadata)
+        fixed = changed is None or not item.metadata.get("live")
+        given = _declared(node, name, default, item.metadata, fixed)
         values[item.name] = _checked(name, given, default, item.metadata)
     try:
-        return kind(**values)
+        declared = kind(**values)
     except ParameterError as error:
         raise ParameterError(f"parameter {prefix}{str(error).partition('.')[2] or error}") from None
+    if changed is not None:
+        _take_changes(node, declared, prefix, changed)
+    return declared
 
 
-def _declared(node: Any, name: str, default: Any, about: Mapping[str, Any]) -> Any:
+def _take_changes(node: Any, declared: Any, prefix: str, changed: Callable[[Any], None]) -> None:
+    """Call `changed` whenever live parameters of the instance `declared` are set."""
+    live = {f"{prefix}{item.name}": item for item in fields(declared) if item.metadata.get("live")}
+    present = [declared]
+
+    def consider(given: list[Any]) -> SetParametersResult:
+        mine = {each.name: each.value for each in given if each.name in live}
+        try:
+            values = {
+                live[name].name: _checked(name, value, getattr(present[0], live[name].name), live[name].metadata)
+                for name, value in mine.items()
+            }
+            if values:
+                new = replace(present[0], **values)
+                changed(new)
+                present[0] = new
+        except ViaError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(consider)
+
+
+def _declared(node: Any, name: str, default: Any, about: Mapping[str, Any], fixed: bool) -> Any:
     descriptor = ParameterDescriptor(
         description=about.get("description", "") + (f" [{about['unit']}]" if about.get("unit") else ""),
-        read_only=True,
+        read_only=fixed,
         dynamic_typing=True,  # static typing would refuse `rate:=2` for a float
         additional_constraints=f"one of: {', '.join(about['choices'])}" if "choices" in about else "",
     )

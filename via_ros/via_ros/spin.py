@@ -79,13 +79,14 @@ def run(make_node: Callable[[], Any], args: list[str] | None = None) -> int:
     0 after SIGINT or SIGTERM; the result of the node's future `finished`, if it has one; 2, with one line on stderr,
     for errors in parameters, devices or bags. The node parameter `executor` selects 'events' or 'single'.
     """
-    ended = Future()
-    _end_on_signals(ended)
+    ended, begun = Future(), threading.Event()
+    _end_on_signals(ended, begun)
     middleware.prepare()
     nodes: list[Any] = []
     code = 0
     try:
         executor = _set_up(make_node, args, nodes, ended)
+        begun.set()
         spin(executor, ended)
         code = ended.result() or 0
     except ExternalShutdownException:
@@ -109,9 +110,7 @@ def _set_up(make_node: Callable[[], Any], args: list[str] | None, nodes: list[An
         os.environ.setdefault("ROS_LOG_DIR", os.path.join(tempfile.gettempdir(), "ros_log"))
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        domain = rclpy.get_default_context().get_domain_id()
-        if not 0 <= domain <= LAST_DOMAIN:
-            raise ParameterError(f"ROS_DOMAIN_ID must lie in [0, {LAST_DOMAIN}], got {domain}")
+        check_domain(rclpy.get_default_context())
         unknown = remove_ros_args(sys.argv if args is None else ["", *args])[1:]
         if unknown:
             raise ParameterError(
@@ -124,9 +123,17 @@ def _set_up(make_node: Callable[[], Any], args: list[str] | None, nodes: list[An
         executor = make_executor(node.declare_parameter("executor", "events").value)
         executor.add_node(node)
         _warn_of_unknown_parameters(node)
+        _name_defaults(node)
     except REFUSALS as error:
         raise ParameterError(" ".join(str(error).split())) from None
     return executor
+
+
+def check_domain(context: Any) -> None:
+    """Raise ParameterError if the context's domain has no valid ports."""
+    domain = context.get_domain_id()
+    if not 0 <= domain <= LAST_DOMAIN:
+        raise ParameterError(f"ROS_DOMAIN_ID must lie in [0, {LAST_DOMAIN}], got {domain}")
 
 
 def _warn_of_unknown_parameters(node: Any) -> None:
@@ -138,12 +145,23 @@ def _warn_of_unknown_parameters(node: Any) -> None:
         node.get_logger().warning(f"no parameter {', '.join(unknown)}; there are: {', '.join(sorted(known))}")
 
 
+def _name_defaults(node: Any) -> None:
+    """Log which device or arm a node took although none was given."""
+    for name in ("device", "arm"):
+        if node.has_parameter(name) and not {name, f"{name}s"} & node._parameter_overrides.keys():
+            taken = node.get_parameter(name).value
+            text = f"no {name} was given, so '{taken}' is used; choose one with -p {name}:=NAME"
+            node.get_logger().info(text)
+
+
 def _complain(nodes: list[Any], error: Exception) -> None:
     print(shown(f"{nodes[0].get_name() if nodes else 'error'}: {error}"), file=sys.stderr)
 
 
-def _end_on_signals(ended: Future) -> None:
+def _end_on_signals(ended: Future, begun: threading.Event) -> None:
     """Finish `ended` at the first SIGINT or SIGTERM and ignore later ones, so that bags get closed.
+
+    Before `begun` the process ends at once: a node that compiles its kernels has nothing to close.
 
     The handlers of rclpy shut the context down during callbacks, in which publishing then raises. These handlers write
     one byte into a pipe, also while the main thread waits in the executor, and a thread reads it.
@@ -156,6 +174,9 @@ def _end_on_signals(ended: Future) -> None:
 
     def watch() -> None:
         os.read(end, 1)
+        if not begun.is_set():
+            print("interrupted while the node started", file=sys.stderr, flush=True)
+            os._exit(0)
         ended.set_result(0)
 
     threading.Thread(target=watch, name="signals", daemon=True).start()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import signal
 import sys
 from importlib.metadata import entry_points, version
 from typing import Annotated, Any, NoReturn
@@ -15,12 +14,27 @@ from via_core.errors import ViaError
 
 from via_bringup.cli.console import answers, errors
 from via_bringup.cli.deferred import Entry, add
+from via_bringup.cli.interrupts import end_on_interrupt, leave
 
 PLUGINS = "via.commands"  # entry point group; each entry point is a dict like COMMANDS
 GROUPS = {
     "bag": "Import, inspect, record, play and recover MCAP bags.",
     "gap": "Diagnose the gap between logs and the model of their device.",
+    "topic": "List, print, measure and publish topics.",
+    "service": "List and call services.",
+    "action": "Send goals to actions.",
+    "param": "List, read and change parameters of running nodes.",
+    "node": "List the nodes that run.",
+    "lifecycle": "Read and change the state of lifecycle nodes.",
 }
+RAW = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
+
+
+def _ros(name: str, target: str, text: str, ros2: str = "") -> dict[str, Entry]:
+    """A command that `ros2` has too, under the same name or as `ros2`."""
+    return {name: Entry(f"via_bringup.cli.ros.{target}", text, ros2=ros2 or name)}
+
+
 COMMANDS = {
     "demo": Entry(
         "via_bringup.cli.demo:demo",
@@ -48,7 +62,16 @@ COMMANDS = {
     "run": Entry(
         "via_bringup.cli.run:run",
         "Run an installed node; all further arguments are passed to it, e.g. --ros-args -p device:=maccepavd.",
-        {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
+        RAW,
+    ),
+    "launch": Entry(
+        "via_bringup.cli.ros.launch:launch",
+        "Start the nodes of a launch file and end them together; --show-args lists its arguments.",
+        RAW,
+    ),
+    "watch": Entry(
+        "via_bringup.cli.ros.watch:watch",
+        "Show rate, stiffness, damping, status, gap and causes of every joint, and the warnings of all nodes, live.",
     ),
     "bag import": Entry(
         "via_bringup.cli.bag:import_folder",
@@ -86,6 +109,42 @@ COMMANDS = {
         "via_bringup.cli.gap_fleet:fleet",
         "Diagnose many logs and print one table; also written to fleet.csv and fleet.json in the results folder.",
     ),
+    **_ros("topic list", "topic:list_topics", "List the topics."),
+    **_ros("topic info", "topic:info", "Show type, publishers and subscribers of a topic, with their QoS."),
+    **_ros("topic echo", "topic:echo", "Print the messages of a topic as YAML until interrupted."),
+    **_ros(
+        "topic hz",
+        "topic:hz",
+        "Print the rate of a topic and the intervals between its messages every second, until interrupted.",
+    ),
+    **_ros(
+        "topic pub",
+        "topic:pub",
+        "Publish a message, once it has a subscriber; until interrupted, unless --once or --times is given.",
+    ),
+    **_ros("service list", "service:list_services", "List the services."),
+    **_ros("service call", "service:call", "Call a service and print its response as YAML."),
+    **_ros(
+        "action send",
+        "service:send",
+        "Send a goal to an action and print its result as YAML. Ctrl-C cancels the goal.",
+        "action send_goal",
+    ),
+    **_ros("node list", "service:list_nodes", "List the nodes."),
+    **_ros("param list", "param:list_parameters", "List the parameters of a node, or of all nodes."),
+    **_ros("param get", "param:get", "Print the value of a parameter as YAML."),
+    **_ros(
+        "param set",
+        "param:set_parameter",
+        "Change a parameter of a running node. The node refuses invalid values and parameters that are fixed.",
+    ),
+    **_ros(
+        "param describe",
+        "param:describe",
+        "Describe a parameter: meaning and unit, type, range, and whether it can change while the node runs.",
+    ),
+    **_ros("lifecycle get", "param:get_state", "Print the state of a lifecycle node."),
+    **_ros("lifecycle set", "param:set_state", "Change the state of a lifecycle node."),
 }
 
 
@@ -97,6 +156,13 @@ class Via(TyperGroup):
         add(self, COMMANDS, GROUPS)
         for plugin in entry_points(group=PLUGINS):
             add(self, plugin.load(), GROUPS)
+
+    def invoke(self, context: Any) -> Any:
+        """Run the command; Ctrl-C ends the process with one line."""
+        try:
+            return super().invoke(context)
+        except KeyboardInterrupt:
+            leave()
 
 
 app = typer.Typer(
@@ -124,7 +190,7 @@ def via(
 
 def main() -> None:
     """Run the command. A ViaError or file system error is printed in one line, with exit code 2."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    end_on_interrupt()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # for file names that are not valid Unicode
@@ -134,9 +200,6 @@ def main() -> None:
         _end(str(error))
     except OSError as error:
         _end(f"{error.filename or 'input or output'}: {error.strerror}")
-    except KeyboardInterrupt:
-        errors.print("interrupted")
-        sys.exit(130)
 
 
 def _end(text: str) -> NoReturn:

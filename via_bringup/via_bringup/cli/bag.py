@@ -17,7 +17,8 @@ from via_core.bags.recovery import recover as recover_bag
 from via_core.devices import load_device
 from via_core.text_files import write_text
 
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, table, working
+from via_bringup.cli.outputs import check_files, check_folder
 from via_bringup.cli.run import execute_node, ros_arguments
 
 BagPath = Annotated[Path, typer.Argument(help="Bag folder or .mcap file.")]
@@ -31,7 +32,10 @@ def import_folder(
     report: Annotated[Path | None, typer.Option("--json", help="Write the full report to this file.")] = None,
 ) -> None:
     """Convert CSV recordings to bags; refuse unusable ones and list the reasons."""
-    imported = import_recordings(folder, mapping, out)
+    check_folder(out)
+    check_files(report)
+    with working(f"importing {folder}"):
+        imported = import_recordings(folder, mapping, out)
     if imported.refused:
         listing = table("Refused", "recording", "reason")
         listing.columns[1].justify = "left"
@@ -87,6 +91,7 @@ def check(
 
 def recover(bag: BagPath, out: Annotated[Path, typer.Argument(help="New bag folder.")]) -> None:
     """Write all readable messages of a damaged bag to a new bag."""
+    check_folder(out)
     recovered = recover_bag(bag, out)
     for remark in recovered.remarks:
         errors.print(f"note: {remark}")
@@ -98,6 +103,7 @@ def record(
     topics: Annotated[list[str] | None, typer.Argument(help="Topics to record; default: all.")] = None,
 ) -> None:
     """Record topics until interrupted, also those that appear later; a line names each topic at its first message."""
+    check_folder(out)
     execute_node("via_ros", "recorder", ros_arguments(bag=str(out), **({"topics": topics} if topics else {})))
 
 

@@ -7,10 +7,14 @@ printed as their pictures: names in files of others may contain them.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from math import isnan
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 from via_core.text_files import shown
@@ -50,3 +54,19 @@ def table(title: str, *columns: str) -> Table:
     for number, column in enumerate(columns):
         made.add_column(column, justify="left" if number == 0 else "right", no_wrap=number == 0, overflow="fold")
     return made
+
+
+@contextmanager
+def working(text: str) -> Iterator[Callable[[str, float], None]]:
+    """Show what is done and for how long; the function given takes a step and the share done, NaN if unknown.
+
+    Without a terminal nothing is shown.
+    """
+    columns = (SpinnerColumn(), TextColumn("{task.fields[share]}{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal) as bar:
+        task = bar.add_task(text, total=None, share="")
+
+        def show(step: str, share: float) -> None:
+            bar.update(task, description=step, share="" if isnan(share) else f"{100.0 * share:3.0f} % ")
+
+        yield show

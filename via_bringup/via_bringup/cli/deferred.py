@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pkgutil import resolve_name
@@ -18,6 +20,7 @@ class Entry:
     target: str  # module:attribute, a function or a typer.Typer
     help: str  # first paragraph of the function's docstring
     settings: Mapping[str, Any] = field(default_factory=dict)  # context settings of click
+    ros2: str = ""  # words of the `ros2` command that runs instead where there is one, e.g. "topic echo"
 
     def load(self, name: str) -> TyperCommand | TyperGroup:
         """The command. Imports its module."""
@@ -38,6 +41,8 @@ class DeferredCommand(TyperCommand):
 
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Context of the loaded command. click always calls this method before it runs or completes a command."""
+        if self.entry.ros2 and not extra.get("resilient_parsing") and (native := shutil.which("ros2")):
+            os.execv(native, [native, *self.entry.ros2.split(), *args])
         return self.entry.load(self.name or "").make_context(info_name, args, parent, **extra)
 
 

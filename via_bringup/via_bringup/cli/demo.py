@@ -9,7 +9,8 @@ import typer
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from via_bringup.cli.console import answers, table
+from via_bringup.cli.console import answers, table, working
+from via_bringup.cli.outputs import check_folder
 
 
 def demo(
@@ -32,7 +33,10 @@ def demo(
         from via_bringup.demo.scenes import run_scene  # imports ROS, which `via demo --help` does not need
 
         folder = out or Path("out") / scene
-        for path in run_scene(scene, folder, min(duration, 10.0)):
+        check_folder(folder)
+        with working(f"scene {scene}") as show:
+            written = run_scene(scene, folder, min(duration, 10.0), show)
+        for path in written:
             answers.print(str(path))
         return
     from via_bringup.demo.run import run_demo

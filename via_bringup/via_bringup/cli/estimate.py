@@ -17,7 +17,8 @@ from via_estimators.contract import Estimates
 from via_estimators.methods import Pair, estimator_for, pairs_of
 from via_estimators.rows import BagEstimates, estimate_bag
 
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, errors, table, working
+from via_bringup.cli.outputs import check_files
 
 UNITS = {"stiffness": "N m/rad", "motor_inertia": "kg m^2", "motor_damping": "N m s/rad", "damping": "N m s/rad"}
 
@@ -36,11 +37,16 @@ def estimate(
     ] = None,
 ) -> None:
     """Estimate stiffness and damping from a bag and print the last values."""
+    check_files(out)
     pairs = pairs_of([load_device(each) for each in device], method or ["auto"])
     read = read_bag(bag)
     for remark in read.remarks:
         errors.print(f"note: {remark}")
-    results = [(pair, estimate_bag(read, pair.device, estimator_for(*pair), joint_topic)) for pair in pairs]
+    results: list[tuple[Pair, BagEstimates]] = []
+    with working(f"estimating from {bag.name}") as progress:
+        for pair in pairs:
+            progress(f"{pair.device.name} by {pair.method}", len(results) / len(pairs))
+            results.append((pair, estimate_bag(read, pair.device, estimator_for(*pair), joint_topic)))
     lacking = [f"{pair.device.name}: {what}" for pair, each in results for what in _missing(each, _inputs(pair))]
     for complaint in dict.fromkeys([*read[joint_topic].left_out, *lacking]):
         errors.print(f"note: {complaint}")

@@ -16,7 +16,8 @@ from via_gap.design.excite import Effort, Goal
 from via_gap.design.excite_design import Designed, Settings, design
 from via_gap.design.observed import torque_noise_of
 
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, table, working
+from via_bringup.cli.outputs import check_files
 
 COVERAGE = 0.7  # of 95 % intervals, below which they are wrong
 
@@ -55,10 +56,12 @@ def excite(
     if goal.stiffness_sd is None and goal.damping_sd is None:
         raise ParameterError("--stiffness-sd or --damping-sd must state a wanted standard deviation")
     noise = torque_noise or torque_noise_of(described)
-    settings = Settings(margin, max_duration, noise, seeds, Effort(seed=seed))
-    found = design(described, goal, settings, lambda text: errors.print(text))
-    _print(found, noise)
     path = out or Path(f"excite_{described.name}.csv")
+    check_files(path, json_file)
+    settings = Settings(margin, max_duration, noise, seeds, Effort(seed=seed))
+    with working(f"designing a motion of {described.name}") as progress:
+        found = design(described, goal, settings, lambda text: progress(text, float("nan")))
+    _print(found, noise)
     references = {f"reference_{i + 1}": column for i, column in enumerate(found.commanded.reference.T)}
     commands = found.commanded.commands
     write_table(path, commands.time, columns_of(commands) | references)

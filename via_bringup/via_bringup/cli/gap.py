@@ -9,7 +9,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from via_core.devices import Device, load_device
 from via_core.errors import ViaError
 from via_core.text_files import read_text, write_text
@@ -22,7 +21,8 @@ from via_gap.report.report import GapReport, read_report, save_repair
 from via_gap.report.withheld import before_and_after
 from via_sim.effects.files import load_effects
 
-from via_bringup.cli.console import answers, errors
+from via_bringup.cli.console import answers, working
+from via_bringup.cli.outputs import check_files
 
 Arm = Annotated[
     str | None, typer.Option(help="Arm with rigid joints, name or path to its YAML; each log contains all its joints.")
@@ -48,13 +48,8 @@ def diagnose(
     """
     if (device is None) == (arm is None):
         raise ViaError("give either --device or --arm")
-    columns = (SpinnerColumn(), TextColumn("{task.percentage:3.0f} % {task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=errors, transient=True) as bar:
-        task = bar.add_task("reading", total=1.0)
-
-        def progress(step: str, share: float) -> None:
-            bar.update(task, description=step, completed=share)
-
+    check_files(out, html, effects_out)
+    with working("reading and diagnosing") as progress:
         if arm is not None:
             reports = _of_arm(arm, logs, holdout or (), progress)
         else:
@@ -98,6 +93,7 @@ def render(
     html: Annotated[Path | None, typer.Option(help="Write the report as one HTML page to this file.")] = None,
 ) -> None:
     """Print a saved report as text; optionally write it as an HTML page."""
+    check_files(html)
     saved = read_report(read_text(report), str(report))
     answers.print(text(saved), soft_wrap=True)
     if html is not None:
@@ -120,6 +116,7 @@ def simulate(
 
     For a joint of an --arm the error is the residual torque of its equation of motion; nothing is simulated.
     """
+    check_files(out)
     described = load_device(device)
     saved = read_report(read_text(report), str(report)) if report is not None else None
     added = load_effects(effects) if effects is not None else saved.repaired() if saved is not None else ()
@@ -131,7 +128,8 @@ def simulate(
     by_equations = arm is not None or (saved is not None and saved.by_equations)
     if saved is not None:
         read = saved.as_read(read)
-    before, after = before_and_after(read, described, added, held_out, by_equations)
+    with working(f"simulating {len(read)} logs without and with effects"):
+        before, after = before_and_after(read, described, added, held_out, by_equations)
     floor = float(np.sqrt(np.mean(before.floors**2)))
     answers.print(f"gap: {before.overall:.4g} before, {after.overall:.4g} after, floor {floor:.3g}")
     if out is not None:

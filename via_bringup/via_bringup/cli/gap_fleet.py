@@ -16,6 +16,7 @@ from via_core.devices import load_device
 from via_core.text_files import write_text
 
 from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.outputs import check_files, check_folder
 
 if TYPE_CHECKING:
     from via_gap.run.fleet import Row
@@ -38,6 +39,8 @@ def fleet(
     """Diagnose many logs and print one table; also written to fleet.csv and fleet.json in the results folder."""
     from via_gap.run.fleet import Workers, run_fleet  # importing dask takes a second
 
+    check_folder(results)
+    check_files(markdown)
     described = load_device(device)
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=errors, transient=True) as bar:

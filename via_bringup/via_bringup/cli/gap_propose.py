@@ -13,7 +13,8 @@ from via_gap.design.motion_file import write_motion
 from via_gap.design.proposal import general_motion, propose
 from via_gap.report.report import read_report
 
-from via_bringup.cli.console import answers
+from via_bringup.cli.console import answers, working
+from via_bringup.cli.outputs import check_files
 
 
 def propose_motion(
@@ -28,9 +29,11 @@ def propose_motion(
 
     Without tied causes, the motion written by --out has many speeds: its log tests the model once more.
     """
+    check_files(out)
     saved = read_report(read_text(report), str(report))
     described = load_device(device or saved.joint)
-    found = propose(saved, described, reach)
+    with working("searching for a motion that separates tied causes"):
+        found = propose(saved, described, reach)
     if found is None:
         answers.print("nothing to decide: the report has no tied causes")
         if out is not None:

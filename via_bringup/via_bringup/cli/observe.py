@@ -15,7 +15,8 @@ from via_estimators.joint_equations import Unknown
 from via_gap.design.observed import Observed, declared_noise, observe_default, observe_log, torque_noise_of
 from via_gap.logs.log import read_log
 
-from via_bringup.cli.console import answers, errors, table
+from via_bringup.cli.console import answers, table, working
+from via_bringup.cli.outputs import check_files
 
 WELL = 0.05  # relative standard deviation up to which a quantity is determined well
 ROUGHLY = 0.3  # and roughly
@@ -35,14 +36,15 @@ def observe(
 
     Without a log, the device's default motion is simulated, and one column per signal set is shown.
     """
+    check_files(json_file)
     described = load_device(device)
     if log is not None:
         read = read_log(log, described, joint_topic)
         found, motion = [observe_log(read)], log.name
         answers.print(_of_log(described, motion, found[0]))
     else:
-        errors.print(f"simulating the default motion of {described.name} ...")
-        default, found = observe_default(described, torque_noise)
+        with working(f"simulating the default motion of {described.name}"):
+            default, found = observe_default(described, torque_noise)
         motion = default.name
         answers.print(_of_sets(described, motion, found))
     for each in found:

@@ -27,9 +27,26 @@ def run(
 
 def execute_node(package: str, executable: str, arguments: list[str]) -> NoReturn:
     """Replace this process by the executable, which then receives the signals and returns the exit code."""
-    path = find_executable(package, executable)
+    command = node_command(find_executable(package, executable), arguments)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # SUBNET opens the node to the network
-    os.execv(path, [str(path), *arguments])
+    os.execv(command[0], command)
+
+
+# Ctrl-C while a script imports its modules would print a traceback.
+START = (
+    "import os, runpy, signal, sys; "
+    "signal.signal(signal.SIGINT, lambda *_: (os.write(2, b'interrupted while the node started\\n'), os._exit(130))); "
+    "sys.argv = sys.argv[1:]; runpy.run_path(sys.argv[0], run_name='__main__')"
+)
+
+
+def node_command(path: Path, arguments: list[str]) -> list[str]:
+    """Command line of an executable; a Python script runs so that Ctrl-C ends it in one line from the start."""
+    with path.open("rb") as file:
+        first = file.readline(256)
+    if first.startswith(b"#!") and b"python" in first:
+        return [*first[2:].decode(errors="surrogateescape").split(), "-c", START, str(path), *arguments]
+    return [str(path), *arguments]
 
 
 def ros_arguments(**parameters: Any) -> list[str]:

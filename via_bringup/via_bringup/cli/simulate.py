@@ -17,6 +17,7 @@ from via_sim.sensors import Sensors
 from via_sim.simulate import InitialConditions, simulate
 
 from via_bringup.cli.console import answers
+from via_bringup.cli.outputs import check_files
 from via_bringup.cli.run import execute_node, ros_arguments
 
 
@@ -35,6 +36,7 @@ def run_simulator(
     described = load_device(device)  # errors appear here in one line, before the node starts
     added = load_effects(effects) if effects is not None else ()
     if commands is not None:
+        check_files(record)
         simulate_file(described, added, commands, record, rate, seed)
         answers.print(f"wrote {record}")
         return

@@ -13,6 +13,7 @@ from via_core.signals import Array
 from via_ros.composition import Composition
 from via_ros.nodes.recorder import Recorder
 
+Progress = Callable[[str, float], None]  # step, share of it that is done
 TIMEOUT = 60.0  # [s] of wall time per simulated second, at least one
 
 
@@ -53,7 +54,7 @@ class Recorded:
 
 
 def record_scene(
-    bag: Path, robot: Robot, controller: Callable[..., Any], duration: float, **simulator: Any
+    bag: Path, robot: Robot, controller: Callable[..., Any], duration: float, progress: Progress, **simulator: Any
 ) -> Recorded:
     """Record the controller node on the simulated robot, in lockstep; `simulator` are parameters of its node."""
     base, control = f"/{robot.name}/base", f"/{robot.name}/control"
@@ -66,14 +67,21 @@ def record_scene(
     }
     needed = ["/joint_states", control, *([base] if robot.base else [])]
     wait = TIMEOUT * max(1.0, duration)
+    progress("starting the nodes", 0.0)
     with Composition() as graph:
         graph.add(controller)
         recorded = [f"{topic}:{kind}" for topic, kind in topics.items() if kind]
         recorder = graph.add(Recorder, bag=str(bag), topics=recorded)
         simulated = graph.add(robot.node, mode="lockstep", duration=duration, listeners=2, **simulator)
-        graph.run_until(simulated.finished.done, wait, "the scene")
         least = round(duration * 1e3)
+
+        def done() -> bool:
+            progress("simulating and recording", simulated.ticks / least)
+            return bool(simulated.finished.done())
+
+        graph.run_until(done, wait, "the scene")
         graph.run_until(lambda: all(recorder.counts[topic].messages >= least for topic in needed), wait, "recording")
+    progress("drawing pictures and animation", float("nan"))
     found = read_bag(bag, needed)
     states, quantities = found["/joint_states"], found[control]
     stamps = found.topic("/joint_states").stamp

@@ -29,7 +29,7 @@ from via_sim.nodes.simulator import SimulatorNode
 from via_bringup.demo.animations import arm_animation, hopper_animation, throw_animation
 from via_bringup.demo.pictures import FAINT, MODEL, REAL, REFERENCE, STYLE
 from via_bringup.demo.reference import ARM, EQUILIBRIUM, LEVEL, STIFFNESS, damped_arm, throwing_controller, wall_scene
-from via_bringup.demo.scene_recording import Recorded, Robot, record_scene
+from via_bringup.demo.scene_recording import Progress, Recorded, Robot, record_scene
 
 WALL_AT, START_AT = 0.5, 1.2  # hitting scene: fractions of the distance to the free turning point
 COLOURS = (REAL, MODEL, "#2a7f62", "#b08ea2")
@@ -38,20 +38,22 @@ COLOURS = (REAL, MODEL, "#2a7f62", "#b08ea2")
 SIMULATED_ARM = Robot(ARM.name, ArmSimulatorNode, contact="geometry_msgs/msg/WrenchStamped")
 
 
-def run_scene(scene: str, out: Path, duration: float) -> list[Path]:
+def run_scene(scene: str, out: Path, duration: float, progress: Progress) -> list[Path]:
     """Run a scene and return the paths written to `out`; `duration` [s]. Raises ParameterError for an unknown name."""
     if scene not in SCENES:
         raise ParameterError(f"no scene '{scene}'; there are: {', '.join(SCENES)}")
     out.mkdir(parents=True, exist_ok=True)
     with plt.rc_context(STYLE):
-        return SCENES[scene](out, duration)
+        return SCENES[scene](out, duration, progress)
 
 
-def _limit_cycle(out: Path, duration: float) -> list[Path]:
+def _limit_cycle(out: Path, duration: float, progress: Progress) -> list[Path]:
     z = np.zeros(ARM.n)
     z[0] = 0.3 * np.sqrt(2.0 * LEVEL)
     start = EQUILIBRIUM + first_basis(ARM.inertia(EQUILIBRIUM), STIFFNESS).W @ z
-    seen = record_scene(out / "bag", SIMULATED_ARM, NODES["modal_limit_cycle"], duration, posture=start.tolist())
+    seen = record_scene(
+        out / "bag", SIMULATED_ARM, NODES["modal_limit_cycle"], duration, progress, posture=start.tolist()
+    )
     figure, (modal, joints, level) = plt.subplots(1, 3, figsize=(14, 4.6), constrained_layout=True)
     step = float(np.diff(seen.time).mean())
     for i, colour in enumerate(COLOURS):
@@ -65,11 +67,11 @@ def _limit_cycle(out: Path, duration: float) -> list[Path]:
     return [out / "bag", _saved(figure, out / "phase.png"), arm_animation(ARM, seen, None, out / "motion.gif")]
 
 
-def _hitting(out: Path, duration: float) -> list[Path]:
+def _hitting(out: Path, duration: float, progress: Progress) -> list[Path]:
     arm, scene = damped_arm(), wall_scene(WALL_AT, START_AT)
     point, normal = scene.face, -scene.along
     seen = record_scene(
-        out / "bag", SIMULATED_ARM, NODES["bang_bang"], duration, posture=scene.start.tolist(),
+        out / "bag", SIMULATED_ARM, NODES["bang_bang"], duration, progress, posture=scene.start.tolist(),
         walls=[*point.tolist(), *normal.tolist()], link_friction=arm.link_friction.tolist(),
     )  # fmt: skip
     figure, (tip, joints) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
@@ -81,11 +83,13 @@ def _hitting(out: Path, duration: float) -> list[Path]:
     return [out / "bag", _saved(figure, out / "phase.png"), arm_animation(arm, seen, point, out / "motion.gif")]
 
 
-def _throw(out: Path, duration: float) -> list[Path]:
+def _throw(out: Path, duration: float, progress: Progress) -> list[Path]:
     device, parameters = load_device("visco_elastic_demo"), MaxVelocityParameters()
     controller, ideal = throwing_controller(device, parameters.damping, parameters.turns)
     robot = Robot(device.name, SimulatorNode)
-    seen = record_scene(out / "bag", robot, NODES["max_velocity"], controller.horizon + 0.4, device=device.name)
+    seen = record_scene(
+        out / "bag", robot, NODES["max_velocity"], controller.horizon + 0.4, progress, device=device.name
+    )
     q, theta = seen.position[:, 0], seen.position[:, 1]
     # Velocities are not measured, so they are estimated over 11 ms, in which the link hardly turns.
     velocity, motor = savgol_filter(seen.position, 11, 2, deriv=1, delta=1e-3, axis=0).T
@@ -103,10 +107,10 @@ def _throw(out: Path, duration: float) -> list[Path]:
     return [out / "bag", drawn, throw_animation(seen, velocity, out / "motion.gif")]
 
 
-def _hopper(out: Path, duration: float) -> list[Path]:
+def _hopper(out: Path, duration: float, progress: Progress) -> list[Path]:
     robot = Hopper()
     simulated = Robot("hopper", HopperSimulatorNode, SIMULATED_ARM.contact, base="geometry_msgs/msg/PoseStamped")
-    seen = record_scene(out / "bag", simulated, NODES["hopping"], duration)
+    seen = record_scene(out / "bag", simulated, NODES["hopping"], duration, progress)
     figure, (height, phase) = plt.subplots(1, 2, figsize=(11, 4.6), constrained_layout=True)
     height.plot(seen.time, seen.trunk[:, 1], color=REAL)
     height.set(xlabel="time [s]", ylabel="height of the trunk [m]")
@@ -116,7 +120,7 @@ def _hopper(out: Path, duration: float) -> list[Path]:
     return [out / "bag", drawn, hopper_animation(robot, seen, out / "motion.gif")]
 
 
-SCENES: dict[str, Callable[[Path, float], list[Path]]] = {
+SCENES: dict[str, Callable[[Path, float, Progress], list[Path]]] = {
     "limit-cycle": _limit_cycle,
     "hitting": _hitting,
     "hopper": _hopper,

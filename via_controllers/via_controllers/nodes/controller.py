@@ -75,9 +75,10 @@ class ControllerNode(LifecycleNode):
         super().__init__(name, **options)
         self._change_state = self._service_change_state.callback
         self._service_change_state.callback = self._checked_change_state
-        self._settings = declare(self, CONTROLLERS[name])
+        self._settings = declare(self, CONTROLLERS[name], changed=self._tune)
         self._connect = connect
         self._active = False
+        self._supervisor: Any = None
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []  # created on configuration, with their destructors
         if self._settings.autostart:
             self._set_up()  # raises errors that the transitions below would only log
@@ -128,9 +129,15 @@ class ControllerNode(LifecycleNode):
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self.on_shutdown(state)
 
+    def _tune(self, settings: Any) -> None:
+        """Continue with changed parameters, from the present state."""
+        self._settings = settings
+        if self._entities:
+            self._supervisor = settings.tuned(self._supervisor)
+
     def _set_up(self) -> None:
         self._robot, inputs = self._connect(self._settings)
-        self._supervisor: Any = self._robot.supervisor
+        self._supervisor = self._robot.supervisor
         self._state = self._supervisor.init()
         _warm_up(self._robot)
         self._writer = CommandBytes(self._robot.name)

@@ -1,7 +1,7 @@
 """Node `equilibrium_preset`: tracks a commanded equilibrium and stiffness of a joint of variable stiffness.
 
 ros2 run via_controllers equilibrium_preset --ros-args -p device:=qbmove_a -p stiffness:=6.0
-ros2 topic pub -1 /qbmove_a/reference via_interfaces/msg/JointReference "{equilibrium: 0.2, stiffness: 8.0}"
+via topic pub -1 /qbmove_a/reference via_interfaces/msg/JointReference "{equilibrium: 0.2, stiffness: 8.0}"
 
 subscribes  /<device>/reference  via_interfaces/JointReference, the new references
             /<device>/stiffness  via_interfaces/StiffnessEstimate, with parameter `feedback`

@@ -60,6 +60,7 @@ class EstimatorChannel:
             output = _Output(message, members, estimator.outputs)
             if output.used:
                 self._outputs.append((output, node.create_publisher(kind, f"{topic}/{name}", qos.SAMPLES)))
+        self.topics = ", ".join(publisher.topic_name for _, publisher in self._outputs)
         # An invalid sample loads the compiled kernel before the first valid one arrives.
         self.live.take(np.full((1, 1 + len(estimator.inputs)), np.nan))
         self.live.restart()

@@ -132,6 +132,8 @@ class EstimatorNode(Node):
         self._samples = RenewedSubscription(self, JointState, own.joint_topic, self._take, depth)
         # One device at a time, so that diagnostics do not delay samples.
         self.create_timer(REPORT / len(self.pipelines), self._report, clock=STEADY)
+        chosen = ", ".join(f"{pair.device.name} by {pair.method}" for pair in pairs)
+        self.get_logger().info(f"estimates {chosen}; waits for samples on {self.resolve_topic_name(own.joint_topic)}")
 
     def _set_up(self, pair: Pair, several: bool) -> Estimator:
         """The estimator with its ROS parameters; their defaults come from the device."""
@@ -152,6 +154,9 @@ class EstimatorNode(Node):
             return
         rows = self._reader.read(joints)
         for row in rows:
+            if not self._channels[row].sequence:
+                each = self._channels[row]
+                self.get_logger().info(f"first sample of {each.device.name}: {each.method} publishes {each.topics}")
             self._pipeline_of[row].reach(joints.stamp)
             self._channels[row].take(self._reader.rows[row], joints.stamp_bytes)
         if not rows:

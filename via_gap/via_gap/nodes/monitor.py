@@ -1,7 +1,7 @@
 """Node `gap_monitor`: compares the robot with the nominal model, and diagnoses the difference.
 
 ros2 run via_gap gap_monitor --ros-args -p device:=cubic_demo
-ros2 action send_goal -f /gap_monitor/diagnose via_interfaces/action/DiagnoseGap "{seconds: 10.0}"
+via action send -f /gap_monitor/diagnose via_interfaces/action/DiagnoseGap "{seconds: 10.0}"
 
 subscribes  /joint_states       sensor_msgs/JointState, the robot's measurements
             /<device>/command   via_interfaces/VsaCommand
@@ -48,7 +48,7 @@ class MonitorNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("gap_monitor", **options)
-        own = declare(self, MonitorParameters)
+        own = declare(self, MonitorParameters, changed=lambda parameters: self.monitor.change(parameters))
         device = load_device(own.device)
         self.monitor = Monitor(device, own)
         self._reader = RowReader([(device, self.monitor.columns)])

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from pydantic import model_validator
+from pydantic import ValidationError, model_validator
 from via_core.errors import ParameterError
 from via_sim.effects import Effect
 from via_sim.effects.catalogue import DEVICE_NUMBERS
@@ -227,6 +227,9 @@ def read_report(text: str, file: str) -> GapReport:
     """The report in JSON `text`; `file` is the name that errors show. Raises ParameterError."""
     try:
         return GapReport.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key, what = ".".join(map(str, first["loc"])), first["msg"].removeprefix("Value error, ")
+        raise ParameterError(f"{file}: not a gap report: {f'{key}: ' if key else ''}{what}") from None
     except ValueError as error:
-        first = str(error).splitlines()
-        raise ParameterError(f"{file}: not a gap report: {' '.join(first[:3])}") from None
+        raise ParameterError(f"{file}: not a gap report: {' '.join(str(error).split())}") from None

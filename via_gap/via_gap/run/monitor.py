@@ -44,10 +44,10 @@ class MonitorParameters:
     device: str = parameter("cubic_demo", "device name or path to its YAML")
     joint_topic: str = parameter("/joint_states", "topic of the samples")
     rate: float = parameter(10.0, "gap messages and diagnostics", "Hz", (0.1, 50.0))
-    recent: float = parameter(2.0, "time compared with the model at every tick", "s", (0.5, 60.0))
+    recent: float = parameter(2.0, "time compared with the model at every tick", "s", (0.5, 60.0), live=True)
     window: float = parameter(20.0, "time that is diagnosed", "s", (2.0, 600.0))
-    least: float = parameter(8.0, "time that suffices for a first diagnosis", "s", (1.0, 600.0))
-    every: float = parameter(20.0, "period of automatic diagnoses; 0: only on request", "s", (0.0, 86400.0))
+    least: float = parameter(8.0, "time that suffices for a first diagnosis", "s", (1.0, 600.0), live=True)
+    every: float = parameter(20.0, "period of automatic diagnoses; 0: only on request", "s", (0.0, 86400.0), live=True)
 
 
 class Monitor:
@@ -63,10 +63,7 @@ class Monitor:
     """
 
     def __init__(self, device: Device, parameters: MonitorParameters) -> None:
-        if parameters.recent > parameters.window:
-            raise ParameterError(
-                f"parameter recent must lie in [0.5, {parameters.window:g}] s, got {parameters.recent:g}"
-            )
+        self.change(parameters)
         warm_up(device)
         self.device = self.model = device
         self.columns = columns_of(device)
@@ -77,12 +74,19 @@ class Monitor:
         self.diagnosed = 0
         self.doing = self.trouble = ""
         self.samples = self.foreign = 0
-        self._parameters = parameters
         self._comparator = Comparator()
         self._requested = self._from_file = False  # whether the diagnosis under way was requested, of a file
         self._stamp = 0  # [ns] of the last sample of the diagnosis under way
         self._restarts = self._compared = 0  # restarts of the clock handled, samples at the last comparison
         self._received = self._due = float("-inf")  # [s] last sample, next automatic diagnosis
+
+    def change(self, parameters: MonitorParameters) -> None:
+        """Continue with these parameters. Raises ParameterError if `recent` exceeds the window."""
+        if parameters.recent > parameters.window:
+            raise ParameterError(
+                f"parameter recent must lie in [0.5, {parameters.window:g}] s, got {parameters.recent:g}"
+            )
+        self._parameters = parameters
 
     def sample(self, stamp: int, row: Array, now: float) -> None:
         """Take a sample (c,) with its stamp [ns], received at `now` [s]."""

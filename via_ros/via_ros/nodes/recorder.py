@@ -39,6 +39,7 @@ POLL = 0.1  # [s] interval of discovery
 FLUSH = 0.05  # [s] between two chunks at most
 JUMP = Duration(seconds=1)  # of simulated time, forward; backward any
 REPORT = 1.0  # [s] interval of diagnostics
+HINT = 3.0  # [s] after which wanted topics without a publisher are named
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,9 @@ class Recorder(Node):
         self.create_timer(POLL, self._look, clock=STEADY)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self.create_timer(FLUSH, self._flush, clock=STEADY)
+        self._hint = self.create_timer(HINT, self._name_missing, clock=STEADY)
+        what = ", ".join(self._wanted) or "all topics"
+        self.get_logger().info(f"records {what} into {self.parameters.bag} as messages arrive; Ctrl-C ends the bag")
 
     def _look(self) -> None:
         while self._refused:
@@ -112,6 +116,16 @@ class Recorder(Node):
             except BagError as error:
                 self._unknown.add(name)
                 self.get_logger().warning(f"{name} is not recorded: {error}")
+
+    def _name_missing(self) -> None:
+        """Log once the wanted topics that nobody publishes, beside those that there are."""
+        self._hint.cancel()
+        missing = sorted(name for name in self._wanted if not self.get_publishers_info_by_topic(name))
+        if missing:
+            there = [name for name, _ in self.get_topic_names_and_types() if self.get_publishers_info_by_topic(name)]
+            self.get_logger().warning(
+                f"nobody publishes {', '.join(missing)} yet; published are: {', '.join(sorted(there))}"
+            )
 
     def _hear(self, name: str, type_name: str) -> None:
         message_class(type_name)  # raises for a type that is not installed

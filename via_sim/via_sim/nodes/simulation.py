@@ -102,6 +102,12 @@ class SimulationNode(Node, Generic[Row]):
         self._drivers = DriverOrigin(self, "/joint_states", command_topic, self._samples.names)
         self.create_timer(REPORT, self._report, clock=STEADY)
         self.create_timer(POLL, self._poll, clock=STEADY)
+        needs = str(max(times.listeners, int(times.mode == "lockstep")))
+        needs += ", and a publisher of commands" if times.mode == "lockstep" else ""
+        self.get_logger().info(
+            f"simulates {name} at {times.rate:g} Hz, {times.mode}: publishes {self._joint_states.topic_name}, takes "
+            f"{command_topic}; subscribers needed to start: {needs}"
+        )
 
     # ---- the robot
 
@@ -187,6 +193,7 @@ class SimulationNode(Node, Generic[Row]):
             self._pace = self.create_timer(1.0 / rate, self._keep_pace, clock=STEADY)
         elif mode == "free":
             self._pace = self.create_timer(1e-6, self._step, clock=STEADY)
+        self.get_logger().info(f"started: {self._name} publishes")
         self._publish()
 
     @property
