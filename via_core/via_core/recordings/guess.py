@@ -205,8 +205,13 @@ def _by_values(guess: ColumnGuess, values: Array, limits: tuple[float, float] | 
 
 
 def _numbered(guesses: list[ColumnGuess], joints: Sequence[str]) -> list[ColumnGuess]:
-    """Numbers of joints in column names become names: counted from 0 if a number 0 is among them, else from 1."""
+    """Numbers of joints in column names become names: counted from 0 if a number 0 is among them, else from 1.
+
+    A number that all columns share shows no joint.
+    """
     digits = {int(each.joint) for each in guesses if each.joint.isdigit() and each.quantity}
+    if len(digits) == 1:
+        return [replace(each, joint="") if each.joint.isdigit() else each for each in guesses]
     if not joints or not digits or max(digits) - (0 if 0 in digits else 1) >= len(joints):
         return guesses
     first = 0 if 0 in digits else 1

@@ -140,7 +140,8 @@ def _csv(path: Path) -> Tables:
 def _parquet(path: Path) -> Tables:
     import pandas
 
-    return {"": expanded(pandas.read_parquet(path).reset_index())}
+    frame = pandas.read_parquet(path)
+    return {"": expanded(frame if isinstance(frame.index, pandas.RangeIndex) else frame.reset_index())}
 
 
 def _json(path: Path) -> Tables:

@@ -10,7 +10,7 @@ Meshes are never read. What a file states and a device file cannot hold becomes 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -74,13 +74,24 @@ class Robot:
     joints: tuple[RobotJoint, ...]
     remarks: tuple[str, ...] = ()
 
+    def reduced(self, names: Sequence[str]) -> pinocchio.Model:
+        """The bodies with the joints `names` only; the others are fixed in the bodies' zero pose."""
+        fixed = [k for k in range(1, self.model.njoints) if self.model.names[k] not in names]
+        model = pinocchio.buildReducedModel(self.model, fixed, pinocchio.neutral(self.model))
+        rotors = np.zeros(model.nv)
+        for name in names:
+            rotors[model.joints[model.getJointId(name)].idx_v] = self.joint(name).armature or 0.0
+        model.armature = rotors
+        return model
+
     def joint(self, name: str) -> RobotJoint:
         """The joint of that name. Raises DeviceError with the names that there are."""
         for each in self.joints:
             if each.name == name:
                 return each
         there = ", ".join(each.name for each in self.joints) or "none that moves"
-        raise DeviceError(f"{self.file}: no joint '{name}'; there are: {there}")
+        wanted = f"no joint '{name}'; there are:" if name else "has several joints; choose with --joint from:"
+        raise DeviceError(f"{self.file}: {wanted} {there}")
 
     def configuration(self, angles: Mapping[str, float]) -> Array:
         """pinocchio's configuration with the joints at `angles` [rad], the others in the bodies' zero pose."""
@@ -119,7 +130,7 @@ class Robot:
             return SeenAtJoint(seen[0], min(seen), max(seen), gravity(own.reference), 0.0)
         sine, cosine = -gravity(0.0), gravity(0.5 * np.pi)  # of G sin(q - q0), times G
         size = float(np.hypot(sine, cosine))
-        angle = float(np.arctan2(sine, cosine)) if size > 1e-9 else 0.0
+        angle = float(np.arctan2(sine, cosine)) + 0.0 if size > 1e-9 else 0.0
         return SeenAtJoint(seen[0], min(seen), max(seen), size if size > 1e-9 else 0.0, angle)
 
 
@@ -156,6 +167,10 @@ def _urdf(path: Path, text: str, root: ElementTree.Element) -> Robot:
         raise DeviceError(f"{path}: pinocchio cannot read it: {' '.join(str(error).split())[:160]}") from None
     elements = {str(each.get("name")): each for each in root.findall("joint")}
     joints = [_urdf_joint(elements[name], root) for name in model.names if name in elements and _moves(elements[name])]
+    rotors = np.zeros(model.nv)
+    for each in joints:
+        rotors[model.joints[model.getJointId(each.name)].idx_v] = each.armature or 0.0
+    model.armature = rotors
     odd = [str(e.get("name")) for e in elements.values() if e.get("type") in ("floating", "planar")]
     light = [str(link.get("name")) for link in root.findall("link") if link.find("inertial") is None]
     remarks = [f"joints {', '.join(odd)} float or slide in a plane: taken as fixed"] if odd else []
