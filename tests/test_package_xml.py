@@ -24,6 +24,8 @@ ROSDEP = {
     "mujoco": "python3-mujoco-pip",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
+    "pandas": "python3-pandas",
+    "pint": "python3-pint",
     "psutil": "python3-psutil",
     "pydantic": "python3-pydantic",
     "pytest": "python3-pytest",
@@ -43,6 +45,7 @@ PYPI = {
     "mcap": "mcap",
     "mcap_ros2": "mcap-ros2-support",
     "padasip": "padasip",
+    "pyarrow": "pyarrow",
     "zstandard": "zstandard",
 }
 

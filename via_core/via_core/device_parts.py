@@ -298,7 +298,7 @@ class WireColumn(Part):
         except ParameterError as error:
             raise ValueError(f"columns.{channel}: {error}") from None
         wanted = CHANNEL_KINDS.get(channel, wanted)
-        if given == wanted or not wanted or given == "" and self.scale != 1.0:
+        if given == wanted or not wanted or (given == "" and self.scale != 1.0):
             return
         if wanted == "torque" and given == "current":
             if self.torque_constant is None:
@@ -308,7 +308,7 @@ class WireColumn(Part):
 
 
 class Wire(Part):
-    """Names in sensor_msgs/JointState, of topics and in other recordings; empty ones are derived from the device name."""
+    """Names in sensor_msgs/JointState, of topics and in recordings; empty ones are derived from the device name."""
 
     link: str = ""
     motors: tuple[str, ...] = ()

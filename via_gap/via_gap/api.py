@@ -26,7 +26,10 @@ Data = Any  # a JointLog, Signals, a pandas frame, a mapping of arrays, or the p
 
 
 def diagnose(
-    data: Data | Sequence[Data], device: Device | str | Path, holdout: Sequence[Data] = (), progress: Progress | None = None
+    data: Data | Sequence[Data],
+    device: Device | str | Path,
+    holdout: Sequence[Data] = (),
+    progress: Progress | None = None,
 ) -> GapReport:
     """Location, cause and size of the gap between recordings and a device.
 
@@ -41,7 +44,9 @@ def diagnose(
     """
     described = device if isinstance(device, Device) else load_device(device)
     many = data if isinstance(data, (list, tuple)) else [data]
-    logs = [log_of(each, described, f"recording {k}" if len(many) > 1 else "recording") for k, each in enumerate(many, 1)]
+    logs = [
+        log_of(each, described, f"recording {k}" if len(many) > 1 else "recording") for k, each in enumerate(many, 1)
+    ]
     held = [log_of(each, described, f"held out {k}") for k, each in enumerate(holdout, 1)]
     return diagnose_logs(logs, described, held or None, progress)
 
@@ -69,7 +74,9 @@ def log_of(data: Data, device: Device, name: str) -> JointLog:
             for each in guess_columns(tables, [device.link_joint])
         ]
         try:
-            columns = {channel: entry for channel, (entry, _) in entries_of(tables, guesses, device.link_joint).columns.items()}
+            columns = {
+                channel: entry for channel, (entry, _) in entries_of(tables, guesses, device.link_joint).columns.items()
+            }
         except ViaError as error:
             raise SignalError(f"{name}: {error}") from None
         if device.drive == "torque":

@@ -44,7 +44,9 @@ def import_folder(
         if finding.severity == "warning"
     )  # fmt: skip
     for (check_name, subject), count in warnings.items():
-        first = next(f for file in imported.accepted for f in file.findings if (f.check, f.subject) == (check_name, subject))
+        first = next(
+            f for file in imported.accepted for f in file.findings if (f.check, f.subject) == (check_name, subject)
+        )
         errors.print(f"warning in {count} recordings: {subject}: {first.text}", soft_wrap=True)
     answers.print(
         f"{len(imported.accepted)} of {len(imported.files)} recordings are now bags in {out}; "

@@ -19,14 +19,19 @@ from via_gap.run.describe import describe
 from via_bringup.cli.console import answers, errors
 
 
-
 def new(
     model: Annotated[Path | None, typer.Argument(help="URDF or MJCF file of the robot.")] = None,
     joint: Annotated[str, typer.Option(help="Joint of the model or the recording; default: the only one.")] = "",
-    log: Annotated[Path | None, typer.Option(help="Recording of the joint, of any format that `via bag map` reads.")] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="Recording of the joint, of any format that `via bag map` reads.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="File to write; default: JOINT.yaml.")] = None,
-    at: Annotated[list[str] | None, typer.Option(help="Angle of another joint, JOINT=RAD (repeat for several).")] = None,
-    counts_per_turn: Annotated[float | None, typer.Option(min=1.0, help="Counts of one turn, for positions in counts.")] = None,
+    at: Annotated[
+        list[str] | None, typer.Option(help="Angle of another joint, JOINT=RAD (repeat for several).")
+    ] = None,
+    counts_per_turn: Annotated[
+        float | None, typer.Option(min=1.0, help="Counts of one turn, for positions in counts.")
+    ] = None,
     torque_constant: Annotated[float | None, typer.Option(help="Torque per current at the joint \\[N m/A].")] = None,
 ) -> None:
     """Write a commented device file from a model (URDF, MJCF), a recording, both, or the answers to questions.
@@ -39,7 +44,9 @@ def new(
             raise ViaError("nothing to describe: give a URDF or MJCF file, --log FILE, or run it in a terminal")
         _ask(described)
     else:
-        described = describe(described.command, model, joint, log, _angles(at or []), Constants(counts_per_turn, torque_constant))
+        described = describe(
+            described.command, model, joint, log, _angles(at or []), Constants(counts_per_turn, torque_constant)
+        )
     target = out or Path(f"{described.name}.yaml")
     if target.exists():
         raise ViaError(f"{target} exists already; remove it, or choose another file with --out")
@@ -48,7 +55,9 @@ def new(
     for remark in described.remarks:
         errors.print(f"note: {remark}", soft_wrap=True)
     for name, number in described.numbers.items():
-        answers.print(f"{number.origin:>8} {name} {number.value:.4g} {described.unit(name)}: {number.note}", soft_wrap=True)
+        answers.print(
+            f"{number.origin:>8} {name} {number.value:.4g} {described.unit(name)}: {number.note}", soft_wrap=True
+        )
     answers.print(f"wrote {target}")
     answers.print(f"next: via gap diagnose {log or 'LOG'} --device {target}", soft_wrap=True)
 
@@ -79,18 +88,37 @@ def _ask(described: Description) -> None:
     described.name = device_name(described.joint)
     described.sources.append("answers to questions")
     numbers = described.numbers
-    mass, length = _amount("Mass that the joint moves", "kg", "1 kg"), _amount("Distance of its centre from the axis", "m", "0.2 m")
+    mass, length = (
+        _amount("Mass that the joint moves", "kg", "1 kg"),
+        _amount("Distance of its centre from the axis", "m", "0.2 m"),
+    )
     rotor = _amount("Inertia of the rotor at the joint (motor times gear squared; 0 if unknown)", "kg m^2", "0")
-    numbers["inertia"] = Number(mass * length**2 + rotor, "stated", f"{mass:g} kg at {length:g} m, rotor {rotor:g}", 0.3)
+    numbers["inertia"] = Number(
+        mass * length**2 + rotor, "stated", f"{mass:g} kg at {length:g} m, rotor {rotor:g}", 0.3
+    )
     vertical = typer.confirm("Does it move in a vertical plane, angle 0 hanging down?", default=True)
-    numbers["gravity_torque"] = Number(mass * length * 9.80665 if vertical else 0.0, "stated", "mass times distance times 9.80665", 0.1)
-    numbers["viscous_friction"] = Number(_amount("Viscous friction (0 if unknown)", "N m s/rad", "0"), "stated", "by you", 0.3)
+    numbers["gravity_torque"] = Number(
+        mass * length * 9.80665 if vertical else 0.0, "stated", "mass times distance times 9.80665", 0.1
+    )
+    numbers["viscous_friction"] = Number(
+        _amount("Viscous friction (0 if unknown)", "N m s/rad", "0"), "stated", "by you", 0.3
+    )
     numbers["coulomb_friction"] = Number(_amount("Dry friction (0 if unknown)", "N m", "0"), "stated", "by you", 0.3)
     if typer.confirm("Do logs have goals of a position drive instead of torques?", default=False):
         described.drive = "position"
         guess_gains(described)
-        numbers["kp"] = Number(_amount("Proportional gain at the joint", "N m/rad", f"{numbers['kp'].value:.3g}"), "stated", "by you", GUESS)
-        numbers["kd"] = Number(_amount("Derivative gain at the joint", "N m s/rad", f"{numbers['kd'].value:.3g}"), "stated", "by you", GUESS)
+        numbers["kp"] = Number(
+            _amount("Proportional gain at the joint", "N m/rad", f"{numbers['kp'].value:.3g}"),
+            "stated",
+            "by you",
+            GUESS,
+        )
+        numbers["kd"] = Number(
+            _amount("Derivative gain at the joint", "N m s/rad", f"{numbers['kd'].value:.3g}"),
+            "stated",
+            "by you",
+            GUESS,
+        )
     numbers["rate"] = Number(_amount("Samples per second", "1/s", f"{RATE:g}"), "stated", "by you")
     counts = _amount("Counts of the encoder per turn of the joint (0 if unknown)", "", "0")
     if counts > 0.0:

@@ -26,12 +26,17 @@ from via_bringup.cli.console import answers, errors
 
 MODELS = (".urdf", ".xml", ".mjcf")
 Arm = Annotated[
-    str | None, typer.Option(help="Arm with rigid joints: name, path to its YAML, or URDF or MJCF file; each log has all its joints.")
+    str | None,
+    typer.Option(
+        help="Arm with rigid joints: name, path to its YAML, or URDF or MJCF file; each log has all its joints."
+    ),
 ]
 
 
 def diagnose(
-    logs: Annotated[list[Path], typer.Argument(help="Bags, CSV, Parquet, NumPy, MATLAB or JSON files of one joint, or of an arm.")],
+    logs: Annotated[
+        list[Path], typer.Argument(help="Bags, CSV, Parquet, NumPy, MATLAB or JSON files of one joint, or of an arm.")
+    ],
     device: Annotated[str | None, typer.Option(help="Device name (see `via devices`) or path to its YAML.")] = None,
     arm: Arm = None,
     holdout: Annotated[
@@ -82,7 +87,12 @@ def diagnose(
 def _of_arm(
     arm: str, logs: list[Path], holdout: Sequence[Path], progress: Callable[[str, float], None]
 ) -> tuple[GapReport, ...]:
-    from via_gap.run.arms import arm_of_model, diagnose_arm, load_arm, read_arm_log  # importing pinocchio takes a second
+    from via_gap.run.arms import (
+        arm_of_model,
+        diagnose_arm,
+        load_arm,
+        read_arm_log,
+    )  # importing pinocchio takes a second
 
     whole = arm_of_model(Path(arm), logs[0]) if Path(arm).suffix in MODELS else load_arm(arm)
     read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))

@@ -111,7 +111,7 @@ def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], N
         arrays = {field: states[field][rows] for field in FIELDS}
         for channel, field in LINK.items():
             if channel == "tau_link" and device.link_joint in device.drive_joints:
-                continue  # one name for link and drive, as drivers of ordinary joints publish: the effort is the drive's
+                continue  # one name for link and drive, as drivers of rigid joints publish: the effort is the drive's
             channels[channel][rows] = _picked(arrays[field], names.index(device.link_joint))
         for i, joint in enumerate(device.drive_joints):
             if joint in names:

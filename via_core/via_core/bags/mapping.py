@@ -70,7 +70,7 @@ class TimeColumn(_Column):
 class JointColumn(_Column):
     """A quantity of one joint in sensor_msgs/JointState.
 
-    joint  'link' or 'motor_<i>' of the mapping's device ('motor_1' of a rigid joint is its drive), or a joint's own name
+    joint  'link' or 'motor_<i>' of the mapping's device, 'motor_1' for the drive of a rigid one, or a joint's own name
     """
 
     joint: Text
@@ -128,7 +128,9 @@ class Table(Part):
         if unknown and not missing:
             problems.append(f"list them under ignore: {{{unknown[0]!r}: why}}, or map them")
         if missing:
-            problems.append(f"the file has: {', '.join(map(repr, header[:20]))}; `via bag map {file}` writes a mapping for it")
+            problems.append(
+                f"the file has: {', '.join(map(repr, header[:20]))}; `via bag map {file}` writes a mapping for it"
+            )
         if problems:
             raise ImportMapError(f"{file} does not fit its mapping: {'; '.join(problems)}")
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 CHANNEL_UNITS = {**UNITS, "motor": "", "external_torque": "N m", "neighbour": "rad"}
-_CHANNEL = re.compile(rf"({'|'.join(CHANNEL_UNITS)})(?:_([12]))?")
+_CHANNEL = re.compile(rf"({'|'.join(CHANNEL_UNITS)})|({'|'.join([*MOTOR, 'motor'])})_([12])")
 MEASURED = {*LINK, *MOTOR}
 
 
@@ -45,7 +45,9 @@ def joint_of(tables: Tables, device: Device, file: str, bag: bool = False) -> Jo
     columns = _columns(tables, device, file, bag)
     if ("q", 0) not in columns:
         own = _available(tables, bag)
-        raise SignalError(f"{file}: no column for the link's angle q of '{device.name}'; there are: {own}{_hint(file, device)}")
+        raise SignalError(
+            f"{file}: no column for the link's angle q of '{device.name}'; there are: {own}{_hint(file, device)}"
+        )
     origin: float | None = None
     reports: list[StampReport] = []
     signals: dict[bool, Signals] = {}
@@ -55,7 +57,9 @@ def joint_of(tables: Tables, device: Device, file: str, bag: bool = False) -> Jo
             time, rows, report = _time(tables[table], device, file, table, bag, origin)
             origin = report[0] if origin is None else origin
             reports.append(StampReport(table, 0, len(tables[table]), 0, report[1], report[2], len(rows)))
-            part = _signals(time, rows, tables[table], {n: e for n, (t, e) in mine.items() if t == table}, device, file, is_command)
+            part = _signals(
+                time, rows, tables[table], {n: e for n, (t, e) in mine.items() if t == table}, device, file, is_command
+            )
             signals[is_command] = part if is_command not in signals else signals[is_command].joined(part)
     return JointRecording(signals[False], signals.get(True), tuple(reports))
 
@@ -72,7 +76,7 @@ def _columns(tables: Tables, device: Device, file: str, bag: bool) -> dict[Chann
         for name in map(str, frame.columns):
             parts = _CHANNEL.fullmatch(name)
             if parts and name not in wanted and not (bag and "." not in name):
-                found.setdefault((parts[1], int(parts[2] or 0)), (table, WireColumn(column=name)))
+                found.setdefault(_channel(parts), (table, WireColumn(column=name)))
     missing = []
     for channel, entry in entries.items():
         parts = _CHANNEL.fullmatch(channel)
@@ -80,7 +84,7 @@ def _columns(tables: Tables, device: Device, file: str, bag: bool) -> dict[Chann
             continue
         there = [t for t, frame in tables.items() if entry.column in frame.columns and entry.topic in (None, t)]
         if there:
-            found[parts[1], int(parts[2] or 0)] = (there[0], entry)
+            found[_channel(parts)] = (there[0], entry)
         elif channel == "q":
             missing.append(f"'{entry.column}'" + (f" on {entry.topic}" if entry.topic else ""))
     if missing and ("q", 0) not in found:
@@ -91,6 +95,10 @@ def _columns(tables: Tables, device: Device, file: str, bag: bool) -> dict[Chann
     count = max(device.n_motors, 1)
     kept = {channel: each for channel, each in found.items() if channel[1] <= count}
     return dict(sorted(kept.items(), key=lambda each: each[0] != ("q", 0)))
+
+
+def _channel(parts: re.Match[str]) -> Channel:
+    return parts[1] or parts[2], int(parts[3] or 0)
 
 
 def _time(
@@ -107,17 +115,17 @@ def _time(
                 own = ", ".join(map(str, frame.columns))
                 raise SignalError(f"{file}: no column 'time'; there are: {own or 'none'}{_hint(file, device)}")
             entry = WireColumn(column=guess.column, unit=guess.unit)
+    begin: float
     stamps = frame[entry.column].to_numpy()
-    first: float = 0
+    first: Any = 0
     if stamps.dtype.kind in "iu":  # epoch times in ns: subtract before they become floats
         first = int(stamps[0]) if origin is None and len(stamps) else int(origin or 0)
-        stamps = (stamps - first).astype(np.float64)
-        seconds = stamps * entry.factor
+        seconds = (stamps - first).astype(np.float64) * entry.factor
         begin = first
     else:
         raw = _numbers(frame, entry.column, file) * entry.factor + entry.offset
         there = raw[np.isfinite(raw)]
-        begin = (there[0] if origin is None and len(there) else origin or 0.0)
+        begin = there[0] if origin is None and len(there) else origin or 0.0
         seconds = raw - begin
     latest = np.maximum.accumulate(np.where(np.isfinite(seconds), seconds, -np.inf))
     keep = np.isfinite(seconds)
@@ -161,7 +169,9 @@ def _numbers(frame: DataFrame, column: str, file: str) -> Array:
 
 
 def _available(tables: Tables, bag: bool) -> str:
-    names = [f"{column} on {table}" if table else str(column) for table, frame in tables.items() for column in frame.columns]
+    names = [
+        f"{column} on {table}" if table else str(column) for table, frame in tables.items() for column in frame.columns
+    ]
     return ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "") or "none"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -43,7 +43,7 @@ def entries_of(
     if "position" not in chosen:
         there = ", ".join(f"'{each.column}'" for each in guesses) or "none"
         raise SignalError(f"no column looks like a position; there are: {there}; name it under wire.columns as q")
-    chosen = _by_values(tables, chosen)
+    found = _by_values(tables, chosen)
     remarks, columns = [], {}
     time = guess_time(tables[chosen["position"].table], bag)
     if time is None:
@@ -51,7 +51,7 @@ def entries_of(
     if not bag and (time.column, time.unit) != ("time", "s"):
         columns["time"] = {"column": time.column, "unit": time.unit}, time.reason
     for quantity, channel in CHANNELS.items():
-        guess = chosen.get(quantity)
+        guess = found.get(quantity)
         if guess is None or channel in columns or (channel == "external_torque" and "tau_1" in columns):
             continue
         entry: dict[str, Any] = {"column": guess.column}
@@ -62,15 +62,22 @@ def entries_of(
         if COUNTS.fullmatch(guess.unit):
             if constants.counts_per_turn is None:
                 if quantity in ("position", "position command"):
-                    raise SignalError(f"column '{guess.column}' looks like counts: add --counts-per-turn, e.g. --counts-per-turn 4096")
+                    raise SignalError(
+                        f"column '{guess.column}' looks like counts: add --counts-per-turn, e.g. --counts-per-turn 4096"
+                    )
                 continue
             entry["counts_per_turn"] = constants.counts_per_turn
         if quantity == "current":
             if constants.torque_constant is None:
-                remarks.append(f"column '{guess.column}' looks like a current; add --torque-constant [N m/A at the joint] to use it as torque")
+                remarks.append(
+                    f"column '{guess.column}' looks like a current; --torque-constant [N m/A at joint] makes it torque"
+                )
                 continue
             entry |= {"unit": guess.unit, "torque_constant": constants.torque_constant}
-        columns[channel] = entry, f"{guess.reason}{'' if guess.sure or 'check' in guess.reason else f'; taken as {guess.unit}'}"
+        columns[channel] = (
+            entry,
+            f"{guess.reason}{'' if guess.sure or 'check' in guess.reason else f'; taken as {guess.unit}'}",
+        )
     used = {each[0]["column"] for each in columns.values()} | {time.column}
     left = [each.column for each in guesses if each.column not in used and each.joint in ("", joint) and not bag]
     if left:
@@ -83,7 +90,7 @@ def linear(entries: Entries) -> bool:
     return is_linear(str(entries.columns["q"][0].get("unit", "rad")))
 
 
-def _by_values(tables: Tables, chosen: dict[Quantity, ColumnGuess]) -> dict[Quantity, ColumnGuess]:
+def _by_values(tables: Tables, chosen: Mapping[Quantity, ColumnGuess]) -> Mapping[Quantity, ColumnGuess]:
     """A command whose name shows no quantity is a goal if it stays near the position, else a torque."""
     command, position = chosen.get("position command"), chosen["position"]
     if command is None or command.sure or command.table != position.table or "torque command" in chosen:
@@ -92,9 +99,17 @@ def _by_values(tables: Tables, chosen: dict[Quantity, ColumnGuess]) -> dict[Quan
         return chosen
     q, u = (numbers(tables[each.table], each.column) for each in (position, command))
     both = np.isfinite(q) & np.isfinite(u)
-    scale = 1.0 if COUNTS.fullmatch(command.unit) or COUNTS.fullmatch(position.unit) else factor(command.unit) / factor(position.unit)
+    scale = (
+        1.0
+        if COUNTS.fullmatch(command.unit) or COUNTS.fullmatch(position.unit)
+        else factor(command.unit) / factor(position.unit)
+    )
     if np.sqrt(np.mean((scale * u[both] - q[both]) ** 2)) < np.std(q[both]):
         return chosen
-    rest = {quantity: each for quantity, each in chosen.items() if quantity != "position command"}
     reason = "a command far from the position, taken as torque; check"
-    return {**rest, "torque command": replace(command, quantity="torque command", unit="N m", reason=reason)}
+    changed: dict[Quantity, ColumnGuess] = {
+        **chosen,
+        "torque command": replace(command, quantity="torque command", unit="N m", reason=reason),
+    }
+    del changed["position command"]
+    return changed

@@ -114,8 +114,10 @@ def split_name(name: str) -> tuple[list[str], str]:
         if tail:
             text = tail[1].replace("_per_", "/")
             text = written.get(text.lower(), text)
-            if text.lower() not in WORDS["velocity"] | WORDS["current"] | {"t", "q", "u", "e", "m"} and is_unit(text) and (
-                kind(text) or COUNTS.fullmatch(text)
+            if (
+                text.lower() not in WORDS["velocity"] | WORDS["current"] | {"t", "q", "u", "e", "m"}
+                and is_unit(text)
+                and (kind(text) or COUNTS.fullmatch(text))
             ):
                 name, unit = name[: tail.start()], text
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name)]
@@ -123,7 +125,10 @@ def split_name(name: str) -> tuple[list[str], str]:
 
 
 def guess_columns(
-    tables: Tables, joints: Sequence[str] = (), limits: Mapping[str, tuple[float, float]] | None = None, bag: bool = False
+    tables: Tables,
+    joints: Sequence[str] = (),
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    bag: bool = False,
 ) -> list[ColumnGuess]:
     """Guesses for all columns but times, in order.
 
@@ -148,7 +153,9 @@ def guess_columns(
 
 def _by_name(table: str, column: str, joints: Sequence[str], bag: bool) -> ColumnGuess:
     plain = re.sub(r"[^a-z0-9]", "", column.lower())
-    named = [joint for joint in sorted(joints, key=len, reverse=True) if re.sub(r"[^a-z0-9]", "", joint.lower()) in plain]
+    named = [
+        joint for joint in sorted(joints, key=len, reverse=True) if re.sub(r"[^a-z0-9]", "", joint.lower()) in plain
+    ]
     words, unit = split_name(column)
     if bag and "." in column:  # joint.member of a message
         joint, _, member = column.partition(".")
@@ -159,7 +166,11 @@ def _by_name(table: str, column: str, joints: Sequence[str], bag: bool) -> Colum
         words += [w for w in split_name(table)[0] if w in WORDS["command"]]
     said = {what: bool(known & set(words)) for what, known in WORDS.items()}
     # Without a word, the unit shows the quantity.
-    by_unit = {"angle": "position", "speed": "velocity", "torque": "torque", "current": "current"}.get(kind(unit)) if unit else None
+    by_unit = (
+        {"angle": "position", "speed": "velocity", "torque": "torque", "current": "current"}.get(kind(unit))
+        if unit
+        else None
+    )
     if not any(said[each] for each in MEASURED) and by_unit:
         said[by_unit] = True
     quantity: Quantity = ""
@@ -195,7 +206,7 @@ def _by_values(guess: ColumnGuess, values: Array, limits: tuple[float, float] | 
         most = 1.1 * max(abs(limits[0]), abs(limits[1]))
         unit, why = ("rad", "within") if size <= most else ("deg", "beyond")
         if size > np.degrees(most):
-            return replace(guess, unit="counts", reason=f"beyond the limits of the joint in degrees: counts; check")
+            return replace(guess, unit="counts", reason="beyond the limits of the joint in degrees: counts; check")
         return replace(guess, unit=unit, reason=f"{why} the limits of the joint in rad")
     if size <= TURNS * 2.0 * np.pi:
         return replace(guess, reason=f"at most {size:.3g}, taken as rad; check")

@@ -33,7 +33,9 @@ def mapping_text(
     for guess in guesses:
         entry: dict[str, Any] = {"column": guess.column}
         of = guess.joint or joint or "joint"
-        goal: Any = (of, QUANTITIES[guess.quantity]) if guess.quantity in QUANTITIES else COMMANDS.get(guess.quantity, "")
+        goal: Any = (
+            (of, QUANTITIES[guess.quantity]) if guess.quantity in QUANTITIES else COMMANDS.get(guess.quantity, "")
+        )
         reason = _why_not(guess, constants, device)
         if reason or goal in taken:
             ignored.append((guess.column, reason or f"another column is already the {guess.quantity}"))
@@ -53,7 +55,7 @@ def mapping_text(
         raise SignalError(f"{path}: no column looks like a position; there are: {', '.join(g.column for g in guesses)}")
     pattern = re.sub(r"\d+", r"\\d+", re.escape(path.stem)) + re.escape(path.suffix)
     out = [
-        "# Guessed from the names and values of the columns. Check units and signs; what is wrong here is wrong everywhere.",
+        "# Guessed from the names and values of the columns. Check units and signs before you trust any result.",
         f"title: {_flow(f'Recordings like {path.name}')}",
         f"source: [{_flow(str(path))}]",
         *([f"device: {_flow(device)}"] if device else []),
@@ -86,4 +88,9 @@ def _why_not(guess: ColumnGuess, constants: Constants, device: str) -> str:
 
 def _flow(value: Any) -> str:
     """A value as YAML on one line."""
-    return yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True).strip().removesuffix("...").strip()
+    return (
+        yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True)
+        .strip()
+        .removesuffix("...")
+        .strip()
+    )

@@ -170,7 +170,9 @@ def _numpy(path: Path) -> Tables:
         found = np.load(path, allow_pickle=False)
     except ValueError as error:
         if "pickle" in str(error):
-            raise SignalError(f"{path}: holds Python objects; save plain arrays with numpy.savez(path, time=..., q=...)") from None
+            raise SignalError(
+                f"{path}: holds Python objects; save plain arrays with numpy.savez(path, time=..., q=...)"
+            ) from None
         raise
     if isinstance(found, np.ndarray):
         return _by_length(_leaves({"column": found}), path)
@@ -202,7 +204,9 @@ def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
         except ValueError:  # ragged
             continue
         if array.dtype.names:
-            yield from _leaves({field: array[field] for field in array.dtype.names}, prefix if name == "column" else f"{prefix}{name}.")
+            yield from _leaves(
+                {field: array[field] for field in array.dtype.names}, prefix if name == "column" else f"{prefix}{name}."
+            )
         elif array.dtype.kind in "biuf" and 1 <= array.ndim <= 2:
             yield prefix + name, array
 
@@ -313,7 +317,9 @@ def _of_joints(field: str, values: NDArray[Any], named: NDArray[Any] | None) -> 
     for names, where in rows.items():
         part = values[where]
         for k, joint in enumerate(names):
-            column = [each[k] if k < len(each) else np.nan for each in part] if part.dtype == object or k < width else None
+            column = (
+                [each[k] if k < len(each) else np.nan for each in part] if part.dtype == object or k < width else None
+            )
             if column is not None:
                 label = f"{field}{joint}" if named is None else f"{joint}.{field}"
                 made.setdefault(label, np.full(len(values), np.nan))[where] = column

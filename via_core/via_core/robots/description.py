@@ -1,4 +1,4 @@
-"""A device file with the origin of every number: read from a model, measured in a log, or guessed, and its tolerance."""
+"""A device file that states the origin (read, measured, guessed) and the tolerance of every number."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ CAD, WITHOUT_ROTOR, FRICTION, GUESS = 0.05, 0.2, 0.3, 0.65
 RATE = 500.0  # [Hz] where no recording shows one
 ORDER = ("inertia", "viscous_friction", "coulomb_friction", "gravity_torque", "gravity_angle", "kp", "kd",
          "torque_limit", "speed_limit", "delay", "rate", "link_quantum", "torque_noise")  # fmt: skip
-PARTS = {"servo": ("kp", "kd", "torque_limit", "speed_limit", "delay"), "sensors": ("rate", "link_quantum", "torque_noise")}
+PARTS = {
+    "servo": ("kp", "kd", "torque_limit", "speed_limit", "delay"),
+    "sensors": ("rate", "link_quantum", "torque_noise"),
+}
 UNITS = {
     "inertia": "kg m^2", "viscous_friction": "N m s/rad", "coulomb_friction": "N m", "gravity_torque": "N m",
     "gravity_angle": "rad", "kp": "N m/rad", "kd": "N m s/rad", "torque_limit": "N m", "speed_limit": "rad/s",
@@ -64,7 +67,7 @@ class Description:
         """The commented device file."""
         out = [
             f"# Written by `{self.command}`.",
-            "# Of every number: read from the model, measured in the log, stated by you, or guessed; and its tolerance,",
+            "# Each number was read from the model, measured in the log, stated by you, or guessed. Its tolerance is",
             "# a relative standard deviation, which `tolerances` repeats. Correct what you know better.",
             *(["# The joint slides: m, N, kg stand in the places of rad, N m, kg m^2."] if self.linear else []),
             *(f"# {line}" for remark in self.remarks for line in _wrapped(f"Note: {remark}.")),
@@ -77,7 +80,12 @@ class Description:
             f"drive: {self.drive}",
         ]
         for part in ("link", "servo", "sensors"):
-            inside = [n for n in ORDER if n in self.numbers and (n in PARTS.get(part, ()) or (part == "link" and not any(n in p for p in PARTS.values())))]
+            inside = [
+                n
+                for n in ORDER
+                if n in self.numbers
+                and (n in PARTS.get(part, ()) or (part == "link" and not any(n in p for p in PARTS.values())))
+            ]
             if inside:
                 out.append(f"{part}:")
                 out += [self._line(each) for each in inside]
@@ -88,7 +96,11 @@ class Description:
                 tolerances[key] = max(tolerances.get(key, 0.0), number.tolerance)
         if tolerances:
             out += ["tolerances:", *(f"  {key}: {value:g}" for key, value in tolerances.items())]
-        out += ["wire:", f"  link: {_quoted(self.joint)}  # name in JointState messages", f"  motors: [{_quoted(self.joint)}]  # the effort of the same name is the drive's"]
+        out += [
+            "wire:",
+            f"  link: {_quoted(self.joint)}  # name in JointState messages",
+            f"  motors: [{_quoted(self.joint)}]  # the effort of the same name is the drive's",
+        ]
         if self.columns:
             out += ["  columns:  # of recordings"]
             out += [f"    {channel}: {_flow(entry)}  # {why}" for channel, (entry, why) in self.columns.items()]
@@ -108,10 +120,19 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
     description.confidence = "copied"
     pose = ", ".join(f"{name} at {value:g}" for name, value in at.items()) or "all other joints at their zero"
     inertia = seen.inertia + (joint.armature or 0.0)
-    between = "" if np.isclose(seen.lowest, seen.highest, rtol=1e-3) else f" ({seen.lowest:.3g} to {seen.highest:.3g} over all poses)"
+    between = (
+        ""
+        if np.isclose(seen.lowest, seen.highest, rtol=1e-3)
+        else f" ({seen.lowest:.3g} to {seen.highest:.3g} over all poses)"
+    )
     rotor = f", rotor {joint.armature:.3g} included" if joint.armature else "; the model states no rotor inertia"
     if inertia > 1e-12:
-        numbers["inertia"] = Number(inertia, "read", f"of all bodies that it moves, with {pose}{between}{rotor}", CAD if joint.armature else WITHOUT_ROTOR)
+        numbers["inertia"] = Number(
+            inertia,
+            "read",
+            f"of all bodies that it moves, with {pose}{between}{rotor}",
+            CAD if joint.armature else WITHOUT_ROTOR,
+        )
     else:
         numbers["inertia"] = Number(1e-3, "guessed", "the model states no mass beyond this joint", GUESS)
         description.remarks.append("the inertia is a guess: state <inertial> of the links that the joint moves")
@@ -122,7 +143,7 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
         numbers["gravity_angle"] = Number(seen.gravity_angle, "read", "angle at which the link hangs at rest")
     elif abs(seen.gravity_torque) > 1e-9:
         description.remarks.append(
-            f"gravity pulls along the axis with a constant {-seen.gravity_torque:.4g} N, which a device file cannot state: "
+            f"gravity acts along the axis with a constant {-seen.gravity_torque:.4g} N, which no entry can state: "
             f"write `offset: {-seen.gravity_torque:.4g}` to the column of the force"
         )
     if joint.kp is not None:
@@ -131,16 +152,27 @@ def of_model(description: Description, robot: Robot, joint: RobotJoint, at: Mapp
         numbers["kp"] = Number(joint.kp, "read", f"of the position actuator{gear}", CAD)
         numbers["kd"] = Number(joint.kd or 0.0, "read", f"kv of the position actuator{gear}", CAD)
         if joint.gear != 1.0:
-            description.remarks.append(f"its actuator counts {joint.gear:g} per angle of the joint: goals in its units need `scale: {1 / joint.gear:g}`")
+            description.remarks.append(
+                f"its actuator has gear {joint.gear:g}: goals in its units need `scale: {1 / joint.gear:g}`"
+            )
         if joint.effort:
             numbers["torque_limit"] = Number(joint.effort, "read", "force range of the actuator", CAD)
         if joint.delay:
             numbers["delay"] = Number(min(joint.delay, 0.1), "read", "of the actuator")
-    limits = [f"{what} {value:g} {unit}" for what, value, unit in (("effort", joint.effort, description.unit("torque_limit")), ("speed", joint.speed, description.unit("speed_limit"))) if value]
+    limits = [
+        f"{what} {value:g} {unit}"
+        for what, value, unit in (
+            ("effort", joint.effort, description.unit("torque_limit")),
+            ("speed", joint.speed, description.unit("speed_limit")),
+        )
+        if value
+    ]
     if np.isfinite(joint.low) and np.isfinite(joint.high):
         limits.append(f"{joint.low:g} to {joint.high:g} {description.unit('gravity_angle')}")
     if limits:
-        description.remarks.append(f"limits read: {', '.join(limits)}; a rigid joint with a torque drive has no entry for them")
+        description.remarks.append(
+            f"limits read: {', '.join(limits)}; a rigid joint with a torque drive has no entry for them"
+        )
     description.remarks += [*robot.remarks, *joint.remarks]
 
 
@@ -154,12 +186,14 @@ def _friction(description: Description, name: str, value: float | None, word: st
 
 
 def guess_gains(description: Description) -> None:
-    """Gains of a position drive whose model states none: 5 Hz of bandwidth and a damping ratio of .7 with its inertia."""
+    """Gains of a position drive whose model states none: 5 Hz of bandwidth, damping ratio .7 with its inertia."""
     inertia, w = description.numbers["inertia"].value, 2.0 * np.pi * 5.0
     note = "5 Hz of bandwidth; fitted to the log in a diagnosis"
     description.numbers["kp"] = Number(inertia * w**2, "guessed", note, GUESS)
     description.numbers["kd"] = Number(1.4 * inertia * w, "guessed", "damping ratio .7 at that bandwidth", GUESS)
-    description.remarks.append("the recording has goals and no torque, and the model no gains: kp and kd are guesses, write yours")
+    description.remarks.append(
+        "the recording has goals and no torque, and the model no gains: kp and kd are guesses, write yours"
+    )
 
 
 def device_name(joint: str) -> str:
@@ -186,7 +220,13 @@ def _quoted(text: str) -> str:
 def _flow(entry: Mapping[str, Any]) -> str:
     if set(entry) == {"column"}:
         return _quoted(entry["column"])
-    return "{" + ", ".join(f"{key}: {_quoted(value) if isinstance(value, str) else _number(value)}" for key, value in entry.items()) + "}"
+    return (
+        "{"
+        + ", ".join(
+            f"{key}: {_quoted(value) if isinstance(value, str) else _number(value)}" for key, value in entry.items()
+        )
+        + "}"
+    )
 
 
 def _wrapped(text: str, width: int = 116) -> list[str]:

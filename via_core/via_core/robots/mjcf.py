@@ -13,7 +13,9 @@ from via_core.errors import DeviceError
 from via_core.robots.models import Robot, RobotJoint
 
 # Members of these enumerations are not equal to the numbers in a model.
-_HINGE, _SLIDE, _BALL, _FREE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("HINGE", "SLIDE", "BALL", "FREE"))
+_HINGE, _SLIDE, _BALL, _FREE = (
+    int(getattr(mujoco.mjtJoint, f"mjJNT_{name}")) for name in ("HINGE", "SLIDE", "BALL", "FREE")
+)
 _ON_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _FIXED, _AFFINE, _AT_ONCE = (
     int(each) for each in (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE, mujoco.mjtDyn.mjDYN_NONE)
@@ -39,9 +41,7 @@ def read_mjcf(path: Path) -> Robot:
         except ValueError as error:
             hint = "; state <inertial> for bodies whose mass comes from missing meshes" if "mass" in str(error) else ""
             raise DeviceError(f"{path}: MuJoCo cannot compile it: {_line(error)}{hint}") from None
-    joints = tuple(
-        _joint(model, j) for j in range(model.njnt) if int(model.jnt_type[j]) in (_HINGE, _SLIDE)
-    )
+    joints = tuple(_joint(model, j) for j in range(model.njnt) if int(model.jnt_type[j]) in (_HINGE, _SLIDE))
     if model.neq:
         remarks.append(f"{model.neq} equality constraints: not used")
     if model.ntendon:
@@ -139,7 +139,9 @@ def _drive(model: Any, j: int) -> dict[str, Any]:
         else:
             found["remarks"].append(f"actuator '{name}' is neither a motor nor a position servo: not used")
         if model.actuator_dyntype[i] != _AT_ONCE:
-            found["remarks"].append(f"activation dynamics of actuator '{name}' (time constant {model.actuator_dynprm[i, 0]:g} s): not used")
+            found["remarks"].append(
+                f"activation dynamics of actuator '{name}' (time constant {model.actuator_dynprm[i, 0]:g} s): not used"
+            )
         if hasattr(model, "actuator_delay") and model.actuator_delay[i] > 0.0:
             found["delay"] = float(model.actuator_delay[i])
     return found
@@ -165,7 +167,11 @@ def _bodies(model: Any) -> pinocchio.Model:
             elif model.jnt_type[j] == _BALL:
                 kind, place, at = pinocchio.JointModelSpherical(), at * anchor, anchor.inverse()
             else:
-                of = pinocchio.JointModelRevoluteUnaligned if model.jnt_type[j] == _HINGE else pinocchio.JointModelPrismaticUnaligned
+                of = (
+                    pinocchio.JointModelRevoluteUnaligned
+                    if model.jnt_type[j] == _HINGE
+                    else pinocchio.JointModelPrismaticUnaligned
+                )
                 kind, place, at = of(np.array(model.jnt_axis[j])), at * anchor, anchor.inverse()
             carrier = made.addJoint(carrier, kind, place, joint_name(model, j))
             dof = int(model.jnt_dofadr[j])

@@ -53,7 +53,7 @@ def fit_joint(log: JointLog) -> dict[str, Fitted]:
     torque = log.torque
     if torque is None:
         raise SignalError(
-            f"{log.name}: without a torque no inertia can be measured; add the URDF or MJCF of the robot, or answer the "
+            f"{log.name}: without a torque no inertia can be measured; add the URDF or MJCF file, or answer the "
             "questions of `via device new`"
         )
     period = float(np.median(np.diff(log.measured.time)))

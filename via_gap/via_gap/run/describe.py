@@ -26,7 +26,12 @@ EXACT = 1e-6  # of the largest torque: less noise means that the torque was comp
 
 
 def describe(
-    command: str, model: Path | None, joint: str, log: Path | None, at: Mapping[str, float], constants: Constants = Constants()
+    command: str,
+    model: Path | None,
+    joint: str,
+    log: Path | None,
+    at: Mapping[str, float],
+    constants: Constants,
 ) -> Description:
     """The description of one joint. Raises ViaError with the remedy where the joint or its numbers cannot be found.
 
@@ -65,7 +70,12 @@ class Recorded:
 
 
 def described(
-    command: str, robot: Robot | None, joint: str, recorded: Recorded | None, at: Mapping[str, float], constants: Constants
+    command: str,
+    robot: Robot | None,
+    joint: str,
+    recorded: Recorded | None,
+    at: Mapping[str, float],
+    constants: Constants,
 ) -> Description:
     """The description of a joint of a robot, a recording, or both."""
     made = Description("joint", joint or "joint", command)
@@ -74,7 +84,10 @@ def described(
     if recorded is not None:
         entries = entries_of(recorded.tables, recorded.guesses, joint, constants, recorded.bag)
         if not joint:
-            made.joint = next((g.joint for g in recorded.guesses if g.column == entries.columns["q"][0]["column"]), "") or "joint"
+            made.joint = (
+                next((g.joint for g in recorded.guesses if g.column == entries.columns["q"][0]["column"]), "")
+                or "joint"
+            )
         made.columns = entries.columns
         made.remarks += entries.remarks
         made.sources.append(str(recorded.path))
@@ -122,9 +135,12 @@ def _measure(made: Description, recorded: Recorded, modelled: bool) -> None:
     name, numbers = recorded.path.name, made.numbers
     if made.drive == "position" and "kp" not in numbers:
         raise SignalError(
-            f"{recorded.path}: has goals and no torque, from which no inertia can be measured; add the URDF or MJCF file"
+            f"{recorded.path}: has goals and no torque, from which no inertia follows; add the URDF or MJCF file"
         )
-    guesses = {each: Number(value, "guessed", "") for each, value in (("inertia", 1.0), ("viscous_friction", 0.0), ("rate", RATE))}
+    guesses = {
+        each: Number(value, "guessed", "")
+        for each, value in (("inertia", 1.0), ("viscous_friction", 0.0), ("rate", RATE))
+    }
     provisional = replace(made, numbers={**guesses, **numbers})
     device = parse_device(provisional.text(), made.name)
     log = JointLog.of(name, device, joint_of(recorded.tables, device, str(recorded.path), recorded.bag))
