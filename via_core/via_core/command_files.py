@@ -7,7 +7,6 @@ meant to give; a controller may correct the torques by them.
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -20,16 +19,14 @@ COMMAND_UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "externa
 
 
 def read_table(path: Path) -> tuple[list[str], dict[str, Array]]:
-    """Header and columns (N,) of a CSV file of numbers. Raises SignalError."""
+    """Header and columns (N,) of a table of numbers, in any format of `via_core.recordings`. Raises SignalError."""
+    from via_core.recordings.tables import numbers, read_tables
+
+    frame = next(iter(read_tables(path).values()))
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
-        table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2, encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SignalError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from None
-    except ValueError as error:
-        raise SignalError(f"{path}: {' '.join(str(error).split())[:120]}") from None
-    return header, {name: table[:, i] for i, name in enumerate(header) if i < table.shape[1]}
+        return list(frame.columns), {name: numbers(frame, name) for name in frame.columns}
+    except SignalError as error:
+        raise SignalError(f"{path}: {error}") from None
 
 
 def columns_of(signals: Signals) -> dict[str, Array]:

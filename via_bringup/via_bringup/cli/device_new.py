@@ -40,7 +40,7 @@ def new(
     """
     described = Description("joint", joint or "joint", _command())
     if model is None and log is None:
-        if not sys.stdin.isatty():
+        if not _on_terminal():
             raise ViaError("nothing to describe: give a URDF or MJCF file, --log FILE, or run it in a terminal")
         _ask(described)
     else:
@@ -80,6 +80,11 @@ def _command() -> str:
 
 
 # ---- questions
+
+
+def _on_terminal() -> bool:
+    """Whether a person can answer questions."""
+    return sys.stdin.isatty()
 
 
 def _ask(described: Description) -> None:

@@ -24,7 +24,6 @@ from via_sim.effects.files import load_effects
 
 from via_bringup.cli.console import answers, errors
 
-MODELS = (".urdf", ".xml", ".mjcf")
 Arm = Annotated[
     str | None,
     typer.Option(
@@ -87,14 +86,9 @@ def diagnose(
 def _of_arm(
     arm: str, logs: list[Path], holdout: Sequence[Path], progress: Callable[[str, float], None]
 ) -> tuple[GapReport, ...]:
-    from via_gap.run.arms import (
-        arm_of_model,
-        diagnose_arm,
-        load_arm,
-        read_arm_log,
-    )  # importing pinocchio takes a second
+    from via_gap.run.arms import diagnose_arm, find_arm, read_arm_log  # importing pinocchio takes a second
 
-    whole = arm_of_model(Path(arm), logs[0]) if Path(arm).suffix in MODELS else load_arm(arm)
+    whole = find_arm(arm, logs[0])
     read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))
     return diagnose_arm(whole, read, held, progress)
 
@@ -156,9 +150,9 @@ def simulate(
 
 
 def _joint_of_arm(arm: str, device: Device, logs: list[Path]) -> list[JointLog]:
-    from via_gap.run.arms import load_arm, read_arm_log
+    from via_gap.run.arms import find_arm, read_arm_log
 
-    whole = load_arm(arm)
+    whole = find_arm(arm, logs[0])
     names = [each.name for each in whole.devices]
     if device.name not in names:
         raise ViaError(f"'{device.name}' is not a joint of '{whole.name}', which has: {', '.join(names)}")

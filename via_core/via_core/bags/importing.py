@@ -25,7 +25,7 @@ from via_core.bags.recording_checks import check_recording, check_samples, usabl
 from via_core.bags.writer import BagWriter
 from via_core.devices import Device, load_device
 from via_core.errors import BagError, ImportMapError, ViaError
-from via_core.recordings.tables import is_bag, numbers, read_csv, read_tables
+from via_core.recordings.tables import TEXTS, is_bag, numbers, read_csv, read_tables
 from via_core.signals import Array, Signals
 from via_core.wire import JOINT_STATE, SECOND, UNITS, VSA_COMMAND
 
@@ -302,7 +302,7 @@ def _command_findings(time: Array, in_order: NDArray[np.bool_], commands: dict[s
 def _read_table(path: Path, table: Table) -> dict[str, Array]:
     """Column name -> (N,) numbers of the file; an empty cell is NaN. Raises ImportMapError and _BadFileError."""
     try:
-        if path.suffix.lower() in (".csv", ".tsv", ".txt"):
+        if path.suffix.lower() in TEXTS:
             frames = {"": read_csv(path, table.delimiter)}
         else:
             frames = read_tables(path)

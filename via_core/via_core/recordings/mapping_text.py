@@ -12,6 +12,7 @@ import yaml
 from via_core.errors import SignalError
 from via_core.recordings.entries import Constants
 from via_core.recordings.guess import ColumnGuess, TimeGuess
+from via_core.recordings.tables import TEXTS, delimiter_of
 from via_core.recordings.units import COUNTS
 
 QUANTITIES = {"position": "position", "velocity": "velocity", "torque": "effort", "current": "effort"}
@@ -62,6 +63,7 @@ def mapping_text(
         "recordings:",
         f"  pattern: {_flow(f'(?P<run>{pattern})')}  # regular expression for the names of the files",
         "  bag: '{run}'",
+        *([f"  delimiter: {_flow(delimiter_of(path))}"] if path.suffix.lower() in TEXTS else []),
         f"  time: {_flow({'column': time.column, 'unit': time.unit})}  # {time.reason}",
         "  joints:",
         *(f"    - {_flow(entry)}  # {why}" for entry, why in joints),

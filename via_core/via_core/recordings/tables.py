@@ -14,7 +14,7 @@ import re
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 Tables = dict[str, "DataFrame"]
 WIDEST = 64  # numbers of a list in a cell, or columns of a matrix, that become columns
 BAGS = (".mcap", ".db3", ".active")
+TEXTS = (".csv", ".tsv", ".txt")
 JOINT_NAMES = ("name", "joint_names")  # members of messages that name the joints of the others
+_NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?|nan|NaN|")
 _LIST = re.compile(r"\s*[\[(].*[\])]\s*")
 
 
@@ -75,6 +77,44 @@ def numbers(frame: DataFrame, column: str) -> NDArray[np.float64]:
 # ---- text
 
 
+class _Head(NamedTuple):
+    """Beginning of a table of text: its header line, the lines before its rows, and its delimiter."""
+
+    line: str
+    skipped: int  # comments and the header
+    delimiter: str
+
+
+def _head(path: Path, delimiter: str | None) -> _Head:
+    """The header: the first line that is no comment, or a comment above a line of numbers, as numpy.savetxt writes."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            line, comment, skipped = file.readline(), "", 0
+            while line.lstrip().startswith("#"):
+                line, comment, skipped = file.readline(), line.strip().lstrip("# "), skipped + 1
+    except OSError as error:
+        raise SignalError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SignalError(f"{path}: cannot be read: not UTF-8 text") from None
+    if not line.strip():
+        raise SignalError(f"{path.name} is empty")
+    found = delimiter or max(",;\t", key=line.count)
+    if delimiter is None and found not in line and " " in line.strip():
+        found = " "
+    cells = line.split(found) if found != " " else line.split()
+    if not all(_NUMBER.fullmatch(cell.strip()) for cell in cells):
+        return _Head(line, skipped + 1, found)
+    names = re.split(r"[,;\t ]+", comment) if comment else []
+    if len(names) != len(cells):
+        names = [f"column[{k}]" for k in range(len(cells))]
+    return _Head(found.join(names), skipped, found)
+
+
+def delimiter_of(path: Path) -> str:
+    """The delimiter of a table of text."""
+    return _head(path, None).delimiter
+
+
 def read_csv(path: Path, delimiter: str | None = None) -> DataFrame:
     """A table of text: comments (#) before the header are skipped, the delimiter is that of the header line.
 
@@ -83,54 +123,50 @@ def read_csv(path: Path, delimiter: str | None = None) -> DataFrame:
     import pyarrow
     from pyarrow import csv
 
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            head, skipped = file.readline(), 0
-            while head.lstrip().startswith("#"):
-                head, skipped = file.readline(), skipped + 1
-    except OSError as error:
-        raise SignalError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise SignalError(f"{path}: cannot be read: not UTF-8 text") from None
-    if not head.strip():
-        raise SignalError(f"{path.name} is empty")
-    found = delimiter or max(",;\t", key=head.count)
-    if found == "," and "," not in head and " " in head.strip():
-        return _by_spaces(path, skipped)
-    parse = csv.ParseOptions(delimiter=found)
+    head = _head(path, delimiter)
+    if head.delimiter == " ":
+        return _by_spaces(path, head)
+    names = [name.strip().strip('"') for name in head.line.rstrip("\r\n").split(head.delimiter)]
+    parse = csv.ParseOptions(delimiter=head.delimiter)
     convert = csv.ConvertOptions(
         null_values=["", "nan", "NaN", "NAN"], strings_can_be_null=True, auto_dict_encode=False,
-        timestamp_parsers=[], decimal_point="," if found == ";" and _decimal_comma(path, skipped) else ".",
+        decimal_point="," if head.delimiter == ";" and _decimal_comma(path, head.skipped) else ".",
     )  # fmt: skip
     try:
         # One block: types are inferred from the first block alone.
-        options = csv.ReadOptions(skip_rows=skipped, block_size=min(path.stat().st_size + 4096, 1 << 30))
-        table = csv.read_csv(path, options, parse, convert)
+        size = min(path.stat().st_size + 4096, 1 << 30)
+        numbered = [str(k) for k in range(len(names))]
+        options = csv.ReadOptions(skip_rows=head.skipped, column_names=numbered, block_size=size)
+        frame = csv.read_csv(path, options, parse, convert).to_pandas()
     except pyarrow.ArrowInvalid as error:
         wrong = re.search(r"(?:Row #(\d+): )?Expected (\d+) columns, got (\d+)", str(error))
+        if "Empty CSV" in str(error):
+            return _empty(names)
         if wrong is None:
             raise SignalError(f"{path.name} cannot be read: {_line(error)}") from None
-        raise SignalError(
-            f"{path.name} line {wrong[1] or skipped + 2} has {wrong[3]} columns, its header {wrong[2]}"
-        ) from None
-    names = [name.strip() for name in table.column_names]
-    frame = table.rename_columns([str(k) for k in range(len(names))]).to_pandas()
+        row = int(wrong[1]) if wrong[1] else head.skipped + 1
+        raise SignalError(f"{path.name} line {row} has {wrong[3]} columns, its header {wrong[2]}") from None
     frame.columns = names
     return frame
 
 
+def _empty(names: list[str]) -> DataFrame:
+    import pandas
+
+    return pandas.DataFrame(np.empty((0, len(names))), columns=names)
+
+
 def _decimal_comma(path: Path, skipped: int) -> bool:
     with path.open(encoding="utf-8-sig") as file:
-        row = [line for _, line in zip(range(skipped + 2), file)][-1]
+        row = [line for _, line in zip(range(skipped + 1), file)][-1]
     return re.search(r"\d,\d", row) is not None
 
 
-def _by_spaces(path: Path, skipped: int) -> DataFrame:
+def _by_spaces(path: Path, head: _Head) -> DataFrame:
     import pandas
 
-    frame = pandas.read_csv(path, sep=r"\s+", skiprows=skipped, float_precision="round_trip")
-    frame.columns = [str(name) for name in frame.columns]
-    return frame
+    names = head.line.split()
+    return pandas.read_csv(path, sep=r"\s+", skiprows=head.skipped, names=names, index_col=False)
 
 
 def _csv(path: Path) -> Tables:

@@ -29,7 +29,7 @@ from via_core.arm_files import ArmFile, read_arm
 from via_core.devices import Device, load_device, parse_device
 from via_core.errors import DeviceError, SignalError
 from via_core.recordings.entries import Constants
-from via_core.robots.models import read_robot
+from via_core.robots.models import is_model, read_robot
 from via_core.signals import Array, Signals
 
 from via_gap.diagnosis import diagnose
@@ -86,6 +86,11 @@ def load_arm(name_or_path: str | Path) -> Arm:
     path, file, model = read_arm(RigidArmFile, "arms", name_or_path)
     beside = [path.parent / joint if joint.endswith((".yaml", ".yml")) else joint for joint in file.joints]
     return _built(path.name, file, tuple(map(load_device, beside)), model)
+
+
+def find_arm(name: str, recording: Path) -> Arm:
+    """The arm of a URDF or MJCF file, with the joints in the recording, or the one that `load_arm` finds."""
+    return arm_of_model(Path(name), recording) if is_model(name) else load_arm(name)
 
 
 def arm_of_model(model: Path, recording: Path) -> Arm:
