@@ -1,4 +1,4 @@
-"""A lab's robot, as a new user meets it: from URDF or MJCF and a recording to a report, one command after `via device new`."""
+"""A lab's robot: from URDF or MJCF and a recording to a report, one command after `via device new`."""
 
 from pathlib import Path
 
@@ -115,16 +115,13 @@ def test_a_recording_alone_gives_the_numbers_of_the_joint(folder: Path) -> None:
     assert "measured: least squares on run.csv" in (folder / "alone.yaml").read_text()
 
 
-def test_bag_map_shows_guesses_and_writes_a_mapping_that_imports(folder: Path, tmp_path: Path) -> None:
+def test_bag_map_shows_guesses_and_writes_a_mapping_that_imports(folder: Path, elbow: Path, tmp_path: Path) -> None:
     done = via("bag", "map", folder / "run.csv", "--joint", "elbow", "--out", tmp_path / "map.yaml")
     assert done.exit_code == 0, done.output
     assert "500 Hz" in done.output and "Elbow Position (deg)" in done.output
     done = via("bag", "import", folder, "--mapping", tmp_path / "map.yaml", "--out", tmp_path / "bags")
     assert done.exit_code == 0, done.output
-    wire = '{"link": "elbow", "motors": ["elbow"]}'
-    text = (
-        (folder / "alone.yaml").read_text() if (folder / "alone.yaml").exists() else (folder / "elbow.yaml").read_text()
-    )
+    wire, text = '{"link": "elbow", "motors": ["elbow"]}', elbow.read_text()
     (tmp_path / "named.yaml").write_text(text[: text.index("wire:")] + f"wire: {wire}\n")
     log = read_log(tmp_path / "bags" / "run", load_device(tmp_path / "named.yaml"))
     np.testing.assert_allclose(log.measured["q"], moved(20.0, locked=True)["q"][:, 0], atol=1e-8)

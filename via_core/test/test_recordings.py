@@ -103,7 +103,8 @@ def bag(path: Path, plugin: StoragePlugin, type_name: str = "sensor_msgs/msg/Joi
 
 
 FORMATS = {
-    "run.csv": csv, "run.txt": savetxt, "comma.csv": german, "run.parquet": parquet, "run.npz": npz, "run.npy": npy, "run.mat": mat, "run.jsonl": jsonl,
+    "run.csv": csv, "run.txt": savetxt, "comma.csv": german, "run.parquet": parquet, "run.npz": npz, "run.npy": npy,
+    "run.mat": mat, "run.jsonl": jsonl,
     "run.json": plain_json, "db3": lambda path: bag(path, StoragePlugin.SQLITE3),
     "mcap": lambda path: bag(path, StoragePlugin.MCAP), "dynamic": lambda path: bag(path, StoragePlugin.MCAP, DYNAMIC),
 }  # fmt: skip
@@ -171,8 +172,10 @@ def test_states_of_a_trajectory_controller_give_goal_and_position(tmp_path: Path
 
 @pytest.mark.parametrize(
     ("unit", "value", "of"),
-    [("deg", pi / 180, "angle"), ("rpm", pi / 30, "speed"), ("mm", 1e-3, "angle"), ("in", 0.0254, "angle"), ("N", 1.0, "torque"),
-     ("lbf", 4.4482216152605, "torque"), ("mNm", 1e-3, "torque"), ("kgf cm", 0.0980665, "torque"), ("mA", 1e-3, "current"),
+    [("deg", pi / 180, "angle"), ("rpm", pi / 30, "speed"), ("mm", 1e-3, "angle"), ("in", 0.0254, "angle"),
+     ("N", 1.0, "torque"),
+     ("lbf", 4.4482216152605, "torque"), ("mNm", 1e-3, "torque"), ("kgf cm", 0.0980665, "torque"),
+     ("mA", 1e-3, "current"),
      ("lb", 0.45359237, ""), ("us", 1e-6, "time"), ("°/s", pi / 180, "speed")],
 )  # fmt: skip
 def test_units_in_si(unit: str, value: float, of: str) -> None:

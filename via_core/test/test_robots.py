@@ -1,4 +1,4 @@
-"""URDF and MJCF files: the same bodies as MuJoCo's, nothing dropped silently, meshes never needed, errors of one line."""
+"""URDF and MJCF files: the bodies of MuJoCo, nothing dropped silently, no meshes needed, errors of one line."""
 
 from pathlib import Path
 
@@ -16,7 +16,8 @@ from via_core.robots.models import read_robot
 ODD = """<mujoco><option gravity="1 -2 -9"/><worldbody>
  <body pos="0 0 1" euler="10 20 30"><freejoint name="base"/><geom size=".1" mass="3"/>
   <body name="a" pos=".1 0 -.2" euler="0 40 0"><joint name="twist" pos="0 .05 .02" axis="1 2 3" ref="20"/>
-   <joint name="lift" type="slide" axis="0 .6 .8" armature=".3"/><geom type="box" size=".1 .05 .02" pos=".1 0 0" mass="1.5"/>
+   <joint name="lift" type="slide" axis="0 .6 .8" armature=".3"/>
+   <geom type="box" size=".1 .05 .02" pos=".1 0 0" mass="1.5"/>
    <body pos="0 .2 0"><geom size=".05" mass=".4" pos=".1 .1 0"/>
     <body pos=".3 0 0"><joint name="hand" type="ball" pos="0 0 .1"/><geom size=".04" mass=".2"/>
      <body pos="0 0 .1"><joint name="end" axis="0 1 0" armature=".01"/><geom type="capsule" size=".02 .1" pos="0 0 .1"/>
@@ -119,7 +120,8 @@ def test_a_joint_that_slides_has_its_own_units(tmp_path: Path) -> None:
         URDF.replace('<mimic joint="elbow" multiplier="0.01"/>', "")
         .replace(
             '<link name="finger"/>',
-            '<link name="finger"><inertial><mass value=".2"/><inertia ixx="1e-5" ixy="0" ixz="0" iyy="1e-5" iyz="0" izz="1e-5"/></inertial></link>',
+            '<link name="finger"><inertial><mass value=".2"/>'
+            '<inertia ixx="1e-5" ixy="0" ixz="0" iyy="1e-5" iyz="0" izz="1e-5"/></inertial></link>',
         )
         .replace('<axis xyz="1 0 0"/>', '<axis xyz="0 0 1"/>')
     )

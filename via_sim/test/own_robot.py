@@ -57,7 +57,8 @@ MJCF = """<mujoco model="lab_arm">
       </body>
     </body>
   </worldbody>
-  <actuator><position class="arm" joint="shoulder" gear="2"/><motor joint="elbow" gear="50" ctrlrange="-.4 .4"/></actuator>
+  <actuator><position class="arm" joint="shoulder" gear="2"/>
+    <motor joint="elbow" gear="50" ctrlrange="-.4 .4"/></actuator>
 </mujoco>
 """
 FRICTION = {"shoulder": 0.5, "elbow": 0.25}  # [N m] that neither file states

@@ -54,14 +54,14 @@ def mapping_text(
         (joints if guess.quantity in QUANTITIES else commands).append((entry, guess.reason))
     if not any(entry["quantity"] == "position" for entry, _ in joints):
         raise SignalError(f"{path}: no column looks like a position; there are: {', '.join(g.column for g in guesses)}")
-    pattern = re.sub(r"\d+", r"\\d+", re.escape(path.stem)) + re.escape(path.suffix)
+    pattern = "(?P<run>" + re.sub(r"\d+", r"\\d+", re.escape(path.stem)) + ")" + re.escape(path.suffix)
     out = [
         "# Guessed from the names and values of the columns. Check units and signs before you trust any result.",
         f"title: {_flow(f'Recordings like {path.name}')}",
         f"source: [{_flow(str(path))}]",
         *([f"device: {_flow(device)}"] if device else []),
         "recordings:",
-        f"  pattern: {_flow(f'(?P<run>{pattern})')}  # regular expression for the names of the files",
+        f"  pattern: {_flow(pattern)}  # regular expression for the names of the files",
         "  bag: '{run}'",
         *([f"  delimiter: {_flow(delimiter_of(path))}"] if path.suffix.lower() in TEXTS else []),
         f"  time: {_flow({'column': time.column, 'unit': time.unit})}  # {time.reason}",

@@ -43,6 +43,8 @@ def is_bag(path: Path) -> bool:
 def read_tables(path: str | Path) -> Tables:
     """All tables of a recording by name; '' is the name of the only one. Raises ViaError in one line."""
     path = Path(path)
+    if not path.exists():
+        raise SignalError(f"{path}: cannot be read: no such file or folder")
     if is_bag(path):
         return _bag(path)
     reader = _READERS.get(path.suffix.lower())
