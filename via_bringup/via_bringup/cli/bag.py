@@ -47,7 +47,7 @@ def import_folder(
         first = next(
             f for file in imported.accepted for f in file.findings if (f.check, f.subject) == (check_name, subject)
         )
-        errors.print(f"warning in {count} recordings: {subject}: {first.text}", soft_wrap=True)
+        answers.print(f"warning in {count} recordings: {subject}: {first.text}", soft_wrap=True)
     answers.print(
         f"{len(imported.accepted)} of {len(imported.files)} recordings are now bags in {out}; "
         f"their metadata lists {warnings.total()} warnings"
