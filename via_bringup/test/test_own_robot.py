@@ -53,7 +53,8 @@ def test_a_device_file_comes_from_model_and_recording(folder: Path, elbow: Path)
     log = read_log(folder / "run.csv", device)
     run = moved(20.0, locked=True)
     np.testing.assert_allclose(log.measured["q"], run["q"][:, 0], atol=1e-8)
-    np.testing.assert_allclose(log.measured["tau"], run["tau"], atol=1e-6)
+    assert log.commands is not None
+    np.testing.assert_allclose(log.commands["external_torque"], run["tau"][:, 0], atol=1e-6)
 
 
 def test_from_file_to_report_with_one_command(folder: Path, elbow: Path) -> None:

@@ -52,6 +52,8 @@ def entries_of(
         columns["time"] = {"column": time.column, "unit": time.unit}, time.reason
     for quantity, channel in CHANNELS.items():
         guess = found.get(quantity)
+        if channel == "tau_1" and not bag:
+            channel = "external_torque"  # a logger's row holds what acts from then on; messages, what acted before
         if guess is None or channel in columns or (channel == "external_torque" and "tau_1" in columns):
             continue
         entry: dict[str, Any] = {"column": guess.column}
