@@ -16,7 +16,7 @@ from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.status import Status
 from via_gap.design.proposal import with_proposal
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import read_log
 from via_gap.nodes.monitor import MonitorNode
 from via_interfaces.action import DiagnoseGap

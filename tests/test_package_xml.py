@@ -24,6 +24,8 @@ ROSDEP = {
     "mujoco": "python3-mujoco-pip",
     "numba": "python3-numba",
     "numpy": "python3-numpy",
+    "pandas": "python3-pandas",
+    "pint": "python3-pint",
     "psutil": "python3-psutil",
     "pydantic": "python3-pydantic",
     "pytest": "python3-pytest",
@@ -44,6 +46,7 @@ PYPI = {
     "mcap_ros2": "mcap-ros2-support",
     "padasip": "padasip",
     "regex": "regex",
+    "pyarrow": "pyarrow",
     "zstandard": "zstandard",
 }
 

@@ -19,6 +19,7 @@ import pytest
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
+from own_robot import write_arm, write_robot, write_run
 from rclpy.node import Node
 from via_core.devices import load_device
 from via_ros import qos
@@ -208,6 +209,9 @@ def page(tmp_path_factory: pytest.TempPathFactory, domain: int) -> Iterator[Shel
     folder = tmp_path_factory.mktemp("readme")
     (folder / "out").mkdir()
     (folder / "via_core").symlink_to(ROOT / "via_core")
+    write_robot(folder)  # the reader's own
+    write_run(folder / "run.csv")
+    write_arm(folder / "arm.parquet")
     for block in BLOCKS:
         if block.language == "yaml" and (name := re.search(r"Save this as `(.+?)`", block.before)):
             (folder / name[1]).write_text("\n".join(block.lines))

@@ -14,7 +14,7 @@ from via_core.devices import load_device
 from via_core.errors import ParameterError
 from via_core.signals import Signals
 from via_core.wire import JOINT_STATE, VSA_COMMAND
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import read_log
 from via_interfaces.msg import Effect as EffectMessage
 from via_interfaces.msg import StiffnessEstimate, VsaCommand

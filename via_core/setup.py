@@ -15,7 +15,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
     ],
-    install_requires=["setuptools", "lz4", "mcap", "regex", "zstandard"],
+    install_requires=["setuptools", "lz4", "mcap", "pyarrow", "regex", "zstandard"],
     extras_require={"test": ["pytest", "mcap-ros2-support"]},
     zip_safe=False,
 )

@@ -38,7 +38,7 @@ def compile_kernels(progress: Callable[[float], None]) -> None:
     from via_estimators.methods import estimator_for
     from via_gap.design.commands import commands_of, recorded
     from via_gap.design.motions import MOTIONS
-    from via_gap.diagnose import diagnose
+    from via_gap.diagnosis import diagnose
     from via_gap.logs.log import JointLog
     from via_sim.effects import Effect
     from via_sim.plants import JointPlant

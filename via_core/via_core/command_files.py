@@ -7,35 +7,26 @@ meant to give; a controller may correct the torques by them.
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
-from via_core.limits import require_regular
 from via_core.signals import Array, Signals
 
 COMMAND_UNITS = {"equilibrium": "rad", "preset": "rad", "damping": "-", "external_torque": "N m", "motor": "N m"}
 
 
 def read_table(path: Path) -> tuple[list[str], dict[str, Array]]:
-    """Header and columns (N,) of a CSV file of numbers. Raises SignalError."""
+    """Header and columns (N,) of a table of numbers, in any format of `via_core.recordings`. Raises SignalError."""
+    from via_core.recordings.tables import numbers, read_tables
+
+    frame = next(iter(read_tables(path).values()))
     try:
-        require_regular(path)
-        with path.open(newline="", encoding="utf-8") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
-        table = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2, encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SignalError(f"{path}: cannot be read: {_reason(error)}") from None
-    except ValueError as error:
-        raise SignalError(f"{path}: {' '.join(str(error).split())[:120]}") from None
-    return header, {name: table[:, i] for i, name in enumerate(header) if i < table.shape[1]}
-
-
-def _reason(error: OSError | UnicodeDecodeError) -> str:
-    return (error.strerror or str(error)) if isinstance(error, OSError) else "not UTF-8 text"
+        return list(frame.columns), {name: numbers(frame, name) for name in frame.columns}
+    except SignalError as error:
+        raise SignalError(f"{path}: {error}") from None
 
 
 def columns_of(signals: Signals) -> dict[str, Array]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from via_core.dampers import DamperMap, LinearDamper, TwoStageDamper
 from via_core.errors import ParameterError
+from via_core.recordings.units import factor, kind
 from via_core.springs import (
     ExponentialSpring,
     FourBarSpring,
@@ -25,6 +27,13 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
 NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
 Text = Annotated[str, Field(min_length=1)]
+
+
+# What a channel measures: the kinds of `via_core.recordings.units`.
+CHANNEL_KINDS = {
+    "time": "time", "q": "angle", "theta": "angle", "q_velocity": "speed", "theta_velocity": "speed", "tau": "torque",
+    "tau_link": "torque", "external_torque": "torque", "equilibrium": "angle", "preset": "angle",
+}  # fmt: skip
 
 
 class Part(BaseModel):
@@ -256,9 +265,13 @@ class Tolerances(Part):
 
 
 class WireColumn(Part):
-    """A column of a CSV file in other units: value = scale * number in the file + offset."""
+    """A column of a recording in other units: value = scale * number * unit in SI + offset."""
 
     column: Text
+    topic: Text | None = None  # of a bag: the topic with this column; needs the name `joint.member` of the column
+    unit: Text | None = None  # e.g. deg, rpm, counts, A; None: SI, but for `scale`
+    counts_per_turn: Positive | None = None  # of an encoder whose unit is counts
+    torque_constant: Number | None = None  # [N m/A] at the joint: makes a torque of a current
     scale: Number = 1.0
     offset: Number = 0.0  # in the channel's unit
     enable: Text | None = None  # another column: where it is 0, the value is NaN
@@ -268,11 +281,42 @@ class WireColumn(Part):
     def _from_header(cls, entry: Any) -> Any:
         return {"column": entry} if isinstance(entry, str) else entry
 
+    @cached_property
+    def factor(self) -> float:
+        """SI value of one unit of the column. Raises ParameterError with the remedy."""
+        if self.unit is None:
+            return self.scale
+        return self.scale * factor(self.unit, self.counts_per_turn) * (self.torque_constant or 1.0)
+
+    def check_unit(self, channel: str) -> None:
+        """Raise ValueError where the unit does not fit the channel."""
+        if self.unit is None:
+            return
+        try:
+            _ = self.factor
+            given, wanted = kind(self.unit), CHANNEL_KINDS.get(channel.rpartition("_")[0] or channel, "")
+        except ParameterError as error:
+            raise ValueError(f"columns.{channel}: {error}") from None
+        wanted = CHANNEL_KINDS.get(channel, wanted)
+        if given == wanted or not wanted or (given == "" and self.scale != 1.0):
+            return
+        if wanted == "torque" and given == "current":
+            if self.torque_constant is None:
+                raise ValueError(f"columns.{channel}: unit '{self.unit}' needs torque_constant [N m/A] at the joint")
+            return
+        raise ValueError(f"columns.{channel}: '{self.unit}' is no unit of {wanted}; state the right unit, or a scale")
+
 
 class Wire(Part):
-    """Names in sensor_msgs/JointState, of topics and in CSV files; empty ones are derived from the device name."""
+    """Names in sensor_msgs/JointState, of topics and in recordings; empty ones are derived from the device name."""
 
     link: str = ""
     motors: tuple[str, ...] = ()
     command: str = ""
-    columns: dict[str, WireColumn] = {}  # channel (time, q, theta_1, tau_1 ...) -> column of a CSV file
+    columns: dict[str, WireColumn] = {}  # channel (time, q, theta_1, tau_1 ...) -> column of a recording
+
+    @model_validator(mode="after")
+    def _units_fit(self) -> Wire:
+        for channel, entry in self.columns.items():
+            entry.check_unit(channel)
+        return self

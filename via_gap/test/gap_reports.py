@@ -3,7 +3,7 @@
 from functools import cache
 
 from gap_logs import flexible, log_of
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.findings import Finding
 from via_gap.report.figures import Member, OrderSpectrum, Trial
 from via_gap.report.report import Cause, EffectLocation, GapReport, Proposal, Value, Where

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gap_logs import flexible, log_of, rigid
 from via_core.signals import Signals
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.between import acting, in_lines, lines_finding
 from via_gap.logs.log import JointLog
 from via_gap.report.withheld import before_and_after

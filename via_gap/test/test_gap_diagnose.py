@@ -7,7 +7,7 @@ from via_core.devices import parse_device
 from via_core.errors import SignalError
 from via_core.signals import Signals
 from via_gap.candidates.localisation import localise
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport, save_repair
 from via_gap.report.withheld import before_and_after

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gap_logs import flexible, log_of
 from via_gap.candidates.location import locations
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.residual.segments import cut_log
 from via_gap.selection.holdout import split, split_finely
 from via_sim.effects import Effect

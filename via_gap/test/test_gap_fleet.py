@@ -12,7 +12,7 @@ from distributed import Client
 from distributed.security import Security
 from gap_logs import flexible, log_of
 from via_core.errors import ViaError
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import read_log
 from via_gap.run import fleet
 from via_gap.run.fleet import Row, Workers, key_of, row_of, run_fleet

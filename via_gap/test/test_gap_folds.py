@@ -5,7 +5,7 @@ import pytest
 from gap_logs import log_of, servo
 from via_core.device_parts import Tolerances
 from via_gap.candidates.fit import fit_device_numbers
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.logs.replay import simulated_log
 from via_gap.residual.nuisance import nuisances

@@ -11,7 +11,7 @@ from via_gap.design.commands import commands_of, rate_of, recorded
 from via_gap.design.motion_file import write_motion
 from via_gap.design.motions import DURATION, MOTIONS
 from via_gap.design.proposal import ENOUGH, propose, tied, with_proposal
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.report.report import Cause, EffectLocation, GapReport, NuisanceValue, Value
 from via_gap.residual.nuisance import nuisances
 from via_sim.effects import Effect

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gap_logs import flexible, log_of
 from via_core.signals import Signals
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.residual.recordings import FEWEST, Recordings
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gap_logs import flexible, log_of
 from via_core.signals import Signals
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.sensors.sensor_errors import sensor_errors
 from via_sim.effects import Effect

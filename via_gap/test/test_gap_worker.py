@@ -9,7 +9,7 @@ import pytest
 from gap_logs import flexible, log_of
 from via_core.signals import Signals
 from via_gap.design.proposal import with_proposal
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_gap.logs.noise import log_noise
 from via_gap.run.comparison import Comparator, compare, warm_up

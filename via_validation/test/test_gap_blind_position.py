@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from via_core.devices import Device, parse_device
 from via_core.signals import Array, Signals
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog
 from via_sim.effects import Effect
 from via_sim.plants import JointPlant

@@ -18,6 +18,7 @@ from via_bringup.cli.interrupts import end_on_interrupt, leave
 
 PLUGINS = "via.commands"  # entry point group; each entry point is a dict like COMMANDS
 GROUPS = {
+    "device": "Describe a joint of your robot.",
     "bag": "Import, inspect, record, play and recover MCAP bags.",
     "gap": "Diagnose the gap between logs and the model of their device.",
     "topic": "List, print, measure and publish topics.",
@@ -43,6 +44,10 @@ COMMANDS = {
     "devices": Entry(
         "via_bringup.cli.devices:devices",
         "List the shipped devices, or describe one with the source of its parameters.",
+    ),
+    "device new": Entry(
+        "via_bringup.cli.device_new:new",
+        "Write a commented device file from a model (URDF, MJCF), a recording, both, or the answers to questions.",
     ),
     "estimate": Entry(
         "via_bringup.cli.estimate:estimate", "Estimate stiffness and damping from a bag and print the last values."
@@ -75,7 +80,11 @@ COMMANDS = {
     ),
     "bag import": Entry(
         "via_bringup.cli.bag:import_folder",
-        "Convert CSV recordings to bags; refuse unusable ones and list the reasons.",
+        "Convert recordings to bags; refuse unusable ones and list the reasons.",
+    ),
+    "bag map": Entry(
+        "via_bringup.cli.bag_map:map_file",
+        "Show columns or topics of a recording with rates and guesses, and write the commented mapping.",
     ),
     "bag info": Entry("via_bringup.cli.bag:info", "Show the topics and metadata of a bag."),
     "bag check": Entry(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from math import isfinite
 from pathlib import Path
 from typing import Annotated
@@ -26,12 +27,12 @@ SEVERITIES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 
 def import_folder(
-    folder: Annotated[Path, typer.Argument(help="Folder with the CSV recordings.")],
+    folder: Annotated[Path, typer.Argument(help="Folder with the recordings.")],
     mapping: Annotated[str, typer.Option(help=f"Mapping file or shipped mapping: {', '.join(mapping_names())}.")],
     out: Annotated[Path, typer.Option(help="Output folder, with one bag per recording.")],
     report: Annotated[Path | None, typer.Option("--json", help="Write the full report to this file.")] = None,
 ) -> None:
-    """Convert CSV recordings to bags; refuse unusable ones and list the reasons."""
+    """Convert recordings to bags; refuse unusable ones and list the reasons."""
     check_folder(out)
     check_files(report)
     with working(f"importing {folder}"):
@@ -42,10 +43,18 @@ def import_folder(
         for file in imported.refused:
             listing.add_row(file.source, "; ".join(file.reasons))
         answers.print(listing)
-    warnings = sum(finding.severity == "warning" for file in imported.accepted for finding in file.findings)
+    warnings = Counter(
+        (finding.check, finding.subject) for file in imported.accepted for finding in file.findings
+        if finding.severity == "warning"
+    )  # fmt: skip
+    for (check_name, subject), count in warnings.items():
+        first = next(
+            f for file in imported.accepted for f in file.findings if (f.check, f.subject) == (check_name, subject)
+        )
+        answers.print(f"warning in {count} recordings: {subject}: {first.text}", soft_wrap=True)
     answers.print(
         f"{len(imported.accepted)} of {len(imported.files)} recordings are now bags in {out}; "
-        f"their metadata lists {warnings} warnings"
+        f"their metadata lists {warnings.total()} warnings"
     )
     if report is not None:
         write_text(report, json.dumps(imported.as_dict(), indent=2) + "\n")

@@ -13,7 +13,7 @@ from via_core.devices import Device, load_device
 from via_core.errors import ViaError
 from via_core.text_files import read_text, write_text
 from via_gap.design.proposal import with_proposal
-from via_gap.diagnose import diagnose as diagnosed
+from via_gap.diagnosis import diagnose as diagnosed
 from via_gap.logs.log import JointLog, read_logs
 from via_gap.rendering.page import write_page
 from via_gap.rendering.text import text
@@ -25,12 +25,17 @@ from via_bringup.cli.console import answers, working
 from via_bringup.cli.outputs import check_files
 
 Arm = Annotated[
-    str | None, typer.Option(help="Arm with rigid joints, name or path to its YAML; each log contains all its joints.")
+    str | None,
+    typer.Option(
+        help="Arm with rigid joints: name, path to its YAML, or URDF or MJCF file; each log has all its joints."
+    ),
 ]
 
 
 def diagnose(
-    logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files of one joint, or of an arm.")],
+    logs: Annotated[
+        list[Path], typer.Argument(help="Bags, CSV, Parquet, NumPy, MATLAB or JSON files of one joint, or of an arm.")
+    ],
     device: Annotated[str | None, typer.Option(help="Device name (see `via devices`) or path to its YAML.")] = None,
     arm: Arm = None,
     holdout: Annotated[
@@ -76,9 +81,9 @@ def diagnose(
 def _of_arm(
     arm: str, logs: list[Path], holdout: Sequence[Path], progress: Callable[[str, float], None]
 ) -> tuple[GapReport, ...]:
-    from via_gap.run.arms import diagnose_arm, load_arm, read_arm_log  # importing pinocchio takes a second
+    from via_gap.run.arms import diagnose_arm, find_arm, read_arm_log  # importing pinocchio takes a second
 
-    whole = load_arm(arm)
+    whole = find_arm(arm, logs[0])
     read, held = ([read_arm_log(path, whole) for path in paths] for paths in (logs, holdout))
     return diagnose_arm(whole, read, held, progress)
 
@@ -102,7 +107,7 @@ def render(
 
 
 def simulate(
-    logs: Annotated[list[Path], typer.Argument(help="Bag folders, .mcap or .csv files.")],
+    logs: Annotated[list[Path], typer.Argument(help="Bags, CSV, Parquet, NumPy, MATLAB or JSON files.")],
     device: Annotated[str, typer.Option(help="Device name or path to its YAML.")],
     effects: Annotated[Path | None, typer.Option(help="Effects file to add to the nominal model.")] = None,
     report: Annotated[
@@ -143,9 +148,9 @@ def simulate(
 
 
 def _joint_of_arm(arm: str, device: Device, logs: list[Path]) -> list[JointLog]:
-    from via_gap.run.arms import load_arm, read_arm_log
+    from via_gap.run.arms import find_arm, read_arm_log
 
-    whole = load_arm(arm)
+    whole = find_arm(arm, logs[0])
     names = [each.name for each in whole.devices]
     if device.name not in names:
         raise ViaError(f"'{device.name}' is not a joint of '{whole.name}', which has: {', '.join(names)}")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from via_core.bags.importing import import_recordings
 from via_core.devices import load_device
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import read_log
 from via_gap.rendering.page import write_page
 from via_gap.rendering.words import headline

@@ -26,6 +26,13 @@ from via_core.text_files import shown
 
 _SEPARATOR = "=" * 80
 NAME, TYPE = re.compile(r"[A-Za-z]\w*", re.ASCII), re.compile(r"\w+/msg/[A-Za-z]\w*", re.ASCII)
+# Members of message types that logs of ros2_control hold and the Jazzy type store lacks.
+_CONTROL = {
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
+    "control_msgs/msg/DynamicJointState": (
+        "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values\n"
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -112,7 +119,8 @@ def _collect(type_name: str, store: Typestore, texts: dict[str, str]) -> None:
     if type_name in texts:
         return
     if type_name not in store.fielddefs:
-        texts[type_name] = _definition_file(type_name).read_text(encoding="utf-8").rstrip() + "\n"
+        text = _CONTROL.get(type_name) or _definition_file(type_name).read_text(encoding="utf-8")
+        texts[type_name] = text.rstrip() + "\n"
         try:
             store.register(get_types_from_msg(texts[type_name], type_name))
         except TypesysError as error:

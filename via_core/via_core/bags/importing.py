@@ -1,4 +1,4 @@
-"""Import of CSV recordings into bags, by a mapping file; recordings that cannot be valid are refused with a reason.
+"""Import of recordings into bags, by a mapping file; recordings that cannot be valid are refused with a reason.
 
 One bag per recording: /joint_states, /<device>/command and a std_msgs/Float64 topic for each further scalar, ordered by
 stamp, commands before measurements of the same stamp. Values keep every bit. Stamps are rounded to ns and shifted by
@@ -7,7 +7,6 @@ one offset, stored in the bag's metadata, so that none is negative.
 
 from __future__ import annotations
 
-import csv
 import re
 import shutil
 from dataclasses import asdict, dataclass
@@ -25,8 +24,8 @@ from via_core.bags.messages import Stream, command_messages, in_order, joint_mes
 from via_core.bags.recording_checks import check_recording, check_samples, usable_stamps
 from via_core.bags.writer import BagWriter
 from via_core.devices import Device, load_device
-from via_core.errors import BagError, ImportMapError
-from via_core.limits import require_regular
+from via_core.errors import BagError, ImportMapError, ViaError
+from via_core.recordings.tables import TEXTS, is_bag, numbers, read_csv, read_tables
 from via_core.signals import Array, Signals
 from via_core.text_files import shown
 from via_core.wire import JOINT_STATE, SECOND, UNITS, VSA_COMMAND
@@ -143,7 +142,7 @@ def _recordings(folder: Path, mapping: Mapping) -> list[_Source]:
     if not folder.is_dir():
         raise ImportMapError(f"no folder {folder}")
     found: dict[str, _Source] = {}
-    for path in sorted((path for path in folder.rglob("*") if path.is_file()), key=_natural):
+    for path in sorted(folder.rglob("*"), key=_natural):  # folders too: bags
         groups = mapping.recordings.match(path.relative_to(folder).as_posix())
         if groups is None:
             continue
@@ -219,7 +218,8 @@ class _Importer:
         joints = _columns([values[each.column] for each in table.joints], usable)
         if self.device is not None and usable.any():
             measured = self._measured(time[usable], joints, self.device)
-            commanded = Signals(command_time[in_order], commands, UNITS, frozenset(commands)) if commands else None
+            units = {**UNITS, "torque": "N m"}
+            commanded = Signals(command_time[in_order], commands, units, frozenset(commands)) if commands else None
             findings += check_recording(measured, commanded, self.device)
         return _Run(
             stamp=_nanoseconds(time[usable]),
@@ -278,9 +278,13 @@ class _Importer:
         if joint == "link":
             return device.link_joint
         number = int(joint.removeprefix("motor_"))
-        if not 1 <= number <= device.n_motors:
-            raise ImportMapError(f"{joint}: device '{device.name}' has {device.n_motors} motors")
-        return device.motor_joints[number - 1]
+        if not 1 <= number <= device.n_drives:
+            last = f"motor_{device.n_drives}"
+            raise ImportMapError(
+                f"{joint}: the {device.arrangement} joint '{device.name}' has {device.n_drives} drive"
+                f"{'s, write motor_1 to ' + last if device.n_drives > 1 else ', write motor_1 for its torque'}"
+            )
+        return device.drive_joints[number - 1]
 
 
 def _command_findings(time: Array, in_order: NDArray[np.bool_], commands: dict[str, Array]) -> list[Finding]:
@@ -301,27 +305,20 @@ def _command_findings(time: Array, in_order: NDArray[np.bool_], commands: dict[s
 def _read_table(path: Path, table: Table) -> dict[str, Array]:
     """Column name -> (N,) numbers of the file; an empty cell is NaN. Raises ImportMapError and _BadFileError."""
     try:
-        require_regular(path)
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = list(csv.reader(file, delimiter=table.delimiter))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise _BadFileError(f"{path.name} cannot be read: {error}") from None
-    if not lines:
-        raise _BadFileError(f"{path.name} is empty")
-    header = [name.strip() for name in lines[0]]
-    table.check_header(header, path.name)
-    used = [header.index(each.column) for each in table.mapped]
-    columns = np.empty((len(lines) - 1, len(used)))
-    for k, cells in enumerate(lines[1:]):
-        if len(cells) != len(header):
-            raise _BadFileError(f"{path.name} line {k + 2} has {len(cells)} columns, its header {len(header)}")
-        for i, column in enumerate(used):
-            try:
-                columns[k, i] = float(cells[column]) if cells[column].strip() else np.nan
-            except ValueError:
-                text = f"{path.name} line {k + 2}, column '{header[column]}': {cells[column]!r} is not a number"
-                raise _BadFileError(text) from None
-    return {each.column: columns[:, i] for i, each in enumerate(table.mapped)}
+        if path.suffix.lower() in TEXTS:
+            frames = {"": read_csv(path, table.delimiter)}
+        else:
+            frames = read_tables(path)
+    except ViaError as error:
+        raise _BadFileError(str(error)) from None
+    named = [name for name, frame in frames.items() if {each.column for each in table.mapped} <= set(frame.columns)]
+    frame = frames[named[0] if named else next(iter(frames))]
+    if not (named and is_bag(path)):
+        table.check_header([str(name) for name in frame.columns], path.name)
+    try:
+        return {each.column: numbers(frame, each.column) for each in table.mapped}
+    except ViaError as error:
+        raise _BadFileError(f"{path.name} {error}") from None
 
 
 def _columns(columns: list[Array], rows: NDArray[np.bool_]) -> Array:
@@ -356,6 +353,8 @@ def _write(bag: Path, streams: list[Stream], notes: dict[str, str]) -> None:
 
 def _command_messages(commands: dict[str, Array], stamp: NDArray[np.int64], device: Device) -> list[bytes]:
     """References that were not logged are NaN; those that the device cannot follow are 0."""
+    if "torque" in commands:
+        return command_messages(device.name, stamp, {"motor": commands["torque"][:, None]})
     unknown = {
         "preset": np.nan if device.n_motors > 1 else 0.0,
         "damping": np.nan if device.damper is not None else 0.0,

@@ -73,10 +73,15 @@ def joint_signals(bag: Bag, device: Device, joint_topic: str = "/joint_states") 
         names = sorted({name for names in states["name"] for name in names}) if len(states) else []
         raise BagError(
             f"no joint '{device.link_joint}' of device '{device.name}' on {joint_topic}; "
-            f"there are: {', '.join(names) or 'none'}"
+            f"there are: {', '.join(names) or 'none'}{_remedy(names)}"
         )
     there = device.command_topic in bag and len(bag.topic(device.command_topic)) > 0
     return recorded(states, channels, present, bag[device.command_topic] if there else None, device)
+
+
+def _remedy(names: list[str]) -> str:
+    """What to write into the device file for a bag of other names."""
+    return f"; write e.g. `wire: {{link: {names[0]}, motors: [{names[0]}]}}` into the device file" if names else ""
 
 
 def recorded(
@@ -105,6 +110,8 @@ def joint_channels(states: Columns, device: Device) -> tuple[dict[str, Array], N
         present[rows] = True
         arrays = {field: states[field][rows] for field in FIELDS}
         for channel, field in LINK.items():
+            if channel == "tau_link" and device.link_joint in device.drive_joints:
+                continue  # one name for link and drive, as drivers of rigid joints publish: the effort is the drive's
             channels[channel][rows] = _picked(arrays[field], names.index(device.link_joint))
         for i, joint in enumerate(device.drive_joints):
             if joint in names:

@@ -1,56 +1,78 @@
-"""Mapping files: the joint and quantity of each column of a CSV recording.
+"""Mapping files: the joint and quantity of each column of a recording.
 
-Every column is either mapped or listed under `ignore` with a reason. Any other column, or a missing one, is an error,
-so that a renamed column cannot silently count as not measured.
+Every column is either mapped or listed under `ignore` with a reason. Any other column, or a missing mapped one, is an
+error, so that a renamed column cannot silently count as not measured. Of a bag, other topics and members are ignored.
 """
 
 from __future__ import annotations
 
 import re
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from string import Formatter
 from typing import Annotated, Any, Literal
 
 import regex
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from via_core.device_parts import Part, Text
-from via_core.errors import ImportMapError
+from via_core.errors import ImportMapError, ParameterError
 from via_core.limits import LIMITS
+from via_core.recordings.units import factor, is_unit, kind
 from via_core.text_files import read_text, read_yaml, shown
-
-TO_SI = {
-    "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "rad": 1.0, "deg": 0.017453292519943295, "rad/s": 1.0,
-    "deg/s": 0.017453292519943295, "N m": 1.0, "N mm": 1e-3, "A": 1.0, "mA": 1e-3, "V": 1.0, "mV": 1e-3, "-": 1.0,
-    "%": 1e-2,
-}  # fmt: skip
 
 
 class _Column(Part):
     """One column: value = number in the file * (unit in SI * scale) + offset; bit-exact for factor 1 and offset 0."""
 
     column: str
-    unit: Literal["s", "ms", "us", "ns", "rad", "deg", "rad/s", "deg/s", "N m", "N mm", "A", "mA", "V", "mV", "-", "%"]
+    unit: str  # as `via_core.recordings.units` reads it
+    counts_per_turn: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None  # for unit: counts
+    torque_constant: Annotated[float, Field(allow_inf_nan=False)] = 1.0  # [N m/A] makes an effort of a current
     scale: Annotated[float, Field(allow_inf_nan=False)] = 1.0
     offset: Annotated[float, Field(allow_inf_nan=False)] = 0.0
 
+    @field_validator("unit")
+    @classmethod
+    def _is_unit(cls, unit: str) -> str:
+        if not is_unit(unit):
+            raise ValueError(f"'{unit}' is no unit; write e.g. deg, N m, mA, counts, or - for none")
+        return unit
+
+    @model_validator(mode="after")
+    def _has_factor(self) -> _Column:
+        try:
+            _ = self.factor
+        except ParameterError as error:
+            raise ValueError(f"column '{self.column}': {error}") from None
+        return self
+
+    @cached_property
+    def factor(self) -> float:
+        """SI value of one unit of the column."""
+        return factor(self.unit, self.counts_per_turn) * self.torque_constant * self.scale
+
     def in_si(self, values: Any) -> Any:
-        factor = TO_SI[self.unit] * self.scale
-        scaled = values if factor == 1.0 else values * factor
+        scaled = values if self.factor == 1.0 else values * self.factor
         return scaled if self.offset == 0.0 else scaled + self.offset
 
 
 class TimeColumn(_Column):
     """Time since the common origin of recording and commands."""
 
-    unit: Literal["s", "ms", "us", "ns"]
+    @field_validator("unit")
+    @classmethod
+    def _is_time(cls, unit: str) -> str:
+        if kind(unit) != "time":
+            raise ValueError(f"must be a unit of time such as s, ms, us, ns, got '{unit}'")
+        return unit
 
 
 class JointColumn(_Column):
     """A quantity of one joint in sensor_msgs/JointState.
 
-    joint  'link' or 'motor_<i>' of the mapping's device, or a joint's own name
+    joint  'link' or 'motor_<i>' of the mapping's device, 'motor_1' for the drive of a rigid one, or a joint's own name
     """
 
     joint: Text
@@ -58,9 +80,9 @@ class JointColumn(_Column):
 
 
 class CommandColumn(_Column):
-    """A command, a member of via_interfaces/VsaCommand."""
+    """A command, a member of via_interfaces/VsaCommand; `torque` is that of the drive of a rigid joint."""
 
-    quantity: Literal["equilibrium", "preset", "damping"]
+    quantity: Literal["equilibrium", "preset", "damping", "torque"]
 
 
 class ScalarColumn(_Column):
@@ -70,7 +92,7 @@ class ScalarColumn(_Column):
 
 
 class Table(Part):
-    """The columns of one kind of CSV file."""
+    """The columns of one kind of file."""
 
     time: TimeColumn
     joints: tuple[JointColumn, ...] = ()
@@ -95,9 +117,9 @@ class Table(Part):
         return self
 
     def check_header(self, header: list[str], file: str) -> None:
-        """Raise ImportMapError for unknown, missing or repeated columns."""
-        wanted = {each.column for each in self.mapped} | self.ignore.keys()
-        unknown = [shown(name)[:40] for name in header if name not in wanted]
+        """Raise ImportMapError for unknown, missing or repeated columns; an ignored column may be missing."""
+        wanted = {each.column for each in self.mapped}
+        unknown = [shown(name)[:40] for name in header if name not in wanted | self.ignore.keys()]
         missing = sorted(wanted - set(header))
         twice = sorted({name for name in header if header.count(name) > 1})
         problems = [
@@ -105,6 +127,12 @@ class Table(Part):
             for what, names in (("unknown columns", unknown), ("missing columns", missing), ("columns twice", twice))
             if names
         ]
+        if unknown and not missing:
+            problems.append(f"list them under ignore: {{{unknown[0]!r}: why}}, or map them")
+        if missing:
+            problems.append(
+                f"the file has: {', '.join(map(repr, header[:20]))}; `via bag map {file}` writes a mapping for it"
+            )
         if problems:
             raise ImportMapError(f"{file} does not fit its mapping: {'; '.join(problems)}")
 

@@ -1,6 +1,6 @@
 """Bag reader: columns for analysis, messages in stamp order for replay.
 
-    bag = read_bag("out/run")                    # a bag directory or one .mcap file, finished or not
+    bag = read_bag("out/run")                    # a bag directory, an .mcap file, finished or not, or a .db3 file
     states = bag["/joint_states"]                # Columns: states.stamp, states["position"], ...
     for message in bag.in_stamp_order(): ...     # RawMessage: topic, type, bytes, times
 
@@ -24,6 +24,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from via_core.bags.container import Channel, Container, Messages, files_of, joined, read_container
+from via_core.bags.database import databases_of, read_database
 from via_core.bags.definitions import Definition, typestore_from_text
 from via_core.bags.layout import NoFixedLayoutError, column, decoded, layout_of, scalar_formats, shares_layout
 from via_core.bags.writer import JUMPS, STORAGE_METADATA
@@ -248,25 +249,26 @@ class Bag:
 
 
 def read_bag(path: str | Path, topics: Iterable[str] | None = None) -> Bag:
-    """Read `topics` (default: all) of a bag directory or one .mcap file.
+    """Read `topics` (default: all) of a bag directory, an .mcap or a .db3 file.
 
     `Bag.remarks` lists what is missing from a damaged or unfinished bag. Raises BagError where nothing can be read: no
-    such path, no MCAP file, or no topic in a supported message format.
+    such path, no file of rosbag2, or no topic in a supported message format.
     """
     path = Path(path)
     if not path.exists():
         raise BagError(f"no bag at {path}")
     chosen = None if topics is None else set(topics)
-    files = list(files_of(path))
+    files = databases_of(path)
+    read = read_database if files else read_container
+    files = files or list(files_of(path))
     if not files:
-        others = sorted(file.suffix for file in path.iterdir() if file.suffix in (".db3", ".zstd", ".bag"))
-        hint = f" ({others[0]} files are not supported; `ros2 bag convert` converts them to .mcap)" if others else ""
-        raise BagError(f"{path} holds no .mcap file{hint}")
+        hint = "; convert it with rosbags-convert" if list(path.glob("*.bag")) else ""
+        raise BagError(f"{path} holds neither an .mcap nor a .db3 file{hint}")
     remarks: list[str] = []
     containers = []
     for file in files:
         try:
-            containers.append(read_container(file, lambda topic: chosen is None or topic in chosen))
+            containers.append(read(file, lambda topic: chosen is None or topic in chosen))
         except BagError as error:
             if len(files) == 1:
                 raise

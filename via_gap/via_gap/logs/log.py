@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,11 +11,11 @@ from typing import Literal
 import numpy as np
 from via_core.bags.joints import JointRecording, joint_signals
 from via_core.bags.reader import Bag, read_bag
-from via_core.command_files import read_table
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
+from via_core.recordings.channels import read_joint
+from via_core.recordings.tables import is_bag
 from via_core.signals import Array, Signals
-from via_core.wire import LINK, MOTOR, UNITS
 
 from via_gap.logs.findings import Finding, Severity
 
@@ -24,9 +23,6 @@ Level = Literal["full", "no torque", "link only", "commands only", "encoder and 
 LINK_SUFFIX = "_shaft_joint"  # of link names, which motor names do not have
 ERRATIC = 0.002  # share of jumping samples beyond which an encoder is not used
 FAR = 8.0  # times the 90 % quantile of the steps between samples: a jump
-# Columns of a CSV file; '_1', '_2' number the motors. Commands have a zero-order hold.
-_UNITS = {**UNITS, "motor": "", "external_torque": "N m", "neighbour": "rad"}
-_HEADER = re.compile(rf"({'|'.join(_UNITS)})(?:_([12]))?")
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,10 +149,13 @@ def jumps(values: Array) -> float:
 
 
 def read_log(path: str | Path, device: Device, joint_topic: str = "/joint_states") -> JointLog:
-    """The log in a bag (folder or .mcap file) or a CSV file. Raises ViaError if it cannot be read."""
+    """The log in a bag or in a file of any format of `via_core.recordings`. Raises ViaError if it cannot be read.
+
+    A bag is read by the names of the joints, unless the device file assigns columns of topics under `wire.columns`.
+    """
     where = Path(path)
-    if where.suffix.lower() == ".csv":
-        return _from_csv(where, device)
+    if not is_bag(where) or any(entry.topic for entry in device.wire.columns.values()):
+        return JointLog.of(where.name, device, read_joint(where, device))
     bag = read_bag(where)
     log = JointLog.of(where.name, device, joint_signals(bag, device, joint_topic))
     if log.commands is None:
@@ -195,53 +194,3 @@ def read_logs(paths: Sequence[str | Path], device: Device) -> list[JointLog]:
     last = [each[-1] for each in parts]
     names = [str(Path(*each[-depth:])) if last.count(each[-1]) > 1 else each[-1] for each in parts]
     return [replace(read_log(path, device), name=name) for path, name in zip(paths, names, strict=True)]
-
-
-def _in_si(columns: dict[str, Array], device: Device) -> dict[str, Array]:
-    """Columns by the channels to which the device file assigns them, in SI units; other columns unchanged."""
-    given = {channel: entry for channel, entry in device.wire.columns.items() if entry.column in columns}
-    taken = {entry.column for entry in given.values()}
-    found = {name: values for name, values in columns.items() if name not in taken}
-    for channel, entry in given.items():
-        values = columns[entry.column]
-        if (entry.scale, entry.offset) != (1.0, 0.0):
-            values = entry.scale * values + entry.offset
-        off = columns.get(entry.enable or "")
-        found[channel] = values if off is None else np.where(off != 0.0, values, np.nan)
-    return found
-
-
-def _from_csv(path: Path, device: Device) -> JointLog:
-    """Columns `time` [s] and those of docs/notation.md, `theta_1`, `tau_2`, `motor_1`; others are ignored.
-
-    A device file can assign columns with other names and units under `wire.columns`:
-    {q: ShoulderAngle, theta_1: {column: Enc1, scale: 1.534e-3}}.
-    """
-    header, table = read_table(path)
-    columns = _in_si(table, device)
-    if "time" not in columns:
-        raise SignalError(f"{path}: no column 'time'; there are: {', '.join(header) or 'none'}")
-    stamps = columns["time"]
-    latest = np.maximum.accumulate(np.where(np.isfinite(stamps), stamps, -np.inf))
-    keep = np.isfinite(stamps)
-    keep[1:] &= stamps[1:] > latest[:-1]
-    dropped = (int(np.sum(stamps[1:] == stamps[:-1])), int(np.sum(stamps[1:] < latest[:-1])))
-    time = stamps[keep] - stamps[keep][0] if keep.any() else stamps[:0]
-    channels: dict[str, Array] = {}
-    for name, values in columns.items():
-        parts = _HEADER.fullmatch(name)
-        if parts is None:
-            continue
-        if parts[2] is None:
-            channels[parts[1]] = values[keep]
-        else:
-            at = channels.setdefault(parts[1], np.full((len(time), max(device.n_motors, 1)), np.nan))
-            if int(parts[2]) <= at.shape[1]:
-                at[:, int(parts[2]) - 1] = values[keep]
-    try:
-        measured = {name: values for name, values in channels.items() if name in {*LINK, *MOTOR}}
-        sent = {name: values for name, values in channels.items() if name not in measured}
-        commands = Signals(time, sent, _UNITS, frozenset(sent)) if sent else None
-        return JointLog(path.name, device, Signals(time, measured, _UNITS), commands, dropped)
-    except ViaError as error:
-        raise SignalError(f"{path}: {error}") from None

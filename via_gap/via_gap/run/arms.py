@@ -26,13 +26,16 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.signal import savgol_filter
 from via_core.arm_files import ArmFile, read_arm
-from via_core.devices import Device, load_device
+from via_core.devices import Device, load_device, parse_device
 from via_core.errors import DeviceError, SignalError
+from via_core.recordings.entries import Constants
+from via_core.robots.models import is_model, read_robot
 from via_core.signals import Array, Signals
 
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport
+from via_gap.run.describe import Recorded, described
 
 SMOOTHING = 0.03  # [s] half width of the cubic smoothing filter for velocity and acceleration
 UNITS = {"external_torque": "N m", "neighbour": "rad", "arm_torque": "N m"}
@@ -57,6 +60,7 @@ class Arm:
     devices: tuple[Device, ...]  # one per joint, base first
     model: pinocchio.Model  # rotors as armature
     order: NDArray[np.intp]  # (n,) index of each device's joint in the model's vectors
+    reference: Array | None = None  # (n,) [rad] angles in the zero pose of the model; None: 0
 
     def torques(self, angle: Array, velocity: Array, acceleration: Array) -> Array:
         """Drive torques (N, n) [N m] of a motion (N, n each) [rad, rad/s, rad/s^2] without any friction."""
@@ -71,6 +75,7 @@ class Arm:
     def _configuration(self, angle: Array) -> Array:
         """pinocchio's q: a joint without end stops is represented by cosine and sine."""
         q = pinocchio.neutral(self.model)
+        angle = angle if self.reference is None else angle - self.reference
         for joint, value in zip(self.model.joints[1:], angle[np.argsort(self.order)], strict=True):
             q[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(value), np.sin(value)) if joint.nq == 2 else value
         return q
@@ -81,6 +86,31 @@ def load_arm(name_or_path: str | Path) -> Arm:
     path, file, model = read_arm(RigidArmFile, "arms", name_or_path)
     beside = [path.parent / joint if joint.endswith((".yaml", ".yml")) else joint for joint in file.joints]
     return _built(path.name, file, tuple(map(load_device, beside)), model)
+
+
+def find_arm(name: str, recording: Path) -> Arm:
+    """The arm of a URDF or MJCF file, with the joints in the recording, or the one that `load_arm` finds."""
+    return arm_of_model(Path(name), recording) if is_model(name) else load_arm(name)
+
+
+def arm_of_model(model: Path, recording: Path) -> Arm:
+    """The arm of a URDF or MJCF file, with the joints that a recording contains; the others are fixed at zero.
+
+    Raises ViaError where the recording has positions of no joint of the model.
+    """
+    robot = read_robot(model)
+    recorded = Recorded.of(recording, robot)
+    seen = {guess.joint for guess in recorded.guesses if guess.quantity == "position"}
+    joints = [each for each in robot.joints if each.name in seen and not each.mimic]
+    if not joints:
+        there = ", ".join(sorted(seen - {""})) or "none with a name"
+        names = ", ".join(each.name for each in robot.joints)
+        raise SignalError(f"{recording}: has no joint of {model}, which has: {names}; the recording has: {there}")
+    texts = [described("arm", robot, each.name, recorded, {}, Constants()).text() for each in joints]
+    devices = tuple(parse_device(text, each.name) for text, each in zip(texts, joints, strict=True))
+    reduced = robot.reduced([each.name for each in joints])
+    order = np.array([reduced.joints[reduced.getJointId(each.name)].idx_v for each in joints], dtype=np.intp)
+    return Arm(robot.name, devices, reduced, order, np.array([each.reference for each in joints]))
 
 
 def _built(shown: str, file: RigidArmFile, devices: tuple[Device, ...], model: pinocchio.Model) -> Arm:
@@ -112,16 +142,15 @@ def arm_logs(logs: Sequence[JointLog], arm: Arm) -> list[JointLog]:
     for log in logs:
         if len(log.measured) != len(time) or not np.array_equal(log.measured.time, time):
             raise SignalError(f"{log.name}: '{log.device.name}' was not recorded with the rest of the arm")
-        if log.commands is None or "external_torque" not in log.commands:
-            raise SignalError(f"{log.name}: the commands of the drive of '{log.device.name}' were not recorded")
+        if log.torque is None and not log.motors_commanded:
+            raise SignalError(f"{log.name}: neither torque nor goal of the drive of '{log.device.name}' was recorded")
     angle, velocity, acceleration = _motion(time, np.stack([log.measured["q"] for log in logs], axis=1))
     whole = arm.torques(angle, velocity, acceleration)
     made = []
     for i, log in enumerate(logs):
         link = log.device.link
         own = link.inertia * acceleration[:, i] + link.gravity_torque * np.sin(angle[:, i] - link.gravity_angle)
-        assert log.commands is not None
-        sent = log.commands.resample(time)
+        sent = Signals(time, {}, {}) if log.commands is None else log.commands.resample(time)
         known = {"arm_torque": own - whole[:, i], "neighbour": angle[:, i + 1 if i + 1 < len(logs) else i - 1]}
         channels = {**sent.channels, **known}
         commands = Signals(time, channels, {**sent.units, **UNITS}, frozenset(channels))

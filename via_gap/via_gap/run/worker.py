@@ -27,7 +27,7 @@ from via_core.devices import Device
 from via_core.errors import ViaError
 
 from via_gap.design.proposal import with_proposal
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.selection.search import Progress as OnProgress
 

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict
 from via_core.bags.importing import import_recordings
 from via_core.devices import Device
 from via_core.errors import SignalError, ViaError
-from via_gap.diagnose import diagnose
+from via_gap.diagnosis import diagnose
 from via_gap.logs.log import JointLog, read_log
 from via_gap.report.report import GapReport
 from via_gap.report.withheld import before_and_after

@@ -1,0 +1,122 @@
+"""`via bag map`: what the columns or topics of a recording may hold, and a mapping file for them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+from via_core.devices import load_device
+from via_core.errors import SignalError, ViaError
+from via_core.recordings.entries import Constants
+from via_core.recordings.guess import ColumnGuess, TimeGuess, guess_columns, guess_time
+from via_core.recordings.mapping_text import mapping_text
+from via_core.recordings.tables import Tables, is_bag, numbers, read_tables
+from via_core.text_files import write_text
+
+from via_bringup.cli.console import answers, errors, table
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+def map_file(
+    file: Annotated[
+        Path, typer.Argument(help="Bag (.mcap, .db3 or folder), CSV, Parquet, NumPy, MATLAB or JSON file.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Write the commented mapping for `via bag import` to this file.")
+    ] = None,
+    device: Annotated[
+        str, typer.Option(help="Device of the joint, name or path to its YAML: its commands are mapped, too.")
+    ] = "",
+    joint: Annotated[str, typer.Option(help="Name of the joint, where columns name none.")] = "",
+    joints: Annotated[
+        str, typer.Option(help="Names of all joints, base first, comma-separated: for numbered columns.")
+    ] = "",
+    counts_per_turn: Annotated[
+        float | None, typer.Option(min=1.0, help="Counts of one turn, for positions in counts.")
+    ] = None,
+    torque_constant: Annotated[float | None, typer.Option(help="Torque per current at the joint \\[N m/A].")] = None,
+) -> None:
+    """Show columns or topics of a recording with rates and guesses, and write the commented mapping."""
+    bag, tables = is_bag(file), read_tables(file)
+    if device:
+        load_device(device)
+    names = [name.strip() for name in joints.split(",") if name.strip()]
+    guesses = guess_columns(tables, names, bag=bag)
+    for name, frame in tables.items():
+        time = guess_time(frame, bag)
+        shown = f"{name or file.name}: {len(frame)} rows"
+        if time is not None:
+            shown += f", {time.rate:.4g} Hz; time is '{time.column}' in {time.unit} ({time.reason})"
+        listing = table(shown, "column", "quantity", "joint", "unit", "lowest", "highest", "because")
+        for column in listing.columns[1:4]:
+            column.justify = "left"
+        listing.columns[-1].justify = "left"
+        for guess in guesses:
+            if guess.table == name:
+                listing.add_row(
+                    guess.column,
+                    guess.quantity or "-",
+                    guess.joint,
+                    guess.unit,
+                    *_range(frame, guess.column),
+                    guess.reason,
+                )
+        answers.print(listing)
+    seen = list(dict.fromkeys(guess.joint for guess in guesses if guess.quantity == "position"))
+    if bag:
+        answers.print("a bag needs no mapping: a device file finds its joint by name, for example")
+        for name in seen[:3]:
+            answers.print(f"  wire: {{link: {name}, motors: [{name}]}}")
+    elif out is not None:
+        _write(
+            file,
+            out,
+            mapping_text(
+                file,
+                _time(tables, guesses, file),
+                _main(guesses),
+                Constants(counts_per_turn, torque_constant),
+                device,
+                joint,
+            ),
+        )
+    else:
+        answers.print("add --out MAPPING.yaml to write the mapping for `via bag import`")
+    chosen = f" --joint {joint or seen[0]}" if joint or (seen and seen[0]) else ""
+    answers.print(f"for a device file: via device new MODEL.urdf{chosen} --log {file}", soft_wrap=True)
+
+
+def _main(guesses: list[ColumnGuess]) -> list[ColumnGuess]:
+    """The guesses of the table with the first position."""
+    first = next((guess.table for guess in guesses if guess.quantity == "position"), "")
+    return [guess for guess in guesses if guess.table == first]
+
+
+def _time(tables: Tables, guesses: list[ColumnGuess], file: Path) -> TimeGuess:
+    main = _main(guesses)
+    time = guess_time(tables[main[0].table]) if main else None
+    if time is None:
+        raise SignalError(f"{file}: no column increases like a time; add one")
+    return time
+
+
+def _write(file: Path, out: Path, text: str) -> None:
+    if out.exists():
+        raise ViaError(f"{out} exists already; remove it, or choose another file with --out")
+    write_text(out, text)
+    answers.print(f"wrote {out}")
+    errors.print("check units and signs in it")
+    answers.print(f"next: via bag import {file.parent} --mapping {out} --out BAGS", soft_wrap=True)
+
+
+def _range(frame: DataFrame, column: str) -> tuple[str, str]:
+    try:
+        values = numbers(frame, column)
+    except SignalError:
+        return "text", "text"
+    there = values[np.isfinite(values)]
+    return (f"{there.min():.4g}", f"{there.max():.4g}") if len(there) else ("empty", "empty")

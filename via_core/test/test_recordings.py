@@ -1,0 +1,306 @@
+"""Recordings of every format give the same numbers; units, guesses, and errors that say what to write."""
+
+import json
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pandas
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from scipy.io import savemat
+from via_core.bags.definitions import typestore_of
+from via_core.bags.importing import import_recordings
+from via_core.bags.joints import joint_signals
+from via_core.bags.reader import read_bag
+from via_core.devices import parse_device
+from via_core.errors import DeviceError, ImportMapError, ParameterError, SignalError
+from via_core.recordings.channels import read_joint
+from via_core.recordings.entries import Constants, entries_of
+from via_core.recordings.guess import guess_columns, guess_time, of_joint, split_name
+from via_core.recordings.mapping_text import mapping_text
+from via_core.recordings.tables import is_bag, numbers, read_tables
+from via_core.recordings.units import factor, is_linear, is_unit, kind
+
+N = 200
+TIME = np.arange(N) * 0.004
+ANGLE = 2.0 * pi / 4096 * np.rint(np.sin(3.0 * TIME) / (2.0 * pi / 4096))
+SPEED, TORQUE = 3.0 * np.cos(3.0 * TIME), 2.5 * np.cos(2.0 * TIME)
+DYNAMIC = "control_msgs/msg/DynamicJointState"
+TRAJECTORY = "control_msgs/msg/JointTrajectoryControllerState"
+DEVICE = (
+    "{{name: elbow, title: t, source: [s], confidence: assumed, arrangement: rigid, drive: torque, link: "
+    "{{inertia: 1.0, viscous_friction: 0.0}}, sensors: {{rate: 250.0}}, wire: {wire}}}"
+)
+
+
+def csv(path: Path) -> None:
+    names = ["Time [ms]", "Elbow Position (deg)", "Elbow Speed (rpm)", "Elbow Torque (mNm)"]
+    columns = [1e3 * TIME, np.degrees(ANGLE), SPEED * 30.0 / pi, 1e3 * TORQUE]
+    lines = ["# written by a logger", ";".join(names)]
+    lines += [";".join(repr(float(each)) for each in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def parquet(path: Path) -> None:
+    cells = {"stamp": (1.7e18 + 1e9 * TIME).astype(np.int64), "q": [[x] for x in ANGLE], "tau": [[x] for x in TORQUE]}
+    pandas.DataFrame(cells).to_parquet(path)
+
+
+def npz(path: Path) -> None:
+    np.savez(path, time=TIME, qpos=ANGLE[None, :], qvel=SPEED[:, None], torque=TORQUE)
+
+
+def npy(path: Path) -> None:
+    np.save(path, np.rec.fromarrays([TIME, ANGLE, TORQUE], names="t,pos,effort"))
+
+
+def mat(path: Path) -> None:
+    savemat(
+        path, {"log": {"t": TIME, "enc_counts": np.rint(ANGLE / (2.0 * pi) * 4096), "current_mA": 1e3 * TORQUE / 0.5}}
+    )
+
+
+def jsonl(path: Path) -> None:
+    rows = zip(TIME.tolist(), ANGLE.tolist(), TORQUE.tolist(), strict=True)
+    path.write_text(
+        "\n".join(json.dumps({"t": t, "state": {"q": [q]}, "tau": [u]}) for t, q, u in rows), encoding="utf-8"
+    )
+
+
+def savetxt(path: Path) -> None:
+    np.savetxt(path, np.column_stack([TIME, ANGLE, TORQUE]), header="t q tau", fmt="%.17g")
+
+
+def german(path: Path) -> None:
+    rows = "".join(f"{t!r};{q!r};{u!r}\n" for t, q, u in zip(*(x.tolist() for x in (TIME, ANGLE, TORQUE)), strict=True))
+    path.write_text("t;pos;tau\n" + rows.replace(".", ","), encoding="utf-8")
+
+
+def plain_json(path: Path) -> None:
+    content = {"time": TIME.tolist(), "joints": {"elbow": {"position": ANGLE.tolist(), "effort": TORQUE.tolist()}}}
+    path.write_text(json.dumps(content), encoding="utf-8")
+
+
+def bag(path: Path, plugin: StoragePlugin, type_name: str = "sensor_msgs/msg/JointState") -> None:
+    """Two joints per message, in the order of a driver."""
+    store = typestore_of(DYNAMIC)
+    types = store.types
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
+        topic = "/joint_states" if type_name.startswith("sensor") else "/dynamic_joint_states"
+        connection = writer.add_connection(topic, type_name, typestore=store)
+        for t, q, v, u in zip(TIME, ANGLE, SPEED, TORQUE, strict=True):
+            stamp = 1_700_000_000 * 10**9 + round(t * 1e9)
+            time = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
+            header, names = types["std_msgs/msg/Header"](time, ""), ["wheel", "elbow"]
+            if type_name == DYNAMIC:
+                of = types["control_msgs/msg/InterfaceValue"]
+                values = [of(["position"], np.zeros(1)), of(["position", "velocity", "effort"], np.array([q, v, u]))]
+                message = types[type_name](header, names, values)
+            else:
+                message = types[type_name](header, names, *(np.array([0.0, x]) for x in (q, v, u)))
+            writer.write(connection, stamp, store.serialize_cdr(message, type_name))
+
+
+FORMATS = {
+    "run.csv": csv, "run.txt": savetxt, "comma.csv": german, "run.parquet": parquet, "run.npz": npz, "run.npy": npy,
+    "run.mat": mat, "run.jsonl": jsonl,
+    "run.json": plain_json, "db3": lambda path: bag(path, StoragePlugin.SQLITE3),
+    "mcap": lambda path: bag(path, StoragePlugin.MCAP), "dynamic": lambda path: bag(path, StoragePlugin.MCAP, DYNAMIC),
+}  # fmt: skip
+
+
+def described(path: Path) -> str:
+    """The device with the entries that are guessed."""
+    tables = read_tables(path)
+    guesses = guess_columns(tables, ["wheel", "elbow"], bag=is_bag(path))
+    entries = entries_of(tables, guesses, "elbow", Constants(4096.0, 0.5), is_bag(path))
+    return DEVICE.format(
+        wire=json.dumps({"columns": {channel: entry for channel, (entry, _) in entries.columns.items()}})
+    )
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_the_same_signals(tmp_path: Path, name: str) -> None:
+    FORMATS[name](tmp_path / name)
+    measured, commands, _ = read_joint(tmp_path / name, parse_device(described(tmp_path / name), "d"))
+    np.testing.assert_allclose(measured.time, TIME, atol=2e-9)
+    np.testing.assert_allclose(measured["q"], ANGLE, atol=1e-12)
+    if is_bag(tmp_path / name):  # the effort of a message acted before its stamp, the torque of a row acts after it
+        assert commands is None
+        np.testing.assert_allclose(measured["tau"][:, 0], TORQUE, atol=1e-12)
+    else:
+        assert commands is not None
+        np.testing.assert_allclose(commands["external_torque"], TORQUE, atol=1e-12)
+    if "q_velocity" in measured:
+        np.testing.assert_allclose(measured["q_velocity"], SPEED, atol=1e-12)
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_plain_joint_states_need_one_name_per_joint(tmp_path: Path, plugin: StoragePlugin) -> None:
+    """The effort of a rigid joint is the torque of its drive; there is no second name and no sensor at the link."""
+    bag(tmp_path / "run", plugin)
+    device = parse_device(DEVICE.format(wire="{link: elbow, motors: [elbow]}"), "d")
+    measured, _, _ = joint_signals(read_bag(tmp_path / "run"), device)
+    np.testing.assert_array_equal(measured["tau"][:, 0], TORQUE)
+    assert "tau_link" not in measured
+    other = parse_device(DEVICE.format(wire="{}"), "d")
+    with pytest.raises(Exception, match=r"write e.g. `wire: \{link: elbow, motors: \[elbow\]\}`"):
+        joint_signals(read_bag(tmp_path / "run"), other)
+
+
+def test_states_of_a_trajectory_controller_give_goal_and_position(tmp_path: Path) -> None:
+    text = (
+        "std_msgs/Header header\nstring[] joint_names\ntrajectory_msgs/JointTrajectoryPoint reference\n"
+        "trajectory_msgs/JointTrajectoryPoint feedback\ntrajectory_msgs/JointTrajectoryPoint error\n"
+    )
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(get_types_from_msg(text, TRAJECTORY))
+    types, none = store.types, np.zeros(0)
+    point, still = types["trajectory_msgs/msg/JointTrajectoryPoint"], types["builtin_interfaces/msg/Duration"](0, 0)
+    with Writer(tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/arm_controller/state", TRAJECTORY, typestore=store)
+        for k, q in enumerate(ANGLE):
+            header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, k * 4_000_000), "")
+            goal, there, off = (point(np.array([0.0, x]), none, none, none, still) for x in (q + 0.1, q, 0.1))
+            message = types[TRAJECTORY](header, ["wheel", "elbow"], goal, there, off)
+            writer.write(connection, k * 4_000_000, store.serialize_cdr(message, TRAJECTORY))
+    device = parse_device(described(tmp_path / "run"), "d")
+    measured, commands, _ = read_joint(tmp_path / "run", device)
+    np.testing.assert_array_equal(measured["q"], ANGLE)
+    assert commands is not None
+    np.testing.assert_array_equal(commands["equilibrium"], ANGLE + 0.1)
+
+
+@pytest.mark.parametrize(
+    ("unit", "value", "of"),
+    [("deg", pi / 180, "angle"), ("rpm", pi / 30, "speed"), ("mm", 1e-3, "angle"), ("in", 0.0254, "angle"),
+     ("N", 1.0, "torque"),
+     ("lbf", 4.4482216152605, "torque"), ("mNm", 1e-3, "torque"), ("kgf cm", 0.0980665, "torque"),
+     ("mA", 1e-3, "current"),
+     ("lb", 0.45359237, ""), ("us", 1e-6, "time"), ("°/s", pi / 180, "speed")],
+)  # fmt: skip
+def test_units_in_si(unit: str, value: float, of: str) -> None:
+    assert factor(unit) == pytest.approx(value, rel=1e-12) and kind(unit) == of
+
+
+def test_counts_currents_and_lengths() -> None:
+    assert factor("counts", 4096.0) == 2.0 * pi / 4096.0 and kind("counts/s") == "speed"
+    with pytest.raises(ParameterError, match="counts_per_turn: 4096"):
+        factor("ticks")
+    assert is_linear("mm") and is_linear("N") and not is_linear("deg")
+    assert not is_unit("9**9**9**9") and not is_unit("banana") and not is_unit("x" * 200)
+    with pytest.raises(DeviceError, match="needs torque_constant"):
+        parse_device(DEVICE.format(wire="{columns: {tau_1: {column: i, unit: A}}}"), "d")
+    with pytest.raises(DeviceError, match="'deg' is no unit of torque"):
+        parse_device(DEVICE.format(wire="{columns: {tau_1: {column: i, unit: deg}}}"), "d")
+
+
+def test_names_are_split_into_words_and_units() -> None:
+    assert split_name("q1_deg") == (["q", "1"], "deg")
+    assert split_name("MotorCurrent [mA]") == (["motor", "current"], "mA")
+    assert split_name("elbow_torque_Nm") == (["elbow", "torque"], "N m")
+    assert split_name("tau[1]") == (["tau", "1"], "")
+    assert split_name("vel_deg_per_s")[1] == "deg/s"
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_the_unit_of_time_follows_from_the_steps(scale: float, unit: str) -> None:
+    frame = pandas.DataFrame({"row": np.arange(N), "t": scale * TIME, "q": ANGLE})
+    time = guess_time(frame)
+    assert time is not None and (time.column, time.unit) == ("t", unit) and time.rate == pytest.approx(250.0)
+
+
+def test_joints_are_found_by_name_and_by_number() -> None:
+    frame = pandas.DataFrame({"t": TIME, **{f"{what}_{k}": ANGLE * k for what in ("q", "tau") for k in (1, 2, 3)}})
+    guesses = guess_columns({"": frame}, ["base", "elbow", "wrist"])
+    assert {quantity: each.column for quantity, each in of_joint(guesses, "elbow").items()} == {
+        "position": "q_2", "torque": "tau_2",
+    }  # fmt: skip
+    with pytest.raises(SignalError, match="choose with --joint from: base, elbow, wrist"):
+        of_joint(guesses, "hand")
+
+
+def test_degrees_are_recognised_by_the_limits_of_the_joint() -> None:
+    frame = pandas.DataFrame({"t": TIME, "elbow": 2.0 * TIME, "elbow_pos": np.degrees(ANGLE)})
+    (guess,) = (g for g in guess_columns({"": frame}, ["elbow"], {"elbow": (-1.5, 1.5)}) if g.quantity == "position")
+    assert guess.unit == "deg" and "limits" in guess.reason
+
+
+def test_a_command_far_from_the_position_is_a_torque() -> None:
+    for command, channel in ((ANGLE + 0.05, "equilibrium"), (30.0 * SPEED, "external_torque")):
+        tables = {"": pandas.DataFrame({"time": TIME, "qpos": ANGLE, "ctrl": command})}
+        assert channel in entries_of(tables, guess_columns(tables), "").columns
+
+
+def test_a_mapping_is_written_that_imports_the_file(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for name, make in (("run1.csv", csv), ("run2.mat", mat)):
+        make(folder / name)
+        tables = read_tables(folder / name)
+        guesses = guess_columns(tables, ["elbow"])
+        time = guess_time(tables[""])
+        assert time is not None
+        text = mapping_text(folder / name, time, guesses, Constants(4096.0, 0.5), joint="elbow")
+        (tmp_path / "map.yaml").write_text(text, encoding="utf-8")
+        (report,) = import_recordings(folder, tmp_path / "map.yaml", tmp_path / "out").files
+        assert report.accepted, report.reasons
+        states = read_bag(report.bag or "")["/joint_states"]
+        np.testing.assert_allclose(states["position"][:, 0], ANGLE, atol=1e-12)
+        np.testing.assert_allclose(states["effort"][:, 0], TORQUE, atol=1e-12)
+
+
+def test_a_missing_ignored_column_is_no_error_and_a_foreign_header_says_what_to_write(tmp_path: Path) -> None:
+    rows = "".join(f"{t},{q}\n" for t, q in zip(TIME, ANGLE, strict=True))
+    (tmp_path / "run.csv").write_text(f"t,pos\n{rows}", encoding="utf-8")
+    mapping = (
+        "title: t\nsource: [s]\nrecordings:\n  pattern: run.csv\n  bag: b\n  time: {column: t, unit: s}\n"
+        "  joints: [{column: POS, joint: a, quantity: position, unit: deg}]\n  ignore: {noise: not used}\n"
+    )
+    (tmp_path / "m.yaml").write_text(mapping.replace("POS", "pos"), encoding="utf-8")
+    assert import_recordings(tmp_path, tmp_path / "m.yaml", tmp_path / "out").files[0].accepted
+    (tmp_path / "m.yaml").write_text(mapping.replace("POS", "angle"), encoding="utf-8")
+    with pytest.raises(ImportMapError, match=r"missing columns: 'angle'; the file has: 't', 'pos'; `via bag map"):
+        import_recordings(tmp_path, tmp_path / "m.yaml", tmp_path / "out2")
+    (tmp_path / "n.yaml").write_text(
+        mapping.replace("POS", "pos").replace("joint: a", "joint: motor_2") + "device: d.yaml\n", encoding="utf-8"
+    )
+    (tmp_path / "d.yaml").write_text(DEVICE.format(wire="{}"), encoding="utf-8")
+    with pytest.raises(ImportMapError, match="rigid joint 'elbow' has 1 drive, write motor_1"):
+        import_recordings(tmp_path, tmp_path / "n.yaml", tmp_path / "out3")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.csv", b"", "is empty"),
+        ("a.csv", b"t,q\n0,1,2\n", "line 2 has 3 columns, its header 2"),
+        ("a.csv", b"\xff\xfe", "not UTF-8"),
+        ("a.mat", b"nonsense", "cannot be read"),
+        ("a.json", b"[1, 2]", "neither a list of records nor an object of arrays"),
+        ("a.json", b"[" * 100_000, "cannot be read"),
+        ("a.npz", b"PK\x03\x04no zip", "cannot be read"),
+        ("a.parquet", b"PAR1", "cannot be read"),
+        ("a.xlsx", b"", "unknown format '.xlsx'"),
+    ],
+)
+def test_unreadable_files_give_one_line(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(SignalError, match=words) as error:
+        read_tables(tmp_path / name)
+    assert "\n" not in str(error.value)
+
+
+def test_numbers_name_the_cell_that_is_none(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,q\n0,1\n1,\n2,two\n", encoding="utf-8")
+    with pytest.raises(SignalError, match="line 4, column 'q': 'two' is not a number"):
+        numbers(read_tables(tmp_path / "a.csv")[""], "q")
+    (tmp_path / "b.csv").write_text("t,pos\n0,1\n1,2\n", encoding="utf-8")
+    device = parse_device(DEVICE.format(wire="{columns: {q: angle}}"), "d")
+    with pytest.raises(
+        SignalError, match=r"no column 'angle', which wire.columns of 'elbow' names as q; there are: t, pos"
+    ):
+        read_joint(tmp_path / "b.csv", device)

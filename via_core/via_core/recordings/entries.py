@@ -1,0 +1,117 @@
+"""Columns of a recording as entries of a device file: `wire.columns` of one rigid joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from via_core.errors import SignalError
+from via_core.recordings.guess import ColumnGuess, Quantity, guess_time, of_joint
+from via_core.recordings.tables import Tables, numbers
+from via_core.recordings.units import COUNTS, factor, is_linear
+
+CHANNELS: dict[Quantity, str] = {
+    "position": "q", "velocity": "q_velocity", "torque": "tau_1", "current": "tau_1", "position command": "equilibrium",
+    "torque command": "external_torque",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Constants:
+    """What no recording states."""
+
+    counts_per_turn: float | None = None
+    torque_constant: float | None = None  # [N m/A] at the joint
+
+
+@dataclass(frozen=True)
+class Entries:
+    """Entries by channel with their reasons, and remarks on what is not used."""
+
+    columns: dict[str, tuple[dict[str, Any], str]]
+    remarks: tuple[str, ...]
+
+
+def entries_of(
+    tables: Tables, guesses: Sequence[ColumnGuess], joint: str, constants: Constants = Constants(), bag: bool = False
+) -> Entries:
+    """Entries for one joint. Raises SignalError with the remedy where there is no position of it."""
+    chosen = of_joint(guesses, joint)
+    if "position" not in chosen:
+        there = ", ".join(f"'{each.column}'" for each in guesses) or "none"
+        raise SignalError(f"no column looks like a position; there are: {there}; name it under wire.columns as q")
+    found = _by_values(tables, chosen)
+    remarks, columns = [], {}
+    time = guess_time(tables[chosen["position"].table], bag)
+    if time is None:
+        raise SignalError("no column of the recording increases like a time")
+    if not bag and (time.column, time.unit) != ("time", "s"):
+        columns["time"] = {"column": time.column, "unit": time.unit}, time.reason
+    for quantity, channel in CHANNELS.items():
+        guess = found.get(quantity)
+        if channel == "tau_1" and not bag:
+            channel = "external_torque"  # a logger's row holds what acts from then on; messages, what acted before
+        if guess is None or channel in columns or (channel == "external_torque" and "tau_1" in columns):
+            continue
+        entry: dict[str, Any] = {"column": guess.column}
+        if bag:
+            entry["topic"] = guess.table
+        if guess.unit not in ("rad", "rad/s", "N m"):
+            entry["unit"] = guess.unit
+        if COUNTS.fullmatch(guess.unit):
+            if constants.counts_per_turn is None:
+                if quantity in ("position", "position command"):
+                    raise SignalError(
+                        f"column '{guess.column}' looks like counts: add --counts-per-turn, e.g. --counts-per-turn 4096"
+                    )
+                continue
+            entry["counts_per_turn"] = constants.counts_per_turn
+        if quantity == "current":
+            if constants.torque_constant is None:
+                remarks.append(
+                    f"column '{guess.column}' looks like a current; --torque-constant [N m/A at joint] makes it torque"
+                )
+                continue
+            entry |= {"unit": guess.unit, "torque_constant": constants.torque_constant}
+        columns[channel] = (
+            entry,
+            f"{guess.reason}{'' if guess.sure or 'check' in guess.reason else f'; taken as {guess.unit}'}",
+        )
+    used = {each[0]["column"] for each in columns.values()} | {time.column}
+    left = [each.column for each in guesses if each.column not in used and each.joint in ("", joint) and not bag]
+    if left:
+        remarks.append(f"columns not used: {', '.join(left[:12])}{' ...' if len(left) > 12 else ''}")
+    return Entries(columns, tuple(remarks))
+
+
+def linear(entries: Entries) -> bool:
+    """Whether the position is a length."""
+    return is_linear(str(entries.columns["q"][0].get("unit", "rad")))
+
+
+def _by_values(tables: Tables, chosen: Mapping[Quantity, ColumnGuess]) -> Mapping[Quantity, ColumnGuess]:
+    """A command whose name shows no quantity is a goal if it stays near the position, else a torque."""
+    command, position = chosen.get("position command"), chosen["position"]
+    if command is None or command.sure or command.table != position.table or "torque command" in chosen:
+        return chosen
+    if {"pos", "position", "angle", "q", "theta"} & set(command.column.lower().replace("_", " ").split()):
+        return chosen
+    q, u = (numbers(tables[each.table], each.column) for each in (position, command))
+    both = np.isfinite(q) & np.isfinite(u)
+    scale = (
+        1.0
+        if COUNTS.fullmatch(command.unit) or COUNTS.fullmatch(position.unit)
+        else factor(command.unit) / factor(position.unit)
+    )
+    if np.sqrt(np.mean((scale * u[both] - q[both]) ** 2)) < np.std(q[both]):
+        return chosen
+    reason = "a command far from the position, taken as torque; check"
+    changed: dict[Quantity, ColumnGuess] = {
+        **chosen,
+        "torque command": replace(command, quantity="torque command", unit="N m", reason=reason),
+    }
+    del changed["position command"]
+    return changed

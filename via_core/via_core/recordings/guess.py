@@ -1,0 +1,249 @@
+"""Guesses of what the columns of a recording hold: time, and position, speed, torque or command of which joint.
+
+The guess uses the words of a column's name (`elbow_pos_deg`, `tau[1]`, `Motor Current (mA)`), its unit if the name has
+one, and its values: stamps increase, angles stay within a few turns, counts are integers. Every guess comes with its
+reason, so that a person can check it in the file that is written.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from via_core.errors import SignalError
+from via_core.recordings.tables import Tables, numbers
+from via_core.recordings.units import COUNTS, is_unit, kind
+from via_core.signals import Array
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Quantity = Literal["time", "position", "velocity", "torque", "current", "position command", "torque command", ""]
+WORDS = {
+    "time": {"time", "t", "stamp", "timestamp", "timestamps", "clock", "ts", "secs", "seconds", "zeit"},
+    "position": {"position", "positions", "pos", "angle", "angles", "q", "qpos", "theta", "enc", "encoder", "phi"},
+    "velocity": {"velocity", "velocities", "vel", "qd", "dq", "qvel", "speed", "omega", "qdot", "dtheta", "thetadot"},
+    "torque": {"torque", "torques", "effort", "efforts", "tau", "trq", "moment", "force", "forces", "qfrc", "load"},
+    "current": {"current", "currents", "cur", "curr", "i", "iq", "amp", "amps"},
+    "command": {
+        "command", "commands", "cmd", "commanded", "goal", "target", "desired", "des", "ref", "reference", "setpoint",
+        "setpoints", "sp", "ctrl", "control", "u", "demand",
+    },
+    "neither": {"error", "err", "acc", "acceleration", "accelerations", "qdd", "ddq", "temperature", "temp", "voltage"},
+}  # fmt: skip
+MEASURED = ("position", "velocity", "torque", "current")
+UNITS = {"position": "rad", "velocity": "rad/s", "torque": "N m", "current": "A", "position command": "rad",
+         "torque command": "N m"}  # fmt: skip
+KINDS = {"position": "angle", "velocity": "speed", "torque": "torque", "current": "current"}
+TURNS = 3.0  # turns beyond which the angle of a joint without known limits is in other units than rad
+NOISE_ROWS = 20_000  # rows that guesses look at
+
+
+@dataclass(frozen=True)
+class ColumnGuess:
+    """What one column of a table holds.
+
+    joint  name or number of the joint as text, '' if the name does not show it
+    sure   whether the unit is written in the file or belongs to the message type
+    """
+
+    table: str
+    column: str
+    quantity: Quantity
+    joint: str
+    unit: str
+    sure: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class TimeGuess:
+    """The time column of a table: its unit, the median rate [Hz], and what the rate is based on."""
+
+    column: str
+    unit: str
+    rate: float
+    reason: str
+
+
+def guess_time(frame: DataFrame, bag: bool = False) -> TimeGuess | None:
+    """The column of stamps; None if no column increases."""
+    found = []
+    for name in map(str, frame.columns):
+        words, unit = split_name(name)
+        named = bool(WORDS["time"] & set(words))
+        try:
+            values = numbers(frame, name)[:NOISE_ROWS]
+        except SignalError:
+            continue
+        steps = np.diff(values[np.isfinite(values)])
+        if len(steps) < 2 or np.mean(steps > 0.0) < (0.5 if named else 1.0):
+            continue
+        integers = not named and np.all(steps == 1.0)  # a row number
+        found.append((named, not integers, -len(words), name, unit, float(np.median(steps[steps > 0.0]))))
+    if not found:
+        return None
+    named, _, _, name, unit, step = max(found, key=lambda each: each[:3])
+    if bag and name == "time":
+        return TimeGuess(name, "ns", 1e9 / step, "stamps of the messages")
+    if unit and kind(unit) == "time":
+        reason = f"unit '{unit}' in its name"
+    else:
+        # Joints are logged at 5 Hz to 20 kHz, which fixes the unit except near the ends of that range.
+        unit = "s" if step < 0.2 else "ms" if step < 200.0 else "us" if step < 2e5 else "ns"
+        reason = f"{'named so' if named else 'the only column that increases'}; unit guessed from steps of {step:g}"
+    scale = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    from via_core.recordings.units import factor
+
+    return TimeGuess(name, unit, 1.0 / (step * scale.get(unit, factor(unit))), reason)
+
+
+def split_name(name: str) -> tuple[list[str], str]:
+    """Words of a column's name in lower case, numbers included, and the unit in it: 'q1_deg' -> ['q', '1'], 'deg'."""
+    unit = ""
+    in_brackets = re.search(r"[\[({]\s*([^\[\](){}]+?)\s*[\])}]\s*$", name)
+    if in_brackets and not in_brackets[1].isdigit() and is_unit(in_brackets[1]):
+        name, unit = name[: in_brackets.start()], in_brackets[1]
+    else:
+        tail = re.search(r"_((?:[a-zA-Z]+_per_)?[A-Za-z]+)$", name)
+        written = {"nm": "N m", "nmm": "N mm", "mnm": "mN m", "a": "A", "ma": "mA", "v": "V", "n": "N"}
+        if tail:
+            text = tail[1].replace("_per_", "/")
+            text = written.get(text.lower(), text)
+            if (
+                text.lower() not in WORDS["velocity"] | WORDS["current"] | {"t", "q", "u", "e", "m"}
+                and is_unit(text)
+                and (kind(text) or COUNTS.fullmatch(text))
+            ):
+                name, unit = name[: tail.start()], text
+    words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name)]
+    return words, unit
+
+
+def guess_columns(
+    tables: Tables,
+    joints: Sequence[str] = (),
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    bag: bool = False,
+) -> list[ColumnGuess]:
+    """Guesses for all columns but times, in order.
+
+    joints  names of the robot's joints, base first: names in a column's name, or numbers counted from 0 or 1
+    limits  lowest and highest position [rad] of joints, which distinguish rad from deg
+    """
+    found: list[ColumnGuess] = []
+    for table, frame in tables.items():
+        time = guess_time(frame, bag)
+        own = [_by_name(table, str(name), joints, bag) for name in frame.columns if time is None or name != time.column]
+        for guess in own:
+            if guess.quantity:
+                try:
+                    values = numbers(frame, guess.column)[:NOISE_ROWS]
+                except SignalError:
+                    guess = replace(guess, quantity="", reason="is not numeric")
+                else:
+                    guess = _by_values(guess, values, (limits or {}).get(guess.joint))
+            found.append(guess)
+    return _numbered(found, joints)
+
+
+def _by_name(table: str, column: str, joints: Sequence[str], bag: bool) -> ColumnGuess:
+    plain = re.sub(r"[^a-z0-9]", "", column.lower())
+    named = [
+        joint for joint in sorted(joints, key=len, reverse=True) if re.sub(r"[^a-z0-9]", "", joint.lower()) in plain
+    ]
+    words, unit = split_name(column)
+    if bag and "." in column:  # joint.member of a message
+        joint, _, member = column.partition(".")
+        named, words = [joint], split_name(member)[0]
+    elif named:
+        words = [word for word in words if word not in re.findall(r"[a-z]+|\d+", named[0].lower())] or words
+    if bag:
+        words += [w for w in split_name(table)[0] if w in WORDS["command"]]
+    said = {what: bool(known & set(words)) for what, known in WORDS.items()}
+    # Without a word, the unit shows the quantity.
+    by_unit = (
+        {"angle": "position", "speed": "velocity", "torque": "torque", "current": "current"}.get(kind(unit))
+        if unit
+        else None
+    )
+    if not any(said[each] for each in MEASURED) and by_unit:
+        said[by_unit] = True
+    quantity: Quantity = ""
+    for each in ("velocity", "current", "torque", "position"):
+        if said[each]:
+            quantity = each
+    if unit and quantity and kind(unit) and kind(unit) != KINDS[quantity] and by_unit:
+        quantity = by_unit  # type: ignore[assignment]
+    if said["command"] and not said["neither"]:
+        quantity = {"torque": "torque command", "current": "", "velocity": ""}.get(quantity, "position command")  # type: ignore[assignment]
+    if said["neither"]:
+        quantity = ""
+    number = [word for word in words if word.isdigit()]
+    joint = named[0] if named else number[-1] if number else ""
+    sure = bool(unit) or (bag and "." in column)
+    if quantity and not unit:
+        unit = UNITS[quantity]
+    reason = "by the message type" if bag and "." in column else "by its name"
+    return ColumnGuess(table, column, quantity, joint, unit, sure, reason)
+
+
+def _by_values(guess: ColumnGuess, values: Array, limits: tuple[float, float] | None) -> ColumnGuess:
+    """The guess with a unit that fits the values, where the name states none."""
+    there = values[np.isfinite(values)]
+    if len(there) == 0:
+        return replace(guess, quantity="", reason="is empty")
+    if guess.sure or guess.quantity not in ("position", "position command", "velocity"):
+        return guess
+    size = float(np.abs(there).max())
+    if guess.quantity == "velocity":
+        return guess
+    if limits is not None and np.all(np.isfinite(limits)) and limits[1] > limits[0]:
+        most = 1.1 * max(abs(limits[0]), abs(limits[1]))
+        unit, why = ("rad", "within") if size <= most else ("deg", "beyond")
+        if size > np.degrees(most):
+            return replace(guess, unit="counts", reason="beyond the limits of the joint in degrees: counts; check")
+        return replace(guess, unit=unit, reason=f"{why} the limits of the joint in rad")
+    if size <= TURNS * 2.0 * np.pi:
+        return replace(guess, reason=f"at most {size:.3g}, taken as rad; check")
+    if np.all(there == np.rint(there)) and size > 720.0:
+        return replace(guess, unit="counts", reason=f"integers up to {size:.0f}, taken as counts; check")
+    return replace(guess, unit="deg", reason=f"up to {size:.3g}, taken as deg; check")
+
+
+def _numbered(guesses: list[ColumnGuess], joints: Sequence[str]) -> list[ColumnGuess]:
+    """Numbers of joints in column names become names: counted from 0 if a number 0 is among them, else from 1.
+
+    A number that all columns share shows no joint.
+    """
+    digits = {int(each.joint) for each in guesses if each.joint.isdigit() and each.quantity}
+    if len(digits) == 1:
+        return [replace(each, joint="") if each.joint.isdigit() else each for each in guesses]
+    if not joints or not digits or max(digits) - (0 if 0 in digits else 1) >= len(joints):
+        return guesses
+    first = 0 if 0 in digits else 1
+    return [replace(each, joint=joints[int(each.joint) - first]) if each.joint.isdigit() else each for each in guesses]
+
+
+def of_joint(guesses: Sequence[ColumnGuess], joint: str = "") -> dict[Quantity, ColumnGuess]:
+    """One column per quantity for a joint: columns with its name first, then those that name no joint.
+
+    Raises SignalError where the recording has several joints and none of this name.
+    """
+    named = [each for each in guesses if each.quantity and each.joint == joint and joint]
+    free = [each for each in guesses if each.quantity and not each.joint]
+    others = sorted({each.joint for each in guesses if each.quantity == "position" and each.joint})
+    if not named and not any(each.quantity == "position" for each in free):
+        if len(others) == 1:
+            named = [each for each in guesses if each.quantity and each.joint == others[0]]
+        elif others:
+            wanted = f"no joint '{joint}'" if joint else "several joints"
+            raise SignalError(f"the recording has {wanted}; choose with --joint from: {', '.join(others)}")
+    chosen: dict[Quantity, ColumnGuess] = {}
+    for each in (*named, *free):
+        chosen.setdefault(each.quantity, each)
+    return chosen

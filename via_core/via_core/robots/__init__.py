@@ -1,0 +1,1 @@
+"""Robot descriptions as labs have them: URDF and MJCF files, read by pinocchio and MuJoCo."""

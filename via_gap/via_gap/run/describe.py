@@ -1,0 +1,162 @@
+"""Devices of a lab's robot: from its model (URDF, MJCF), from a recording of any format, or from both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from via_core.devices import parse_device
+from via_core.errors import SignalError
+from via_core.recordings.channels import joint_of
+from via_core.recordings.entries import Constants, entries_of, linear
+from via_core.recordings.guess import ColumnGuess, guess_columns
+from via_core.recordings.tables import Tables, is_bag, read_tables
+from via_core.robots.description import GUESS, RATE, Description, Number, device_name, guess_gains, of_model
+
+from via_gap.logs.log import JointLog
+from via_gap.logs.survey import fit_joint, survey
+
+if TYPE_CHECKING:
+    from via_core.robots.models import Robot
+
+EXACT = 1e-6  # of the largest torque: less noise means that the torque was computed
+
+
+def describe(
+    command: str,
+    model: Path | None,
+    joint: str,
+    log: Path | None,
+    at: Mapping[str, float],
+    constants: Constants,
+) -> Description:
+    """The description of one joint. Raises ViaError with the remedy where the joint or its numbers cannot be found.
+
+    command  that writes the file, for its first line
+    at       angles [rad] of other joints, which the inertia of the joint depends on
+    """
+    robot = None
+    if model is not None:
+        from via_core.robots.models import read_robot  # imports pinocchio
+
+        robot = read_robot(model)
+        joint = robot.joint(joint if joint or len(robot.joints) != 1 else robot.joints[0].name).name
+    tables = None if log is None else Recorded.of(log, robot)
+    return described(command, robot, joint, tables, at, constants)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recording with the guesses of its columns."""
+
+    path: Path
+    tables: Tables
+    guesses: Sequence[ColumnGuess]
+
+    @property
+    def bag(self) -> bool:
+        return is_bag(self.path)
+
+    @staticmethod
+    def of(path: Path, robot: Robot | None) -> Recorded:
+        """The recording; the joints of the robot and their limits help to guess."""
+        joints = [] if robot is None else [each.name for each in robot.joints]
+        limits = {} if robot is None else {each.name: (each.low, each.high) for each in robot.joints}
+        tables = read_tables(path)
+        return Recorded(path, tables, guess_columns(tables, joints, limits, is_bag(path)))
+
+
+def described(
+    command: str,
+    robot: Robot | None,
+    joint: str,
+    recorded: Recorded | None,
+    at: Mapping[str, float],
+    constants: Constants,
+) -> Description:
+    """The description of a joint of a robot, a recording, or both."""
+    made = Description("joint", joint or "joint", command)
+    if robot is not None:
+        of_model(made, robot, robot.joint(joint), at)
+    if recorded is not None:
+        entries = entries_of(recorded.tables, recorded.guesses, joint, constants, recorded.bag)
+        if not joint:
+            made.joint = (
+                next((g.joint for g in recorded.guesses if g.column == entries.columns["q"][0]["column"]), "")
+                or "joint"
+            )
+        made.columns = entries.columns
+        made.remarks += entries.remarks
+        made.sources.append(str(recorded.path))
+        made.linear = made.linear or linear(entries)
+    made.name = device_name(made.joint)
+    if recorded is not None:
+        _choose_drive(made)
+        _measure(made, recorded, robot is not None)
+        if _by_names(made, recorded):
+            made.columns = {}
+    made.numbers.setdefault("rate", Number(RATE, "guessed", "no recording was given"))
+    return made
+
+
+def _by_names(made: Description, recorded: Recorded) -> bool:
+    """Whether the names of link and drive suffice to find everything in a bag."""
+    entries = [entry for entry, _ in made.columns.values()]
+    return recorded.bag and all(
+        entry["topic"] == "/joint_states" and entry["column"].partition(".")[0] == made.joint for entry in entries
+    )
+
+
+def _choose_drive(made: Description) -> None:
+    """A joint with goals and no torque has a position drive; one with torques a torque drive, unless its model says."""
+    columns = made.columns
+    torque = {"tau_1", "external_torque"} & columns.keys()
+    if torque and "equilibrium" not in columns and made.drive == "position":
+        made.drive = "torque"
+        made.remarks.append("the recording has torques and no goals: the position drive of the model is left out")
+    if torque and made.drive == "torque":
+        columns.pop("equilibrium", None)
+    elif not torque and "equilibrium" in columns and made.drive == "torque":
+        made.drive = "position"
+        if "inertia" in made.numbers:
+            guess_gains(made)
+    elif not torque and "equilibrium" not in columns:
+        made.remarks.append("the recording has neither torques nor goals: a diagnosis needs one of them")
+    if made.drive == "torque":
+        for name in ("kp", "kd", "torque_limit", "delay"):
+            made.numbers.pop(name, None)
+
+
+def _measure(made: Description, recorded: Recorded, modelled: bool) -> None:
+    """Numbers that the recording shows. Without a model, the joint's own numbers are among them."""
+    name, numbers = recorded.path.name, made.numbers
+    if made.drive == "position" and "kp" not in numbers:
+        raise SignalError(
+            f"{recorded.path}: has goals and no torque, from which no inertia follows; add the URDF or MJCF file"
+        )
+    guesses = {
+        each: Number(value, "guessed", "")
+        for each, value in (("inertia", 1.0), ("viscous_friction", 0.0), ("rate", RATE))
+    }
+    provisional = replace(made, numbers={**guesses, **numbers})
+    device = parse_device(provisional.text(), made.name)
+    log = JointLog.of(name, device, joint_of(recorded.tables, device, str(recorded.path), recorded.bag))
+    found = survey(log)
+    if not modelled:
+        made.confidence = "identified"
+        for each, fitted in fit_joint(log).items():
+            known = max(3.0 * fitted.sd / fitted.value, 0.05) if fitted.value else None
+            note = f"least squares on {name}, standard deviation {fitted.sd:.2g}"
+            numbers[each] = Number(fitted.value, "measured", note, None if known is None else min(known, GUESS))
+        made.remarks.append(
+            "inertia, friction and gravity come from this recording: a diagnosis of it can only find what they leave"
+        )
+    numbers["rate"] = Number(found.rate, "measured", f"median of the stamps of {name}")
+    if found.link_quantum is not None:
+        numbers["link_quantum"] = Number(found.link_quantum, "measured", f"grid of the positions in {name}")
+    largest = float(np.nanmax(np.abs(log.measured["tau"]))) if "tau" in log.measured else 0.0
+    if found.torque_noise is not None and found.torque_noise > EXACT * largest:
+        numbers["torque_noise"] = Number(found.torque_noise, "measured", f"upper bound from {name}")
