@@ -8,6 +8,8 @@
 from __future__ import annotations
 
 from math import exp
+from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 import mujoco
@@ -22,9 +24,22 @@ from via_export.mjcf import ROUND
 from via_export.target import Target
 
 LOCKED = 1e9  # [kg m^2] armature of the joints of a given model that are not driven
+QUEUE = 400  # ticks of commands before a run that a delay can need
 GROUP = 5  # of the drive of a position-controlled joint, which is disabled while the drive is off
 _JOINT, _ACTUATOR = mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_ACTUATOR
 _TENDON, _SENSOR = mujoco.mjtObj.mjOBJ_TENDON, mujoco.mjtObj.mjOBJ_SENSOR
+
+
+def _compiled(xml: str, folder: Path | None) -> Any:
+    try:
+        if folder is None:
+            return mujoco.MjModel.from_xml_string(xml)
+        with NamedTemporaryFile("w", suffix=".xml", dir=folder, encoding="utf-8") as file:
+            file.write(xml)
+            file.flush()
+            return mujoco.MjModel.from_xml_path(file.name)
+    except ValueError as error:
+        raise ParameterError(f"MuJoCo: {' '.join(str(error).split())}") from None
 
 
 class MujocoJoint:
@@ -33,15 +48,15 @@ class MujocoJoint:
     target  joint that was exported
     link    name of its link's joint in the model; empty: that of the device
     rate    [Hz] of command rows; the time step divides its period
+    folder  where a given model finds its meshes and included files
 
     Raises ParameterError if MuJoCo does not accept the model, or if it does not contain the joint.
     """
 
-    def __init__(self, xml: str, target: Target, link: str = "", rate: float = 1000.0, assets: Any = None) -> None:
-        try:
-            self.model = model = mujoco.MjModel.from_xml_string(xml, assets)
-        except ValueError as error:
-            raise ParameterError(f"MuJoCo: {error}") from None
+    def __init__(
+        self, xml: str, target: Target, link: str = "", rate: float = 1000.0, folder: Path | None = None
+    ) -> None:
+        self.model = model = _compiled(xml, folder)
         self.target = target
         self.names = (link or target.names[0], *target.names[1:])
         joints = [self._id(_JOINT, name) for name in self.names]
@@ -57,9 +72,10 @@ class MujocoJoint:
         spring = target.device.springs[0] if target.device.springs else None
         if target.device.arrangement == "serial" and isinstance(spring, Maccepa):
             self.scale[2] = spring.drum_radius
-        self.reference = model.qpos0[self.qpos]
+        self.offsets = np.array([target.of_axis(P.encoder_offset, axis) for axis in range(len(self.names))])
+        self.offsets[self.scale != 1.0] = 0.0
         self.positioned = target.row[P.link_drive] == POSITION_DRIVE
-        drive = self._id(_ACTUATOR, f"{self.names[0]}_drive") if not target.device.n_motors else -1
+        drive = self._drive_of(LINK) if not target.device.n_motors else -1
         self._drive, self._damping = drive, float(model.actuator_damping[drive]) if self.positioned else 0.0
 
     def _id(self, kind: Any, name: str) -> int:
@@ -68,19 +84,33 @@ class MujocoJoint:
             raise ParameterError(f"the model has no {mujoco.mju_type2Str(kind)} '{name}'")
         return int(found)
 
+    def _drive_of(self, axis: int) -> int:
+        """The actuator of a drive; in a given model it can have another name."""
+        model, name = self.model, self.names[axis]
+        named = mujoco.mj_name2id(model, _ACTUATOR, f"{name}_drive")
+        if named >= 0:
+            return int(named)
+        joint = self._id(_JOINT, name)
+        on = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == joint)
+        found = np.flatnonzero(on & (model.actuator_ctrlnum > 0))
+        if not found.size:
+            raise ParameterError(f"the model has no actuator of joint '{name}'")
+        return int(found[0])
+
     def _set_delays(self) -> None:
         """Delays in whole time steps, which may differ from that of the file."""
         model, h = self.model, self.model.opt.timestep
         late = round(float(self.target.row[P.delay]) / h)
-        delayed = model.actuator_delay > 0.0
-        model.actuator_delay[delayed] = min(late, int(min(model.actuator_history[delayed, 0], default=2)) - 1) * h - ROUND * h
+        for actuator in np.flatnonzero(model.actuator_delay > 0.0):
+            most = int(model.actuator_history[actuator, 0]) - 1
+            model.actuator_delay[actuator] = (min(late, most) - ROUND) * h
 
     def _controls(self) -> dict[int, int]:
         """Control -> column of a command row."""
         device, found = self.target.device, {}
         for axis in self.target.drives:
             column = GOAL if device.drive == "position" else M1 + axis - 1 if axis else EXTERNAL
-            found[int(self.model.actuator_ctrladr[self._id(_ACTUATOR, f"{self.names[axis]}_drive")])] = column
+            found[int(self.model.actuator_ctrladr[self._drive_of(axis)])] = column
         if device.damper is not None:
             for k in range(1, 2 if device.damper.map == "linear" else 3):
                 found[int(self.model.actuator_ctrladr[self._id(_ACTUATOR, f"{device.name}_damper_{k}")])] = DAMPING
@@ -95,7 +125,7 @@ class MujocoJoint:
         model = self.model
         data = mujoco.MjData(model)
         self.place(data, np.arange(len(self.names)), state)
-        times = np.arange(-1, -1 - 200 * self.steps, -1) * model.opt.timestep
+        times = -np.arange(1, 1 + QUEUE * self.steps) * model.opt.timestep
         for actuator in np.flatnonzero(model.actuator_delay > 0.0):
             control = int(model.actuator_ctrladr[actuator])
             count = int(model.actuator_history[actuator, 0])
@@ -105,11 +135,8 @@ class MujocoJoint:
         if len(state) > X.queue:
             self._set_lags(data, state, before)
             self.remember(data, state[X.bristle : X.bristle + 5])
-        self._slide(data)
+        self.slide(data)
         mujoco.mj_forward(model, data)
-        for sensor in range(model.nsensor):
-            if model.sensor_delay[sensor] > 0.0:
-                self._sensor_history(data, sensor)
         return data
 
     def _sensor_history(self, data: Any, sensor: int) -> None:
@@ -125,8 +152,10 @@ class MujocoJoint:
     def place(self, data: Any, axes: Any, state: Array) -> None:
         """Set angles and velocities of some axes to those of a state (6 ..)."""
         for axis in axes:
-            data.qpos[self.qpos[axis]] = self.scale[axis] * state[axis] + self.reference[axis]
+            data.qpos[self.qpos[axis]] = self.scale[axis] * state[axis] + self.offsets[axis]
             data.qvel[self.dofs[axis]] = self.scale[axis] * state[3 + axis]
+        for sensor in np.flatnonzero(self.model.sensor_delay > 0.0):
+            self._sensor_history(data, int(sensor))
 
     def remember(self, data: Any, held: Array) -> None:
         """Set the torques [N m] (5,) of bristles of link and motors and of Maxwell elements of the transmissions."""
@@ -146,7 +175,7 @@ class MujocoJoint:
         """Filters and slew rates of the drives as in a state of via_sim."""
         model, row = self.model, self.target.row
         for axis in self.target.drives:
-            actuator = self._id(_ACTUATOR, f"{self.names[axis]}_drive")
+            actuator = self._drive_of(axis)
             if model.actuator_actnum[actuator] == 0:
                 continue
             value = state[X.lag + axis]
@@ -155,7 +184,7 @@ class MujocoJoint:
                 value = before[late, GOAL] - state[X.behind] - state[X.lag]
             data.act[model.actuator_actadr[actuator]] = value
 
-    def _slide(self, data: Any) -> None:
+    def slide(self, data: Any) -> None:
         """Bristles of Stribeck friction of axes that move: they slide."""
         model, target = self.model, self.target
         for axis, name in enumerate(self.names):
