@@ -3,9 +3,9 @@
     friction = friction_base + exp(-(|v|/dtheta_stribeck)^alpha) friction_stribeck
              + |load_friction_external C - load_friction_motor T| + ...
 
-with motor torque T and external torque C, as in `load_dependent_friction` (docs/notation.md). The smallest of the models
-m1 to m6 that holds all terms is written. kt [N m/A] and R [Ohm] follow from the torque limit kt V/R at supply voltage V
-and the back EMF kt^2/R. Source: parameter files and model.py of github.com/Rhoban/bam; arXiv 2410.08650.
+with motor torque T and external torque C, as in `load_dependent_friction` (docs/notation.md). The smallest of the
+models m1 to m6 that holds all terms is written. kt [N m/A] and R [Ohm] follow from the torque limit kt V/R at supply
+voltage V and the back EMF kt^2/R. Source: parameter files and model.py of github.com/Rhoban/bam; arXiv 2410.08650.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from math import isfinite
 from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
 
 from via_export.target import Target
+from via_export.xml import number
 
 EXPONENT = 2.0  # of the Stribeck curve of via_sim
 
@@ -59,14 +60,18 @@ def write(target: Target, supply: float | None = None, given: dict[str, object] 
     if model == "m6":
         numbers |= {"load_friction_motor_quad": quadratic, "load_friction_external_quad": quadratic}
     numbers |= {"model": model, "actuator": numbers.get("actuator", target.device.name)}
-    return json.dumps(numbers, indent=2) + "\n"
+    rounded = {name: float(number(value)) if isinstance(value, float) else value for name, value in numbers.items()}
+    return json.dumps(rounded, indent=2) + "\n"
 
 
 def _model(load: dict[str, float], quadratic: float, stribeck: bool) -> str:
     """The smallest model with all terms."""
     if quadratic > 0.0:
         return "m6"
-    grows, at_rest = load["motor"] > 0.0 or load["external"] > 0.0, load["motor_stribeck"] + load["external_stribeck"] > 0.0
+    grows, at_rest = (
+        load["motor"] > 0.0 or load["external"] > 0.0,
+        load["motor_stribeck"] + load["external_stribeck"] > 0.0,
+    )
     if not grows and not at_rest:
         return "m2" if stribeck else "m1"
     alike = load["motor"] == load["external"] and load["motor_stribeck"] == load["external_stribeck"]

@@ -25,8 +25,8 @@ from via_gap.residual.rollout import Rollout
 from via_gap.residual.segments import binned
 from via_sim.effects import Effect
 from via_sim.joint.parameters import P
-from via_sim.simulate import command_rows, initial_state, passive_command
 from via_sim.plants import JointPlant
+from via_sim.simulate import command_rows, initial_state, passive_command
 
 from via_export.exporting import export
 from via_export.mujoco_joint import QUEUE, MujocoJoint

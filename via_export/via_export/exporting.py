@@ -1,8 +1,8 @@
 """Export of a device with effects to a format of another simulator.
 
-    made = export(load_device("xl330"), load_effects("repair.yaml"), "mjcf")
-    made.text                    # the file
-    for loss in made.losses: print(loss)
+made = export(load_device("xl330"), load_effects("repair.yaml"), "mjcf")
+made.text                    # the file
+for loss in made.losses: print(loss)
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def export(
     if into is not None and to not in BESIDE:
         raise ParameterError(f"--into: {TITLES[to]} is written as a fragment; formats with --into: {', '.join(BESIDE)}")
     target = Target.of(device, effects)
-    lost = losses(device, target.effects, to)
+    lost = losses(target, to)
     comment = _comment(target, lost)
     name = joint or device.link_joint
     if into is not None:
@@ -87,7 +87,8 @@ def export(
 def _comment(target: Target, lost: Sequence[Loss]) -> str:
     """Head of a file: where it comes from, and what it lacks."""
     what = [f"{effect.name} at {effect.site}" for effect in target.effects]
-    lines = [f"Device {target.device.name}{' with ' + ', '.join(what) if what else ', without effects'}; written by via export."]
+    added = f" with {', '.join(what)}" if what else ", without effects"
+    lines = [f"Device {target.device.name}{added}; written by via export."]
     return "\n".join(lines + [f"Lost: {loss}" for loss in lost])
 
 

@@ -45,7 +45,9 @@ def write(target: Target, comment: str = "", joint: str = "") -> str:
     if row[P.link_drive] != POSITION_DRIVE and stiffness == 0.0:
         notes += "# The drive is commanded by torque: use set_joint_effort_target.\n"
     body = "\n".join(f"        {line}" for line in lines)
-    return f'{notes}from isaaclab.actuators import {kind}\n\nACTUATORS = {{\n    "{name}": {kind}(\n{body}\n    ),\n}}\n'
+    return (
+        f'{notes}from isaaclab.actuators import {kind}\n\nACTUATORS = {{\n    "{name}": {kind}(\n{body}\n    ),\n}}\n'
+    )
 
 
 def _gains(target: Target) -> tuple[float, float]:

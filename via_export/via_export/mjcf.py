@@ -14,6 +14,7 @@ to one make that negligible. Sources: XML reference and changelog of MuJoCo 4.0.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import cos, isfinite, pi, sin, sqrt
 
 from via_core.device_parts import Maccepa, TwoLever
@@ -23,7 +24,7 @@ from via_sim.plants import GRAVITY
 
 from via_export.springs import PRESET_LAWS, SpringTerm, preload, spring_terms
 from via_export.target import TICK, Target
-from via_export.xml import Element, document, element
+from via_export.xml import Attributes, Element, Value, document, element
 
 STEP = 2.5e-4  # [s] largest time step
 FAR = 1e3  # [rad] of a tendon that pulls on one side
@@ -39,7 +40,7 @@ ROUND = 0.25  # time steps by which a delay is shortened, so that rounding does 
 class Parts:
     """Elements of a joint that a model or a fragment contains."""
 
-    joint: dict[str, object] = field(default_factory=dict)  # attributes of the link's joint
+    joint: Attributes = field(default_factory=dict)  # attributes of the link's joint
     in_link: list[Element] = field(default_factory=list)  # sites of the link
     bodies: list[Element] = field(default_factory=list)  # motors and sites, beside the link
     tendons: list[Element] = field(default_factory=list)
@@ -105,10 +106,10 @@ def joint_parts(target: Target, link: str = "", kept: float = 0.0) -> Parts:
     return parts
 
 
-def _axis(target: Target, axis: int, kept: float = 0.0) -> dict[str, object]:
+def _axis(target: Target, axis: int, kept: float = 0.0) -> Attributes:
     """Attributes of a joint: damping, dry friction, encoder offset."""
     row, h = target.row, step(target)
-    found: dict[str, object] = {"ref": target.of_axis(P.encoder_offset, axis) + kept}
+    found: Attributes = {"ref": target.of_axis(P.encoder_offset, axis) + kept}
     linear, quadratic = target.viscous(axis), float(row[P.quadratic_drag + axis])
     if axis == LINK and target.device.damper is not None and target.device.damper.site == "link":
         linear += float(target.device.damping_of(0.0)) * _damper_scale(target)
@@ -120,7 +121,7 @@ def _axis(target: Target, axis: int, kept: float = 0.0) -> dict[str, object]:
     return found
 
 
-def _wall(target: Target) -> dict[str, object]:
+def _wall(target: Target) -> Attributes:
     """A soft limit: with the smallest impedance its force is stiffness depth + damping speed, never pulling."""
     row = target.row
     stiffness = float(row[P.contact_stiffness])
@@ -139,7 +140,7 @@ def _passive(target: Target, axis: int, names: tuple[str, ...], parts: Parts) ->
     """Passive DC motors: constant torque, ripple, Stribeck friction and bristles."""
     offset = target.of_axis(P.encoder_offset, axis)
 
-    def add(what: str, **more: object) -> None:
+    def add(what: str, **more: Value) -> None:
         parts.actuators.append(
             element("dcmotor", name=f"{names[axis]}_{what}", joint=names[axis], input="none", resistance=1.0,
                     motorconst=(0.0, 0.0), **more)
@@ -149,7 +150,9 @@ def _passive(target: Target, axis: int, names: tuple[str, ...], parts: Parts) ->
     if constant:
         add("constant", cogging=(constant, 0.0, 0.5 * pi))
     for k, (amplitude, order, phase) in enumerate(target.ripple(axis), 1):
-        whole = order == round(order)  # `poles` is an integer: other orders by the gear, which scales the torque as well
+        whole = order == round(
+            order
+        )  # `poles` is an integer: other orders by the gear, which scales the torque as well
         gear, poles = (1.0, order) if whole else (order, 1.0)
         add(f"ripple_{k}", gear=gear, cogging=(amplitude / gear, poles, phase - order * offset))
     breakaway, kinetic, speed = target.dry(axis)
@@ -206,7 +209,7 @@ def _spring(target: Target, i: int, names: tuple[str, ...], parts: Parts) -> Non
         shift += float(row[P.pretension_offset + i])
     half = 0.5 * float(row[P.backlash + i])
 
-    def fixed(name: str, low: float, high: float, **more: object) -> None:
+    def fixed(name: str, low: float, high: float, **more: Value) -> None:
         ends = [element("joint", joint=joint, coef=coef) for joint, coef in ((names[0], 1.0), (motor, -1.0))]
         rest = tuple(-0.9999999999 if x == -1.0 else x for x in (low, high))  # -1 would mean: computed
         parts.tendons.append(element("fixed", *ends, name=f"{motor}_{name}", springlength=rest, **more))
@@ -246,7 +249,10 @@ def _levers(target: Target, i: int, names: tuple[str, ...]) -> Element:
         path = [element("site", site=f"{motor}_lever"), element("site", site=f"{names[0]}_base")]
         rest = spring.free_length - spring.drum_radius * float(row[P.pretension_offset + i])
         if target.device.arrangement == "serial":
-            path += [element("pulley", divisor=1.0), *(element("site", site=f"{names[2]}_{end}") for end in ("end", "drum"))]
+            path += [
+                element("pulley", divisor=1.0),
+                *(element("site", site=f"{names[2]}_{end}") for end in ("end", "drum")),
+            ]
             rest += FAR * spring.drum_radius
         return element("spatial", *path, name=f"{motor}_spring", stiffness=k, springlength=rest)
     assert isinstance(spring, TwoLever)
@@ -265,7 +271,7 @@ def _damper(target: Target, names: tuple[str, ...], parts: Parts) -> None:
     device = target.device
     if device.damper is None:
         return
-    where: dict[str, object] = {"joint": names[0]}
+    where: Attributes = {"joint": names[0]}
     if device.damper.site == "transmission":
         ends = [element("joint", joint=joint, coef=coef) for joint, coef in ((names[0], 1.0), (names[1], -1.0))]
         name = f"{names[1]}_damper"
@@ -273,22 +279,22 @@ def _damper(target: Target, names: tuple[str, ...], parts: Parts) -> None:
         parts.tendons.append(element("fixed", *ends, name=name, springlength=(0.0, 0.0), damping=least))
         where = {"tendon": name}
     ends_of = (0.0, 1.0) if device.damper.map == "linear" else (0.0, 0.5, 1.0)
-    for k, (low, high) in enumerate(zip(ends_of[:-1], ends_of[1:], strict=True), 1):
+    for k, (low, high) in enumerate(pairwise(ends_of), 1):
         rise = float(device.damping_of(high) - device.damping_of(low)) * _damper_scale(target) / (high - low)
-        more = {"biastype": "affine", "biasprm": (0.0, 0.0, rise * low)} if low else {}
+        more: Attributes = {"biastype": "affine", "biasprm": (0.0, 0.0, rise * low)} if low else {}
         parts.actuators.append(
             element("general", name=f"{device.name}_damper_{k}", **where, ctrlrange=(low, high), gaintype="affine",
                     gainprm=(NOT_A_SERVO, 0.0, -rise), **more, **_late(target))
         )  # fmt: skip
 
 
-def _late(target: Target) -> dict[str, object]:
+def _late(target: Target) -> Attributes:
     """Attributes of an actuator's delay, rounded to time steps."""
     late = round(float(target.row[P.delay]) / step(target))
     return {"delay": (late - ROUND) * step(target), "nsample": float(late + 2)} if late > 0 else {}
 
 
-def _filter(target: Target) -> dict[str, object]:
+def _filter(target: Target) -> Attributes:
     lag = float(target.row[P.lag])
     return {"dyntype": "filterexact", "dynprm": lag, "actearly": True} if lag > 0.0 else {}
 
@@ -301,9 +307,11 @@ def _drive(target: Target, axis: int, name: str) -> Element:
     gain, bias = target.of_axis(P.torque_gain, axis), target.of_axis(P.torque_bias, axis)
     limit = target.limit(axis)
     if row[P.link_drive] != POSITION_DRIVE:
-        ends = {"ctrlrange": (-limit, limit)} if isfinite(limit) else {}
-        affine = {"biastype": "affine", "biasprm": (bias, 0.0, 0.0)} if bias else {}
-        return element("general", name=f"{name}_drive", joint=name, gainprm=gain, **affine, **ends, **_filter(target), **late)
+        ends: Attributes = {"ctrlrange": (-limit, limit)} if isfinite(limit) else {}
+        affine: Attributes = {"biastype": "affine", "biasprm": (bias, 0.0, 0.0)} if bias else {}
+        return element(
+            "general", name=f"{name}_drive", joint=name, gainprm=gain, **affine, **ends, **_filter(target), **late
+        )
     kp, kd = float(row[P.drive_stiffness]), float(row[P.drive_damping])
     ends = {"forcerange": (bias - gain * limit, bias + gain * limit)} if isfinite(limit) else {}
     speed = float(row[P.drive_speed_limit])
@@ -311,7 +319,13 @@ def _drive(target: Target, axis: int, name: str) -> Element:
     if isfinite(speed):
         return element("pid", **common, input="pos", kp=gain * kp, kv=0.0, slewmax=speed)
     return element(
-        "general", **common, gainprm=gain * kp, biastype="affine", biasprm=(bias, -gain * kp, 0.0), input="pos", **_filter(target)
+        "general",
+        **common,
+        gainprm=gain * kp,
+        biastype="affine",
+        biasprm=(bias, -gain * kp, 0.0),
+        input="pos",
+        **_filter(target),
     )
 
 
@@ -338,7 +352,7 @@ def _servo(target: Target, axis: int, name: str) -> Element:
 def _sensor(target: Target, axis: int, name: str) -> Element:
     """The encoder; a late channel is a delayed sensor. The preset motor of a MACCEPA is measured at its actuator."""
     skew = target.of_axis(P.skew, axis)
-    more: dict[str, object] = {}
+    more: Attributes = {}
     if skew > 0.0:
         more = {"delay": skew, "nsample": float(round(skew / step(target)) + 3), "interp": "linear"}
     device = target.device

@@ -1,7 +1,7 @@
-"""Write a joint into a given MuJoCo model: its attributes in place, motors, tendons, actuators and sensors beside it.
+"""Write a joint into a given MuJoCo model: attributes in place; motors, tendons, actuators and sensors beside it.
 
-The file is edited and not rewritten, so that comments, classes and assets stay. Mass and inertia of the given bodies are
-kept; payloads become bodies, other changes of inertia armature.
+The file is edited and not rewritten, so that comments, classes and assets stay. Mass and inertia of the given bodies
+are kept; payloads become bodies, other changes of inertia armature.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _find(root: Element, name: str, model: Any) -> tuple[Element, Element]:
         raise ParameterError(f"the model has no joint '{name}'; there are: {', '.join(map(str, names)) or 'none'}")
     if not found:
         raise ParameterError(f"joint '{name}' is in an included file: give that file, or the model saved as one file")
-    if model.jnt_type[number] not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+    if int(model.jnt_type[number]) not in (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)):
         raise ParameterError(f"joint '{name}' is neither a hinge nor a slide")
     return found[0]
 
@@ -84,7 +84,9 @@ def _joint_attributes(joint: Element, parts: Parts, target: Target, in_degrees: 
         wanted.pop("ref")
     if offset and joint.get("range") and "range" not in wanted:
         wanted["range"] = [float(each) / unit + offset for each in str(joint.get("range")).split()]
-        notes.append(f"joint range and ref are shifted by the encoder offset of {offset:.6g} rad; shift keyframes likewise")
+        notes.append(
+            f"joint range and ref are shifted by the encoder offset of {offset:.6g} rad; shift keyframes likewise"
+        )
     if "range" in wanted and joint.get("range") and target.row[P.contact_stiffness] > 0.0:
         notes.append(f"joint range {joint.get('range')} is replaced by the wall")
     for key, value in wanted.items():
@@ -110,7 +112,9 @@ def _mass(body: Element, joint: Element, target: Target, model: Any, number: int
     for k, each in enumerate(payloads, 1):
         mass, distance = each["mass"], each["distance"]
         inertial = element("inertial", pos=(0.0, 0.0, 0.0), mass=mass, diaginertia=(1e-9 * mass,) * 3)
-        made = element("body", inertial, name=f"{joint.get('name')}_payload_{k}", pos=model.jnt_pos[number] + distance * direction)
+        made = element(
+            "body", inertial, name=f"{joint.get('name')}_payload_{k}", pos=model.jnt_pos[number] + distance * direction
+        )
         body.append(made)
         inertia, gravity = inertia + mass * distance**2, gravity + mass * distance * 9.80665
     notes = []
@@ -119,12 +123,18 @@ def _mass(body: Element, joint: Element, target: Target, model: Any, number: int
         armature = float(model.dof_armature[model.jnt_dofadr[number]]) + change
         joint.set("armature", text(max(armature, 0.0)))
         if armature < 0.0:
-            notes.append(f"inertia about the joint: lower that of the body by {-armature:.6g} kg m^2; armature ends at 0")
-    weight = abs(float(target.row[P.gravity_torque])) - abs(float(target.nominal[P.gravity_torque])) - gravity * (
-        target.nominal[P.gravity] != 0.0
+            notes.append(
+                f"inertia about the joint: lower that of the body by {-armature:.6g} kg m^2; armature ends at 0"
+            )
+    weight = (
+        abs(float(target.row[P.gravity_torque]))
+        - abs(float(target.nominal[P.gravity_torque]))
+        - gravity * (target.nominal[P.gravity] != 0.0)
     )
     if abs(weight) > SMALL * max(target.gravity_torque, 1e-3):
-        notes.append(f"gravity torque: change mass times distance of the centre of the body by {weight / 9.80665:.6g} kg m")
+        notes.append(
+            f"gravity torque: change mass times distance of the centre of the body by {weight / 9.80665:.6g} kg m"
+        )
     turned = float(target.row[P.gravity_angle] - target.nominal[P.gravity_angle])
     if turned:
         notes.append(f"gravity angle: turn the centre of mass of the body by {-turned:.6g} rad about the joint")

@@ -1,8 +1,8 @@
 """A joint's MuJoCo model, driven by the command rows of via_sim.
 
-    joint = MujocoJoint(xml, target)
-    data = joint.start(state, rows_before)
-    measured = joint.run(data, rows)        # (n + 1, axes) [rad] by the encoders
+joint = MujocoJoint(xml, target)
+data = joint.start(state, rows_before)
+measured = joint.run(data, rows)        # (n + 1, axes) [rad] by the encoders
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class MujocoJoint:
         if named >= 0:
             return int(named)
         joint = self._id(_JOINT, name)
-        on = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (model.actuator_trnid[:, 0] == joint)
+        on = (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & (model.actuator_trnid[:, 0] == joint)
         found = np.flatnonzero(on & (model.actuator_ctrlnum > 0))
         if not found.size:
             raise ParameterError(f"the model has no actuator of joint '{name}'")

@@ -25,7 +25,9 @@ def write(target: Target, comment: str = "") -> str:
     name = target.device.name
     flexible = target.device.n_transmissions > 0
     links = [element("link", name=f"{name}_base")]
-    joints = [element("joint", leaf("parent", "world"), leaf("child", f"{name}_base"), name=f"{name}_fixed", type="fixed")]
+    joints = [
+        element("joint", leaf("parent", "world"), leaf("child", f"{name}_base"), name=f"{name}_fixed", type="fixed")
+    ]
     if flexible:
         links.append(element("link", _inertial(1.0, (0.0, 0.0, 0.0), _motor_inertia(target)), name=f"{name}_motor"))
         joints.append(_joint(target, target.names[1], f"{name}_base", f"{name}_motor", _motor_axis(target)))
@@ -70,13 +72,19 @@ def _limit(target: Target, wall: bool, driven: bool) -> Element:
     """Range up to a wall, with its stiffness and damping; limits of the drive."""
     low, high = target.ends if wall else (-WIDE, WIDE)
     offset = target.of_axis(P.encoder_offset, LINK)
-    parts = [leaf("lower", low + offset if isfinite(low) else -WIDE), leaf("upper", high + offset if isfinite(high) else WIDE)]
+    parts = [
+        leaf("lower", low + offset if isfinite(low) else -WIDE),
+        leaf("upper", high + offset if isfinite(high) else WIDE),
+    ]
     if driven and isfinite(target.effort):
         parts.append(leaf("effort", target.effort))
     if driven and isfinite(target.speed):
         parts.append(leaf("velocity", target.speed))
     if wall and target.row[P.contact_stiffness] > 0.0:
-        parts += [leaf("stiffness", float(target.row[P.contact_stiffness])), leaf("dissipation", float(target.row[P.contact_damping]))]
+        parts += [
+            leaf("stiffness", float(target.row[P.contact_stiffness])),
+            leaf("dissipation", float(target.row[P.contact_damping])),
+        ]
     return element("limit", *parts)
 
 
@@ -127,7 +135,13 @@ def _plugins(target: Target) -> list[Element]:
 
 
 def _controller(joint: str, p: float, d: float, limit: float, offset: float) -> Element:
-    parts = [leaf("joint_name", joint), leaf("p_gain", p), leaf("i_gain", 0.0), leaf("d_gain", d), leaf("cmd_offset", offset)]
+    parts = [
+        leaf("joint_name", joint),
+        leaf("p_gain", p),
+        leaf("i_gain", 0.0),
+        leaf("d_gain", d),
+        leaf("cmd_offset", offset),
+    ]
     if isfinite(limit):
         parts += [leaf("cmd_max", limit), leaf("cmd_min", -limit)]
     return element(
@@ -141,7 +155,9 @@ def into(source: Element, target: Target, name: str) -> list[str]:
 
     Raises ValueError if there is no such joint.
     """
-    found = next((each for each in source.iter("joint") if each.get("name") == name and each.find("axis") is not None), None)
+    found = next(
+        (each for each in source.iter("joint") if each.get("name") == name and each.find("axis") is not None), None
+    )
     if found is None:
         names = ", ".join(str(each.get("name")) for each in source.iter("joint") if each.find("axis") is not None)
         raise ValueError(f"no joint '{name}' with an axis; there are: {names or 'none'}")

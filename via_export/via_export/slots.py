@@ -1,6 +1,6 @@
 """What becomes of each effect and each device entry in each format: a slot, a substitute with its cost, or nothing.
 
-`rows` of slots_effects.py and slots_device.py are the table; docs/export.md and the list of losses of an export show it.
+The rows of slots_effects.py and slots_device.py are the table; docs/export.md and the losses of an export show it.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from via_core.devices import Device
-from via_core.springs import MACCEPA, TWO_LEVER
 from via_sim.effects import Effect, place_name
+
+from via_export.target import Target
 
 FORMATS = ("mjcf", "urdf", "sdf", "isaaclab", "bam", "ros2_control")
 TITLES = {
@@ -19,7 +19,7 @@ TITLES = {
     "ros2_control": "ros2_control",
 }  # fmt: skip
 Kind = Literal["slot", "substitute", "none"]
-Applies = Callable[[Device, Effect | None], bool]
+Applies = Callable[[Target, Effect | None], bool]
 
 
 @dataclass(frozen=True)
@@ -71,44 +71,34 @@ class Loss:
 
 def row(item: str, when: str = "", applies: Applies | None = None, **texts: str) -> Row:
     """A line of the table from one text per format, see `Slot.of`."""
-    return Row(item, when, {name: Slot.of(texts[name]) for name in FORMATS}, applies or (lambda _device, _effect: True))
+    return Row(item, when, {name: Slot.of(texts[name]) for name in FORMATS}, applies or (lambda _target, _effect: True))
 
 
-def servo(device: Device, _effect: Effect | None) -> bool:
-    return device.drive == "servo"
+def servo(target: Target, _effect: Effect | None) -> bool:
+    return target.device.drive == "servo"
 
 
-def torque_drive(device: Device, _effect: Effect | None) -> bool:
-    return device.drive == "torque"
+def position_drive(target: Target, _effect: Effect | None) -> bool:
+    return target.device.drive == "position"
 
 
-def position_drive(device: Device, _effect: Effect | None) -> bool:
-    return device.drive == "position"
-
-
-def by_levers(device: Device, _effect: Effect | None) -> bool:
+def by_levers(target: Target, _effect: Effect | None) -> bool:
     """A spring between levers, whose torque depends on a preset."""
-    return any(each.kind in (MACCEPA, TWO_LEVER) for each in device.spring_laws)
+    return target.depends_on_preset
 
 
-def negate(one: Applies) -> Applies:
-    return lambda device, effect: not one(device, effect)
-
-
-def losses(device: Device, effects: tuple[Effect, ...], target: str) -> tuple[Loss, ...]:
+def losses(target: Target, to: str) -> tuple[Loss, ...]:
     """What a format loses of a device with effects: first of the effects, then of the device."""
-    return tuple(loss for loss in _all(device, effects, target) if loss.slot.kind != "slot")
+    return tuple(loss for loss in _all(target, to) if loss.slot.kind != "slot")
 
 
-def _all(device: Device, effects: tuple[Effect, ...], target: str) -> Iterator[Loss]:
+def _all(target: Target, to: str) -> Iterator[Loss]:
     from via_export.slots_device import DEVICE_ROWS
     from via_export.slots_effects import EFFECT_ROWS
 
-    for effect in effects:
-        for line in EFFECT_ROWS:
-            if line.item == effect.name and line.applies(device, effect):
-                yield Loss(effect.name, place_name(effect.site, effect.motor), line.slots[target])
-                break
+    for effect in target.effects:
+        line = next(line for line in EFFECT_ROWS if line.item == effect.name and line.applies(target, effect))
+        yield Loss(effect.name, place_name(effect.site, effect.motor), line.slots[to])
     for line in DEVICE_ROWS:
-        if line.applies(device, None):
-            yield Loss(f"{line.item} ({line.when})" if line.when else line.item, "", line.slots[target])
+        if line.applies(target, None):
+            yield Loss(f"{line.item} ({line.when})" if line.when else line.item, "", line.slots[to])

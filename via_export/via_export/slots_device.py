@@ -3,41 +3,38 @@
 from __future__ import annotations
 
 from via_core.device_parts import TorqueMotor
-from via_core.devices import Device
 from via_sim.effects import Effect
 
-from via_export.slots import by_levers, negate, position_drive, row, servo
+from via_export.slots import by_levers, position_drive, row, servo
 from via_export.slots_effects import NO_PHYSICS
+from via_export.target import Target
 
+CONSTANT = "stiffness does not change with the deflection or the preset"
 RIGID = "no deflection and no resonance; motors and link are one inertia"
 
 
-def _flexible(device: Device, _effect: Effect | None) -> bool:
-    return device.n_transmissions > 0
+def _plain_springs(target: Target, _effect: Effect | None) -> bool:
+    return target.device.n_transmissions > 0 and not by_levers(target, None)
 
 
-def _plain_springs(device: Device, _effect: Effect | None) -> bool:
-    return device.n_transmissions > 0 and not by_levers(device, None)
+def _linear(target: Target, _effect: Effect | None) -> bool:
+    return _plain_springs(target, None) and all(spring.law == "linear" for spring in target.device.springs)
 
 
-def _linear(device: Device, _effect: Effect | None) -> bool:
-    return _plain_springs(device, None) and all(spring.law == "linear" for spring in device.springs)
+def _torque_motors(target: Target, _effect: Effect | None) -> bool:
+    return target.device.n_motors > 0 and not servo(target, None)
 
 
-def _torque_motors(device: Device, _effect: Effect | None) -> bool:
-    return device.n_motors > 0 and not servo(device, None)
+def _with_damper(target: Target, _effect: Effect | None) -> bool:
+    return target.device.damper is not None
 
 
-def _with_damper(device: Device, _effect: Effect | None) -> bool:
-    return device.damper is not None
+def _speed_limited(target: Target, _effect: Effect | None) -> bool:
+    return any(isinstance(motor, TorqueMotor) and motor.speed_limit is not None for motor in target.device.motors)
 
 
-def _speed_limited(device: Device, _effect: Effect | None) -> bool:
-    return any(isinstance(motor, TorqueMotor) and motor.speed_limit is not None for motor in device.motors)
-
-
-def _weighs(device: Device, _effect: Effect | None) -> bool:
-    return device.link.gravity_torque != 0.0
+def _weighs(target: Target, _effect: Effect | None) -> bool:
+    return target.device.link.gravity_torque != 0.0
 
 
 DEVICE_ROWS = (
@@ -78,19 +75,19 @@ DEVICE_ROWS = (
         isaaclab=f"- {RIGID}", bam=f"- {RIGID}", ros2_control=NO_PHYSICS,
     ),
     row(
-        "springs", "of other form", lambda d, e: _plain_springs(d, e) and not _linear(d, e),
+        "springs", "of other form", lambda t, e: _plain_springs(t, e) and not _linear(t, e),
         mjcf="= a sum of tendons with dead bands: a cubic spline, accurate to 0.1 %", urdf=f"- {RIGID}",
-        sdf="~ stiffness at the middle of the deflections | stiffness does not change with the deflection or the preset",
+        sdf=f"~ stiffness at half of the stop | {CONSTANT}",
         isaaclab=f"- {RIGID}", bam=f"- {RIGID}", ros2_control=NO_PHYSICS,
     ),
     row(
         "springs", "between levers", by_levers,
         mjcf="= spatial tendon between the levers", urdf=f"- {RIGID}",
-        sdf="~ stiffness at the middle of the deflections | stiffness does not change with the deflection or the preset",
+        sdf=f"~ stiffness at half of the stop | {CONSTANT}",
         isaaclab=f"- {RIGID}", bam=f"- {RIGID}", ros2_control=NO_PHYSICS,
     ),
     row(
-        "second motor", "antagonistic or serial", lambda d, _e: d.n_motors == 2,
+        "second motor", "antagonistic or serial", lambda t, _e: t.device.n_motors == 2,
         mjcf="= a body of its own", urdf="- one motor per joint: the preset cannot be commanded",
         sdf="- one motor per joint: the preset cannot be commanded",
         isaaclab="- one motor per joint: the preset cannot be commanded",
@@ -106,7 +103,7 @@ DEVICE_ROWS = (
         ros2_control="= command interface 'damping'",
     ),
     row(
-        "motors: torque_limit", "", negate(servo),
+        "motors: torque_limit", "", lambda t, _e: not servo(t, None),
         mjcf="= ctrlrange; of a position drive forcerange", urdf="= limit/effort", sdf="= limit/effort",
         isaaclab="= effort_limit", bam="= kt/R, with --supply", ros2_control="= command_interface min, max; max_effort",
     ),

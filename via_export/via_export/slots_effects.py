@@ -2,38 +2,37 @@
 
 from __future__ import annotations
 
-from via_core.devices import Device
+from math import isfinite
+
 from via_sim.effects import Effect
+from via_sim.joint.parameters import P
 
 from via_export.slots import by_levers, position_drive, row, servo
+from via_export.target import Target
 
 NO_PHYSICS = "- holds no physics; belongs into the simulator's model"
 READING = "- apply it where you read the encoder"
 RIGID_SPRING = "- joints are rigid: the effect vanishes with the spring"
 
 
-def _lasting(_device: Device, effect: Effect | None) -> bool:
+def _lasting(_target: Target, effect: Effect | None) -> bool:
     return effect is not None and effect.parameters["start"] <= 0.0 and effect.parameters["stop"] >= 1e6
 
 
-def _with_lag(device: Device, _effect: Effect | None) -> bool:
-    return position_drive(device, None) and device.servo is not None and device.servo.speed_limit is not None
+def _with_lag(target: Target, _effect: Effect | None) -> bool:
+    return position_drive(target, None) and isfinite(target.row[P.drive_speed_limit])
 
 
-def _sensed(_device: Device, effect: Effect | None) -> bool:
+def _sensed(_target: Target, effect: Effect | None) -> bool:
     return effect is not None and effect.site == "sensor"
 
 
-def _levered_hardening(device: Device, effect: Effect | None) -> bool:
-    return by_levers(device, None) and effect is not None and effect.parameters["hardening"] != 0.0
+def _levered_hardening(target: Target, effect: Effect | None) -> bool:
+    return by_levers(target, None) and effect is not None and effect.parameters["hardening"] != 0.0
 
 
-def _both_stribeck(_device: Device, effect: Effect | None) -> bool:
-    return effect is not None and effect.parameters.get("stribeck", 0.0) > 0.0
-
-
-def _on_link(_device: Device, effect: Effect | None) -> bool:
-    return effect is not None and effect.site == "link"
+def _on_rigid_link(target: Target, effect: Effect | None) -> bool:
+    return effect is not None and effect.site == "link" and target.device.n_motors == 0
 
 
 EFFECT_ROWS = (
@@ -60,7 +59,7 @@ EFFECT_ROWS = (
         mjcf="~ passive dcmotor lugre | the joint yields .1 mrad before it slides; smooth start of sliding",
         urdf="~ dynamics/friction, kinetic | no higher friction at rest: no stick-slip",
         sdf="~ dynamics/friction, kinetic | no higher friction at rest: no stick-slip",
-        isaaclab="~ friction (breakaway) and dynamic_friction (kinetic) | a step at rest in place of the decay with speed",
+        isaaclab="~ friction (breakaway), dynamic_friction (kinetic) | a step at rest in place of the decay with speed",
         bam="= friction_base, friction_stribeck, dtheta_stribeck, alpha 2",
         ros2_control=NO_PHYSICS,
     ),
@@ -101,8 +100,8 @@ EFFECT_ROWS = (
         ros2_control=NO_PHYSICS,
     ),
     row(
-        "load_dependent_friction", "on the link of a rigid joint", lambda d, e: _on_link(d, e) and d.n_motors == 0,
-        mjcf="~ frictionloss at the mean gravity load (without gravity half the torque limit) | friction does not follow the load",
+        "load_dependent_friction", "on the link of a rigid joint", _on_rigid_link,
+        mjcf="~ frictionloss at the mean gravity load, or half the torque limit | friction does not follow the load",
         urdf="~ dynamics/friction at that load | friction does not follow the load",
         sdf="~ dynamics/friction at that load | friction does not follow the load",
         isaaclab="~ friction at that load | friction does not follow the load",
@@ -111,7 +110,7 @@ EFFECT_ROWS = (
     ),
     row(
         "load_dependent_friction", "elsewhere",
-        mjcf="~ frictionloss at the mean gravity load (without gravity half the torque limit) | friction does not follow the load",
+        mjcf="~ frictionloss at the mean gravity load, or half the torque limit | friction does not follow the load",
         urdf="~ dynamics/friction at that load | friction does not follow the load",
         sdf="~ dynamics/friction at that load | friction does not follow the load",
         isaaclab="~ friction at that load | friction does not follow the load",
@@ -219,7 +218,8 @@ EFFECT_ROWS = (
     row(
         "actuator_lag", "with a speed limit", _with_lag,
         mjcf="- an actuator has a filter or a slew rate, not both: the goal leads by the time constant",
-        urdf="- commands act at once", sdf="- commands act at once", isaaclab="- commands act at once",
+        urdf="- commands act at once", sdf="- commands act at once",
+        isaaclab="~ delay longer by the time constant | a delay in place of a filter",
         bam="~ command_delay longer by the time constant | a delay in place of a filter", ros2_control=NO_PHYSICS,
     ),
     row(

@@ -143,7 +143,9 @@ class Target:
     def ripple(self, axis: int) -> list[tuple[float, float, float]]:
         """Amplitude [N m], order [1/rev] and phase [rad] of each harmonic of the torque ripple."""
         first = [axis + 3 * k for k in range(RIPPLE_HARMONICS)]
-        found = [tuple(float(self.row[s + k]) for s in (P.ripple_amplitude, P.ripple_order, P.ripple_phase)) for k in first]
+        found = [
+            tuple(float(self.row[s + k]) for s in (P.ripple_amplitude, P.ripple_order, P.ripple_phase)) for k in first
+        ]
         return [(a, order, phase) for a, order, phase in found if a != 0.0]
 
     def limit(self, axis: int) -> float:

@@ -49,7 +49,8 @@ def friction_and_limits(target: Target) -> tuple[Element, Element]:
     offset = target.of_axis(P.encoder_offset, LINK)
     return (
         element("dynamics", damping=target.rigid_viscous, friction=kinetic),
-        element("limit", lower=low + offset if isfinite(low) else -WIDE, upper=high + offset if isfinite(high) else WIDE,
+        element("limit", lower=low + offset if isfinite(low) else -WIDE,
+                upper=high + offset if isfinite(high) else WIDE,
                 effort=target.effort if isfinite(target.effort) else UNLIMITED,
                 velocity=target.speed if isfinite(target.speed) else UNLIMITED),
     )  # fmt: skip
@@ -72,7 +73,9 @@ def into(source: Element, target: Target, name: str) -> list[str]:
 
     Raises ValueError if there is no such joint.
     """
-    found = next((each for each in source.iter("joint") if each.get("name") == name and each.find("child") is not None), None)
+    found = next(
+        (each for each in source.iter("joint") if each.get("name") == name and each.find("child") is not None), None
+    )
     if found is None:
         names = ", ".join(str(each.get("name")) for each in source.iter("joint") if each.find("child") is not None)
         raise ValueError(f"no joint '{name}'; there are: {names or 'none'}")
@@ -81,7 +84,11 @@ def into(source: Element, target: Target, name: str) -> list[str]:
     given = found.find("limit")
     kept = {} if given is None else dict(given.attrib)
     known = {"effort": target.effort, "velocity": target.speed, "lower": target.ends[0], "upper": target.ends[1]}
-    _replace(found, "limit", kept | {key: limit.attrib[key] for key, value in known.items() if isfinite(value) or key not in kept})
+    _replace(
+        found,
+        "limit",
+        kept | {key: limit.attrib[key] for key, value in known.items() if isfinite(value) or key not in kept},
+    )
     return _add_mass(source, found, target)
 
 
@@ -95,7 +102,7 @@ def _replace(parent: Element, tag: str, attributes: dict[str, str]) -> None:
 
 
 def _add_mass(source: Element, joint: Element, target: Target) -> list[str]:
-    """Change the inertia of the joint's child by that of payload, link and motors; the direction of the weight is its own."""
+    """Change the inertia of the joint's child by that of payload, link and motors; its centre stays."""
     child = str(getattr(joint.find("child"), "attrib", {}).get("link"))
     link = next(each for each in source.iter("link") if each.get("name") == child)
     inertia = link.find("inertial/inertia")

@@ -7,11 +7,12 @@ from xml.etree import ElementTree
 
 Element = ElementTree.Element
 Value = str | float | bool | Iterable[float]
+Attributes = dict[str, Value]
 
 
 def number(value: float) -> str:
     """Ten significant digits."""
-    return f"{value:.10g}"
+    return f"{value + 0.0:.10g}"  # no -0
 
 
 def text(value: Value) -> str:

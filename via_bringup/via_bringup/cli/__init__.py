@@ -43,7 +43,7 @@ COMMANDS = {
     ),
     "export": Entry(
         "via_bringup.cli.export:export",
-        "Write a device with the effects of a report or effects file for another simulator, and list what it cannot hold.",
+        "Write a device with the effects of a report for another simulator, and list what that cannot hold.",
     ),
     "sim": Entry(
         "via_bringup.cli.simulate:run_simulator",

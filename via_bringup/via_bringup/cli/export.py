@@ -13,7 +13,7 @@ from via_export import FORMATS, Check, Export
 from via_export import check as checked
 from via_export import export as exported
 from via_gap.logs.log import read_logs
-from via_gap.report.report import GapReport, read_report
+from via_gap.report.report import GapReport, HeldOutInterval, read_report
 from via_sim.effects import Effect
 from via_sim.effects.files import load_effects
 
@@ -34,7 +34,7 @@ def export(
         list[Path] | None, typer.Option(help="Log to simulate with the exported model in MuJoCo itself (mjcf).")
     ] = None,
 ) -> None:
-    """Write a device with the effects of a report or effects file for another simulator, and list what it cannot hold.
+    """Write a device with the effects of a report for another simulator, and list what that cannot hold.
 
     Without --into a model of the joint alone is written. --check states the gap of the log before and after the repair
     in MuJoCo, beside that of the simulator of the diagnosis and of the report.
@@ -76,10 +76,15 @@ def _write(made: Export, out: Path | None) -> None:
 
 
 def _check(
-    paths: list[Path], device: Device, effects: tuple[Effect, ...], report: GapReport | None, into: Path | None, joint: str
+    paths: list[Path],
+    device: Device,
+    effects: tuple[Effect, ...],
+    report: GapReport | None,
+    into: Path | None,
+    joint: str,
 ) -> None:
     logs = read_logs(paths, device)
-    held_out = ()
+    held_out: tuple[HeldOutInterval, ...] = ()
     if report is not None:
         logs = report.as_read(logs)
         names = {each.log for each in report.held_out}
@@ -89,7 +94,9 @@ def _check(
     for name, (before, after) in rows(found).items():
         shown.add_row(name, f"{100.0 * before:.3g} %", f"{100.0 * after:.3g} %")
     if report is not None and report.gap is not None:
-        shown.add_row(f"report ({report.gap.by})", f"{100.0 * report.gap.before:.3g} %", f"{100.0 * report.gap.after:.3g} %")
+        shown.add_row(
+            f"report ({report.gap.by})", f"{100.0 * report.gap.before:.3g} %", f"{100.0 * report.gap.after:.3g} %"
+        )
     answers.print(shown)
     part = "the intervals that the report held out" if held_out else "the whole logs"
     answers.print(f"on {part}; sensor noise alone: {100.0 * found.floor:.3g} %", soft_wrap=True)
