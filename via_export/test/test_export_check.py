@@ -43,8 +43,14 @@ CASES = {
             Effect("encoder_offset", "sensor", {"offset": 0.1}, 1),
         ],
     ),
-    "goal": ("xl330", [Effect("speed_limit", "command", {"limit": 3.0}), Effect("actuator_delay", "command", {"delay": 0.02})]),
-    "ripple": ("dfki_simple_pendulum", [Effect("torque_ripple", "motor", {"amplitude": 0.3, "order": 7.0, "phase": 0.4}, 1)]),
+    "goal": (
+        "xl330",
+        [Effect("speed_limit", "command", {"limit": 3.0}), Effect("actuator_delay", "command", {"delay": 0.02})],
+    ),
+    "ripple": (
+        "dfki_simple_pendulum",
+        [Effect("torque_ripple", "motor", {"amplitude": 0.3, "order": 7.0, "phase": 0.4}, 1)],
+    ),
     "servo": ("maccepavd", [Effect("actuator_delay", "command", {"delay": 0.045})]),
     "numbers": (
         "cubic_demo",
