@@ -41,10 +41,24 @@ A format has a slot for an effect, or there is a closest substitute at a cost, o
 what is lost, and writes it at the head of the file (JSON has no comments). Both come from the tables below, which
 `python via_export/test/test_export_page.py` writes from `via_export/slots_effects.py` and `slots_device.py`.
 
-MuJoCo reproduces `via_sim` within 0.2 % of the standard deviation of the motion for effects with a slot, and within 2 %
-for Stribeck friction and the speed limit of a servo, in the tests of `via_export` (RK4, steps of 0.25 ms). Series
+## How close MuJoCo comes
+
+In the tests of `via_export`, MuJoCo (RK4, steps of 0.25 ms) reproduces `via_sim` within 0.2 % of the standard deviation of
+the motion for effects with a slot, within 2 % for Stribeck friction and within 4 % for the speed limit of a servo. Series
 arrangements keep their motors: each has a body, and springs are tendons. A nonlinear spring is a sum of tendons with
 dead bands, which is a cubic spline; a spring between levers is a spatial tendon.
+
+Gap after the repair on recordings (`--check`), with reports of `via gap diagnose`:
+
+| Recording | Effects | `via_sim` | MuJoCo |
+|---|---|---|---|
+| simple pendulum, payload | payload | 0.082 % | 0.082 % |
+| simple pendulum, ddp | torque gain | 0.238 % | 0.238 % |
+| ODrive rotor, slow | ripple with eight orders, torque bias | 21.8 % | 21.8 % |
+| double pendulum, elbow | torque gain, inertia, dry friction | 0.465 % | 0.465 % |
+| XL330, gain 400 | friction that grows with the load: no slot | 5.52 % | 21.7 % |
+| XL330, gain 400, lighter nominal mass | the same | 6.74 % | 53.8 % |
+| sealed cases 2000 to 2002 | delay; numbers of the device file | 0.038, 0.901, 0.014 % | 0.038, 0.901, 0.017 % |
 
 URDF, Isaac Lab and BAM have one motor per joint and no spring: inertia and friction of the motors are added to the
 joint, and the resonance is lost.

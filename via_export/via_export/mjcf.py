@@ -194,10 +194,12 @@ def _motor(target: Target, axis: int, names: tuple[str, ...], parts: Parts) -> N
 def servo_inertia(target: Target, axis: int) -> float:
     """[kg m^2] with which the torque of the springs turns a servo by less than 1/STIFF rad."""
     torque = 0.0
-    for i, law in enumerate(target.device.spring_laws):
+    for i, spring in enumerate(target.device.spring_laws):
         start = P.spring + i * N_COEFFICIENTS
         scale, c = float(target.row[P.spring_scale + i]), target.row[start : start + N_COEFFICIENTS].copy()
-        torque += max(abs(scale * spring_torque(law.kind, c, x * law.max_deflection, 1.0)) for x in (0.25, 0.5, 1.0))
+        torque += max(
+            abs(scale * spring_torque(spring.kind, c, x * spring.max_deflection, 1.0)) for x in (0.25, 0.5, 1.0)
+        )
     return STIFF * torque / target.of_axis(P.bandwidth, axis - 1) ** 2
 
 

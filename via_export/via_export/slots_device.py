@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from via_core.device_parts import TorqueMotor
+from via_core.device_parts import Linear, TorqueMotor
 from via_sim.effects import Effect
 
 from via_export.slots import by_levers, position_drive, row, servo
@@ -18,7 +18,7 @@ def _plain_springs(target: Target, _effect: Effect | None) -> bool:
 
 
 def _linear(target: Target, _effect: Effect | None) -> bool:
-    return _plain_springs(target, None) and all(spring.law == "linear" for spring in target.device.springs)
+    return _plain_springs(target, None) and all(isinstance(spring, Linear) for spring in target.device.springs)
 
 
 def _torque_motors(target: Target, _effect: Effect | None) -> bool:

@@ -47,8 +47,8 @@ class SpringTerm:
 
 def preload(target: Target, i: int) -> float:
     """[N m] torque of transmission i at deflection 0, scale included."""
-    law = target.device.spring_laws[i]
-    return float(target.row[P.spring_scale + i]) * float(law.torque(0.0)) if law.kind not in PRESET_LAWS else 0.0
+    spring = target.device.spring_laws[i]
+    return float(target.row[P.spring_scale + i]) * float(spring.torque(0.0)) if spring.kind not in PRESET_LAWS else 0.0
 
 
 def spring_terms(target: Target, i: int) -> tuple[SpringTerm, ...]:
