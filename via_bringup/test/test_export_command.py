@@ -65,7 +65,9 @@ def test_the_check_prints_both_simulators(repair: Path, tmp_path: Path) -> None:
     write_table(log, time, {"position": measured["q"], "torque": torque})
     text = run("export", repair, "--device", "dfki_simple_pendulum", "--out", out, "--check", log)
     mujoco.MjModel.from_xml_path(str(out))
-    rows = {line.split()[0]: line.split() for line in text.splitlines() if line.startswith(("MuJoCo", "via_sim"))}
+    rows = {
+        line.split()[0]: line.split() for line in text.splitlines() if line.strip().startswith(("MuJoCo", "via_sim"))
+    }
     before, after = float(rows["MuJoCo"][1]), float(rows["MuJoCo"][3])
     assert before > 10.0 * after
     assert before == pytest.approx(float(rows["via_sim"][1]), rel=0.01)

@@ -43,10 +43,10 @@ what is lost, and writes it at the head of the file (JSON has no comments). Both
 
 ## How close MuJoCo comes
 
-In the tests of `via_export`, MuJoCo (RK4, steps of 0.25 ms) reproduces `via_sim` within 0.2 % of the standard deviation of
-the motion for effects with a slot, within 2 % for Stribeck friction and within 4 % for the speed limit of a servo. Series
-arrangements keep their motors: each has a body, and springs are tendons. A nonlinear spring is a sum of tendons with
-dead bands, which is a cubic spline; a spring between levers is a spatial tendon.
+In the tests of `via_export`, MuJoCo (RK4, steps of 0.25 ms) reproduces `via_sim` within 0.2 % of the standard deviation
+of the motion for effects with a slot, within 2 % for Stribeck friction and within 4 % for the speed limit of a servo.
+Series arrangements keep their motors: each has a body, and springs are tendons. A nonlinear spring is a sum of tendons
+with dead bands, which is a cubic spline; a spring between levers is a spatial tendon.
 
 Gap after the repair on recordings (`--check`), with reports of `via gap diagnose`:
 
