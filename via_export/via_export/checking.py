@@ -9,28 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from via_core.devices import Device
-from via_core.signals import Array, Signals
 from via_gap.logs.log import JointLog
-from via_gap.logs.replay import TICK_RATE, begin_of
+from via_gap.logs.replay import TICK_RATE
 from via_gap.report.report import HeldOutInterval
 from via_gap.report.withheld import before_and_after, compared_segments
 from via_gap.residual.errors import Errors, run_errors, segment_errors
 from via_gap.residual.recordings import follows
 from via_gap.residual.residual_model import ResidualModel
 from via_gap.residual.rollout import Rollout
-from via_gap.residual.segments import binned
 from via_sim.effects import Effect
-from via_sim.joint.parameters import P
-from via_sim.plants import JointPlant
-from via_sim.simulate import command_rows, initial_state, passive_command
 
 from via_export.exporting import export
-from via_export.mujoco_joint import QUEUE, MujocoJoint
-from via_export.target import Target
+from via_export.log_runs import segment_angles, whole_log
+from via_export.mujoco_joint import MujocoJoint
 
 
 @dataclass(frozen=True)
@@ -77,61 +73,13 @@ def check(
         folder = Path(into).parent if into is not None else None
         if follows(device):
             model = MujocoJoint(made.text, made.target, made.link, TICK_RATE, folder)
-            sides.append(run_errors(device, _WholeLog(model).run, segments, chosen))
+            sides.append(run_errors(device, partial(whole_log, model), segments, chosen))
             continue
         problem = ResidualModel.of(segments, chosen, Rollout.of)
         parts = []
         for view in problem.views:
             assert isinstance(view, Rollout)
             model = MujocoJoint(made.text, made.target, made.link, view.segments.rate, folder)
-            parts.append(view.whitened(_segments(model, view)[None]).ravel())
+            parts.append(view.whitened(segment_angles(model, view)[None]).ravel())
         sides.append(segment_errors(problem, np.concatenate(parts)))
     return Check((sides[0], sides[1]), before_and_after(logs, device, effects, held_out))
-
-
-def _readable(target: Target) -> Array:
-    """The row without encoder errors that MuJoCo's sensors lack."""
-    row = target.row.copy()
-    row[P.encoder_harmonics : P.encoder_harmonics + 3] = 0.0
-    return row
-
-
-def _segments(model: MujocoJoint, view: Rollout) -> Array:
-    """Angles as compared (C, b, a) [rad] of the segments of a view."""
-    segments = view.segments
-    row = _readable(model.target)
-    row[[P.tick, P.substeps]] = segments.nominal[[P.tick, P.substeps]]
-    starts = view.starts(row)
-    out = np.empty((len(view.chosen), *segments.measured.shape[1:]))
-    axes = list(segments.axes)
-    for k, begin in enumerate(segments.begin[view.chosen]):
-        first = int(starts.ticks[k])
-        before = segments.commands[np.maximum(first - 1 - np.arange(QUEUE), 0)]
-        data = model.start(starts.states[k], before)
-        if first < begin:
-            model.run(data, segments.commands[first:begin])
-        model.place(data, axes, starts.motion[k])
-        if starts.held is not None:
-            model.remember(data, starts.held[k])
-        model.slide(data)
-        moved = model.run(data, segments.commands[begin : begin + segments.ticks])
-        out[k] = binned(moved[:, axes], segments.every, segments.averaged)
-    return out
-
-
-@dataclass(frozen=True)
-class _WholeLog:
-    """Free runs of whole logs."""
-
-    model: MujocoJoint
-
-    def run(self, measured: Signals, commands: Signals) -> Signals:
-        """Link angle over the time of a log."""
-        target = self.model.target
-        device, row = target.device, _readable(target)
-        start, duration, motion = begin_of(device, measured, commands, row)
-        time = start + np.arange(round(duration * TICK_RATE) + 1) / TICK_RATE
-        state = initial_state(JointPlant(device, row), TICK_RATE, motion, 0)
-        before = np.tile(passive_command(JointPlant(device, row), state), (QUEUE, 1))
-        moved = self.model.run(self.model.start(state, before), command_rows(device, commands, time[:-1]))
-        return Signals(time, {"q": moved[:, 0]}, {"q": "rad"})
