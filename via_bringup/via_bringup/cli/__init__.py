@@ -60,6 +60,10 @@ COMMANDS = {
         "via_bringup.cli.excite:excite",
         "Design the shortest motion that reaches a standard deviation of stiffness or damping within the limits.",
     ),
+    "export": Entry(
+        "via_bringup.cli.export:export",
+        "Write a device with the effects of a report for another simulator, and list what that cannot hold.",
+    ),
     "sim": Entry(
         "via_bringup.cli.simulate:run_simulator",
         "Run the simulator node until interrupted; it subscribes to VsaCommand on /<device>/command.",

@@ -44,17 +44,25 @@ def simulated_log(device: Device, measured: Signals, commands: Signals, effects:
 
     Raises SignalError for a log without samples or without a finite link angle at its start.
     """
+    plant = JointPlant.from_device(device).with_effects(effects)
+    start, duration, motion = begin_of(device, measured, commands, plant.parameters)
+    run = simulate(plant, commands, duration, TICK_RATE, initial=InitialConditions(motion, time=start))
+    read = {name: run.measured[name] for name in ("q", "theta") if name in run.measured}
+    return Signals(run.truth.time, {**run.truth.channels, **read}, run.truth.units)
+
+
+def begin_of(device: Device, measured: Signals, commands: Signals, row: Array) -> tuple[float, float, Array]:
+    """First time [s], duration [s] and motion (6,) of the simulation of a log; row (N_PARAMETERS,) has encoder errors.
+
+    Raises SignalError as `simulated_log`.
+    """
     if len(measured) == 0 or len(commands) == 0:
         raise SignalError("the log has no samples to simulate" if len(measured) == 0 else "the log has no commands")
     origin = float(commands.time[0])
     early = ceil(max(origin - float(measured.time[0]), 0.0) * TICK_RATE) / TICK_RATE
     start = origin - early if early else float(measured.time[0])
     duration = ceil((float(measured.time[-1]) - start) * TICK_RATE) / TICK_RATE
-    plant = JointPlant.from_device(device).with_effects(effects)
-    initial = _initial(device, measured, commands, plant.parameters)
-    run = simulate(plant, commands, duration, TICK_RATE, initial=InitialConditions(initial, time=start))
-    read = {name: run.measured[name] for name in ("q", "theta") if name in run.measured}
-    return Signals(run.truth.time, {**run.truth.channels, **read}, run.truth.units)
+    return start, duration, _initial(device, measured, commands, row)
 
 
 def gap_to(simulated: Signals, measured: Signals) -> Gap:

@@ -35,7 +35,7 @@ def before_and_after(
 
     Raises SignalError where nothing can be simulated, or the signals allow no inverse dynamics.
     """
-    segments, chosen = _chosen(logs, held_out)
+    segments, chosen = compared_segments(logs, held_out)
     if follows(device) and not only_equations:
         return free_errors(device, (), segments, chosen), free_errors(device, effects, segments, chosen)
     problem = ResidualModel.of(segments, chosen, InverseDynamics.of if only_equations else Rollout.of)
@@ -44,8 +44,13 @@ def before_and_after(
     return errors_of(problem, before), errors_of(problem, after)
 
 
-def _chosen(logs: Sequence[JointLog], held_out: Sequence[HeldOutInterval]) -> tuple[list[Segments], list[Indices]]:
-    """The logs cut into segments, and which of them are compared."""
+def compared_segments(
+    logs: Sequence[JointLog], held_out: Sequence[HeldOutInterval]
+) -> tuple[list[Segments], list[Indices]]:
+    """The logs cut into segments, and which of them are compared.
+
+    Raises SignalError where nothing can be simulated.
+    """
     segments = [cut_log(log) for log in believed(logs)]
     chosen = [_held(each, held_out) if held_out else np.flatnonzero(each.valid) for each in segments]
     if not any(map(len, chosen)):

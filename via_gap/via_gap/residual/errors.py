@@ -6,12 +6,13 @@ servos is simulated over the whole log, as its user does.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from via_core.devices import Device
-from via_core.signals import Array
+from via_core.signals import Array, Signals
 from via_sim.effects import Effect
 
 from via_gap.logs.between import acting
@@ -22,6 +23,7 @@ from via_gap.residual.segments import Indices, Segments
 
 BLOCK = 2.0  # [s] of a free run that are resampled together
 RESAMPLES = 400
+Run = Callable[[Signals, Signals], Signals]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +94,11 @@ def free_errors(
     device: Device, effects: Sequence[Effect], segments: Sequence[Segments], chosen: Sequence[Indices]
 ) -> Errors:
     """Errors of the link angle in free runs over every log; only samples in the chosen segments count."""
+    return run_errors(device, partial(simulated_log, device, effects=effects), segments, chosen)
+
+
+def run_errors(device: Device, run: Run, segments: Sequence[Segments], chosen: Sequence[Indices]) -> Errors:
+    """`free_errors` of a simulator `run` of whole logs: (measured, commands) -> signals with `q`."""
     squares, total, count = [], 0.0, 0
     for each, which in zip(segments, chosen, strict=True):
         if not len(which):
@@ -99,7 +106,7 @@ def free_errors(
         log = each.log
         commands = acting(log)
         assert commands is not None
-        simulated = simulated_log(device, log.measured, commands, effects)
+        simulated = run(log.measured, commands)
         seen = np.isfinite(log.measured["q"])
         time, q = log.measured.time[seen], log.measured["q"][seen]
         error = q - np.interp(time, simulated.time, simulated["q"])

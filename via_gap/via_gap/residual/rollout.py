@@ -60,6 +60,22 @@ class _Inputs:
 
 
 @dataclass(frozen=True, eq=False)
+class Starts:
+    """Where the simulation of each of C segments begins, for other simulators.
+
+    ticks   (C,) at which it begins: some time before the segment if every motor has an encoder, else with it
+    states  (C, S) state rows at these ticks
+    motion  (C, 6) angles and velocities at the beginning of the segment, valid for the measured axes
+    held    (C, HELD) torques of elements with memory there; None: they are simulated
+    """
+
+    ticks: Indices
+    states: Array
+    motion: Array
+    held: Array | None
+
+
+@dataclass(frozen=True, eq=False)
 class Rollout:
     """Chosen segments of a log, ready to be simulated with any parameter row.
 
@@ -132,6 +148,18 @@ class Rollout:
         """
         first = np.flatnonzero(np.concatenate(([True], (np.diff(self.chosen) != 1) | (not self._all_seen))))
         return np.stack([first, np.diff(np.append(first, len(self.chosen)))], axis=1)
+
+    def starts(self, row: Array) -> Starts:
+        """Where each segment begins with a row (N_PARAMETERS,)."""
+        segments, begin = self.segments, self.segments.begin[self.chosen]
+        motion = self._starts(np.repeat(row[None], len(begin), axis=0), begin)
+        if not self._all_seen:
+            return Starts(begin, self._states_of_unseen(row[None], None)[0], motion, None)
+        ticks = np.maximum(begin - min(round(LEAD * segments.rate), segments.ticks), 0)
+        states = self._initial(ticks, segments.commands, np.zeros(len(ticks), dtype=np.intp))
+        inputs = _Inputs(row[None], segments.commands[None], None, None, None)
+        self._late_goals(inputs, np.zeros((len(ticks), 2), dtype=np.intp), ticks, states)
+        return Starts(ticks, states, motion, torques_along(row[None], segments.start[:, :3], begin)[0])
 
     def _states_of_unseen(self, rows: Array, commands: Array | None) -> Array:
         """(K, C, S) states of rows at the beginning of each chosen segment, where a motor has no encoder."""
@@ -338,10 +366,13 @@ class Rollout:
 
     def residual(self, rows: Array, commands: Array | None = None) -> Array:
         """Whitened measured minus simulated (K, C, b a), commands as in `motion`; overflow gives a huge value."""
-        segments = self.segments
-        scale = segments.weight[self.chosen] / segments.noise
-        error = (segments.measured[self.chosen] - self.motion(rows, commands=commands)) * scale
-        return self._without_starts(error.reshape(len(rows), len(self.chosen), self.size))
+        return self.whitened(self.motion(rows, commands=commands))
+
+    def whitened(self, motion: Array) -> Array:
+        """Whitened measured minus simulated (K, C, b a) of angles as compared, motion (K, C, b, a) [rad]."""
+        scale = self.segments.weight[self.chosen] / self.segments.noise
+        error = (self.segments.measured[self.chosen] - motion) * scale
+        return self._without_starts(error.reshape(len(motion), len(self.chosen), self.size))
 
     def baseline(self) -> Array:
         """(C, b a) whitened error of a prediction without a model: constant velocity from each measured start."""

@@ -1,0 +1,73 @@
+"""`via export` on an effects file and on a report: the file, what is lost, and the check in MuJoCo."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+from via_bringup.cli import app
+from via_core.command_files import write_table
+from via_core.devices import load_device
+from via_core.signals import Signals
+from via_sim.effects import Effect
+from via_sim.effects.files import save_effects
+from via_sim.plants import JointPlant
+from via_sim.sensors import Sensors
+from via_sim.simulate import simulate
+
+
+@pytest.fixture
+def repair(tmp_path: Path) -> Path:
+    path = tmp_path / "repair.yaml"
+    effects = [
+        Effect("coulomb_friction", "link", {"torque": 0.1}),
+        Effect("quadratic_drag", "link", {"coefficient": 0.02}),
+    ]
+    save_effects(path, effects)
+    return path
+
+
+def run(*arguments: object) -> str:
+    result = CliRunner().invoke(app, [str(each) for each in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_a_file_and_its_losses(repair: Path, tmp_path: Path) -> None:
+    out = tmp_path / "joint.urdf"
+    text = run("export", repair, "--device", "dfki_simple_pendulum", "--to", "urdf", "--out", out)
+    assert f"wrote {out}" in text
+    assert "lost: quadratic_drag at link: no slot; coefficient v^2 is missing" in text
+    assert "coulomb_friction" not in text
+    assert 'friction="0.28"' in out.read_text()
+
+
+def test_ros2_control_writes_two_files(repair: Path, tmp_path: Path) -> None:
+    out = tmp_path / "joint.xacro"
+    run("export", repair, "--device", "dfki_simple_pendulum", "--to", "ros2_control", "--out", out)
+    assert out.exists() and (tmp_path / "joint.yaml").exists()
+
+
+def test_the_check_prints_both_simulators(repair: Path, tmp_path: Path) -> None:
+    device = load_device("dfki_simple_pendulum")
+    time = np.arange(3000) / 1000.0
+    torque = 2.0 * np.sin(5.0 * time) + np.sin(13.0 * time)
+    commands = Signals(time, {"external_torque": torque}, {"external_torque": "N m"}, frozenset({"external_torque"}))
+    plant = JointPlant.from_device(device).with_effects(
+        [Effect("coulomb_friction", "link", {"torque": 0.1}), Effect("quadratic_drag", "link", {"coefficient": 0.02})]
+    )
+    sensors = Sensors(rate=1000.0)
+    measured = simulate(plant, commands, 2.999, 1000.0, sensors).measured
+    log, out = tmp_path / "log.csv", tmp_path / "joint.xml"
+    write_table(log, time, {"position": measured["q"], "torque": torque})
+    text = run("export", repair, "--device", "dfki_simple_pendulum", "--out", out, "--check", log)
+    mujoco.MjModel.from_xml_path(str(out))
+    rows = {
+        line.split()[0]: line.split() for line in text.splitlines() if line.strip().startswith(("MuJoCo", "via_sim"))
+    }
+    before, after = float(rows["MuJoCo"][1]), float(rows["MuJoCo"][3])
+    assert before > 10.0 * after
+    assert before == pytest.approx(float(rows["via_sim"][1]), rel=0.01)

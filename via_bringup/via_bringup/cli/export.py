@@ -1,0 +1,110 @@
+"""`via export`: a device with the effects of a report, for another simulator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from via_core.devices import Device, load_device
+from via_core.errors import ViaError
+from via_core.text_files import read_text, write_text
+from via_export import FORMATS, Check, Export
+from via_export import check as checked
+from via_export import export as exported
+from via_gap.logs.log import read_logs
+from via_gap.report.report import GapReport, HeldOutInterval, read_report
+from via_sim.effects import Effect
+from via_sim.effects.files import load_effects
+
+from via_bringup.cli.console import answers, table
+
+
+def export(
+    source: Annotated[Path, typer.Argument(help="Report of `via gap diagnose --json`, or effects file.")],
+    device: Annotated[str, typer.Option(help="Device name or path to its YAML: the nominal model.")],
+    to: Annotated[str, typer.Option(help=f"Format: {', '.join(FORMATS)}.")] = "mjcf",
+    into: Annotated[
+        Path | None, typer.Option(help="File of that format to write the joint into; it is not overwritten.")
+    ] = None,
+    joint: Annotated[str, typer.Option(help="Name of the joint in --into; default: that of the device.")] = "",
+    out: Annotated[Path | None, typer.Option(help="File to write; default: print it.")] = None,
+    supply: Annotated[float | None, typer.Option(help="Supply voltage of the drive \\[V], for bam.")] = None,
+    check: Annotated[
+        list[Path] | None, typer.Option(help="Log to simulate with the exported model in MuJoCo itself (mjcf).")
+    ] = None,
+) -> None:
+    """Write a device with the effects of a report for another simulator, and list what that cannot hold.
+
+    Without --into a model of the joint alone is written. --check states the gap of the log before and after the repair
+    in MuJoCo, beside that of the simulator of the diagnosis and of the report.
+    """
+    described = load_device(device)
+    effects, report = _read(source)
+    made = exported(described, effects, to, into, joint, supply)
+    _write(made, out)
+    for loss in made.losses:
+        answers.print(f"lost: {loss}", soft_wrap=True)
+    for note in made.notes:
+        answers.print(f"by hand: {note}", soft_wrap=True)
+    if check:
+        if to != "mjcf":
+            raise ViaError(f"--check runs MuJoCo: it needs --to mjcf, got '{to}'")
+        _check(check, described, effects, report, into, joint)
+
+
+def _read(source: Path) -> tuple[tuple[Effect, ...], GapReport | None]:
+    """Effects of a report, or of an effects file."""
+    if source.suffix.lower() == ".json":
+        report = read_report(read_text(source), str(source))
+        return report.repaired(), report
+    return load_effects(source), None
+
+
+def _write(made: Export, out: Path | None) -> None:
+    if out is None:
+        answers.print(made.text, soft_wrap=True, end="")
+        if made.parameters:
+            answers.print(made.parameters, soft_wrap=True, end="")
+        return
+    write_text(out, made.text)
+    answers.print(f"wrote {out}")
+    if made.parameters:
+        beside = out.with_suffix(".yaml")
+        write_text(beside, made.parameters)
+        answers.print(f"wrote {beside}")
+
+
+def _check(
+    paths: list[Path],
+    device: Device,
+    effects: tuple[Effect, ...],
+    report: GapReport | None,
+    into: Path | None,
+    joint: str,
+) -> None:
+    logs = read_logs(paths, device)
+    held_out: tuple[HeldOutInterval, ...] = ()
+    if report is not None:
+        logs = report.as_read(logs)
+        names = {each.log for each in report.held_out}
+        held_out = report.held_out if names & {log.name for log in logs} else ()
+    found = checked(logs, device, effects, into, joint, held_out)
+    shown = table("Gap: error over the standard deviation of the measurement", "simulator", "before", "after")
+    for name, (before, after) in rows(found).items():
+        shown.add_row(name, f"{100.0 * before:.3g} %", f"{100.0 * after:.3g} %")
+    if report is not None and report.gap is not None:
+        shown.add_row(
+            f"report ({report.gap.by})", f"{100.0 * report.gap.before:.3g} %", f"{100.0 * report.gap.after:.3g} %"
+        )
+    answers.print(shown)
+    part = "the intervals that the report held out" if held_out else "the whole logs"
+    answers.print(f"on {part}; sensor noise alone: {100.0 * found.floor:.3g} %", soft_wrap=True)
+    if report is not None and report.by_equations:
+        answers.print("The report compares equations, this check simulates segments: compare the first two lines.")
+
+
+def rows(found: Check) -> dict[str, tuple[float, float]]:
+    """Gap before and after by simulator."""
+    pairs = {"MuJoCo": found.mujoco, "via_sim": found.via_sim}
+    return {name: (before.overall, after.overall) for name, (before, after) in pairs.items()}

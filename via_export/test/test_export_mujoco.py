@@ -1,0 +1,133 @@
+"""The exported MJCF moves in MuJoCo as the joint with the same effects in via_sim: planted effects, one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from export_joints import MOTIONS, angles_in_mujoco, angles_in_via_sim, device_of, difference
+from via_core.device_parts import Exponential, FourBar, Sinh
+from via_export import export
+from via_export.springs import preload, spring_terms
+from via_export.target import Target
+from via_sim.effects import Effect
+from via_sim.effects.catalogue import EFFECTS
+
+SECONDS = 1.0
+EXACT, SLOT = 1e-4, 2e-3  # of the standard deviation of the motion
+SUBSTITUTES = {"stribeck_friction": 0.02, "torque_saturation": 0.04}  # that are close
+
+
+def e(name: str, site: str, motor: int = 0, **parameters: float) -> Effect:
+    return Effect(name, site, parameters, motor)
+
+
+PENDULUM, CUBIC, SERVO, MACCEPA = "dfki_simple_pendulum", "cubic_demo", "xl330", "maccepavd"
+PLANTED = (
+    (PENDULUM, e("coulomb_friction", "link", torque=0.3)),
+    (PENDULUM, e("asymmetric_coulomb", "link", forward=0.1, backward=0.3)),
+    (PENDULUM, e("stribeck_friction", "link", breakaway=0.5, kinetic=0.2, velocity=0.5)),
+    (PENDULUM, e("viscous_friction", "link", coefficient=0.1)),
+    (PENDULUM, e("quadratic_drag", "link", coefficient=0.05)),
+    (PENDULUM, e("presliding_friction", "link", torque=0.3, stiffness=10.0)),
+    (PENDULUM, e("torque_gain", "motor", 1, gain=0.8)),
+    (PENDULUM, e("torque_bias", "motor", 1, torque=0.4)),
+    (PENDULUM, e("torque_ripple", "motor", 1, amplitude=0.3, order=7.0, phase=0.4, amplitude_2=0.1, order_2=12.5)),
+    (PENDULUM, e("torque_saturation", "motor", 1, limit=1.2)),
+    (PENDULUM, e("actuator_lag", "command", time_constant=0.03)),
+    (PENDULUM, e("actuator_delay", "command", delay=0.0231)),
+    (PENDULUM, e("encoder_offset", "sensor", offset=0.2)),
+    (PENDULUM, e("channel_skew", "timing", delay=0.0123)),
+    (PENDULUM, e("payload", "link", mass=0.45, distance=0.5)),
+    (PENDULUM, e("link_inertia", "link", inertia=0.05)),
+    (PENDULUM, e("gravity_error", "link", torque=-0.5, angle=0.2)),
+    (PENDULUM, e("contact", "environment", angle=0.1, stiffness=50.0, damping=0.5, side=1.0)),
+    (PENDULUM, e("external_torque", "environment", torque=0.5, start=0.0, stop=1e6)),
+    (CUBIC, e("coulomb_friction", "motor", 2, torque=0.2)),
+    (CUBIC, e("backlash", "transmission", 1, gap=0.05)),
+    (CUBIC, e("hysteresis", "transmission", 1, torque=0.1, stiffness=3.0)),
+    (CUBIC, e("spring_damping", "transmission", 1, coefficient=0.05)),
+    (CUBIC, e("spring_law", "transmission", 1, scale=1.2, hardening=0.8)),
+    (CUBIC, e("preset_error", "transmission", 1, offset=0.1)),
+    (CUBIC, e("encoder_offset", "sensor", 1, offset=0.1)),
+    ("qbmove_a", e("backlash", "transmission", 1, gap=0.05)),
+    (SERVO, e("speed_limit", "command", limit=3.0)),
+    (SERVO, e("actuator_lag", "command", time_constant=0.03)),
+    (SERVO, e("actuator_delay", "command", delay=0.03)),
+    (SERVO, e("torque_gain", "motor", 1, gain=0.8)),
+    (SERVO, e("torque_saturation", "motor", 1, limit=0.4)),
+    (SERVO, e("encoder_offset", "sensor", offset=0.2)),
+    (MACCEPA, e("actuator_delay", "command", delay=0.045)),
+    (MACCEPA, e("actuator_lag", "command", time_constant=0.045)),
+    (MACCEPA, e("torque_saturation", "motor", 1, limit=2.0)),
+    (MACCEPA, e("preset_error", "transmission", 1, offset=0.2)),
+    (MACCEPA, e("device_numbers", "device", **{"link inertia": 1.3, "spring 1 torque": 0.8, "damper": 0.7})),
+)  # fmt: skip
+NOT_HELD = (
+    (PENDULUM, e("asymmetric_viscous", "link", forward=0.2, backward=0.0)),
+    (PENDULUM, e("external_torque", "environment", torque=1.0, start=0.2, stop=0.8)),
+    (PENDULUM, e("encoder_eccentricity", "sensor", amplitude=0.05, phase=0.3)),
+    (CUBIC, e("stiffness_drift", "transmission", 1, rate=-0.8)),
+    (SERVO, e("load_dependent_friction", "link", coefficient=0.3)),
+)
+CASES = [pytest.param(*each, id=f"{each[1].name}-{each[0]}") for each in PLANTED]
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_a_device_without_effects_moves_alike(name: str) -> None:
+    device = device_of(name)
+    approximated = any(isinstance(spring, Sinh | Exponential | FourBar) for spring in device.springs)
+    found = difference(angles_in_via_sim(device, (), SECONDS), angles_in_mujoco(device, (), SECONDS))
+    # friction constraints are soft; a nonlinear spring is accurate to 0.1 %
+    dry = device.link.coulomb_friction > 0.0 or name == MACCEPA
+    assert found < (SLOT if approximated or dry else EXACT)
+
+
+@pytest.mark.parametrize(("name", "effect"), CASES)
+def test_an_effect_with_a_slot_moves_the_joint_alike(name: str, effect: Effect) -> None:
+    device = device_of(name)
+    truth = angles_in_via_sim(device, [effect], SECONDS)
+    found = difference(truth, angles_in_mujoco(device, [effect], SECONDS))
+    lost = [loss for loss in export(device, [effect]).losses if loss.item == effect.name]
+    allowed = SUBSTITUTES[effect.name] if lost else SLOT
+    assert found < allowed
+    assert difference(truth, angles_in_via_sim(device, (), SECONDS)) > 5.0 * SLOT  # the effect matters
+
+
+@pytest.mark.parametrize(("name", "effect"), NOT_HELD, ids=[each[1].name for each in NOT_HELD])
+def test_an_effect_without_a_slot_is_listed_and_moves_the_joint_differently(name: str, effect: Effect) -> None:
+    device = device_of(name)
+    assert [loss for loss in export(device, [effect]).losses if loss.item == effect.name]
+    truth = angles_in_via_sim(device, [effect], SECONDS)
+    assert difference(truth, angles_in_mujoco(device, [effect], SECONDS)) > 5.0 * SLOT
+
+
+def test_every_effect_is_planted_or_known_to_have_no_slot() -> None:
+    tried = {effect.name for _, effect in (*PLANTED, *NOT_HELD)}
+    assert set(EFFECTS) - tried == {"joint_coupling", "encoder_quantisation"}
+
+
+def test_several_effects_act_together() -> None:
+    device = device_of(CUBIC)
+    effects = [
+        e("torque_ripple", "motor", 1, amplitude=0.1, order=9.0, phase=0.4),
+        e("encoder_offset", "sensor", 1, offset=0.1),
+        e("torque_gain", "motor", 0, gain=0.9),
+        e("coulomb_friction", "motor", 2, torque=0.1),
+        e("hysteresis", "transmission", 1, torque=0.1, stiffness=3.0),
+    ]
+    assert difference(angles_in_via_sim(device, effects, SECONDS), angles_in_mujoco(device, effects, SECONDS)) < SLOT
+
+
+@pytest.mark.parametrize("name", ["cubic_demo", "qbmove_b", "dlr_bavs", "vsa2", "visco_elastic_demo"])
+def test_the_sum_of_tendons_is_the_spring_and_its_tangent_beyond_the_stop(name: str) -> None:
+    target = Target.of(device_of(name))
+    spring = target.device.spring_laws[0]
+    stop = spring.max_deflection
+    phi = np.linspace(-stop, stop, 401)
+    terms = spring_terms(target, 0)
+    torque = sum(term.torque(phi) for term in terms) + preload(target, 0)
+    assert np.max(np.abs(torque - spring.torque(phi))) < 1e-3 * np.max(np.abs(spring.torque(phi)))
+    for side in (-1.0, 1.0):
+        beyond = sum(term.torque(np.array([side * 1.3 * stop])) for term in terms)[0] + preload(target, 0)
+        tangent = spring.torque(side * stop) + side * 0.3 * stop * spring.stiffness(side * stop)
+        assert beyond == pytest.approx(float(tangent), rel=1e-9)

@@ -1,0 +1,364 @@
+"""MuJoCo model (MJCF) of a joint, for MuJoCo 4.
+
+    link                body with hinge: damping (linear, quadratic), frictionloss, ref (encoder offset)
+    motor i             body with hinge beside the link's, on the same axis
+    spring i            fixed tendons of length q - theta_i, see springs.py; spatial ones between levers
+    drive               actuator: gain, bias, control range, filter, delay; position drives: kp, force range, slew rate
+    ripple, LuGre       passive DC motors without electrical part
+    servo               actuator on a body that is too heavy for the springs to move
+
+Friction constraints of MuJoCo are soft: a stuck joint creeps. `solreffriction` of two time steps and an impedance close
+to one make that negligible. Sources: XML reference and changelog of MuJoCo 4.0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import cos, isfinite, pi, sin, sqrt
+
+from via_core.device_parts import Maccepa, TwoLever
+from via_core.springs import N_COEFFICIENTS, spring_torque
+from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
+from via_sim.plants import GRAVITY
+
+from via_export.springs import PRESET_LAWS, SpringTerm, preload, spring_terms
+from via_export.target import TICK, Target
+from via_export.xml import Attributes, Element, Value, document, element
+
+STEP = 2.5e-4  # [s] largest time step
+FAR = 1e3  # [rad] of a tendon that pulls on one side
+STIFF = 1e7  # torque of a servo over that of its springs, per radian
+STUCK = 1e-4  # [rad] travel of LuGre's bristle until it slides, for Stribeck friction
+BRISTLE_DAMPING = 0.7  # damping ratio of that bristle while the joint sticks
+SOFTEST = 1e-4  # smallest impedance of a constraint, with which it is a spring and a damper
+NOT_A_SERVO = 1e-9  # gain, without which the compiler takes a positive third bias for a damping ratio
+ROUND = 0.25  # time steps by which a delay is shortened, so that rounding does not select the next sample
+
+
+@dataclass
+class Parts:
+    """Elements of a joint that a model or a fragment contains."""
+
+    joint: Attributes = field(default_factory=dict)  # attributes of the link's joint
+    in_link: list[Element] = field(default_factory=list)  # sites of the link
+    bodies: list[Element] = field(default_factory=list)  # motors and sites, beside the link
+    tendons: list[Element] = field(default_factory=list)
+    actuators: list[Element] = field(default_factory=list)
+    sensors: list[Element] = field(default_factory=list)
+
+
+def write(target: Target, comment: str = "") -> str:
+    """The model of the joint alone; angle 0 of the link is that of the device."""
+    parts, h = joint_parts(target), step(target)
+    mass, distance, about = target.centre
+    hang = target.gravity_angle
+    inertial = element(
+        "inertial", pos=(distance * cos(hang), -distance * sin(hang), 0.0), mass=mass, diaginertia=(about,) * 3
+    )
+    link = element("body", element("joint", **parts.joint), inertial, *parts.in_link, name=f"{target.device.name}_link")
+    frame = element("frame", link, *parts.bodies)
+    if target.gravity_torque > 0.0:  # x of the frame points down, z is the axis
+        frame.set("xyaxes", "0 0 -1 -1 0 0")
+    root = element(
+        "mujoco",
+        element("compiler", angle="radian", autolimits=True),
+        element("option", element("flag", contact="disable"), timestep=h, integrator="RK4",
+                gravity=(0.0, 0.0, -GRAVITY), iterations=100, tolerance=1e-12),
+        element("worldbody", frame),
+        *sections(parts),
+        model=target.device.name,
+    )  # fmt: skip
+    return document(root, comment)
+
+
+def sections(parts: Parts) -> list[Element]:
+    """The sections beside the bodies that are not empty."""
+    named = (("tendon", parts.tendons), ("actuator", parts.actuators), ("sensor", parts.sensors))
+    return [element(name, *children) for name, children in named if children]
+
+
+def step(target: Target) -> float:
+    """[s] time step: a fraction of a millisecond that resolves the joint."""
+    return TICK / max(round(TICK / STEP), 2 * target.substeps)
+
+
+def joint_parts(target: Target, link: str = "", kept: float = 0.0) -> Parts:
+    """All elements.
+
+    link  name of the link's joint in a given model; empty: that of the device
+    kept  [rad] value of that joint at its reference in the given model
+    """
+    names = (link or target.names[0], *target.names[1:])
+    parts = Parts()
+    parts.joint = {"name": names[0], "type": "hinge", "axis": "0 0 1", **_axis(target, LINK, kept), **_wall(target)}
+    _passive(target, LINK, names, parts)
+    for axis in range(1, 1 + target.device.n_motors):
+        _motor(target, axis, names, parts)
+        _passive(target, axis, names, parts)
+    for i in range(target.device.n_transmissions):
+        _spring(target, i, names, parts)
+    _damper(target, names, parts)
+    for axis in target.drives:
+        parts.actuators.append(_drive(target, axis, names[axis]))
+    for axis, name in enumerate(names):
+        parts.sensors.append(_sensor(target, axis, name))
+    return parts
+
+
+def _axis(target: Target, axis: int, kept: float = 0.0) -> Attributes:
+    """Attributes of a joint: damping, dry friction, encoder offset."""
+    row, h = target.row, step(target)
+    found: Attributes = {"ref": target.of_axis(P.encoder_offset, axis) + kept}
+    linear, quadratic = target.viscous(axis), float(row[P.quadratic_drag + axis])
+    if axis == LINK and target.device.damper is not None and target.device.damper.site == "link":
+        linear += float(target.device.damping_of(0.0)) * _damper_scale(target)
+    if linear or quadratic:
+        found["damping"] = (linear, quadratic, 0.0) if quadratic else linear
+    breakaway, kinetic, _ = target.dry(axis)
+    if breakaway == kinetic > 0.0:
+        found |= {"frictionloss": kinetic, "solreffriction": (2.0 * h, 1.0), "solimpfriction": (0.9999, 0.9999, 1e-3)}
+    return found
+
+
+def _wall(target: Target) -> Attributes:
+    """A soft limit: with the smallest impedance its force is stiffness depth + damping speed, never pulling."""
+    row = target.row
+    stiffness = float(row[P.contact_stiffness])
+    if stiffness <= 0.0:
+        return {}
+    wall = float(row[P.contact_angle]) + target.of_axis(P.encoder_offset, LINK)
+    ends = (-FAR, wall) if row[P.contact_side] > 0.0 else (wall, FAR)
+    return {
+        "range": ends, "limited": "true",
+        "solreflimit": (-stiffness / target.inertia, -float(row[P.contact_damping]) / target.inertia),
+        "solimplimit": (SOFTEST, SOFTEST, 1e-3),
+    }  # fmt: skip
+
+
+def _passive(target: Target, axis: int, names: tuple[str, ...], parts: Parts) -> None:
+    """Passive DC motors: constant torque, ripple, Stribeck friction and bristles."""
+    offset = target.of_axis(P.encoder_offset, axis)
+
+    def add(what: str, **more: Value) -> None:
+        parts.actuators.append(
+            element("dcmotor", name=f"{names[axis]}_{what}", joint=names[axis], input="none", resistance=1.0,
+                    motorconst=(0.0, 0.0), **more)
+        )  # fmt: skip
+
+    constant = target.constant(axis)
+    if constant:
+        add("constant", cogging=(constant, 0.0, 0.5 * pi))
+    for k, (amplitude, order, phase) in enumerate(target.ripple(axis), 1):
+        whole = order == round(
+            order
+        )  # `poles` is an integer: other orders by the gear, which scales the torque as well
+        gear, poles = (1.0, order) if whole else (order, 1.0)
+        add(f"ripple_{k}", gear=gear, cogging=(amplitude / gear, poles, phase - order * offset))
+    breakaway, kinetic, speed = target.dry(axis)
+    if breakaway > kinetic:
+        stiffness = breakaway / STUCK
+        damping = 2.0 * BRISTLE_DAMPING * sqrt(stiffness * target.of_axis(P.inertia, axis))
+        add("stribeck", lugre=(stiffness, damping, kinetic, breakaway, speed))
+    torque, stiffness = target.bristle(axis)
+    if torque > 0.0:
+        add("presliding", lugre=(stiffness, 0.0, torque, torque, 1.0))
+
+
+def _motor(target: Target, axis: int, names: tuple[str, ...], parts: Parts) -> None:
+    """The body of a motor: with its inertia, or of a servo, heavy. The preset motor of a MACCEPA is a slide."""
+    device = target.device
+    spring = device.springs[min(axis, device.n_transmissions) - 1]
+    inertia = servo_inertia(target, axis) if target.is_servo(axis) else target.of_axis(P.inertia, axis)
+    inertial = element("inertial", pos=(0.0, 0.0, 0.0), mass=1.0, diaginertia=(inertia,) * 3)
+    joint = element("joint", name=names[axis], type="hinge", axis="0 0 1", **_axis(target, axis))
+    body = element("body", joint, inertial, name=f"{names[axis]}_rotor")
+    parts.bodies.append(body)
+    if isinstance(spring, Maccepa) and axis == 1:
+        body.append(element("site", name=f"{names[axis]}_lever", pos=(spring.lever, 0.0, 0.0)))
+        parts.in_link.append(element("site", name=f"{names[0]}_base", pos=(spring.base, 0.0, 0.0)))
+    if isinstance(spring, Maccepa) and axis == 2 and device.arrangement == "serial":
+        joint.set("type", "slide")  # its travel is the length on the drum
+        joint.set("ref", "0")
+        inertial.set("mass", inertial.get("diaginertia", "").split()[0])
+        body.set("pos", f"{-FAR * spring.drum_radius!r} 0 0")
+        joint.set("axis", "-1 0 0")
+        body.append(element("site", name=f"{names[axis]}_drum", pos=(0.0, 0.0, 0.0)))
+        parts.bodies.append(element("site", name=f"{names[axis]}_end", pos=(0.0, 0.0, 0.0)))
+    if isinstance(spring, TwoLever):
+        body.set("pos", f"{spring.offset!r} {-spring.side * spring.distance!r} 0")
+        body.append(element("site", name=f"{names[axis]}_lever", pos=(0.0, spring.side * spring.motor_lever, 0.0)))
+        parts.in_link.append(element("site", name=f"{names[0]}_lever_{axis}", pos=(spring.link_lever, 0.0, 0.0)))
+
+
+def servo_inertia(target: Target, axis: int) -> float:
+    """[kg m^2] with which the torque of the springs turns a servo by less than 1/STIFF rad."""
+    torque = 0.0
+    for i, spring in enumerate(target.device.spring_laws):
+        start = P.spring + i * N_COEFFICIENTS
+        scale, c = float(target.row[P.spring_scale + i]), target.row[start : start + N_COEFFICIENTS].copy()
+        torque += max(
+            abs(scale * spring_torque(spring.kind, c, x * spring.max_deflection, 1.0)) for x in (0.25, 0.5, 1.0)
+        )
+    return STIFF * torque / target.of_axis(P.bandwidth, axis - 1) ** 2
+
+
+def _spring(target: Target, i: int, names: tuple[str, ...], parts: Parts) -> None:
+    """Tendons of transmission i between the link and motor i + 1."""
+    row, motor, device = target.row, names[1 + i], target.device
+    shift = target.of_axis(P.encoder_offset, LINK) - target.of_axis(P.encoder_offset, 1 + i)
+    if row[P.serial] == 0.0:
+        shift += float(row[P.pretension_offset + i])
+    half = 0.5 * float(row[P.backlash + i])
+
+    def fixed(name: str, low: float, high: float, **more: Value) -> None:
+        ends = [element("joint", joint=joint, coef=coef) for joint, coef in ((names[0], 1.0), (motor, -1.0))]
+        rest = tuple(-0.9999999999 if x == -1.0 else x for x in (low, high))  # -1 would mean: computed
+        parts.tendons.append(element("fixed", *ends, name=f"{motor}_{name}", springlength=rest, **more))
+
+    if device.spring_laws[i].kind in PRESET_LAWS:
+        parts.tendons.append(_levers(target, i, names))
+    else:
+        for k, term in enumerate(spring_terms(target, i), 1):
+            low, high = _band(term, shift, half)
+            fixed(f"spring_{k}", low, high, stiffness=(term.a, term.b, term.c))
+        if base := preload(target, i):  # pulls the link back
+            fixed("preload", shift, shift)
+            parts.actuators.append(
+                element("dcmotor", name=f"{motor}_preload", tendon=f"{motor}_preload", input="none", resistance=1.0,
+                        motorconst=(0.0, 0.0), cogging=(-base, 0.0, 0.5 * pi))
+            )  # fmt: skip
+    if damping := float(row[P.spring_damping + i]):
+        fixed("damping", shift, shift, damping=damping)
+    if (slip := float(row[P.hysteresis_torque + i])) > 0.0:
+        stiffness = float(row[P.hysteresis_stiffness + i])
+        fixed("hysteresis", shift, shift, stiffness=stiffness, springyield=slip / stiffness)
+
+
+def _band(term: SpringTerm, shift: float, half: float) -> tuple[float, float]:
+    """Rest lengths of a term: the dead band of its knot and of the backlash."""
+    knot = term.knot + half
+    return (-FAR if term.direction > 0 else shift - knot), (FAR if term.direction < 0 else shift + knot)
+
+
+def _levers(target: Target, i: int, names: tuple[str, ...]) -> Element:
+    """The spring between two levers as a spatial tendon; that of a MACCEPA continues to the drum."""
+    spring, row = target.device.springs[i], target.row
+    motor = names[1 + i]
+    k = float(row[P.spring_scale + i]) * float(row[P.spring + i * N_COEFFICIENTS])
+    if isinstance(spring, Maccepa):
+        k /= spring.lever * spring.base
+        path = [element("site", site=f"{motor}_lever"), element("site", site=f"{names[0]}_base")]
+        rest = spring.free_length - spring.drum_radius * float(row[P.pretension_offset + i])
+        if target.device.arrangement == "serial":
+            path += [
+                element("pulley", divisor=1.0),
+                *(element("site", site=f"{names[2]}_{end}") for end in ("end", "drum")),
+            ]
+            rest += FAR * spring.drum_radius
+        return element("spatial", *path, name=f"{motor}_spring", stiffness=k, springlength=rest)
+    assert isinstance(spring, TwoLever)
+    path = [element("site", site=f"{motor}_lever"), element("site", site=f"{names[0]}_lever_{1 + i}")]
+    return element("spatial", *path, name=f"{motor}_spring", stiffness=k, springlength=spring.rest_length)
+
+
+def _damper_scale(target: Target) -> float:
+    """Factor on the damper of the device file."""
+    slots, filed = target.row[P.damper : P.damper + 2], target.nominal[P.damper : P.damper + 2]
+    return float(slots[1] / filed[1]) if filed[1] else 1.0
+
+
+def _damper(target: Target, names: tuple[str, ...], parts: Parts) -> None:
+    """Actuators whose gain is a velocity: torque -(coefficient u) v; one per stage of the damper."""
+    device = target.device
+    if device.damper is None:
+        return
+    where: Attributes = {"joint": names[0]}
+    if device.damper.site == "transmission":
+        ends = [element("joint", joint=joint, coef=coef) for joint, coef in ((names[0], 1.0), (names[1], -1.0))]
+        name = f"{names[1]}_damper"
+        least = float(device.damping_of(0.0)) * _damper_scale(target)
+        parts.tendons.append(element("fixed", *ends, name=name, springlength=(0.0, 0.0), damping=least))
+        where = {"tendon": name}
+    ends_of = (0.0, 1.0) if device.damper.map == "linear" else (0.0, 0.5, 1.0)
+    for k, (low, high) in enumerate(pairwise(ends_of), 1):
+        rise = float(device.damping_of(high) - device.damping_of(low)) * _damper_scale(target) / (high - low)
+        more: Attributes = {"biastype": "affine", "biasprm": (0.0, 0.0, rise * low)} if low else {}
+        parts.actuators.append(
+            element("general", name=f"{device.name}_damper_{k}", **where, ctrlrange=(low, high), gaintype="affine",
+                    gainprm=(NOT_A_SERVO, 0.0, -rise), **more, **_late(target))
+        )  # fmt: skip
+
+
+def _late(target: Target) -> Attributes:
+    """Attributes of an actuator's delay, rounded to time steps."""
+    late = round(float(target.row[P.delay]) / step(target))
+    return {"delay": (late - ROUND) * step(target), "nsample": float(late + 2)} if late > 0 else {}
+
+
+def _filter(target: Target) -> Attributes:
+    lag = float(target.row[P.lag])
+    return {"dyntype": "filterexact", "dynprm": lag, "actearly": True} if lag > 0.0 else {}
+
+
+def _drive(target: Target, axis: int, name: str) -> Element:
+    """The actuator of a drive: torque, servo or position."""
+    row, late = target.row, _late(target)
+    if target.is_servo(axis):
+        return _servo(target, axis, name)
+    gain, bias = target.of_axis(P.torque_gain, axis), target.of_axis(P.torque_bias, axis)
+    limit = target.limit(axis)
+    if row[P.link_drive] != POSITION_DRIVE:
+        ends: Attributes = {"ctrlrange": (-limit, limit)} if isfinite(limit) else {}
+        affine: Attributes = {"biastype": "affine", "biasprm": (bias, 0.0, 0.0)} if bias else {}
+        return element(
+            "general", name=f"{name}_drive", joint=name, gainprm=gain, **affine, **ends, **_filter(target), **late
+        )
+    kp, kd = float(row[P.drive_stiffness]), float(row[P.drive_damping])
+    ends = {"forcerange": (bias - gain * limit, bias + gain * limit)} if isfinite(limit) else {}
+    speed = float(row[P.drive_speed_limit])
+    common = {"name": f"{name}_drive", "joint": name, "damping": (kd, 0.0, 0.0), **ends, **late}
+    if isfinite(speed):
+        return element("pid", **common, input="pos", kp=gain * kp, kv=0.0, slewmax=speed)
+    return element(
+        "general",
+        **common,
+        gainprm=gain * kp,
+        biastype="affine",
+        biasprm=(bias, -gain * kp, 0.0),
+        input="pos",
+        **_filter(target),
+    )
+
+
+def _servo(target: Target, axis: int, name: str) -> Element:
+    """x'' = w^2 (u - x) - 2 w x' of a heavy body; on a slide the actuator's gear converts to the angle of the drum.
+
+    A limit v of the speed limits the force to 2 w v: with the damping outside the limit, the body moves at v at most.
+    """
+    w, device = target.of_axis(P.bandwidth, axis - 1), target.device
+    w = w / (1.0 + 0.5 * w * float(target.row[P.lag]))
+    inertia, gear = servo_inertia(target, axis), 1.0
+    spring = device.springs[min(axis, device.n_transmissions) - 1]
+    if device.arrangement == "serial" and axis == 2 and isinstance(spring, Maccepa):
+        gear = 1.0 / spring.drum_radius
+    gain, damping = inertia * w * w / gear**2, 2.0 * inertia * w / gear**2
+    speed = target.of_axis(P.saturation, axis)
+    ends = {"forcerange": (-damping * speed, damping * speed)} if isfinite(speed) else {}
+    return element(
+        "general", name=f"{name}_drive", joint=name, gear=gear, gainprm=gain, biastype="affine",
+        biasprm=(0.0, -gain, 0.0), damping=(damping, 0.0, 0.0), input="pos", **ends, **_late(target),
+    )  # fmt: skip
+
+
+def _sensor(target: Target, axis: int, name: str) -> Element:
+    """The encoder; a late channel is a delayed sensor. The preset motor of a MACCEPA is measured at its actuator."""
+    skew = target.of_axis(P.skew, axis)
+    more: Attributes = {}
+    if skew > 0.0:
+        more = {"delay": skew, "nsample": float(round(skew / step(target)) + 3), "interp": "linear"}
+    device = target.device
+    spring = device.springs[min(axis, device.n_transmissions) - 1] if axis else None
+    if device.arrangement == "serial" and axis == 2 and isinstance(spring, Maccepa):
+        return element("actuatorpos", name=f"{name}_position", actuator=f"{name}_drive", **more)
+    return element("jointpos", name=f"{name}_position", joint=name, **more)

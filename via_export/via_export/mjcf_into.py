@@ -1,0 +1,184 @@
+"""Write a joint into a given MuJoCo model: attributes in place; motors, tendons, actuators and sensors beside it.
+
+The file is edited and not rewritten, so that comments, classes and assets stay. Mass and inertia of the given bodies
+are kept; payloads become bodies, other changes of inertia armature.
+"""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Any
+
+import mujoco
+import numpy as np
+from via_core.errors import ParameterError
+from via_core.signals import Array
+from via_sim.joint.parameters import LINK, P
+
+from via_export.mjcf import Parts, joint_parts, step
+from via_export.target import Target
+from via_export.xml import Element, element, text
+
+SMALL = 1e-9  # relative change of a number that counts as none
+TARGETS = ("joint", "jointinparent")
+
+
+def into(root: Element, target: Target, name: str, model: Any) -> list[str]:
+    """Edit the model `root` in place; `model` is the same, compiled. Returns notes for the user.
+
+    Raises ParameterError if it has no hinge or slide of that name, or if that is in an included file.
+    """
+    body, joint = _find(root, name, model)
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+    in_degrees = _in_degrees(root)
+    kept = float(model.qpos0[model.jnt_qposadr[number]])
+    parts = joint_parts(target, name, kept)
+    notes = _joint_attributes(joint, parts, target, in_degrees)
+    turn = _frame_quaternion(model.jnt_axis[number])
+    if parts.in_link:
+        body.append(element("frame", *parts.in_link, pos=model.jnt_pos[number], quat=turn))
+    if parts.bodies:
+        parent = next(each for each in root.iter() if body in list(each))
+        at, own = np.zeros(3), np.zeros(4)
+        index = int(model.jnt_bodyid[number])
+        mujoco.mju_rotVecQuat(at, model.jnt_pos[number], model.body_quat[index])
+        mujoco.mju_mulQuat(own, model.body_quat[index], turn)
+        parent.append(element("frame", *parts.bodies, pos=model.body_pos[index] + at, quat=own))
+    notes += _mass(body, joint, target, model, number)
+    notes += _actuators(root, parts, target, name)
+    for section, children in (("tendon", parts.tendons), ("actuator", parts.actuators), ("sensor", parts.sensors)):
+        if children:
+            _section(root, section).extend(children)
+    if model.opt.timestep > step(target) * (1.0 + SMALL):
+        notes.append(f"option timestep: {model.opt.timestep:g} s; this joint needs {step(target):.3g} s, best with RK4")
+    return notes
+
+
+def _find(root: Element, name: str, model: Any) -> tuple[Element, Element]:
+    found = [(body, joint) for body in root.iter("body") for joint in body if joint.get("name") == name]
+    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+    if number < 0:
+        names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, i) for i in range(model.njnt)]
+        raise ParameterError(f"the model has no joint '{name}'; there are: {', '.join(map(str, names)) or 'none'}")
+    if not found:
+        raise ParameterError(f"joint '{name}' is in an included file: give that file, or the model saved as one file")
+    if int(model.jnt_type[number]) not in (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)):
+        raise ParameterError(f"joint '{name}' is neither a hinge nor a slide")
+    return found[0]
+
+
+def _in_degrees(root: Element) -> bool:
+    angles = [each.get("angle") for each in root.iter("compiler") if each.get("angle")]
+    return (angles[-1] if angles else "degree") == "degree"
+
+
+def _joint_attributes(joint: Element, parts: Parts, target: Target, in_degrees: bool) -> list[str]:
+    """Set friction, encoder offset and wall; numbers of angles in the unit of the file."""
+    unit = 180.0 / pi if in_degrees else 1.0
+    wanted = {key: value for key, value in parts.joint.items() if key not in ("name", "type", "axis")}
+    for key, neutral in (("damping", "0"), ("frictionloss", "0")):
+        wanted.setdefault(key, neutral)
+    notes = []
+    offset = target.of_axis(P.encoder_offset, LINK)
+    if offset == 0.0 and joint.get("ref") is None:
+        wanted.pop("ref")
+    if offset and joint.get("range") and "range" not in wanted:
+        wanted["range"] = [float(each) / unit + offset for each in str(joint.get("range")).split()]
+        notes.append(
+            f"joint range and ref are shifted by the encoder offset of {offset:.6g} rad; shift keyframes likewise"
+        )
+    if "range" in wanted and joint.get("range") and target.row[P.contact_stiffness] > 0.0:
+        notes.append(f"joint range {joint.get('range')} is replaced by the wall")
+    for key, value in wanted.items():
+        if key in ("ref", "range"):
+            value = np.asarray(value, dtype=float) * unit
+            value = value.tolist() if value.ndim else float(value)
+        joint.set(key, text(value))  # type: ignore[arg-type]
+    return notes
+
+
+def _frame_quaternion(axis: Array) -> Array:
+    """Quaternion of a frame whose z is the axis."""
+    turn = np.zeros(4)
+    mujoco.mju_quatZ2Vec(turn, axis)
+    return turn
+
+
+def _mass(body: Element, joint: Element, target: Target, model: Any, number: int) -> list[str]:
+    """Payloads as bodies in the direction of the weight; other changes of inertia as armature."""
+    payloads = [effect.parameters for effect in target.effects if effect.name == "payload"]
+    direction = _weight_direction(model, number)
+    inertia = gravity = 0.0
+    for k, each in enumerate(payloads, 1):
+        mass, distance = each["mass"], each["distance"]
+        inertial = element("inertial", pos=(0.0, 0.0, 0.0), mass=mass, diaginertia=(1e-9 * mass,) * 3)
+        made = element(
+            "body", inertial, name=f"{joint.get('name')}_payload_{k}", pos=model.jnt_pos[number] + distance * direction
+        )
+        body.append(made)
+        inertia, gravity = inertia + mass * distance**2, gravity + mass * distance * 9.80665
+    notes = []
+    change = target.inertia - float(target.nominal[P.inertia + LINK]) - inertia
+    if abs(change) > SMALL * target.inertia:
+        armature = float(model.dof_armature[model.jnt_dofadr[number]]) + change
+        joint.set("armature", text(max(armature, 0.0)))
+        if armature < 0.0:
+            notes.append(
+                f"inertia about the joint: lower that of the body by {-armature:.6g} kg m^2; armature ends at 0"
+            )
+    weight = (
+        abs(float(target.row[P.gravity_torque]))
+        - abs(float(target.nominal[P.gravity_torque]))
+        - gravity * (target.nominal[P.gravity] != 0.0)
+    )
+    if abs(weight) > SMALL * max(target.gravity_torque, 1e-3):
+        notes.append(
+            f"gravity torque: change mass times distance of the centre of the body by {weight / 9.80665:.6g} kg m"
+        )
+    turned = float(target.row[P.gravity_angle] - target.nominal[P.gravity_angle])
+    if turned:
+        notes.append(f"gravity angle: turn the centre of mass of the body by {-turned:.6g} rad about the joint")
+    return notes
+
+
+def _weight_direction(model: Any, number: int) -> Array:
+    """Unit vector (3,) in the body's frame from the joint to the centre of mass behind it, across the axis."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    index = int(model.jnt_bodyid[number])
+    rotation = data.xmat[index].reshape(3, 3)
+    centre = rotation.T @ (data.subtree_com[index] - data.xpos[index]) - model.jnt_pos[number]
+    axis = model.jnt_axis[number]
+    across = centre - axis * (axis @ centre)
+    if np.linalg.norm(across) < SMALL:
+        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    return np.asarray(across / np.linalg.norm(across))
+
+
+def _actuators(root: Element, parts: Parts, target: Target, name: str) -> list[str]:
+    """Remove present actuators of the joint; the new drive of a rigid joint takes the name and place of the first."""
+    notes = []
+    drive = next((each for each in parts.actuators if each.get("name") == f"{name}_drive"), None)
+    for section in root.findall("actuator"):
+        for at, old in enumerate(list(section)):
+            if name not in [old.get(key) for key in TARGETS]:
+                continue
+            section.remove(old)
+            label = old.get("name") or "without a name"
+            if drive is not None and drive in parts.actuators:
+                parts.actuators.remove(drive)
+                if old.get("name"):
+                    drive.set("name", str(old.get("name")))
+                section.insert(at, drive)
+                notes.append(f"actuator '{label}' is replaced by that of the device")
+            else:
+                notes.append(f"actuator '{label}' of the joint is removed")
+    return notes
+
+
+def _section(root: Element, name: str) -> Element:
+    found = root.find(name)
+    if found is None:
+        found = element(name)
+        root.append(found)
+    return found

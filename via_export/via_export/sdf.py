@@ -1,0 +1,183 @@
+"""SDF model of a joint, for Gazebo: a link for the base, one for the motors if there are springs, and one for the link.
+
+With springs the motors turn the base's joint and the link turns a second joint, whose angle is the deflection; that
+joint has the spring and its damping. Friction of the link then acts on the deflection's joint and not on the link.
+Sources: SDFormat 1.11, elements joint/axis/dynamics and joint/axis/limit; Gazebo system JointPositionController.
+"""
+
+from __future__ import annotations
+
+from math import cos, isfinite, sin
+
+from via_core.device_parts import ServoMotor
+from via_sim.joint.parameters import LINK, POSITION_DRIVE, P
+
+from via_export.target import Target
+from via_export.xml import Element, document, element, leaf
+
+VERSION = "1.11"
+MIDDLE = 0.5  # of the stop: deflection at which the stiffness of a nonlinear spring is taken
+WIDE = 1e16  # SDF's own value of a missing limit
+
+
+def write(target: Target, comment: str = "") -> str:
+    """The model; at angle `gravity_angle` the link hangs along -z."""
+    name = target.device.name
+    flexible = target.device.n_transmissions > 0
+    links = [element("link", name=f"{name}_base")]
+    joints = [
+        element("joint", leaf("parent", "world"), leaf("child", f"{name}_base"), name=f"{name}_fixed", type="fixed")
+    ]
+    if flexible:
+        links.append(element("link", _inertial(1.0, (0.0, 0.0, 0.0), _motor_inertia(target)), name=f"{name}_motor"))
+        joints.append(_joint(target, target.names[1], f"{name}_base", f"{name}_motor", _motor_axis(target)))
+    links.append(_link(target))
+    parent = f"{name}_motor" if flexible else f"{name}_base"
+    joints.append(_joint(target, target.names[0], parent, f"{name}_link", _link_axis(target, flexible)))
+    model = element("model", *links, *joints, *_plugins(target), name=name)
+    return document(element("sdf", model, version=VERSION), comment, declaration=True)
+
+
+def _inertial(mass: float, centre: tuple[float, float, float], about: float) -> Element:
+    parts = [leaf(key, about if key[1] == key[2] else 0.0) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")]
+    return element("inertial", leaf("pose", (*centre, 0.0, 0.0, 0.0)), leaf("mass", mass), element("inertia", *parts))
+
+
+def _axis_of(target: Target) -> tuple[float, float, float]:
+    return (0.0, 0.0, 1.0) if target.gravity_torque == 0.0 else (0.0, -1.0, 0.0)
+
+
+def _link(target: Target) -> Element:
+    """The link; an encoder offset turns it, so that the joint's angle is that of the encoder."""
+    mass, distance, about = target.centre
+    hang = target.gravity_angle
+    turn = [-target.of_axis(P.encoder_offset, LINK) * part for part in _axis_of(target)]
+    inertial = _inertial(mass, (-distance * sin(hang), 0.0, -distance * cos(hang)), about)
+    return element("link", leaf("pose", (0.0, 0.0, 0.0, *turn)), inertial, name=f"{target.device.name}_link")
+
+
+def _joint(target: Target, name: str, parent: str, child: str, axis: list[Element]) -> Element:
+    parts = [leaf("parent", parent), leaf("child", child), element("axis", leaf("xyz", _axis_of(target)), *axis)]
+    return element("joint", *parts, name=name, type="revolute")
+
+
+def _dynamics(damping: float, friction: float, reference: float = 0.0, stiffness: float = 0.0) -> Element:
+    return element(
+        "dynamics", leaf("damping", damping), leaf("friction", friction), leaf("spring_reference", reference),
+        leaf("spring_stiffness", stiffness),
+    )  # fmt: skip
+
+
+def _limit(target: Target, wall: bool, driven: bool) -> Element:
+    """Range up to a wall, with its stiffness and damping; limits of the drive."""
+    low, high = target.ends if wall else (-WIDE, WIDE)
+    offset = target.of_axis(P.encoder_offset, LINK)
+    parts = [
+        leaf("lower", low + offset if isfinite(low) else -WIDE),
+        leaf("upper", high + offset if isfinite(high) else WIDE),
+    ]
+    if driven and isfinite(target.effort):
+        parts.append(leaf("effort", target.effort))
+    if driven and isfinite(target.speed):
+        parts.append(leaf("velocity", target.speed))
+    if wall and target.row[P.contact_stiffness] > 0.0:
+        parts += [
+            leaf("stiffness", float(target.row[P.contact_stiffness])),
+            leaf("dissipation", float(target.row[P.contact_damping])),
+        ]
+    return element("limit", *parts)
+
+
+def _motor_inertia(target: Target) -> float:
+    """[kg m^2] of the motors that act on the link; of servos that of the link."""
+    return target.rigid_inertia - target.inertia or target.inertia
+
+
+def _motor_axis(target: Target) -> list[Element]:
+    motors = target.moving[1:]
+    dry = sum(target.dry(axis)[1] + target.bristle(axis)[0] for axis in motors)
+    return [_dynamics(sum(target.viscous(axis) for axis in motors), dry), _limit(target, wall=False, driven=True)]
+
+
+def _link_axis(target: Target, flexible: bool) -> list[Element]:
+    device, row = target.device, target.row
+    damping = target.viscous(LINK) + float(device.damping_of(0.0))
+    dry = target.dry(LINK)[1] + target.bristle(LINK)[0]
+    if not flexible:
+        return [_dynamics(damping, dry), _limit(target, wall=True, driven=True)]
+    stiffness, moment = 0.0, 0.0
+    for i in range(device.n_transmissions):
+        each = stiffness_of(target, i)
+        shift = float(row[P.pretension_offset + i]) if row[P.serial] == 0.0 else 0.0
+        stiffness, moment = stiffness + each, moment + each * shift
+    damping += sum(float(row[P.spring_damping + i]) for i in range(device.n_transmissions))
+    return [_dynamics(damping, dry, moment / stiffness, stiffness), _limit(target, wall=True, driven=False)]
+
+
+def stiffness_of(target: Target, i: int) -> float:
+    """[N m/rad] of transmission i: of a linear spring, else at the middle between rest and stop."""
+    spring = target.device.spring_laws[i]
+    return float(target.row[P.spring_scale + i]) * float(spring.stiffness(MIDDLE * spring.max_deflection))
+
+
+def _plugins(target: Target) -> list[Element]:
+    """A position controller for a position drive or a servo."""
+    device, row = target.device, target.row
+    if row[P.link_drive] == POSITION_DRIVE:
+        gain = target.of_axis(P.torque_gain, LINK)
+        p, d = gain * float(row[P.drive_stiffness]), float(row[P.drive_damping])
+        limit, offset = target.effort, target.of_axis(P.torque_bias, LINK)
+        return [_controller(target.names[0], p, d, limit, offset)]
+    if device.motors and isinstance(device.motors[0], ServoMotor):
+        w, inertia = target.of_axis(P.bandwidth, 0), _motor_inertia(target)
+        return [_controller(target.names[1], inertia * w * w, 2.0 * inertia * w, float("inf"), 0.0)]
+    return []
+
+
+def _controller(joint: str, p: float, d: float, limit: float, offset: float) -> Element:
+    parts = [
+        leaf("joint_name", joint),
+        leaf("p_gain", p),
+        leaf("i_gain", 0.0),
+        leaf("d_gain", d),
+        leaf("cmd_offset", offset),
+    ]
+    if isfinite(limit):
+        parts += [leaf("cmd_max", limit), leaf("cmd_min", -limit)]
+    return element(
+        "plugin", *parts, filename="gz-sim-joint-position-controller-system",
+        name="gz::sim::systems::JointPositionController",
+    )  # fmt: skip
+
+
+def into(source: Element, target: Target, name: str) -> list[str]:
+    """Write friction, spring and limits into a joint of a given model, in place; notes for the user.
+
+    Raises ValueError if there is no such joint.
+    """
+    found = next(
+        (each for each in source.iter("joint") if each.get("name") == name and each.find("axis") is not None), None
+    )
+    if found is None:
+        names = ", ".join(str(each.get("name")) for each in source.iter("joint") if each.find("axis") is not None)
+        raise ValueError(f"no joint '{name}' with an axis; there are: {names or 'none'}")
+    axis = found.find("axis")
+    assert axis is not None
+    dry = target.rigid_dry[1]
+    for part in (_dynamics(target.rigid_viscous, dry), _limit(target, wall=True, driven=True)):
+        there = axis.find(part.tag)
+        if there is None:
+            axis.append(part)
+            continue
+        for value in part:
+            old = there.find(value.tag)
+            keeps = part.tag == "limit" and value.tag in ("lower", "upper") and abs(float(value.text or 0.0)) == WIDE
+            if old is None:
+                there.append(value)
+            elif not keeps:
+                old.text = value.text
+    change = target.rigid_inertia - float(target.nominal[P.inertia + LINK])
+    notes = [f"inertia about the axis: add {change:.6g} kg m^2 to the child link"] if change else []
+    if target.device.n_transmissions:
+        notes.append("the springs need a link of their own: take the whole model instead of --into")
+    return notes

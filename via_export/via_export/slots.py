@@ -1,0 +1,104 @@
+"""What becomes of each effect and each device entry in each format: a slot, a substitute with its cost, or nothing.
+
+The rows of slots_effects.py and slots_device.py are the table; docs/export.md and the losses of an export show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from via_sim.effects import Effect, place_name
+
+from via_export.target import Target
+
+FORMATS = ("mjcf", "urdf", "sdf", "isaaclab", "bam", "ros2_control")
+TITLES = {
+    "mjcf": "MuJoCo 4", "urdf": "URDF", "sdf": "SDF 1.11", "isaaclab": "Isaac Lab", "bam": "BAM",
+    "ros2_control": "ros2_control",
+}  # fmt: skip
+Kind = Literal["slot", "substitute", "none"]
+Applies = Callable[[Target, Effect | None], bool]
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Where a format holds an effect or entry.
+
+    where  the slot, or the closest substitute; empty if there is none
+    cost   what is lost; empty for a slot
+    """
+
+    kind: Kind
+    where: str = ""
+    cost: str = ""
+
+    @staticmethod
+    def of(text: str) -> Slot:
+        """'= slot', '~ substitute | cost', or '- cost'."""
+        mark, rest = text[0], text[1:].strip()
+        where, _, cost = rest.partition("|")
+        if mark == "=":
+            return Slot("slot", rest)
+        return Slot("substitute", where.strip(), cost.strip()) if mark == "~" else Slot("none", "", rest)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table: an effect or a device entry, under a condition, with one slot per format."""
+
+    item: str
+    when: str
+    slots: Mapping[str, Slot]
+    applies: Applies
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Something of a device or its effects that a format does not hold exactly."""
+
+    item: str
+    place: str
+    slot: Slot
+
+    def __str__(self) -> str:
+        where = f"{self.item} at {self.place}" if self.place else self.item
+        if self.slot.kind == "none":
+            return f"{where}: no slot; {self.slot.cost}"
+        return f"{where}: no slot; written as {self.slot.where}; cost: {self.slot.cost}"
+
+
+def row(item: str, when: str = "", applies: Applies | None = None, **texts: str) -> Row:
+    """A line of the table from one text per format, see `Slot.of`."""
+    return Row(item, when, {name: Slot.of(texts[name]) for name in FORMATS}, applies or (lambda _target, _effect: True))
+
+
+def servo(target: Target, _effect: Effect | None) -> bool:
+    return target.device.drive == "servo"
+
+
+def position_drive(target: Target, _effect: Effect | None) -> bool:
+    return target.device.drive == "position"
+
+
+def by_levers(target: Target, _effect: Effect | None) -> bool:
+    """A spring between levers, whose torque depends on a preset."""
+    return target.depends_on_preset
+
+
+def losses(target: Target, to: str) -> tuple[Loss, ...]:
+    """What a format loses of a device with effects: first of the effects, then of the device."""
+    return tuple(loss for loss in _all(target, to) if loss.slot.kind != "slot")
+
+
+def _all(target: Target, to: str) -> Iterator[Loss]:
+    from via_export.slots_device import DEVICE_ROWS
+    from via_export.slots_effects import EFFECT_ROWS
+
+    for effect in target.effects:
+        line = next(line for line in EFFECT_ROWS if line.item == effect.name and line.applies(target, effect))
+        yield Loss(effect.name, place_name(effect.site, effect.motor), line.slots[to])
+    for line in DEVICE_ROWS:
+        if line.applies(target, None):
+            yield Loss(f"{line.item} ({line.when})" if line.when else line.item, "", line.slots[to])

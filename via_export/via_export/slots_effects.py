@@ -1,0 +1,306 @@
+"""The table of slots, first part: one line per effect, or per case of an effect. The first line that applies counts."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from via_sim.effects import Effect
+from via_sim.joint.parameters import P
+
+from via_export.slots import by_levers, position_drive, row, servo
+from via_export.target import Target
+
+NO_PHYSICS = "- holds no physics; belongs into the simulator's model"
+READING = "- apply it where you read the encoder"
+RIGID_SPRING = "- joints are rigid: the effect vanishes with the spring"
+
+
+def _lasting(_target: Target, effect: Effect | None) -> bool:
+    return effect is not None and effect.parameters["start"] <= 0.0 and effect.parameters["stop"] >= 1e6
+
+
+def _with_lag(target: Target, _effect: Effect | None) -> bool:
+    return position_drive(target, None) and isfinite(target.row[P.drive_speed_limit])
+
+
+def _sensed(_target: Target, effect: Effect | None) -> bool:
+    return effect is not None and effect.site == "sensor"
+
+
+def _levered_hardening(target: Target, effect: Effect | None) -> bool:
+    return by_levers(target, None) and effect is not None and effect.parameters["hardening"] != 0.0
+
+
+def _on_rigid_link(target: Target, effect: Effect | None) -> bool:
+    return effect is not None and effect.site == "link" and target.device.n_motors == 0
+
+
+EFFECT_ROWS = (
+    row(
+        "coulomb_friction",
+        mjcf="= joint frictionloss",
+        urdf="= joint dynamics/friction",
+        sdf="= axis dynamics/friction",
+        isaaclab="= friction and dynamic_friction [N m] (Isaac Sim 5)",
+        bam="= friction_base",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "asymmetric_coulomb",
+        mjcf="= frictionloss of the mean, and half the difference as a constant torque (passive dcmotor, 0 poles)",
+        urdf="~ dynamics/friction of the mean | half the difference as a constant torque is missing",
+        sdf="~ dynamics/friction of the mean | half the difference as a constant torque is missing",
+        isaaclab="~ friction of the mean | half the difference as a constant torque is missing",
+        bam="~ friction_base of the mean | half the difference as a constant torque is missing",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "stribeck_friction",
+        mjcf="~ passive dcmotor lugre | the joint yields .1 mrad before it slides; smooth start of sliding",
+        urdf="~ dynamics/friction, kinetic | no higher friction at rest: no stick-slip",
+        sdf="~ dynamics/friction, kinetic | no higher friction at rest: no stick-slip",
+        isaaclab="~ friction (breakaway), dynamic_friction (kinetic) | a step at rest in place of the decay with speed",
+        bam="= friction_base, friction_stribeck, dtheta_stribeck, alpha 2",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "viscous_friction",
+        mjcf="= joint damping",
+        urdf="= joint dynamics/damping",
+        sdf="= axis dynamics/damping",
+        isaaclab="= viscous_friction [N m s/rad] (Isaac Sim 5)",
+        bam="= friction_viscous",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "asymmetric_viscous",
+        mjcf="~ joint damping of the mean | damping polynomials are odd: half the difference times |v| is missing",
+        urdf="~ dynamics/damping of the mean | half the difference times |v| is missing",
+        sdf="~ dynamics/damping of the mean | half the difference times |v| is missing",
+        isaaclab="~ viscous_friction of the mean | half the difference times |v| is missing",
+        bam="~ friction_viscous of the mean | half the difference times |v| is missing",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "quadratic_drag",
+        mjcf="= joint damping, second coefficient",
+        urdf="- coefficient v^2 is missing: too little damping at high speed",
+        sdf="- coefficient v^2 is missing: too little damping at high speed",
+        isaaclab="- coefficient v^2 is missing: too little damping at high speed",
+        bam="- coefficient v^2 is missing: too little damping at high speed",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "presliding_friction",
+        mjcf="= passive dcmotor lugre with equal friction at rest and in motion, which is Dahl's equation",
+        urdf="~ dynamics/friction | sticks without a bristle: no hysteresis in small motion",
+        sdf="~ dynamics/friction | sticks without a bristle: no hysteresis in small motion",
+        isaaclab="~ friction and dynamic_friction | sticks without a bristle: no hysteresis in small motion",
+        bam="~ friction_base | sticks without a bristle: no hysteresis in small motion",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "load_dependent_friction", "on the link of a rigid joint", _on_rigid_link,
+        mjcf="~ frictionloss at the mean gravity load, or half the torque limit | friction does not follow the load",
+        urdf="~ dynamics/friction at that load | friction does not follow the load",
+        sdf="~ dynamics/friction at that load | friction does not follow the load",
+        isaaclab="~ friction at that load | friction does not follow the load",
+        bam="= load_friction_motor, load_friction_external and their stribeck and quad (models m5, m6)",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "load_dependent_friction", "elsewhere",
+        mjcf="~ frictionloss at the mean gravity load, or half the torque limit | friction does not follow the load",
+        urdf="~ dynamics/friction at that load | friction does not follow the load",
+        sdf="~ dynamics/friction at that load | friction does not follow the load",
+        isaaclab="~ friction at that load | friction does not follow the load",
+        bam="~ load_friction_motor of the joint | the load of the joint in place of that of the motor",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "backlash", "spring between levers", by_levers,
+        mjcf="- spatial tendons have no dead band of an angle: the joint has no play",
+        urdf=RIGID_SPRING, sdf="- springs have no dead band: the joint has no play", isaaclab=RIGID_SPRING,
+        bam=RIGID_SPRING, ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "backlash",
+        mjcf="= dead band of the tendon's springlength; exact, without the additional body of a second limited hinge",
+        urdf=RIGID_SPRING, sdf="- springs have no dead band: the joint has no play", isaaclab=RIGID_SPRING,
+        bam=RIGID_SPRING, ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "hysteresis",
+        mjcf="= fixed tendon with stiffness and springyield",
+        urdf=RIGID_SPRING, sdf="- no plastic spring: loading and unloading have the same torque", isaaclab=RIGID_SPRING,
+        bam=RIGID_SPRING, ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "spring_damping",
+        mjcf="= tendon damping",
+        urdf=RIGID_SPRING, sdf="= dynamics/damping of the spring's joint", isaaclab=RIGID_SPRING, bam=RIGID_SPRING,
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "spring_law", "hardening of a spring between levers", _levered_hardening,
+        mjcf="~ scale alone, as stiffness of the spatial tendon | the hardening is missing",
+        urdf=RIGID_SPRING, sdf="~ stiffness at rest | the hardening is missing", isaaclab=RIGID_SPRING,
+        bam=RIGID_SPRING, ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "spring_law",
+        mjcf="= stiffness of the tendons",
+        urdf=RIGID_SPRING, sdf="~ spring_stiffness times scale | the hardening is missing", isaaclab=RIGID_SPRING,
+        bam=RIGID_SPRING, ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "stiffness_drift",
+        mjcf="- models do not change with time: write a new model per temperature or hour",
+        urdf=RIGID_SPRING, sdf="- models do not change with time", isaaclab=RIGID_SPRING, bam=RIGID_SPRING,
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "preset_error",
+        mjcf="= springlength of the tendon",
+        urdf=RIGID_SPRING, sdf="= spring_reference", isaaclab=RIGID_SPRING, bam=RIGID_SPRING, ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "joint_coupling",
+        mjcf="- needs the neighbour: add its torque with qfrc_applied, or an actuator per joint",
+        urdf="- no torque between joints", sdf="- no torque between joints",
+        isaaclab="- add the neighbour's torque to the effort", bam="- one joint only", ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "torque_gain", "of a sensor", _sensed,
+        mjcf=READING, urdf=READING, sdf=READING, isaaclab=READING, bam=READING,
+        ros2_control="- scale the effort in the hardware component",
+    ),
+    row(
+        "torque_gain",
+        mjcf="= actuator gainprm; of a position drive kp and forcerange",
+        urdf="~ limit/effort times gain | commands themselves are not scaled",
+        sdf="~ limit/effort times gain; of a position drive p_gain | torque commands are not scaled",
+        isaaclab="~ effort_limit times gain; of a position drive stiffness | torque commands are not scaled",
+        bam="= kt/R, with --supply",
+        ros2_control="~ limits of the command times gain | commands themselves are not scaled",
+    ),
+    row(
+        "torque_bias", "of a sensor", _sensed,
+        mjcf=READING, urdf=READING, sdf=READING, isaaclab=READING, bam=READING,
+        ros2_control="- add it to the effort in the hardware component",
+    ),
+    row(
+        "torque_bias",
+        mjcf="= actuator biasprm",
+        urdf="- add it to the commanded torque", sdf="- add it to the commanded torque; of a position drive cmd_offset",
+        isaaclab="- add it to the effort target", bam="- a constant torque is missing",
+        ros2_control="- add it to the command",
+    ),
+    row(
+        "torque_ripple",
+        mjcf="= one passive dcmotor cogging per harmonic",
+        urdf="- the joint turns evenly", sdf="- the joint turns evenly",
+        isaaclab="- the joint turns evenly; a custom actuator class can add it", bam="- the joint turns evenly",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "torque_saturation", "of a servo: its speed", servo,
+        mjcf="~ forcerange of the servo beside its damping | the speed limit is approached with 1/(2 w), not abruptly",
+        urdf="= limit/velocity", sdf="= limit/velocity", isaaclab="= velocity_limit",
+        bam="- speed is limited by the supply alone", ros2_control="= joint_limits max_velocity",
+    ),
+    row(
+        "torque_saturation",
+        mjcf="= actuator ctrlrange; of a position drive forcerange",
+        urdf="= limit/effort", sdf="= limit/effort; of a position drive cmd_max", isaaclab="= effort_limit",
+        bam="= kt/R, with --supply", ros2_control="= command_interface min, max; joint_limits max_effort",
+    ),
+    row(
+        "actuator_lag", "with a speed limit", _with_lag,
+        mjcf="- an actuator has a filter or a slew rate, not both: the goal leads by the time constant",
+        urdf="- commands act at once", sdf="- commands act at once",
+        isaaclab="~ delay longer by the time constant | a delay in place of a filter",
+        bam="~ command_delay longer by the time constant | a delay in place of a filter", ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "actuator_lag",
+        mjcf="= actuator dyntype filterexact; of a servo a lower bandwidth",
+        urdf="- commands act at once", sdf="- commands act at once",
+        isaaclab="~ delay longer by the time constant | a delay in place of a filter",
+        bam="~ command_delay longer by the time constant | a delay in place of a filter", ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "actuator_delay",
+        mjcf="= actuator delay, in whole time steps",
+        urdf="- commands act at once", sdf="- commands act at once",
+        isaaclab="= DelayedPDActuatorCfg min_delay, max_delay, in whole physics steps", bam="= command_delay",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "speed_limit",
+        mjcf="= pid slewmax",
+        urdf="~ limit/velocity | limits the joint and not its goal",
+        sdf="~ limit/velocity | limits the joint and not its goal",
+        isaaclab="~ velocity_limit | limits the joint and not its goal",
+        bam="- the goal is reached at once", ros2_control="= joint_limits max_velocity of a position command",
+    ),
+    row(
+        "encoder_offset",
+        mjcf="= joint ref; coordinates of the model are those of the encoder",
+        urdf="~ joint origin | turns the link by the offset", sdf="~ pose of the link | turns the link by the offset",
+        isaaclab=READING, bam="= q_offset", ros2_control="= transmission joint/offset",
+    ),
+    row(
+        "encoder_eccentricity",
+        mjcf=READING, urdf=READING, sdf=READING, isaaclab=READING, bam=READING, ros2_control=READING,
+    ),
+    row(
+        "encoder_quantisation",
+        mjcf=READING, urdf=READING, sdf=READING, isaaclab=READING, bam=READING, ros2_control=READING,
+    ),
+    row(
+        "channel_skew",
+        mjcf="= sensor delay, in whole time steps",
+        urdf=READING, sdf=READING, isaaclab=READING, bam=READING, ros2_control=READING,
+    ),
+    row(
+        "payload",
+        mjcf="= inertial of the link; in a given model a body", urdf="= inertial of the link",
+        sdf="= inertial of the link", isaaclab="~ armature | the weight is missing: change the mass in the USD file",
+        bam="~ armature | the weight is missing: change the mass of the test bench", ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "link_inertia",
+        mjcf="= inertial of the link; in a given model armature", urdf="= inertial of the link",
+        sdf="= inertial of the link", isaaclab="= armature", bam="= armature", ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "gravity_error",
+        mjcf="= inertial of the link, its centre of mass", urdf="= inertial of the link, its origin",
+        sdf="= inertial of the link, its pose", isaaclab="- change the centre of mass in the USD file",
+        bam="- change the mass of the test bench", ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "contact",
+        mjcf="= joint range with solreflimit and the smallest impedance",
+        urdf="~ limit lower or upper | a rigid wall", sdf="= axis limit with stiffness and dissipation",
+        isaaclab="- add a collision body or a joint limit in the USD file", bam="- no walls",
+        ros2_control="~ joint_limits position | commands end there, the joint does not",
+    ),
+    row(
+        "external_torque", "acting all the time", _lasting,
+        mjcf="= passive dcmotor, 0 poles", urdf="- apply it at run time", sdf="- apply it at run time",
+        isaaclab="- apply it at run time", bam="- a constant torque is missing", ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "external_torque", "from start to stop",
+        mjcf="- apply it at run time: qfrc_applied", urdf="- apply it at run time", sdf="- apply it at run time",
+        isaaclab="- apply it at run time: set_external_force_and_torque", bam="- a torque pulse is missing",
+        ros2_control=NO_PHYSICS,
+    ),
+    row(
+        "device_numbers",
+        mjcf="= the numbers themselves", urdf="= the numbers themselves", sdf="= the numbers themselves",
+        isaaclab="= the numbers themselves", bam="= the numbers themselves", ros2_control="= the numbers themselves",
+    ),
+)  # fmt: skip
