@@ -53,7 +53,8 @@ def printed(graph, tmp_path):
 def test_the_simulator_names_its_device_its_topics_and_what_it_waits_for(printed):
     printed(
         ["via", "run", "via_sim", "simulator"],
-        "simulates cubic_demo at 1000 Hz, realtime: publishes /joint_states, takes /cubic_demo/command; subscribers needed",
+        "simulates cubic_demo at 1000 Hz, realtime: publishes /joint_states, takes /cubic_demo/command",
+        "subscribers needed to start: 1",
         "no device was given, so 'cubic_demo' is used; choose one with -p device:=NAME",
     )
 
