@@ -26,7 +26,7 @@ from via_sim.robots.arm import ArmState, arm_step
 from via_sim.robots.contacts import Hand
 
 from via_validation.control.limit_cycle import limit_cycle_controller
-from via_validation.provenance import Provenance
+from via_validation.provenance import provenance
 from via_validation.tables.page import number, verdict
 from via_validation.tables.rows import Row
 from via_validation.template import rendered
@@ -115,15 +115,15 @@ def worst_rows(at: str, what: str, runs: list[Worst], settings: str) -> list[Row
     return [*rows, Row(f"{at}.guarded", what, quantity, None, share, None, settings)]
 
 
-def write_markdown(rows: list[Row], source: Provenance, path: Path) -> None:
-    """Write the page of all rows of this benchmark."""
+def write_markdown(rows: list[Row], command: str, path: Path) -> None:
+    """Write the page of all rows of this benchmark, which `command` made."""
     settings = {row.id.rpartition(".")[0]: row.settings for row in rows}
     values = {
         "rows": rows,
         "limited": sum(row.ok is not None for row in rows),
         "missed": [row.id for row in rows if row.ok is False],
         "groups": settings,
-        "source": source,
+        "source": provenance(command),
     }
     path.write_text(rendered("bench/limits.md", values, {"number": number, "verdict": verdict}), encoding="utf-8")
 

@@ -71,14 +71,13 @@ def limits(
     from via_validation.bench.adaptive_limits import adaptive_limit_rows
     from via_validation.bench.joint_limits import joint_limit_rows
     from via_validation.bench.limits import limit_rows, write_markdown
-    from via_validation.provenance import provenance
 
     adaptive = adaptive_limit_rows(track(range(starts), "runs with estimates", console=errors))
     joints = joint_limit_rows(track(range(starts), "runs of joints", console=errors))
     rows = [*limit_rows(track(range(starts), "runs of the arm", console=errors)), *adaptive, *joints]
     shown("Limits", rows, as_rows)
     if write is not None:
-        write_markdown(rows, provenance(f"via bench limits --starts {starts}"), write / "limits.md")
+        write_markdown(rows, f"via bench limits --starts {starts}", write / "limits.md")
 
 
 @app.command()
