@@ -9,8 +9,8 @@ from via_core.devices import load_device
 from via_core.status import Status
 from via_estimators import damping_mixture, damping_models
 from via_estimators.damping_mixture import DampingMixture
-from via_estimators.damping_models import CHANGES, FILTER, FILTERS, KNOWN, OF_CHANGES, RATES, SHAPES, STRIBECK, U
-from via_estimators.interacting_models import PERSISTENCE
+from via_estimators.damping_models import CHANGES, FILTER, FILTERS, OF_CHANGES, RATES, SHAPES, STRIBECK, U
+from via_estimators.interacting_models import KNOWN, PERSISTENCE
 
 VPDA = load_device("compact_vpda")
 ESTIMATOR = DampingMixture.from_device(VPDA)

@@ -29,8 +29,7 @@ import numpy as np
 from numba import njit
 from via_core.signals import Array
 
-from via_estimators.interacting_models import PERSISTENCE
-from via_estimators.noise_levels import NEVER
+from via_estimators.interacting_models import KNOWN, LEAST_NOISE, NEVER, PERSISTENCE
 from via_estimators.slots import slots
 
 U = slots("linear", "cubic", "quintic", "coulomb", "stribeck", "between", "offset", "late", "trend")  # unknowns
@@ -48,8 +47,6 @@ RATES = len(CHANGES)
 FILTERS = STRUCTURES * RATES
 DRIFT = 0.003  # random walk of every other unknown [prior standard deviations/sqrt(s)]
 REVISION = 60.0  # [s] mean time between changes of the structure
-KNOWN = 1.0  # weight of a filter's noise, in equations
-LEAST_NOISE = 1e-12  # of the declared variance
 NEGLIGIBLE = 1e-12  # probability without effect on the covariance
 HEAD = slots("taken", "time")  # equations taken; time of the last one [s]
 FILTER = slots("probability", "noise", "weight")  # rows (FILTERS,) that follow

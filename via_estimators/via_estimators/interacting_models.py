@@ -3,63 +3,47 @@
 Source: H. A. P. Blom, Y. Bar-Shalom, The interacting multiple model algorithm for systems with Markovian switching
 coefficients, IEEE Transactions on Automatic Control 33(8), 1988.
 
-The unknowns x (n,) contain the spring laws of m transmissions. Law i changes along a direction g_i (n,), which the
-caller renews: if g_i is the present law, its scale s_i changes. The last m unknowns are the trends ds_i/dt. Each of the
-K models assumes one way of changing (CHANGES): none, a random walk of the scales, a random walk of their trends, which
-decay with time constant PERSISTENCE, or a jump since the last equations. All springs may change by one cause, or one
-alone: walks of the s_i have the covariance C = (I + 1 1') m / (m + 1), by which a unit change of either kind has the
-same probability as one standard deviation of a single spring.
+The first n - 1 unknowns x change along one direction g, which the caller renews. If g is the present
+spring law, its scale s changes. The last unknown is the trend of that change, ds/dt. Each of the K models assumes
+a noise level and one way of changing (CHANGES): none, a random walk of s, a random walk of the trend, which decays
+with time constant PERSISTENCE, or a jump of s since the last equation. Equations arrive one at a time,
 
-Equations arrive at their times, one of each channel,
+    y = row' x + e,    variance of e = noise_j within + beside + walk_j^2 wobble (row' g)^2
 
-    y = row' x + e,    variance of e = level within + beside + wobbling_j sum_ik C_ik (row' g_i) (row' g_k)
-
-where wobbling_j is the variance by which a scale of model j changes within the equation's window.
-
-A filter alone cannot distinguish noise that is larger than declared from a spring that changes: both explain large
-innovations, and only their course shows which. So the level of a channel's noise is unknown, one of LEVELS, and each
-model has its own probabilities w_l of it. A step of time dt is
+One step of time dt with one equation is
 
     1. interaction   with probability 1 - e, e = exp(-dt / memory), another model holds, j with probability rho_j. After
-                     a jump another model holds at once, j with probability rho_j: c_j = own_j + after_j + (1 - e) rho_j,
-                     own_j = e mu_j (jump: 0),  after_j = e mu_jump rho_j. x_j, P_j and w become those of the mixture of
-                     x_j, x_jump and the combined estimate with weights own_j, after_j, (1 - e) rho_j
+                     a jump another change holds at once, at the same noise level l, j with probability L rho_j:
+                     c_j = own_j + after_j + (1 - e) rho_j,  own_j = e mu_j (jumps: 0),  after_j = e mu_jump(l) L rho_j,
+                     x_j <- mean of x_j, x_jump(l) and the combined mean with weights own_j, after_j, (1 - e) rho_j,
+                     P_j <- covariance of that mixture
     2. prediction    s walks by walk_j^2 dt, or the trend by trend_j^2 dt; a jump adds JUMP^2 = walk_j^2 dt
-    3. correction    once per equation, with v = y - row' x_j and S_l = row' P_j row + variance at level l
-                     w_l <- w_l N(v; S_l) / likelihood,   mu_j <- mu_j likelihood,   likelihood = sum_l w_l N(v; S_l)
-                     The gains P row / S_l of the levels are averaged, and P_j is the covariance of their mixture
-    4. combination   mean and covariance of the mixture of models
+    3. correction    S_j = row' P_j row + variance of e, and Kalman's gain in Joseph's form
+    4. probability   mu_j ~ c_j S_j^(-1/2) exp(-(y - row' x_j)^2 / (2 S_j))
+    5. combination   mean and covariance of the mixture
 
 Since the model after a change does not depend on the one before, step 1 mixes each filter with the combined estimate
-and a jump only, and a step costs K n^2. The rho of the model without change is `steadiness`, the rest share
+and a jump only, and a step costs K n^2. The rho of models without change sum to `steadiness`, the rest share
 1 - steadiness. A filter without change that missed one has lost its probability and is thereby set to the estimate of
 those that followed. That is the innovation test of this method: it has no limit to choose.
 
-**An equation that may fail.** The last channel may have a block of unknowns of its own and a hypothesis that it does
-not hold: a force of variance `force` acts, or its unknowns changed. Then the equation is not used, and its unknowns
-return to their prior. It begins to fail with probability 1 - e and goes on with probability LASTING; likelihood and
-correction are mixed by it like the levels. Level l > 1 of this channel means that something else than noise disturbs
-it, which lasts for `slow` equations: its excess counts so many times more in the gain than in the likelihood.
+Noise levels are part of the hypotheses, since a filter alone cannot distinguish noise that is larger than declared from
+a spring that changes: both explain large innovations v, and only their course shows which. Between its neighbours each
+model finds its noise as the mean of noise + (v^2 - S) / within, weighted by (noise within / S)^2, the inverse of that
+number's variance.
 
-**Noise of its coefficients.** Where y = 0 and noise of variance within = x' Sigma x enters through the row, least
-squares would make x smaller to reduce the noise. The expected noise of the row given v, -Sigma x v / S, is therefore
-removed from it: row <- row + v / S Sigma x, with `noisy` = Sigma x / within. After convergence these are the rows of
-total least squares (S. Van Huffel, J. Vandewalle, The Total Least Squares Problem, SIAM 1991), whose residual belongs
-to the row.
-
-Unknowns are scaled so that the prior is x = 0, P = 1, but for the trends, which are 0 before any data.
+One equation's state is a flat row; `size` and the slots below define its layout. Unknowns are scaled so that the prior
+is x = 0, P = 1, but for the trend, which is 0 before any data.
 """
 
 from __future__ import annotations
 
-from collections import namedtuple
 from math import exp, inf, log
 
 import numpy as np
 from numba import njit
 from via_core.signals import Array
 
-from via_estimators.noise_levels import LEVELS, NEVER, NOISES, of_level, weigh
 from via_estimators.slots import slots
 
 # Random walk of the scale [1/sqrt(s)] and of its trend [1/s/sqrt(s)].
@@ -69,85 +53,72 @@ CHANGES = (
     (0.1, 0.0),
     (0.0, 0.003),
     (0.0, 0.03),
-    (0.0, 0.1),
-    (0.0, 0.2),
-    (0.0, 0.45),
+    (0.0, 0.3),
     (0.0, 1.0),
-    (0.0, 3.0),
-    (0.0, 10.0),
+    (0.0, 5.0),
     (0.0, 0.0),
 )
-WALKS = tuple(walk for walk, _ in CHANGES)
-TRENDS = tuple(trend for _, trend in CHANGES)
-MODELS, JUMPING = len(CHANGES), len(CHANGES) - 1  # the last is the jump
-JUMP = 0.5  # standard deviation of the scale in a jump
-# [spans], [spans^3] variance of <w, w_55> of a walk w of rate 1 from the middle of the window, and of its integral
-WOBBLE, BENDING = 0.034, 0.00031
+JUMP = 0.5  # standard deviation of the scale in a jump, the last of CHANGES
+LEVELS = (0.0316, 0.1, 0.316, 1.0, 3.16, 10.0, 31.6)  # of noise, over the declared standard deviation
+HALF_STEP = 10.0**0.5  # variance between a level and the middle to its neighbour
+WALKS = tuple(walk for walk, _ in CHANGES for _ in LEVELS)
+TRENDS = tuple(trend for _, trend in CHANGES for _ in LEVELS)
+NOISES = tuple(level**2 for _ in CHANGES for level in LEVELS)
+MODELS = len(NOISES)
 PERSISTENCE = 2.0  # [s] in which a trend decays to 1/e
 FURTHEST = 1.0  # variance of the scale that time alone can add
-LASTING = 0.5  # probability that an equation that failed fails again
-NEGLIGIBLE = 0.01  # probability of failing that is not mixed: its wide prior would let the unknowns walk
-HEAD = slots("taken", "time", "changing")  # times of equations; the last one [s]; probability of a change
-# Views of the state: HEAD; probability of the models (K,), of failing (K,), of the levels (K, channels, LEVELS); means
-# (K + 1, n) and covariances (K + 1, n, n), the last ones combined.
-Bank = namedtuple("Bank", ("head", "probability", "fails", "levels", "x", "P"))
-# Work space: (n,) three times; likelihoods (LEVELS,); wobbling_j (K,); sum C_ik g_i g_k' (n, n).
-Work = namedtuple("Work", ("before", "there", "gain", "likely", "wobbling", "along"))
+JUMPING = MODELS - len(LEVELS)  # the first model of a jump, one per noise level
+NEVER = 1e-300  # probability of a model that is excluded
+KNOWN = 1.0  # weight of a model's noise level, in equations
+LEAST_NOISE = 1e-12  # of the declared variance
+HEAD = slots("taken", "time", "changing")  # equations taken; time of the last one [s]; probability of a change
+MODEL = slots("probability", "noise", "weight")  # rows (K,) that follow: noise in units of the declared variance
 
 
 @njit(cache=True, error_model="numpy")
-def size(n: int, channels: int) -> int:
-    """Floats in the state."""
-    return HEAD.size + MODELS * (2 + channels * LEVELS) + (MODELS + 1) * (n + n * n)
-
-
-@njit(cache=True, error_model="numpy")
-def bank_of(state: Array, n: int, channels: int) -> Bank:
-    """The views of a state (size,)."""
-    a = HEAD.size + 2 * MODELS
-    b = a + MODELS * channels * LEVELS
-    c = b + (MODELS + 1) * n
-    return Bank(
-        state[: HEAD.size],
-        state[HEAD.size : HEAD.size + MODELS],
-        state[HEAD.size + MODELS : a],
-        state[a:b].reshape(MODELS, channels, LEVELS),
-        state[b:c].reshape(MODELS + 1, n),
-        state[c : c + (MODELS + 1) * n * n].reshape(MODELS + 1, n, n),
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def scratch(n: int) -> Work:
-    """Work space, allocated once since allocations are slow."""
-    return Work(np.empty(n), np.empty(n), np.empty(n), np.empty(LEVELS), np.zeros(MODELS), np.zeros((n, n)))
+def size(n: int) -> int:
+    """Floats in the state of one equation: HEAD, MODEL, combined mean and covariance, then x and P of each model."""
+    return HEAD.size + MODEL.size * MODELS + (MODELS + 1) * (n + n * n)
 
 
 @njit(cache=True, error_model="numpy")
 def _of_prior(j: int, steadiness: float) -> float:
     """rho_j."""
-    return steadiness if j == 0 else max((1.0 - steadiness) / (MODELS - 1), NEVER)
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _shared(i: int, k: int, m: int) -> float:
-    """C_ik."""
-    return (2.0 if i == k else 1.0) * m / (m + 1.0)
+    levels = len(LEVELS)
+    return steadiness / levels if j < levels else max((1.0 - steadiness) / (MODELS - levels), NEVER)
 
 
 @njit(cache=True, error_model="numpy")
-def start(state: Array, n: int, m: int, channels: int, steadiness: float) -> None:
-    """Overwrite the state with the prior of n unknowns, the last m of them trends; `steadiness` as in `begin`."""
+def start(state: Array, n: int, steadiness: float) -> None:
+    """Overwrite one equation's state with the prior; `steadiness` as in `take`."""
     state[:] = 0.0
-    bank = bank_of(state, n, channels)
-    for c in range(channels):
-        for k in range(LEVELS):
-            bank.levels[:, c, k] = of_level(c, channels, k)
+    models = models_of(state)
+    models[MODEL.weight] = KNOWN
+    for j in range(MODELS):
+        models[MODEL.probability, j], models[MODEL.noise, j] = _of_prior(j, steadiness), NOISES[j]
     for j in range(MODELS + 1):
-        if j < MODELS:
-            bank.probability[j] = _of_prior(j, steadiness)
-        for i in range(n - m):
-            bank.P[j, i, i] = 1.0
+        P = _block(state, n, j)[1]
+        for i in range(n - 1):
+            P[i, i] = 1.0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def models_of(state: Array) -> Array:
+    """The view (3, K) of MODEL."""
+    return state[HEAD.size : HEAD.size + MODEL.size * MODELS].reshape(MODEL.size, MODELS)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _block(state: Array, n: int, j: int) -> tuple[Array, Array]:
+    """The views x (n,) and P (n, n), of the combined estimate for j = 0, of model j - 1 for the others."""
+    at = HEAD.size + MODEL.size * MODELS + j * (n + n * n)
+    return state[at : at + n], state[at + n : at + n + n * n].reshape(n, n)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def estimate_of(state: Array, n: int) -> tuple[Array, Array]:
+    """The views mean (n,) and covariance (n, n) of the combined estimate at the time of the last equation."""
+    return _block(state, n, 0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -163,230 +134,167 @@ def quadratic(P: Array, v: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def wander(bank: Bank, age: float) -> float:
-    """Variance of a scale that the walks of the models add in `age` [s] after the last equations."""
-    total = 0.0
+def wander(state: Array, age: float) -> float:
+    """Variance of the scale that the walks of the models add in `age` [s] after the last equation."""
+    total, probability = 0.0, models_of(state)[MODEL.probability]
     for j in range(MODELS):
-        total += bank.probability[j] * (WALKS[j] ** 2 * age + TRENDS[j] ** 2 * age**3 / 3.0)
+        total += probability[j] * (WALKS[j] ** 2 * age + TRENDS[j] ** 2 * age**3 / 3.0)
     return min(total, FURTHEST)
 
 
 @njit(cache=True, error_model="numpy")
-def _interact(bank: Bank, m: int, stay: float, steadiness: float, work: Work) -> None:
-    """Step 1; c_j replaces the probabilities of the models."""
-    n, landed = bank.x.shape[1], bank.probability[JUMPING]
-    mean, covariance, before, there = bank.x[MODELS], bank.P[MODELS], work.before, work.there
-    levels, fails = np.zeros(bank.levels.shape[1:]), 0.0
-    for j in range(MODELS):
-        levels += bank.probability[j] * bank.levels[j]
-        fails += bank.probability[j] * bank.fails[j]
-    for j in range(MODELS):  # the jump last, since all read it
-        x, P, rho = bank.x[j], bank.P[j], _of_prior(j, steadiness)
-        own, after = stay * bank.probability[j] if j < JUMPING else 0.0, stay * landed * rho
-        c = max(own + after + (1.0 - stay) * rho, NEVER)
-        bank.probability[j] = c
-        own, after = own / c, after / c
-        rest = 1.0 - own - after
-        for i in range(n):
-            moved = own * x[i] + after * bank.x[JUMPING, i] + rest * mean[i]
-            before[i], there[i] = x[i] - moved, bank.x[JUMPING, i] - moved
-            x[i] = moved
-        for i in range(n):
-            a, b, d = own * before[i], after * there[i], rest * (mean[i] - x[i])
-            for k in range(n):
-                P[i, k] = (
-                    own * P[i, k] + after * bank.P[JUMPING, i, k] + rest * covariance[i, k]
-                    + a * before[k] + b * there[k] + d * (mean[k] - x[k])
-                )  # fmt: skip
-        if TRENDS[j] == 0.0:  # what this model does not assume
-            x[n - m :] = 0.0
-            P[n - m :, :], P[:, n - m :] = 0.0, 0.0
-        mixed = own * bank.levels[j] + after * bank.levels[JUMPING] + rest * levels
-        for c in range(mixed.shape[0]):
-            for k in range(LEVELS):
-                bank.levels[j, c, k] = stay * mixed[c, k] + (1.0 - stay) * of_level(c, mixed.shape[0], k)
-        failed = own * bank.fails[j] + after * bank.fails[JUMPING] + rest * fails
-        bank.fails[j] = failed * LASTING + (1.0 - failed) * (1.0 - stay)
+def scratch(n: int) -> Array:
+    """Work space of `take`, allocated once since allocations are slow."""
+    return np.empty((5, max(n, MODELS)))
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(x: Array, P: Array, g: Array, elapsed: float, added: float, trend: float, along: Array) -> None:
+def _interact(
+    state: Array, n: int, stay: float, steadiness: float, probable: Array, before: Array, there: Array
+) -> None:  # fmt: skip
+    """Step 1; c_j into `probable` (K,); `before` and `there` (n,) are overwritten."""
+    probability = models_of(state)[MODEL.probability]
+    mean, covariance = estimate_of(state, n)
+    for j in range(MODELS):  # the jumps last, since all read them
+        x, P = _block(state, n, j + 1)
+        jump = JUMPING + j % len(LEVELS)
+        landed, cover = _block(state, n, jump + 1)
+        rho = _of_prior(j, steadiness)
+        own = stay * probability[j] if j < JUMPING else 0.0
+        after = stay * probability[jump] * rho * len(LEVELS)
+        probable[j] = max(own + after + (1.0 - stay) * rho, NEVER)
+        own, after = own / probable[j], after / probable[j]
+        rest = 1.0 - own - after
+        for i in range(n):
+            before[i], there[i] = x[i], landed[i]
+            x[i] = own * before[i] + after * there[i] + rest * mean[i]
+        for i in range(n):
+            for k in range(n):
+                P[i, k] = (
+                    own * (P[i, k] + (before[i] - x[i]) * (before[k] - x[k]))
+                    + after * (cover[i, k] + (there[i] - x[i]) * (there[k] - x[k]))
+                    + rest * (covariance[i, k] + (mean[i] - x[i]) * (mean[k] - x[k]))
+                )
+        if TRENDS[j] == 0.0:  # what this model does not assume
+            x[n - 1] = 0.0
+            P[n - 1, :] = P[:, n - 1] = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _predict(x: Array, P: Array, g: Array, elapsed: float, added: float, trend: float) -> None:
     """Step 2: x <- F x, P <- F P F' + Q, F = [[1, moved g], [0, keep]]; `added` variance of s, `trend` squared rate."""
-    n, m = x.size, g.shape[0]
-    last = n - m
+    last = x.size - 1
     if trend > 0.0:
         keep = exp(-elapsed / PERSISTENCE)
         steady = min(elapsed, PERSISTENCE, (3.0 * FURTHEST / trend) ** (1.0 / 3.0))  # over which the trend walks
         moved = PERSISTENCE * (1.0 - keep)
-        for i in range(m):
-            t = last + i
-            for a in range(last):
-                if g[i, a] != 0.0:
-                    x[a] += moved * g[i, a] * x[t]
-                    for b in range(n):
-                        P[a, b] += moved * g[i, a] * P[t, b]
-        for a in range(n):
-            for i in range(m):
-                rate = moved * P[a, last + i]
-                for b in range(last):
-                    P[a, b] += rate * g[i, b]
-        x[last:] *= keep
-        P[last:, :] *= keep
-        P[:, last:] *= keep
-        for i in range(m):
-            for k in range(m):
-                shared = _shared(i, k, m)
-                P[last + i, last + k] += shared * trend * steady
-                for a in range(last):
-                    half = 0.5 * shared * trend * steady**2 * g[i, a]
-                    P[a, last + k] += half
-                    P[last + k, a] += half
+        rate = P[last, last]
+        for i in range(last):
+            x[i] += moved * g[i] * x[last]
+            for k in range(last):
+                P[i, k] += moved * (g[i] * P[last, k] + P[i, last] * g[k]) + moved * moved * rate * g[i] * g[k]
+        for i in range(last):
+            P[i, last] = keep * (P[i, last] + moved * rate * g[i]) + 0.5 * trend * steady**2 * g[i]
+            P[last, i] = P[i, last]
+        x[last] *= keep
+        P[last, last] = keep * keep * rate + trend * steady
         added = trend * steady**3 / 3.0
-    if added > 0.0:
-        for a in range(last):
-            for b in range(last):
-                P[a, b] += added * along[a, b]
+    for i in range(last):
+        for k in range(last):
+            P[i, k] += added * g[i] * g[k]
 
 
 @njit(cache=True, error_model="numpy")
-def begin(
-    bank: Bank, time: float, memory: float, steadiness: float, g: Array, span: float, work: Work
-) -> None:  # fmt: skip
-    """Steps 1 and 2 to `time` [s].
+def _correct(x: Array, P: Array, row: Array, innovation: float, variance: float, error: float, gain: Array) -> None:
+    """Step 3, P <- (1 - gain row') P (1 - row gain') + error gain gain'; `gain` (n,) holds P row, then the gain."""
+    n = x.size
+    for i in range(n):
+        gain[i] /= variance
+        x[i] += gain[i] * innovation
+    for i in range(n):
+        total = 0.0
+        for k in range(n):
+            total += row[k] * P[k, i]
+        for k in range(n):
+            P[k, i] -= gain[k] * total
+    for i in range(n):
+        total = 0.0
+        for k in range(n):
+            total += P[i, k] * row[k]
+        for k in range(n):
+            P[i, k] += (error * gain[i] - total) * gain[k]
+    for i in range(n):
+        for k in range(i):
+            P[i, k] = P[k, i] = 0.5 * (P[i, k] + P[k, i])
 
-    memory      [s] mean time between changes of the model
-    steadiness  prior probability that no spring changes
-    g           (m, n) change of x per unit of each scale, 0 at the trends
-    span        [s] of an equation's window, to which x belongs in its middle
-    """
-    m, n = g.shape
-    elapsed = max(time - bank.head[HEAD.time], 0.0) if bank.head[HEAD.taken] > 0.0 else 0.0
-    _interact(bank, m, exp(-elapsed / memory), steadiness, work)
-    work.along[:] = 0.0
-    for i in range(m):
-        for k in range(m):
-            shared = _shared(i, k, m)
-            for a in range(n):
-                for b in range(n):
-                    work.along[a, b] += shared * g[i, a] * g[k, b]
+
+@njit(cache=True, error_model="numpy")
+def _combine(state: Array, n: int) -> None:
+    """Step 5."""
+    probability = models_of(state)[MODEL.probability]
+    mean, covariance = estimate_of(state, n)
+    mean[:], covariance[:, :] = 0.0, 0.0
     for j in range(MODELS):
-        walk, added = WALKS[j] ** 2, min(WALKS[j] ** 2 * elapsed, FURTHEST)
-        if j == JUMPING:
-            walk, added = JUMP**2 / max(elapsed, WOBBLE * span, NEVER), JUMP**2
-        work.wobbling[j] = WOBBLE * span * walk + BENDING * span**3 * TRENDS[j] ** 2
-        _predict(bank.x[j], bank.P[j], g, elapsed, added, TRENDS[j] ** 2, work.along)
-    bank.head[HEAD.taken] += 1.0
-    bank.head[HEAD.time] = time
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _times(P: Array, row: Array, out: Array) -> None:
-    """P row into out (n,), for a symmetric P and a row with zeros."""
-    out[:] = 0.0
-    for k in range(row.size):
-        if row[k] != 0.0:
-            for i in range(row.size):
-                out[i] += row[k] * P[k, i]
-
-
-@njit(cache=True, error_model="numpy")
-def _mix(
-    x: Array, P: Array, gain: Array, step: float, shrink: float, failed: float, own: tuple[int, int], change: Array
-) -> None:  # fmt: skip
-    """Correct x by gain step and P by shrink gain gain'; with probability `failed` reset the unknowns `own` instead.
-
-    change  (n,) overwritten: the estimate if the equation holds, less that if it fails
-    """
-    n, holds = x.size, 1.0 - failed
-    if failed == 0.0:
-        for a in range(n):
-            x[a] += step * gain[a]
-            scaled = shrink * gain[a]
-            for b in range(n):
-                P[a, b] -= scaled * gain[b]
-        return
-    for a in range(n):
-        mine = own[0] <= a < own[1]
-        change[a] = step * gain[a] + (x[a] if mine else 0.0)
-        x[a] = holds * change[a] + (0.0 if mine else x[a])
-        for b in range(n):
-            corrected = P[a, b] - shrink * gain[a] * gain[b]
-            reset = (1.0 if a == b else 0.0) if mine or own[0] <= b < own[1] else P[a, b]
-            P[a, b] = holds * corrected + failed * reset
-    for a in range(n):
-        apart = failed * holds * change[a]
-        for b in range(n):
-            P[a, b] += apart * change[b]
+        x = _block(state, n, j + 1)[0]
+        for i in range(n):
+            mean[i] += probability[j] * x[i]
+    for j in range(MODELS):
+        x, P = _block(state, n, j + 1)
+        for i in range(n):
+            for k in range(n):
+                covariance[i, k] += probability[j] * (P[i, k] + (x[i] - mean[i]) * (x[k] - mean[k]))
 
 
 @njit(cache=True, error_model="numpy")
 def take(
-    bank: Bank, channel: int, row: Array, y: float, within: float, beside: float, noisy: Array, slow: float,
-    force: float, own: tuple[int, int], work: Work,
+    state: Array, n: int, time: float, memory: float, steadiness: float, g: Array, row: Array, y: float,
+    within: float, beside: float, wobble: float, work: Array,
 ) -> None:  # fmt: skip
-    """Step 3 with the equation row' x = y of a channel; rows and y in any units, noise in those of y.
+    """One step to `time` [s] with the equation row' x = y; time, rows and y in any units, noise in those of y.
 
-    within, beside  variance of y: as declared, and the part that is not noise
-    noisy           (n,) Sigma x / within; zeros where the row has no noise
-    slow            equations over which excess noise lasts, less 1
-    force           variance of what makes the equation fail; 0: it cannot
-    own             first unknown of this equation alone, and the one after the last
+    memory          [s] mean time between changes of the model
+    steadiness      prior probability that x does not change
+    g               (n,) change of x per unit of the scale, the last 0
+    within, beside  variance of y: per unit of noise, and the known part
+    wobble          [s] variance, over the equation's window, of a random walk of rate 1 about its middle
+    work            `scratch`
     """
-    n, gain, highest = row.size, work.gain, -inf
-    for j in range(MODELS):
-        x, P, weights = bank.x[j], bank.P[j], bank.levels[j, channel]
-        _times(P, row, gain)
-        v, doubt, known = y, 0.0, beside
-        for i in range(n):
-            v -= row[i] * x[i]
-            doubt += row[i] * gain[i]
-        if work.wobbling[j] > 0.0:
-            known += work.wobbling[j] * quadratic(work.along, row)
-        failing = bank.fails[j] if force > 0.0 else 0.0
-        fit, failed = weigh(v, max(doubt, 0.0) + known, within, force, weights, failing, work.likely)
-        bank.probability[j] = log(max(bank.probability[j], NEVER)) + fit
-        highest = max(highest, bank.probability[j])
-        of_row = 0.0  # the share of v that is noise of the row
-        for k in range(LEVELS):
-            of_row += weights[k] * min(NOISES[k], 1.0) * within / (max(doubt, 0.0) + known + NOISES[k] * within)
-        for i in range(n):
-            work.before[i] = row[i] + v * of_row * noisy[i]
-        _times(P, work.before, gain)
-        doubt = 0.0
-        for i in range(n):
-            doubt += work.before[i] * gain[i]
-        inverse = square = 0.0
-        for k in range(LEVELS):
-            excess = slow * max(NOISES[k] - 1.0, 0.0) * within
-            S = max(doubt, 0.0) + known + NOISES[k] * within + excess
-            inverse += weights[k] / S
-            square += weights[k] / (S * S)
-        shrink = inverse - v * v * max(square - inverse * inverse, 0.0)
-        if force > 0.0:
-            bank.fails[j] = failed
-        _mix(x, P, gain, inverse * v, shrink, failed if failed > NEGLIGIBLE else 0.0, own, work.there)
-    total = 0.0
-    for j in range(MODELS):
-        bank.probability[j] = exp(bank.probability[j] - highest)
-        total += bank.probability[j]
-    bank.probability[:] /= total
-
-
-@njit(cache=True, error_model="numpy")
-def combine(bank: Bank) -> None:
-    """Step 4."""
-    n, mean, covariance = bank.x.shape[1], bank.x[MODELS], bank.P[MODELS]
-    mean[:], covariance[:, :] = 0.0, 0.0
-    for j in range(MODELS):
-        for i in range(n):
-            mean[i] += bank.probability[j] * bank.x[j, i]
-    for j in range(MODELS):
-        x, P, mu = bank.x[j], bank.P[j], bank.probability[j]
-        for i in range(n):
-            apart = mu * (x[i] - mean[i])
-            for k in range(n):
-                covariance[i, k] += mu * P[i, k] + apart * (x[k] - mean[k])
+    gain, before, probable, likely = work[0, :n], work[1, :n], work[2], work[3]
+    models, elapsed = models_of(state), max(time - state[HEAD.time], 0.0) if state[HEAD.taken] > 0.0 else 0.0
+    stay = exp(-elapsed / memory)
+    _interact(state, n, stay, steadiness, probable, before, work[4, :n])
+    along, highest, total = 0.0, -inf, 0.0
     for i in range(n):
-        for k in range(i):
-            covariance[i, k] = covariance[k, i] = 0.5 * (covariance[i, k] + covariance[k, i])
-    bank.head[HEAD.changing] = 1.0 - bank.probability[0]
+        along += row[i] * g[i]
+    for j in range(MODELS):
+        x, P = _block(state, n, j + 1)
+        walk, noise = WALKS[j] ** 2, models[MODEL.noise, j]
+        added = min(walk * elapsed, FURTHEST)
+        if j >= JUMPING:
+            walk, added = JUMP**2 / max(elapsed, wobble, NEVER), JUMP**2
+        _predict(x, P, g, elapsed, added, TRENDS[j] ** 2)
+        innovation, doubt = y, 0.0
+        for i in range(n):
+            gain[i] = 0.0
+            for k in range(n):
+                gain[i] += P[i, k] * row[k]
+            innovation -= row[i] * x[i]
+            doubt += row[i] * gain[i]
+        error = noise * within + beside + walk * wobble * along * along
+        variance = max(doubt, 0.0) + error
+        likely[j] = log(probable[j]) - 0.5 * (innovation * innovation / variance + log(variance))
+        highest = max(highest, likely[j])
+        share = (noise * within / variance) ** 2
+        models[MODEL.weight, j] = KNOWN + stay * (models[MODEL.weight, j] - KNOWN) + share
+        noise += (innovation * innovation - variance) / within * share / models[MODEL.weight, j]
+        low = NOISES[j] / HALF_STEP if NOISES[j] > NOISES[0] else LEAST_NOISE
+        models[MODEL.noise, j] = min(max(noise, low), NOISES[j] * HALF_STEP if NOISES[j] < NOISES[-1] else inf)
+        _correct(x, P, row, innovation, variance, error, gain)
+    for j in range(MODELS):
+        models[MODEL.probability, j] = exp(likely[j] - highest)
+        total += models[MODEL.probability, j]
+    models[MODEL.probability] /= total
+    state[HEAD.taken] += 1.0
+    state[HEAD.time] = time
+    state[HEAD.changing] = models[MODEL.probability, len(LEVELS) :].sum()
+    _combine(state, n)

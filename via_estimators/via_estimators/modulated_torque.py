@@ -1,4 +1,4 @@
-"""The default stiffness estimator: the modulated torque equations of motors and link, whose springs may change.
+"""The default stiffness estimator: the modulated torque equation of each motor, whose spring may change.
 
 Source: SAPHARI deliverable, Sections 2-4. The motor equation (5), B thdd + D thd - tau_e(phi) = tau, with dry friction
 F and a torque that is reported d late, is multiplied by a modulating function psi that vanishes with its derivatives at
@@ -12,28 +12,15 @@ stiffness at the deflection scale s. Powers are odd, p = 1, 3, ..; a spring law 
 against each other) also needs 0, 2, 4, .. The delay also enters to second order, with the present estimate of d: the
 right side is less by d^2 <tau, psi''> / 2.
 
-The equation of the link, (3) without external torque, in the same form
-
-    0 = M <q, psi''> - Dq <q, psi'> + Fq <sign(qd), psi> + Gq <sat(qd / v_s), psi> + c <sin q, psi> + e <cos q, psi>
-        + sum_i sum_p a_p,i <f_p(phi_i), psi>
-
-has no measured torque and thus far less noise: that of the link's encoder, M n through psi''. On qbmove_a it amounts to
-.00012 N m, that of the motor equation to .0042 N m, while the springs exert about .02 N m. But it is homogeneous: it
-determines the springs up to a factor. The motor equations determine that factor over the log, for both springs
-together. M, Dq, Fq, Gq, c and e are unknowns with priors as wide as their size, so that a payload, friction and
-contacts that are linear in these terms belong to the model; the Fisher information hardly depends on these priors (ADR
-14). Any other force is a failure of the equation (`interacting_models`): while it acts, the motor equations alone
-count. Noise beyond that of the encoder counts as a force that lasts for SLOW_FORCE.
-
 Departures from the document, each with a measured benefit (estimation.md): the equation is not differentiated first; B,
 D, F and d are unknowns; the basis is odd; psi is w_55 by default instead of w_33; the solver lets the spring law change
 in time (`interacting_models`). sat is linear within -1..1 and constant beyond: friction that builds up (presliding) or
 falls (Stribeck) with speed is a sum of F and G. Without G it would be taken for damping.
 
-There are equations at two times per window length. Neighbours then share so little of psi that their noise is
-independent (its correlation is .04), and still they use 91 % of the information in all samples. An equation holds in
-the middle of its window, half a window ago: up to the present sample the estimate is continued with its trend, and its
-standard deviation grows by what the spring may have changed since.
+There are two equations per window length. Neighbours then share so little of psi that their noise is independent (its
+correlation is .04), and still they use 91 % of the information in all samples. An equation holds in the middle of its
+window, half a window ago: up to the present sample the estimate is continued with its trend, and its standard deviation
+grows by what the spring may have changed since.
 
 Samples need not be equidistant: the weights follow the stamps (via_core.weak_form). A constant added to q and theta has
 no effect.
@@ -53,7 +40,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from math import cos, sin, sqrt
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -63,21 +50,22 @@ from via_core.devices import Device
 from via_core.signals import Array
 from via_core.status import BAD_SAMPLE
 
-from via_estimators import interacting_models, torque_bank, torque_equation, transmissions, window
+from via_estimators import interacting_models, torque_equation, transmissions, window
 from via_estimators.contract import Estimator, Kernel, Parameters, expect, parameter
-from via_estimators.interacting_models import Bank
 from via_estimators.slots import row_of, slots
 from via_estimators.spring_series import MOST_TERMS, terms_for
-from via_estimators.torque_bank import KEPT, ROWS_PER_WINDOW
-from via_estimators.torque_equation import LINK, PHI, QUANTUM, TAU, THETA, P, U
-from via_estimators.transmissions import JOINT
+from via_estimators.torque_equation import PHI, QUANTUM, TAU, THETA, P, U
+from via_estimators.transmissions import JOINT, VISITED
 from via_estimators.window import HEADER
 
 FURTHEST = 10.0  # [deflection scales] larger deflections are bad samples
+ROWS_PER_WINDOW = 2  # equations per window length: the noise of neighbours then has a correlation of .04
 SLOWEST = 0.005  # [largest deflections / s] slower motion does not excite
 SHORTEST, FEWEST, MOST = 0.1, 20, 400  # [s], and in intervals: windows from a device file
-EXACTNESS = 1e-4  # [-] least noise of the link's torques, over the torque at the stop
 ENERGY = 1.98, 3010.0  # c_0 and c_2 of w_55
+WOBBLE = 0.08  # [windows] variance of <w, psi> of a random walk w of rate 1 that is 0 in the middle of the window
+# Of each transmission, before its equation: range of the deflection in the last window [rad], 1 if it was informative.
+KEPT = slots("moved", "moving", after=VISITED)
 ROW = slots("since")  # of the joint: samples since the last equation
 
 
@@ -107,17 +95,6 @@ class ModulatedTorqueParameters(Parameters):
         0.003, "standard deviation of the torque's delay before any data", "s", 1e-9, 1.0
     )
     torque_scale_deviation: float = parameter(0.0, "relative standard deviation of the torque's scale", "-", 0.0, 1.0)
-    link_inertia_prior: float = parameter(0.0, "link inertia before any data", "kg m^2", 0.0, 1e3)
-    link_inertia_deviation: float = parameter(0.1, "standard deviation of the prior inertia", "kg m^2", 1e-9, 1e3)
-    link_damping_prior: float = parameter(0.0, "link damping before any data", "N m s/rad", 0.0, 1e4)
-    link_damping_deviation: float = parameter(10.0, "standard deviation of the prior damping", "N m s/rad", 1e-9, 1e4)
-    link_friction_prior: float = parameter(0.0, "dry friction of the link before any data", "N m", 0.0, 1e6)
-    gravity_sine_prior: float = parameter(0.0, "factor of sin q in the link's gravity torque", "N m", -1e6, 1e6)
-    gravity_cosine_prior: float = parameter(0.0, "factor of cos q in the link's gravity torque", "N m", -1e6, 1e6)
-    force_deviation: float = parameter(
-        1.0, "standard deviation of unknown torques at the link: friction, gravity, contact", "N m", 1e-9, 1e6
-    )
-    force_noise: float = parameter(1e-3, "least noise of the link's torques", "N m", 1e-12, 1e6)
     torque_noise: float = parameter(0.1, "expected standard deviation of torque noise", "N m", 1e-9, 1e9)
     position_noise: float = parameter(3e-5, "standard deviation of one angle sample", "rad", 0.0, 0.1)
     minimum_motion: float = parameter(0.01, "least range of deflection in an informative window", "rad", 0.0, 1.0)
@@ -141,7 +118,6 @@ class ModulatedTorque(Estimator):
         known |= {"window": window, "minimum_motion": max(slowest, 3.0 * quantum)}  # rounding alone reaches 2 steps
         known |= {"friction_prior": motor.coulomb_friction, "friction_deviation": max(motor.coulomb_friction, typical)}
         known |= {"torque_scale_deviation": device.tolerances.torque_scale}
-        known |= _link_priors(device, typical)
         if device.tolerances.torque_timing > 0.0:
             known["delay_deviation"] = device.tolerances.torque_timing
         order, even = terms_for(device.spring_laws)
@@ -163,53 +139,41 @@ class ModulatedTorque(Estimator):
         return transmissions.outputs_of(self.parameters.transmissions, "motor_inertia", "motor_damping")
 
     @property
-    def _layout(self) -> tuple[int, int]:
-        """Number of unknowns of a transmission, and of all, of which the last are the trends."""
-        own = self.parameters
-        block = U.size + own.order + own.even_terms
-        return block, own.transmissions * (block + 1) + LINK.size
+    def _unknowns(self) -> int:
+        """Number of unknowns: those of the motor and the coefficients of the spring law."""
+        return U.size + self.parameters.order + self.parameters.even_terms + 1
 
     @cached_property
     def _constants(self) -> Array:
         """Parameter row of the kernel; writable, since a locked array compiles again."""
-        own, (block, n) = self.parameters, self._layout
-        m = own.transmissions
-        mean, width = np.zeros(n), np.ones(n)
-        for each in (slice(i * block, (i + 1) * block) for i in range(m)):
-            mean[each][: U.size + 1] = (
-                own.inertia_prior, own.damping_prior, own.friction_prior, 0.0, 0.0, own.stiffness_prior,
-            )  # fmt: skip
-            width[each] = own.stiffness_deviation
-            width[each][: U.size] = (
-                own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.friction_deviation,
-                own.delay_deviation,
-            )  # fmt: skip
-        link = slice(m * block, m * block + LINK.size)
-        mean[link] = (
-            own.link_inertia_prior, own.link_damping_prior, own.link_friction_prior, 0.0, own.gravity_sine_prior,
-            own.gravity_cosine_prior,
+        own, n = self.parameters, self._unknowns
+        mean, width = np.zeros(n), np.full(n, own.stiffness_deviation)
+        mean[[U.inertia, U.damping, U.friction, U.size]] = (
+            own.inertia_prior, own.damping_prior, own.friction_prior, own.stiffness_prior,
         )  # fmt: skip
-        width[link] = own.force_deviation
-        width[link][: LINK.friction] = own.link_inertia_deviation, own.link_damping_deviation
+        width[n - 1] = 1.0
+        width[: U.size] = (
+            own.inertia_deviation, own.damping_deviation, own.friction_deviation, own.friction_deviation,
+            own.delay_deviation,
+        )  # fmt: skip
         return np.concatenate([row_of(P, own, length=own.window + 1), mean, width])
 
     def init(self) -> Array:
-        own, n = self.parameters, self._layout[1]
-        m, length, k = own.transmissions, own.window + 1, len(self.outputs)
-        bank = interacting_models.size(n, m + 1)
-        state = np.zeros(HEADER.size + 2 * k + ROW.size + length * (1 + 3 * m) + m * KEPT.size + bank)
+        own = self.parameters
+        m, n, length, k = own.transmissions, self._unknowns, own.window + 1, len(self.outputs)
+        state = np.zeros(HEADER.size + 2 * k + ROW.size + length * (1 + 3 * m) + m * _part_size(n))
         window.start(state)
         state[HEADER.size : HEADER.size + 2 * k] = transmissions.prior_outputs(own, "inertia", "damping")
-        interacting_models.start(state[-bank:], n, m, m + 1, own.steadiness)
+        for part in _parts(state, m, n):
+            interacting_models.start(part[KEPT.size :], n, own.steadiness)
         state.flags.writeable = False
         return state
 
     def condition(self, state: Array) -> float:
-        block, n = self._layout
-        m = self.parameters.transmissions
-        known = interacting_models.bank_of(np.array(state[-interacting_models.size(n, m + 1) :]), n, m + 1).P[-1]
-        parts = [known[i * block : (i + 1) * block, i * block : (i + 1) * block] for i in range(m)]
-        return float(np.sqrt(max(np.linalg.cond(each) for each in parts)))
+        n = self._unknowns
+        parts = _parts(state, self.parameters.transmissions, n)
+        known = [interacting_models.estimate_of(part[KEPT.size :], n)[1][:-1, :-1] for part in parts]  # but the trend
+        return float(np.sqrt(max(np.linalg.cond(each) for each in known)))
 
     @cached_property
     def _advance(self) -> Kernel:
@@ -227,87 +191,113 @@ def _window_for(motor: TorqueMotor, known: dict[str, Any], device: Device) -> in
     return int(min(max(round(span * device.sensors.rate), FEWEST), MOST))
 
 
-def _link_priors(device: Device, typical: float) -> dict[str, float]:
-    """Priors of the link that also admit payloads and contacts; `typical` torque [N m] of friction and contact."""
-    link = device.link
-    return {
-        "link_inertia_prior": link.inertia,
-        "link_inertia_deviation": link.inertia,
-        "link_damping_prior": link.viscous_friction,
-        "link_damping_deviation": max(link.viscous_friction, typical),
-        "link_friction_prior": link.coulomb_friction,
-        "gravity_sine_prior": link.gravity_torque * cos(link.gravity_angle),
-        "gravity_cosine_prior": -link.gravity_torque * sin(link.gravity_angle),
-        "force_deviation": max(link.coulomb_friction, abs(link.gravity_torque), typical),
-        "force_noise": EXACTNESS * 20.0 * typical,
-    }
+@njit(cache=True, error_model="numpy")
+def _part_size(n: int) -> int:
+    """Numbers in the state of one transmission."""
+    return KEPT.size + interacting_models.size(n)
+
+
+@njit(cache=True, error_model="numpy")
+def _parts(state: Array, m: int, n: int) -> Array:
+    """The view (m, ..) of each transmission's KEPT and equation, at the end of the state."""
+    each = _part_size(n)
+    return state[state.size - m * each :].reshape(m, each)
+
+
+@njit(cache=True, error_model="numpy")
+def _unroll(ring: Array, oldest: int, out: Array) -> None:
+    """Copy a ring (.., L) into out (.., L), oldest first."""
+    length = ring.shape[-1]
+    for i in range(ring.shape[0]):
+        for k in range(length):
+            at = oldest + k
+            out[i, k] = ring[i, at if at < length else at - length]
+
+
+@njit(cache=True, error_model="numpy")
+def _learn(
+    par: Array, times: Array, psi: Array, held: Array, late: Array, own: Array, kept: Array, equation: Array,
+    row: Array, direction: Array, work: Array,
+) -> None:  # fmt: skip
+    """Add the equation of the present window, and its middle part to the deflections visited, which include 0."""
+    n, length, noise, dry = row.size, times.size, par[P.torque_noise], slice(U.friction, U.slow + 1)
+    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    x, covariance = interacting_models.estimate_of(equation, n)
+    span = times[length - 1] - times[0]
+    y, unknown = torque_equation.fill_row(par, psi, held, late, own, span, width[U.delay] * x[U.delay], row)
+    middle = own[PHI, length // 2]
+    stiffness = torque_equation.stiffness(par, mean, width, x, middle, direction)[0]
+    inertia, damping, friction = mean[:3] + width[:3] * x[:3]
+    within = angles = 0.0
+    for k in range(length):
+        of_link = stiffness * psi[0, k]
+        of_motor = inertia * psi[2, k] - damping * psi[1, k] + of_link
+        within += held[k] * held[k]
+        angles += of_motor * of_motor + of_link * of_link
+    friction += mean[U.slow] + width[U.slow] * x[U.slow]
+    any_friction = friction**2 + interacting_models.quadratic(covariance[dry, dry], width[dry])
+    beside = par[P.position_noise] ** 2 * angles + unknown**2 * any_friction
+    for j in range(n):
+        y -= row[j] * mean[j]
+        row[j] *= width[j] / noise
+        direction[j] = mean[j] / width[j] + x[j] if U.size <= j < n - 1 else 0.0
+    interacting_models.take(
+        equation, n, times[length // 2], par[P.memory], par[P.steadiness], direction, row, y / noise,
+        within, beside / noise**2, WOBBLE * span, work,
+    )  # fmt: skip
+    quarter = length // (2 * ROWS_PER_WINDOW)
+    for k in range(quarter, length - quarter):
+        transmissions.visit(kept, own[PHI, k] if par[P.even_terms] > 0.0 else abs(own[PHI, k]))
+    kept[VISITED.high] = max(kept[VISITED.high], 0.0)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _report(
-    par: Array, now: float, phi: float, kept: Array, bank: Bank, i: int, value: Array, sd: Array, joint: Array,
-    slope: Array, own: Array,
+    par: Array, now: float, phi: float, kept: Array, equation: Array, i: int, value: Array, sd: Array, joint: Array,
+    slope: Array,
 ) -> bool:  # fmt: skip
-    """Write the outputs of transmission i and add it to the joint; returns whether it is still warming up.
-
-    slope  (n,) sum of the derivatives of the stiffnesses by x
-    own    (n,) work space
-    """
+    """Write the outputs of transmission i and add it to the joint; returns whether it is still warming up."""
     n, m = slope.size, int(par[P.transmissions])
-    block = (n - m - LINK.size) // m
-    part, trend = slice(i * block, (i + 1) * block), n - m + i
-    mean, width = par[P.size : P.size + n][part], par[P.size + n : P.size + 2 * n][part]
-    x, covariance = bank.x[-1], bank.P[-1]
-    warming = kept[KEPT.taken] <= ROWS_PER_WINDOW
-    own[:] = 0.0
-    stiffness, bend = torque_equation.stiffness(par, mean, width, x[part], phi, own[part])
+    mean, width = par[P.size : P.size + n], par[P.size + n : P.size + 2 * n]
+    x, covariance = interacting_models.estimate_of(equation, n)
+    warming = equation[interacting_models.HEAD.taken] <= ROWS_PER_WINDOW
+    stiffness, bend = torque_equation.stiffness(par, mean, width, x, phi, slope)
     factor = par[P.torque_scale_deviation] ** 2
     if not warming:
-        age = max(now - bank.head[interacting_models.HEAD.time], 0.0)
-        factor += interacting_models.wander(bank, age)
-        own[trend] = age * stiffness
-        stiffness += own[trend] * x[trend]
-    of_unknowns = interacting_models.quadratic(covariance, own)
+        age = max(now - equation[interacting_models.HEAD.time], 0.0)
+        factor += interacting_models.wander(equation, age)
+        slope[n - 1] = age * stiffness
+        stiffness += slope[n - 1] * x[n - 1]
     uncertain = (
-        of_unknowns
+        interacting_models.quadratic(covariance, slope)
         + factor * stiffness**2
-        + torque_equation.truncation(par, mean, width, kept, x[part], covariance[part, part])
+        + torque_equation.truncation(par, mean, width, kept, x, covariance)
         + 2.0 * (bend * par[P.position_noise]) ** 2  # the deflection of this very sample is noisy
     )
     learning = warming or kept[KEPT.moving] > 0.0
     transmissions.update(value, sd, 1 + i, stiffness, sqrt(uncertain), learning)
     for at, j in ((1 + m + i, U.inertia), (1 + 2 * m + i, U.damping)):
-        found = mean[j] + width[j] * x[part][j]
-        doubt = width[j] ** 2 * covariance[part, part][j, j] + (par[P.torque_scale_deviation] * found) ** 2
+        found = mean[j] + width[j] * x[j]
+        doubt = width[j] ** 2 * covariance[j, j] + (par[P.torque_scale_deviation] * found) ** 2
         transmissions.update(value, sd, at, found, sqrt(doubt), learning)
-    # A wrong torque constant, or a change since the last equation, may have the same cause in all transmissions.
-    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, sqrt(factor) * stiffness)
-    joint[JOINT.variance] -= of_unknowns
-    slope += own
+    # A change or a wrong torque constant may have the same cause in all transmissions.
+    change, of_scale = equation[interacting_models.HEAD.changing], par[P.torque_scale_deviation] * stiffness
+    common = sqrt(change * sd[1 + i] ** 2 + (1.0 - change) * of_scale**2)
+    transmissions.add(joint, stiffness, sd[1 + i], bend, par[P.position_noise] ** 2, common)
     return warming
 
 
 @njit(cache=True, error_model="numpy")
 def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
     length, m, even = int(par[P.length]), int(par[P.transmissions]), int(par[P.even_terms])
-    block, outputs = U.size + int(par[P.order]) + even, 1 + 3 * m
-    n = m * (block + 1) + LINK.size
+    n, outputs = U.size + int(par[P.order]) + even + 1, 1 + 3 * m
     value, sd = window.outputs(state, outputs)
     schedule = state[HEADER.size + 2 * outputs : HEADER.size + 2 * outputs + ROW.size]
-    at = HEADER.size + 2 * outputs + ROW.size
-    times, columns = window.rings(state, at, length, 3 * m)
-    at += length * (1 + 3 * m)
-    ring, parts = columns.reshape(m, 3, length), state[at : at + m * KEPT.size].reshape(m, KEPT.size)
-    bank = interacting_models.bank_of(state[at + m * KEPT.size :], n, m + 1)
+    times, columns = window.rings(state, HEADER.size + 2 * outputs + ROW.size, length, 3 * m)
+    ring, parts = columns.reshape(m, 3, length), _parts(state, m, n)
     psi, held, late = np.empty((3, length)), np.empty(length), np.empty(length)
-    stamps, own, directions = np.empty((1, length)), np.empty((m, 3, length)), np.empty((m, n))
-    row, slope, spare, work, joint = (
-        np.empty(n),
-        np.empty(n),
-        np.empty(n),
-        interacting_models.scratch(n),
-        np.empty(JOINT.size),
-    )
+    stamps, own = np.empty((1, length)), np.empty((3, length))
+    row, slope, work, joint = np.empty(n), np.empty(n), interacting_models.scratch(n), np.empty(JOINT.size)
     for k in range(rows.shape[0]):
         entered = transmissions.enter(state, times, rows[k], 2, FURTHEST * par[P.deflection_scale], par[P.max_gap])
         if entered == window.SKIPPED:
@@ -319,25 +309,28 @@ def _advance(par: Array, state: Array, rows: Array, out: Array) -> int:
             ring[i, PHI, slot] = rows[k, 1] - rows[k, 2 + 2 * i]
         full = state[HEADER.filled] == length
         schedule[ROW.since] = schedule[ROW.since] + 1.0 if full else length
-        if full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1:
+        due = full and schedule[ROW.since] * ROWS_PER_WINDOW >= length - 1
+        transmissions.begin(joint)
+        if due:
             schedule[ROW.since] = 0.0
-            torque_bank.unroll(times.reshape(1, length), window.oldest_of(slot, length), stamps)
+            _unroll(times.reshape(1, length), window.oldest_of(slot, length), stamps)
             window.weigh(int(par[P.modulating_order]), stamps[0], length - 1, psi, held)
             window.hold_slope(stamps[0], length - 1, psi[0], late)
-            torque_bank.learn(
-                par, stamps[0], psi, held, late, ring, slot, own, parts, bank, directions, row, spare, work
-            )
-        transmissions.begin(joint)
-        slope[:] = 0.0
         for i in range(m):
-            kept, phi = parts[i], ring[i, PHI, slot]
-            if not full:
+            kept, equation = parts[i, : KEPT.size], parts[i, KEPT.size :]
+            if due:
+                _unroll(ring[i], window.oldest_of(slot, length), own)
+                moved = window.span_of(own[PHI])
+                kept[KEPT.moved], kept[KEPT.moving] = moved, 1.0 if moved >= par[P.minimum_motion] else 0.0
+                if kept[KEPT.moving] > 0.0:
+                    _learn(par, stamps[0], psi, held, late, own, kept, equation, row, slope, work)
+            elif not full:
                 kept[KEPT.moved] = kept[KEPT.moving] = 0.0
             joint[JOINT.motion] = min(joint[JOINT.motion], kept[KEPT.moved])
-            warming = _report(par, rows[k, 0], phi, kept, bank, i, value, sd, joint, slope, spare)
+            phi = ring[i, PHI, slot]
+            warming = _report(par, rows[k, 0], phi, kept, equation, i, value, sd, joint, slope)
             reached = phi if even else abs(phi)
             inside = transmissions.inside(kept, reached, par[P.range_margin])
             transmissions.grade(joint, warming, kept[KEPT.moving] > 0.0, inside)
-        joint[JOINT.variance] += interacting_models.quadratic(bank.P[-1], slope)
         transmissions.finish(joint, state, value, sd, out[k])
     return int(out[-1, 1])
