@@ -261,7 +261,10 @@ def test_rest_widens_the_interval_to_the_prior_s_and_keeps_the_value():
     value, sd = estimates.column("damping")
     assert np.all(estimates.status[6100:23_990] == Status.NOT_EXCITED)
     assert np.ptp(value[6100:23_990]) == 0.0 and np.all(np.diff(sd[6100:23_990]) >= 0.0)
-    assert 0.7 < sd[23_900] / ESTIMATOR.parameters.damping_deviation <= 1.0
+    rested = 1.0 - np.exp(-(t[[8000, 12_000, 23_900]] - 6.0) / ESTIMATOR.parameters.rest_memory)
+    assert sd[[8000, 12_000, 23_900]] / ESTIMATOR.parameters.damping_deviation == pytest.approx(
+        np.sqrt(rested), abs=0.03
+    )
     good = estimates.status == Status.OK
     late = good & (t > 24.0)
     assert np.mean(np.abs(value - damping)[late] <= 1.96 * sd[late]) > 0.85
